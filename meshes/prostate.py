@@ -18,11 +18,11 @@ MM = 1e-3
 BOX_LOW = (-50 * MM, -45 * MM, 0.0)
 BOX_HIGH = (50 * MM, 45 * MM, 100 * MM)
 RECTUM_LENGTH = 80 * MM
-RECTUM_DEPTH = 17 * MM         # thickness of the tissue below the rectum, which makes the box larger
+RECTUM_DEPTH = 17 * MM         # thickness of the tissue below the rectum, by which the box is extended
 
 
 def box_low(centre, half_axes, rectum):
-    """Returns the box's lower corner. rectum: distance from the gland and radius of the rectum, or None."""
+    """Returns the box's lower corner. `rectum`: its distance from the gland and its radius, or None."""
     low = centre[1] - half_axes[1] - rectum[0] - 2 * rectum[1] - RECTUM_DEPTH if rectum else BOX_LOW[1]
     return (BOX_LOW[0], low, BOX_LOW[2])
 
@@ -111,7 +111,7 @@ def generate():
 
 
 def generate_nodes(wanted, centre, half_axes, ratio, low):
-    """Searches for the element size that gives about the wanted number of nodes; the result is reproducible."""
+    """Searches for the element size that gives about the desired number of nodes; the result is reproducible."""
     volume = math.prod(end - start for start, end in zip(low, BOX_HIGH))
     fine, best = 0.8 * (volume / wanted) ** (1 / 3), None
     for _ in range(12):

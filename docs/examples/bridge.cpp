@@ -1,4 +1,4 @@
-// The bridge in C++. c++ bridge.cpp $(pkg-config --cflags --libs trocar-client) -o bridge
+// The bridge in C++. Build: c++ bridge.cpp $(pkg-config --cflags --libs trocar-client) -o bridge
 #include <memory>
 #include <trocar_client.h>
 #include "device.h" // yours

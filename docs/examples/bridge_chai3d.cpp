@@ -1,11 +1,11 @@
-// A bridge for every device that CHAI3D drives. Compiled, not run on hardware.
-// c++ bridge_chai3d.cpp $(pkg-config --cflags --libs trocar-client) -I CHAI3D/src -lchai3d -o bridge
+// A bridge for every device that CHAI3D supports. It has been compiled, but not run on hardware.
+// Build: c++ bridge_chai3d.cpp $(pkg-config --cflags --libs trocar-client) -I CHAI3D/src -lchai3d -o bridge
 #include <cstdio>
 #include <chai3d.h>
 #include <trocar_client.h>
 #include "frames.h"
 
-static const frame scene = {FRAME_X_TOWARD_OPERATOR, {0.005, 0.003, -0.201}}; // the device's origin: tip 1 mm before the skin
+static const frame scene = {FRAME_X_TOWARD_OPERATOR, {0.005, 0.003, -0.201}}; // the device's origin: tip 1 mm in front of the skin
 
 int main() {
     chai3d::cHapticDeviceHandler handler;

@@ -1,14 +1,14 @@
-/* A bridge for devices of OpenHaptics (Touch, Touch X, Premium). Compiled, not run on hardware.
+/* A bridge for devices of OpenHaptics (Touch, Touch X, Premium). It has been compiled, but not run on hardware.
    cc bridge_openhaptics.c $(pkg-config --cflags --libs trocar-client) -lHD -o bridge
-   In the scene: device: {profile: touch} */
+   The scene should contain the limits of the device: device: {profile: touch} */
 #include <stdio.h>
 #include <HD/hd.h>
 #include <trocar_client.h>
 #include "frames.h"
 
-static const frame scene = {FRAME_Z_TOWARD_OPERATOR, {0.005, 0.003, -0.201}}; /* the device's origin: tip 1 mm before the skin */
+static const frame scene = {FRAME_Z_TOWARD_OPERATOR, {0.005, 0.003, -0.201}}; /* the device's origin: tip 1 mm in front of the skin */
 
-/* The scheduler calls this a thousand times a second in a thread of its own. */
+/* The scheduler calls this function a thousand times per second in its own thread. */
 static HDCallbackCode HDCALLBACK exchange(void *user) {
     trocar_client *server = user;
     trocar_client_wrench wrench;

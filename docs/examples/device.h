@@ -1,4 +1,4 @@
-/* A stand-in for a haptic device, for bridge.c and bridge.cpp: it rests 1 mm before the skin and moves at 1 kHz. Put the calls of your
+/* A stand-in for a haptic device, for bridge.c and bridge.cpp: it rests 1 mm in front of the skin and moves at 1 kHz. Put the calls of your
    device's library here. */
 #ifndef DEVICE_H
 #define DEVICE_H

@@ -1,4 +1,4 @@
-"""Dose of an implant of I-125 seeds in a spherical gland of 20 mm radius, in the shape at rest and with the seeds displaced.
+"""Dose of an implant of I-125 seeds in a spherical gland of 20 mm radius, in its shape at rest and with the seeds displaced.
 
 python3 dose.py
 """
@@ -7,7 +7,7 @@ from trocar import brachy
 
 
 def sphere(radius, rings=24, sides=48):
-    """Nodes (m) and triangles of a closed surface."""
+    """Returns the nodes (m) and triangles of a closed surface."""
     polar, around = np.pi * np.arange(1, rings) / rings, 2 * np.pi * np.arange(sides) / sides
     nodes = [[0, 0, 1]] + [[np.sin(p) * np.cos(a), np.sin(p) * np.sin(a), np.cos(p)] for p in polar for a in around] + [[0, 0, -1]]
     at = lambda ring, side: 1 + ring * sides + side % sides
@@ -18,7 +18,8 @@ def sphere(radius, rings=24, sides=48):
     return radius * np.array(nodes), triangles
 
 
-# Twelve needles along z in a ring of 15 mm radius and five in one of 7 mm, seeds 10 mm apart where the gland has room for them.
+# Returns seeds in twelve needles along z on a circle with a radius of 15 mm, and in five needles on a circle of 7 mm; the seeds are 10 mm apart where the gland
+# has room for them.
 needles = [[r * np.cos(a), r * np.sin(a)] for r, n in ((0.015, 12), (0.007, 5)) for a in 2 * np.pi * np.arange(n) / n]
 seeds = [[x, y, z] for x, y in needles for z in np.arange(-0.02, 0.021, 0.01) if x * x + y * y + z * z < 0.0185**2]
 

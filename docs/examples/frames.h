@@ -1,6 +1,6 @@
-/* From a device's frame to the scene's world frame and back, for the bridges of this folder.
+/* Conversions between a device's frame and the scene's world frame, for the bridges in this folder.
 
-   The scenes of trocar look along the needle: z goes from the skin into the body, y is up, and x points to the viewer's left. */
+   In the scenes of trocar, the view is along the needle: z goes from the skin into the body, y is up, and x points to the viewer's left. */
 #ifndef FRAMES_H
 #define FRAMES_H
 
@@ -8,15 +8,15 @@
 
 typedef struct frame {
     double turn[3][3];  /* row i: world axis i in device coordinates */
-    double origin[3];   /* m, world: where the needle's base is when the device is at its own origin */
+    double origin[3];   /* m, in the world frame: position of the needle's base when the device is at its own origin */
 } frame;
 
-/* Devices whose x points to the operator's right, y up and z toward the operator (OpenHaptics). */
+/* For devices whose x axis points to the operator's right, y up and z toward the operator (OpenHaptics). */
 #define FRAME_Z_TOWARD_OPERATOR {{-1, 0, 0}, {0, 1, 0}, {0, 0, -1}}
-/* Devices whose x points toward the operator, y to the right and z up (Force Dimension, CHAI3D). */
+/* For devices whose x axis points toward the operator, y to the right and z up (Force Dimension, CHAI3D). */
 #define FRAME_X_TOWARD_OPERATOR {{0, -1, 0}, {0, 0, 1}, {-1, 0, 0}}
 
-/* Unit quaternion w, x, y, z of a rotation matrix: divides by the largest of the four components, so that it never divides by zero. */
+/* Computes the unit quaternion w, x, y, z of a rotation matrix. It divides by the largest of the four components, and so never by zero. */
 static inline void quaternion_of_matrix(double m[3][3], double q[4]) {
     double s[4] = {1 + m[0][0] + m[1][1] + m[2][2], 1 + m[0][0] - m[1][1] - m[2][2],
                    1 - m[0][0] + m[1][1] - m[2][2], 1 - m[0][0] - m[1][1] + m[2][2]};
@@ -31,8 +31,8 @@ static inline void quaternion_of_matrix(double m[3][3], double q[4]) {
     q[k] = 0.5 * r;
 }
 
-/* The pose of the needle's base, whose axis is the device's forward axis: away from the operator when the stylus is level.
-   `position` in m and `rotation` in the device's frame. */
+/* Computes the pose of the needle's base, whose axis is the device's forward axis, which points away from the operator when the stylus is level. `position` (m)
+   and `rotation` are in the device's frame. */
 static inline void pose_in_world(const frame *f, double position[3], double rotation[3][3], double base[3], double quaternion[4]) {
     double half[3][3], world[3][3];
     for (int i = 0; i < 3; i++) {
@@ -48,7 +48,7 @@ static inline void pose_in_world(const frame *f, double position[3], double rota
     quaternion_of_matrix(world, quaternion);
 }
 
-/* A force or a torque of the world frame in the device's frame. */
+/* Converts a force or a torque from the world frame to the device's frame. */
 static inline void vector_on_device(const frame *f, const double world[3], double device[3]) {
     for (int j = 0; j < 3; j++) device[j] = f->turn[0][j] * world[0] + f->turn[1][j] * world[1] + f->turn[2][j] * world[2];
 }

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Loads frames.h5 of trocar-study one insertion at a time, as data sets of PyTorch and the like want it, also with workers.
+"""Loads frames.h5 of trocar-study one insertion at a time, in the form that data sets of PyTorch and similar libraries require, even with several workers.
 
 usage: frames.py FRAMES.h5
 """
@@ -10,7 +10,7 @@ import h5py
 
 
 class Insertions:
-    """Insertion i: its parameters, and for each frame the base's pose, the force, and the nodes' displacements."""
+    """Returns insertion i: its parameters, and for each frame the base's pose, the force, and the nodes' displacements."""
 
     def __init__(self, path):
         self.path, self.opened = path, (None, None)
@@ -19,14 +19,14 @@ class Insertions:
 
     @property
     def file(self):
-        """HDF5's files cannot be shared by processes, such as PyTorch's workers: each opens its own when it first reads."""
+        """Processes, such as PyTorch's workers, cannot share an open HDF5 file, so each opens the file when it first reads from it."""
         process, file = self.opened
         if process != os.getpid():
             file = h5py.File(self.path)
             self.opened = os.getpid(), file
         return file
 
-    def __getstate__(self):    # for workers that are spawned
+    def __getstate__(self):    # for spawned workers, which receive a pickled copy
         return dict(self.__dict__, opened=(None, None))
 
     def __len__(self):

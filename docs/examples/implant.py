@@ -1,7 +1,7 @@
 #!/usr/bin/python3
-"""Carries out a plan, one needle after the other, and lists where its seeds have come to lie.
+"""Carries out a plan, one needle after the other, and lists the final positions of its seeds.
 
-usage: implant.py SCENE PLAN [HOLE...]    only the needles of these holes, by default all
+usage: implant.py SCENE PLAN [HOLE...]    only the needles in these holes, by default all
 """
 import sys
 from dataclasses import replace
@@ -20,7 +20,7 @@ def main(scene, path, *holes):
         wanted = [plans.hole_number(hole) for hole in holes]
         plan = replace(plan, needles=[needle for needle in plan.needles if plans.hole_number(needle.hole) in wanted])
     sim = trocar.Sim(model)
-    for poses in Implant(plan=plan).play(sim, DT):      # in, back from seed to seed, out, at 80 mm/s
+    for poses in Implant(plan=plan).play(sim, DT):      # insertion, retraction from seed to seed, and withdrawal, at 80 mm/s
         sim.run(poses, DT)
     rows = [row for row in plans.compare(plan, model, plans.seeds_of(sim)) if row.placed]
     for row in rows:

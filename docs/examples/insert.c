@@ -19,7 +19,7 @@ int main(int count, char **arguments) {
     check(trocar_scene_load(count > 1 ? arguments[1] : "scene.yaml", &scene, &why));
     check(trocar_model_create(scene, NULL, &model, &why));
     check(trocar_sim_create(model, &sim, &why));
-    trocar_pose base = {{0.005, 0.003, -0.201}, {1, 0, 0, 0}}; /* tip 1 mm before the skin */
+    trocar_pose base = {{0.005, 0.003, -0.201}, {1, 0, 0, 0}}; /* tip 1 mm in front of the skin */
     check(trocar_sim_reset(sim, 0, &base, &why));
     for (int tick = 1; tick <= 1000; tick++) {
         trocar_output out;

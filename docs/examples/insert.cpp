@@ -1,5 +1,5 @@
 // Pushes a needle 50 mm into a scene at 50 mm/s and prints the force on the hand every 5 mm.
-// c++ insert.cpp $(pkg-config --cflags --libs trocar) -o insert && ./insert /usr/share/trocar/scenes/figure8.yaml
+// Build and run: c++ insert.cpp $(pkg-config --cflags --libs trocar) -o insert && ./insert /usr/share/trocar/scenes/figure8.yaml
 #include <cstdio>
 #include <memory>
 #include <stdexcept>
@@ -23,7 +23,7 @@ int main(int count, char **arguments) try {
     handle<trocar_model> model(m, trocar_model_free);
     check(trocar_sim_create(model.get(), &r, &why));
     handle<trocar_sim> sim(r, trocar_sim_free);
-    trocar_pose base = {{0.005, 0.003, -0.201}, {1, 0, 0, 0}}; // tip 1 mm before the skin
+    trocar_pose base = {{0.005, 0.003, -0.201}, {1, 0, 0, 0}}; // tip 1 mm in front of the skin
     check(trocar_sim_reset(sim.get(), 0, &base, &why));
     for (int tick = 1; tick <= 1000; tick++) {
         trocar_output out;

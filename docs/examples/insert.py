@@ -8,7 +8,7 @@ import trocar
 
 scene = trocar.Scene.load(sys.argv[1] if len(sys.argv) > 1 else "scene.yaml")
 sim = trocar.Sim(trocar.Model(scene))
-base = [0.005, 0.003, -0.201, 1, 0, 0, 0]  # tip 1 mm before the skin
+base = [0.005, 0.003, -0.201, 1, 0, 0, 0]  # tip 1 mm in front of the skin
 sim.reset(base)
 for tick in range(1, 1001):
     base[2] = -0.201 + tick * 50e-6

@@ -1,5 +1,5 @@
-"""Lets a transform of the scene drive the needle, after slicer_view.py: of a tracker that Slicer hears, or one that is moved by hand in the module
-Transforms. For 3D Slicer's Python console; see docs/devices/slicer.md."""
+"""Lets a transform of the scene drive the needle: that of a tracker from which Slicer receives data, or one that is moved by hand in the module Transforms. Run
+it after slicer_view.py. For 3D Slicer's Python console; see docs/devices/slicer.md."""
 import slicer
 
 connector = slicer.util.getNode("trocar")

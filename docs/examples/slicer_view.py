@@ -5,7 +5,7 @@ import slicer
 
 
 def node(kind, name):
-    """The connector fills nodes that have the names of its messages, and makes those that are missing."""
+    """The connector fills the nodes whose names are those of its messages, and creates missing nodes."""
     return slicer.mrmlScene.GetFirstNode(name, kind) or slicer.mrmlScene.AddNewNodeByClass(kind, name)
 
 

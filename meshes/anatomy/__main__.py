@@ -11,7 +11,7 @@ from . import approach, check, limits, materials, meshing, options, organ as org
 from .shapes import contours, voxels
 from .trouble import BadFile
 
-MOST_GROUPS = 32            # largest number of groups in a mesh, of all dimensions
+MOST_GROUPS = 32            # maximum number of physical groups (of all dimensions) in a mesh
 SPARE_GROUPS = 4            # number of groups reserved for surrounding tissue, skin, bone, and fixed nodes
 ENDINGS = (".msh", ".yaml", "-quality.md", "-quality.svg")
 
@@ -59,7 +59,7 @@ def prefix_of(given):
 
 
 def run(given):
-    """Returns the organs, the mesh, the domain and the volumes enclosed by the outlines; None if the regions were only listed."""
+    """Returns the organs, the mesh, the domain and the volumes enclosed by the outlines; returns None if the regions were only listed."""
     limits.SECONDS, limits.TELL = given.time_limit, not given.quiet
     prefix = None if given.list else prefix_of(given)
     own = materials.read(given.materials) if given.materials else {}
@@ -113,7 +113,7 @@ def quiet_walls(organs, own):
 
 
 def write_texts(given, own, organs, domain, made):
-    """`organs` includes the body. made: prefix of the files, the mesh, the outlines' volumes, the needle's start, the template or None, and the
+    """`organs` includes the body. `made` contains the prefix of the files, the mesh, the outlines' volumes, the needle's start, the template or None, and the
     result for each part."""
     prefix, mesh, outlined, start, plate, parts = made
     organs, skin = [organ for organ in organs if organ.name in outlined], [organ for organ in organs if organ.name not in outlined]

@@ -9,14 +9,14 @@ from .shapes.contours import Unusable
 
 AHEAD = 1e-3            # m, distance of the tip from the skin before the insertion
 NEEDLE = 0.2            # m, length of the needle in the scene, unless the target is deeper:
-LONGER, LONGEST = 0.05, 0.5     # m: for a deeper target, the needle's length is the next multiple of the first value, but at most the second
+LONGER, LONGEST = 0.05, 0.5     # m: for a deeper target, the needle's length is rounded up to a multiple of the first value, but is at most the second
 SAMPLES = 14            # number of sample points along each side of a region's bounding box, used to find its deepest point
 CANDIDATES = 400        # number of entry points that are tried, starting with the nearest
 CLEARANCES = 4.0, 2.0, 0.0      # mm between the needle and its obstacles; the largest clearance that some path keeps is used
 ALONG = 2.0             # mm, distance between the points at which the clearance is measured
 FROM_CUT = 5.0          # mm, width of the zone next to the place where the image cuts off the body; no needle enters within it
 ASIDE = 3.0             # mm, smallest distance between a target and the region's surface, and between a target and regions that the needle should avoid
-MOVED = 1.0             # mm: if the entry point is moved farther than this, the report mentions it
+MOVED = 1.0             # mm: if the entry point has to be moved farther than this, the report mentions it
 HOLES, HOLE_SPACING = 13, 5.0       # number of holes along each side of a template, and the distance between them in mm
 THICKNESS = 20.0        # mm, thickness of a template
 BEHIND = 5.0            # mm, distance between a template and the skin face of a box
@@ -33,7 +33,7 @@ class Path:
 @dataclasses.dataclass
 class Template:
     """A plate with HOLES x HOLES holes. Positions are in DICOM coordinates, mm."""
-    origin: np.ndarray       # centre of the array of holes, on the face through which needles enter
+    origin: np.ndarray       # centre of the hole pattern, on the face through which needles enter
     normal: np.ndarray       # unit vector; needles pass in this direction
 
     def along(self):
@@ -110,8 +110,8 @@ def middle_of(surfaces, spared=()):
 
 
 def nearest_free(target, places, bones, spared=()):
-    """Returns the nearest of some points on the skin from which the path to the target meets no bone and, if possible, no spared surface; and whether
-    the path meets no spared surface. None if there is no such point. `spared`: closed surfaces, none of which contains the target."""
+    """Returns the nearest of some points on the skin from which the path to the target meets no bone and, if possible, no spared surface; and whether the path
+    crosses a spared surface. Returns None if there is no such point. `spared`: closed surfaces, none of which contains the target."""
     order = np.argsort(np.linalg.norm(places - target, axis=1), kind="stable")
     order = order[::1 + len(order) // CANDIDATES]
     for others in (spared, ()) if spared else ((),):
@@ -169,8 +169,8 @@ def on_skin(skin, entry, target):
 
 
 def through_face(target, low, high, bones, face, spared=()):
-    """Returns the path through one face of a box (given by axis, and side: -1 low, 1 high) that meets no bone, either straight or with the least
-    tilt; None if there is no such path. Also returns whether the path crosses spared regions."""
+    """Returns the path through one face of a box (given by axis, and side: -1 low, 1 high) that meets no bone, either straight or with the least tilt; returns
+    None if there is no such path. Also returns whether the path crosses spared regions."""
     axis, side = face
     aside = [a for a in range(3) if a != axis]
     grid = np.meshgrid(*(np.linspace(low[a] + 5, high[a] - 5, 15) for a in aside))

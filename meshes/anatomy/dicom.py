@@ -16,7 +16,7 @@ class _File(io.BytesIO):
     """Contents of a file. `beyond`: number of reads that asked for more bytes than remained."""
 
     beyond = 0
-    ends_between = False    # true if the last of these reads began at the end of the file
+    ends_between = False    # true if the last such read began at the end of the file
 
     def read(self, size: int | None = -1) -> bytes:
         data = super().read(size)
@@ -30,8 +30,8 @@ def read(path: str | PathLike[str]) -> pydicom.Dataset:
     """Returns the data set of a file. Raises EOFError, which names the file, if the file ends within an element; OSError if it cannot be opened; otherwise
     pydicom's exceptions.
 
-    pydicom looks for another element at the end of a complete file, once, and finds nothing. Any other read beyond the end was for an element that the
-    file announces. A file that is cut between two elements of the highest level is not recognised.
+    pydicom looks for another element at the end of a complete file, once, and finds nothing. Any other read beyond the end belongs to an element that the file
+    announces. A file that is cut between two top-level elements is not recognised as truncated.
     """
     if os.path.exists(path) and not os.path.isfile(path):    # opening a FIFO would block forever
         raise OSError(0, "not a regular file", path)
@@ -39,9 +39,9 @@ def read(path: str | PathLike[str]) -> pydicom.Dataset:
         file = _File(source.read())
     try:
         data = pydicom.dcmread(file)
-    except zlib.error as error:    # in a deflated transfer syntax
+    except zlib.error as error:    # the damage may lie in a deflated transfer syntax
         raise EOFError(f"{path}: its compressed content ends too early, or is damaged: {error}") from error
-    except Exception as error:    # any exception that an incomplete element causes in pydicom
+    except Exception as error:    # pydicom may raise any exception for an incomplete element
         if file.beyond and file.getbuffer()[128:132] == b"DICM":
             raise EOFError(_words(path, file)) from error
         if isinstance(error, OSError):    # an error raised by pydicom about the contents; the file itself has been read

@@ -12,10 +12,10 @@ import traceback
 DEFAULT = 120.0         # s, limit on the processor time of each stage; processor time does not depend on other load on the machine
 NODES = 10000           # number of nodes up to which the default limit applies
 SECONDS = DEFAULT       # the limit that is in force
-WAITING = 10            # factor by which the limit on elapsed time is larger, for a stage that waits instead of working
+WAITING = 10            # ratio of the limit on elapsed time to the limit on processor time, for a stage that waits instead of working
 TELL = False            # true to print the name of each stage
 BEGUN = time.monotonic()
-FEW = 6                 # largest number of names listed in a message
+FEW = 6                 # maximum number of names listed in a message
 WITH_PARENT = 1         # prctl's PR_SET_PDEATHSIG
 
 
@@ -28,7 +28,7 @@ class NoMemory(MemoryError):
 
 
 class Crashed(Exception):
-    """Raised if a library has crashed its process or raised an unknown exception. `number`: number of the signal that ended the process, or None."""
+    """Raised if a library has crashed its process or raised an unknown exception. `number`: the signal that ended the process, or None."""
 
     def __init__(self, text, number=None):
         super().__init__(text)
@@ -46,7 +46,7 @@ def run(stage, work, *arguments):
         print(f"anatomy: {time.monotonic() - BEGUN:.0f} s: {stage}", file=sys.stderr, flush=True)
     receiver, sender = multiprocessing.Pipe(duplex=False)
     context = multiprocessing.get_context("fork")    # a forked process inherits the arguments, however large they are
-    child = context.Process(target=serve, args=(sender, work, arguments))    # not a daemon, because the process may run stages of its own
+    child = context.Process(target=serve, args=(sender, work, arguments))    # not daemonic, because the process may run stages of its own
     child.start()
     sender.close()
     try:
@@ -99,7 +99,7 @@ def serve(sender, work, arguments):
         sender.send(answer)
     except MemoryError as error:
         sender.send((None, error, answer[2]))
-    except Exception as error:  # an exception from a library that cannot be sent between processes
+    except Exception as error:  # the library's exception may not be picklable
         sender.send((None, Crashed(f"{error}: {answer[2]}"), answer[2]))
 
 

@@ -27,7 +27,7 @@ class Row:
     read: float          # as read
     used: float          # volume that remains after losses to other regions and the box
     mesh: float          # volume in the mesh; None if the region is hollow
-    gone: str = ""       # reason why nothing is left of the part
+    gone: str = ""       # reason why the part has vanished
     each: list = dataclasses.field(default_factory=list)     # volumes, as read, of the parts that the row represents
 
 
@@ -68,7 +68,7 @@ def taken(lost, part):
 
 
 def note(organs, domain, rows, outlined, skip=False):
-    """Adds remarks on losses; `outlined`: region -> m^3 that its mesh must have. If `skip` is true, parts that have vanished are no reason to refuse
+    """Adds remarks on losses; `outlined`: region -> volume that its mesh must have, m^3. If `skip` is true, parts that have vanished are no reason to refuse
     the mesh."""
     called = {organ.name: organ for organ in organs}
     if domain.regions:

@@ -23,14 +23,14 @@ class Material:
 
 @dataclasses.dataclass(frozen=True)
 class Row:
-    """`words`: beginnings of words in a region's name; `codes`: SNOMED CT. `basis`: origin of the modulus: CITED, ASSUMED, or GUESS. `force`: a published
-    force on a needle in this organ, which materials.md compares with an insertion; empty if none was found."""
+    """`words`: beginnings of words in a region's name; `codes`: SNOMED CT. `basis`: origin of the modulus: CITED, ASSUMED, or GUESS. `force`: a published force
+    on a needle in this organ, which materials.md compares with a simulated insertion; empty if none was found."""
     material: Material
     basis: str
     source: str
     words: tuple = ()
     codes: tuple = ()
-    spare: bool = False      # true if a needle on its way to another region must avoid this one
+    spare: bool = False      # true if a needle on its way to another region must avoid this organ
     force: str = ""
 
 
@@ -120,7 +120,7 @@ def row_of(name, kind=""):
 
 
 def is_spared(name, kind=""):
-    """True if a needle to another region should avoid this one."""
+    """True if a needle on its way to another region should avoid this one."""
     row = known(name, kind)
     return bool(row) and TABLE[row].spare
 
@@ -148,7 +148,7 @@ def find(name, kind="", own=None):
 
 
 def read(path):
-    """Reads region name -> Material from a CSV file with the columns COLUMNS, of which only the column with the name is required."""
+    """Reads region name -> Material from a CSV file with the columns COLUMNS, of which only the one with the name is required."""
     found = {}
     try:
         with open(path, newline="", encoding="utf-8-sig") as file:

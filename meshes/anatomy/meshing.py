@@ -20,17 +20,17 @@ from .shapes.shells import Shell, crossings, decimated, distances
 GROWTH = 4.0            # ratio of the element size at the corners of the box to that in the gland
 CORRIDOR = 0.5          # ratio of the element size in the corridor to that in the gland
 MOST_GROWTH = 1.09      # largest factor by which a coarse surface is enlarged to restore its volume
-FINEST_SURFACE = 2500   # number of triangles that is sufficient for remeshing a surface
+FINEST_SURFACE = 2500   # number of triangles that suffices as the input for remeshing a surface
 TRIES = 16
-MOST_WORK = 20000       # total number of nodes in all attempts after which the search ends; a time limit would make different machines find different meshes
+MOST_WORK = 20000       # total number of nodes in all attempts after which the search ends; with a time limit, different machines would find different meshes
 LARGE_WORK = 4          # for large meshes: the search ends after this multiple of the desired number of nodes if no attempt has come close to it
 MOST_MISSED = 0.02      # fraction of a region's surface: a mesh in which a larger fraction is missing is accepted only if there is no other mesh
 REFUSED_MISSED = 0.10   # fraction of a region's surface: a mesh in which a larger fraction is missing is refused
-FAILURES = 3            # number of failures of Gmsh after which no other element sizes are tried
-# number of failures of Gmsh after which the search ends if the best mesh has far too many nodes and the next elements would be even larger
+FAILURES = 3            # number of Gmsh failures after which no other element sizes are tried
+# number of Gmsh failures after which the search ends if the best mesh has far too many nodes and the next attempt would use even larger elements
 FAR_FAILURES = 2
-JITTER = 0.025          # change of the element size, as a fraction, that gives different meshes with the same number of nodes
-SMOOTH = 5000           # number of nodes: in larger meshes, it depends smoothly on the element size
+JITTER = 0.025          # relative change of the element size that gives a different mesh with about the same number of nodes
+SMOOTH = 5000           # number of nodes: above it, the number of nodes depends smoothly on the element size
 CLOSE = 0.04            # fraction of the desired number of nodes: among meshes within this range, the one with the best angles is chosen
 OFF = 0.10              # fraction of the desired number of nodes: if the mesh is farther off, the report mentions it
 MOST_OFF = 2.0          # factor: a mesh with more nodes than desired, or fewer, by more than this factor is refused
@@ -50,7 +50,7 @@ class Failure(Exception):
     """Gmsh failed. `names`: regions whose surfaces are the cause; `z`: position of the fault, m, or None."""
 
     def __init__(self, problem, names, z=None):
-        super().__init__(problem, names, z)     # pass on all arguments, because the exception is sent between processes
+        super().__init__(problem, names, z)     # pass on all arguments, because the exception is pickled when it is sent between processes
         self.names, self.z = names, z
 
     def __str__(self):
@@ -82,7 +82,7 @@ class Region:
     name: str
     surface: str
     shells: list             # closed surfaces of its parts, in the world frame, m
-    sizes: list              # volumes of its parts, m^3; None if unknown, because only some of the part lies in the block
+    sizes: list              # volumes of its parts, m^3; an entry is None if only some of the part lies in the block, so that its volume is unknown
     hollow: bool = False     # bone: no tetrahedra inside
     layer: object = None     # layer of the label map from which the region comes, if any; regions of the same layer do not overlap
 
@@ -131,7 +131,7 @@ class Domain:
 
 
 def size_formula(domain, fine):
-    """Returns a formula for elements of size `fine` in the gland, growing by GROWTH towards the corners of the box, and smaller in the corridor."""
+    """Returns a formula for elements of size `fine` in the gland, growing by the factor GROWTH towards the corners of the box, and smaller in the corridor."""
     away = "Sqrt({})".format("+".join(f"({axis}-({c:.9g}))^2" for axis, c in zip("xyz", domain.middle)))
     span = math.dist(domain.middle, domain.low) - domain.reach
     growth = f"{fine:.9g}*(1+{GROWTH - 1:g}*Max(0,({away}-{domain.reach:.9g})/{span:.9g}))"
@@ -265,7 +265,7 @@ def check_found(domain, found, missed):
     gone = [name for k, name in enumerate(names) if k not in left]
     if gone:
         raise Thin("nothing is left of it: it lies inside other regions or is too thin", gone)
-    weight, thin = pieces.voxels() ** (2 / 3), {}       # scales in the same way as the surface
+    weight, thin = pieces.voxels() ** (2 / 3), {}       # the weight scales in the same way as the surface area
     for k, name in enumerate(names[:-1] if domain.skin else names):
         mine = [piece for piece, number in enumerate(pieces.regions) if number == k]
         share = float(np.average([missed[piece] for piece in mine], weights=weight[mine]))
@@ -382,7 +382,7 @@ def fill(domain, points, patches, cells, formula):
 
 
 def name_groups(volumes, surfaces, faces, front):
-    """Names the groups. volumes, surfaces: (name, tag). faces: name -> tag, of the box; front: the face that is the skin."""
+    """Names the groups. `volumes`, `surfaces`: pairs (name, tag). `faces`: name -> tag of each face of the box; `front`: the face that is the skin."""
     groups = {}
     for name, tag in volumes:
         groups.setdefault((3, name), []).append(tag)
@@ -410,8 +410,8 @@ class Attempt:
     held: list = dataclasses.field(default_factory=list)        # for each piece, its volume in the mesh, m^3
 
     def rank(self, nodes):
-        """Rank of the attempt; a lower rank is better. Compares in this order: whether the angles are usable, whether a surface is missing, whether
-        the number of nodes is close to the desired one, and then the angles, or the number."""
+        """Rank of the attempt; a lower rank is better. Compares in this order: whether the angles are usable, whether a surface is missing, whether the number
+        of nodes is close to the desired one, and then either the angles or the number of nodes."""
         off, badness = abs(len(self.mesh.points) / nodes - 1), self.mesh.badness()
         return badness > WORST, max(self.missed, default=0) > MOST_MISSED, off > CLOSE, badness if off <= CLOSE else off
 
@@ -454,8 +454,8 @@ def move_nodes(mesh, points):
 
 
 def prepare(domain, nodes):
-    """Draws the image of regions that share surfaces, and raises Thin if some of them are too thin for it or need too many nodes. This takes seconds,
-    and is done before meshing is tried."""
+    """Draws the image of regions that share surfaces, and raises Thin if some of them are too thin for the image or need too many nodes. This takes only
+    seconds, and is therefore done before meshing is attempted."""
     if not domain.regions:
         return
     names = [region.name for region in domain.regions]
@@ -569,7 +569,8 @@ def too_many_at_any_size(tries, fine, count, nodes):
 
 
 def size_between(tries, nodes):
-    """Returns the element size for this many nodes, from attempts (size, nodes) with fewer and with more; None if there are not both."""
+    """Returns the element size for this many nodes, from attempts (size, nodes) with fewer and with more; returns None if there are not attempts of both
+    kinds."""
     more, fewer = [t for t in tries if t[1] > nodes], [t for t in tries if t[1] < nodes]
     if not more or not fewer:
         return None
@@ -595,7 +596,7 @@ def too_far_off(domain, nodes, mesh):
 
 
 def most_on_surface(mesh):
-    """Returns the region, or the bones, with the most nodes on its surface, and their number."""
+    """Returns the name of the region (or the bones) with the most nodes on its surface, and the number of these nodes."""
     surfaces = {name: mesh.boundary(name) for name in mesh.regions if name != "surrounding"}
     if "bone" in mesh.surfaces:
         surfaces["bone"] = mesh.surfaces["bone"]

@@ -1,4 +1,4 @@
-"""The regions named by the user, as read: their connected parts, and what was repaired or left out."""
+"""The regions named by the user, as read: their connected components, and what was repaired or left out."""
 import dataclasses
 import re
 import unicodedata
@@ -19,7 +19,7 @@ STEEP = 5.0             # multiple of the median edge length: longer edges form 
 FEW = 4                 # number of such edges that is accepted, and number of parts that are named individually
 MOST_CHECKED = 40000    # triangles: larger surfaces are checked for crossings in a decimated copy
 RESERVED = ("surrounding", "skin", "fixed", "capsule", "bone")    # names that every mesh uses
-LONGEST_NAME = 40       # largest number of characters; a mesh allows 63, including suffixes
+LONGEST_NAME = 40       # maximum number of characters; a mesh allows 63, including suffixes
 
 
 @dataclasses.dataclass
@@ -37,7 +37,7 @@ class Organ:
     volume: float = 0.0          # mm^3, total volume of all parts
     notes: list = dataclasses.field(default_factory=list)
     share: bool = False          # true if its surfaces are made from a label image
-    read: float = None           # mm^3, volume in the file, before anything was repaired or left out; None if it equals `volume`
+    read: float = None           # mm^3, volume in the file before anything was repaired or left out; None if it equals `volume`
     kind: str = ""               # description of the region in the file, from which its material is chosen
     layer: object = None         # layer of the label map from which it comes; labels of the same layer do not overlap
     cut: object = None           # faces where the image cuts off the region (voxels.Border)
@@ -47,7 +47,7 @@ class Organ:
             self.notes.append(f"{self.roi}: {text}")
 
     def volumes_of(self, surfaces):
-        """Returns the volumes of the parts with these surfaces, mm^3."""
+        """Returns the volumes of the parts enclosed by these surfaces, mm^3."""
         if self.volumes and len(self.volumes) == len(surfaces):
             return list(self.volumes)
         share = self.volume / sum(shell.volume() for shell in surfaces)
@@ -76,8 +76,8 @@ def note_left_out(organ, parts, reason):
 
 
 def region_names(rois):
-    """Returns a dict of ROI -> name in mesh and scene. Names consist of lower-case Latin letters, digits and underscores, numbered if already
-    taken."""
+    """Returns a dict of ROI -> name in mesh and scene. Names consist of lower-case Latin letters, digits and underscores; a number is appended to a name that
+    is already taken."""
     names, taken = {}, set(RESERVED)
     for roi in rois:
         plain = unicodedata.normalize("NFKD", roi.lower()).encode("ascii", "ignore").decode()

@@ -9,12 +9,12 @@ from .shapes import shells
 from .quality import plt
 
 PANELS = 60     # at most
-LEVELS = 12     # largest number of slices for a region that was read from labels or a surface
+LEVELS = 12     # maximum number of slices for a region that was read from labels or a surface
 NEAR = 0.03     # fraction of the region's height: points as read are shown on a slice if they are closer to it than this
 
 
 def panel(axis, title, rings, lines):
-    """Draws one slice. `rings`, `lines`: as read and as interpreted; a ring of (n, 2) or more coordinates is closed, None is a set of points."""
+    """Draws one slice. `rings` contains the outlines as read, `lines` the outlines as interpreted; a ring (n, 2 or more columns) is closed."""
     for ring in rings:
         if ring.ndim == 2 and len(ring):
             axis.plot(*np.vstack([ring, ring[:1]])[:, :2].T, color="0.6", linewidth=0.8, marker=".", markersize=2)

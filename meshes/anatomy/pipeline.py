@@ -16,7 +16,7 @@ OTHERS_MARGIN = 8.0     # mm, thickness of the tissue around bones and other reg
 EDGE = 5.0              # mm, distance from the faces of the box at which --crop cuts off regions
 GAP = 0.5               # fraction of an element: distance that is kept between regions that do not touch
 TOUCH = 1.0             # mm: regions closer to each other than this share a surface
-LOSS = 0.03             # fraction of a region's volume: if keeping the gap costs more than this, the regions share a surface
+LOSS = 0.03             # fraction of a region's volume: if keeping the gap would cost more than this, the regions share a surface
 FEET = 2, -1            # axis and side of the face of a box that points toward the feet
 FACES = FEET, (1, -1), (0, -1), (0, 1), (2, 1), (1, 1)      # faces that are tried as the skin, in this order; no bone may lie in the needle's path
 SLENDER = 1.5           # longest edge of the triangles on a thin region, as a multiple of the region's radius
@@ -24,7 +24,7 @@ SLENDER = 1.5           # longest edge of the triangles on a thin region, as a m
 
 @dataclasses.dataclass
 class Plan:
-    """What the user wants, apart from the regions. Lengths are in DICOM mm."""
+    """The user's requests, apart from the regions. Lengths are in DICOM mm."""
     margin: float = MARGIN
     entry: np.ndarray = None     # point where the needle should go through the skin
     target: np.ndarray = None    # point where the needle should end
@@ -60,7 +60,7 @@ def skin_surfaces(organ):
 
 
 def box_around(gland, bones, others, margin=MARGIN, face=FEET):
-    """Returns the low and high corner, DICOM mm. `face`: axis and side (-1 low, 1 high) of the skin. gland, bones, others: lists of shells. `margin`:
+    """Returns the low and high corner, DICOM mm. `face`: axis and side (-1 low, 1 high) of the skin. `gland`, `bones`, `others`: lists of shells. `margin`:
     thickness of the tissue around the gland."""
     def corners(found):
         points = np.vstack([shell.points for shell in found])
@@ -83,8 +83,8 @@ def box_around(gland, bones, others, margin=MARGIN, face=FEET):
 
 
 def path_and_block(surfaces, bones, others, plan, spared=()):
-    """Returns the needle's path, the corners of the block of tissue, and the face of the block that is the skin, all in DICOM mm. surfaces: of the
-    gland; spared: surfaces of regions that the needle avoids if possible."""
+    """Returns the needle's path, the corners of the block of tissue, and the face of the block that is the skin, all in DICOM mm. `surfaces`: those of the
+    gland; `spared`: those of regions that the needle avoids if possible."""
     target = approach.middle_of(surfaces, spared) if plan.target is None else plan.target
     spared = [shell for shell in spared if shells.distances(shell, target[None])[0] > 0]
     entry = plan.entry
@@ -103,8 +103,8 @@ def path_and_block(surfaces, bones, others, plan, spared=()):
 
 
 def path_through_box(target, margin, found, spared):
-    """Returns the path through the box whose skin is the face toward the feet, or the first face with no bones, and if possible no spared regions, in the
-    way. `found`: surfaces, bones and others."""
+    """Returns the path through the box whose skin is the face toward the feet, or the first face with no bones (and, if possible, no spared regions) in the
+    way. `found`: the tuple (surfaces, bones, others)."""
     second = None
     for face in FACES:
         low, high = box_around(*found, margin, face)
@@ -117,8 +117,8 @@ def path_through_box(target, margin, found, spared):
 
 
 def path_through_face(entry, target, margin, found):
-    """Returns the path through the box whose skin is the face through `entry` that the needle meets most squarely. `found`: surfaces, bones and
-    others."""
+    """Returns the path through the box whose skin is the face through `entry` that the needle meets most squarely. `found`: the tuple (surfaces, bones,
+    others)."""
     way = target - entry
     axis = int(np.argmax(np.abs(way)))
     side = -int(np.sign(way[axis]))
@@ -133,7 +133,7 @@ def path_through_face(entry, target, margin, found):
 
 
 def kept_apart(organ, surfaces, before, gap):
-    """Returns the organ's surfaces, kept at a distance from those of earlier organs; None if the surfaces touch, or if too much of the organ would be
+    """Returns the organ's surfaces, kept at a distance from those of earlier organs; returns None if the surfaces touch, or if too much of the organ would be
     lost."""
     distances = [[shells.distances(other, s.points) for s in surfaces] for other in before]
     away = [min(np.abs(d).min() for d in each) for each in distances]
@@ -255,7 +255,7 @@ def priority(organ, gland):
 
 
 def apart_surfaces(organs, surfaces, gap):
-    """Returns the surfaces of each organ, kept away from earlier ones; None if the organs must share surfaces where they meet."""
+    """Returns the surfaces of each organ, kept away from earlier ones; returns None if the organs must share surfaces where they meet."""
     if any(organ.share or organ.shells for organ in organs):
         return None
     before, apart = [], []
@@ -275,7 +275,8 @@ def shaped(organs, *arguments):
 
 def mesh_of(organs, nodes, corridor, path, crop=False, plan=None, quiet=()):
     """Writes the mesh; returns it, its domain, the outlines' volumes, and the result for each part (losses.Row). A loft that cannot be meshed is replaced by
-    a field, and a field by surfaces from a label image. Organs that are left out are removed from the list. `quiet`: names of surfaces that get no group."""
+    a field, and a field by surfaces from a label image. Organs that are left out are removed from the list `organs`. `quiet`: names of surfaces that get no
+    group."""
     plan = plan or Plan()
     while True:
         made, domain, outlined = limits.run(f"surfaces of {limits.few(organ.roi for organ in organs)}", shaped, organs, nodes, corridor, crop, plan)
@@ -338,8 +339,8 @@ def give_way(organs, failure, domain):
 
 
 def distances_to_outlines(organs, domain, mesh, outlined):
-    """Returns region name -> distances (mm) of the input points from its surface in the mesh, if nothing was cut off. Where bones touch each other or the
-    mesh's end, they have no surface, because there is no tissue; such points of a bone are left out."""
+    """Returns region name -> distances (mm) of the input points from its surface in the mesh, if nothing was cut off. Bones have no surface where they touch
+    each other or the end of the mesh, because there is no tissue; points of a bone in such places are left out."""
     found, whole = {}, mesh.boundary()
     for organ in organs:
         if outlined[organ.name] > (1 - losses.MOST_LOSS) * organ.volume * 1e-9:

@@ -36,7 +36,7 @@ class Mesh:
         return float(self.volumes()[self.region == self.regions.index(name)].sum())
 
     def boundary(self, name=None):
-        """Returns the triangles around a region, which others may share, or around all regions; normals outward."""
+        """Returns the triangles around a region (which it may share with other regions) or around all regions, with outward normals."""
         tets = self.tets if name is None else self.tets[self.region == self.regions.index(name)]
         faces = np.concatenate([tets[:, [n for n in range(4) if n != k]] for k in range(4)])
         a, b, c, opposite = (self.points[corner] for corner in (*faces.T, tets.T.ravel()))
@@ -58,7 +58,7 @@ class Mesh:
         return np.linalg.norm(self.points[pairs[:, 0]] - self.points[pairs[:, 1]], axis=1)
 
     def dihedral_angles(self):
-        """Dihedral angles (m, 6), deg."""
+        """Returns the dihedral angles (m, 6) of the tetrahedra, deg."""
         angles = []
         for i, j in itertools.combinations(range(4), 2):
             k, l = (n for n in range(4) if n not in (i, j))
@@ -73,7 +73,7 @@ class Mesh:
         return np.bincount(self.tets.ravel(), minlength=len(self.points))
 
     def badness(self):
-        """Rates the angles: below 1 if all dihedral angles are within the range of the paper's mesh; lower is better."""
+        """Rates the angles: the value is below 1 if all dihedral angles are within the range of the paper's mesh; lower is better."""
         angles = self.dihedral_angles()
         return max(LEAST_ANGLE / max(angles.min(), 1e-6), (180 - GREATEST_ANGLE) / max(180 - angles.max(), 1e-6))
 
@@ -100,8 +100,8 @@ def table(mesh, outlined, distances):
 
 
 def mended(organs, mesh, outlined, rows=(), domain=None):
-    """Returns lines of a table: each region's volume as read, after mending, without the losses to others or the box, and in the mesh; and those of its
-    parts, if it has several. `rows`: losses.Row."""
+    """Returns lines of a table: each region's volume as read, after repair, after losses to other regions and the box, and in the mesh; and the same volumes of
+    its parts, if it has several. `rows`: losses.Row."""
     lines = ["", "Volumes, ml; a bone is hollow in the mesh:", "", "| region | as read | mended | used | mesh | mesh to used |", "|---|---|---|---|---|---|"]
     for organ in organs:
         read, used = organ.volume if organ.read is None else organ.read, outlined[organ.name] * 1e9
@@ -134,7 +134,7 @@ def used(found):
 
 
 def transform(matrix):
-    """Returns lines that show a transform (4, 4) from patient coordinates."""
+    """Returns lines that describe a transform (4, 4) from patient coordinates."""
     return ["", "From DICOM's patient coordinates (mm) to the mesh's (m):", "", "```text",
             *(" ".join(f"{value + 0.0:12.6g}" for value in row) for row in matrix), "```"]
 

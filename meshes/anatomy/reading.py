@@ -19,7 +19,7 @@ OUTLINES, IMAGES, SURFACES = (".dcm", ".csv"), (".nii", ".nii.gz", ".nrrd", ".nh
 MESHES = (".vtk", ".vtu", ".msh")                           # a .vtk file may also contain a surface
 UNITS = {"mm": 1.0, "cm": 10.0, "m": 1e3}                   # mm
 CELL_LABELS = ("label", "labels", "region", "regions", "regionid", "material", "materialids", "medit:ref", "gmsh:physical", "cellentityids", "segment")
-MOST_LABELS = 500                                           # largest number of different cell values; an array with more values does not contain labels
+MOST_LABELS = 500                                           # maximum number of distinct cell values; an array with more does not contain labels
 COLUMNS = ["roi", "outline", "x_mm", "y_mm", "z_mm"]
 CLOSED, EXCLUSIVE, OPEN = "CLOSED_PLANAR", "CLOSEDPLANAR_XOR", "OPEN_PLANAR"
 
@@ -113,7 +113,7 @@ def read_dicom(path):
         return voxels.read_seg(path, data)
     if data.get("Modality") != "RTSTRUCT":
         raise BadFile(f"{path}: its modality is {data.get('Modality', 'not given')}, not RTSTRUCT or SEG: export the structure set")
-    try:  # pydicom reads sequences only on access
+    try:  # pydicom parses sequences only when they are accessed
         return rois_of(data)
     except (AttributeError, EOFError, KeyError, OSError, TypeError, ValueError, struct.error) as error:
         raise BadFile(f"{path}: damaged or truncated: {error}") from error
@@ -189,7 +189,7 @@ def frame_of(path, given):
 
 
 def check_length(path):
-    """Refuses an STL or PLY file with fewer triangles than it announces; VTK would read those that exist."""
+    """Refuses an STL or PLY file with fewer triangles than its header announces; VTK would silently read those that exist."""
     with open(path, "rb") as file:
         content = file.read()
     said, found = length_of_stl(content) if kind_of(path) == ".stl" else length_of_ply(content)
@@ -198,15 +198,15 @@ def check_length(path):
 
 
 def length_of_stl(content):
-    """Returns the number of bytes that a binary file should have according to its header, and the number that it has; for a text file, returns 1 and
-    whether it is complete."""
+    """Returns the number of bytes that a binary file should have according to its header, and its actual size; for a text file, returns 1 and whether it is
+    complete."""
     if content[:5] == b"solid" and b"facet" in content[:1000]:
         return 1, int(b"endsolid" in content[-200:] or b"facet" not in content)
     return (84 + 50 * int.from_bytes(content[80:84], "little"), len(content)) if len(content) >= 84 else (84, len(content))
 
 
 def length_of_ply(content):
-    """Returns the least number of bytes that the header of a PLY file announces, and the number that it has."""
+    """Returns the minimum size of a PLY file according to its header, and its actual size, both in bytes."""
     header, end, data = content.partition(b"end_header")
     if not end:
         return len(content) + 1, len(content)
@@ -223,7 +223,7 @@ def length_of_ply(content):
 
 
 def data_of(path):
-    """Returns VTK's data of a surface or volume mesh."""
+    """Returns a surface or volume mesh as a VTK data set."""
     if not os.path.exists(path):
         raise BadFile(f"{path}: no such file")
     readers = {".stl": vtk.vtkSTLReader, ".ply": vtk.vtkPLYReader, ".obj": vtk.vtkOBJReader, ".vtp": vtk.vtkXMLPolyDataReader,
@@ -242,8 +242,8 @@ def is_surface(path):
 
 
 def read_mesh(path, unit=None, frame=None, array=None, names=None):
-    """Reads region name -> (surface of its tetrahedra in mm, remarks). `array`: the cells' array of labels. A mesh that this program made contains
-    the patient's position, which `unit` and `frame` override."""
+    """Reads region name -> (surface of its tetrahedra in mm, remarks). `array`: the cells' array of labels. A mesh made by this program contains the patient's
+    position, which `unit` and `frame` override."""
     if not os.path.exists(path):
         raise BadFile(f"{path}: no such file")
     mesh = gmsh_mesh(path) if kind_of(path) == ".msh" else vtk_mesh(path, array, names or {})
@@ -304,7 +304,7 @@ def vtk_mesh(path, array, names):
 
 
 def cell_labels(path, data, array):
-    """Returns the cell array of this name; otherwise one with a usual name; otherwise the only one that contains whole numbers."""
+    """Returns the cell array with this name, if any; otherwise an array with a usual name; otherwise the only array that contains integers."""
     arrays = {data.GetArrayName(n): vtk_to_numpy(data.GetArray(n)) for n in range(data.GetNumberOfArrays())}
     whole = [name for name, values in arrays.items()
              if values.ndim == 1 and np.all(np.isfinite(values)) and np.all(values == np.rint(values)) and len(np.unique(values)) <= MOST_LABELS]
@@ -323,7 +323,7 @@ def check_points(path, data):
 
 
 def read_surface(path, scale, frame=None):
-    """Reads a closed surface; returns it repaired, in mm, with remarks on the repairs; `scale`: mm per unit of the file; `frame`: LPS or RAS, or
+    """Reads a closed surface. Returns the repaired surface, in mm, and remarks on the repairs. `scale`: mm per unit of the file; `frame`: LPS or RAS, or
     None."""
     if kind_of(path) in (".stl", ".ply"):
         check_length(path)

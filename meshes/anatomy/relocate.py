@@ -9,16 +9,18 @@ from .quality import GREATEST_ANGLE, LEAST_ANGLE
 ROUNDS = 6
 ENOUGH = 0.99           # badness below which nodes are not moved; it corresponds to dihedral angles of 10.04 to 159.3 degrees
 STEPS = np.array([0.3, 0.15, 0.07, 0.03])       # step lengths, as fractions of the mean edge length at a node
-ON_SURFACE = 0.15       # fraction of the mean edge at a node: total distance by which a node on a surface may be moved
+ON_SURFACE = 0.15       # largest total distance by which a node on a surface is moved, as a fraction of the mean edge length at the node
 LEAST_GAIN = 1e-3       # fraction of the badness: smallest gain for which a node is moved
 MOST_CHANGE = 2e-3      # fraction of a region's volume: largest change caused by moving nodes on its surface; when this is reached, only inner nodes are moved
 DIRECTIONS = np.array([d for d in itertools.product((-1, 0, 1), repeat=3) if any(d)], float)
 DIRECTIONS /= np.linalg.norm(DIRECTIONS, axis=1, keepdims=True)
-FACES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])     # normals to the same side for either orientation
+# All four normals point to the same side (outward or inward, depending on the tetrahedron's orientation).
+FACES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
 
 
 def badness(corners):
-    """(..., 4, 3) corners of tetrahedra -> (...): above 1 if a dihedral angle is outside the paper's range; infinite for a flat tetrahedron."""
+    """Returns the badness (...) of tetrahedra with these corners (..., 4, 3): above 1 if a dihedral angle is outside the paper's range; infinite for a flat
+    tetrahedron."""
     a, b, c = (corners[..., FACES[:, k], :] for k in range(3))
     normal = np.cross(b - a, c - a)
     length = np.linalg.norm(normal, axis=-1)
@@ -66,7 +68,8 @@ def moved(mesh, still, surface):
 
 
 def better_place(points, star, node, anchor):
-    """Returns a position of the node that improves the worst of the tetrahedra around it (`star`), or None. `anchor`: a position to which the node
+    """Returns a position of the node that improves the worst of the tetrahedra around it (`star`), or None if there is none. `anchor`: a position to which the
+    node
     must stay close, or None."""
     others = np.unique(star[star != node])
     edge = np.linalg.norm(points[others] - points[node], axis=1).mean()

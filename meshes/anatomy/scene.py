@@ -34,7 +34,7 @@ def place(matrix, start):
 
 
 def guide(template, matrix):
-    """Returns lines of a template of holes for a needle of 1.27 mm."""
+    """Returns the lines that describe a template with holes for a needle of 1.27 mm."""
     turn = matrix[:3, :3] / np.linalg.norm(matrix[:3, 0])
     origin = matrix[:3] @ np.append(template.origin, 1.0)
     return ["", "guides:", "  - name: template", f"    origin: [{listed(origin)}]    # m, middle of the holes, on the face where needles enter",
@@ -46,9 +46,9 @@ def guide(template, matrix):
 
 
 def text(title, mesh, soft, bones, walls, **more):
-    """Returns the scene's text. `soft`: names of regions, the first of interest first; `bones`: whether there are any; `walls`: names of the
-    other surfaces. In `more`: `found`: name -> materials.Found, also of "surrounding"; `wall_of`: name of a region -> that of its surface;
-    `matrix`, `start`: see place; `template`, or None."""
+    """Returns the scene's text. `soft`: names of regions, the first of interest first; `bones`: whether there are any; `walls`: names of the other surfaces.
+    `more` contains `found` (name -> materials.Found, also for "surrounding"), `wall_of` (name of a region -> name of its surface), `matrix` and `start` (see
+    place), and `template` or None."""
     found = more.get("found") or {name: materials.find(name) for name in [*soft, "surrounding"]}
     wall_of = more.get("wall_of") or {}
     lines = [f"# {title}", "# All values are in SI units, and assumptions; a key that is left out has its default (docs/reference/scene.md).", "",

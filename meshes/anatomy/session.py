@@ -23,7 +23,7 @@ def start():
 
 
 def current_mesh():
-    """Returns the tetrahedra of Gmsh's current model, its named groups, and the tag of each tetrahedron's volume."""
+    """Returns the tetrahedra of Gmsh's current model, its named groups, and for each tetrahedron the tag of its volume."""
     tags, flat, _ = gmsh.model.mesh.getNodes()
     at = np.zeros(int(tags.max()) + 1, int)
     at[tags] = np.arange(len(tags))

@@ -13,7 +13,7 @@ from .trouble import BadFile, Empty
 
 DAMAGED = "damaged, or not what its name says"
 PLAUSIBLE = 50.0        # mm: an image with at least this length, or all surfaces together with at least this length, is assumed to be in mm
-MOST_NAMED = 30         # number of regions that a message lists
+MOST_NAMED = 30         # maximum number of regions that a message lists
 
 
 @dataclasses.dataclass
@@ -99,7 +99,7 @@ def read_all(given):
 
 
 def stems(paths):
-    """Returns path -> the name of its region."""
+    """Returns a dict: path -> name of its region."""
     found = {}
     for path in paths:
         stem = reading.stem_of(path)
@@ -111,7 +111,7 @@ def stems(paths):
 
 
 def of_maps(readers, in_mm):
-    """Reads any number of label maps, [(path, function that reads it)]; empty maps are left out if others are not empty."""
+    """Reads any number of label maps, [(path, function that reads it)]; empty maps are left out if there are others."""
     maps, empty = {}, []
     for path, reader in readers:
         try:
@@ -199,7 +199,7 @@ def choose(given, sources):
 
 
 def choose_rest(given, sources, found):
-    """Chooses all remaining regions: bones and the body by their names."""
+    """Chooses all remaining regions; bones and the body are recognised by their names."""
     if not found.soft:
         raise BadFile(f"{given.input[0]}: choose the region of interest with --roi; --all adds the others; it has: {listed(sources.regions)}")
     for name in sources.regions:

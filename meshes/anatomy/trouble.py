@@ -3,15 +3,15 @@ import importlib
 
 
 class BadFile(Exception):
-    """A file is bad. The text names the file and, if possible, the position in it."""
+    """Raised if a file cannot be used. The text names the file and, if possible, the position in it."""
 
 
 class Empty(BadFile):
-    """A label map contains no label."""
+    """Raised if a label map contains no labels."""
 
 
 def needed(module, package, path):
-    """Imports a module that only this kind of file needs."""
+    """Imports a module that is needed only for one kind of file."""
     try:
         return importlib.import_module(module)
     except ImportError as error:

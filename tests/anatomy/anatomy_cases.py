@@ -15,7 +15,7 @@ def ellipse(a, b, z, count=60, centre=(0.0, 0.0)):
 
 
 def ellipsoid(a, b, c, spacing):
-    """Returns rings (mm) at half steps of `spacing` from the middle."""
+    """Returns rings (mm) at odd multiples of spacing / 2 from the middle."""
     heights = (np.arange(-50, 50) + 0.5) * spacing
     return [ellipse(a * math.sqrt(1 - (z / c) ** 2), b * math.sqrt(1 - (z / c) ** 2), z) for z in heights if abs(z) < 0.99 * c]
 

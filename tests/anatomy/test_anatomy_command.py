@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Runs the command as a user would, on the shipped outlines and on bad input.
+"""Runs the command as a user would, with the shipped outlines and with bad input.
 """
 import contextlib
 import io
@@ -85,7 +85,7 @@ class Command(unittest.TestCase):
     def test_all_regions_of_a_patient(self):
         os.mkdir("a")
         rois = {"prostate": "Prostate", "urethra": "Urethra", "rectum": "Rectum", "bladder": "Bladder"}
-        with unittest.mock.patch.object(meshing, "TRIES", 3):    # the search for better angles takes a long time
+        with unittest.mock.patch.object(meshing, "TRIES", 3):    # limits the search for better angles, which takes a long time
             self.make(SHIPPED, *[argument for roi in rois.values() for argument in ("--roi", roi)], "--bone", "Pubic arch", "--nodes", "1400",
                       "--output", "a/five")
         nodes, _, mesh = read_msh("a/five.msh")
@@ -98,7 +98,7 @@ class Command(unittest.TestCase):
             self.assertAlmostEqual(mesh.region_volume(region) * 1e9 / stress.planimetry(rings[rois[region]]), 1, delta=0.03, msg=region)
         urethra = mesh.points[np.unique(mesh.tets[mesh.region == mesh.regions.index("urethra")])]
         inside = shells.distances(mesh.surfaces["capsule"], urethra) < 0
-        self.assertTrue(inside.any() and not inside.all())      # partly inside the gland
+        self.assertTrue(inside.any() and not inside.all())      # the surface is partly inside the gland
         whole = mesh.region_volume("prostate") + mesh.volumes()[self.within(mesh, "urethra", "capsule")].sum()
         self.assertAlmostEqual(whole * 1e9 / stress.planimetry(rings["Prostate"]), 1, delta=0.02)
         self.assertIn("# surfaces without resistance: bladder_wall, rectum_wall, urethra_wall", content("a/five.yaml").decode())
@@ -106,12 +106,12 @@ class Command(unittest.TestCase):
 
     @staticmethod
     def within(mesh, region, surface):
-        """Returns which tetrahedra of a region lie inside a surface."""
+        """Returns the mask of a region's tetrahedra that lie inside a surface."""
         return (mesh.region == mesh.regions.index(region)) & (shells.distances(mesh.surfaces[surface], mesh.points[mesh.tets].mean(axis=1)) < 0)
 
     def test_surfaces_and_a_corridor(self):
         self.write_surface("gland.stl", vtk.vtkSTLWriter(), 30)
-        with unittest.mock.patch.object(meshing, "TRIES", 2):    # the search for better angles takes a long time
+        with unittest.mock.patch.object(meshing, "TRIES", 2):    # limits the search for better angles, which takes a long time
             status, _, complained = anatomy("gland.stl", "--nodes", "700", "--corridor", "10", "0", "4", "--output", "x", "--picture", "x.svg")
         self.assertEqual(status, 0, complained)
         self.assertGreater(content("x.svg").decode().count("gland, z ="), 10)
@@ -131,14 +131,14 @@ class Command(unittest.TestCase):
         for name, writer, size in (("coarse.ply", text, 14), ("fine.ply", binary, 60), ("coarse.stl", vtk.vtkSTLWriter(), 14)):
             count = self.write_surface(name, writer, size, torn=True)
             self.assertEqual(count, {14: 336, 60: 6960}[size])
-            with unittest.mock.patch.object(organ, "MOST_CHECKED", 6000):    # so that the fine surface is decimated for the search for crossings
+            with unittest.mock.patch.object(organ, "MOST_CHECKED", 6000):    # lowered so that the fine surface is decimated before the search for crossings
                 found = organ.of_surface("x", "x", False, *reading.read_surface(name, 1.0))
             self.assertIn("were closed", found.notes[0])
             self.assertAlmostEqual(found.volume / ellipsoid_volume(24, 17, 20), 1, delta=0.08 if size == 14 else 0.005)
 
     @staticmethod
     def write_surface(name, writer, size, torn=False, scale=1.0):
-        """Writes an ellipsoid of size x 2 size facets, if `torn` with holes and duplicate facets. Returns the number of facets."""
+        """Writes an ellipsoid with size x 2 size facets; if `torn`, with holes and duplicate facets. Returns the number of facets."""
         sphere = vtk.vtkSphereSource()
         sphere.SetRadius(1)
         sphere.SetThetaResolution(size)

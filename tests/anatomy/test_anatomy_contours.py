@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Outlines with every kind of defect."""
+"""Tests outlines with every kind of defect."""
 import math
 import unittest
 
@@ -17,7 +17,7 @@ def area(*rings):
 
 class Outlines(unittest.TestCase):
     def setUp(self):
-        self.area = area(SQUARE)  # opening rounds the corners slightly
+        self.area = area(SQUARE)  # the morphological opening slightly rounds the corners
 
     def test_a_square(self):
         self.assertAlmostEqual(self.area, 400, delta=1)

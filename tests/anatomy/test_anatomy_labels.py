@@ -1,6 +1,5 @@
 #!/usr/bin/python3
-"""Label maps, surfaces and volume meshes of every kind, and the needle's entry, compared with shapes of known position and
-volume.
+"""Compares label maps, surfaces and volume meshes of every kind, and the needle's entry point, with shapes of known position and volume.
 """
 import bz2
 import contextlib
@@ -22,7 +21,7 @@ from anatomy.shapes import contours, label_image, shells, voxels
 from anatomy.trials import inputs, label_stress
 
 SPACING = (1.0, 1.25, 2.0)
-MIDDLE = np.array([30.0, -20.0, 100.0])    # LPS, mm, centre of two half balls that touch; the first is on the left side
+MIDDLE = np.array([30.0, -20.0, 100.0])    # LPS, mm, centre of two touching half balls, of which the first is on the patient's left
 RADIUS = 18.0
 
 
@@ -71,12 +70,12 @@ class Files(unittest.TestCase):
             inputs.write_nifti("d.nii.gz", self.labels, place)
         except ImportError:
             self.skipTest("nibabel is not installed")
-        self.check_map(reading.read_image("d.nii.gz", names=NAMES), place, by_name, 1e-3)     # the header of this format has single precision
+        self.check_map(reading.read_image("d.nii.gz", names=NAMES), place, by_name, 1e-3)     # the header of this format stores single-precision numbers
         inputs.write_nifti("e.nii", self.labels, place, np.float32)
         self.check_map(reading.read_image("e.nii"), place, {"1": 1, "2": 2}, 1e-3)
 
     def test_images_that_end_too_early_are_refused(self):
-        """Files may be truncated anywhere, even after the last voxel, in the checksum at the end of a compressed file."""
+        """Files may be truncated anywhere, even after the last voxel, namely in the checksum at the end of a compressed file."""
         self.labels, place = two_halves()
         inputs.write_nrrd("a.seg.nrrd", self.labels, place, NAMES, "right-anterior-superior")
         inputs.write_seg("b.dcm", self.labels, place, NAMES)
@@ -121,7 +120,7 @@ class Files(unittest.TestCase):
             reading.read_outlines("c.dcm")
 
     def test_a_code_of_3d_slicer(self):
-        """In the form written by 3D Slicer 5, with the anatomic region after the type."""
+        """Codes are in the form written by 3D Slicer 5, with the anatomic region after the type."""
         found, place = two_halves()
         inputs.write_nrrd("x.seg.nrrd", found, place, {1: "Segment_1"})
         with open("x.seg.nrrd", "rb") as file:
@@ -154,7 +153,7 @@ class Files(unittest.TestCase):
             found = reading.read_mesh(name, "cm", "LPS", names={1: "low"})
             self.assertEqual(list(found), ["low", "2"])
             for surface, _ in found.values():
-                self.assertAlmostEqual(surface.signed_volume(), 1e3)      # mm^3 in 1 cm^3
+                self.assertAlmostEqual(surface.signed_volume(), 1e3)      # 1 cm^3 is 1e3 mm^3
         with self.assertRaisesRegex(trouble.BadFile, "no labels \"x\"; they have: Label"):
             reading.read_mesh("a.vtu", array="x")
 
@@ -172,7 +171,7 @@ class Files(unittest.TestCase):
             surface, _ = reading.read_mesh("x.msh", "cm", "LPS")["gland"]
             self.assertAlmostEqual(surface.signed_volume(), 60e3, places=6)     # mm^3
             self.assertTrue(np.allclose(surface.centre(), [15, 20, 25]))
-            self.assertEqual(len(surface.points) < nodes / 3, order == 2)     # only corner nodes remain
+            self.assertEqual(len(surface.points) < nodes / 3, order == 2)     # of second-order elements, only the corner nodes remain
 
     def test_files_that_cannot_be_used_say_why(self):
         found, place = two_halves()
@@ -277,7 +276,7 @@ def two_boxes():
     points = np.array([[x, y, z] for z in (0, 1, 2) for y in (0, 1) for x in (0, 1)], float)
     cube = [[0, 1, 3, 7], [0, 1, 7, 5], [0, 5, 7, 4], [0, 3, 2, 7], [0, 2, 6, 7], [0, 6, 4, 7]]
     tets = np.array([[n + 4 * k for n in tet] for k in (0, 1) for tet in cube])
-    tets[::3, :2] = tets[::3, 1::-1]    # tetrahedra of either orientation, as they occur in files
+    tets[::3, :2] = tets[::3, 1::-1]    # gives every third tetrahedron the opposite orientation, as occurs in files
     return points, tets, np.repeat([0, 1], 6), ["low", "high"]
 
 
@@ -308,7 +307,7 @@ class Surfaces(unittest.TestCase):
         self.assertLess(np.abs(shells.distances(right, left.points[inner])).max(), 0.5 * min(SPACING))     # accurate to a fraction of a voxel
         points = found["Left lobe"].points - MIDDLE
         aside, radius = points @ turn, np.linalg.norm(points, axis=1)
-        off = np.where(radius < RADIUS, np.minimum(RADIUS - radius, np.abs(aside)), radius - RADIUS)    # distance from the surface of the half ball
+        off = np.where(radius < RADIUS, np.minimum(RADIUS - radius, np.abs(aside)), radius - RADIUS)    # distance from the half ball's surface
         self.assertLess(off.max(), max(SPACING))
 
     def test_a_cavity_is_no_part_of_a_label(self):
@@ -319,7 +318,7 @@ class Surfaces(unittest.TestCase):
         self.assertAlmostEqual(wall.shells[0].signed_volume() / wall.volume, 1, delta=0.03)
         found = organ.of_label("Wall", "wall", False, wall)
         self.assertEqual((found.volume, found.volumes, found.notes), (wall.volume, [wall.volume], []))
-        image, _ = label_image.image_of([found.shells], 6.0)       # the image that is meshed
+        image, _ = label_image.image_of([found.shells], 6.0)       # the label image that would be meshed
         self.assertAlmostEqual(image.volume(1) / wall.volume, 1, delta=0.03)
 
     def test_a_body_has_no_cavities_where_its_organs_are(self):
@@ -349,7 +348,7 @@ class Approach(unittest.TestCase):
         self.assertIsNone(approach.first_hit(below, path.entry, path.target))
         path, low, high, face = pipeline.path_and_block([gland], [], [], pipeline.Plan())
         self.assertEqual((face, path.entry.tolist()), ((2, -1), [0, 0, low[2]]))
-        around = approach_sphere((0, 0, 0), 20.0)      # no path leads to the target
+        around = approach_sphere((0, 0, 0), 20.0)      # a closed sphere of bone, so that no path leads to the target
         path, low, high, face = pipeline.path_and_block([gland], [around], [], pipeline.Plan())
         self.assertEqual((face, path.entry.tolist()), ((2, -1), [0, 0, low[2]]))
 
@@ -411,7 +410,7 @@ class Whole(unittest.TestCase):
         directory = tempfile.TemporaryDirectory()
         self.addCleanup(directory.cleanup)
         os.chdir(directory.name)
-        patch = unittest.mock.patch.object(meshing, "TRIES", 3)     # the search for better angles takes a long time
+        patch = unittest.mock.patch.object(meshing, "TRIES", 3)     # limits the search for better angles, which takes a long time
         patch.start()
         self.addCleanup(patch.stop)
 
@@ -445,7 +444,7 @@ class Whole(unittest.TestCase):
         self.assertRegex(open("x-quality.md", encoding="utf-8").read(), r"\| Left lobe \| 11\.62 \| 11\.62 \(.0\.0 %\)")
 
     def start_of(self, scene):
-        """Returns position and direction of the needle's base."""
+        """Returns the position and direction of the needle's base."""
         words = re.search(r"start: \{position: \[(.*?)\], orientation: \[(.*?)\]", open(scene, encoding="utf-8").read())
         position, (w, x, y, z) = (np.array([float(v) for v in text.split(",")]) for text in words.groups())
         return position, np.array([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)])
@@ -502,7 +501,7 @@ class Whole(unittest.TestCase):
 
 
 class Random(unittest.TestCase):
-    """Runs two of the maps of label_stress; the others take too long."""
+    """Runs two of the maps of label_stress; running them all would take too long."""
 
     def test_random_maps_are_meshed_or_refused_with_a_cause(self):
         with tempfile.TemporaryDirectory() as folder, unittest.mock.patch.object(meshing, "TRIES", 2):

@@ -34,7 +34,7 @@ def refuse():
 
 
 class Large:
-    """An object that is too large to be passed between processes."""
+    """An object too large to be passed between processes."""
 
     def __reduce__(self):
         raise MemoryError
@@ -86,7 +86,7 @@ class Limits(unittest.TestCase):
         program.send_signal(signal.SIGTERM)
         self.assertEqual(program.wait(20), 128 + signal.SIGTERM)
         program.stdout.close()
-        for _ in range(200): # the kernel kills the process when the program has ended; it disappears when init has reaped it
+        for _ in range(200): # the kernel kills the process when the program exits; the process disappears once init has reaped it
             if not running(child):
                 break
             time.sleep(0.05)

@@ -1,14 +1,14 @@
 #!/usr/bin/python3
-"""The synthetic patients: their dimensions, and one patient of the stress test through the pipeline."""
+"""Tests the dimensions of the synthetic patients, and runs one patient of the stress test through the pipeline."""
 import tempfile
 import unittest
 
-import anatomy_cases  # noqa: F401  puts the sources on the path
+import anatomy_cases  # noqa: F401  adds the sources to the path
 from anatomy import session
 from anatomy.shapes import contours
 from anatomy.trials import patient, stress
 
-NUMBER = 11     # number of one of the patients of `python3 -m anatomy.trials.stress`; meshes/stress.md has all fifty
+NUMBER = 11     # number of one of the patients of `python3 -m anatomy.trials.stress`; meshes/stress.md lists all fifty
 
 
 class Patients(unittest.TestCase):

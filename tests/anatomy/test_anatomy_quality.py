@@ -1,15 +1,15 @@
 #!/usr/bin/python3
-"""Quality measures of a mesh, compared with tetrahedra known from geometry."""
+"""Compares quality measures of a mesh with those of tetrahedra known from geometry."""
 import unittest
 
 import numpy as np
 
-import anatomy_cases  # noqa: F401  puts the sources on the path
+import anatomy_cases  # noqa: F401  adds the sources to the path
 from anatomy import quality, relocate
 from anatomy.shapes import shells
 
 REGULAR = quality.Mesh(np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1.0]]), np.array([[0, 1, 2, 3]]), np.array([0]), ["x"])
-# A corner of a cube and its mirror image, which share a face.
+# The corner of a cube and its mirror image, which share a face.
 CORNERS = quality.Mesh(np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [0, 0, -1.0]]), np.array([[0, 1, 2, 3], [0, 2, 1, 4]]),
                        np.array([0, 1]), ["up", "down"])
 
@@ -32,7 +32,7 @@ class Quality(unittest.TestCase):
             self.assertEqual(quality.Mesh(CORNERS.points, CORNERS.tets, CORNERS.region, CORNERS.regions, surfaces).torn(), torn)
 
     def test_badness_has_its_limit_at_the_papers_angles(self):
-        def wedge(angle):  # two faces meet at this angle
+        def wedge(angle):  # a tetrahedron in which two faces meet at this angle
             radians = np.radians(angle)
             points = np.array([[0, 0, 0], [1, 0, 0], [0.5, 1, 0], [0.5, np.cos(radians), np.sin(radians)]])
             return quality.Mesh(points, np.array([[0, 1, 2, 3]]), np.array([0]), ["x"])
@@ -42,7 +42,7 @@ class Quality(unittest.TestCase):
 
     @staticmethod
     def ball(height):
-        """Returns tetrahedra around a node at this height in a cube of side 2."""
+        """Returns tetrahedra that fill a cube of side 2 around a node at this height."""
         corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)] + [[0, 0, height]], float)
         faces = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
         triangles = np.array([t for a, b, c, d in faces for t in ((a, b, c), (a, c, d))])
@@ -62,7 +62,7 @@ class Quality(unittest.TestCase):
 
     def test_nodes_are_moved_until_angles_are_above_10_degrees(self):
         mesh = next(m for m in map(self.ball, np.linspace(0.9, 0.7, 500)) if m.badness() < 0.999)
-        self.assertGreater(mesh.badness(), 0.99)      # a smallest angle of 9.94 to 10 degrees would be as good
+        self.assertGreater(mesh.badness(), 0.99)      # corresponds to a smallest angle between 9.94 and 10 degrees, which is sufficient
         mesh.points = relocate.relocated(mesh, np.arange(9) < 8)
         self.assertLess(mesh.badness(), 0.99)
 

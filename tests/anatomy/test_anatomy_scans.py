@@ -1,6 +1,6 @@
 #!/usr/bin/python3
-"""Problems that real scans revealed, reproduced with shapes of known position and volume: files, names, choice of regions, skin, entry, and
-single parts. tests/verification/verify_anatomy.py has the meshes that take longer.
+"""Tests for problems revealed by real scans, reproduced with shapes of known position and volume: files, names, choice of regions, skin, entry point, and
+individual parts. Meshes that take longer are in tests/verification/verify_anatomy.py.
 """
 import contextlib
 import io
@@ -30,7 +30,7 @@ class Case(unittest.TestCase):
         os.chdir(directory.name)
 
     def run_(self, *arguments, tries=2):
-        """Returns the result of run(), and the output on stderr."""
+        """Returns the result of run(), and its output on stderr."""
         said = io.StringIO()
         with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(said), unittest.mock.patch.object(meshing, "TRIES", tries):
             made = command.run(options.parse([str(argument) for argument in arguments]))
@@ -113,8 +113,8 @@ Segmentation_Extent:={extent}
 
 
 def write_old_nrrd(path, labels_, origin, extent, first=True, name="Liver", four=False):
-    """Writes a segmentation in the form of 3D Slicer 4.6, with an axis of segments that has one sample, and data that begin at Segmentation_Extent. With
-    `four`, all directions have four coordinates."""
+    """Writes a segmentation in the form of 3D Slicer 4.6, with an axis of segments that has one sample, and data that start at Segmentation_Extent. If `four`
+    is true, all directions have four coordinates."""
     sizes = list(map(str, labels_.shape[::-1]))
     axes, nothing = (["(1,0,0,0)", "(0,1,0,0)", "(0,0,1,0)"], "(0,0,0,1)") if four else (["(1,0,0)", "(0,1,0)", "(0,0,1)"], "none")
     fields = {"sizes": " ".join(["1", *sizes] if first else [*sizes, "1"]), "axes": " ".join([nothing, *axes] if first else [*axes, nothing]),
@@ -324,7 +324,7 @@ class Way(Case):
         self.assertTrue(materials.is_spared(organs[1].roi))
 
     def test_a_templates_columns_begin_on_the_patients_right(self):
-        """As in implant.yaml, whose mesh also has x to the patient's right."""
+        """The template is that of implant.yaml, in whose mesh x also points to the patient's right."""
         plate = approach.Template(np.array([0.0, 0, -60]), np.array([0.0, 0, 1]))
         lines = "\n".join(scene.guide(plate, pipeline.patient_to_mesh(np.zeros(3))))
         self.assertIn("along: [-1, 0, 0]", lines)
@@ -364,7 +364,7 @@ class Parts(Case):
             self.assertAlmostEqual(lesion.read / ellipsoid_volume(4, 4, 4), 1, delta=0.1)
 
     def test_a_lesion_that_is_not_taken_leaves_a_hole_of_its_size(self):
-        """6.6 mm below the gland's surface."""
+        """The point lies 6.6 mm below the gland's surface."""
         arguments = cases.in_prostate(cases.Case("."), 10, 900, "Prostate")
         del arguments[arguments.index("Lesion") - 1:arguments.index("Lesion") + 1]
         (organs, mesh, domain, outlined), _ = self.run_(*arguments, "--output", "x", "--quiet")
@@ -382,7 +382,7 @@ class Parts(Case):
             found = voxels.outlined(voxels.LabelMap([labels_], np.eye(4), {"x": voxels.Segment(0, 1)}), ["x"])["x"]
             self.assertEqual(([round(volume) for volume in found.volumes], len(found.shells), found.gone), (parts, len(parts), []))
             notes = " ".join(organ.of_label("x", "x", False, found).notes)
-            # two parts that others count as two are named
+            # two parts that the mesh joins and other programs count separately are named
             self.assertEqual("2 parts, of 0.22 ml, 0.22 ml, around" in notes, apart == (0, 6, 6), notes)
 
     def test_satellites_keep_their_volume_or_are_named(self):

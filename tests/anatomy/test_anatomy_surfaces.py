@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Lofts, distance fields and the separation of regions, on shapes of known volume."""
+"""Tests lofts, distance fields and the separation of regions with shapes of known volume."""
 import collections
 import unittest
 
@@ -112,7 +112,8 @@ class Surfaces(unittest.TestCase):
             self.assertAlmostEqual(found.signed_volume() / sphere.volume(), 1)
 
     def test_a_surface_that_touches_itself_along_an_edge_keeps_its_inside(self):
-        """Tests a surface around cells that share only an edge, in a chain that is otherwise closed or open. Triangles in files may have any order."""
+        """Tests the surface around a chain of cells, two of which share only an edge; the rest of the chain is closed or open. Triangles in files may have any
+        order."""
         random = np.random.default_rng(1)
         for cells in ({(0, 0, 0), (1, 1, 0)}, {(0, 0, 0), (1, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1)}):
             touching = around_cells(cells)
@@ -190,7 +191,7 @@ class Shared(unittest.TestCase):
         points = np.array([[x, y, z] for x in (0, 3) for y in (0, 3) for z in (0, 3)] + [[1, 1, 1], [1, 2, 1], [2, 1, 1]], float)
         faces = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
         outer = [t for a, b, c, d in faces for t in ((a, b, c), (a, c, d))]
-        void = [(0, 8, 9), (0, 9, 10), (0, 10, 8), (8, 10, 9)]        # the apex of the void is a corner of the cube
+        void = [(0, 8, 9), (0, 9, 10), (0, 10, 8), (8, 10, 9)]        # the apex of the void coincides with a corner of the cube
         size = shells.Shell(points, np.array(void)).signed_volume()
         void = void if size < 0 else [t[::-1] for t in void]
         triangles = np.array(outer + void)
@@ -200,7 +201,7 @@ class Shared(unittest.TestCase):
 
     @staticmethod
     def channelled(count=9, half=30.0, narrow=0.5, high=30.0):
-        """Returns, as a complex, a block with a slot that is 2 * narrow wide, open at the top, and ends above the bottom."""
+        """Returns the complex of a block with a slot that is 2 * narrow wide, is open at the top, and ends above the bottom."""
         x = np.concatenate([np.linspace(-half, -narrow, count), np.linspace(narrow, half, count)])
         y = np.linspace(-half, half, count)
         cells = np.zeros((2 * count - 1, count - 1, 2), bool)
@@ -228,7 +229,7 @@ class Shared(unittest.TestCase):
         whole = block.volume([0])
         self.assertAlmostEqual(whole / (60 * 60 * 60 - 60 * 30), 1, delta=1e-9)
         self.assertEqual(list(shells.crossings([block.surface([0])])), [])
-        made = labels.corrected(block, [([0], 1.08 * whole)])      # by more than half of the slot's width
+        made = labels.corrected(block, [([0], 1.08 * whole)])      # each wall would have to move by more than half the slot's width
         self.assertAlmostEqual(made.volume([0]) / whole, 1.08, delta=1e-5)
         self.assertEqual(list(shells.crossings([made.surface([0])])), [])
 
@@ -241,7 +242,7 @@ class Shared(unittest.TestCase):
 
     @staticmethod
     def made(regions, volumes, edge, *box):
-        """Returns the complex of regions, with these volumes of their parts, and the pieces of which it consists."""
+        """Returns the complex of regions whose parts have these volumes, and the pieces of which it consists."""
         image, pieces, lost = label_image.image_for(regions, edge, *box)
         found, missed = labels.shared_surfaces(image, pieces, lost, regions, volumes, edge)
         return image, pieces, found, lost, missed
@@ -286,13 +287,13 @@ class Shared(unittest.TestCase):
 
     @staticmethod
     def image(shape):
-        """Makes an image of two regions that have one part each."""
+        """Returns an empty image of two regions with one part each."""
         return label_image.Image(np.zeros(3), 1.0, np.zeros(shape, np.uint16), np.zeros(shape, np.uint16), np.array([0, 1, 2]))
 
     def test_a_sheet_goes_to_what_is_around_it(self):
         image = self.image((36, 36, 40))
         image.labels[4:32, 4:32, 4:10] = 1
-        image.labels[4:32, 4:32, 10] = 2        # next to the body of the second region, one voxel of which covers the first region
+        image.labels[4:32, 4:32, 10] = 2        # a sheet of the second region, one voxel thick, that covers the first region beside the body of the second
         image.labels[4:32, 12:32, 10:34] = 2
         image.sources[:] = image.labels
         label_image.drop_thin(image, 2, 1.0)
@@ -305,7 +306,7 @@ class Shared(unittest.TestCase):
         image.labels[4:16, 4:16, 21:32] = 1     # a voxel away
         label_image.separate(image)
         self.assertEqual(len(label_image.connected_in(image.labels == 1)[1]), 2)
-        empty = ~np.any(image.labels, axis=(0, 1))[20:32]     # next to the larger part
+        empty = ~np.any(image.labels, axis=(0, 1))[20:32]     # voxels beside the larger part
         self.assertGreaterEqual(np.argmin(empty) + 1, label_image.CLEAR)
 
     def test_a_thin_bone_beside_a_large_organ_is_not_lost(self):

@@ -1,9 +1,10 @@
-/* bench_implants: many implants, one after the other, in one simulation, as in days of use, to check that memory does not grow. Needles are pushed in, leave
-   seeds, rest, are taken and drawn out in random order; one is removed while it rests; a state is saved and restored in between. Every tenth implant is the
-   same, and so must be its forces.
+/* bench_implants: performs many implants, one after the other, in one simulation, as in days of use, to check that memory does not grow. Needles are inserted,
+   deposit seeds, rest, and are taken and withdrawn in random order; one is removed while it rests; a state is saved and restored in between. Every tenth
+   implant is identical, and its forces must be as well.
 
-   usage: bench_implants [COUNT [SCENE]]     by default 200 meshes/figure8.yaml. Exit status 1 if the resident memory after the last implant is more
-   than 1 % above that after the tenth part of them, or if the force on a hand is not what it was in the implant like it to 1e-6 of the peak. */
+   usage: bench_implants [COUNT [SCENE]]     by default 200 meshes/figure8.yaml. Exit status 1 if the resident memory after the last implant is more than 1 %
+   above that after the first tenth of the implants, or if the force on a hand differs from that in the identical implant by more than 1e-6 of the peak force.
+   */
 #include <math.h>
 #include <stdbool.h>
 #include <stdio.h>
@@ -12,7 +13,7 @@
 #include "live_sim.h"
 #include "trocar.h"
 
-enum { NEEDLES = 4, DEPTH = 25, CLEAR = 5, KINDS = 10 }; /* mm; number of different implants */
+enum { NEEDLES = 4, DEPTH = 25, CLEAR = 5, KINDS = 10 }; /* DEPTH, CLEAR: mm; KINDS: number of different implants */
 
 static trocar_error why;
 #define OK(call) must(call, "bench_implants: " #call, &why)
@@ -28,7 +29,8 @@ static long resident_kib(void) {
     return kib;
 }
 
-/* N, largest axial force on the hand while each needle is inserted and withdrawn, and largest difference from the first implant of the same kind. */
+/* first: largest axial force on the hand while each needle is inserted and withdrawn, in the first implant of each kind, N; peak: largest of all forces, N;
+   drift: largest difference from the first implant of the same kind, N. */
 static double first[KINDS][NEEDLES][2], peak, drift;
 
 static void compare(int kind, bool again, int needle, bool out, double force) {
@@ -49,7 +51,7 @@ static int move(trocar_sim *sim, int needle, trocar_pose *base, int mm, double *
     return ticks;
 }
 
-/* Shuffles in the same random order for all implants of the same kind. */
+/* Shuffles in a pseudo-random order, the same for all implants of one kind. */
 static void shuffle(int kind, int order[NEEDLES]) {
     srand((unsigned)kind);
     for (int k = 0; k < NEEDLES; k++) {

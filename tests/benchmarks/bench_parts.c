@@ -1,4 +1,4 @@
-/* Benchmarks of parts of the library that are not accessible through trocar.h: remeshing methods, and single contact nodes. */
+/* Benchmarks for parts of the library that are not accessible through trocar.h: remeshing methods, and single contact nodes. */
 #include "bench/bench_main.h"
 #include "bench_remesh.h"
 #include "bench_scale.h"

@@ -1,7 +1,7 @@
 /* bench_probe: the time that a moving probe adds to the tick and the worker. A needle is pushed in repeatedly, in real time, alternately without
-   the probe and with the probe sliding along the skin beside the needle. The worker runs in a thread of its own, as in a server.
+   the probe and with the probe sliding along the skin beside the needle. The worker runs in its own thread, as in a server.
 
-   usage: bench_probe [SCENE]     by default meshes/implant.yaml; its surface "skin" is pressed */
+   usage: bench_probe [SCENE]     by default meshes/implant.yaml; the probe is pressed against its surface "skin" */
 #include <math.h>
 #include <pthread.h>
 #include <stdio.h>

@@ -30,7 +30,7 @@ typedef struct {
 typedef struct {
     int nodes, tetrahedra, unknowns;
     const char *inverse;
-    histogram sweep;         /* time of reading and writing one triangle of the inverse, column by column; empty if it is not dense */
+    histogram sweep;         /* time to read and write one triangle of the inverse, column by column; empty if the inverse is not dense */
     int row_count;
     row rows[MAX_ROWS_OF_SCENE];
 } scene_result;

@@ -5,8 +5,7 @@
 
 #include "base/report.h"
 
-/* Parses the options, measures, prints a table and, if asked to, writes JSON. BAD_INPUT for a bad scene; argp exits
-   on bad options. */
+/* Parses the options, measures, prints a table and, if requested, writes JSON. Returns BAD_INPUT for a bad scene; argp exits on bad options. */
 trocar_status bench_remesh(int count, char **arguments, report *why);
 
 #endif

@@ -1,9 +1,9 @@
 /* bench_resting: the time that resting needles add to the tick and the worker. Needles are left in the implant scene, through holes of its
-   template; then another one is pushed in, five times for each number of resting needles, in the same simulation. The worker runs in a thread of
-   its own, as in a server. Under chrt -f 20, other programs disturb it as little as a server.
+   template; then another one is pushed in, five times for each number of resting needles, in the same simulation. The worker runs in its own thread, as in a
+   server. Under chrt -f 20, other programs disturb the benchmark as little as they would disturb a server.
 
    With --processor-time, for a busy machine, ticks and worker alternate in one thread, on a clock that counts the processor time of the worker's
-   calls, as if the worker had a processor of its own. The worker then evicts the ticks' data from the caches, so the times of the ticks cannot
+   calls, as if the worker had its own processor. The worker then evicts the ticks' data from the caches, so the times of the ticks cannot
    be compared.
 
    usage: bench_resting [--processor-time] [SCENE [COUNT...]]     by default meshes/implant.yaml, 0 1 5 25 */
@@ -43,7 +43,7 @@ static void push_timed(trocar_sim *sim, int needle, histogram *ticks) {
     }
 }
 
-static int64_t clock_offset; /* ns, offset from this thread's processor time to the clock of --processor-time */
+static int64_t clock_offset; /* ns, difference between the clock of --processor-time and this thread's processor time */
 
 static int64_t shared_clock(void) { return processor_ns() + clock_offset; }
 

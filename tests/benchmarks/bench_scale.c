@@ -16,13 +16,14 @@
 enum { SPEEDS = 3, COUNTS = 6, MAX_SCENES = 32 };
 static const double speeds[SPEEDS] = {0.005, 0.02, 0.05};        /* m/s */
 static const int contact_counts[COUNTS] = {5, 10, 20, 30, 40, 60};
-static const double TIMED_SPACING = 1e-3;                        /* m, spacing of contact nodes for timing by their number, which allows 60 nodes */
+static const double TIMED_SPACING = 1e-3;                        /* m, spacing of contact nodes when times are measured against their number; it allows 60 nodes
+                                                                    */
 
 typedef struct {
     const char *scene_paths[MAX_SCENES], *json_path;
     int scene_count, ticks;
     double depth;
-    const char *inverse;     /* NULL for the scene's kind of inverse */
+    const char *inverse;     /* kind of inverse; NULL for that of the scene */
 } options;
 
 /* Results for one scene with one kind of inverse. */
@@ -31,11 +32,11 @@ typedef struct {
     trocar_model *model;
     trocar_sim *sim;
     double start_seconds, start_processor_seconds;
-    double peak_bytes;       /* resident memory of the process, which increases from scene to scene */
-    int counts;              /* numbers of contacts that the mesh permits */
+    double peak_bytes;       /* resident memory of the process, which grows from scene to scene */
+    int counts;              /* number of contact counts that the mesh permits */
     tick_timing ticks[COUNTS];
     scale_timing speeds[SPEEDS], figure8;
-    scale_timing with, without; /* with and without the time of measuring what the mesh resolves: the second speed again, with all nodes cached */
+    scale_timing with, without; /* the second speed again, with all nodes cached; only `with` includes the time to measure what the mesh resolves */
 } measured;
 
 /* ---- command line ------------------------------------------------------------------------------------------------ */
@@ -178,7 +179,7 @@ static void json_timed(json *j, const char *name, const histogram *time) {
     json_close(j, '}');
 }
 
-/* Writes the members of an object. */
+/* Writes the members of a JSON object. */
 static void json_motion(json *j, const scale_timing *s) {
     json_integer(j, "ticks", s->ticks);
     json_integer(j, "crossings", s->crossings);

@@ -1,4 +1,4 @@
-/* A simulation in real time, with the server's own worker in a second thread. */
+/* A simulation that runs in real time, with the server's own worker in a second thread. */
 #ifndef TROCAR_LIVE_SIM_H
 #define TROCAR_LIVE_SIM_H
 
@@ -14,16 +14,16 @@ typedef struct {
     int awake;               /* descriptor that keeps the processors awake, as a server does, or -1 */
 } live_worker;
 
-/* Ends the program with the message if the call failed. */
+/* Prints the error message and exits if the call failed. */
 void must(trocar_status status, const char *what, const report *why);
 
 /* Starts the thread of the worker. */
 void live_worker_start(live_worker *w, trocar_sim *sim);
 
-/* Ends the thread, adds the times from request to answer, and reports the first request that failed. */
+/* Ends the thread, adds the times from request to answer to the histogram, and reports the first failed request. */
 void live_worker_stop(live_worker *w, histogram *latency);
 
-/* Prints the quantiles 0.5 and 0.99 and the maximum, multiplied by `unit`, in columns of this width. */
+/* Prints the median, the 99th percentile and the maximum, multiplied by `unit`, in columns of this width. */
 void print_times(const histogram *times, double unit, int width, int digits);
 
 #endif

@@ -4,7 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { NEAR = 32, LEAST_SAMPLES = 3 };       /* NEAR: number of nodes in the window, as for an advancing tip */
+enum { NEAR = 32, LEAST_SAMPLES = 3 };       /* NEAR: number of nodes in the window, as in front of an advancing tip */
 
 typedef struct {
     const tissue *tissue;
@@ -99,7 +99,7 @@ static trocar_status serve(timing_run *run, int64_t *time, report *why) {
     return status;
 }
 
-/* First requests the window, which is not timed; then adds the node and removes it, which is. */
+/* First requests the window, which is not timed; then adds and removes the node, both of which are timed. */
 static trocar_status time_one(timing_run *run, int tet, remesh_timing *result, report *why) {
     int64_t unused, add = 0, removal = 0;
     look_around(run, tet);

@@ -11,14 +11,14 @@ typedef enum { ADD_INSIDE, ADD_ON_FACE, MOVE_NODE, REMESH_CHANGES } remesh_chang
 typedef struct {
     int method;
     remesh_change change;
-    int touched;             /* for moved nodes: use only those whose patch has this many nodes; 0 for any number */
+    int touched;             /* for moved nodes: only those whose patch has this many nodes are used; 0 means any number */
     int contacts;            /* contact nodes already present, added in the same way (for moved nodes: inside elements) */
     int samples;             /* at most; */
-    double seconds;          /* s, after which at most three more samples are taken */
+    double seconds;          /* s, duration after which at most three more samples are taken */
 } remesh_case;
 
 typedef struct {
-    int samples;             /* 0 if the mesh has no such node */
+    int samples;             /* number of samples; 0 if the mesh has no such node */
     histogram add, remove;   /* time of remesher_serve, from request to snapshot, with the window's nodes already known */
 } remesh_timing;
 

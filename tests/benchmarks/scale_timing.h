@@ -1,7 +1,6 @@
-/* Measures the worker's lateness during an insertion. Ticks run in model time, and the worker takes the processor time of each answer, so
-   that a busy machine gives the same figures. One thread.
-
-   It uses internals: it runs the worker at once and withholds each answer until it would have been ready, whereas trocar_sim_work hands an
+/* Measures the worker's lateness during an insertion. Ticks run in model time, in which the worker takes the processor time that each answer needs, so that a
+   busy machine gives the same figures. Everything runs in one thread. The benchmark uses internals: it runs the worker at once and withholds each answer until
+   it would have been ready, whereas trocar_sim_work hands an
    answer to the next tick; and it changes the spacing of contact nodes of a model that has been created. */
 #ifndef TROCAR_SCALE_TIMING_H
 #define TROCAR_SCALE_TIMING_H
@@ -16,7 +15,7 @@
 typedef struct {
     pose start;              /* pose of the needle's base, with the tip in front of the skin */
     const motion *script;    /* motion after half a second of rest, or NULL for a motion along the needle's axis */
-    double speed, depth;     /* m/s and m, speed and depth of that motion */
+    double speed, depth;     /* speed (m/s) and depth (m) of the motion along the axis */
     double dt;               /* s, length of a tick */
     bool free_patches;       /* if true, the measurement of what the mesh resolves takes no time, and is available together with the rows */
 } scale_case;

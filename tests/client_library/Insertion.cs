@@ -1,4 +1,4 @@
-// Like insertion.c, with the client in C#.
+// Like insertion.c, but with the client in C#.
 // usage: Insertion.exe URL [SECONDS]
 using System;
 using System.Diagnostics;

@@ -1,5 +1,5 @@
-// Reads messages, each after its type's letter and its length (2 bytes), and writes them as encoded by the C# client after decoding; for
-// bytes that are not one message, it writes only a length of 0.
+// Reads messages, each preceded by the letter of its type and its length (2 bytes), decodes them with the C# client, and writes them as encoded again.
+// For bytes that do not form exactly one message, it writes only a length of 0.
 using System;
 using System.IO;
 using Trocar;

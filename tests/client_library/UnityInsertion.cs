@@ -1,6 +1,6 @@
-// The insertion of insertion.c by the component for Unity, 60 frames a second, with a stand-in for Unity. The scene stands anywhere, turned by
-// 90 degrees, so that the same needle has another pose in Unity.
-// With SECONDS the needle is turned, and the program says where its forward and up point in the scene, from the engine's own rotation.
+// Performs the insertion of insertion.c with the component for Unity at 60 frames per second, using a stand-in for Unity. The scene is displaced and
+// rotated by 90 degrees, so that the same needle has a different pose in Unity.
+// With SECONDS, the needle is turned, and the program prints its forward and up directions in the scene, computed with the engine's own rotation.
 // usage: UnityInsertion.exe URL [SECONDS]
 using System;
 using System.Diagnostics;
@@ -21,7 +21,7 @@ static class UnityInsertion {
     static double Now() { return (double)Stopwatch.GetTimestamp() / Stopwatch.Frequency; }
     static void Call(string name) { typeof(TrocarNeedle).GetMethod(name, BindingFlags.Instance | BindingFlags.NonPublic).Invoke(needle, null); }
 
-    // As the engine does it. In the scene the base is at (0.005, 0.003, z): x is mirrored.
+    // Places the needle as the engine does. In the scene, the base is at (0.005, 0.003, z): x is mirrored.
     static void Show(double advance) {
         bool before = needle.Answered;
         Thread.Sleep((int)(1000 * Frame));
@@ -63,7 +63,7 @@ static class UnityInsertion {
             for (double begin = Now(), t = -0.5; t < 0.5 + Way / Speed; t = Now() - begin - 0.5) Show(t < 0 ? 0 : Math.Min(Way, Speed * t));
             Console.WriteLine("resets {0}", resets);
         }
-        Vector3 along = Quaternion.Inverse(scene.rotation) * needle.Force; // in the scene the tissue pushes back: -z
+        Vector3 along = Quaternion.Inverse(scene.rotation) * needle.Force; // in the scene, the tissue pushes back along -z
         Console.WriteLine("periods {0}\nanswered {1}\noutages {2}\nback 0\nforce {3:F6}\nmost {4:F6}\nstep 0\ndepth {5:F6}\nalong {6:F6}", frames, answered, outages,
                           force, most, needle.Depth, along.z);
         Call("OnDisable");

@@ -1,4 +1,4 @@
-/* A bridge for tests, in C99, for any system that trocar_client.h knows: resets the needle, pushes it 21 mm in at 10 mm/s, and holds it for half a
+/* A bridge for tests, in C99, for any system that trocar_client.h supports: resets the needle, pushes it 21 mm in at 10 mm/s, and holds it for half a
    second. With SECONDS, it only holds still in front of the skin for that time. Prints the measured values, one number with its name per line.
    usage: insertion URL [SECONDS] */
 #ifndef _WIN32
@@ -41,7 +41,7 @@ static double length_of(const double a[3]) { return sqrt(a[0] * a[0] + a[1] * a[
 
 typedef struct {
     trocar_client_wrench wrench;
-    double force, most, step; /* N: last force, largest force, and largest change from one period to the next */
+    double force, most, step; /* N; force: last force; most: largest force; step: largest change from one period to the next */
     long periods, answered, outages, back; /* `back` is the number of returns to an older wrench */
     int was_answered;
 } felt_so_far;

@@ -1,6 +1,6 @@
-/* Measures round trips of the free client and of liblcm alternately in one run: a pose is sent, another process answers with a wrench, and the
-   wrench arrives. A program with liblcm waits in lcm_handle; the free client's device loop polls for the newest wrench until it arrives.
-   usage: latency ROUNDS; in a private network namespace */
+/* Measures round trips of the free client and of liblcm alternately in one run. A round trip lasts from the sending of a pose to the arrival of the wrench with
+   which another process answers. A program with liblcm waits in lcm_handle; the free client's device loop polls for the newest wrench until it arrives.
+   usage: latency ROUNDS     (in a private network namespace) */
 #define _GNU_SOURCE
 #include <arpa/inet.h>
 #include <sched.h>

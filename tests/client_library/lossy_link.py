@@ -1,6 +1,6 @@
 #!/usr/bin/python3
-"""A bad network between two LCM groups: datagrams sent to one group arrive in the other, but some are lost, some are doubled, and some are
-overtaken. Prints `ready`, and at its end (SIGTERM) the counts as JSON.
+"""A bad network between two LCM groups: datagrams sent to one group arrive in the other, but some are lost, some are duplicated, and some are overtaken by
+others. Prints `ready`, and on SIGTERM the counts as JSON, and exits.
 
 usage: lossy_link.py GROUP:PORT GROUP:PORT LOSS TWICE DELAY    LOSS, TWICE: fractions of the datagrams; DELAY: largest delay, s; each datagram has
 a random delay
@@ -47,7 +47,7 @@ def main():
                     packet, (_, port) = s.recvfrom(65536)
                 except BlockingIOError:
                     break
-                if port == own:     # a datagram in transit in the opposite direction
+                if port == own:     # sent by this program, for the opposite direction
                     continue
                 if rng.random() < loss:
                     done["lost"][way] += 1

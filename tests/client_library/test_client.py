@@ -2,12 +2,12 @@
 """Tests one of the free clients in a bridge that inserts a needle: insertion.c, built for this system or for Windows (under Wine), Insertion.cs
 and UnityInsertion.cs (under Mono), or insertion.py.
 
-- On a good network, and on one that loses every tenth datagram, doubles every twentieth and mixes up their order within 4 ms, the needle comes to
-  rest with the force and depth that the library gives. No wrench is followed by an older one, and the force keeps within the client's rate limit.
-  The needle follows the hand rigidly, because a virtual coupling would be softer if the round trip is longer.
+- On a good network, and on one that loses every tenth datagram, duplicates every twentieth and shuffles their order within 4 ms, the needle comes to
+  rest with the force and depth that the library gives. No wrench is followed by an older one, and the force stays within the client's rate limit.
+  The needle follows the hand rigidly, because a virtual coupling would be softer for a longer round trip.
 - The bridge survives crafted packets and a flood of fuzzed fragments, and still gets answers.
-- Wrenches that come in fragments, out of order, are rendered as well.
-- With ttl=0, wrenches of another machine are not rendered; with ttl=1 they are.
+- Wrenches that arrive in fragments and out of order are rendered as well.
+- With ttl=0, wrenches from another machine are not rendered; with ttl=1 they are.
 
 usage: test_client.py BUILD_DIR SOURCE_DIR c|windows|csharp|unity|python
 """
@@ -41,7 +41,7 @@ for command, package in NEEDED.get(LANGUAGE, {}).items():
         print(f"skipped: no {command}; install {package}")
         sys.exit(77)
 in_namespace(SOURCE)
-# Uses real-time priority, as for a bridge, if it is permitted, so that a busy machine does not look like a fault.
+# Uses real-time priority, as a bridge does, if permitted, so that a busy machine does not look like a fault.
 AT_ONCE = ["chrt", "--fifo", "20"] if subprocess.run(["chrt", "--fifo", "20", "true"], capture_output=True).returncode == 0 else []
 
 
@@ -120,7 +120,7 @@ def same_insertion(bridge, folder):
         server.kill()
     force, depth = library(scene)
     print(f"link: {done}\nlibrary: force {force:.6f} depth {depth:.6f}")
-    for way in (0, 1):  # from the server, and to the server
+    for way in (0, 1):  # the two directions: from the server, and to the server
         total = done["passed"][way] + done["lost"][way]
         assert total > 500 and abs(done["lost"][way] - LOSS * total) < 4 * math.sqrt(LOSS * total) and done["overtaken"][way] > 0.05 * total, f"the link is another one: {done}"
     for felt in (good, bad):
@@ -141,7 +141,7 @@ def run(command):
 
 
 def plug_in():
-    """Connects another machine, 10.0.0.2, to the other end of a cable. Returns the process that keeps its namespace alive, and a socket in that namespace."""
+    """Simulates another machine, 10.0.0.2, at the other end of a cable. Returns the process that keeps its namespace alive, and a socket in that namespace."""
     other = subprocess.Popen(["unshare", "--net", "sleep", "1000"])
     while os.readlink(f"/proc/{other.pid}/ns/net") == os.readlink("/proc/self/ns/net"):
         time.sleep(0.01)

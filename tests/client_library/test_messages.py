@@ -1,6 +1,6 @@
 #!/usr/bin/python3
-"""Compares the messages of the Python and C# clients with those of lcm-gen: random messages are decoded and encoded again to the same bytes,
-damaged ones are refused, and random datagrams do not harm the Python client. (test_client.py and tests/fuzz send them to the other clients.)
+"""Compares the messages of the Python and C# clients with those of lcm-gen: random messages are decoded and re-encoded to the same bytes, damaged messages are
+refused, and random datagrams do not crash the Python client. (test_client.py and tests/fuzz send them to the other clients.)
 
 usage: test_messages.py SOURCE_DIR python|csharp
 """
@@ -47,7 +47,7 @@ def make(types, letter):
 
 
 def damage(data):
-    """Corrupts the bytes until they are no longer those of a valid message."""
+    """Corrupts the bytes until they no longer form a valid message."""
     kind = rng.randrange(3)
     if kind == 0:
         return data[:rng.randrange(len(data))]
@@ -75,7 +75,7 @@ def try_python(types, cases):
 
 
 class Alone:
-    """A client that is not connected, to process datagrams without a network."""
+    """An unconnected client, which can process datagrams without a network."""
 
     def __new__(cls, client):
         client.Client._connect = lambda self, url: None

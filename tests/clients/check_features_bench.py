@@ -1,9 +1,9 @@
 #!/usr/bin/python3
-"""Check the JSON of `trocar-bench features`.
+"""Checks the JSON of `trocar-bench features`.
 
 usage: check_features_bench.py FEATURES.json
 
-With TROCAR_CHECK_TIMING=no, the ratio of times is not judged.
+With TROCAR_CHECK_TIMING=no, the ratio of times is not checked.
 """
 import json
 import os
@@ -11,7 +11,7 @@ import sys
 
 from check_bench import check, check_quantiles
 
-MOST_RATIO = 2              # while the needle advances; about 1.25 on an idle machine
+MOST_RATIO = 2              # ratio of the tick times with and without the features while the needle advances; about 1.25 on an idle machine
 
 
 def main():

@@ -1,9 +1,9 @@
 #!/usr/bin/python3
-"""Check the JSON of `bench_parts remesh` for a scene with a dense inverse.
+"""Checks the JSON of `bench_parts remesh` for a scene with a dense inverse.
 
 usage: check_remesh_bench.py BENCH.json
 
-Only ratios of times are compared, and none with TROCAR_CHECK_TIMING=no. The limits are far looser than the results of an idle machine.
+Only ratios of times are compared, and none with TROCAR_CHECK_TIMING=no. The limits are far looser than the results on an idle machine.
 """
 import json
 import os

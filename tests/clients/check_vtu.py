@@ -1,8 +1,8 @@
 #!/usr/bin/python3
-"""Check the balance of forces in PREFIX-tissue.vtu and PREFIX-needle.vtu, written by trocar-replay --vtu.
+"""Checks the balance of forces in PREFIX-tissue.vtu and PREFIX-needle.vtu, written by trocar-replay --vtu.
 
-Shares nothing with the simulator: the tissue's stiffness is assembled here, element by element, from B^T D B with
-the strain matrix B from the inverse of the corners' matrix. Prints a table; exit status 0 if all checks hold, 1 if one
+Shares nothing with the simulator: the tissue's stiffness is assembled here, element by element, from B^T D B with the strain matrix B from the inverse of the
+matrix of corner coordinates. Prints a table; exit status 0 if all checks pass, 1 if one
 fails, 2 if a file cannot be read.
 """
 import argparse
@@ -15,7 +15,7 @@ TETRAHEDRON = 10  # VTK's cell type
 
 
 class Grid:
-    """An ASCII VTU file with one piece, and its arrays by name."""
+    """An ASCII VTU file with one piece, and its arrays, keyed by name."""
 
     def __init__(self, path):
         root = ElementTree.parse(path).getroot()
@@ -78,9 +78,9 @@ def elasticity(youngs_modulus, poisson_ratio):
 
 
 def strain_matrices(corners):
-    """Returns B, shape (elements, 6, 12), and the signed volumes, computed from the inverse of the rows (1 x y z)."""
+    """Returns B, shape (elements, 6, 12), and the signed volumes, computed from the inverse of the matrix with rows (1 x y z)."""
     rows = np.concatenate([np.ones(corners.shape[:2] + (1,)), corners], axis=2)
-    gradients = np.linalg.inv(rows)[:, 1:, :]  # d N_corner / d x_axis: [element, axis, corner]
+    gradients = np.linalg.inv(rows)[:, 1:, :]  # d N_corner / d x_axis, indexed [element, axis, corner]
     b = np.zeros((len(corners), 6, 12))
     for corner in range(4):
         x, y, z = (gradients[:, axis, corner] for axis in range(3))
@@ -93,7 +93,7 @@ def strain_matrices(corners):
 
 
 def internal_forces(grid, tets):
-    """Returns K u at all points, and the volumes of the elements."""
+    """Returns the internal forces K u at all points, and the volumes of the elements."""
     b, volumes = strain_matrices(grid.points[tets])
     d = elasticity(grid.cell_data["youngs_modulus"], grid.cell_data["poisson_ratio"])
     u = grid.point_data["displacement"][tets].reshape(-1, 12)
@@ -134,7 +134,7 @@ def most_tets_on_a_face(tets):
 
 
 def check_tissue(grid, table, volume):
-    """Checks residual, supports and mesh of the tissue; returns the sum of the forces that the needle exerts on it."""
+    """Checks the residual, the supports and the mesh of the tissue; returns the sum of the forces that the needle exerts on it."""
     if np.any(grid.types != TETRAHEDRON):
         raise ValueError("the tissue has cells other than linear tetrahedra")
     tets = grid.connectivity.reshape(-1, 4)
@@ -170,7 +170,7 @@ def check_needle(grid, table):
 
 
 def check(prefix, volume=None, unloaded=False):
-    """Prints the table for one pair of files; returns true if all checks hold."""
+    """Prints the table for one pair of files; returns True if all checks pass."""
     tissue, needle, table = Grid(prefix + "-tissue.vtu"), Grid(prefix + "-needle.vtu"), Table()
     on_tissue = check_tissue(tissue, table, volume)
     on_needle, scale = check_needle(needle, table)

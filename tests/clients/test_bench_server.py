@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Tests the parsing of scripts/bench_server on made-up results; no program is run.
+"""Tests the parsing of scripts/bench_server with made-up results; no program is run.
 
 usage: test_bench_server.py SOURCE_DIR
 """

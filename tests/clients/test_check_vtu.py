@@ -1,8 +1,7 @@
 #!/usr/bin/python3
-"""Tests check_vtu.py on a case solved by hand: it accepts the solution and refuses each damaged copy.
-
-A block of two materials, fixed at z = 0, has the displacement u = a(z) with a constant slope in each layer and a
-continuous traction from layer to layer; all other sides carry the traction of that stress.
+"""Tests check_vtu.py on a case solved by hand: it accepts the solution and rejects each damaged copy. A block of two materials, fixed at z = 0, has the
+displacement u = a(z) with a constant slope in each layer and a traction that is continuous between the layers; all other sides carry the traction of that
+stress.
 """
 import contextlib
 import io

@@ -1,6 +1,5 @@
 #!/bin/bash
-# Runs the clients as a user would: bad input, the replay's files, the balance of forces in its exports, a simulated hand on
-# the needle.
+# Runs the clients as a user would: bad input, the files of trocar-replay, the balance of forces in its exports, and a simulated hand on the needle.
 # usage: test_clients.sh PROGRAMS_DIR SOURCE_DIR CASE
 set -euo pipefail
 programs=$1 source=$2    # absolute
@@ -11,7 +10,7 @@ cd "$work"
 
 fail() { echo "FAILED: $*" >&2; exit 1; }
 
-# Expects that the command exits with status 2 and a message with this text, and leaves no file behind.
+# Checks that the command exits with status 2 and a message that contains this text, and leaves no files behind.
 refuses() {
     local text=$1 status=0
     shift
@@ -132,7 +131,7 @@ channel, size = struct.unpack(">ii", log[20:28])
 needle, needles, _, _, _ = struct.unpack(">iiiqi", log[28 + channel + size - 24:28 + channel + size])  # status_t's last fields
 sys.exit(not (log[28:28 + channel] == b"TROCAR_STATUS" and needle == 1 and needles == 2))
 END
-    # the gland is pushed along the needle, pulled back beyond its initial position, and is at rest again when the needle has been withdrawn
+    # the gland is pushed along with the needle, pulled back beyond its initial position, and at rest again after the needle has been withdrawn
     awk -F, 'NR > 1 { if (NF != 7) exit 2; low = $4 < low ? $4 : low; high = $4 > high ? $4 : high; last = $4 }
              END { exit !(NR == 2402 && high > 0.05 && low < -0.05 && last == 0) }' shift.csv || fail "shift of the gland"
     grep -q 'puncture:skin' a.csv || fail "no puncture of the skin"
@@ -140,7 +139,7 @@ END
     [ -z "$(find . -name '*.part')" ] || fail "temporary files left"
 }
 
-# ParaView's time series: all listed files exist, in the right order, and one of them equals the file that --vtu writes for that time.
+# Checks ParaView's time series: all listed files exist, in the right order, and one of them equals the file that --vtu writes for that time.
 series() {
     local run=("$programs/trocar-replay" --scene "$scene" --poses "$source/tests/traces/figure8.log" --quiet)
     mkdir part
@@ -159,7 +158,7 @@ EOF
     "$source/tests/clients/check_vtu.py" part/series-0039
 }
 
-# Golden recordings with their wrenches: two replays are bit-identical, and agree with the recording within a tolerance that a change of the mechanics would
+# Golden recordings with their wrenches: two replays are bit-identical, and agree with the recording within a tolerance that any change of the mechanics would
 # exceed.
 golden() {
     local traces=$source/tests/traces trace status=0
@@ -179,7 +178,7 @@ golden() {
     grep -qE '^  first: .*fz off by .* N, .* of its peak, at [0-9.]+ s, pose [0-9]+$' difference || fail "the first difference is not explained"
 }
 
-# Short runs, which check the output but not the speed of this machine.
+# Short benchmark runs, which check the output but not the speed of this machine.
 bench() {
     "$programs/trocar-bench" tick --scene "$scene" --contacts 5,10 --ticks 100 --json bench.json >bench.txt
     cat bench.txt
@@ -213,8 +212,8 @@ balance() {
     done
 }
 
-# At rest, the spring of the hand balances the needle's force: z = target + force / stiffness. There is no virtual coupling, because it does not come to rest
-# while the delay varies, as it does on a busy machine. Exit status 77: network namespaces are not permitted.
+# At rest, the spring of the hand balances the needle's force: z = target + force / stiffness. The virtual coupling is off, because it does not come to rest
+# while the delay varies, as happens on a busy machine. Exit status 77: network namespaces are not permitted.
 hand() {
     "$source/scripts/netns" true || exit 77
     "$source/scripts/netns" "$source/tests/clients/test_clients.sh" "$programs" "$source" hand_inside

@@ -34,7 +34,7 @@ typedef struct {
     trocar_output last;
     double (*force)[3];      /* N, force in each tick; NULL if it is not recorded */
     int ticks;
-    int64_t moved[2];        /* us, utime of each needle's last pose; 0 if the next pose begins an insertion */
+    int64_t moved[2];        /* us, utime of each needle's last pose; 0 if the next pose starts an insertion */
 } recording;
 
 static char folder[32], path[64], scene_path[64], csv[64], out[64];
@@ -78,7 +78,7 @@ static void leave(recording *r, int needle) {
     OK(trocar_sim_work(r->sim, NULL, &why));
 }
 
-/* Two needles are inserted and released. The first is taken at the place where it rests, although the hand is at another place, and withdrawn; the second is
+/* Two needles are inserted and released. The first is taken where it rests, although the hand is somewhere else, and withdrawn; the second is
    removed. */
 static void record(recording *r) {
     const trocar_pose away = {{0, 0, -10}, {1, 0, 0, 0}};
@@ -111,7 +111,7 @@ static void record_resets(recording *r) {
     push(r, 1, 0.005);
     command(r, TROCAR_COMMAND_T_RESET, 0);
     OK(trocar_sim_reset(r->sim, 0, &away, &why));
-    for (int t = 1; t <= BACK; t++) pose_at(r, 1, 0.005, -0.201 + 1e-4 * (IN + t), 0.0); /* as if the first needle had never been inserted */
+    for (int t = 1; t <= BACK; t++) pose_at(r, 1, 0.005, -0.201 + 1e-4 * (IN + t), 0.0); /* the second needle moves as if the first had never been inserted */
     push(r, 0, -0.01);
     leave(r, 0);
     command(r, TROCAR_COMMAND_T_TAKE, 0);
@@ -123,7 +123,7 @@ static void record_resets(recording *r) {
     push(r, 0, 0.02);
 }
 
-/* Creates a scene of two needles in a folder of its own, and the log written by `record`. Returns the model; the simulation belongs to the recording. */
+/* Creates a scene of two needles in its own folder, and the log written by `record`. Returns the model; the simulation belongs to the recording. */
 static trocar_model *log_two_needles(recording *r, void (*record)(recording *)) {
     trocar_scene *scene;
     trocar_model *model;
@@ -171,7 +171,7 @@ static void a_log_with_commands_replays_as_it_was(void **state) {
     for (int a = 0; a < 3; a++) assert_close(force[a], r.last.force[a], 1e-9);
     snprintf(line, sizeof line, "grep -q '5 commands, 1 of them refused' %s/text", folder);
     assert_int_equal(system(line), 0);
-    rename(out, path); /* the output can be replayed again */
+    rename(out, path); /* replay the output again */
     assert_int_equal(run("--all -q"), 0);
     assert_int_not_equal(run("--all --needle 1 -q 2>/dev/null"), 0);
     remove_folder();
@@ -188,7 +188,7 @@ static const char probe_keys[] = "probe: {surface: skin, radius: 0.008, tip_radi
 
 static trocar_pose probe_at(int tick) { return (trocar_pose){{0.02, -0.015, -LENGTH - 0.001 + 2e-5 * tick}, {1, 0, 0, 0}}; }
 
-/* Reads the forces of all ticks as rows of x, y, z; returns the number of ticks. */
+/* Reads the forces of all ticks as rows (x, y, z); returns the number of ticks. */
 static int read_forces(double (*force)[3], int room) {
     FILE *file = fopen(csv, "r");
     char row[1024];
@@ -217,7 +217,7 @@ static void resets_take_effect_at_once(void **state) {
     free(r.force);
 }
 
-/* The probe is pressed 5 mm into the skin next to a needle, with one pose in every tenth tick. Poses of another session and old poses are ignored. */
+/* The probe is pressed 5 mm into the skin next to a needle, with a pose in every tenth tick. Poses of another session and old poses are ignored. */
 static void record_with_probe(recording *r) {
     trocar_pose base = {{0, 0.003, -0.201}, {1, 0, 0, 0}};
     OK(trocar_sim_reset(r->sim, 0, &base, &why));
@@ -297,7 +297,7 @@ static void the_probe_of_a_log_moves_as_it_did(void **state) {
              folder, folder, folder);
     assert_int_equal(system(line), 0);
 
-    rename(out, path); /* the output can be replayed again, with bit-identical results */
+    rename(out, path); /* replay the output again; the results must be bit-identical */
     snprintf(line, sizeof line, "-q --csv %s.2", csv);
     assert_int_equal(run(line), 0);
     snprintf(line, sizeof line, "cmp %s %s.2 && rm -r %s", csv, csv, folder);

@@ -50,7 +50,7 @@ grep -qE '^  lateness +[0-9.]+ [um]s' once || fail "no lateness"
 TERM=dumb timeout 1.5 script -qec "'$top'" /dev/null >once </dev/null || [ $? -eq 124 ] || fail "dumb terminal"
 grep -qE '^  lateness +[0-9.]+ [um]s' once && ! grep -q $'\e' once || fail "escape sequences in a dumb terminal"
 
-# No program receives its datagrams.
+# Here, no program receives the datagrams.
 tmux -S tmux kill-server
 tmux -S tmux -f /dev/null new-session -d -x 80 -y 24 "'$top' --udp-json '[::1]:9'; echo ended; sleep 60"
 appears '^udp json +\[::1\]:9: no program listens there'

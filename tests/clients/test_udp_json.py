@@ -2,7 +2,7 @@
 """trocar-top --udp-json with a running server and a listener: the datagrams are JSON and have the values of the LCM messages.
 
 usage: test_udp_json.py BUILD_DIR SOURCE_DIR
-Status 77: no private network namespace here.
+Exit status 77: network namespaces are not available.
 """
 import collections
 import json
@@ -45,7 +45,7 @@ def listen(listener, seconds):
 
 
 class Wrenches(threading.Thread):
-    """The wrenches on the network by tick, with force, depth and contacts, decoded from LCM's packets."""
+    """The wrenches on the network, keyed by tick, with force, depth and contacts, decoded from LCM's packets."""
 
     def __init__(self):
         super().__init__(daemon=True)
@@ -77,7 +77,7 @@ def xyz(vector):
 
 
 def compare(objects, wrenches):
-    """Checks that the values are bit-identical to those of the tick. Returns the JSON objects of the wrenches."""
+    """Checks that the values are bit-identical to those of the tick's wrench. Returns the JSON objects that contain a wrench."""
     time.sleep(0.1)  # the thread may not have received the last wrench yet
     found = [o for o in objects if "tick" in o.get("needle0", {})]
     for o in found:
@@ -103,7 +103,7 @@ def check_layout(objects):
 
 
 def check_period(found, wrenches, period):
-    """Checks that the time between two datagrams is at least a period (us, minus 0.1 ms), and in most cases not longer. On a busy machine, wrenches may be lost
+    """Checks that the time between two datagrams is at least `period` (us) minus 0.1 ms, and usually not much longer. On a busy machine, wrenches may be lost
     before trocar-top reads them."""
     gaps = [wrenches.of_tick[after["needle0"]["tick"]][0] - wrenches.of_tick[before["needle0"]["tick"]][0] for before, after in zip(found, found[1:])]
     assert len(gaps) > 4 and min(gaps) >= period - 100 and statistics.median(gaps) < 1.5 * period, gaps
@@ -158,7 +158,7 @@ def live():
     assert len(loops) > 3 and all(0 < loop["compute_p50_s"] < 0.1 and loop["rate_Hz"] == 1000 for loop in loops), loops
     assert len(states) > 3 and states[-1]["owned"] is True and states[-1]["poses_accepted"] > states[0]["poses_accepted"] > 0, states
 
-    # The listener stops and is started again, and so is the server.
+    # The listener stops and is started again, and the server as well.
     listener.close()
     time.sleep(0.5)
     listener = bind(9870)
@@ -170,7 +170,7 @@ def live():
     server = start_server()
     assert compare(listen(listener, 1.0), wrenches), "nothing after the server's restart"
     said = end(top)
-    assert said[0] == "", said[0]                # without a terminal it prints nothing
+    assert said[0] == "", said[0]                # without a terminal, it prints nothing
     lines = [line.removeprefix("trocar-top: ") for line in said[1].splitlines()]
     wanted = ["localhost:9870: no program listens there", "localhost:9870: ", "no server was heard", "a server is heard"]
     assert len(lines) == 4 and all(map(str.startswith, lines, wanted)), lines
@@ -185,8 +185,8 @@ def live():
     time.sleep(1.2)
     said = end(top)
     assert "udp json    127.0.0.1:9870: " in said[0] and "lateness" in said[0], said
-    # Events of wrenches that are not sent are reported with the next wrench that is sent.
-    listener.close()                             # contains the datagrams received in the meantime
+    # Events in wrenches that are not forwarded are reported with the next wrench that is.
+    listener.close()                             # discards the datagrams received in the meantime
     listener = bind(9870)
     top = start(TOP, "--udp-json", "127.0.0.1:9870", "--udp-rate", "5", stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     found = compare(listen(listener, 3.0), wrenches)
@@ -207,7 +207,7 @@ def main():
     for to in ("localhost", "localhost:", "localhost:0", "localhost:65536", "localhost:9870x", ":9870", "::1:9870", "[]:1", "x" * 300 + ":1", ""):
         refuses("--udp-json", to, why="expected HOST:PORT")
     refuses("--udp-json", "host.invalid:9870", why="the host is not known")
-    refuses("--udp-json", "203.0.113.1:9870", why="cannot be reached: Network is unreachable")     # no route out of the namespace
+    refuses("--udp-json", "203.0.113.1:9870", why="cannot be reached: Network is unreachable")     # there is no route out of the namespace
     refuses("--udp-rate", "10", why="--udp-rate needs --udp-json")
     refuses("--udp-json", "localhost:1", "--udp-rate", "-1", why="--udp-rate")
     refuses("--once", "--udp-json", "localhost:1", why="--once")

@@ -1,4 +1,4 @@
-/* Shared by all fuzzers: the entry point that libFuzzer calls, and in-memory files for readers that need a path. */
+/* Shared by all fuzzers: the entry point that libFuzzer calls, and in-memory files for parsers that need a path. */
 #ifndef TROCAR_TESTS_FUZZ_H
 #define TROCAR_TESTS_FUZZ_H
 

@@ -1,5 +1,5 @@
-/* Sends datagrams to the free client, several in a row: two bytes before each give its length and its sender. For any input, the
-   wrench to render stays within the limits, and texts are printable. The client is one file, whose inner functions get the datagrams. */
+/* Sends datagrams to the free client, several in a row: the two bytes before each datagram give its length and its sender. For any input, the wrench to be
+   rendered stays within the limits, and texts are printable. The client is a single file, whose static functions receive the datagrams. */
 #include "fuzz.h"
 
 #include "trocar_client.c"

@@ -1,5 +1,5 @@
-/* TROCAR_POSE, a stream of messages: eight bytes before each message give its length and time. Accepted poses must always be
-   finite, have unit quaternions, respect the speed limits, be in order, and belong to one owner per needle. */
+/* Processes a stream of TROCAR_POSE messages: the eight bytes before each message give its length and time. Accepted poses must always be
+   finite, have unit quaternions, respect the speed limits, be in order, and come from only one owner per needle. */
 #include "fuzz.h"
 
 #include <string.h>

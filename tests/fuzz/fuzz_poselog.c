@@ -1,6 +1,6 @@
-/* A log of poses: either refused with the file's name in the message, or its poses are finite, of one session and in order of time, and its commands
-   in the order of the poses.
-   The same bytes as a log of golden wrenches: refused in the same way, or every wrench answers a pose. */
+/* Reads a log of poses: it is either refused with the file's name in the message, or its poses are finite, belong to one session and are in chronological
+   order, and its commands are in the order of the poses. The same bytes are also read as a log of golden wrenches: they are refused in the same way, or every
+   wrench answers a pose. */
 #include "fuzz.h"
 
 #include <math.h>
@@ -29,7 +29,7 @@ static void check_commands(const pose_log *log) {
     }
 }
 
-/* Reads the same log one pose at a time. */
+/* Also reads the log one pose at a time. */
 static void read_stream(const char *path, const pose_log *log) {
     pose_stream *stream;
     pose_step step;

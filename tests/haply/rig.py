@@ -17,7 +17,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "shared"))
 from simulated_device import DeviceService
 from standin import Service, use_realtime
 
-gc.disable()    # pauses of the garbage collector would look like pauses of the bridge
+gc.disable()    # garbage collection pauses would look like pauses of the bridge
 
 
 def wait_for(condition, what, seconds=5.0):
@@ -30,7 +30,7 @@ def wait_for(condition, what, seconds=5.0):
 
 
 class Wrenches:
-    """Records the arrival times of the server's wrenches according to the kernel's clock, in seconds of time.monotonic. (A process that is told to stop may
+    """Records the arrival times of the server's wrenches as time-stamped by the kernel, in seconds of time.monotonic. (A process that has been sent SIGSTOP may
     continue to run for a few milliseconds until it is scheduled.)"""
 
     SO_TIMESTAMPNS = 35
@@ -63,7 +63,7 @@ class Wrenches:
 
 class Rig:
     def __init__(self, build, source, folder, realtime=False, device=None, **service):
-        """`device` is a simulated device (simulated_device.py) that feels the force; without it, the test sets the positions."""
+        """`device` is a simulated device (simulated_device.py) that feels the force; if there is none, the test sets the positions."""
         self.build, self.source, self.folder = Path(build), Path(source), Path(folder)
         # The test sets the positions of the stand-in, so there is no closed loop to be stabilised, and a coupling would only make the force depend on the
         # delay.

@@ -1,6 +1,6 @@
 #!/usr/bin/python3
-"""Runs trocar-haply by hand for minutes, and prints the figures of docs/devices/haply.md: the time from a state to the force that answers it, the time
-until there is no force after either side has stopped, and random faults of both sides.
+"""Runs trocar-haply for minutes (started by hand, not by ctest), and prints the figures of docs/devices/haply.md: the time from a state to the force that
+answers it, the time until the force is zero after either side has stopped, and the response to random faults of both sides.
 
 usage: soak.py BUILD_DIR SOURCE_DIR [--minutes N] [--seed N]     defaults: 10 minutes of faults, seed 1
 """
@@ -41,8 +41,8 @@ def insert(rig, depth=0.04, speed=0.05):
 
 
 def round_trips(rig, count):
-    """The resting hand makes a small step. Returns the times from the first state that contains the step to the first force that differs, inf if there is none
-    within 80 ms."""
+    """The resting hand makes a small step. Returns the times from the first state that contains the step to the first force that differs, inf if no force
+    differs within 80 ms."""
     insert(rig)
     times = []
     for k in range(1, count + 1):
@@ -77,7 +77,7 @@ def stops(rig, count):
 
 
 def hangs(rig, count):
-    """The service does not answer for 0.3 s; the first force that it receives after that must be zero."""
+    """The service does not answer for 0.3 s; the first force that it receives afterwards must be zero."""
     for _ in range(count):
         rig.wait_for_force(0.1, "no force before a hang")
         hung = []
@@ -116,7 +116,7 @@ def damaged(state, change):
 
 
 class Faults:
-    """The service is faulty: it answers one message in `every` incorrectly. Each force is checked immediately."""
+    """The service is faulty: it answers one out of every `every` messages incorrectly. Each force is checked immediately."""
 
     def __init__(self, rig, random):
         self.rig, self.random, self.counts, self.judged, self.violations, self.greatest = rig, random, {}, len(rig.service.forces), [], 0.0
@@ -157,7 +157,7 @@ class Faults:
     bad = False
 
     def judge(self):
-        """Called before each answer, when the force in response to the previous answer has arrived."""
+        """Called before each answer, after the force in response to the previous answer has arrived."""
         forces = self.rig.service.forces
         for at, force, _ in forces[self.judged:]:
             size = math.hypot(*force)

@@ -1,7 +1,7 @@
 #!/usr/bin/python3
 """A stand-in for the Haply Inverse Service, written only from the maker's documentation (clients/bridges/haply/message.h lists the pages).
 
-usage: standin.py [PORT]     serves a device that pushes 50 mm forward and draws back, in 4 s, until it is stopped; PORT: 10001
+usage: standin.py [PORT]     serves a device that moves 50 mm forward and back again every 4 s, until it is stopped; PORT: by default 10001
 """
 import base64
 import hashlib
@@ -27,12 +27,12 @@ def frame(payload, opcode=1):
 
 
 class Service:
-    """One device, and a handle unless `handle` is None. A test changes its attributes while it runs in a thread of its own.
+    """One device, and a handle unless `handle` is None. A test changes its attributes while it runs in its own thread.
 
     position   m, right, forward, up: a function of the time (time.monotonic) or a constant
-    frozen     True: a constant position is the same to the last digit
+    frozen     True: a constant position is reported with the same digits every time
     forces     [(time, (x, y, z), key)] of every set_cursor_force that has been received, N
-    answer     function of the state, a dictionary, that returns the text to send, None for none, or raises Disconnect
+    answer     function of the state (a dictionary) that returns the text to send, returns None to send nothing, or raises Disconnect
     """
 
     def __init__(self, port=0, version="3.5", realtime=False):
@@ -125,7 +125,7 @@ class Service:
 
     def state(self, full):
         position = self.position(time.monotonic()) if callable(self.position) else self.position
-        if not self.frozen:  # in a real sensor, the last digit changes with every reading
+        if not self.frozen:  # a real sensor's last digit changes with every reading
             self.counted += 1
             position = (position[0], position[1], position[2] + 1e-8 * (self.counted % 7))
         new = self.version >= "3.5"
@@ -155,7 +155,7 @@ class Service:
 
 
 def use_realtime():
-    """Uses real-time priority for this thread, if it is permitted, so that a busy machine does not look like a fault."""
+    """Uses real-time priority for this thread, if permitted, so that a busy machine does not look like a fault."""
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(20))
     except PermissionError:

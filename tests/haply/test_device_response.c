@@ -12,7 +12,7 @@
 
 static const double PERIOD = 1e-3; /* s, interval between two messages of the bridge */
 
-/* Runs the measurement in the same way as the bridge; `drift` is the hand's voluntary motion, m/s. */
+/* Runs the measurement as the bridge does; `drift` is the hand's voluntary motion, m/s. */
 static bool measure(const device_properties *properties, double drift, double reply, response_model *found) {
     static simulated_device device;
     device_response r;

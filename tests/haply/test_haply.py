@@ -1,7 +1,7 @@
 #!/usr/bin/python3
-"""trocar-haply between trocar-server and a stand-in for the Haply Inverse Service: forces, clutch, faults of either side.
+"""trocar-haply between trocar-server and a stand-in for the Haply Inverse Service: tests forces, the clutch, and faults of either side.
 
-usage: test_haply.py BUILD_DIR SOURCE_DIR [--slow]     --slow: an instrumented program, which is not judged by the clock
+usage: test_haply.py BUILD_DIR SOURCE_DIR [--slow]     --slow: for instrumented programs, whose timing is not checked
 """
 import json
 import math
@@ -31,7 +31,8 @@ in_namespace(SOURCE)
 
 
 def push(rig, distance=DEPTH, speed=0.05, start=HOME):
-    """Pushes the hand forward from `start` and then holds it at rest. Returns as soon as the hand rests, with the time at which the push began."""
+    """Pushes the hand forward from `start` and then holds it at rest. Returns as soon as the hand is at rest; the result is the time at which the push
+    began."""
     begin = time.monotonic()
     rig.service.position = lambda now: (start[0], start[1] + min(distance, speed * max(0.0, now - begin)), start[2])
     time.sleep(distance / speed)
@@ -44,7 +45,7 @@ def settled(rig, seconds=0.15):
 
 
 def becomes(rig, expected, what):
-    """Waits until the force equals `force` to within 5 %; it is zero while the machine stalls."""
+    """Waits until the force equals `force` within 5 %. (It is zero while the machine stalls.)"""
     wait_for(lambda: math.dist(rig.force(), expected) < 0.05 * math.hypot(*expected) + 0.005, f"{what}: {rig.force()} N, expected {expected} N")
 
 
@@ -97,7 +98,7 @@ def check_clutch(rig):
     time.sleep(0.05)
     rig.service.buttons["a"] = False
     becomes(rig, before, "not the same force after the clutch")
-    rig.service.position = (moved[0], moved[1] - 0.06, moved[2])  # a jump out of the tissue
+    rig.service.position = (moved[0], moved[1] - 0.06, moved[2])  # the needle jumps out of the tissue
     wait_for(lambda: math.hypot(*rig.force()) < 0.01, "the needle does not come out")
     push(rig, DEPTH + 0.001, start=rig.service.position)
     rig.wait_for_force(0.1, "no force after the clutch")
@@ -120,7 +121,7 @@ def check_handle(rig):
 
 
 def damaged(**changes):
-    """Returns an answer in which these members of the device have these values."""
+    """Returns an answer in which these members of the device's object have these values."""
     def answer(state):
         state["inverse3"][0].update(changes)
         return json.dumps(state)
@@ -187,7 +188,7 @@ def check_late_reply(rig):
 
 
 def check_catching_up(rig):
-    """After one reply of 0.1 s, replies take three periods: the force is back 0.5 s after the hang began."""
+    """After one reply that takes 0.1 s, every reply takes three periods: the force is back 0.5 s after the slow reply began."""
     rig.wait_for_force(0.1, "no force")
     began = []
 
@@ -217,7 +218,7 @@ def check_lost_reply(rig):
 
 
 def check_frozen_state(rig):
-    """A service repeats its last state: the force ends after 0.5 s, which is reported. When the state changes again, the force increases from zero."""
+    """The service repeats its last state: the force ends after 0.5 s, and this is reported. When the state changes again, the force increases from zero."""
     rig.wait_for_force(0.1, "no force")
     rig.service.frozen = True
     began = time.monotonic()
@@ -275,7 +276,7 @@ def check_server(rig):
 
 
 def check_end(rig):
-    """The last message has zero force."""
+    """The last message contains a zero force."""
     rig.wait_for_force(0.1, "no force")
     begin = time.monotonic()
     assert rig.stop_bridge() == 0, "status"
@@ -286,7 +287,7 @@ def check_end(rig):
 
 
 def check_options():
-    """Invalid options and profiles cause exit status 2 and a message that gives the place and what was expected."""
+    """Invalid options and profiles cause exit status 2 and a message that states the location and what was expected."""
     program = f"{BUILD}/clients/bridges/haply/trocar-haply"
     with tempfile.TemporaryDirectory() as folder:
         path = f"{folder}/profile.yaml"
@@ -304,8 +305,8 @@ def check_options():
 
 
 def check_other_version(folder):
-    """Service 3.1 to 3.4 with a wired handle, events, a profile whose largest force the command line lowers, the tip at the cursor, and another
-    rotation, in which right is the scene's z."""
+    """Tests versions 3.1 to 3.4 of the service with a wired handle, events, a profile whose maximum force is lowered on the command line, the tip at the
+    cursor, and another rotation, in which right is the scene's z."""
     profile = f"{folder}/profile.yaml"
     open(profile, "w").write("point: tip\nstart: [0.005, 0.003, -0.001]\nrotation: [0.7071068, 0, -0.7071068, 0]\norientation: fixed\nmax_force: 0.4\nscale: 2\n")
     rig = Rig(BUILD, SOURCE, folder, realtime=True, version="3.4")

@@ -1,4 +1,4 @@
-/* Tests the force limits of trocar-haply: largest force, rate, ramps, and rejection of values that are not finite. */
+/* Tests the force limits of trocar-haply: maximum force, rate, ramps, and rejection of non-finite values. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -29,7 +29,8 @@ static vec3 hold(limiter *l, vec3 felt, vec3 carried, double seconds) {
 static void force_rises_in_a_tenth_of_a_second(void **state) {
     (void)state;
     limiter l = make(10, 1e5);
-    assert_close(hold(&l, v3(0, -2, 0), NONE, 0.04).y, -2 * 0.4 * 0.4, 1e-9); /* both gains are applied: the one after an interruption, and that of the grip */
+    assert_close(hold(&l, v3(0, -2, 0), NONE, 0.04).y, -2 * 0.4 * 0.4, 1e-9); /* both gains are applied: the gain after an interruption, and the gain of the
+                                                                                 grip */
     assert_close(hold(&l, v3(0, -2, 0), NONE, 0.07).y, -2, 1e-12);
 }
 
@@ -40,7 +41,7 @@ static void force_and_rate_are_limited(void **state) {
     assert_close(force.x, 1.8, 1e-9); /* the direction is unchanged */
     assert_close(force.z, -2.4, 1e-9);
     force = hold(&l, v3(-30, 0, 40), NONE, 0.06);
-    assert_close(v3_norm(force), 0, 1e-9); /* half-way from 3 N to -3 N at 50 N/s */
+    assert_close(v3_norm(force), 0, 1e-9); /* half-way from 3 N to -3 N, at 50 N/s */
     assert_close(limiter_next(&l, v3(-300, 0, 0), NONE, 5).x, -50 * 0.01, 1e-9); /* a late call does not permit a larger change */
 }
 

@@ -110,13 +110,13 @@ static void the_clutch_holds_and_lets_go_without_a_jump(void **state) {
         mapping_pose(&m, v3(0, 0, 0), &first, false);
         pose pressed = mapping_pose(&m, v3(0, 0.05, 0), &first, true);
         assert_same(mapping_pose(&m, v3(0.03, 0.01, -0.02), &other, true), pressed);
-        assert_same(mapping_pose(&m, v3(0.03, 0.01, -0.02), NULL, false), pressed); /* the handle was lost, so its button is unknown */
+        assert_same(mapping_pose(&m, v3(0.03, 0.01, -0.02), NULL, false), pressed); /* the handle is missing, so the state of its button is unknown */
         assert_same(mapping_pose(&m, v3(0.04, 0.01, -0.02), &other, false), pressed);
         pose after = mapping_pose(&m, v3(0.04, 0.02, -0.02), &further, false);
         vec3 was = v3_axpy(tip * 0.2, q_axis(pressed.orientation), pressed.position), is = v3_axpy(tip * 0.2, q_axis(after.orientation), after.position);
         assert_vector(v3_sub(is, was), 0, 0, 0.01);
         vec3 turned = q_log(q_multiply(after.orientation, q_conjugate(pressed.orientation)));
-        assert_vector(turned, 0, 5 * DEGREE, 0); /* about the vertical axis, as the hand does */
+        assert_vector(turned, 0, 5 * DEGREE, 0); /* the needle turns about the vertical axis, as the hand does */
     }
 }
 

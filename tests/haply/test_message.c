@@ -1,4 +1,4 @@
-/* Tests messages of the Haply Inverse Service: choice of device and handle, events, and the messages sent. test_haply.py tests invalid messages. */
+/* Tests messages of the Haply Inverse Service: selection of device and handle, events, and outgoing messages. test_haply.py tests invalid messages. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -41,7 +41,7 @@ static void handles_of_three_kinds(void **unused) {
     assert_true(read_good(text, &(haply_choice){.clutch = "b"}).clutch);
     state = read_good(text, &(haply_choice){.handle = "61548", .clutch = "a"});
     assert_string_equal(state.handle, "61548");
-    assert_true(state.clutch); /* the handle has only one button */
+    assert_true(state.clutch); /* the handle's only button is the clutch, whatever its name */
     assert_string_equal(read_good(text, &(haply_choice){.handle = "2", .clutch = "a"}).handle, "");
 }
 
@@ -57,7 +57,7 @@ static void a_handle_without_a_rotation_is_missing(void **unused) {
     }
 }
 
-/* As in service/realtime/control-commands and service/tutorials/01. */
+/* The messages are those documented on the pages service/realtime/control-commands and service/tutorials/01. */
 static void forces_are_written(void **unused) {
     (void)unused;
     char text[512];

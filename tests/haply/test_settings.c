@@ -1,4 +1,4 @@
-/* Tests the needle's placement by the options of trocar-haply and the scene of the server. */
+/* Tests how the options of trocar-haply and the server's scene place the needle. */
 #include "settings.h" /* included before cmocka.h, whose macro hides `fail` */
 
 #include <setjmp.h>

@@ -1,6 +1,6 @@
 /* The needle as a solid of linear tetrahedra with quadratic (Green-Lagrange) strain and the St. Venant-Kirchhoff
-   material. A section has a centre node and four rim nodes; each of the four prisms between two sections is split into
-   three tetrahedra, symmetric under quarter turns, so that bending stiffness is the same in all directions:
+   material. A section has a centre node and four rim nodes; each of the four prisms between two sections is split into three tetrahedra, in a pattern that is
+   symmetric under quarter turns, so that bending stiffness is the same in all directions:
 
            section above        diagonals of the prism of rim nodes i and i + 1, from below to above:
               1   0                centre - rim i   (with its neighbour: centre - rim i + 1)
@@ -9,7 +9,7 @@
                / \               a pull does not twist the needle.
               2   3
 
-   Such flat elements lock: bending appears mostly as shear. Young's modulus is scaled so that the deflection under a small tip
+   Such flat elements lock, because they can represent bending mostly as shear. Young's modulus is scaled so that the deflection under a small tip
    load equals the rod's; this also makes extension softer (docs/mechanics.md, "Tetrahedra"). */
 #include "oracles/needle_solid.h"
 
@@ -80,7 +80,7 @@ static void place_section(const solid_model *model, solid_state *state, int sect
         state->rim[section][i] = v3_add(state->line.joints[section], q_rotate(state->line.base.orientation, model->solid.rim[i]));
 }
 
-/* Returns the quaternion of the orthonormal axes in the columns of m (Shepperd 1978), computed from the largest of its four components. */
+/* Returns the quaternion of the orthonormal axes in the columns of m (Shepperd 1978), computed starting from its largest component. */
 static quat q_of_axes(const mat3 *m) {
     double trace = m->m[0][0] + m->m[1][1] + m->m[2][2];
     if (trace > 0.0)
@@ -191,7 +191,7 @@ static void add_stiffness(const solid_mesh *solid, const layer_tet *tet, const s
 
 /* ---- the solid ------------------------------------------------------------------------------------------------------- */
 
-/* Adds a tetrahedron's stiffness to the blocks of its two sections. The base section is fixed, and block k belongs to section k + 1. */
+/* Adds a tetrahedron's stiffness to the blocks of its two sections. The base section is fixed, so block k belongs to section k + 1. */
 static void assemble_tet(const solid_mesh *solid, const layer_tet *tet, const strained *s, int layer, block_tridiagonal *chain) {
     mat3 turned = m3_transposed(&s->deformation), spread = m3_multiply(&s->deformation, &turned);
     for (int a = 0; a < 4; a++)
@@ -238,7 +238,7 @@ static void solve_step(int n, const solid_tangent *tangent, const vec3 *load, do
 
 void solid_linearise(const solid_model *model, const solid_state *state, const vec3 *load, int first,
                            solid_tangent *tangent) {
-    (void)load; /* constant forces add no stiffness; their stress is already contained in the shape */
+    (void)load; /* constant forces add no stiffness; the stress that they cause is already contained in the shape */
     int n = model->line.given.segments;
     double step[NEEDLE_MAX_SEGMENTS][TRIDIAGONAL_ROWS];
     tangent->line.unstable = 0;
@@ -343,7 +343,7 @@ static void set_modulus(solid_model *model, double youngs_modulus) {
     model->solid.lambda = lame_lambda(youngs_modulus, model->line.given.poisson_ratio);
 }
 
-/* The compliance at the tip is proportional to 1 / E, so a single solve gives the factor with which it equals L^3 / 3 EI. */
+/* The compliance at the tip is proportional to 1 / E, so a single solve gives the factor on E with which it equals L^3 / (3 E I). */
 static trocar_status calibrate(solid_model *model, report *why) {
     solid_tangent *tangent = malloc(sizeof *tangent);
     solid_state *state = malloc(sizeof *state);

@@ -26,7 +26,7 @@ typedef struct {
     vec3 rim[SOLID_RIM];     /* m, positions of the rim nodes relative to the centre of a section in the rest shape */
     double volume;           /* m^3, volume of each tetrahedron */
     double lambda, mu;       /* Pa, Lame parameters after calibration */
-    double calibration;      /* factor on Young's modulus with which the deflection under a small tip load equals the rod's */
+    double calibration;      /* factor on Young's modulus with which the deflection under a small tip load equals that of the rod */
 } solid_mesh;
 
 typedef struct {
@@ -35,7 +35,7 @@ typedef struct {
 } solid_model;
 
 typedef struct {
-    needle_state line;       /* the centre nodes are its joints; a segment has the axis between them and the mean roll of its end rims */
+    needle_state line;       /* the centre nodes are its joints; a segment's axis connects two of them, and its roll is the mean of the rolls of its end rims */
     vec3 rim[NEEDLE_MAX_SEGMENTS + 1][SOLID_RIM]; /* m */
 } solid_state;
 
@@ -55,7 +55,7 @@ vec3 solid_root_moment(const solid_model *model, const solid_state *state);
 double solid_energy(const solid_model *model, const solid_state *state);
 
 /* Replaces all needles of the program by such solids, or by rods again if the argument is NULL. The linker must wrap the library's functions declared in
-   needle.h: see needle_solid_wraps in CMakeLists.txt. Only for one thread, and not for resting needles. */
+   needle.h: see needle_solid_wraps in CMakeLists.txt. Supports only one thread and no resting needles. */
 void solid_in_tissue(const needle_parameters *given);
 
 #endif

@@ -14,7 +14,7 @@ static struct {
     solid_state shapes[SHAPES];
     int last;
     solid_tangent tangent;   /* tangent stiffness of the last linearisation */
-    const needle_tangent *of; /* the library's tangent to which this one belongs */
+    const needle_tangent *of; /* the library's tangent that `tangent` replaces */
 } s;
 
 void __real_needle_set_straight(const needle_model *model, pose base, needle_state *state);
@@ -103,7 +103,7 @@ double __wrap_needle_advance(const needle_model *model, const needle_tangent *ta
     return turn;
 }
 
-/* The solid needle does not predict the next shape. */
+/* The solid needle's next shape is not predicted. */
 void __wrap_needle_motion_of(const needle_model *model, const needle_state *before, const needle_state *after, double dt, needle_motion *motion) {
     if (s.on) motion->time = 0.0;
     else __real_needle_motion_of(model, before, after, dt, motion);

@@ -1,10 +1,11 @@
 /* The paper's eq. 3: the affected dofs switch from force to displacement, where their block of the inverse is minus a stiffness; the
-   change is added to that block, and the dofs switch back. In one triangle, with the signs that keep the matrix symmetric (Goodnight,
-   A tutorial on the SWEEP operator, 1979):
+   change is added to that block, and the dofs switch back. On one triangle of the matrix, with signs that keep it symmetric (Goodnight, A tutorial on the SWEEP
+   operator, 1979):
 
        a_ij -= a_ip a_pj / a_pp,   a_ip = a_ip / a_pp  (back: - a_ip / a_pp),   a_pp = -1 / a_pp
 
-   In blocks the same with a matrix for a_pp. A new node comes as zero rows in between, without any large number. */
+   For blocks, the formulas are the same with a matrix in place of a_pp. A new node starts with zero rows while its dofs are switched, so no large number is
+   needed. */
 #include "oracles/remesh_dense.h"
 
 #include <cblas.h>

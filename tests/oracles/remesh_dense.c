@@ -39,7 +39,7 @@ void dense_isolate(dense_remesher *r, const dense_change *change, double diagona
 /* Returns the first of the three dofs of a coded node that is not fixed. */
 static int first_dof(const remesher *r, int node) { return node >= 0 ? r->tissue->dof[node] : r->tissue->dof_count + 3 * (-1 - node); }
 
-/* Collects the change due to the node in `slot`, which was added after `position` others. */
+/* Collects the change due to the node in `slot`, before which `position` other nodes were added. */
 static void collect_change(dense_remesher *r, int slot, int position) {
     remesher *shared = &r->shared;
     const refinement *refined = &shared->refined;

@@ -28,7 +28,7 @@ struct dense_remesher {
     const dense_operations *operations;
     dense_change change;
     bool spoilt;             /* an update or undo has failed, so the matrix must be rebuilt */
-    int ranks[MAX_CONTACTS]; /* number of dofs that each contact node affects, by slot */
+    int ranks[MAX_CONTACTS]; /* number of dofs that each contact node affects, indexed by slot */
     int ld;                  /* of `matrix` */
     double *nominal;         /* m/N, inverse of the nominal mesh, dof_count x dof_count */
     double *matrix;          /* m/N, lower triangle of the inverse, column-major: nominal dofs, then three for each contact node */
@@ -48,7 +48,7 @@ trocar_status dense_remesher_create(inverse *inv, const dense_operations *operat
 void dense_take_columns(const dense_remesher *r, int n, int count, const int *dofs, double *columns);
 void dense_put_columns(dense_remesher *r, int n, int count, const int *dofs, const double *columns);
 
-/* Sets rows and columns of the fresh dofs to zero, and their diagonal entries to `diagonal`. */
+/* Sets the rows and columns of the fresh dofs to zero, and their diagonal entries to `diagonal`. */
 void dense_isolate(dense_remesher *r, const dense_change *change, double diagonal);
 
 #endif

@@ -4,7 +4,7 @@
 
 #include "remesh/remesh.h"
 
-/* The numbers continue those of the library's methods. */
+/* The numbering continues that of the library's methods. */
 enum {
     REMESH_WOODBURY = REMESH_METHODS, /* the paper's eq. 4, on one triangle of the matrix */
     REMESH_WOODBURY_GENERAL, /* the paper's eq. 4, on the full matrix */

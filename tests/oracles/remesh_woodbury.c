@@ -1,18 +1,20 @@
-/* The paper's eq. 4: with A the columns of the inverse at the dofs touched and B its block between them,
+/* The paper's eq. 4: with A the columns of the inverse at the affected dofs, and B the block of the inverse between these dofs,
 
        inverse' = inverse - A M A^T,      M = change (I + B change)^-1 = (I + change B)^-1 change
 
    A new node starts on a spring, the paper's "large number", which the change removes. Because the removal is exact, the spring may have
-   any stiffness, and one like the tissue's own loses no digits. The stored part of a change can undo it only if it is the last change;
-   removing another one by the same formula would lose up to eight digits. */
+   any stiffness, and a stiffness similar to that of the tissue causes no loss of digits. The stored matrices of a change can undo it only if it is the last
+   change;
+   removing an earlier change by the same formula would lose up to eight digits. */
 #include "oracles/remesh_dense.h"
 
 #include <cblas.h>
 #include <string.h>
 
-enum { BLOCK = 192 };        /* number of columns of a triangle updated together; a whole rectangle is wasteful only in the diagonal blocks */
+enum { BLOCK = 192 };        /* number of columns of the triangle that are updated together; updating whole rectangles is wasteful only in the diagonal blocks
+                                */
 
-/* Leaves A in the part of `columns` that belongs to the change, and A M in that of `weighted`, from which `undo` reads them. */
+/* Leaves A in the part of `columns` that belongs to the change, and A M in the same part of `weighted`, from which `undo` reads them. */
 static trocar_status factor_change(dense_remesher *r, const dense_change *c, report *why) {
     int n = c->count;
     double spring = r->matrix[0], *middle = r->block, block[MAX_RANK * MAX_RANK];

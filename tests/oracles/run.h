@@ -19,7 +19,7 @@ void run_free(needle_run *r);
    function sets the other members. */
 trocar_status run_step(needle_run *r, tick_input tick, insertion_state *state, compliance_snapshot *snapshot, tick_output *output, report *why);
 
-/* The complete mutable state between two ticks: plain data, about 2 MB. */
+/* The complete mutable state between two ticks. It is plain data of about 2 MB. */
 typedef struct {
     insertion_state state;
     compliance_snapshot snapshot;
@@ -28,7 +28,7 @@ typedef struct {
 void run_save(const insertion_state *state, const compliance_snapshot *snapshot, checkpoint *saved);
 
 /* Restores the state in this run or in another run with the same configuration. The results continue as after the save. They are bit-identical for the nested
-   method with a dense or condensed inverse, and equal to rounding error for other methods, for the sparse inverse, and outside the region of a condensed
+   method with a dense or condensed inverse, and equal except for rounding errors for other methods, for the sparse inverse, and outside the region of a condensed
    inverse. */
 trocar_status run_restore(needle_run *r, const checkpoint *saved, insertion_state *state, compliance_snapshot *snapshot, report *why);
 

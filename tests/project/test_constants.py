@@ -1,6 +1,6 @@
 #!/usr/bin/python3
-"""Tests scripts/pages/constants: it reads constants and their comments, and turns them into variables that a compiler accepts. Every constant of the
-mechanics has unit, purpose and source, and docs/reference/constants.md agrees with these comments and the measured changes.
+"""Tests that scripts/pages/constants reads constants and their comments and turns them into variables that a compiler accepts; that every constant of the
+mechanics has a unit, a purpose and a source, and that docs/reference/constants.md agrees with these comments and the measured changes.
 
 usage: test_constants.py SOURCE_DIR
 """
@@ -49,7 +49,7 @@ with tempfile.TemporaryDirectory() as folder:
         assert said == expected, (key, said)
 
 before = [[(0.0, 0.0, 4.0), (0.0, 0.0, 4.0), (0.0, 3.0, 0.0), (0.0, 3.0, 0.0)]]
-assert abs(constants.change(before, [before[0][:3] + [(0.0, 3.0, 0.02)]]) - 0.5) < 1e-9                   # percent of 4 N
+assert abs(constants.change(before, [before[0][:3] + [(0.0, 3.0, 0.02)]]) - 0.5) < 1e-9                   # 0.02 N is 0.5 % of 4 N
 assert abs(constants.change(before, [before[0][:3] + [(0.0, 3.0, 0.2)]]) - 5.0) < 1e-9
 assert constants.change(before, [before[0][:2] + [(0.0, 0.0, 4.0), (0.0, 3.0, 0.0)]]) == 1.0    # one tick later
 assert math.isnan(constants.change(before, None))

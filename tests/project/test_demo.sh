@@ -1,6 +1,6 @@
 #!/bin/bash
-# Runs scripts/demo as a new user might, in a folder whose name has a space. Status 77: network namespaces are not
-# permitted. usage: test_demo.sh BUILD_DIR SOURCE_DIR
+# Runs scripts/demo as a new user might, in a folder whose name has a space. Exit status 77: network namespaces are not permitted. usage: test_demo.sh BUILD_DIR
+# SOURCE_DIR
 set -euo pipefail
 build=$1 source=$2
 "$source/scripts/netns" true || exit 77
@@ -8,7 +8,7 @@ work=$(mktemp -d)
 trap 'kill $(jobs -p) 2>/dev/null || true; rm -rf "$work"' EXIT
 fail() { echo "FAILED: $*" >&2; exit 1; }
 
-# Makes a source tree with the demo and with programs that have already been built.
+# Creates a source tree with the demo and prebuilt programs.
 mkdir "$work/a tree"
 cd "$work/a tree"
 cp -r "$source/scripts" scripts
@@ -20,7 +20,7 @@ ln -s "$build" build
 
 says() { grep -qF -- "$1" "$work/said" || fail "no '$1' in: $(cat "$work/said")"; }
 
-# Expects that the command exits with this status.
+# Checks that the command exits with this status.
 ends_with() {
     local wanted=$1 status=0
     shift
@@ -90,7 +90,7 @@ timeout 5 flock scripts/demo true || fail "the demo is still running"
 ! has_results || fail "results of half a motion"
 rm -f out/forces.csv.part
 
-# Runs as root in a container: without these capabilities and user namespaces, and with the loopback interface as the only network.
+# Simulates root in a container: without these capabilities and without user namespaces, and with the loopback interface as the only network.
 rights=-sys_admin,-net_admin
 # shellcheck disable=SC2016
 as_in_a_container() {

@@ -1,6 +1,6 @@
 #!/usr/bin/python3
-"""The documentation: the site builds without a warning, every link and anchor has a target, and every code block of docs/ and of
-the READMEs listed below runs, unless a comment before it gives a reason (see docs/source.md).
+"""Tests the documentation: the site builds without warnings, every link and anchor has a target, and every code block of docs/ and of
+the READMEs listed below runs, unless a comment before it states why it cannot (see docs/source.md).
 
 usage: test_docs.py BUILD_DIR SOURCE_DIR
 """
@@ -91,7 +91,7 @@ class Page:
                                 MPLCONFIGDIR=str(prefix / "matplotlib"))    # a single font cache for all pages
 
     def run(self, block):
-        """Returns the fault, or None if there is none."""
+        """Returns a description of the fault, or None if there is none."""
         code = block.code.replace("/usr/share/trocar", f"{self.prefix}/share/trocar").replace("/usr/share/doc/trocar", f"{self.prefix}/share/doc/trocar")
         if "file" in block.marks:
             (self.folder / block.marks["file"]).write_text(code)
@@ -101,7 +101,7 @@ class Page:
         if block.language in SHELL:
             return self.start(code) if "background" in block.marks else self.shell(code)
         if block.language == "csharp":
-            return None     # a command on the page compiles it
+            return None     # compiled by a command on the page
         return {"c": self.compile, "cpp": self.compile, "python": self.interpret, "yaml": self.load}[block.language](block, code)
 
     def shell(self, code):
@@ -147,7 +147,7 @@ class Page:
         return self.command(["cc", "-Wall", "-Wextra", "-Werror", "-fsyntax-only", "declarations.c"])
 
     def interpret(self, block, code):
-        """Runs the block in the page's interpreter, as a reader would type it."""
+        """Runs the block in the page's interpreter, as if a reader had typed it."""
         if self.python is None:
             self.python = subprocess.Popen(["/usr/bin/python3", "-c", PYTHON_HOST], cwd=self.folder, env=self.environment, text=True,
                                            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
@@ -162,7 +162,7 @@ class Page:
         return "the interpreter died\n" + "".join(said)
 
     def load(self, block, code):
-        """Creates a model from a scene; parses other YAML."""
+        """Creates a model if the YAML is a scene; otherwise only parses it."""
         if not re.search("^mesh:", code, re.MULTILINE):
             return self.command(["/usr/bin/python3", "-c", "import sys, yaml; yaml.safe_load(sys.argv[1])", code])
         mesh = re.search(r"^mesh: *(\S+)", code, re.MULTILINE)[1]
@@ -262,7 +262,7 @@ def github_anchors(text):
 
 
 def check_links(source, docs):
-    """Checks links between the documents in the repository, both files and anchors. Returns the faults."""
+    """Checks links between the documents in the repository, including their anchors. Returns the faults."""
     faults, count = [], 0
     for page in docs.documents():
         if page.suffix != ".md":
@@ -282,7 +282,7 @@ def check_links(source, docs):
 
 
 def check_blocks(source):
-    """Checks markers and languages. Returns the faults, and the numbers of blocks that are run and not run."""
+    """Checks markers and languages. Returns the faults, the number of blocks that are run, and the number of those that are not."""
     faults, run, excused = [], 0, 0
     for page in pages_of(source):
         blocks = blocks_of(source, page)
@@ -298,7 +298,7 @@ def check_blocks(source):
 
 
 def check_examples(source):
-    """Compiles the device bridges against the replacement headers in tests/project/standins. Returns faults."""
+    """Compiles the device bridges against the replacement headers in tests/project/standins. Returns the faults."""
     faults = []
     for path in sorted((source / "docs/examples").glob("bridge*.c*")):
         compiler = ["c++", "-std=c++17"] if path.suffix == ".cpp" else ["cc", "-std=gnu17"]
@@ -310,12 +310,13 @@ def check_examples(source):
 
 
 def check_made(source):
-    """Checks that the reference of the headers is up to date; the tests `reference` and `figures` check the rest. Returns the faults."""
+    """Checks that the reference pages generated from the headers are up to date; the tests `reference` and `figures` check the other generated files. Returns
+    the faults."""
     return ["docs/reference/: see above"] if subprocess.run([source / "scripts/pages/docs_library", "--check"]).returncode != 0 else []
 
 
 def check_readme(source):
-    """Checks the length of README.md and that it shows docs/examples/bridge.c. Returns faults."""
+    """Checks the length of README.md and that it shows docs/examples/bridge.c. Returns the faults."""
     text = (source / "README.md").read_text()
     faults = [] if len(text.split()) < 700 else [f"README.md has {len(text.split())} words; keep it below 700"]
     if (source / "docs/examples/bridge.c").read_text() not in [block.code for block in blocks_of(source, Path("README.md"))]:

@@ -1,6 +1,6 @@
 #!/bin/bash
-# The installed files, unpacked from the Debian packages into a separate folder: programs, man pages, completion and the Python
-# package; bridges and planners are built against them outside the source tree.
+# Tests the installed files, unpacked from the Debian packages into a separate folder: programs, man pages, completions and the Python package. Bridges and
+# planners are built against these files outside the source tree.
 # usage: test_install.sh BUILD_DIR SOURCE_DIR     the packages are in BUILD_DIR/packages
 set -euo pipefail
 build=$1 source=$2 # absolute
@@ -35,7 +35,7 @@ done <needed
 depends=$(dpkg-deb --field "$package" Depends)
 [[ $depends == *libopenblas0-pthread* ]] || fail "libopenblas0-pthread is not required: $depends"
 ! [[ $depends =~ cjson|openigtlink|spnav|evdev ]] || fail "the server needs a bridge's library: $depends"
-# Gmsh, which depends on a hundred packages, is only needed for meshes in other formats, so no package may require it.
+# Gmsh depends on a hundred packages and is needed only for meshes in other formats, so no package may depend on it.
 ! grep gmsh needed || fail "a program needs Gmsh"
 ! objdump -p root/usr/lib/*/libtrocar.so | grep -i gmsh || fail "the library needs Gmsh"
 [[ $depends$(dpkg-deb --field "$package" Recommends) != *gmsh* && $(dpkg-deb --field "$package" Suggests) == *libgmsh4.8* ]] || fail "Gmsh is not just suggested"
@@ -98,7 +98,7 @@ for path in "$prefix"/bin/*; do
 done
 unset PYTHONPATH TROCAR_LIBRARY
 
-# Prints the completions that bash offers for this line.
+# Prints the completions that bash offers for this command line.
 offers() {
     PATH=$prefix/bin:$PATH bash -c '
         source /usr/share/bash-completion/bash_completion
@@ -121,7 +121,7 @@ touch scene.yaml scene.csv scene.jsonl
 [ "$(offers trocar-replay --json-lines sc)" = scene.jsonl ] || fail "trocar-replay --json-lines sc<TAB>: $(offers trocar-replay --json-lines sc)"
 [ "$(offers trocar-replay --scene sc)" = scene.yaml ] || fail "trocar-replay --scene sc<TAB>: $(offers trocar-replay --scene sc)"
 
-# The implant's report is installed, finds the definition of the messages, and evaluates a recording as far as possible.
+# The implant's report is installed, finds the definition of the messages, and evaluates an incomplete recording as far as possible.
 /usr/bin/python3 - poses.log <<'END'
 import struct, sys
 event = lambda number, channel, data: struct.pack(">IqqII", 0xEDA1DA01, number, number, len(channel), len(data)) + channel + data
@@ -135,24 +135,24 @@ PYTHONPATH=$prefix/lib/python3/dist-packages TROCAR_LIBRARY=$libraries/libtrocar
 
 grep -qx Prostate <<<"$("$prefix/bin/trocar-anatomy" --list "$prefix/share/trocar/scenes/synthetic.dcm")" || fail "trocar-anatomy --list"
 
-# Outside the source tree: the documentation's bridge with CMake and with pkg-config, and the library.
+# Outside the source tree, builds the documentation's bridge with CMake and with pkg-config, and programs that use the library.
 export PKG_CONFIG_PATH=$libraries/pkgconfig
 cp -r "$prefix/share/doc/trocar/examples" bridge
 cmake -S bridge -B bridge/build -DCMAKE_PREFIX_PATH="$prefix" >cmake.txt && cmake --build bridge/build >>cmake.txt || fail "$(cat cmake.txt)"
 cc bridge/bridge.c -o bridge/with-pkg-config $(pkg-config --cflags --libs trocar-client) || fail "pkg-config trocar-client"
 c++ -std=c++17 bridge/bridge.cpp -o bridge/in-c++ $(pkg-config --cflags --libs trocar-client) || fail "the bridge in C++"
-# The client alone, as on a system that has only a compiler: first the archive with pkg-config, then the source.
+# Builds the bridge with the free client alone, as on a system that has only a compiler: first with the static library through pkg-config, then from source.
 for how in "$(PKG_CONFIG_PATH= PKG_CONFIG_LIBDIR=$libraries/pkgconfig pkg-config --cflags --libs trocar-client)" \
            "-std=gnu99 -I$prefix/share/trocar/client $prefix/share/trocar/client/trocar_client.c -lpthread -lm"; do
     cc -Wall -Wextra -Werror bridge/bridge.c -o alone $how || fail "the client alone: $how"
     ! ldd alone | grep -E 'lcm|glib' || fail "the client needs a library: $how"
 done
-# libtrocar: the same program in C and C++, each with CMake or pkg-config, and in Python prints the same digits.
+# libtrocar: the same program prints the same digits in C and C++, each built with CMake or pkg-config, and in Python.
 examples=$prefix/share/doc/trocar/examples figure8=$prefix/share/trocar/scenes/figure8.yaml
 export LD_LIBRARY_PATH=$(dirname "$(find "$prefix/lib" -name libtrocar.so)")
 cmake -S "$source/tests/project/install" -B planner -DCMAKE_PREFIX_PATH="$prefix" >cmake.txt && cmake --build planner >>cmake.txt || fail "$(cat cmake.txt)"
 c++ -std=c++17 "$examples/insert.cpp" -o insert_cpp $(pkg-config --cflags --libs trocar) || fail "pkg-config trocar"
-# Without files from any other package, as on a system with only a compiler and pkg-config.
+# Builds without files from any other package, as on a system with only a compiler and pkg-config.
 alone=$(PKG_CONFIG_PATH= PKG_CONFIG_LIBDIR=$(dirname "$(find "$prefix" -name trocar.pc)") pkg-config --cflags --libs trocar 2>&1) || fail "pkg-config alone: $alone"
 [ "$(xargs -n 1 <<<"$alone" | sort -u)" = "$(xargs -n 1 <<<"$(pkg-config --cflags --libs trocar)" | sort -u)" ] || fail "pkg-config alone: $alone"
 ! pkg-config --libs --static trocar | grep gfortran || fail "the static library needs a Fortran compiler"

@@ -1,6 +1,6 @@
 #!/bin/bash
-# The Debian packages in a separate root: installed, upgraded, removed and purged by dpkg while the server runs, and checked by
-# lintian. A script replaces systemctl for the server's unit.
+# Tests the Debian packages in a separate root: dpkg installs, upgrades, removes and purges them while the server is running, and lintian checks them. A script
+# stands in for systemctl for the server's unit.
 # usage: test_package.sh BUILD_DIR SOURCE_DIR     the packages are in BUILD_DIR/packages
 set -euo pipefail
 build=$1 source=$2 # absolute

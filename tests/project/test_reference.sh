@@ -1,6 +1,6 @@
 #!/bin/bash
-# scene.md, messages.md and programs.md in docs/reference agree with the output of scripts/pages/reference for the scene table, trocar.lcm
-# and the programs' --help, and they are complete.
+# Checks that scene.md, messages.md and programs.md in docs/reference agree with the output of scripts/pages/reference for the scene table, trocar.lcm
+# and the programs' --help, and that they are complete.
 # usage: test_reference.sh BUILD_DIR SOURCE_DIR
 set -euo pipefail
 build=$1 source=$2 # absolute
@@ -31,7 +31,7 @@ faults = [f"{key} is missing from scene.md" for key in given - listed] + [f"{key
 faults += [f"{word} is in only one of scene.md and scene.dict" for word in words ^ {word for key in listed for word in key.replace("[]", "").split(".")}]
 sys.exit("FAILED: " + "; ".join(sorted(faults)) if faults else 0)
 EOF
-# Every option in the programs' tables and every script is present, and there is advice about every flag.
+# Every option in the programs' tables and every script is present, and the documentation gives advice about every flag.
 for option in $(sed -nE 's/^    \{"([a-z][a-z-]+)", .*/--\1/p' "$source"/server/main.c "$source"/clients/{device/device,replay/replay,top/top,bench/bench_*}.c "$source"/clients/view/view_options.c "$source"/clients/bridges/*/*.c); do
     grep -qE "^\| .*\`$option[\`=]" "$work/programs.md" || { echo "FAILED: no option $option in programs.md" >&2; exit 1; }
 done

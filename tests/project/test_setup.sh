@@ -1,7 +1,6 @@
 #!/bin/bash
-# Tests which packages scripts/setup requests from apt, and its messages when apt fails. Nothing is installed: scripts replace
-# dpkg-query and apt-get. Also: the demo is configured and built without libraries that it does not use, in a folder whose name has
-# a space.
+# Tests which packages scripts/setup requests from apt, and its messages when apt fails. Nothing is installed: scripts stand in for dpkg-query and apt-get. Also
+# tests that the demo can be configured and built without libraries that it does not use, in a folder whose name has a space.
 # usage: test_setup.sh SOURCE_DIR
 set -euo pipefail
 source=$1
@@ -42,7 +41,7 @@ for program in man:man-db col:bsdextrautils; do # used by the tests
     grep -q "^ .*[^-]\b${program#*:}\b" "$source/scripts/test" || fail "scripts/test does not install ${program#*:} for ${program%:*}"
 done
 
-# scripts/anatomy requests only the packages that it uses; its library has been built.
+# scripts/anatomy requests only the packages that it uses; here, its library has already been built.
 rm asked && mkdir -p tree/scripts tree/meshes && cp "$source/scripts/anatomy" "$source/scripts/setup" tree/scripts
 PATH=$work/bin:$PATH WORK=$work TROCAR_LIBRARY=there tree/scripts/anatomy --help >said 2>&1 || true
 for package in python3-gmsh python3-vtk9 python3-pygalmesh python3-nibabel; do grep -q " $package" asked || fail "no $package: $(cat asked)"; done
@@ -63,7 +62,7 @@ stand_in apt-get 'echo "E: Unable to locate package" >&2; exit 100'
 setup --demo
 [ $status -eq 1 ] && grep -q 'is there a network' said || fail "status $status: $(cat said)"
 
-# Hides everything that the demo does not use: .pc files are missing, and programs fail.
+# Hides everything that the demo does not use: .pc files cannot be found, and programs fail.
 mkdir pkgconfig
 for file in $(pkg-config --variable pc_path pkg-config | tr : ' '); do
     [ ! -d "$file" ] || find "$file" -name '*.pc' ! -name 'ncurses*' ! -name 'cmocka*' ! -name 'libwebsockets*' \
@@ -78,7 +77,7 @@ cmake --build build --target trocar_types >../said 2>&1 || fail "$(cat ../said)"
 ! PKG_CONFIG_LIBDIR=$work/pkgconfig cmake --preset view >../said 2>&1 || fail "the view is configured without libwebsockets"
 grep -q libwebsockets ../said || fail "$(cat ../said)"
 
-# help2man passes the program's path to a shell: runs the command that CMake wrote for a man page, with a script as the program.
+# help2man passes the program's path to a shell. Therefore, the command that CMake generated for a man page is run here with a script as the program.
 rm ../bin/help2man
 for folder in tests scripts docs README.md CHANGELOG.md LICENSE LICENSES; do [ ! -e "$source/$folder" ] || ln -s "$source/$folder" "$folder"; done
 cmake --preset release >../said 2>&1 || fail "$(cat ../said)"

@@ -1,5 +1,5 @@
 #!/bin/bash
-# The tick takes no longer than recorded, in multiples of a dgemm in the same run; and the comparison fails if it does.
+# Checks that the tick takes no longer than recorded, in multiples of a dgemm in the same run, and that the comparison fails if the tick does take longer.
 # usage: test_tick_guard.sh TROCAR_BENCH SOURCE_DIR
 set -euo pipefail
 bench=$1 source=$2
@@ -35,7 +35,7 @@ sed -E 's/"(portable|avx512)"/"other_\1"/; s/0.0008/8e-4/' docs/results/tick/gua
 compare "$bench" --ticks 20 --rounds 1 --record "$work/record.json" >/dev/null
 [ "$(grep -cE '^  "(portable|avx512|other_portable|other_avx512)"' "$work/record.json")" -eq 3 ] || { echo 'FAILED: rows of other kernels are not kept'; exit 1; }
 
-# The wider kernels run if the processor has all the instructions that they need, as in core/linalg/simd_wide.h.
+# The wider kernels run if the processor has all the instructions that core/linalg/simd_wide.h requires.
 python3 - <<'END'
 import re
 import runpy

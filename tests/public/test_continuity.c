@@ -35,9 +35,9 @@ static trocar_sim *simulate(trocar_scene *scene, trocar_model **model) {
 
 static double norm(const double v[3]) { return sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]); }
 
-enum { RECOIL = 30 }; /* ms after a puncture, during which the tissue springs back */
+enum { RECOIL = 30 }; /* duration of the tissue's recoil after a puncture, ms */
 
-/* Moves the base along z by `way` (m), at most `step` (m) per tick of 1 ms. Returns the magnitude of the last force. If `most` is given, it receives the
+/* Moves the base along z by `way` (m), by at most `step` (m) per tick of 1 ms. Returns the magnitude of the last force. If `most` is given, it receives the
    largest change of the force (N) in any tick that reports one of `events`, except shortly after a puncture. */
 static double move(trocar_sim *sim, int needle, trocar_pose *base, double way, double step, unsigned events, double *most) {
     trocar_output out = {0};
@@ -157,7 +157,7 @@ static void a_buckled_needle_recovers_off_its_axis(void **state) {
 static void no_needle_goes_in_unfelt(void **state) {
     (void)state;
     static const double across[] = {-0.015, -0.005, 0.005, 0.015}, up[] = {-0.010, -0.005, 0.005, 0.010};
-    for (int tip = 0; tip < 2; tip++) { /* the tip is 72.8 or 73.5 mm deep */
+    for (int tip = 0; tip < 2; tip++) { /* with the tip 72.8 or 73.5 mm deep */
         trocar_model *model;
         trocar_scene *scene = load("implant");
         double end = tip ? 73.5e-3 : 72.8e-3;
@@ -235,7 +235,8 @@ static void letting_go_of_a_needle_is_no_knock_for_its_neighbours(void **state) 
     trocar_model_free(model);
 }
 
-/* Relaxing tissue springs back slowly. A needle that has been withdrawn must touch the skin at the skin's present position, not at its final one. */
+/* Relaxing tissue springs back slowly. A needle inserted again after a withdrawal must touch the skin at the skin's current position, not at its final
+   position. */
 static void a_needle_returns_to_skin_that_is_still_displaced_with_one_touch(void **state) {
     (void)state;
     trocar_model *model;

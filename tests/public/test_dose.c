@@ -1,4 +1,4 @@
-/* Tests which inputs the dose functions refuse, that a refused call changes nothing, and how long adding a seed takes. test_dose.py tests the doses. */
+/* Tests which inputs the dose functions refuse, that refused calls change nothing, and how long it takes to add a seed. test_dose.py tests the doses. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -159,7 +159,7 @@ static void refusals_change_nothing(void **state) {
     assert_memory_equal(before, after, sizeof before);
     assert_int_equal(trocar_dose_add(dose, &good, &second, NULL), TROCAR_OK);
     assert_int_equal(trocar_dose_remove(dose, id, NULL), TROCAR_OK);
-    assert_int_equal(trocar_dose_remove(dose, id, &why), TROCAR_BAD_INPUT); /* an id is never used again */
+    assert_int_equal(trocar_dose_remove(dose, id, &why), TROCAR_BAD_INPUT); /* an id is never reused */
     assert_int_equal(trocar_dose_seed_count(dose), 1);
     trocar_dose_values(dose, after);
     assert_memory_equal(before, after, sizeof before);
@@ -262,7 +262,8 @@ static double processor_time(void) {
     return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }
 
-/* Adding a seed to a dose grid of a million voxels takes less than 50 ms of processor time. The fastest of several runs counts, because other programs share
+/* Adding a seed to a dose grid of a million voxels takes less than 50 ms of processor time. Only the fastest of several runs counts, because other programs
+   share
    the processor's caches and execution units. */
 static void a_seed_is_added_quickly(void **state) {
     (void)state;

@@ -17,7 +17,7 @@ static trocar_error why;
 
 #define OK(call) do { if ((call) != TROCAR_OK) fail_msg("%s: %s", #call, why.text); } while (0)
 
-enum { IN = 500 }; /* number of ticks of 1 ms for the insertion */
+enum { IN = 500 }; /* duration of the insertion in ticks of 1 ms */
 
 /* 5 x 3 holes, 5 mm apart; the plate ends 5 mm in front of the skin. */
 static const char *const TEMPLATE[][2] = {
@@ -42,7 +42,7 @@ static trocar_model *create_model(const char *needles) {
     return model;
 }
 
-/* Needle 0 starts in front of hole 6, left of the centre, and needle 1 in front of hole 8. Both tips are 5 mm in front of the plate, and the needles drift
+/* Needle 0 starts in front of hole 6, left of the centre, and needle 1 in front of hole 8. Both tips start 5 mm in front of the plate, and the needles drift
    sideways. */
 static trocar_pose base_at(int needle, int tick) {
     return (trocar_pose){{needle == 0 ? 0.0 - 4e-6 * tick : 0.010, 0.003 + 4e-6 * needle * tick, -0.23 + 1.2e-4 * tick}, {1, 0, 0, 0}};
@@ -68,7 +68,7 @@ static void each_needle_has_its_hole(void **state) {
     assert_int_equal(trocar_view_hole(trocar_sim_view(sim), 0, 0), 6);
     assert_int_equal(trocar_view_hole(trocar_sim_view(sim), 1, 0), 8);
     assert_int_equal(trocar_view_hole(trocar_sim_view(sim), 0, 1), TROCAR_NO_HOLE);
-    for (int n = 0; n < 2; n++) { /* the force on the hand is the opposite of the sum of the forces on tissue and guide */
+    for (int n = 0; n < 2; n++) { /* the forces on the hand, the tissue and the guide sum to zero */
         trocar_contact contacts[TROCAR_MAX_POINTS];
         int count = trocar_view_contacts(trocar_sim_view(sim), n, contacts, TROCAR_MAX_POINTS), guided = 0;
         double sum[3] = {0};

@@ -18,7 +18,7 @@
 #include <cmocka.h>
 
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-#define SANITIZED 1 /* the sanitizer's shadow memory reserves most of the address space */
+#define SANITIZED 1 /* set if a sanitizer, whose shadow memory takes most of the address space, is active */
 #else
 #define SANITIZED 0
 #endif
@@ -65,7 +65,7 @@ static trocar_pose at(double x, double y, double tip) { return (trocar_pose){{x,
 
 /* ---- contracts ---------------------------------------------------------------------------------------------------------- */
 
-/* A needle that is reset with its tip in bone counts as inserted: the skin counts as punctured, but no other membrane does, because the scene has none. */
+/* A needle that is reset with its tip in bone counts as inserted: the skin counts as punctured, and no other membrane does, because the scene has none. */
 static void bone_is_no_membrane(void **state) {
     (void)state;
     trocar_model *model = model_of(cube_scene(0.015));
@@ -81,7 +81,7 @@ static void bone_is_no_membrane(void **state) {
         skin += points[i].membrane == 0;
     }
     assert_int_equal(skin, 1);
-    for (int t = 0; t < 50; t++) { /* the needle is pushed without moving and punctures nothing */
+    for (int t = 0; t < 50; t++) { /* the needle is pushed but does not move, so it punctures nothing */
         trocar_output out;
         base.position[2] += 1e-5;
         OK(trocar_sim_step(sim, 0, &base, 1e-3, &out, &why));
@@ -92,8 +92,8 @@ static void bone_is_no_membrane(void **state) {
     trocar_model_free(model);
 }
 
-/* A rigid needle is pressed through the tissue onto a fixed bone surface. The force is the base's travel past that surface divided by contact.bone_compliance,
-   because nothing else yields. */
+/* A rigid needle is pressed through the tissue onto a fixed bone surface. The force equals the base's travel past that surface divided by
+   contact.bone_compliance, because nothing else yields. */
 static void bone_yields_as_its_key_says(void **state) {
     (void)state;
     for (double compliance = 4e-5; compliance < 2e-4; compliance *= 2.0) {
@@ -140,7 +140,7 @@ static void a_leaning_tip_slides_at_the_cone_of_friction(void **state) {
         for (int t = 0; t < 600; t++) {
             base.position[0] += 1e-5 * sin(LEAN), base.position[2] += 1e-5 * cos(LEAN);
             OK(trocar_sim_step(sim, 0, &base, 1e-3, &out, &why));
-            if (t >= 450) assert_float_equal(out.force[0] / out.force[2], friction, 0.06 * friction); /* the tip follows the hand with a lag */
+            if (t >= 450) assert_float_equal(out.force[0] / out.force[2], friction, 0.06 * friction); /* not exact, because the tip lags behind the hand */
         }
         trocar_sim_free(sim);
         trocar_model_free(model);
@@ -156,7 +156,7 @@ static trocar_model *model_from(const char *name, const char *key, const char *v
     return model_of(scene);
 }
 
-/* "Fills at most `room`" in trocar.h: with room for 0 entries, nothing is written. */
+/* Where trocar.h says "fills at most `room`": with room for 0 entries, nothing is written. */
 static void no_room_is_no_fault(void **state) {
     (void)state;
     trocar_model *model = model_from("template.yaml", NULL, NULL);
@@ -203,7 +203,7 @@ static trocar_pose rest_in_track_of(trocar_model *model, int first) {
     go(sim, first, &base, -0.202);
     if (first != 1) OK(trocar_sim_reset(sim, 1, &base, &why));
     go(sim, 1, &base, -0.16);
-    go(sim, 1, &base, -0.163); /* drawn back, so that the needle springs forward when it is released */
+    go(sim, 1, &base, -0.163); /* drawn back so that the needle springs forward when it is released */
     OK(trocar_sim_leave(sim, 1, &why));
     OK(trocar_sim_work(sim, NULL, &why));
     assert_int_equal(trocar_sim_needle_state(sim, 1), TROCAR_NEEDLE_RESTING);
@@ -330,7 +330,7 @@ static void *look_at_field(void *context) {
     return NULL;
 }
 
-/* The stiffness matrix of a condensed inverse is assembled when the first displacement field is requested, while other threads derive models from the same
+/* With a condensed inverse, the stiffness matrix is assembled when the first displacement field is requested, while other threads derive models from the same
    model. Intended for ThreadSanitizer. */
 static void models_are_derived_beside_a_first_field(void **state) {
     (void)state;
@@ -340,7 +340,7 @@ static void models_are_derived_beside_a_first_field(void **state) {
         trocar_scene *scene;
         OK(trocar_scene_load(MESHES "/figure8.yaml", &scene, &why));
         OK(trocar_scene_set(scene, "inverse", "condensed", &why));
-        /* the only part of the tissue that the needle uses, so that no other call assembles the matrix */
+        /* a region of interest that contains the needle, so that no other call assembles the matrix */
         OK(trocar_scene_set(scene, "region_of_interest.corridor.from", "[0.005, 0.003, 0.0]", &why));
         OK(trocar_scene_set(scene, "region_of_interest.corridor.to", "[0.005, 0.003, 0.04]", &why));
         OK(trocar_scene_set(scene, "region_of_interest.corridor.radius", "0.03", &why));
@@ -404,7 +404,7 @@ static bool is_zero(const trocar_output *out) {
     return memcmp(out, &zero, sizeof zero) == 0;
 }
 
-/* Up to the tick in which an insertion was cancelled, its outputs equal those of the complete rollout. After that tick they are zero. */
+/* Up to the tick in which an insertion was cancelled, its outputs equal those of the complete rollout. From then on, they are zero. */
 static void a_rollout_is_watched_and_cancelled(void **state) {
     (void)state;
     static trocar_pose poses[BATCH][STEPS];
@@ -430,7 +430,7 @@ static void a_rollout_is_watched_and_cancelled(void **state) {
             for (; t < STEPS; t++) assert_true(is_zero(&some[i][t]));
         }
         if (threads == 1) assert_true(left_out > STEPS);
-        assert_int_equal(status, left_out > 0 ? TROCAR_CANCELLED : TROCAR_OK); /* the other threads may have finished earlier */
+        assert_int_equal(status, left_out > 0 ? TROCAR_CANCELLED : TROCAR_OK); /* the other threads may have finished before the cancellation */
     }
     trocar_model_free(model);
 }
@@ -493,7 +493,7 @@ static void a_model_is_cancelled_at_any_question(void **state) {
             assert_int_equal(status, TROCAR_CANCELLED);
             assert_null(model);
             assert_int_equal(w.asked, most + 1);
-            if (most > 8) most += 7; /* skips some of the roughly one hundred calls */
+            if (most > 8) most += 7; /* skips most of the roughly one hundred calls */
         }
         assert_true(asked >= (kind == 1 ? 3 : 5));
     }
@@ -519,7 +519,7 @@ static void limit(size_t bytes) {
     setrlimit(RLIMIT_AS, &limits);
 }
 
-/* If memory suffices for fewer threads than requested, all insertions are still carried out. */
+/* If memory suffices only for fewer threads than requested, all insertions are still simulated. */
 static void threads_without_memory_leave_the_work_to_others(void **state) {
     (void)state;
     if (SANITIZED) skip();
@@ -547,7 +547,7 @@ static void threads_without_memory_leave_the_work_to_others(void **state) {
         if (status != TROCAR_OK)
             for (int i = 0; i < BATCH; i++) assert_true(is_zero(&some[i][0]));
         short_of_memory += status != TROCAR_OK;
-        if (room > 2.0) assert_int_equal(status, TROCAR_OK); /* enough memory for one simulation and its saved state */
+        if (room > 2.0) assert_int_equal(status, TROCAR_OK); /* `room` suffices for one simulation and its saved state */
     }
     assert_true(short_of_memory > 0);
     trocar_model_free(model);
@@ -571,7 +571,7 @@ static int live(void) {
     _exit((int)status);
 }
 
-/* The result is OK or NO_MEMORY, and the call returns quickly. */
+/* The status is OK or NO_MEMORY, and the call returns quickly. */
 static void too_little_address_space_is_told(void **state) {
     (void)state;
     if (SANITIZED) skip();

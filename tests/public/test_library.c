@@ -200,7 +200,7 @@ static void bad_input_is_refused_in_words(void **state) {
     assert_int_equal(trocar_sim_tick(sim, 0, &crooked, 1e-3, &out), TROCAR_BAD_INPUT);
     char small[8];
     assert_refused(trocar_sim_save(sim, small, sizeof small, &why), "8");
-    assert_int_equal(trocar_scene_load("/nowhere", &scene, NULL), TROCAR_BAD_INPUT); /* without a buffer for the message */
+    assert_int_equal(trocar_scene_load("/nowhere", &scene, NULL), TROCAR_BAD_INPUT); /* called without a buffer for the message */
     trocar_sim_free(sim);
     trocar_model_free(model);
     trocar_sim_free(NULL);
@@ -224,7 +224,7 @@ static void a_restored_state_goes_on_as_before(void **state) {
     OK(trocar_sim_restore(other, saved, size, &why));
     run(other, TICKS / 2, TICKS, b);
     assert_same(a, b);
-    OK(trocar_sim_restore(sim, saved, size, &why)); /* restores the state into the simulation that has continued */
+    OK(trocar_sim_restore(sim, saved, size, &why)); /* restores the state into the same simulation, which has meanwhile continued */
     run(sim, TICKS / 2, TICKS, b);
     assert_same(a, b);
 
@@ -274,8 +274,9 @@ static void *work(void *context) {
     return NULL;
 }
 
-/* With an asynchronous worker, the forces agree with lockstep to within one or two ticks. To be independent of the machine's speed, each tick waits for a round
-   of work that began after the previous tick. This holds after two completed rounds, because the second began after that tick. */
+/* With an asynchronous worker, the forces agree with those in lockstep, apart from a delay of one or two ticks. To be independent of the machine's speed, each
+   tick waits for a round
+   of work that began after the previous tick. This is certain once two rounds have been completed, because the second one began after that tick. */
 static void a_worker_thread_serves_the_tick(void **state) {
     (void)state;
     static trocar_output a[TICKS];
@@ -413,7 +414,7 @@ static void the_refined_mesh_carries_the_contacts(void **state) {
 static int64_t made_time;
 static int64_t made_clock(void) { return made_time; }
 
-/* While no worker runs, the age of the oldest request grows. After the request has been answered, none is pending. */
+/* While no worker runs, the age of the oldest request grows. Once the request has been answered, none is pending. */
 static void waiting_and_latency_are_told(void **state) {
     (void)state;
     trocar_model *model = model_of(cube_scene());
@@ -431,7 +432,7 @@ static void waiting_and_latency_are_told(void **state) {
     OK(trocar_sim_work(sim, &done, &why));
     assert_true(done.answered == 1 && done.latency >= 7000000 && done.latency <= made_time);
     trocar_pose base = pose_at(TICKS - 1);
-    for (int i = 0; i < 5; i++) { /* until no request is left */
+    for (int i = 0; i < 5; i++) { /* repeated until no request is left */
         assert_int_equal(trocar_sim_tick(sim, 0, &base, 1e-3, &out), TROCAR_OK);
         OK(trocar_sim_work(sim, &done, &why));
     }
@@ -462,7 +463,7 @@ static void a_base_on_a_spring_yields(void **state) {
     trocar_model_free(model);
 }
 
-/* For a model created for a viewer, the mesh and the names are available at once, while functions that need the stiffness are not. */
+/* For a model created for a viewer, the mesh and the names are available immediately, whereas functions that need the stiffness are not. */
 static void a_model_may_be_its_mesh_alone(void **state) {
     (void)state;
     trocar_scene *scene = cube_scene();
@@ -541,7 +542,7 @@ static void a_rollout_does_not_depend_on_threads(void **state) {
     assert_same(single, one[0]);
     poses[2][100].orientation[0] = 7;
     assert_refused(trocar_rollout(model, poses[0], BATCH, TICKS, &(trocar_rollout_options){.dt = 1e-3, .threads = 2}, two[0], &why), "insertion 2, step 100");
-    assert_same(one[3], two[3]); /* the other insertions ran to completion */
+    assert_same(one[3], two[3]); /* the other insertions were completed */
     assert_memory_equal(one[2], two[2], 100 * sizeof(trocar_output));
     assert_true(two[2][100].force[2] == 0.0 && two[2][TICKS - 1].depth == 0.0);
     assert_refused(trocar_rollout(model, poses[0], BATCH, TICKS, &(trocar_rollout_options){.dt = 1e-3, .threads = 0}, two[0], &why), "threads");
@@ -580,7 +581,7 @@ static void a_host_keeps_its_gmsh_session_and_its_floating_point(void **state) {
     trocar_sim *sim = sim_at_start(model);
     run(sim, 0, 10, a);
 #if defined(__SSE2__)
-    assert_int_equal(_mm_getcsr() & ~0x3fu, before & ~0x3fu); /* except for the sticky exception flags */
+    assert_int_equal(_mm_getcsr() & ~0x3fu, before & ~0x3fu); /* unchanged except for the sticky exception flags */
 #endif
     double version = 0, binary = 1;
     gmshOptionGetNumber("Mesh.MshFileVersion", &version, &error);

@@ -17,7 +17,7 @@
 
 enum { ROOM = 1 << 18, TICKS = 300 };
 
-/* Collects as text everything that the library writes and computes. Numbers returned by functions are written in hexadecimal, which does not depend on the
+/* Collects everything that the library writes and computes, as text. Numbers returned by functions are printed in hexadecimal, which does not depend on the
    locale. */
 typedef struct {
     char text[ROOM];
@@ -110,7 +110,7 @@ static void note_model(record *r, const trocar_scene *scene, const char *inverse
     assert_true(strcmp(inverse, "condensed") != 0 || called > 0);
 }
 
-/* Records the messages for a mesh file in another unit (a note about its size), for guides that do not fit, and for a dose table in text form. */
+/* Records the messages about a mesh file in another unit (a note about its size), about guides that do not fit, and about a dose table given as text. */
 static void note_others(record *r) {
     trocar_error why = {""};
     trocar_scene *scene;

@@ -1,6 +1,6 @@
 #!/bin/bash
-# In a locale with a decimal comma, the library, the Python package and the programs work as in the C locale. Status 77: the sources of locales
-# (Debian package locales) or network namespaces are missing.
+# In a locale with a decimal comma, the library, the Python package and the programs work as in the C locale. Exit status 77: network namespaces or the
+# definitions of locales (Debian package locales) are not available.
 # usage: test_locale.sh BUILD_DIR SOURCE_DIR
 set -euo pipefail
 command -v localedef >/dev/null && [ -e /usr/share/i18n/locales/de_DE ] || { echo "no sources of locales: apt install locales"; exit 77; }
@@ -12,10 +12,10 @@ localedef -i de_DE -f UTF-8 "$work/locales/de_DE.UTF-8" || [ $? -eq 1 ] # warnin
 export LOCPATH=$work/locales PYTHONPATH=$build/clients/python TROCAR_LIBRARY=$build/core/libtrocar.so
 [ "$(LC_ALL=de_DE.UTF-8 locale decimal_point)" = , ] || fail "no decimal comma"
 
-# The library, in a host program that sets the locale
+# Tests the library in a host program that sets the locale.
 "$build/tests/public/test_locale"
 
-# The Python package, in a program that sets the locale
+# Tests the Python package in a program that sets the locale.
 if [ -z "${TROCAR_SANITIZED:-}" ]; then
 cat >"$work/host.py" <<'END'
 import locale, sys
@@ -49,7 +49,7 @@ LC_ALL=de_DE.UTF-8 /usr/bin/python3 "$work/host.py" "$source/meshes/implant.yaml
 diff "$work/plain" "$work/german" || fail "Python differs"
 fi
 
-# Programs: options, tables, JSON, .vtu files, logs, reports, messages
+# Tests the programs: options, tables, JSON, .vtu files, logs, reports, messages.
 study() {
     cat <<END
 scene: $source/meshes/figure8.yaml
@@ -74,10 +74,10 @@ run_programs() { # FOLDER
         if [ -z "${TROCAR_SANITIZED:-}" ]; then
             study >study.yaml
             /usr/bin/python3 -m trocar.studies.study run study.yaml --out results --quiet >study.out 2>&1 || fail "$(cat study.out)"
-            # the rows are in the order in which the runs finished; those of result.csv are sorted
+            # these rows are in the order in which the runs finished; the rows of result.csv are sorted
             LC_ALL=C sort -o results/rows-1-of-1.csv results/rows-1-of-1.csv
         fi
-        # A server and a device: their measured values differ from run to run, but every number must be written in the C locale's format.
+        # Tests a server and a device: their measured values differ from run to run, but every number must be written in the C locale's format.
         "$build/server/trocar-server" --scene "$source/meshes/figure8.yaml" --rate 500.5 --allow-non-rt >server.live 2>&1 &
         server=$!
         until grep -qx ready server.live; do kill -0 $server || fail "$(cat server.live)"; sleep 0.05; done

@@ -17,9 +17,9 @@ static trocar_error why;
 
 #define OK(call) do { if ((call) != TROCAR_OK) fail_msg("%s: %s", #call, why.text); } while (0)
 
-enum { IN = 700, TICKS = 1000 }; /* ticks of 1 ms: 700 for 70 mm of insertion, then 6 mm sideways */
+enum { IN = 700, TICKS = 1000 }; /* number of ticks of 1 ms; 70 mm of insertion take 700 ticks, the rest is a sideways motion by 6 mm */
 
-/* Uses a cache of its own, which is removed at the end, so that this test computes the inverse and no other test reads it. */
+/* Uses its own cache folder, which is removed at the end, so that this test computes the inverse itself and no other test reads it. */
 static trocar_model *create_model(const char *precision) {
     char directory[] = "/tmp/test_precision.XXXXXX", command[64];
     trocar_scene *scene;
@@ -67,7 +67,7 @@ static void forces_in_single_precision_are_those_in_double_precision(void **stat
     }
     print_message("largest force %.3f N, largest difference %.2g of it\n", largest, error / largest);
     assert_true(largest > 1.0);
-    assert_true(error > 0.0); /* the results of the two precisions differ */
+    assert_true(error > 0.0); /* not zero, because the two precisions must give different results */
     assert_true(error < 1e-5 * largest);
 }
 

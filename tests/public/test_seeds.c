@@ -15,7 +15,7 @@ static trocar_error why;
 
 #define OK(call) do { if ((call) != TROCAR_OK) fail_msg("%s: %s", #call, why.text); } while (0)
 
-static const double LENGTH = 4.5e-3, STEP = 1e-4; /* m: length of a seed, and travel of the base in a tick of 1 ms */
+static const double LENGTH = 4.5e-3, STEP = 1e-4; /* m; LENGTH: length of a seed; STEP: travel of the base in a tick of 1 ms */
 
 typedef struct {
     trocar_model *model;
@@ -52,7 +52,7 @@ static void tick(insertion *in, double out) {
     OK(trocar_sim_step(in->sim, 0, &base, 1e-3, &in->output, &why));
 }
 
-/* Moves the base until the tip is `depth` (m) deep in the tissue; a negative depth is outside. */
+/* Moves the base until the tip is `depth` (m) deep in the tissue; a negative depth is outside the tissue. */
 static void go_to(insertion *in, double depth) {
     double way = in->output.depth < depth ? -STEP : STEP;
     while (way < 0.0 ? in->output.depth < depth : in->output.depth > depth) tick(in, in->out + way);
@@ -115,7 +115,7 @@ static void a_strand_is_left_seed_by_seed(void **state) {
     assert_int_equal(all_seeds(in.sim, seeds), 4);
     for (int i = 0; i < 4; i++) {
         assert_int_equal(seeds[i].strand, i);
-        /* the track is straight, apart from the steering by the bevel */
+        /* the track is straight except for slight steering by the bevel */
         assert_true(fabs(seeds[i].position[2] - (dropped - 0.01 * i - 0.5 * LENGTH)) < 2e-5);
     }
     OK(trocar_sim_drop_seeds(in.sim, 0, 1, 0.0, &why));

@@ -1,5 +1,5 @@
-/* The ticking thread needs no more stack than trocar.h states. It makes every call that it is allowed to make, in a thread with exactly that stack and a guard
-   page below it. The worker, which may need more stack, is the main thread. */
+/* Tests that the ticking thread needs no more stack than trocar.h states. The thread has exactly that stack, with a guard page below it, and makes every call
+   that it is allowed to make. The worker, which may need more stack, is the main thread. */
 #define _GNU_SOURCE
 #include <pthread.h>
 #include <semaphore.h>
@@ -18,7 +18,7 @@
 #include <cmocka.h>
 
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-#define SANITIZED 1 /* their stack frames are larger */
+#define SANITIZED 1 /* set if a sanitizer is active, because stack frames are then larger */
 #else
 #define SANITIZED 0
 #endif
@@ -84,7 +84,7 @@ static void wait_for(ticking *t, trocar_needle_state state) {
     expect(t, trocar_sim_needle_state(t->sim, 0) == state, "the worker's part");
 }
 
-/* An invalid call produces a message, and formatting the message needs stack, too. */
+/* An invalid call produces a message, and formatting the message also needs stack. */
 static void be_refused(ticking *t) {
     trocar_error reason;
     const trocar_pose no_pose = {{0}, {0}};
@@ -123,14 +123,14 @@ static void *insert(void *context) {
     wait_for(t, TROCAR_NEEDLE_HELD);
     t->base[0] = trocar_view_base(trocar_sim_view(t->sim), 0);
     for (int i = 0; i < 100; i++) tick(t, 0, -1e-4);
-    t->base[1].position[0] += 5e-3; /* a sideways jump, which takes many passes */
+    t->base[1].position[0] += 5e-3; /* a sideways jump, for which the solver needs many passes */
     for (int i = 0; i < 20; i++) tick(t, 1, 0.0);
     trocar_sim_stages(t->sim, stages);
     trocar_sim_waiting(t->sim);
     expect(t, trocar_sim_reset(t->sim, 0, &t->base[1], NULL) == TROCAR_OK, "reset in the tissue");
     for (int i = 0; i < 20; i++) tick(t, 0, 1e-4);
     trocar_output out;
-    const trocar_pose far = {{1e200, 0, 0}, {1, 0, 0, 0}}; /* the square of this position is not finite, so the insertion restarts */
+    const trocar_pose far = {{1e200, 0, 0}, {1, 0, 0, 0}}; /* the square of this coordinate overflows, so the insertion restarts */
     expect(t, trocar_sim_tick(t->sim, 1, &far, 1e-3, &out) == TROCAR_NUMERIC && out.events & TROCAR_EVENT_UNSTABLE, "a tick that is not finite");
     t->ended = true;
     sem_post(&t->ticked);
@@ -167,7 +167,7 @@ static void a_tick_runs_on_the_stated_stack(void **state) {
     if (SANITIZED) skip();
     trocar_scene *scene;
     trocar_model *model;
-    OK(trocar_scene_load(MESHES "/implant.yaml", &scene, &why)); /* a scene with guides, relaxing and stiffening tissue, old tracks and seeds */
+    OK(trocar_scene_load(MESHES "/implant.yaml", &scene, &why)); /* this scene has guides, relaxing and stiffening tissue, old tracks and seeds */
     OK(trocar_scene_set(scene, "needles", "2", &why));
     OK(trocar_model_create(scene, NULL, &model, &why));
     ticking t = {.base = {{{-0.005, 0.005, -0.23}, {1, 0, 0, 0}}, {{0.005, 0.005, -0.23}, {1, 0, 0, 0}}}};

@@ -1,6 +1,7 @@
 #!/bin/bash
-# The libraries export exactly the declared functions. Each public header compiles alone in each language, is short, and has a name that no system header has.
-# The binary interface equals tests/public/libtrocar.abi. After an intended change: test_symbols.sh BUILD_DIR SOURCE_DIR --renew usage: test_symbols.sh
+# Tests that the libraries export exactly the declared functions. Each public header compiles on its own in each language, is short, and has a name that no
+# system header has. The binary interface (ABI) equals tests/public/libtrocar.abi. To record an intended change: test_symbols.sh BUILD_DIR SOURCE_DIR --renew
+# usage: test_symbols.sh
 # BUILD_DIR SOURCE_DIR [--renew]
 set -euo pipefail
 build=$1 source=$2 # absolute
@@ -30,7 +31,7 @@ for header in "$include"/trocar.h "$include"/trocar/*.h; do
     [ "$name" = trocar.h ] || grep -qF "#include \"trocar/$name\"" "$include/trocar.h" || fail "trocar.h does not include trocar/$name"
 done
 
-# Dumps the binary interface. The paths of its sources are shortened to start at core, so that they do not depend on the machine.
+# Dumps the binary interface. The paths of source files are shortened to start at core, so that they do not depend on the machine.
 dump() {
     abidw --no-corpus-path --no-comp-dir-path --exported-interfaces-only --drop-undefined-syms --drop-private-types --headers-dir "$include" \
         --no-show-locs "$library" | sed "s| path='[^']*/core/| path='core/|"

@@ -21,7 +21,7 @@ static const double DEGREE = M_PI / 180, DT = 1e-3, SPEED = 0.1, DEPTH = 0.06, L
 
 /* A straight path into the tissue through a point of the skin, tilted about an axis in the skin's plane. */
 typedef struct {
-    double x, y, tilt, about; /* m, entry point relative to the first path; rad, tilt and direction of the tilt axis */
+    double x, y, tilt, about; /* x, y: entry point relative to the first path, m; tilt, about: tilt angle and direction of the tilt axis, rad */
 } line;
 
 static const line FIRST = {0};
@@ -72,12 +72,12 @@ static void reset(const fixture *f) {
     for (int n = 0; n < trocar_model_needles(f->model); n++) OK(trocar_sim_reset(f->sim, n, &start, &why));
 }
 
-/* The hand's motion, and its work since it held the needle in the air. */
+/* The hand's motion, and the work that it has done since it held the needle in the air. */
 typedef struct {
     int needle;
     line way;
-    double depth, roll;      /* m, depth of the tip if the needle were straight; rad */
-    double work, lowest;     /* J: work so far, and its minimum */
+    double depth, roll;      /* depth: depth that the tip would have if the needle were straight, m; roll: rad */
+    double work, lowest;     /* J; work: work so far; lowest: its minimum */
     double peak;             /* N, largest force along z while pushing */
     int punctures;
     uint32_t events;
@@ -172,7 +172,7 @@ static void tissue_closes_if_the_scene_says_so(void **state) {
     discard(&f);
 }
 
-/* Between 1 and 1.5 times reach and angle, a track's influence fades: the resistance lies between those of an open and a closed track. */
+/* Between 1 and 1.5 times its reach and its angle, a track's influence fades: the resistance lies between that of an open track and that of a closed one. */
 static void a_track_fades_with_distance_and_angle(void **state) {
     (void)state;
     static const double DIAMETER = 1.27e-3, ANGLE = 0.09, TIMES[] = {0.9, 1.25, 1.6};
@@ -290,8 +290,8 @@ static void partly_withdrawn_needle_cuts_on_where_it_was(void **state) {
     discard(&f);
 }
 
-/* Barnett 2015, two insertions at the same place: tearing, spreading and friction are 61 %, 18 % and 21 % of the first insertion's force. The scene is fitted
-   at a depth of 40 mm in a body without membranes; the ratio of the second force to the first is then a prediction of the model. */
+/* Barnett 2015, two insertions at the same place: tearing, spreading and friction account for 61 %, 18 % and 21 % of the first insertion's force. The scene is
+   fitted to these fractions at a depth of 40 mm in a body without membranes; the ratio of the second force to the first is then a prediction of the model. */
 static void published_shares_leave_39_percent(void **state) {
     (void)state;
     static const double WHOLE = 1.0, AT = 0.04; /* N, m */
@@ -303,7 +303,7 @@ static void published_shares_leave_39_percent(void **state) {
         for (size_t k = 0; k < sizeof given / sizeof *given; k++) {
             char key[64];
             snprintf(key, sizeof key, "regions[%d].%s", i, given[k].key);
-            if (strcmp(given[k].key, "friction.kinetic") == 0) { /* must not exceed the static limit */
+            if (strcmp(given[k].key, "friction.kinetic") == 0) { /* kinetic friction must not exceed the static limit */
                 char limit[64];
                 snprintf(limit, sizeof limit, "regions[%d].friction.static", i);
                 OK(trocar_scene_set_number(scene, limit, given[k].value, &why));
@@ -331,7 +331,7 @@ static void published_shares_leave_39_percent(void **state) {
 }
 
 /* A membrane is punctured at its puncture force or at the force with which the tip cuts and spreads the tissue, whichever is larger. After the puncture,
-   spreading still requires its force. */
+   spreading the membrane still requires its force. */
 static void spreading_stays_where_a_membrane_was_punctured(void **state) {
     (void)state;
     static const double CUTTING = 0.3, SPREADING = 0.5, PUNCTURES[] = {0.6, 1.5}; /* N */
@@ -409,7 +409,9 @@ static void tracks_are_told(void **state) {
     (void)state;
     static trocar_track_point points[TROCAR_MAX_TRACK_POINTS];
     fixture f = make(load_scene(1.0));
-    assert_int_equal(trocar_view_tracks(trocar_sim_view(f.sim), 0, points, TROCAR_MAX_TRACK_POINTS), 0); /* none at the origin, although it is in the tissue */
+    assert_int_equal(trocar_view_tracks(trocar_sim_view(f.sim), 0, points, TROCAR_MAX_TRACK_POINTS), 0); /* no points before the first reset, while the needle
+                                                                                                            is at the origin, although the origin is in the
+                                                                                                            tissue */
     reset(&f);
     assert_int_equal(trocar_view_tracks(trocar_sim_view(f.sim), 0, points, TROCAR_MAX_TRACK_POINTS), 0);
     insert(&f, 0, FIRST);
@@ -449,7 +451,7 @@ static void saved_state_has_its_tracks(void **state) {
     discard(&f);
 }
 
-/* If there are more tracks than can be stored, the oldest is discarded and thereby closed; an event reports this. */
+/* If there are more tracks than can be stored, the oldest is discarded, so it counts as closed; an event reports this. */
 static void the_oldest_track_is_dropped(void **state) {
     (void)state;
     fixture f = make(load_scene(0.0));

@@ -1,4 +1,4 @@
-/* Tests views of a simulation and of its pictures, simulated time, default options and the log, through trocar.h alone. */
+/* Tests views of a simulation and of its pictures, simulated time, default options and the log, only through trocar.h. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -97,7 +97,7 @@ static sight *look(const trocar_view *view) {
     return s;
 }
 
-/* A simulation and its picture show the same data, byte for byte, as does a copy of the picture. The picture still shows these data after more ticks. */
+/* A simulation and its picture show the same data, byte for byte, as does a copy of the picture. The picture still shows the same data after more ticks. */
 static void a_picture_shows_what_the_simulation_showed(void **state) {
     (void)state;
     trocar_model *model = create(cube_scene(), NULL);
@@ -152,7 +152,7 @@ static void time_advances_by_dt(void **state) {
     assert_true(time_of(sim) == 1e-3);
     for (int tick = 0; tick < 10; tick++) step(sim, 0, tick, 2e-3);
     assert_time(sim, 0.021);
-    OK(trocar_sim_tick(sim, 0, &base, 5e-4, &out)); /* simulated time advances in real-time mode as in lockstep */
+    OK(trocar_sim_tick(sim, 0, &base, 5e-4, &out)); /* simulated time advances in real-time mode as it does in lockstep */
     assert_time(sim, 0.0215);
     assert_int_equal(trocar_sim_tick(sim, 0, &base, 0.0, &out), TROCAR_BAD_INPUT);
     assert_int_equal(trocar_sim_step(sim, 7, &base, 1e-3, &out, &why), TROCAR_BAD_INPUT);
@@ -171,7 +171,7 @@ static void needles_share_time(void **state) {
     assert_time(sim, 0.010);
     for (int tick = 0; tick < 10; tick++) step(sim, 1, tick, 1e-3); /* one alone */
     assert_time(sim, 0.020);
-    for (int tick = 0; tick < 10; tick++) { /* at half the other simulation's tick rate */
+    for (int tick = 0; tick < 10; tick++) { /* needle 0 ticks at half the rate of needle 1 */
         step(sim, 1, tick, 1e-3);
         if (tick % 2 == 0) step(sim, 0, tick, 1e-3);
     }
@@ -207,7 +207,7 @@ static void time_is_saved_and_restored(void **state) {
 
 static void insert(trocar_model *model, trocar_output *outputs) {
     trocar_sim *sim = sim_at_start(model);
-    for (int tick = 0; tick < 60; tick++) outputs[tick] = step(sim, 0, 6 * tick, 6e-3); /* more ticks than the longest catch-up takes */
+    for (int tick = 0; tick < 60; tick++) outputs[tick] = step(sim, 0, 6 * tick, 6e-3); /* more ticks than the longest catch-up needs */
     trocar_sim_free(sim);
 }
 
@@ -297,7 +297,7 @@ static void the_log_says_when_an_insertion_starts_over(void **state) {
     trocar_output out = {0};
     for (int tick = 0; tick < 200; tick++) step(sim, 1, tick, 1e-3);
     j.count = 0;
-    trocar_pose far = {{1e200, 0, 0}, {1, 0, 0, 0}}; /* the square of this position is not finite */
+    trocar_pose far = {{1e200, 0, 0}, {1, 0, 0, 0}}; /* the square of this coordinate overflows */
     OK(trocar_sim_step(sim, 1, &far, 1e-3, &out, &why));
     assert_true(out.events & TROCAR_EVENT_UNSTABLE);
     assert_int_equal(j.count, 1);

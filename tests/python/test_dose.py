@@ -1,6 +1,5 @@
 #!/usr/bin/python3
-"""Compares the library's dose, through Python, with a plain NumPy computation from the same tables: TG-43, voxels inside organs,
-histograms.
+"""Compares the library's dose, through Python, with a plain NumPy computation from the same tables: TG-43, voxels inside organs, and histograms.
 
 usage: test_dose.py BUILD_DIR SOURCE_DIR
 """
@@ -28,7 +27,7 @@ def table_of(name):
 
 
 def rate(table, position, direction, points):
-    """Returns the dose rate (Gy/h) of a seed of 1 U, by TG-43U1 with the rules of its supplement. Lengths are in cm, angles in degrees."""
+    """Returns the dose rate (Gy/h) of a seed of 1 U according to AAPM TG-43U1 and its supplement. Lengths are in cm, angles in degrees."""
     axis = np.asarray(direction) / np.linalg.norm(direction)
     v = 100 * (np.asarray(points) - position)
     z, rho = v @ axis, np.linalg.norm(np.cross(v, axis), axis=1)
@@ -103,7 +102,8 @@ def as_set(points, h):
 
 class DoseTest(unittest.TestCase):
     def test_check_values(self):
-        """Model 6711, 1 U: dose rates (cGy/h) on the transverse axis and on the seed's axis, and the total dose. The expected values were published with the
+        """Checks dose rates (cGy/h) on the transverse axis and on the seed's axis, and the total dose, for model 6711 and 1 U. The expected values were
+        published with the
         consensus data."""
         source = brachy.Source("I-125 6711")
         points = [[0.005, 0, 0], [0.01, 0, 0], [0, 0.02, 0], [0, -0.05, 0], [0, 0, 0.01], [0, 0, -0.01]]
@@ -115,7 +115,7 @@ class DoseTest(unittest.TestCase):
         self.assertAlmostEqual(100 * brachy.Source("Pd-103 200").rates([[0, 0, 0]], [[0, 0, 1]], [2], [[0.01, 0, 0]])[0], 2 * 0.686, delta=1e-9)
 
     def test_the_formula_at_any_point(self):
-        """Points from the capsule's wall to a distance of 30 cm, at every angle, including points on the axis at both ends."""
+        """Tests points from the capsule's wall to a distance of 30 cm, at every angle, including points on the axis at both ends."""
         random = np.random.default_rng(3)
         direction = random.normal(size=(20000, 3))
         points = direction / np.linalg.norm(direction, axis=1)[:, None] * (10 ** random.uniform(-2.59, -0.52, 20000))[:, None]
@@ -125,7 +125,7 @@ class DoseTest(unittest.TestCase):
             np.testing.assert_allclose(found, rate(table_of(name), [0, 0, 0], [0, 0, 1], points), rtol=1e-10)
 
     def test_hundred_seeds_against_a_plain_sum(self):
-        """On a grid, doses agree to 1e-6 outside the seeds; likewise at listed points."""
+        """Outside the seeds, doses agree to 1e-6, both on a grid and at listed points."""
         points, table, source = grid_points(), table_of("I-125 6711"), brachy.Source("I-125 6711")
         dose, expected, outside = brachy.Dose(source, **GRID), np.zeros(len(points)), np.ones(len(points), bool)
         for position, direction, strength in zip(*implant(100, 7)):
@@ -167,7 +167,8 @@ class DoseTest(unittest.TestCase):
         np.testing.assert_array_equal(wandering.values, direct.values)
 
     def test_voxels_of_a_surface(self):
-        """Compared with the solid angle of the surface. Spacing and position are chosen so that some voxel centres lie on edges and corners of the surface."""
+        """The voxels inside a surface are compared with the surface's solid angle at their centres. Spacing and position are chosen so that some voxel centres
+        lie on edges and corners of the surface."""
         for centre, h in (([0.0005, -0.0005, 0.0015], 1e-3), ([0.00213, 0.01, -0.0377], 1.3e-3)):
             nodes, triangles = icosphere(0.01, np.array(centre), 2)
             a, b, c = (nodes[triangles[:, k]] - centre for k in range(3))
@@ -177,7 +178,7 @@ class DoseTest(unittest.TestCase):
             structure = brachy.Structure.from_surface(nodes, triangles, h)
             candidates = lattice(nodes.min(0), nodes.max(0), h)
             angle = solid_angle(nodes, outward, candidates)
-            near = abs(np.linalg.norm(candidates - centre, axis=1) - 0.01) < 1e-9      # points at corners on the surface
+            near = abs(np.linalg.norm(candidates - centre, axis=1) - 0.01) < 1e-9      # points at corners of the surface
             found, sure = as_set(structure.points, h), as_set(candidates[(angle > 0.75) & ~near], h)
             self.assertLessEqual(sure, found)
             self.assertLessEqual(found, as_set(candidates[(angle > 0.25) | near], h))
@@ -211,8 +212,8 @@ class DoseTest(unittest.TestCase):
         np.testing.assert_array_equal(rest.values, before)
 
     def test_dose_volume_histogram(self):
-        """For gland, urethra and rectum with 60 seeds, every figure is within 0.1 % of that from histograms with bins of 0.01 Gy, which this script computes
-        from its own voxels."""
+        """For gland, urethra and rectum with 60 seeds, every dose index is within 0.1 % of the value from histograms with bins of 0.01 Gy, which this script
+        computes from its own voxels."""
         table, source = table_of("I-125 6711"), brachy.Source("I-125 6711")
         positions, directions, _ = implant(60, 11)
         for radius, centre, h in ((0.02, (0, 0, 0), 1e-3), (0.004, (0, 0.002, 0.003), 3e-4), (0.012, (0, -0.03, 0), 8e-4)):
@@ -237,7 +238,7 @@ class DoseTest(unittest.TestCase):
             found = brachy.DVH(dose.values, structure.voxel)
             figures = found.summary(145.0)
             counts, edges = np.histogram(np.minimum(expected, 3000), np.arange(0, 3000.02, 0.01))
-            above = np.append(counts[::-1].cumsum()[::-1], 0) / len(own)               # fraction with at least the dose at the lower edge of a bin
+            above = np.append(counts[::-1].cumsum()[::-1], 0) / len(own)               # fraction of voxels with at least the dose at the lower edge of each bin
             for name, fraction in (("d10", 0.1), ("d30", 0.3), ("d80", 0.8), ("d90", 0.9)):
                 by_script = np.interp(-fraction, -above, edges)
                 self.assertAlmostEqual(figures[name] / by_script, 1, delta=1e-3, msg=name)

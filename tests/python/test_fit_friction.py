@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""scripts/fit_friction recovers the parameters of simulated insertions from data with noise and outliers, and refuses bad input.
+"""Tests that scripts/fit_friction recovers the parameters of simulated insertions from data with noise and outliers, and refuses bad input.
 
 usage: test_fit_friction.py BUILD_DIR SOURCE_DIR
 """
@@ -21,7 +21,7 @@ BUILD, SOURCE = (os.path.abspath(path) for path in sys.argv[1:3])
 FIT = os.path.join(SOURCE, "scripts/fit_friction")
 os.environ["TROCAR_LIBRARY"] = os.path.join(BUILD, "core/libtrocar.so")
 sys.path.insert(0, os.path.join(BUILD, "clients/python"))
-sys.dont_write_bytecode = True  # does not leave compiled files next to the script
+sys.dont_write_bytecode = True  # leaves no compiled files next to the script
 import trocar
 
 RATE = 1000          # Hz
@@ -92,7 +92,7 @@ def write_scene(path, youngs_modulus):
 
 
 def measure(model, speed, *paths):
-    """Writes measurements as a laboratory would, depth in mm and force in N, each with noise of its own."""
+    """Writes measurements as a laboratory would, depth in mm and force in N, each with independent noise."""
     out = insertion(model, in_and_out(speed))
     for path in paths:
         random = np.random.default_rng(len(path) + ord(path[-5]))
@@ -155,7 +155,7 @@ def parameters_come_back():
 
 
 def static_friction_comes_back_in_stiff_tissue():
-    """Stiff tissue deforms by less than the distance over which friction weakens."""
+    """Stiff tissue deforms by less than the distance over which friction weakens, so static friction is recovered as well."""
     write_scene("stiff.yaml", 1e6)
     stiff = model_of("stiff.yaml")
     measure(stiff, 0.005, "stiff-slow.csv")
@@ -173,7 +173,7 @@ def punctures_are_found():
 
 
 def other_records_of_the_same_do():
-    """Data with a tenth of the samples, with noise in the depth, without time, or in the format of another program."""
+    """Tests data with a tenth of the samples, with noise in the depth, without time, or in the format of another program."""
     random = np.random.default_rng(1)
     changed("coarse.csv", lambda text: "\n".join(text.splitlines()[::10]))
     changed("noisy.csv", of_each_row(lambda t, d, f: f"{t},{float(d) + 0.01 * random.standard_normal():.5f},{f}"))
@@ -196,7 +196,7 @@ def one_speed_is_announced():
 
 
 def the_output_makes_a_scene():
-    """After a mesh and a fixed surface have been added, the fragment is a scene in which a needle can be inserted (the skin first yields by 20 mm)."""
+    """With a mesh and a fixed surface added, the fragment is a scene in which a needle can be inserted (the skin yields by 20 mm first)."""
     text, _ = fitted("slow.csv", *FAST, *REGIONS, *PUNCTURES, "--figure", "fit.svg")
     with open("fitted.yaml", "w", encoding="utf-8") as file:
         file.write(f"mesh: {SOURCE}/meshes/prostate-570.msh\nfixed: [fixed]\n{text}")

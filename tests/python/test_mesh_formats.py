@@ -1,6 +1,6 @@
 #!/usr/bin/python3
-"""Meshes in all variants of MSH 2.2 and 4.1, as written by Gmsh, against what Gmsh's own interface returns for the same file: nodes, tetrahedra, their
-order, groups, named surfaces. Needs python3-gmsh.
+"""Compares meshes in all variants of MSH 2.2 and 4.1, as written by Gmsh, with what Gmsh's own API returns for the same file: nodes, tetrahedra, their order,
+groups, named surfaces. Needs python3-gmsh.
 
 usage: test_mesh_formats.py BUILD_DIR SOURCE_DIR
 """
@@ -32,7 +32,8 @@ def model_of(path, regions):
 
 
 def by_gmsh(path):
-    """Returns the nodes used by tetrahedra, by tag; tetrahedra, by volume, and their regions; groups in Gmsh's order; triangles by surface."""
+    """Returns the nodes used by tetrahedra, ordered by tag; the tetrahedra, ordered by volume, and their regions; the groups in Gmsh's order; and the triangles
+    of each surface."""
     gmsh.clear()
     gmsh.merge(str(path))
     tags, coordinates, _ = gmsh.model.mesh.getNodes()
@@ -97,7 +98,7 @@ class Formats(unittest.TestCase):
                 self.compare(path)
 
     def boxes(self, named=True, periodic=False):
-        """Three boxes in two regions; surfaces that belong to one or two groups, some of which have no name; an edge and a point."""
+        """Tests three boxes in two regions, with surfaces that belong to one or two groups, some of which have no name, and with an edge and a point."""
         gmsh.clear()
         occ = gmsh.model.occ
         boxes = occ.addBox(0, 0, 0, 1, 1, 1), occ.addBox(1, 0, 0, 1, 1, 1), occ.addBox(0, 1, 0, 2, 1, 1)
@@ -141,13 +142,13 @@ class Formats(unittest.TestCase):
         gmsh.option.setNumber("Mesh.SaveParametric", 0)
 
     def test_partitions(self):
-        """MSH 4.1 describes partitions by entities. When it imports partitioned MSH 2.2 files, Gmsh creates some entities of its own, in a different order."""
+        """MSH 4.1 describes partitions by entities. When Gmsh imports partitioned MSH 2.2 files, it creates additional entities, in a different order."""
         self.boxes()
         gmsh.model.mesh.partition(3)
         self.compare_variants("parts", versions=(4.1,))
 
     def test_sparse_tags(self):
-        """Two bodies with given nodes and elements, whose tags have gaps and are unsorted."""
+        """Tests two bodies with given nodes and elements, whose tags have gaps and are unsorted."""
         gmsh.clear()
         random.seed(3)
         node_tags, element_tags = random.sample(range(1, 1000000), 9), random.sample(range(1, 1000000), 4)

@@ -1,6 +1,5 @@
 #!/usr/bin/python3
-"""Plans: the YAML reader, DICOM RT Plans compared with the readers of dcmtk and dicom3tools, misplacement; and a replayed log with
-commands.
+"""Tests plans: the YAML reader, DICOM RT Plans (compared with the readers of dcmtk and dicom3tools), misplacement, and a replayed log with commands.
 
 usage: test_plan.py BUILD_DIR SOURCE_DIR
 """
@@ -80,8 +79,8 @@ class Reader(Case):
         seeds = plans.planned_seeds(plan, MODEL)
         self.assertEqual((len(plan.needles), len(seeds)), (16, 60))
         self.assertEqual(plans.check(plan, MODEL), {"prostate": 60})
-        # Column F is the sixth of 13 columns 5 mm apart, the seventh of which is in the middle; row 4 is the seventh of 13 rows; the face of the template is at
-        # z = -25 mm.
+        # Column F is the sixth of 13 columns, which are 5 mm apart and whose seventh is in the middle; row 4 is the seventh of 13 rows; the face of the
+        # template is at z = -25 mm.
         first = next(s for s in seeds if s.hole == "F4")
         np.testing.assert_allclose(first.position, [0.005, 0.0, -0.025 + 0.09975 - 0.00225], atol=1e-12)
         np.testing.assert_allclose(plans.Frame(MODEL).position(first.position), [-5, 0, 72.5], atol=1e-9)
@@ -156,7 +155,7 @@ class Reader(Case):
 
 
 def dumped(path):
-    """Returns what dcmtk reads: [(applicator, position, orientation, relative position)] of the control points."""
+    """Returns what dcmtk reads, as a list of (applicator, position, orientation, relative position) of the control points."""
     found, hole, place = [], None, {}
     for line in subprocess.run(["dcmdump", "+L", path], check=True, capture_output=True, text=True).stdout.splitlines():
         match = re.match(r" *\((300a,\w{4})\) \w\w \[?([^\]#]*?)\]? *#", line)
@@ -317,7 +316,7 @@ class Dicom(Case):
         self.assertEqual(data.Modality, "RTPLAN")
 
     def test_what_ends_too_early_is_refused(self):
-        """The file may be cut anywhere, in every transfer syntax without compression, with sequences of known and of unknown length. dcmtk writes the
+        """The file may be truncated anywhere, in every transfer syntax without compression, with sequences of known and of unknown length. dcmtk writes the
         files."""
         path, expected = self.exported(), len(plans.planned_seeds(plans.read(EXAMPLE), MODEL))
         for options in (["+te", "+e"], ["+te", "-e"], ["+ti", "+e"], ["+ti", "-e"], ["+tb", "+e"], ["+tb", "-e"], ["+td"]):
@@ -360,7 +359,7 @@ class Compare(Case):
         self.assertEqual(len(rows), 60)
         for row in rows:
             off = moved[row.placed.number - 1] * 1e3
-            np.testing.assert_allclose(row.offset, [-off[0], -off[1], off[2]], atol=1e-9)  # left, posterior and cranial components
+            np.testing.assert_allclose(row.offset, [-off[0], -off[1], off[2]], atol=1e-9)  # components to the left, posterior and cranial
             self.assertAlmostEqual(row.along, off[2])
             self.assertAlmostEqual(row.across, np.hypot(off[0], off[1]))
             np.testing.assert_array_equal(row.planned.position, seeds[row.placed.number - 1].position)
@@ -485,7 +484,7 @@ class Replay(Case):
         holes = [s.hole for s in plans.read_seeds(self.out / "answered.csv", self.model)]
         done = subprocess.run([BUILD / "clients/trocar-replay", "--scene", SCENE, "--seeds", self.out / "again.csv", "--poses", self.out / "answered-out.log"],
                               capture_output=True, text=True)
-        self.assertEqual([s.hole for s in plans.read_seeds(self.out / "again.csv", self.model)], holes, done.stderr) # the server's replies are written, too
+        self.assertEqual([s.hole for s in plans.read_seeds(self.out / "again.csv", self.model)], holes, done.stderr) # the server's replies are written as well
         return holes
 
     def test_a_log_with_commands_is_an_implant(self):

@@ -1,6 +1,6 @@
 #!/usr/bin/python3
-"""Planning: plans with entries, rolls and turns; distances from obstacles compared with formulas; insertions whose plan is known from geometry; the planner's
-results, repeated step by step; the robust plan in newly built samples; seeds; bad problems.
+"""Tests planning: plans with entry points, rolls and turns; distances from obstacles compared with formulas; insertions whose plan is known from geometry; the
+planner's results, repeated step by step; the robust plan in newly built samples; seeds; invalid problems.
 
 usage: test_planner.py BUILD_DIR SOURCE_DIR
 """
@@ -95,7 +95,7 @@ def carried_out(model, needle, target, speed=0.08, settle=0.05, dt=1e-3):
     ways = [(-0.02, needle.turn.depth), (needle.turn.depth, needle.depth)] if needle.turn else [(-0.02, needle.depth)]
     for i, (start, end) in enumerate(ways):
         if i == 1:
-            for part in np.linspace(0, 1, 501)[1:]:    # half a turn in 0.5 s
+            for part in np.linspace(0, 1, 501)[1:]:    # turn by half a turn in 0.5 s
                 sim.step(pose(start, roll + part * needle.turn.by), dt)
             roll += needle.turn.by
         for depth in np.arange(start, end, speed * dt)[1:]:
@@ -156,7 +156,7 @@ class PlanFormat(Case):
         np.testing.assert_allclose(tips[0][0][-1], line[3], atol=1e-12)
         self.assertLess(np.ptp(tips[1][0], axis=0).max(), 1e-12)    # the needle is at rest while it turns
         for bevel, roll in ((tips[0][1][0], -1.5), (tips[-1][1][-1], 3.14 - 1.5)):
-            np.testing.assert_allclose(bevel[0], -np.sin(roll), atol=5e-3)    # rotated about z, apart from the effect of the tilt
+            np.testing.assert_allclose(bevel[0], -np.sin(roll), atol=5e-3)    # the bevel is rotated about z, apart from the effect of the tilt
         self.assertEqual(len(tips[-1][0]), 3)
 
 
@@ -183,7 +183,7 @@ class Obstacles(Case):
         self.assertLessEqual(capsule.distance(shaft, 1e-3, Embedding(model), field, enough=0.0), found + 1e-12)
 
     def test_in_tissue_that_does_not_move_it_is_as_at_rest(self):
-        """Rounding never makes the result miss the point nearest to the target in the undeformed tissue."""
+        """Rounding must never make the result miss the point nearest to the target in the undeformed tissue."""
         model = trocar.Model(trocar.Scene.load(SCENE), mesh_only=True)
         embedding, still, random = Embedding(model), np.zeros_like(model.nodes), np.random.default_rng(1)
         for _ in range(300):
@@ -213,7 +213,7 @@ class Geometry(Case):
         np.testing.assert_allclose(end, [0.006, 0.004, 0.05], atol=2e-5)
         self.assertTrue(-0.004 <= needle.entry[0] <= -0.002)
         self.assertAlmostEqual(np.arctan(needle.direction[0] / needle.direction[2]), np.arctan((0.006 - needle.entry[0]) / 0.05), delta=1e-3)
-        self.assertAlmostEqual(result.unplanned.error, 8e-3, delta=1e-4)    # on a straight line from the edge of the permitted area
+        self.assertAlmostEqual(result.unplanned.error, 8e-3, delta=1e-4)    # the distance from a straight line that starts at the edge of the permitted area
 
     def test_tilt_that_does_not_suffice_is_told(self):
         text = PROBLEM.replace("set: {needle.bevel_slope: 0.05}", WITHOUT_FORCES).replace("[-0.02, 0.02], y", "[-0.004, -0.002], y").replace("tilt: 0.2", "tilt: 0.1")
@@ -322,7 +322,7 @@ class Template(Case):
         guide = models[0].guides[0]
         off = np.array(result.target) - plans.hole_axis(guide, "I4")
         off -= (off @ guide.normal) * guide.normal
-        # At roll 0 the bevel faces +y, and the tip deviates toward -y. The target is too far away for that.
+        # At roll 0 the bevel faces +y, and the tip deviates toward -y. The target is too far away to be reached by that deviation.
         away = np.array([np.sin(result.needle.roll), -np.cos(result.needle.roll), 0.0])
         self.assertGreater(away @ off / np.linalg.norm(off), np.cos(0.25))
         self.assertLess(result.expected.error, result.rigid.error - 1e-3)
@@ -354,7 +354,7 @@ class Seeds(Case):
 
 
 class Failures(Case):
-    """Insertions that cannot be simulated, and searches that end without a result."""
+    """Tests insertions that cannot be simulated, and searches that end without a result."""
 
     def seeds(self):
         text = (SOURCE / "docs/examples/planning-seeds.yaml").read_text().replace("../../meshes", str(SOURCE / "meshes")).replace(

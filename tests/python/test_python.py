@@ -52,7 +52,7 @@ def cube(n=3, h=0.01):
 
 
 def measured(work):
-    """Returns the result of `work`, its processor time in seconds, and the growth of the process's memory in bytes."""
+    """Returns the result of `work`, its processor time (s), and the growth of the process's memory (bytes)."""
     resident = lambda: int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
     results, before, peak = [], resident(), 0
     start = time.process_time()
@@ -84,7 +84,7 @@ class PythonTest(unittest.TestCase):
         np.testing.assert_allclose(model.start, [0, 0, -0.21, 0.8, 0.6, 0, 0], atol=1e-15)
 
     def test_forces_are_those_of_replay(self):
-        """The poses of a golden trace, applied tick by tick, give the same digits as the replay."""
+        """The poses of a golden trace, applied tick by tick, give the same digits as trocar-replay."""
         with tempfile.TemporaryDirectory() as folder:
             table = Path(folder) / "out.csv"
             log = SOURCE / "tests/traces/figure8.log"
@@ -165,7 +165,7 @@ class PythonTest(unittest.TestCase):
         sim = trocar.Sim(trocar.Model(scene))
         pose = lambda tick: [0.005, 0.003, -0.201 + 1.5e-4 * min(tick, 400 - tick), 1, 0, 0, 0]
         sim.reset(pose(0), needle=1)
-        held, seen = {}, set()  # slot and depth of each contact, by its id
+        held, seen = {}, set()  # held: slot and depth of each contact, keyed by its id
         for tick in range(400):
             out = sim.step(pose(tick), 0.001, needle=1)
             self.assertEqual(sim.contacts(), [])
@@ -207,7 +207,7 @@ class PythonTest(unittest.TestCase):
         self.assertEqual(sim.needle_state(0), "held")
         out = sim.step(sim.base(0), 0.001)
         self.assertLess(np.linalg.norm(out.force), 2e-3)
-        np.testing.assert_allclose([c.force for c in sim.contacts(0)], forces, atol=1e-3)  # the forces at the moment when the needle was left
+        np.testing.assert_allclose([c.force for c in sim.contacts(0)], forces, atol=1e-3)  # the forces are those at the moment when the needle was released
 
     def test_tracks_are_where_the_needle_went(self):
         sim = trocar.Sim(self.model)

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""The Python package in the programs that use it: processes and threads, copies, wrong arguments, interruptions, and type checkers.
+"""Tests the Python package in the programs that use it: processes and threads, copies, wrong arguments, interruptions, and type checkers.
 
 usage: test_python_hosts.py BUILD_DIR SOURCE_DIR
 """
@@ -26,7 +26,7 @@ import trocar
 from trocar import brachy
 
 FIGURE8, IMPLANT, TRUS = (SOURCE / f"meshes/{name}.yaml" for name in ("figure8", "implant", "trus"))
-PATIENCE = 60  # s, after which a process counts as hanging
+PATIENCE = 60  # s, time after which a process counts as hung
 
 
 def pushed(model, ticks=300):
@@ -44,7 +44,7 @@ def straight(ticks, end=1.5e-4):
 
 
 def last_force(scene_path):
-    """Runs in a worker process and creates a model of its own. A scene that cannot be read raises Error."""
+    """Runs in a worker process and creates its own model. A scene that cannot be read raises Error."""
     return trocar.rollout(trocar.Model(trocar.Scene.load(scene_path)), straight(100)[None])["force"][0, -1].tolist()
 
 
@@ -77,7 +77,7 @@ class ProcessTest(unittest.TestCase):
         self.assertEqual(in_child(lambda: trocar.Model(trocar.Scene.load(FIGURE8))), 0)
 
     def test_a_child_forked_while_another_thread_makes_models(self):
-        """Forking works whatever locks the other thread holds at the time."""
+        """Forking works regardless of the locks that the other thread holds at the time."""
         over = threading.Event()
 
         def make():
@@ -107,7 +107,7 @@ class ProcessTest(unittest.TestCase):
         self.assertIsInstance(pickle.loads(pickle.dumps(caught.exception)), trocar.Error)
 
     def test_the_threads_of_other_programs_openmp_are_left_alone(self):
-        """After a model has been created, OpenMP's limit on nested regions is again the one that the host program had set."""
+        """After a model has been created, OpenMP's limit on nested regions is again the limit set by the host program."""
         program = ("import ctypes, trocar, sys; openmp = ctypes.CDLL('libgomp.so.1'); openmp.omp_set_max_active_levels(3); "
                    "trocar.Model(trocar.Scene.load(sys.argv[1])); print(openmp.omp_get_max_active_levels())")
         done = subprocess.run([sys.executable, "-c", program, FIGURE8], env={**os.environ, "PYTHONPATH": str(BUILD / "clients/python")}, capture_output=True,
@@ -211,7 +211,7 @@ class ObjectTest(unittest.TestCase):
         scene = trocar.Scene.load(FIGURE8)
         model = trocar.Model(scene)
         sim = pushed(model.derive(scene), 200)
-        sim.model = None    # as if the host program had dropped its reference to the model
+        sim.model = None    # as if the host program had dropped the last reference to the model
         del model
         gc.collect()
         other = pushed(self.model, 200)
@@ -288,7 +288,7 @@ class SceneTest(unittest.TestCase):
 
 
 class InterruptionTest(unittest.TestCase):
-    """Long calls report their progress, and end when they are asked to."""
+    """Long calls report their progress, and end when the program requests it."""
 
     @classmethod
     def setUpClass(cls):
@@ -375,7 +375,7 @@ class InterruptionTest(unittest.TestCase):
 
 class TypeTest(unittest.TestCase):
     def test_a_program_with_types_passes_mypy(self):
-        """Uses the package as in the documentation, and as a program would use a scene's values."""
+        """A program that uses the package as the documentation does, and a scene's values as a typical program would."""
         program = '''
 import numpy as np
 import trocar

@@ -11,7 +11,7 @@ done
 cd "$work"
 fail() { echo "FAILED: $*" >&2; tail -n 20 ./*.log study/slurm-*.txt 2>/dev/null >&2 || true; exit 1; }
 
-# Waits up to one minute for a command to succeed.
+# Waits for up to a minute until a command succeeds.
 await() {
     local attempt
     for attempt in {1..600}; do "$@" >/dev/null 2>&1 && return; sleep 0.1; done
@@ -77,7 +77,7 @@ END
 study() { /usr/bin/python3 -m trocar.studies.study "$@"; }
 study run study.yaml --out local --workers 2 --quiet >/dev/null || fail "without Slurm"
 
-# Prints the total number of rows in the files of all tasks, without their headings.
+# Prints the total number of rows in the files of all tasks, without the header rows.
 rows() { cat study/rows-*.csv 2>/dev/null | grep -vc '^run,' || true; }
 some_rows() { [ "$(rows)" -ge 3 ]; }
 submitted=$(study run study.yaml --out study --engine slurm --tasks 4) || fail "submission"
@@ -100,7 +100,7 @@ grep -q 'incomplete last line' study/slurm-2.txt || fail "the torn line is not r
 cmp study/result.csv local/result.csv || fail "the results differ"
 [ "$(rows)" -eq 12 ] || fail "$(rows) rows: some runs were done twice"
 
-# Submits, waits and collects in one command, for a study in which only two runs are missing.
+# Submits, waits and collects in one command, for a study of which only two runs are missing.
 sed -i 2,3d study/rows-3-of-4.csv
 rm study/result.csv
 study run study.yaml --out study --engine slurm --tasks 4 --wait >wait.log || fail "--wait: $(cat wait.log)"

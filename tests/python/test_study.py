@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Studies: derived models, motions equal to trocar-device's, strict reading, samples, resumption after a kill, records, frames, and Sobol's indices
+"""Tests studies: derived models, motions equal to trocar-device's, strict reading, samples, resumption after a kill, records, frames, and Sobol's indices
 of a function whose indices are known.
 
 usage: test_study.py BUILD_DIR SOURCE_DIR
@@ -247,10 +247,10 @@ class Reading(Case):
         self.assertTrue((samples[:, 0] > 5).all() and (samples[:, 0] < 13).all() and (np.abs(samples[:, 1]) < 2e-3).all())
         longer = studies.read(self.write(edit=("count: 12", "count: 400"))).samples()
         np.testing.assert_array_equal(samples, longer[:12])
-        self.assertAlmostEqual(longer[:, 1].std(), 0.88e-3, delta=0.08e-3)    # standard deviation of a normal distribution truncated at two deviations
+        self.assertAlmostEqual(longer[:, 1].std(), 0.88e-3, delta=0.08e-3)    # standard deviation of a normal distribution truncated at two standard deviations
         tail = studies.read(self.write(edit=("within: [-2e-3, 2e-3]", "within: [9e-3, 10e-3]"))).samples()[:, 1]
         self.assertTrue((9e-3 <= tail).all() and (tail <= 10e-3).all() and len(set(tail)) == 12)
-        self.assertLess(tail.mean(), 9.3e-3)    # beyond 9 deviations, values exceed that limit by 0.11 deviations on average
+        self.assertLess(tail.mean(), 9.3e-3)    # beyond 9 standard deviations, values exceed that limit by 0.11 standard deviations on average
         grid = studies.read(self.write(a=("method: random, count: 12, seed: 3", "method: grid"), b=("uniform: [5, 13]", "uniform: [5, 13], steps: 3"),
                                        c=("normal: [0, 1e-3], within: [-2e-3, 2e-3]", "values: [0, 1e-3]")))
         np.testing.assert_allclose(grid.samples(), [[5, 0], [5, 1e-3], [9, 0], [9, 1e-3], [13, 0], [13, 1e-3]])
@@ -277,8 +277,8 @@ class Sensitivity(unittest.TestCase):
             self.assertTrue((interval[:, 0] <= exact + 0.005).all() and (exact - 0.005 <= interval[:, 1]).all())
 
     def test_values_that_are_nearly_constant(self):
-        """For bootstrap samples that contain none of the differing points, the indices are undefined. With one such point this applies to 36 % of the samples,
-        with four points to 2 %."""
+        """The indices are undefined for bootstrap samples that contain none of the points at which the function differs. If there is one such point, this is
+        the case for 36 % of the samples; if there are four, for 2 %."""
         for points, has_interval in ((1, False), (4, True)):
             values = np.zeros((64, 3))
             values[:points] = [[1, 2, 3]]
@@ -291,7 +291,7 @@ class Running(Case):
     def test_tasks_and_a_kill_change_nothing(self):
         path = self.write()
         whole = self.result(path, "whole", "--workers", "2")
-        for task in ("1/3", "2/3", "3/3"):    # runs the tasks sequentially, with the arguments that GNU parallel would pass
+        for task in ("1/3", "2/3", "3/3"):    # the tasks run sequentially, with the arguments that GNU parallel would pass
             self.assertEqual(self.main("run", path, "--out", self.out / "parts", "--task", task, "--workers", "1", "--quiet")[0], 0)
         self.assertEqual(self.main("collect", path, "--out", self.out / "parts")[0], 0)
         self.assertEqual((self.out / "parts/result.csv").read_bytes(), whole)
@@ -315,7 +315,7 @@ class Running(Case):
         self.assertRegex(errors, "incomplete last line.*\n.*%d of 12" % (len(before) - 1))
         self.assertEqual((self.out / "killed/result.csv").read_bytes(), whole)
         rows = killed.read_bytes().splitlines()
-        self.assertEqual(rows[:len(before)], before)    # no run has been repeated
+        self.assertEqual(rows[:len(before)], before)    # no run is repeated
         self.assertEqual(len(rows), 13)
 
         busy = studies.carry_out.__globals__["TaskFile"](killed, studies.read(path), studies.read(path).samples())
@@ -439,7 +439,7 @@ class Running(Case):
         self.assertEqual(*manifests)
 
     def test_each_run_with_a_stiffness_of_its_own(self):
-        """Runs the test with the sparse inverse, and once with the dense inverse."""
+        """Runs the test several times with the sparse inverse, and once with the dense inverse."""
         path = self.write(a=("count: 12", "count: 3"), b=("regions[surrounding].friction.kinetic: {uniform: [5, 13]}", "regions[surrounding].youngs_modulus: {uniform: [20e3, 40e3]}"))
         whole = self.result(path, "o", "--hdf5")
         for task in ("1/2", "2/2"):
@@ -480,7 +480,7 @@ class Running(Case):
             self.assertLessEqual(len({int(groups.of_run[index]) for index in task}), 2)
 
     def test_a_run_that_fails_gives_no_base(self):
-        """In the first two runs, the inner diameter exceeds the outer one. The model of the third run is reused for the others."""
+        """In the first two runs, the inner diameter exceeds the outer diameter. The model of the third run is reused for the remaining runs."""
         path = self.write(a=("random, count: 12, seed: 3", "grid"), b=("normal: [0, 1e-3], within: [-2e-3, 2e-3]", "values: [0, 1e-3]"),
                           c=("regions[surrounding].friction.kinetic: {uniform: [5, 13]}", "needle.inner_diameter: {values: [2e-3, 0.8e-3]}"))
         with mock.patch.object(runs, "Model", wraps=trocar.Model) as made:    # counts the models created in this process
@@ -543,7 +543,7 @@ def opened_by(insertions):
 
 class Frames(Case):
     def test_the_size_is_said_before_it_starts(self):
-        """Compares the prediction with the file of a run with a longer motion, and for a study that is too large to be run."""
+        """Compares the predicted size with the file of a run with a longer motion; also tests the prediction for a study that is too large to run."""
         longer = ("straight: {depth: 0.006, speed: 0.1}", "script: insert")
         study = studies.read(self.write(edit=longer, more=("count: 12", "count: 1")), True)
         said = []
@@ -566,14 +566,14 @@ class Frames(Case):
         insertions = example.Insertions(self.out / "o/frames.h5")
         expected = insertions[2]["force"]
         self.assertEqual((len(insertions), insertions.nodes.shape), (3, MODEL.nodes.shape))
-        parts = [pickle.loads(pickle.dumps(insertions))]    # as is done for a spawned worker
+        parts = [pickle.loads(pickle.dumps(insertions))]    # pickled, as it would be for a spawned worker
         with multiprocessing.get_context("fork").Pool(2) as pool:
             for opened, process, found in pool.map(opened_by, [insertions] * 4):
                 self.assertEqual(opened, process)
                 np.testing.assert_array_equal(found, expected)
         read, write = os.pipe()
         child = os.fork()
-        if child == 0:    # a forked worker of PyTorch inherits the object unchanged
+        if child == 0:    # like a forked worker of PyTorch, the child inherits the object unchanged
             opened, process, found = opened_by(insertions)
             os.write(write, bytes([opened == process and np.array_equal(found, expected)]))
             os._exit(0)
@@ -584,7 +584,7 @@ class Frames(Case):
     def test_frames(self):
         path = self.write(edit=("count: 12", "count: 3"))
         self.result(path, "o", "--record", "frames")
-        for command in ("collect", "summary"):    # both commands find the frames listed in the manifest
+        for command in ("collect", "summary"):    # both commands learn from the manifest that frames are recorded
             self.assertEqual(self.main(command, path, "--out", self.out / "o", *(["--no-plots"] if command == "summary" else []))[0], 0)
         status, _, errors = self.main("run", path, "--out", self.out / "o")
         self.assertEqual(status, 2)

@@ -40,8 +40,8 @@ static inline void bend(const needle_model *model, needle_state *state, vec3 tip
     needle_linearise(model, state, load, 0, tangent);
 }
 
-/* Returns the curvature at the tip for theta'' = -p cos(theta), integrated from the base by the midpoint rule. The correct curvature at the base makes the
-   result zero. */
+/* Returns the curvature at the tip for theta'' = -p cos(theta), integrated from the base by the midpoint rule. With the correct curvature at the base, the
+   result is zero. */
 static inline double elastica_shot(double base_curvature, double p, double *x, double *y) {
     int n = 20000;
     double theta = 0.0, kappa = base_curvature, ds = 1.0 / n;

@@ -18,7 +18,7 @@ typedef struct {
 
 typedef struct {
     FILE *file;
-    char *elements;          /* the lines of the elements in the file */
+    char *elements;          /* the lines that describe the elements in the file */
     FILE *lines;
     size_t size;
     int nodes, element_count;
@@ -74,7 +74,7 @@ static inline void write_block_elements(block_writer *w, const block *b, int fir
     }
 }
 
-/* Writes blocks as a mesh in units of `unit` (m), with regions "r1" to "r<regions>"; the surface "fixed" consists of the sides across x. */
+/* Writes blocks as a mesh in units of `unit` (m), with regions "r1" to "r<regions>"; the surface "fixed" consists of the sides normal to x. */
 static inline void blocks_write_mesh(const char *path, const block *blocks, int count, int regions, double unit) {
     block_writer w = {.file = fopen(path, "w"), .unit = unit};
     w.lines = open_memstream(&w.elements, &w.size);

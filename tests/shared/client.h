@@ -1,4 +1,5 @@
-/* A device on the real network for end-to-end tests, which sends a pose every millisecond and checks each answer. Include this file after cmocka.h, and run the
+/* A device on the real network for end-to-end tests, which sends a pose every millisecond and checks every answer. Include this file after cmocka.h, and run
+   the
    test in a private network namespace. */
 #ifndef TROCAR_TESTS_CLIENT_H
 #define TROCAR_TESTS_CLIENT_H
@@ -24,7 +25,7 @@ enum { NEWS_REMEMBERED = 256 };
 typedef struct {
     int count;
     double lateness_p99[NEWS_REMEMBERED], compute_p99[NEWS_REMEMBERED]; /* s */
-    int64_t misses, ticks;           /* values in the first message */
+    int64_t misses, ticks;           /* values in the first message since then */
 } timing_record;
 
 typedef struct {
@@ -42,15 +43,15 @@ typedef struct {
     int64_t wrenches;
     timing_record record;            /* since watch() */
     double oldest_snapshot;          /* s, largest age of a snapshot since watch() */
-    int seen, always;                /* flags set in any wrench since watch(), and flags set in all of them */
+    int seen, always;                /* seen: flags set in any wrench since watch(); always: flags set in all of them */
     int told;                        /* flags set in any status since watch() */
-    double least, most;              /* N, smallest and largest force since watch() */
+    double least, most;              /* N, smallest (least) and largest (most) force since watch() */
 } client;
 
 static inline double norm3(const double a[3]) { return sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2]); }
 static inline double force_of(const client *c) { return norm3(c->wrench.force); }
 
-/* Checks what must hold during every fault: wrenches are finite, and their magnitude and their change per tick stay within the device's limits. */
+/* Checks the invariants that hold during every fault: wrenches are finite, and their magnitude and their change per tick stay within the device's limits. */
 static inline void check_wrench(const client *c, const trocar_needle_wrench_t *w) {
     double step[3], turn[3];
     for (int a = 0; a < 3; a++) {
@@ -144,7 +145,7 @@ static inline void command(client *c, int64_t session, int what) {
     trocar_command_t_publish(c->lcm, "TROCAR_COMMAND", &m);
 }
 
-/* True if timing is checked, which requires a build without sanitizers. */
+/* True if timing is checked, which is only possible in a build without sanitizers. */
 static inline bool in_time(void) {
     const char *wanted = getenv("TROCAR_CHECK_TIMING");
     return wanted == NULL || strcmp(wanted, "no") != 0;

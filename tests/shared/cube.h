@@ -1,4 +1,4 @@
-/* An irregular cube of tissue for the tests, with Kuhn's six tetrahedra per cell, inner nodes displaced at random, a soft region below a stiff one, and fixed
+/* An irregular cube of tissue for tests, with Kuhn's six tetrahedra per cell, randomly displaced inner nodes, a soft region below a stiff one, and fixed
    nodes at z = 0. */
 #ifndef TROCAR_TESTS_CUBE_H
 #define TROCAR_TESTS_CUBE_H
@@ -84,7 +84,7 @@ static inline void cube_free(cube *c) {
     mesh_free(&c->mesh);
 }
 
-/* Sets K to zero, so that it can no longer be factorised. */
+/* Sets K to zero, so that it cannot be factorised. */
 static inline void cube_loosen(tissue *t) {
     size_t entries = (size_t)((const int *)t->stiffness->p)[t->stiffness->ncol];
     memset(t->stiffness->x, 0, entries * sizeof(double));
@@ -98,7 +98,7 @@ static inline vec3 cube_point(const cube *c, int tet, double margin) {
     return mesh_point(&c->mesh, tet, w);
 }
 
-/* Adds nodes at random points, `each` nodes in each of `elements` elements, one element after the other. */
+/* Adds nodes at random points: `each` nodes in each of `elements` elements, one element after the other. */
 static inline void cube_refine(const cube *c, refinement *r, int each, int elements) {
     for (int i = 0; i < each * elements; i++) {
         int tet = (37 * (i % elements) + 11) % c->mesh.tet_count;

@@ -41,7 +41,7 @@ static inline trocar_status lockstep_remesh_by(int method, needle_run *r, report
     return any_remesher_create(r->parts->inverse, method, &r->remesher, why);
 }
 
-/* `config->remeshing` may also be one of the methods in remesh_methods.h. */
+/* In `config`, `remeshing` may also be one of the methods in remesh_methods.h. */
 static inline lockstep *lockstep_create(const simulation_config *config, pose start) {
     lockstep *l = calloc(1, sizeof *l);
     report why;
@@ -79,7 +79,7 @@ static inline void lockstep_tick(lockstep *l, pose base, double dt) {
     }
 }
 
-/* Creates a simulation with the needle 60 mm deep, at rest without force, and with all its contacts computed. */
+/* Creates a simulation with the needle 60 mm deep, at rest, without force, and with all its contacts computed. */
 static inline lockstep *lockstep_engaged(const simulation_config *config) {
     pose start = lockstep_start();
     start.position.z += 0.061;

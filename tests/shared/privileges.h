@@ -11,13 +11,13 @@
 
 #include "common/realtime.h"
 
-/* Permanently removes CAP_SYS_NICE from the calling thread and from threads that it starts later. Capabilities belong to a thread; unlike libcap, the bare
+/* Permanently removes CAP_SYS_NICE from the calling thread and from threads that it starts later. Capabilities belong to a thread; unlike libcap, the raw
    system call does not change the other threads. */
 static inline bool drop_sys_nice(void) {
     struct __user_cap_header_struct header = {.version = _LINUX_CAPABILITY_VERSION_3};
     struct __user_cap_data_struct sets[_LINUX_CAPABILITY_U32S_3];
     if (syscall(SYS_capget, &header, sets) != 0) return false;
-    const __u32 bit = 1u << CAP_SYS_NICE; /* less than 32, so the bit is in the first word */
+    const __u32 bit = 1u << CAP_SYS_NICE; /* CAP_SYS_NICE is less than 32, so the bit is in the first word */
     sets[0].effective &= ~bit;
     sets[0].permitted &= ~bit;
     sets[0].inheritable &= ~bit;
@@ -28,8 +28,9 @@ static inline bool use_fifo(int flag) {
     return sched_setscheduler(0, SCHED_FIFO | flag, &(struct sched_param){.sched_priority = PRIORITY_HAPTIC}) == 0;
 }
 
-/* Gives the calling thread the privileges of the packaged service: SCHED_FIFO 80 is permitted, but SCHED_RESET_ON_FORK is set and cannot be cleared. The
-   service has a raised limit of the real-time priority. Here, the thread is given the priority beforehand, because not every machine lets root raise the limit.
+/* Gives the calling thread the privileges of the packaged service: SCHED_FIFO 80 is permitted, but SCHED_RESET_ON_FORK is set and cannot be cleared. For the
+   service, the limit of the real-time priority is raised. Here, the thread is given the priority beforehand instead, because not every machine lets root raise
+   the limit.
    Returns false if this machine does not permit SCHED_FIFO at all. */
 static inline bool become_a_service(void) {
     return use_fifo(SCHED_RESET_ON_FORK) && drop_sys_nice();

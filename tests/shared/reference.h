@@ -118,7 +118,7 @@ static inline double *reference_entry(const reference *r, int node, int a, int o
     return r->matrix + (size_t)(3 * node + a) * (size_t)(3 * r->node_count) + (size_t)(3 * other + b);
 }
 
-/* Assembles the stiffness. If `deviatoric`, lambda is omitted, as for a material with the same mu and nu = 0. */
+/* Assembles the stiffness. If `deviatoric` is true, lambda is zero, as for a material with the same mu and nu = 0. */
 static inline void reference_assemble(reference *r, bool deviatoric) {
     r->matrix = calloc((size_t)(9 * r->node_count * r->node_count), sizeof(double));
     for (int t = 0; t < r->tet_count; t++) {
@@ -133,7 +133,7 @@ static inline void reference_assemble(reference *r, bool deviatoric) {
     }
 }
 
-/* Sets rows and columns of fixed dofs to zero, and their diagonal entries to `diagonal`, which is 1 before the inversion and 0 after it. */
+/* Sets the rows and columns of fixed dofs to zero, and their diagonal entries to `diagonal` (1 before the inversion, 0 afterwards). */
 static inline void reference_isolate(reference *r, double diagonal) {
     for (int n = 0; n < r->node_count; n++) {
         if (!r->fixed[n]) continue;
@@ -206,7 +206,7 @@ static inline void reference_average_patches(reference *r, const tissue *t, cons
     free(b);
 }
 
-/* Splits the nominal mesh of this tissue at these contact nodes, one after the other. */
+/* Splits this tissue's nominal mesh at these contact nodes, one after the other. */
 static inline void reference_refine(const tissue *t, const refinement *added, reference *r) {
     size_t nodes = (size_t)(t->mesh->node_count + added->count), tets = (size_t)(t->mesh->tet_count + 4 * added->count + 1);
     *r = (reference){.node_count = t->mesh->node_count, .tet_count = t->mesh->tet_count};
@@ -234,7 +234,7 @@ static inline void reference_build(const tissue *t, const refinement *added, ref
     reference_refine(t, added, r);
     reference_assemble(r, t->volumetric != STRAIN_BY_ELEMENT);
     if (t->volumetric == STRAIN_BY_NODE) reference_average_nodes(r, t);
-    if (t->volumetric == STRAIN_BY_PATCH) /* at first, the parents are the nominal elements themselves */
+    if (t->volumetric == STRAIN_BY_PATCH) /* before any split, each element is its own parent */
         reference_average_patches(r, t, t->mesh->nodes, t->mesh->tet_count, t->mesh->tets, r->parent);
 }
 

@@ -89,7 +89,7 @@ static vec3 point_in(int tet, double margin) {
     return mesh_point(tested->mesh, tet, w);
 }
 
-/* Adds nodes of one kind in few elements, so that each element contains several nodes. */
+/* Adds nodes of one kind in a few elements, so that each of them contains several nodes. */
 static inline void add_nodes(kind wanted, int count) {
     for (int i = 0; i < count; i++) {
         int tet = (61 * (rand() % 6) + 3) % tested->mesh->tet_count;
@@ -162,7 +162,7 @@ static void check(remesher *r) {
     assert_blocks_right(1e-8);
 }
 
-/* Nodes are added and removed at random, and the window changes at random. */
+/* Nodes are added and removed at random, and the window changes randomly. */
 static void snapshots_equal_an_inversion_from_scratch(void **state) {
     (void)state;
     remesher *r = start(method);
@@ -242,7 +242,7 @@ static void nodes_among_fixed_ones(void **state) {
     tissue_free(&t);
 }
 
-/* Adds nodes of one kind in the elements along a line, each at the middle of the line's segment in its element. */
+/* Adds nodes of one kind in the elements along a line, each at the midpoint of the segment of the line inside its element. */
 static void add_track(vec3 from, vec3 to) {
     vec3 along = v3_sub(to, from);
     for (surface_hit at = mesh_enter(tested->mesh, from, to); at.tet >= 0;) {
@@ -394,7 +394,7 @@ static mat3 nominal_between(const reference *nominal, const added_node *node, co
     return sum;
 }
 
-/* Added nodes, whether many in one element, on faces, or moved, do not make contacts more compliant. */
+/* Added nodes do not make contacts more compliant, whether many lie in one element, or they lie on faces, or they are moved. */
 static void contacts_yield_as_in_the_nominal_mesh(void **state) {
     (void)state;
     static const refinement none = {.count = 0};

@@ -34,7 +34,7 @@ def commit_of(folder):
 
 @contextlib.contextmanager
 def axes_for(curves, path):
-    """Provides axes for the curves, labelled as in the first curve; saves the plot at the end."""
+    """Provides axes for the curves, labelled as the first curve specifies; saves the plot on exit."""
     figure, axes = plt.subplots(figsize=(6.4, 4.0), layout="constrained")
     yield axes
     axes.set_xlabel(curves[0]["x_label"])
@@ -46,7 +46,7 @@ def axes_for(curves, path):
 
 
 def write(folder, lines):
-    """Replaces plots/ and REPORT.md; generating the lines may create files in plots/."""
+    """Replaces plots/ and REPORT.md. The function that generates the lines may also create files in plots/."""
     plots = folder / "plots"
     plots.mkdir(exist_ok=True)
     for old in plots.glob("*.svg"):

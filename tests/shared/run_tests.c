@@ -1,6 +1,7 @@
-/* The main function of a program with several tests. It runs one of them: each test is a source file whose main function is renamed to the file's name. usage:
-   PROGRAM TEST [--only CASES | --except CASES] TEST may be left out if the program has one; CASES: those of the file, by name, as patterns with * and ?,
-   separated by commas. Without arguments, a program with several tests prints their names. */
+/* The main function of a program with several tests. It runs one of the tests; each test is a source file whose main function is renamed to the file's name.
+   usage:
+   PROGRAM TEST [--only CASES | --except CASES] TEST may be left out if the program has only one. CASES: names of the file's test cases, as patterns with * and
+   ?, separated by commas. Without arguments, a program with several tests prints their names. */
 #include <fnmatch.h>
 #include <setjmp.h>
 #include <stdarg.h>

@@ -1,4 +1,4 @@
-/* Pushes bevelled needles through uniform tissue and records the tracks that they cut, for test_steering.c and verify_steering.c. */
+/* Pushes bevelled needles through uniform tissue and records the tracks that they cut; used by test_steering.c and verify_steering.c. */
 #ifndef TROCAR_TESTS_STEERING_H
 #define TROCAR_TESTS_STEERING_H
 
@@ -8,7 +8,7 @@ typedef struct {
     const char *mesh;            /* path of the mesh, or NULL for that of the figure-8 scene */
     needle_parameters needle;
     double tissue_modulus;       /* Pa, everywhere */
-    double strength;             /* factor on the strength of membranes and on the friction and cutting resistance, relative to those of tissue with 60 kPa */
+    double strength;             /* factor on the strength of membranes, the friction and the cutting resistance, relative to those of tissue with 60 kPa */
     double x, y;                 /* m, entry point */
     double roll;                 /* rad, initial roll about the needle's axis; at 0, the bevel faces +y */
     double half_turn_at;         /* m, base travel at which the needle is rolled by half a turn; INFINITY for never */
@@ -83,7 +83,8 @@ static inline steering_track steering_run(const steering_case *given) {
 /* Returns the initial direction of steering, which points away from the bevel's face. */
 static inline vec3 steering_direction(double roll) { return v3(sin(roll), -cos(roll), 0); }
 
-/* Returns where the track of a needle that is rolled by half a turn at `at` must end, by superposition: for small deflections, cutting is linear in the bevel's
+/* Returns the position at which the track of a needle rolled by half a turn at `at` must end, computed by superposition: for small deflections, cutting is
+   linear in the bevel's
    slope, so the half turn subtracts twice the track of a bevel that has an effect only after that point. */
 static inline double steering_superposed(const steering_case *given, double at, vec3 sideways) {
     steering_case always = *given, later = *given;
@@ -96,7 +97,7 @@ static inline double steering_superposed(const steering_case *given, double at, 
 }
 
 /* Returns the signed curvature (1/m) of the part of the track between these depths (z, m) in the plane of +z and `sideways`, positive toward `sideways`. It is
-   that of a least-squares parabola over the chord of this part. */
+   the curvature of a least-squares parabola over the chord of this part. */
 static inline double steering_curvature(const steering_track *track, double from, double to, vec3 sideways) {
     int first = 0, last = track->count - 1;
     while (first < last && track->points[first].z < from) first++;

@@ -1,10 +1,10 @@
 #!/bin/sh
-# Tests the witness: a sanitizer's report is detected wherever in the output it appears, and a process left in the background does not delay the witness. usage:
+# Tests the witness: a sanitizer's report is detected wherever it appears in the output, and a process left in the background does not delay the witness. usage:
 # test_witness.sh WITNESS
 set -eu
 witness=$1
 
-# ends_with STATUS [OPTION] COMMAND runs the command in a shell under the witness and expects this exit status.
+# ends_with STATUS [OPTION] COMMAND runs the command in a shell under the witness and checks its exit status.
 ends_with() {
     wanted=$1 status=0
     shift

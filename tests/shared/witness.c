@@ -1,16 +1,16 @@
 /* Runs a test that depends on time, and distinguishes a slow program from a machine that was stalled.
    usage: witness [--once | --reports] COMMAND [ARGUMENT...]
 
-   A hypervisor that takes the processors away for milliseconds makes any real-time program late. One thread per processor, of higher
-   priority than everything under test, wakes each millisecond and notes its own lateness. A test that fails on a machine without stalls
-   has failed. A test that fails while the machine was stalled is run once more; if it fails again, the status is 77 (skipped), and the
+   A hypervisor that takes the processors away for milliseconds makes any real-time program late. One thread per processor, with a higher priority than
+   everything under test, wakes up every millisecond and records its own lateness. A failure on a machine without stalls counts. A test that fails while the
+   machine was stalled is run once more; if it fails again while the machine was stalled, the status is 77 (skipped), and the
    message says how long the machine was stalled.
 
-   A sanitizer's report in the command's output is a failure on any machine, and so is a program that a signal kills. (The reports are not
-   written to a file, because with several sanitizers UBSan writes to standard error whatever the option log_path says, as of GCC 12.)
-   --once: no second run, for instrumented programs, which are slow. --reports: a test without a report has passed if it ran to its end,
-   whatever its status. This is for ThreadSanitizer, under which a tick sometimes takes milliseconds (its shadow memory is mapped on first
-   touch); the other presets judge everything else. */
+   A sanitizer's report in the command's output is a failure on any machine, and so is a program killed by a signal. (The reports are not
+   written to a file, because with several sanitizers UBSan, as of GCC 12, writes to standard error regardless of the option log_path.)
+   --once: no second run; for instrumented programs, which are slow. --reports: a test that ran to its end without a report has passed, whatever its status.
+   This is for ThreadSanitizer, under which a tick sometimes takes milliseconds (its shadow memory is mapped on first
+   touch); all other failures are detected by the other presets. */
 #define _GNU_SOURCE
 #include <errno.h>
 #include <fcntl.h>
@@ -34,7 +34,7 @@ enum {
     MAX_PROCESSORS = 64,
     PRIORITY = 98,                   /* above the server (80) and below the kernel's own threads (99) */
     PERIOD_NS = 1000000,
-    LATE_NS = 500000,                /* an idle machine wakes up such a thread within about 50 us */
+    LATE_NS = 500000,                /* ns, lateness above which a wake-up counts as late; on an idle machine, such a thread wakes up within about 50 us */
 };
 
 static const double QUIET = 2e-3;    /* fraction of late wake-ups that a test must tolerate */
@@ -42,7 +42,7 @@ static const double QUIET = 2e-3;    /* fraction of late wake-ups that a test mu
 typedef struct {
     int processor;
     bool real_time;
-    long wakes, late;                /* whole periods in which the thread did not wake up also count as late */
+    long wakes, late;                /* number of wake-ups, and of late ones; whole periods in which the thread did not wake up also count as late */
     long long longest_ns;
 } observer;
 
@@ -74,9 +74,10 @@ static void *observe(void *context) {
 }
 
 /* Passes on the command's output until the command has ended. Returns true if a sanitizer reported an error. A process left in the background may keep the pipe
-   open and write to it indefinitely. After the command has ended, its own remaining output is therefore limited to the capacity of a pipe. */
+   open and write to it indefinitely. Therefore, after the command has ended, no more than the capacity of a pipe is read. */
 static bool pass_on(int pipe_end, int process) {
-    enum { PIPE_HOLDS = 65536, CARRIED = 32 }; /* bytes that are kept from one piece of output to the next, more than a report's marker has */
+    enum { PIPE_HOLDS = 65536, CARRIED = 32 }; /* CARRIED: number of bytes kept from one piece of output to the next, more than the length of a report's marker
+                                                  */
     static const char *const reports[] = {"Sanitizer: ", "runtime error: "};
     static char text[CARRIED + 4096];
     struct pollfd sources[] = {{.fd = pipe_end, .events = POLLIN}, {.fd = process, .events = POLLIN}};

@@ -19,7 +19,7 @@
 
 #include "expect.h"
 
-struct Columns { /* as sent: three columns of the rotation, and the position */
+struct Columns { /* in the order in which they are sent: three columns of the rotation, then the position */
     float numbers[12];
 };
 
@@ -86,7 +86,7 @@ public:
 
     igtl::ClientSocket::Pointer socket;
     std::map<std::string, int> counts;
-    std::map<std::string, std::vector<double>> ages; /* s, ages of messages, from their time stamp to their arrival */
+    std::map<std::string, std::vector<double>> ages; /* s, ages of the messages on arrival, according to their time stamps */
     std::map<std::string, igtl::TransformMessage::Pointer> transforms;
     std::map<std::string, igtl::StringMessage::Pointer> strings;
     std::map<std::string, igtl::ImageMessage::Pointer> images;
@@ -122,7 +122,7 @@ public:
     ~Connection() { close(descriptor); }
     void send(const std::vector<unsigned char> &bytes) { EXPECT(::send(descriptor, bytes.data(), bytes.size(), MSG_NOSIGNAL) == static_cast<ssize_t>(bytes.size())); }
     bool receive(void *bytes, size_t size) { return recv(descriptor, bytes, size, MSG_WAITALL) == static_cast<ssize_t>(size); }
-    bool is_closed() { /* true if the other side has closed the connection; discards received bytes */
+    bool is_closed() { /* returns true if the other side has closed the connection; discards received bytes */
         unsigned char bytes[65536];
         ssize_t count;
         for (double end = seconds() + 10; (count = recv(descriptor, bytes, sizeof bytes, 0)) > 0 && seconds() < end;) continue;

@@ -1,11 +1,12 @@
 #!/usr/bin/python3
-"""Run by hand: measures the time that trocar-slicer takes, and its effect on the haptic loop, in a private network:
+"""Measures the time that trocar-slicer takes, and its effect on the haptic loop, in a private network. Run it by hand:
 
     scripts/netns tests/slicer/measure.py BUILD_DIR SCENE [SECONDS [ROUNDS [STREAMED]]]
 
-One server and one device that plays figure 8 run throughout. With STREAMED, another scene, the bridge shows that one, of which 30 pictures a second
-are sent by a stand-in for its server on another LCM port, also throughout: a server of so large a mesh makes fewer. Rounds without the bridge, and with it and two clients of which one never reads,
-alternate, because the machine's other load changes the loop's times too; the medians of the rounds are compared.
+One server and one device that plays figure 8 run throughout. If another scene, STREAMED, is given, the bridge shows that scene instead; a stand-in for its
+server sends 30 pictures per second on another LCM port, because a real server sends fewer pictures of such a large mesh. Rounds without the bridge alternate
+with rounds with the bridge and two clients, one of which never reads. They alternate because other load on the machine also changes the loop's times; the
+medians of the rounds are compared.
 """
 import os
 import signal
@@ -48,7 +49,7 @@ class Timing:
         while True:
             packet = self.socket.recv(65536)
             if packet[:4] == b"LC02" and packet[8:22] == b"TROCAR_TIMING\0":
-                fields = struct.unpack(">qqd6d", packet[30:30 + 72])    # utime, ticks, rate; lateness and compute: p50, p99, max
+                fields = struct.unpack(">qqd6d", packet[30:30 + 72])    # utime, ticks, rate; then p50, p99 and maximum of lateness and of compute time
                 self.values.append({"lateness": fields[4], "compute": fields[7], "compute p50": fields[6]})
 
     def medians(self, seconds):

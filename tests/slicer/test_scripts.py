@@ -1,6 +1,6 @@
 #!/usr/bin/python3
-"""The scripts for 3D Slicer, docs/examples/slicer_*.py, against a stand-in that knows the classes and functions of Slicer and SlicerOpenIGTLink that they may
-use, from their sources, and no others.
+"""Tests the scripts for 3D Slicer, docs/examples/slicer_*.py, with a stand-in that provides only those classes and functions of Slicer and SlicerOpenIGTLink,
+as declared in their sources, that the scripts may use.
 
 usage: test_scripts.py SOURCE_DIR
 """
@@ -8,7 +8,7 @@ import runpy
 import sys
 from types import ModuleType, SimpleNamespace
 
-CLASSES = {    # Libs/MRML/Core in Slicer; OpenIGTLinkIF/MRML/vtkMRMLIGTLConnectorNode.h in SlicerOpenIGTLink
+CLASSES = {    # declared in Libs/MRML/Core in Slicer and in OpenIGTLinkIF/MRML/vtkMRMLIGTLConnectorNode.h in SlicerOpenIGTLink
     "vtkMRMLModelNode": ("CreateDefaultDisplayNodes", "GetDisplayNode"),
     "display": ("SetColor", "SetOpacity", "SetLineWidth"),
     "vtkMRMLTextNode": ("AddObserver", "GetText"),

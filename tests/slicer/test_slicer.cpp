@@ -1,5 +1,6 @@
-/* Tests trocar-slicer from outside: values in patient coordinates, computed here by hand; images against surfaces; slow clients, garbage, restarts,
-   trackers. usage: test_slicer TROCAR_SLICER TROCAR_SERVER MESHES CASE (values, faults, slow, trackers or server), in a private network namespace */
+/* Tests trocar-slicer from outside: values in patient coordinates, compared with hand calculations; images, compared with surfaces; slow clients, malformed
+   messages, restarts and trackers. usage: test_slicer TROCAR_SLICER TROCAR_SERVER MESHES CASE (values, faults, slow, trackers or server), in a private network
+   namespace */
 #include <algorithm>
 #include <cstdlib>
 #include <filesystem>
@@ -18,7 +19,7 @@ static std::string bridge_path, server_path, meshes, work;
 
 /* ---- the scene: trus.yaml with other patient coordinates ---- */
 
-/* mesh = (head, left, back) / 1000 + (0.01, -0.02, 0.03): the axes change places, so that a transposed or mirrored matrix is noticed. */
+/* mesh = (head, left, back) / 1000 + (0.01, -0.02, 0.03): the axes are permuted, so that a transposed or mirrored matrix is noticed. */
 static const char PATIENT[] = "patient_to_mesh: [0, 0, 1e-3, 0.01,   1e-3, 0, 0, -0.02,   0, 1e-3, 0, 0.03,   0, 0, 0, 1]";
 static Vector turned_to_ras(const Vector &v) { return {-v[1], -v[2], v[0]}; }
 static Vector to_ras(const Vector &m) { return {-1e3 * (m[1] + 0.02), -1e3 * (m[2] - 0.03), 1e3 * (m[0] - 0.01)}; }
@@ -61,8 +62,9 @@ struct Mesh {
 
 static void set_up(FakeServer &server, const Mesh &mesh) {
     server.nodes = mesh.nodes();
-    for (int i = 0; i <= 40; i++) server.centreline.push_back({0.01 + 0.005 * std::min(i, 20), 0.02, 0.03 + 0.005 * std::max(i - 20, 0)}); /* bent by 90 degrees */
-    for (double &q : server.orientation) q = 0.5; /* x, y, z of the needle are y, z, x of the mesh */
+    for (int i = 0; i <= 40; i++) server.centreline.push_back({0.01 + 0.005 * std::min(i, 20), 0.02, 0.03 + 0.005 * std::max(i - 20, 0)}); /* a centreline bent
+                                                                                                                                              by 90 degrees */
+    for (double &q : server.orientation) q = 0.5; /* the needle's x, y and z axes are the mesh's y, z and x axes */
     server.tip_lead = 0.5 * M_PI;
     server.force = {1, 2, 3};
     server.probe = {0, -0.032, -0.08};
@@ -97,7 +99,7 @@ struct Surface {
             triangles.push_back({static_cast<int>(corners[0]), static_cast<int>(corners[1]), static_cast<int>(corners[2])});
         }
     }
-    double volume() const { /* by the divergence theorem; positive if the faces point outwards */
+    double volume() const { /* computed with the divergence theorem; positive if the faces point outwards */
         double sum = 0;
         for (const auto &t : triangles) {
             const Vector &a = points[t[0]], &b = points[t[1]], &c = points[t[2]];
@@ -105,7 +107,7 @@ struct Surface {
         }
         return sum / 6;
     }
-    /* Returns true if a ray, whose direction is not along any edge, crosses the surface an odd number of times. */
+    /* Returns true if a ray from the point, in a direction parallel to no edge, crosses the surface an odd number of times. */
     bool contains(const Vector &x) const {
         static const Vector along = {0.4358, 0.5123, 0.7399};
         int crossings = 0;
@@ -212,7 +214,7 @@ static void test_values() {
     EXPECT(bridge.ready(), "%s", bridge.errors_text().c_str());
     Client client(bridge.port());
     EXPECT(client.has({"NeedleToReference", "NeedleTipToReference", "NeedleForce", "ProbeToReference", "ProbeForce", "TrocarStatus", "Needle", "AxialImage", "SagittalImage"}));
-    client.receive_for(0.5); /* all messages belong to the same picture */
+    client.receive_for(0.5); /* wait until all messages have arrived; they belong to the same picture */
     for (auto &ages : client.ages) EXPECT(ages.second.back() > 0 && ages.second.back() < 1, "%s is %g s old", ages.first.c_str(), ages.second.back());
 
     expect_columns(client.transform("NeedleToReference"), {{-1, 0, 0, 0, -1, 0, 0, 0, 1, -40, 0, 0}}, 1e-4, "base");
@@ -225,7 +227,8 @@ static void test_values() {
     expect_columns(client.transform("ProbeForce"), {{1, 0, 0, 0, 1, 0, 0, 0, 1, 1.5, 0, 0}}, 1e-6, "the probe's force");
     Columns probe = client.transform("ProbeToReference");
     Vector place = {probe.numbers[9], probe.numbers[10], probe.numbers[11]}, axis = {probe.numbers[6], probe.numbers[7], probe.numbers[8]};
-    Vector turned = turned_to_ras({2 * (turn[1] * turn[3]), -2 * turn[0] * turn[1], 1 - 2 * turn[1] * turn[1]}); /* third column of the quaternion's matrix, y = 0 */
+    Vector turned = turned_to_ras({2 * (turn[1] * turn[3]), -2 * turn[0] * turn[1], 1 - 2 * turn[1] * turn[1]}); /* third column of the quaternion's rotation
+                                                                                                                    matrix, with y = 0 */
     for (int a = 0; a < 3; a++) {
         EXPECT(std::fabs(place[a] - Vector{12, 110, -10}[a]) < 1e-4, "the probe: %g", place[a]);
         EXPECT(std::fabs(axis[a] - turned[a]) < 1e-6, "its axis: %g, not %g", axis[a], turned[a]);
@@ -242,7 +245,7 @@ static void test_values() {
     check_image(client.images["AxialImage"], organs, "axial");
     check_image(client.images["SagittalImage"], organs, "sagittal");
 
-    /* The axial image lies at a right angle to the probe's axis, 141 mm from its base: 150 mm minus the tip's 9 mm. */
+    /* The axial image is perpendicular to the probe's axis, 141 mm from its base: 150 mm minus 9 mm for the tip. */
     int size[3];
     client.images["AxialImage"]->GetDimensions(size);
     for (int j : {0, size[1] - 1})
@@ -312,7 +315,7 @@ static std::vector<unsigned char> raw_columns(const Columns &c) {
     return body;
 }
 
-static const Columns STYLUS = {{-1, 0, 0, 0, -1, 0, 0, 0, 1, -40, 0, 0}}; /* pose of the needle's base after set_up(), in stylus coordinates */
+static const Columns STYLUS = {{-1, 0, 0, 0, -1, 0, 0, 0, 1, -40, 0, 0}}; /* the transform with which the needle's base is where set_up() puts it */
 
 static void test_slow_client(const Mesh &mesh) {
     FakeServer server;
@@ -337,7 +340,7 @@ static void test_slow_client(const Mesh &mesh) {
     std::printf("beside clients that never read: %g surfaces a second, needle %.1f ms old at p50, %.1f ms at p99; memory %+ld kB\n", client.counts["prostate"] / time,
                 1e3 * ages[ages.size() / 2], 1e3 * ages[ages.size() * 99 / 100], (bridge.memory() - memory) / 1024);
     EXPECT(ages[ages.size() / 2] < 0.02, "needle %g s old", ages[ages.size() / 2]);
-#ifndef __SANITIZE_ADDRESS__ /* the sanitizer does not release freed memory immediately */
+#ifndef __SANITIZE_ADDRESS__ /* the memory is not checked under the sanitizer, which does not release freed memory immediately */
     EXPECT(bridge.memory() - memory < 16 << 20, "%ld bytes", bridge.memory() - memory);
 #endif
 
@@ -361,7 +364,7 @@ static void test_slow_client(const Mesh &mesh) {
     EXPECT(needles < 60, "%d needle poses of 90", needles);
 }
 
-/* Reads messages at this rate, with the receive buffer that the system provides. The buffer may have several megabytes, which the bridge must not fill. */
+/* Reads messages at this rate, with the system's default receive buffer. The buffer may hold several megabytes, and the bridge must not fill it. */
 static void test_slow_reader(const Mesh &mesh, double rate) {
     FakeServer server;
     set_up(server, mesh);
@@ -389,7 +392,8 @@ static void test_slow_reader(const Mesh &mesh, double rate) {
         double age = epoch_seconds() - static_cast<double>(stamp) / 4294967296.0;
         std::string name(reinterpret_cast<char *>(head) + 14, strnlen(reinterpret_cast<char *>(head) + 14, 20));
         counts[name]++;
-        if (seconds() > begin + 3 && name != "TrocarStatus") oldest = std::max(oldest, age); /* organs at rest are sent only once */
+        if (seconds() > begin + 3 && name != "TrocarStatus") oldest = std::max(oldest, age); /* skips the first seconds, because organs at rest are sent only
+                                                                                                once */
     }
     std::printf("a client that reads %.1f MB/s, messages of up to %.2f MB: values at most %.2f s old;", 1e-6 * rate, 1e-6 * static_cast<double>(largest), oldest);
     for (const auto &c : counts) std::printf(" %s %d", c.first.c_str(), c.second);
@@ -421,7 +425,7 @@ static void test_garbage(const Mesh &mesh) {
     }
     EXPECT(bridge.said("sent no OpenIGTLink header: disconnected") && bridge.said("announced a message of more than 256 MB: disconnected"), "%s", bridge.errors_text().c_str());
 
-    /* These messages are skipped, and the messages after them are accepted. Each is sent on a connection of its own, because faults are reported at most once
+    /* These messages are skipped, and the messages after them are accepted. Each is sent on its own connection, because faults are reported at most once
        per second and connection. */
     float nan = std::numeric_limits<float>::quiet_NaN(), infinity = std::numeric_limits<float>::infinity();
     std::vector<unsigned char> good = raw_columns(STYLUS);
@@ -449,7 +453,7 @@ static void test_garbage(const Mesh &mesh) {
     }
     wait(0.1);
     EXPECT(server.poses().empty(), "a faulty matrix moves the needle");
-    for (int i : {0, 5, 12, 13}) { /* these messages are still understood; the first of several senders moves the needle */
+    for (int i : {0, 5, 12, 13}) { /* these connections still accept valid messages; the first of several senders moves the needle */
         std::vector<unsigned char> whole = raw(1, "TRANSFORM", "StylusToReference", good, 48);
         connections[i]->send({whole.begin(), whole.begin() + 30}); /* in two parts */
         wait(0.02);
@@ -470,7 +474,7 @@ static void test_garbage(const Mesh &mesh) {
     EXPECT(bridge.stop(SIGTERM) == 0);
 }
 
-/* A client that sends headers of version 2 receives such headers. A query returns values again even if they have not changed. */
+/* A client that sends headers of version 2 receives such headers. A query returns values even if they have not changed. */
 static void test_versions(const Mesh &mesh) {
     FakeServer server;
     set_up(server, mesh);
@@ -480,7 +484,7 @@ static void test_versions(const Mesh &mesh) {
     std::set<int> answered;
     for (int version : {1, 2}) {
         Connection client(bridge.port());
-        wait(0.5); /* so that the client has already received all surfaces */
+        wait(0.5); /* by now, the client has received all surfaces */
         client.send(raw(version, "GET_POLYDATA", "prostate", {}, 0));
         int surfaces = 0;
         for (double end = seconds() + 2; seconds() < end && surfaces < 2;) {
@@ -518,7 +522,7 @@ static void test_server_restart(const Mesh &mesh) {
     Program bridge(work, bridge_command(trocar_scene_path(mesh.scene)));
     EXPECT(bridge.ready());
     Client client(bridge.port());
-    EXPECT(client.has({"prostate"})); /* before any server is heard, the tissue is at rest */
+    EXPECT(client.has({"prostate"})); /* until a server is heard, the tissue is shown at rest */
     EXPECT(client.text("TrocarStatus").find("\"server\": false") != std::string::npos || client.until([&] { return client.counts["TrocarStatus"] > 0; }));
     server.start();
     EXPECT(client.has({"NeedleToReference"}));
@@ -581,11 +585,11 @@ static void test_trackers() {
     EXPECT(bridge.ready());
     EXPECT(soon([&] { return bridge.said("no tracker at 127.0.0.1:18945"); }));
 
-    /* Two poses of a tracker are 50 ms apart, and the needle moves 10 mm from one to the other: uniformly, in small steps. */
+    /* Two poses of a tracker are 50 ms and 10 mm apart; the needle moves from one to the other uniformly, in small steps. */
     igtl::ClientSocket::Pointer client = igtl::ClientSocket::New();
     EXPECT(client->ConnectToServer("127.0.0.1", bridge.port()) == 0);
     Columns moved = STYLUS;
-    moved.numbers[9] += 10; /* to the right, which is the mesh's -y direction */
+    moved.numbers[9] += 10; /* 10 mm to the right, which is the mesh's -y direction */
     send_transform(client, "StylusToReference", STYLUS);
     EXPECT(soon([&] { return !server.poses().empty(); }), "%s", bridge.errors_text().c_str());
     wait(0.05);
@@ -635,7 +639,7 @@ static void test_trackers() {
     }
     client->CloseSocket();
 
-    /* A tracker that acts as a server is connected, disappears, and returns. */
+    /* A tracker that acts as a server is connected to, disappears, and returns. */
     EXPECT(soon([&] { return server.releases == 2; }, 5));
     EXPECT(plus->CreateServer(18945) == 0);
     for (int i = 0; i < 2; i++) {
@@ -664,7 +668,7 @@ static void test_server() {
     EXPECT(bridge.ready() && bridge.said("has no patient_to_mesh"), "%s", bridge.errors_text().c_str());
     Client client(bridge.port());
     double force = 0, depth = 0;
-    auto insert = [&] { /* 35 mm at 20 mm/s with 30 poses per second, for as long as this takes */
+    auto insert = [&] { /* 35 mm at 20 mm/s, with 30 poses per second */
         for (int i = 0; i < 53; i++) {
             send_transform(client.socket, "StylusToReference", {{1, 0, 0, 0, 1, 0, 0, 0, 1, 5, 3, -205 + 20.0f * static_cast<float>(i) / 30}});
             client.receive_for(1.0 / 30);
@@ -677,7 +681,7 @@ static void test_server() {
     };
     insert();
     EXPECT(force > 0.3 && force < 20, "%g N", force);
-    EXPECT(depth > 20 && depth < 32, "%g mm", depth); /* the skin is at z = 0, and the tip started 5 mm in front of it */
+    EXPECT(depth > 20 && depth < 32, "%g mm", depth); /* about 30 mm, because the tip started 5 mm in front of the skin at z = 0 */
     Columns base = client.transform("NeedleToReference"), tip = client.transform("NeedleTipToReference");
     const float last = -205 + 20.0f * 52 / 30;
     EXPECT(std::fabs(base.numbers[9] - 5) < 1e-3 && std::fabs(base.numbers[10] - 3) < 1e-3 && std::fabs(base.numbers[11] - last) < 0.01, "base at z = %g mm", base.numbers[11]);
@@ -692,7 +696,7 @@ static void test_server() {
     insert();
     EXPECT(bridge.said("the server is silent") && bridge.said("another server"), "%s", bridge.errors_text().c_str());
     EXPECT(client.text("TrocarStatus").find("\"server\": true") != std::string::npos);
-    /* the force is smaller, because the needle of the new server started inside the tissue, which counts as cut along its path */
+    /* the force is smaller, because the new server's needle starts inside the tissue, which counts as cut along the needle */
     EXPECT(force > 0.1 && depth > 20, "%g N at %g mm", force, depth);
     EXPECT(bridge.stop(SIGTERM) == 0 && server->stop(SIGTERM) == 0);
 }

@@ -1,5 +1,5 @@
-/* Tests trocar-spacemouse's axes and buttons, and its joystick: libevdev gets a device in memory and a socket instead of the kernel's
-   device, so that no joystick is needed. If /dev/uinput exists, a virtual joystick is tested as well. */
+/* Tests the axes, buttons and joystick of trocar-spacemouse: instead of the kernel's device, libevdev is given a device in memory and a socket, so that no
+   joystick is needed. If /dev/uinput exists, a virtual joystick is tested as well. */
 #define _GNU_SOURCE
 #include "joystick.h"
 
@@ -28,7 +28,7 @@
 
 /* ---- a device in memory ---------------------------------------------------------------------------------------------- */
 
-static int ends[2];                     /* sockets of the driver and of the test */
+static int ends[2];                     /* the driver's and the test's end of a socket pair */
 static struct libevdev *memory;         /* the device that was opened, or NULL for a real device */
 typedef struct { int uploads, removals; struct ff_effect last; } rendered;
 static rendered motors;                 /* protected by `lock`, because the driver may run in a thread */
@@ -61,7 +61,7 @@ static struct libevdev *make_device(void) {
 
 int __wrap_libevdev_new_from_fd(int fd, struct libevdev **dev) {
     if (ends[0] == 0) return __real_libevdev_new_from_fd(fd, dev);
-    dup2(ends[0], fd); /* the file that was opened becomes the socket */
+    dup2(ends[0], fd); /* makes the descriptor of the opened file refer to the socket */
     fcntl(fd, F_SETFL, O_NONBLOCK);
     *dev = memory = make_device();
     return 0;
@@ -144,9 +144,9 @@ static void the_mapping_scales_turns_and_cuts(void **unused) {
     assert_true(mapping_parse_axes(&m, "forward=-y,right=x,up=z,pitch=-rx,yaw=ry,roll=rz", joystick_driver.axis_names, why, sizeof why));
     rate_control_command c = mapping_command(&m, &state);
     assert_close(c.right, -0.5, 1e-12);  /* (0.6 - 0.2) / 0.8; the home pose's x axis points to the left */
-    assert_close(c.forward, 0, 0);       /* within the dead zone */
+    assert_close(c.forward, 0, 0);       /* the value is within the dead zone */
     assert_close(c.up, -1, 0);
-    assert_close(c.pitch, 0, 1e-12);     /* at the edge of the dead zone */
+    assert_close(c.pitch, 0, 1e-12);     /* the value is at the edge of the dead zone */
     assert_close(c.yaw, 1, 0);
     assert_close(c.roll, -0.5, 1e-12);
     assert_true(mapping_parse_axes(&m, "forward=-hat0y", joystick_driver.axis_names, why, sizeof why));
@@ -166,7 +166,7 @@ static void the_push_is_along_the_needle(void **unused) {
     assert_close(axial_push((double[]){2, 7, 0}, q), -sqrt(2), 1e-12);
 }
 
-/* A force (N) that opposes forward motion, and the level computed by hand. */
+/* Checks the level for a force (N) that opposes forward motion against hand calculation. */
 static void the_level_is_proportional_and_limited(void **unused) {
     (void)unused;
     joystick_force f = {.full_force = 10, .limit = 0.5};
@@ -191,11 +191,11 @@ static void axes_and_buttons_arrive(void **unused) {
     send_event(EV_ABS, ABS_X, 511);
     send_event(EV_ABS, ABS_Y, -256);
     send_event(EV_ABS, ABS_RZ, 255);
-    send_event(EV_KEY, BTN_TRIGGER, 1);  /* 0: codes from BTN_JOYSTICK on come first, */
+    send_event(EV_KEY, BTN_TRIGGER, 1);  /* button 0: the codes from BTN_JOYSTICK onwards come first */
     send_event(EV_KEY, BTN_TOP, 1);
-    send_event(EV_KEY, BTN_TOP, 0);      /* 1: a short press counts, */
-    send_event(EV_KEY, BTN_MISC, 1);     /* 2: and those from BTN_MISC on last */
-    send_event(EV_KEY, BTN_SOUTH, 1);    /* a button that the device does not have */
+    send_event(EV_KEY, BTN_TOP, 0);      /* button 1: even a short press counts */
+    send_event(EV_KEY, BTN_MISC, 1);     /* button 2: the codes from BTN_MISC onwards come last */
+    send_event(EV_KEY, BTN_SOUTH, 1);    /* the device does not have this button */
     assert_true(joystick_driver.read(&j, 0, &state, text, sizeof text));
     assert_close(state.axes[0], 1, 0);
     assert_close(state.axes[1], -0.5, 1e-12);  /* 256 of 512 */
@@ -218,7 +218,8 @@ static double axis_after(joystick *j, unsigned code, int value, int axis) {
     return state.axes[axis];
 }
 
-/* A trigger rests at 0 in a range of 0 .. 1023. A stick whose value is 0 because it has not reported yet is at rest at the value of its first report. */
+/* A trigger rests at 0 in a range of 0 .. 1023. A stick whose value is 0 because it has not reported anything yet is at rest at the value of its first report.
+   */
 static void untouched_axes_are_at_rest(void **unused) {
     (void)unused;
     joystick j = open_stick();
@@ -237,7 +238,7 @@ static void untouched_axes_are_at_rest(void **unused) {
     close_stick(&j);
 }
 
-/* The same effect is uploaded repeatedly. It ends by itself after 100 ms, and is stopped and removed at the end. */
+/* The same effect is uploaded again and again. It ends by itself after 100 ms, and is stopped and removed at the end. */
 static void the_force_is_rendered_and_ends(void **unused) {
     (void)unused;
     joystick j = open_stick();
@@ -258,7 +259,7 @@ static void the_force_is_rendered_and_ends(void **unused) {
     joystick_driver.render(&j, 1);
     refusal = 0;
     joystick_driver.render(&j, 1);
-    assert_int_equal(motors.uploads, 0); /* the driver has been informed that there is no force */
+    assert_int_equal(motors.uploads, 0); /* after the failed upload, the driver renders no more forces */
     close_stick(&j);
 }
 
@@ -285,7 +286,7 @@ static void the_thread_bounds_the_rate_and_lets_go(void **unused) {
     int uploads = so_far().uploads;
     print_message("%d forces in %.2f s\n", uploads, lasted);
     assert_true(uploads > 2 && uploads <= lasted / 0.02 + 1);
-    sleep_for(0.3);                     /* the loop sends no more forces */
+    sleep_for(0.3);                     /* meanwhile, the loop sends no forces */
     assert_int_equal(level_now(), 0);
     input_render(in, 5);
     sleep_for(0.04);
@@ -296,7 +297,7 @@ static void the_thread_bounds_the_rate_and_lets_go(void **unused) {
     ends[0] = 0;
 }
 
-/* A virtual joystick of the kernel. It has no motors, because uinput's side of an upload would have to answer from a thread. */
+/* Tests a virtual joystick provided by the kernel. It has no motors, because a thread would be needed to answer the uploads on uinput's side. */
 static void a_virtual_joystick_is_read(void **unused) {
     (void)unused;
     int uinput = open("/dev/uinput", O_RDWR | O_CLOEXEC);

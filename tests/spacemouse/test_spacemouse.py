@@ -1,9 +1,9 @@
 #!/usr/bin/python3
-"""Tests trocar-spacemouse between a stand-in for spacenavd, written from its protocol, and a real server: directions and speeds of the
-needle's base, compared with hand calculation; dead zone, buttons; the device, the daemon and the server go away and come back.
+"""Tests trocar-spacemouse between a stand-in for spacenavd, written from its protocol, and a real server: directions and speeds of the needle's base, compared
+with hand calculation; the dead zone; the buttons; and the device, the daemon and the server, each of which disappears and returns.
 
-usage: test_spacemouse.py BUILD_DIR SOURCE_DIR motion|events [uncertain]    uncertain: instrumented programs, whose speed is not judged
-Status 77: no private network namespace here.
+usage: test_spacemouse.py BUILD_DIR SOURCE_DIR motion|events [uncertain]    uncertain: for instrumented programs, whose timing is checked less strictly Exit
+status 77: network namespaces are not available.
 """
 import math
 import os
@@ -25,13 +25,13 @@ from in_namespace import in_namespace
 BUILD, SOURCE = sys.argv[1:3]
 BRIDGE = f"{BUILD}/clients/bridges/spacemouse/trocar-spacemouse"
 START = (0.005, 0.003, -0.201)      # m, pose with the tip 1 mm in front of the skin
-SPEED, TURN = 0.02, 0.4             # m/s and rad/s, options of the bridge
+SPEED, TURN = 0.02, 0.4             # m/s and rad/s, maximum speeds given to the bridge as options
 MOTION, PRESS, RELEASE, DEVICE = range(4)
 CHANGE_PROTOCOL, SET_EVENT_MASK, DEVICE_NAME = 0x7faa5500, 0x1003, 0x2000
 
 
 class Daemon:
-    """A stand-in for spacenavd: events and responses are 8 int32. Protocol 0 is that of an old daemon, which accepts requests for a sensitivity."""
+    """A stand-in for spacenavd: events and responses consist of eight 32-bit integers. Protocol 0 is that of old daemons, which accept only a sensitivity."""
 
     def __init__(self, path, protocol=1, name=b"SpaceNavigator"):
         self.path, self.protocol, self.name, self.requests = path, protocol, name, []
@@ -168,7 +168,7 @@ def rotation_rate(poses):
 
 
 def typical(poses, change, step=20):
-    """Returns the median of the rates of change over 20 poses, by their own time stamps, so that occasional stalls of the machine have no effect."""
+    """Returns the median of the rates of change over 20 poses, computed from their own time stamps, so that occasional stalls of the machine have no effect."""
     pairs = [(a, b) for a, b in zip(poses, poses[step:]) if b[0] > a[0]]
     rates = [[each / (b[0] - a[0]) for each in change(a, b)] for a, b in pairs]
     return [statistics.median(axis) for axis in zip(*rates)]
@@ -178,7 +178,7 @@ class Trial:
     def __init__(self, folder):
         self.folder, self.path, self.server = folder, f"{folder}/spnav.sock", None
         self.poses = Poses()
-        self.slack = 0.3 if "uncertain" in sys.argv else 0.03   # permitted relative error of a speed; a busy machine may delay the bridge
+        self.slack = 0.3 if "uncertain" in sys.argv else 0.03   # permitted relative error of a speed; larger on a busy machine, which may delay the bridge
 
     def start_server(self):
         self.server = subprocess.Popen([f"{BUILD}/server/trocar-server", "--scene", f"{SOURCE}/meshes/figure8.yaml", "--allow-non-rt"],
@@ -200,12 +200,12 @@ class Trial:
         return seen
 
     def stands_still(self):
-        """Expects that all poses are bit-identical."""
+        """Checks that all poses are bit-identical."""
         seen = self.poses.during(0.1)
         assert len(seen) > 5 and all(pose[1:] == seen[0][1:] for pose in seen), f"{len(seen)} poses, {seen[:1]} to {seen[-1:]}"
 
     def comes_to_rest(self):
-        """Expects the base to stop after the ramp of 0.15 s, or later on a busy machine, but before it could reach the limit of its workspace, 40 mm
+        """Checks that the base stops after the ramp of 0.15 s (or later on a busy machine), but before it could reach the limit of its workspace, 40 mm
         sideways."""
         def rests():
             seen = self.poses.during(0.1)
@@ -213,13 +213,13 @@ class Trial:
         wait(rests, "the needle does not come to rest", patience=2)
 
     def goes(self, along, meanwhile=lambda: None):
-        """Expects that the base moves by a millimetre along x, in this direction."""
+        """Checks that the base moves by a millimetre along x, in this direction."""
         self.poses.take()
         begin = self.poses.newest[1][0]
         wait(lambda: meanwhile() or self.poses.take() and along * (self.poses.newest[1][0] - begin) > 1e-3, f"the base does not go along {along} x")
 
     def moves(self, daemon):
-        """Tests the axes' counts and the base's motions. For a user who looks along +z, with +y up, -x is to the right."""
+        """Compares the motions of the base with the axes' counts. For a user who looks along +z, with +y up, -x is to the right."""
         dead = 0.05
         for counts, speed in (({"z": -350}, (0, 0, -SPEED)), ({"x": 350, "y": 175}, (-SPEED / 2, SPEED / 2 * (0.5 - dead) / (1 - dead), 0)),
                               ({"x": -9999, "y": -350, "z": 175}, (SPEED / 2, -SPEED / 2, SPEED * (0.5 - dead) / (1 - dead)))):
@@ -251,7 +251,7 @@ class Trial:
         wait(lambda: self.poses.take() and self.poses.newest[1][2] > START[2] + 0.03, "the needle does not go in")
         daemon.deflect()
         self.comes_to_rest()
-        daemon.event(PRESS, 2)        # leaves the needle: no more poses until it is taken again
+        daemon.event(PRESS, 2)        # leaves the needle: no poses are sent until it is taken again
         bridge.says("leave: done")
         time.sleep(0.05)
         assert not self.poses.during(0.1), "poses of a needle that rests"
@@ -262,8 +262,8 @@ class Trial:
         self.comes_to_rest()
         daemon.event(PRESS, 3)
         bridge.says("seed: done")
-        daemon.event(PRESS, 99)       # a button that is not used, and too high a number
-        daemon.event(77)              # an event of a later version
+        daemon.event(PRESS, 99)       # an unused button, whose number is too high
+        daemon.event(77)              # an event of a later version of the protocol
 
     def interruptions(self, daemon, bridge):
         daemon.deflect(x=350)
@@ -286,7 +286,7 @@ class Trial:
         self.goes(-1)
         self.kill_server()
         bridge.says("the server is silent")
-        self.stands_still()           # though the device is deflected
+        self.stands_still()           # although the device is deflected
         self.start_server()
         bridge.says("the server was restarted")
         self.goes(-1)
@@ -294,7 +294,7 @@ class Trial:
         bridge.says("spacenavd has stopped")
         self.comes_to_rest()
 
-        # An old daemon does not report that the device is gone: half a second of silence counts as rest.
+        # An old daemon does not report that the device is gone; after half a second of silence, the device counts as released.
         daemon = Daemon(self.path, protocol=0)
         bridge.says("protocol 0")
         self.goes(1, meanwhile=lambda: daemon.deflect(x=-350))
@@ -313,7 +313,7 @@ class Trial:
         self.poses.take()
 
     def starts_where_the_patient_is_told(self):
-        """Start positions are in millimetres along the patient's axes; the direction stays the scene's."""
+        """Start positions are in millimetres along the patient's axes; the direction remains that of the scene."""
         scene = Path(self.path).with_name("scene.yaml")
         text = Path(f"{SOURCE}/meshes/figure8.yaml").read_text()
         assert text.count("\nneedle:\n") == 1

@@ -9,13 +9,13 @@
 #include "simulated_device.h"
 #include "trocar_needle_wrench_t.h"
 
-enum { LOOP_FLIGHT = 128 };    /* largest number of messages in transit */
+enum { LOOP_FLIGHT = 128 };    /* maximum number of messages in transit */
 
 typedef struct {
-    double period, sampling; /* s, period of the server's tick, and time between two messages of the bridge */
-    double network;          /* s, each way between bridge and server */
-    double max_force, max_force_rate; /* N and N/s, of the bridge */
-    bool names_wrenches;     /* the bridge names the wrench that it renders */
+    double period, sampling; /* s; period: period of the server's tick; sampling: interval between two messages of the bridge */
+    double network;          /* s, one-way delay between bridge and server */
+    double max_force, max_force_rate; /* N and N/s, limits of the bridge */
+    bool names_wrenches;     /* true if the bridge reports which wrench it renders */
 } loop_properties;
 
 typedef struct {
@@ -29,13 +29,13 @@ typedef struct {
     passivity passivity;     /* controller of the bridge; active if it has a period */
     int64_t now, next_tick, next_message; /* ns */
     int64_t tick, seq;
-    pose_sample poses[LOOP_FLIGHT];          /* poses sent, by seq modulo LOOP_FLIGHT */
-    struct { int64_t arrival; trocar_needle_wrench_t wrench; } wrenches[LOOP_FLIGHT]; /* wrenches sent, by tick modulo LOOP_FLIGHT */
-    int64_t felt;            /* tick of the wrench that the bridge renders, -1: none yet */
+    pose_sample poses[LOOP_FLIGHT];          /* poses sent, indexed by seq modulo LOOP_FLIGHT */
+    struct { int64_t arrival; trocar_needle_wrench_t wrench; } wrenches[LOOP_FLIGHT]; /* wrenches sent, indexed by tick modulo LOOP_FLIGHT */
+    int64_t felt;            /* tick of the wrench that the bridge renders; -1 if there is none yet */
     trocar_needle_wrench_t newest; /* wrench of the last tick */
-    int flags;               /* flags of any wrench since rig_watch */
+    int flags;               /* flags set in any wrench since rig_watch */
     double greatest_force;   /* N, since then */
-    vec3 lowest_base, highest_base; /* m, range of the hand's end as seen by the server, since then */
+    vec3 lowest_base, highest_base; /* m, range of the positions of the base that the server has received since rig_watch */
 } closed_loop;
 
 /* Creates a simulation of `model` at `period`, and a device that rests at `start` with the needle along z. Aborts on failure. */
@@ -43,13 +43,13 @@ closed_loop *rig_create(trocar_model *model, const trocar_device_limits *limits,
                          vec3 start);
 void rig_free(closed_loop *l);
 
-/* Runs for this time. */
+/* Runs for this time (s). */
 void rig_run(closed_loop *l, double seconds);
 
 /* Returns the seconds since the start. */
 double rig_time(const closed_loop *l);
 
-/* Resets flags, greatest force and the device's extremes. */
+/* Resets the flags, the largest force and the device's extreme positions. */
 void rig_watch(closed_loop *l);
 
 #endif

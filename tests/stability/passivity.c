@@ -2,10 +2,10 @@
 
 static const double SMOOTHING = 2e-3;        /* s, smoothing of the velocity: a step of 0.05 mm in 1 ms is 0.05 m/s */
 
-/* A mass braked by -b v(t - T) is stable for b T / m < pi / 2; this leaves a margin for a third of the mass. */
+/* A mass m braked by a force -b v(t - T) is stable for b T / m < pi / 2; with this value, even a third of the mass is still stable. */
 double passivity_damping(double mass, double delay) { return mass / (2.0 * (delay + SMOOTHING)); }
 
-/* Adds the energy of the device's motion under the force that acted meanwhile. */
+/* Adds the work done on the device by the force that acted during its last motion. */
 static void observe(passivity *p, vec3 position) {
     vec3 way = p->count > 0 ? v3_sub(position, p->position) : v3(0, 0, 0);
     long acting = p->count - p->delay;

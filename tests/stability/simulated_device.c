@@ -1,6 +1,6 @@
 #include "simulated_device.h"
 
-static const double LONGEST_STEP = 0.25e-3; /* s, over which the hand's target is held */
+static const double LONGEST_STEP = 0.25e-3; /* s, longest time for which the hand's target is held constant */
 
 void device_init(simulated_device *d, const device_properties *properties, vec3 position, double now) {
     *d = (simulated_device){.properties = *properties, .time = now - properties->delay, .target = position};
@@ -49,7 +49,7 @@ static double sample_after(const simulated_device *d, double t) {
     return period > 0.0 ? period * ceil(t / period - 1e-9) : t;
 }
 
-/* Applies the forces that are due, then moves the hand on to t or to the time when the next force is due. */
+/* Applies the forces that are due, then advances the hand by at most LONGEST_STEP, but not beyond t or the time at which the next force is due. */
 static void advance(simulated_device *d, double t) {
     while (d->applied < d->sent && d->forces[d->applied % DEVICE_FORCES].due <= d->time) d->force = d->forces[d->applied++ % DEVICE_FORCES].force;
     double next = fmin(t, d->time + LONGEST_STEP);
@@ -61,7 +61,8 @@ static void advance(simulated_device *d, double t) {
 }
 
 void device_apply(simulated_device *d, double now, vec3 force) {
-    if (d->sent - d->applied >= DEVICE_FORCES) d->applied = d->sent - DEVICE_FORCES + 1; /* if no program reads, the oldest forces are dropped */
+    if (d->sent - d->applied >= DEVICE_FORCES) d->applied = d->sent - DEVICE_FORCES + 1; /* if no program reads positions, the buffer is full, and the oldest
+                                                                                            force is dropped */
     d->forces[d->sent % DEVICE_FORCES].due = sample_after(d, now + d->properties.delay);
     d->forces[d->sent % DEVICE_FORCES].force = force;
     d->sent++;

@@ -1,5 +1,5 @@
-/* Draws the map of stability: a hand pushes the needle onto bone, into liver or through air, and then keeps still, with devices of any mass
-   and delay. Prints CSV: a row for each combination. scripts/figures draws docs/figures/stability-map.svg from such files in docs/results/stability. */
+/* Computes the stability map: with devices of various masses and delays, a hand pushes the needle onto bone, into liver or through air, and then keeps still.
+   Prints one CSV row for each combination. scripts/figures draws docs/figures/stability-map.svg from the resulting files in docs/results/stability. */
 #include <getopt.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -42,9 +42,9 @@ static struct {
 
 #define EACH(value, list) for (char **value = (list).values; value < (list).values + (list).count; value++)
 
-/* The scene of figure 8 with changes; the needle's tip is `gap` in front of the skin, and the hand pushes by `push`.
-   Bone has the modulus of cortical bone: skin that can't be punctured is only as hard as the tissue under it (40
-   N/m); and the needle is too thick to buckle, which would end the force and with it any oscillation. */
+/* Returns the scene of figure 8 with changes; the needle's tip is `gap` in front of the skin, and the hand pushes by `push`. Bone has the modulus of cortical
+   bone, because skin that cannot be punctured would only be as stiff as the tissue below it (40 N/m). The needle is too thick to buckle, because buckling would
+   end the force and with it any oscillation. */
 typedef struct { const char *name; double gap, push; const char *keys[4][2]; } surroundings;
 static const surroundings EVERYWHERE[] = {
     {"bone", 1e-3, 11e-3, {{"membranes[skin].puncture_force", ".inf"}, {"regions[prostate].youngs_modulus", "10e9"},
@@ -74,7 +74,7 @@ static void pair(const char *text, double *first, double *second) {
 
 static bool is_server_in_control(void) { return strcmp(choice.control, "server") == 0; }
 
-/* The server's own observer, which is disabled under any other control. */
+/* Calls the server's own observer, or does nothing under any other control. */
 int __real_swing_observe(swing_observer *s, vec3 position, vec3 force, int64_t now);
 int __wrap_swing_observe(swing_observer *s, vec3 position, vec3 force, int64_t now);
 int __wrap_swing_observe(swing_observer *s, vec3 position, vec3 force, int64_t now) {
@@ -117,7 +117,7 @@ static trocar_scene *open_scene(const char *profile, const surroundings *in) {
 /* Simulates one point of the map and prints its row. */
 static void judge(trocar_model *model, trocar_scene *scene, const char *profile, const surroundings *in, const char *hand, const char *mass,
                   const char *delay, const char *device) {
-    /* Imitates a bridge like trocar-haply with its default settings. */
+    /* Imitates a bridge such as trocar-haply with its default settings. */
     loop_properties p = {.period = 1e-3, .sampling = 1e-3, .network = 0.1e-3, .max_force = 3, .max_force_rate = 400, .names_wrenches = true};
     device_properties d = {.mass = atof(mass), .delay = 1e-3 * atof(delay)};
     pair(hand, &d.stiffness, &d.damping);

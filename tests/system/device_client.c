@@ -1,5 +1,5 @@
 /* Tests clients/client/trocar_client.h against a live server: it sends poses and receives wrenches, and its force becomes zero when the server dies. usage:
-   device_client SERVER; run it in a private network namespace. */
+   device_client SERVER     (in a private network namespace) */
 #define _GNU_SOURCE
 #include <math.h>
 #include <sched.h>
@@ -90,7 +90,7 @@ static int close_client(void **state) {
     return 0;
 }
 
-/* The depth reported by the server shows that poses arrive unchanged. The exchange allocates no memory. */
+/* Tests that poses arrive unchanged, as the depth reported by the server shows, and that the exchange allocates no memory. */
 static void poses_go_out_and_wrenches_come_in(void **state) {
     trocar_client *c = *state;
     trocar_client_wrench w;
@@ -104,14 +104,14 @@ static void poses_go_out_and_wrenches_come_in(void **state) {
     feel(c, &w, 0.2);
     assert_int_equal(allocations_now(), allocations);
     print_message("depth %.1f mm\n", 1e3 * w.depth);
-    assert_true(w.depth > 0.010 && w.depth < 0.0201); /* the base advanced by 20 mm and pushed the tissue ahead by part of that distance */
+    assert_true(w.depth > 0.010 && w.depth < 0.0201); /* the base advanced by 20 mm, and the tissue yielded by part of that distance */
     assert_true(w.contacts > 0 && w.tick > 0);
 
     double nowhere[3] = {NAN, 0, 0};
     assert_false(trocar_client_publish(c, nowhere, orientation));
 }
 
-/* A second device feels no force while the first one owns the needle, and takes the needle over after the first one has stopped. */
+/* A second device feels no force while the first one owns the needle; it can take over the needle after the first one has stopped. */
 static void one_device_at_a_time(void **state) {
     trocar_client *first = *state, *second = trocar_client_open(NULL, NULL, 0);
     trocar_client_wrench w;
@@ -137,7 +137,7 @@ static void write_pair(char path[]) {
     for (char line[256]; fgets(line, sizeof line, in);)
         if (strncmp(line, "mesh: ", 6) == 0) fprintf(out, "mesh: " MESHES "/%s", line + 6);
         else fputs(line, out);
-    /* with a virtual coupling, the force would also depend on the delay, which varies on a busy machine */
+    /* rigid, because with a virtual coupling, the force would also depend on the delay, which varies on a busy machine */
     fputs("needles: 2\ndevice: {max_stiffness: .inf}\n", out);
     fclose(in);
     fclose(out);
@@ -153,7 +153,7 @@ static void exchange_pair(trocar_client *const clients[2], trocar_client_wrench 
     }
 }
 
-/* Resetting one needle removes its force and does not affect the other needle. A third client gets no needle. */
+/* Resetting one needle removes its force and does not affect the other needle. A third client is given no needle. */
 static void two_clients_hold_two_needles(void **state) {
     char scene[] = "/tmp/trocar-pair-XXXXXX";
     write_pair(scene);
@@ -196,8 +196,8 @@ static void on_pose(const lcm_recv_buf_t *received, const char *channel, const t
     *(int64_t *)session = m->session;
 }
 
-/* The device must ignore a wrench of its own session for another needle, which the session may have held before. The test sends the wrenches in place of a
-   server. */
+/* The device must ignore wrenches that answer its own session but concern another needle, which the session may have held before. The test sends the wrenches
+   in place of a server. */
 static void wrenches_of_other_needles_are_ignored(void **state) {
     trocar_client *c = *state;
     trocar_client_wrench w;
@@ -218,7 +218,7 @@ static void wrenches_of_other_needles_are_ignored(void **state) {
     do {
         trocar_needle_wrench_t_publish(lcm, "TROCAR_WRENCH", &sent);
         assert_true(now() < end);
-    } while (!exchange(c, &w) || w.force[0] != 9); /* repeated, because the force increases along a ramp */
+    } while (!exchange(c, &w) || w.force[0] != 9); /* repeated because the force increases along a ramp */
     trocar_needle_pose_t_unsubscribe(lcm, poses);
     lcm_destroy(lcm);
 }
@@ -262,8 +262,8 @@ static void overtaken_wrenches_are_dropped(void **state) {
     lcm_destroy(lcm);
 }
 
-/* Sends wrenches of 1000 N, as anyone on the network could in the server's place: at first a single one that appears to be the newest, and then a continuous
-   stream. */
+/* Sends wrenches of 1000 N, as anyone on the network could who pretends to be the server: first a single wrench that appears to be the newest, then a
+   continuous stream. */
 static void forged_wrenches_are_limited(void **state) {
     const trocar_client_options limited = {.max_force = 8, .max_torque = 0.1, .max_force_rate = 500, .max_torque_rate = 10};
     trocar_client *const clients[] = {*state, trocar_client_open(&limited, NULL, 0)};
@@ -290,7 +290,7 @@ static void forged_wrenches_are_limited(void **state) {
             trocar_needle_wrench_t_publish(lcm, "TROCAR_WRENCH", &sent);
             double before = at;
             bool answered = exchange(clients[k], &w);
-            if (!answered) last = 0; /* on a busy machine, the watchdog has expired */
+            if (!answered) last = 0; /* the watchdog has expired, as may happen on a busy machine */
             at = now();
             assert_true(norm(w.force) <= most[k] * (1 + 1e-12) && norm(w.torque) <= turn[k] * (1 + 1e-12));
             assert_true(fabs(norm(w.force) - last) <= rate[k] * (at - before + 1e-3));
@@ -333,8 +333,8 @@ static trocar_client_answer await_answer(trocar_client *c, char why[64]) {
     return found;
 }
 
-/* Commands carry the caller's arguments, and only one command may be pending. Only a reply to the last command is accepted: no replies to another session,
-   another needle or an older command, and no bytes that are not a reply. */
+/* Commands carry the caller's arguments, and only one command may be pending. Only a reply to the last command is accepted: replies to another session, another
+   needle or an older command are ignored, as are bytes that do not form a reply. */
 static void commands_are_answered(void **state) {
     trocar_client *c = *state;
     char why[64];
@@ -372,7 +372,7 @@ static void commands_are_answered(void **state) {
         assert_string_equal(why, "");
         m = next;
     }
-    /* A reply of two fragments, and a reply of three fragments, which is longer than the client accepts. */
+    /* Tests a reply of two fragments, and a reply of three fragments, which is longer than the client accepts. */
     static char lengthy[150000];
     memset(lengthy, 'x', sizeof lengthy - 1);
     assert_true(trocar_client_undo(c));
@@ -399,7 +399,7 @@ static void commands_are_answered(void **state) {
     lcm_destroy(lcm);
 }
 
-/* The server is killed in the middle of an insertion. The force becomes zero within the watchdog's time and remains zero. The next server lets it increase
+/* The server is killed in the middle of an insertion. The force becomes zero within the watchdog's timeout and remains zero. With the next server, it increases
    along a ramp. */
 static void no_force_from_a_dead_server(void **state) {
     trocar_client *c = *state;
@@ -408,17 +408,18 @@ static void no_force_from_a_dead_server(void **state) {
     for (double end = now() + 10; !exchange(c, &w);) assert_true(now() < end);
     insert(c, &w);
     feel(c, &w, 0.2);
-    kill(server, SIGKILL); /* the server's threads stop immediately, whereas waiting for its exit takes longer */
+    kill(server, SIGKILL); /* SIGKILL stops the server's threads immediately; waiting for its exit takes longer */
     double killed = now(), last = killed;
     while (now() < killed + 0.3)
         if (exchange(c, &w)) last = now();
         else assert_true(norm(w.force) == 0 && norm(w.torque) == 0);
     print_message("force for %.1f ms after the server's death\n", 1e3 * (last - killed));
-    assert_true(last - killed < 0.0225); /* the watchdog's 20 ms, one period of this loop, and the delay of messages still in transit */
+    assert_true(last - killed < 0.0225); /* the watchdog's 20 ms, plus one period of this loop and the delay of messages still in transit */
 
     kill_server();
     start_server();
-    position[2] = -0.201 + 0.021; /* moves the needle on in the tissue, which causes friction; on a busy machine, the watchdog may stop the force in one step */
+    position[2] = -0.201 + 0.021; /* moves the needle further into the tissue, which causes friction; on a busy machine, the watchdog may remove the force in a
+                                     single step */
     double force = 0, largest_step = 0;
     for (double end = now() + 2; now() < end;) {
         position[2] += 2e-6;
@@ -443,7 +444,8 @@ static void a_bad_address_is_refused_with_a_message(void **state) {
 int main(int count, char **arguments) {
     if (count != 2) return 2;
     server_path = arguments[1];
-    sched_setscheduler(0, SCHED_FIFO, &(struct sched_param){.sched_priority = 70}); /* a priority as in a real device; ignored if it is not permitted */
+    sched_setscheduler(0, SCHED_FIFO, &(struct sched_param){.sched_priority = 70}); /* the priority that a real device would use; ignored if it is not permitted
+                                                                                       */
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(a_bad_address_is_refused_with_a_message),
         cmocka_unit_test_setup_teardown(poses_go_out_and_wrenches_come_in, open_client, close_client),

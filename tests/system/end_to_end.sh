@@ -1,6 +1,6 @@
 #!/bin/sh
-# Runs a server and a device over LCM: first the figure-8 motion, then every way of stopping the server. usage: end_to_end.sh SERVER DEVICE SCENE; to be run in
-# a private network namespace (scripts/netns).
+# Runs a server and a device over LCM: first the figure-8 motion, then every way of stopping the server. usage: end_to_end.sh SERVER DEVICE SCENE     (in a
+# private network namespace: scripts/netns)
 set -eu
 
 server=$1 device=$2 scene=$3
@@ -31,7 +31,7 @@ start_server() {
     die "the server is not ready after 10 s"
 }
 
-# Sends SIGNAL (unless it is -) to the server and expects it to exit with status 0 within 5 s.
+# Sends SIGNAL (unless it is -) to the server and checks that it exits with status 0 within 5 s.
 end_server() {
     if [ "$1" != - ]; then kill -"$1" "$pid"; fi
     for _ in $(seq 50); do
@@ -63,7 +63,7 @@ start_server --rate 500
 end_server INT
 [ "$(sent)" -gt "$silent" ] || die "the running server sent no datagram"
 
-# Expects that the command exits with this status and message and sends no datagrams.
+# Checks that the command exits with this status and message, and that it sends no datagrams.
 ends_with() {
     wanted=$1 text=$2 status=0 before=$(sent)
     shift 2
@@ -87,7 +87,7 @@ sed "s|^mesh:.*|mesh: cut.msh|" "$scene" >"$work/mesh.yaml"
 refuses "the file ends inside \$" --scene "$work/mesh.yaml"
 
 # If real-time priorities are not permitted, the supervisor does not restart the server. As a service with raised limits but without capabilities, the server
-# runs in real time (if this machine permits raising the limits).
+# runs in real time (where this machine permits raising the limits).
 without="setpriv --bounding-set -sys_nice,-ipc_lock"
 ends_with 4 "Raise the limit" timeout 10 "$(dirname "$0")/../../scripts/keep_alive" prlimit --rtprio=0 --memlock=65536 $without "$server" --scene "$scene"
 [ "$(grep -c "Raise the limit" "$work/bad.out")" = 1 ] || die "the server was restarted: $(cat "$work/bad.out")"

@@ -1,6 +1,6 @@
 /* Injects every fault that a server must survive into a running server. The server is a child process with all its threads on a
-   real network; a client sends it poses and checks each wrench, status and timing before, during and after the fault. Run in a
-   private network namespace (CMakeLists.txt).
+   real network; a client sends it poses and checks each wrench, status and timing before, during and after the fault. Must be run in a private network
+   namespace (see CMakeLists.txt).
 
    Faults that no message can cause are injected by functions that the linker wraps around the server's own (--wrap). */
 #define _GNU_SOURCE
@@ -17,7 +17,7 @@
 #include <time.h>
 #include <unistd.h>
 
-#include "api/api.h" /* gives access to the state, to put a NaN into it, and to answers, to delay them inside the library */
+#include "api/api.h" /* gives access to the state, in order to put a NaN into it, and to the worker's answers, in order to delay them inside the library */
 #include "coupling/virtual_coupling.h"
 #include "server.h"
 
@@ -39,11 +39,11 @@
 typedef struct {
     atomic_bool ready;
     atomic_llong wall_offset;        /* us, offset of the wall clock */
-    atomic_int worker_nap;           /* ms, added to the time of each request */
-    atomic_int tick_nap;             /* us, added to the time of each tick */
-    atomic_int pass_nap;             /* us, added to the time of each Newton iteration */
-    atomic_int stall;                /* us, added to the time of the next tick only */
-    _Atomic double spike;            /* N along x, added to the model's force */
+    atomic_int worker_nap;           /* ms, time added to each request */
+    atomic_int tick_nap;             /* us, time added to each tick */
+    atomic_int pass_nap;             /* us, time added to each Newton iteration */
+    atomic_int stall;                /* us, time added to the next tick only */
+    _Atomic double spike;            /* N, force along x added to the model's force */
     atomic_bool poison;              /* if true, the next tick starts with a NaN in the state */
     _Atomic double stiffness;        /* N/m, stiffness of the virtual coupling; INFINITY for none */
 } injected;
@@ -198,7 +198,7 @@ static void spoil(trocar_needle_pose_t *m, int kind) {
     if (kind == 0) m->position[1] = NAN;
     else if (kind == 1) m->orientation[2] = INFINITY;
     else if (kind == 2) m->orientation[0] = 0.5;
-    else if (kind == 3) m->position[0] += 1.0; /* a jump of one metre in one millisecond */
+    else if (kind == 3) m->position[0] += 1.0; /* jumps by one metre within a millisecond */
     else m->orientation[0] = cos(0.5), m->orientation[1] = sin(0.5); /* one radian */
 }
 
@@ -226,7 +226,7 @@ static void impossible_poses_are_refused_and_counted(void **state) {
     assert_int_equal(c->status->poses_jumped - before.poses_jumped, 200);
     assert_non_null(strstr(c->status->message, "faster than the scene's limits"));
 
-    c->sends = false; /* only invalid poses are sent, which count as no poses */
+    c->sends = false; /* from here on, only invalid poses are sent, which do not count as poses */
     for (int i = 0; i < 1000 && force_of(c) > 0.0; i++) {
         send_spoiled(c, i % 3);
         step(c);
@@ -274,7 +274,7 @@ static void a_wrench_that_is_no_number_stays_inside(void **state) {
     expect_health(c);
 }
 
-/* A NaN in the state would persist. The test uses a rigidly held base, and a virtual coupling, whose stretch then also becomes NaN. */
+/* A NaN in the state would persist. The test is run with a rigidly held base, and with a virtual coupling, whose extension then also becomes NaN. */
 static void a_number_that_is_none_in_the_model_begins_anew(void **state) {
     client *c = *state;
     for (int coupled = 0; coupled < 2; coupled++) {
@@ -322,8 +322,8 @@ static void publish_malformed(client *c, const char *channel, int kind) {
     }
 }
 
-/* Sends datagrams to LCM's port that no LCM library would send, either without a magic number, or with that of a message or fragment followed by random
-   bytes. */
+/* Sends datagrams to LCM's port that no LCM library would send, either without a magic number, or with the magic number of a message or a fragment followed by
+   random bytes. */
 static void send_datagrams(int count) {
     int s = socket(AF_INET, SOCK_DGRAM, 0);
     struct sockaddr_in to = {.sin_family = AF_INET, .sin_port = htons(7667), .sin_addr.s_addr = inet_addr("239.255.76.67")};
@@ -375,7 +375,7 @@ static void a_flood_does_not_touch_the_loop(void **state) {
         assert_true((double)(busy.ticks - calm.ticks) > 0.7 * 1e-6 * (double)(busy.utime - calm.utime) * busy.rate_hz);
         assert_true(busy.compute_p50 < 3 * calm.compute_p50 + 100e-6);
     }
-    assert_true(c->most < 1.1 * force); /* poses may be lost, but the force must not increase */
+    assert_true(c->most < 1.1 * force); /* a busy machine may lose poses, but the force must not increase */
     hear_news(c);
     int64_t counted = c->status->poses_malformed - before.poses_malformed;
     assert_true(counted > 100 && counted <= sent);
@@ -501,7 +501,7 @@ static void old_and_repeated_poses_are_refused(void **state) {
     expect_only(c, FLAG(STALE) | FLAG(RAMPING));
 }
 
-/* Sends one pose with the owner's session and an arbitrary sequence number, and then repeats the whole exchange. */
+/* Sends one pose with the owner's session and an arbitrary sequence number, and then does so once more. */
 static void a_forged_number_does_not_lock_the_owner_out(void **state) {
     static const int64_t forged[] = {INT64_MAX, 0, INT64_MIN};
     client *c = *state;
@@ -514,14 +514,14 @@ static void a_forged_number_does_not_lock_the_owner_out(void **state) {
         pass(c, 0.1);
         hear_news(c);
         assert_int_equal(c->status->owner, c->session);
-        assert_true(c->wrench.pose_seq > c->seq - 50 && c->wrench.pose_seq <= c->seq); /* the wrench answers a pose of the owner newer than the forged */
+        assert_true(c->wrench.pose_seq > c->seq - 50 && c->wrench.pose_seq <= c->seq); /* the wrench answers a pose from the owner, sent after the forged one */
     }
     assert_true(c->least > 0.9 * force && c->most < 1.1 * force);
     expect_health(c);
     expect_only(c, 0);
 }
 
-/* The reset removes the needle immediately, although its owner sends no further pose; the hand feels a ramp. */
+/* The reset removes the needle immediately, although its owner sends no further pose; the hand feels the force decrease along a ramp. */
 static void a_reset_needs_no_pose_to_take_effect(void **state) {
     client *c = *state;
     assert_true(norm3(c->wrench.raw_force) > 0.2 && c->wrench.depth > 0.01);
@@ -535,7 +535,7 @@ static void a_reset_needs_no_pose_to_take_effect(void **state) {
         largest = fmax(largest, (last - force_of(c)) / (double)(c->wrench.tick - tick));
         tick = c->wrench.tick;
     }
-    assert_true(largest < 0.1); /* N per tick; the force rate limit alone would permit 2 N */
+    assert_true(largest < 0.1); /* N; the force rate limit alone would permit a change of 2 N per tick */
     hear_news(c);
     assert_true(c->wrench.depth == 0.0 && c->status->owner == c->session);
     client_insert(c);
@@ -551,7 +551,7 @@ static void wall_clocks_may_jump(void **state) {
         atomic_store(&fault->wall_offset, 1000000 * jumps[i]);
         pass(c, 0.2);
         double moved = 1e-6 * (double)(c->wrench.utime - utime) - 1e-9 * (double)(monotonic_ns() - now);
-        assert_true(fabs(moved - (double)jumps[i] + 1e-6 * (double)before) < 1.0); /* the clock did jump */
+        assert_true(fabs(moved - (double)jumps[i] + 1e-6 * (double)before) < 1.0); /* the clock has actually jumped */
     }
     hear_news(c);
     assert_int_equal(c->seen & (FLAG(SATURATED) | FLAG(UNSTABLE) | FLAG(OVERRUN)), 0);

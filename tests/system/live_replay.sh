@@ -1,11 +1,13 @@
 #!/bin/bash
-# Plays a recording with lcm-logplayer at its original speed to a running server and records the wrenches with lcm-logger. The wrenches must match those of the
+# Plays a recording back to a running server with lcm-logplayer at its original speed, and records the wrenches with lcm-logger. The wrenches must match those
+# of the
 # lockstep replay. Exit status 77: network namespaces are not permitted. usage: live_replay.sh BUILD_DIR SOURCE_DIR
 set -euo pipefail
 . "${0%/*}/../shared/in_namespace.sh"
 
 # Player and server have no common clock, so a tick may receive two new poses or none. Viscous friction (100 N s/m^2 over 50 mm, up to a third of the force)
-# reacts as it would to another speed, and reacts more strongly if the machine stalls. At the end, both needles are at rest.
+# then reacts as if the speed had changed, and reacts even more strongly if the machine stalls. Therefore, the limits are wide, except for the last wrench: at
+# the end, both needles are at rest.
 at_once=$(chrt --fifo 60 true 2>/dev/null && echo chrt --fifo 60) || true # real-time priority for the player, as for a device
 common=15   # limit for 95 % of the wrenches, in percent of the peak
 largest=100 # limit for all wrenches

@@ -1,5 +1,5 @@
-/* Tests a server that is killed in the middle of an insertion, or finds no network, and the script that restarts it. usage: restart KEEP_ALIVE SERVER; to be
-   run in a private network namespace. */
+/* Tests a server that is killed in the middle of an insertion, or finds no network, and the script that restarts it. usage: restart KEEP_ALIVE SERVER     (in a
+   private network namespace) */
 #define _GNU_SOURCE
 #include <fcntl.h>
 #include <signal.h>
@@ -19,7 +19,7 @@
 
 #define SCENE MESHES "/figure8.yaml"
 
-static const double BACK = 1.0;      /* s, from the server's death to the next wrench */
+static const double BACK = 1.0;      /* s, maximum time from the server's death to the next wrench */
 
 static char *const *programs;
 static pid_t supervisor;
@@ -71,7 +71,7 @@ static double kill_server(client *c) {
     return 1e-9 * (double)(monotonic_ns() - died);
 }
 
-/* False on an overloaded machine, on which starting takes seconds. */
+/* Returns false on an overloaded machine, on which starting the server takes seconds. */
 static bool machine_has_room(void) {
     double load;
     return getloadavg(&load, 1) == 1 && load < 2.0 * (double)sysconf(_SC_NPROCESSORS_ONLN);
@@ -95,8 +95,9 @@ static void a_killed_server_is_back_and_engages_by_a_ramp(void **state) {
         pass(c, 0.3);
         assert_true(c->wrench.depth > 0.015); /* the needle is still in the tissue */
     }
-    if (in_time()) assert_true(shortest < (machine_has_room() ? BACK : 1.5 * first + 0.2)); /* a restart takes no longer than an ordinary start */
-    client_insert(c); /* after it has been withdrawn, the needle can be inserted again */
+    if (in_time()) assert_true(shortest < (machine_has_room() ? BACK : 1.5 * first + 0.2)); /* on a machine without room, a restart takes about as long as an
+                                                                                               ordinary start */
+    client_insert(c); /* the needle can be withdrawn and inserted again */
 }
 
 static int start_without_route(void **state) {
@@ -105,7 +106,7 @@ static int start_without_route(void **state) {
     return system("ip route del 224.0.0.0/4 dev lo") == 0 && start_supervisor() ? 0 : -1;
 }
 
-/* The situation at boot: the server is restarted until the network is available. */
+/* As during boot, the server is restarted until the network is available. */
 static void a_server_without_a_route_comes_up_once_there_is_one(void **state) {
     int64_t end = monotonic_ns() + 20000000000;
     pid_t first = 0, now = 0;

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Sends LCM messages to a server as datagrams of its own, without a route for multicast.
+"""Sends LCM messages to a server as raw datagrams, without a multicast route.
 
 usage: stranger.py TYPES ADDRESS poses SESSION       1500 poses for needle 0, which insert it by 30 mm
        stranger.py TYPES ADDRESS shutdown SESSION    a SHUTDOWN of this session

@@ -1,6 +1,6 @@
 #!/bin/bash
-# Tests the exit statuses of trocar-server --condense, each with one message: 0 (saved), 2 (nothing to save, or an invalid option) and 1 (the file cannot be
-# written). usage: test_condense.sh SERVER MESHES
+# Tests the exit statuses of trocar-server --condense and the single message printed with each: 0 (saved), 2 (nothing to save, or an invalid option) and 1 (the
+# file cannot be written). usage: test_condense.sh SERVER MESHES
 set -euo pipefail
 server=$1 meshes=$2
 work=$(mktemp -d)
@@ -8,7 +8,7 @@ trap 'rm -rf "$work"' EXIT
 
 fail() { echo "FAILED: $*" >&2; cat "$work/said" >&2; exit 1; }
 
-# Writes a scene with figure 8's keys, this kind of inverse and this cache folder.
+# Writes a scene with the keys of figure 8, this kind of inverse and this cache folder.
 scene() {
     sed "s|^mesh:.*|mesh: $meshes/prostate-570.msh|" "$meshes/figure8.yaml"
     printf 'inverse: %s\nregion_of_interest: {corridor: {from: [0, 0, 0], to: [0, 0, 0.1], radius: 0.02}}\ncache: %s\n' "$1" "$2"

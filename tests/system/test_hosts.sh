@@ -1,6 +1,6 @@
 #!/bin/bash
 # Runs server, device and monitor on three hosts (network namespaces connected by a switch) whose clocks differ by hours. The figure-8 motion must succeed and
-# be monitored. Then the device's cable is unplugged for a moment. Exit status 77: network namespaces are not permitted. usage: test_hosts.sh BUILD_DIR
+# be monitored. Then the device's cable is briefly unplugged. Exit status 77: network namespaces are not permitted. usage: test_hosts.sh BUILD_DIR
 # SOURCE_DIR
 set -euo pipefail
 . "${0%/*}/../shared/in_namespace.sh"
@@ -53,7 +53,7 @@ holds "$(value wrenches_lost) == 0"
 on_wrong monitor -5h "$build/clients/trocar-top" --lcm-url "$url" --once >top || fail "the monitor hears nothing"
 grep -E 'poses +taken [0-9]{4}' top || fail "the monitor shows no poses"
 
-# 60 ms without a cable: longer than the hold time of the wrench, but shorter than the time after which the needle must be engaged again.
+# The cable is unplugged for 60 ms: longer than the hold time of the wrench, but shorter than the time after which the needle must be engaged again.
 (sleep 1.5; ip link set to-device down; sleep 0.06; ip link set to-device up) &
 play -1d
 echo "lost: $(value wrenches_lost) wrenches; unanswered: $(value poses_unanswered) poses"

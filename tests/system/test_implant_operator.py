@@ -1,6 +1,5 @@
 #!/usr/bin/python3
-"""Tests trocar-device --plan against a live server: the positions of its needles, according to the server, when it drops their first
-seeds.
+"""Tests trocar-device --plan against a live server: the positions of its needles, as reported by the server, when it drops their first seeds.
 
 usage: test_implant_operator.py BUILD_DIR SOURCE_DIR
 """
@@ -49,7 +48,7 @@ def events(path):
 
 class Operator(unittest.TestCase):
     def server(self):
-        """Uses real time if it is permitted, because a gap between the poses at the skin may make a needle buckle."""
+        """Uses real-time priority if permitted, because a gap between the poses at the skin may make a needle buckle."""
         for options in ([], ["--allow-non-rt"]):
             server = subprocess.Popen([BUILD / "server/trocar-server", "--scene", SCENE, *options], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
             for line in server.stdout:
@@ -84,7 +83,7 @@ class Operator(unittest.TestCase):
     def judged(self, folder, log, plan):
         subprocess.run(["lcm-gen", "-p", "--ppath", folder, SOURCE / "lcmtypes/trocar.lcm"], check=True, capture_output=True)
         sys.path.insert(0, str(folder))
-        # removes other modules named trocar, so that the generated one is imported
+        # removes any other module named trocar, so that the generated one is imported
         ours = {key: sys.modules.pop(key) for key in list(sys.modules) if key.split(".")[0] == "trocar"}
         from trocar import command_t, contacts_t, seeds_t
         for key in [key for key in sys.modules if key.split(".")[0] == "trocar"]:
@@ -118,7 +117,7 @@ class Operator(unittest.TestCase):
         self.assertRegex(said, r"(?m)^greatest drag +-[2-9]\.\d mm while it rested, of the needle in hole [EF]3$")
         self.assertEqual(len(along), 4)
 
-        """The device moves to the seeds' positions as seen in an image. These are deeper than planned, because the needles push the gland ahead."""
+        """The device moves to the positions at which the seeds appear in an image. These are deeper than planned, because the needles push the gland ahead."""
         (left, followed, closer), _ = self.carry_out("--follow")
         for needle, depth in enumerate((94.75, 99.75)):
             self.assertGreater(left[needle], depth + 1)

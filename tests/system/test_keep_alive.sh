@@ -1,5 +1,6 @@
 #!/bin/bash
-# Exit statuses 0, 2 and 4, and a stop from outside, are final. After any other status, the command is restarted, without a busy loop. usage: test_keep_alive.sh
+# Tests that exit statuses 0, 2 and 4, and a stop signal from outside, are final. After any other status, the command is restarted, without a busy loop. usage:
+# test_keep_alive.sh
 # KEEP_ALIVE
 set -euo pipefail
 work=$(mktemp -d)
@@ -8,7 +9,7 @@ cd "$work"
 
 fail() { echo "FAILED: $*" >&2; exit 1; }
 
-# Makes the command end in each of these ways, one after the other. At the end, exactly these must have been used.
+# Makes the command end in each of these ways, one after the other. The last one, `never`, must remain unused.
 ends_after() {
     local wanted=$1 status=0
     printf '%s\n' "${@:2}" >ends

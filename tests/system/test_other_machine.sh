@@ -12,7 +12,7 @@ fail() { echo "FAILED: $*" >&2; tail -n 8 server device; head -n 30 top 2>/dev/n
 
 lcm-gen -p --ppath types "$source/lcmtypes/trocar.lcm"
 
-# The cable joins the interfaces named `lan` of the two machines. This machine has its usual network configuration: multicast is sent over the cable.
+# The cable joins the interfaces named `lan` of the two machines. This machine has the usual network configuration, in which multicast is sent over the cable.
 unshare --net sleep 1000 &
 other=$!
 until [ "$(readlink /proc/$other/ns/net)" != "$(readlink /proc/self/ns/net)" ]; do sleep 0.01; done

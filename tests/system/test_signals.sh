@@ -1,5 +1,6 @@
 #!/bin/bash
-# Every signal that would terminate a program makes the server end with a ramp, so the hand never feels the force vanish in one step. Exit status 77: network
+# Tests that every signal that would terminate a program makes the server exit with a ramp, so that the hand never feels the force vanish in one step. Exit
+# status 77: network
 # namespaces are not permitted. usage: test_signals.sh BUILD_DIR SOURCE_DIR
 set -euo pipefail
 . "${0%/*}/../shared/in_namespace.sh"
@@ -16,8 +17,8 @@ start_server() {
 
 push() { "$build/clients/trocar-device" --script insert --speed 0.5 --realtime --csv "$1.csv" >device 2>&1 & device=$!; }
 
-# Expects that the wrenches in $1.csv end at zero and that the needle was in the tissue before that. In each tick of the last 200 ms, 100 ms of which are the
-# ramp, the force must not drop by more than a fifth; a puncture may occur in that time.
+# Checks that the wrenches in $1.csv end at zero and that the needle was in the tissue before the end. In no tick of the last 200 ms, 100 ms of which are the
+# ramp, may the force drop by more than a fifth; this allows for a puncture.
 ends_by_a_ramp() {
     awk -F, -v name="$1" 'NR == 1 { next }
         { force[++n] = sqrt($2 * $2 + $3 * $3 + $4 * $4); tick[n] = $(NF - 4) }
@@ -46,7 +47,7 @@ for signal in HUP INT QUIT TERM USR1 USR2 ALRM VTALRM PROF IO PWR XCPU; do
     ends_by_a_ramp $signal
 done
 
-# The server continues if nobody reads its output, and if it was started with nohup and its terminal is closed.
+# The server keeps running if nobody reads its output, or if it was started with nohup and its terminal is closed.
 start_server
 kill -PIPE $server
 kill -XFSZ $server

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Tests the parsing and the verdict of scripts/soak on made-up results; no program is run.
+"""Tests the parsing and the verdict of scripts/soak with made-up results; no program is run.
 
 usage: test_soak.py SOURCE_DIR
 """
@@ -52,7 +52,7 @@ for spoilt in ({"p99": 81.0}, {"allocations": 1}, {"minor": 1}, {"dropped": 1}, 
     text, good = judge(**spoilt)
     assert not good and text.count("**NO**") == 1, (spoilt, text)
 
-# Memory that the server touches for the first time in the first motion does not count as growth. The verdict on a server that keeps growing is a failure.
+# Memory that the server touches for the first time during the first motion does not count as growth. A server that keeps growing fails.
 SERVER_STAND_IN = """#!/usr/bin/python3 -u
 import os, time
 print("scene\\nready")

@@ -1,6 +1,7 @@
 #!/bin/bash
-# Two devices hold the two needles of a scene, 60 mm apart. Each device feels its own needle, no other client gets a needle, and if one device dies, only its
-# needle's force decreases along a ramp. Exit status 77: network namespaces are not permitted. usage: test_two_needles.sh BUILD_DIR SOURCE_DIR
+# Two devices hold the two needles of a scene, 60 mm apart. Tests that each device feels its own needle, that no other client is given a needle, and that, if
+# one device dies, only its needle's force decreases along a ramp. Exit status 77: network namespaces are not permitted. usage: test_two_needles.sh BUILD_DIR
+# SOURCE_DIR
 set -euo pipefail
 . "${0%/*}/../shared/in_namespace.sh"
 cd "$work"
@@ -24,7 +25,7 @@ hold() {
 top() { "$build/clients/trocar-top" --once >top || fail "no server for top"; }
 shows() { grep -qE "$1" top || fail "top does not show '$1'"; }
 
-# A device that requests a needle that it cannot have receives no answer, and prints a message that names the needle.
+# A device that requests an unavailable needle receives no answer, and prints a message that names the needle.
 refused() {
     local status=0
     (hold "$@" --wait 0.4) || status=$?

@@ -1,5 +1,6 @@
 #!/bin/bash
-# With two servers on one URL, both servers and all clients report the conflict, and the device renders the wrenches of only one server, until that server ends.
+# Tests that, with two servers on one URL, both servers and all clients report the conflict, and the device renders the wrenches of only one server, until that
+# server ends.
 # Exit status 77: network namespaces are not permitted. usage: test_two_servers.sh BUILD_DIR SOURCE_DIR
 set -euo pipefail
 . "${0%/*}/../shared/in_namespace.sh"
@@ -8,7 +9,7 @@ cd "$work"
 fail() { echo "FAILED: $*" >&2; tail -n 20 first second device top 2>/dev/null || true; exit 1; }
 touch first second
 
-# Starts server $1 with a scene file of its own; $! is its process id.
+# Starts server $1 with its own scene file; $! is its process id.
 start() {
     sed "s|^mesh: *|mesh: $source/meshes/|" "$source/meshes/figure8.yaml" >"$1.yaml"
     "$build/server/trocar-server" --scene "$1.yaml" --allow-non-rt >"$1" 2>&1 &
@@ -35,7 +36,7 @@ grep -q '"puncture_count": 2' report.json || fail "not 2 punctures: $(grep count
 grep -q '"wrenches_lost": 0' report.json || fail "wrenches were lost: $(grep lost report.json)"
 grep -qE '"wrenches_of_other_servers": [1-9]' report.json || fail "no wrench of the other server was ignored"
 
-# When one server ends, the clients follow the other one, which stops reporting two servers.
+# When one server exits, the clients follow the other one, which stops reporting that there are two.
 "$build/clients/trocar-device" --script figure8 --report report.json >device 2>&1 & device=$!
 sleep 1
 kill $one

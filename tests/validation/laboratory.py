@@ -1,7 +1,7 @@
 """Shared by the experiments: a block of one material, a needle held at its hub, insertions at constant speed.
 
 The block is the mesh of figure 8, 100 x 90 x 100 mm with its skin at z = 0, held at its far and lower faces. The package `trocar` is
-found through PYTHONPATH and TROCAR_LIBRARY, as on docs/python.md.
+found through PYTHONPATH and TROCAR_LIBRARY, as described in docs/python.md.
 """
 from pathlib import Path
 
@@ -38,11 +38,11 @@ def block(youngs_modulus, poisson_ratio=0.45, *, cutting=0.1, cutting_viscosity=
 
 
 class Bench:
-    """A needle that moves along z at (x, y) and turns about its axis."""
+    """A needle at (x, y) that moves along z and turns about its axis."""
 
     def __init__(self, model, length=0.2, x=0.005, y=0.003):
         self.sim, self.length, self.x, self.y = trocar.Sim(model), length, x, y
-        self.tip = -AIR       # m, z of the tip if the needle were undeformed
+        self.tip = -AIR       # m, z that the tip would have if the needle were undeformed
         self.roll = 0.0       # rad
         self.sim.reset(self.pose())
 

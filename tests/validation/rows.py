@@ -11,7 +11,7 @@ from pathlib import Path
 
 
 FITTED = "fitted"              # the parameters were fitted to exactly this number
-CONSISTENT = "consistency"     # follows from fitted or assumed values if the model works as described; compared closely with the fitted value
+CONSISTENT = "consistency"     # follows from fitted or assumed values if the model works as described
 PREDICTED = "predicted"        # the model was fitted to other data
 
 # Reliability of a published number, as defined in docs/validation.md.
@@ -46,10 +46,10 @@ class Rows:
               + (f"; regression interval {held}" if held else "") + ("" if passed else "  <- FAILED"), flush=True)
 
     def add(self, quantity, source, sure, interval, ours, unit, *, published="", kind, fitted, reason="", note="", scatter="", digits=3, regression=None, weak=False):
-        """Adds a number; it is inside if it lies in the interval (low, high). `published` describes the published value if it is not simply low to
-        high; `scatter` is the variation of the model's number. A row outside needs a reason, and `regression`, an interval around the number that
-        this model gives: the row fails when the number leaves it. `weak`: a model in which nothing moves would be inside as well; needs
-        `regression`, too."""
+        """Adds a number; it is inside if it lies in the interval (low, high). `published` describes the published value if it is not simply low to high;
+        `scatter` is the variation of the model's number. A row that is outside needs a reason and `regression`, an interval around the number that this model
+        gives; the row fails if the number leaves this interval. `weak` marks a row in which a model where nothing moves would be inside as well; it also needs
+        `regression`."""
         low, high = interval
         if weak and not regression:
             raise ValueError(f"{quantity}: a weak row needs a regression interval")
@@ -67,7 +67,7 @@ class Rows:
                              "y": [float(v) for v in y], "x_label": x_label, "y_label": y_label, "published": published})
 
     def end(self):
-        """Writes the file; returns the program's exit status: 1 if a row is outside without a reason and a regression interval, or if a number has
-        left its regression interval, else 0."""
+        """Writes the file; returns the program's exit status: 1 if a row is outside without a reason and a regression interval, or if a number lies outside its
+        regression interval; otherwise 0."""
         (self.folder / f"{self.name}.json").write_text(json.dumps(self.entries, indent=1) + "\n")
         return int(any(e["entry"] == "row" and not e["passed"] for e in self.entries))

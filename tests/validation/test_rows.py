@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Rows of the validation report: which of them fail, and what the report counts as a prediction."""
+"""Tests which rows of the validation report fail, and which the report counts as predictions."""
 import contextlib
 import io
 import json

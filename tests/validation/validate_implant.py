@@ -1,9 +1,9 @@
 #!/usr/bin/python3
 """Compares meshes/implant.yaml with measurements in patients.
 
-The scene was fitted once to two numbers: the puncture force of the skin so that an 18 G needle meets 8.9 N in the perineum, friction so that it
-then meets 5.6 N in the gland, both at 80 mm/s. Other gauges, motion and rotation of the gland, and where seeds end up are predictions; shift
-and rotation are weak ones, as the published ranges hold 0.
+The scene was fitted to two numbers: the puncture force of the skin so that an 18 G needle meets 8.9 N in the perineum, and friction so that it then meets 5.6 N
+in the gland, both at 80 mm/s. Results for other gauges, for the motion and rotation of the gland, and for the final positions of seeds are predictions; those
+for shift and rotation are weak, because the published ranges contain 0.
 """
 import sys
 
@@ -20,7 +20,7 @@ SEEDS = "Quantifying 125I placement accuracy in prostate brachytherapy using pos
 PREPRINT = "preprint of a haptic simulator made after Podder et al. 2006"
 FIT_SPEED = 0.08         # m/s
 FORCES = "puncture force of the skin and level of friction, to the forces of 18 G at 80 mm/s"
-DEEP = 0.080             # m, depth of the tip, 5 mm beyond the gland
+DEEP = 0.080             # m, depth at which the tip is 5 mm beyond the gland
 HOLES = ((0.005, 0.0), (-0.015, 0.005), (0.015, -0.005), (0.0, 0.01), (-0.005, -0.01))   # m, positions of the template's holes
 
 

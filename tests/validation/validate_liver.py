@@ -1,9 +1,9 @@
 #!/usr/bin/python3
 """Bovine liver: force against displacement up to the puncture of its capsule, then cutting and friction.
 
-Modulus and stiffening are fitted to the first half of the displacement, up to 8 mm (0.77 N), of a published polynomial; the rest of the curve is
-judged on the same polynomial, which was fitted to the whole trace. The puncture force, 2.50 N, is an input, so the place of the puncture only
-tests whether the model's curve has the right shape beyond 8 mm: this row is a test of consistency, not a prediction.
+Modulus and stiffening are fitted to the first half of the displacement, up to 8 mm (0.77 N), of a published polynomial; the rest of the curve is compared with
+the same polynomial, which was fitted to the whole trace. The puncture force, 2.50 N, is an input, so the displacement at the puncture only tests whether the
+model's curve has the right shape beyond 8 mm: this row is a test of consistency, not a prediction.
 """
 import sys
 
@@ -16,7 +16,7 @@ OKAMURA = "Okamura, Simone, O'Leary 2004, IEEE Trans. Biomed. Eng. 51, bovine li
 MODULI = "liver: shear modulus 1.8 +- 0.4 kPa (table in PMC6925591)"
 PUNCTURE, CUTTING, FRICTION = 2.50, 0.94, 10.6     # N, N, N/m
 FIT = np.arange(1, 9)                               # mm
-NEEDLE = {"length": 0.1, "inner_diameter": 0}       # held by a robot close to the tissue
+NEEDLE = {"length": 0.1, "inner_diameter": 0}       # m; short, because a robot holds it close to the tissue
 
 
 def published(d):
@@ -36,13 +36,13 @@ def curve(modulus, stiffening, depth=0.03):
 
 
 def fit_modulus():
-    """Returns the modulus, Pa, that gives the published linear term, 0.048 N/mm: without stiffening, the force is proportional to it."""
+    """Returns the modulus, Pa, that gives the published linear term, 0.048 N/mm: without stiffening, the force is proportional to the modulus."""
     way, force, _ = curve(30e3, 0, 0.005)
     return 30e3 * 0.0480 / (np.interp(4, way, force) / 4)
 
 
 def fit_stiffening(modulus):
-    """Fits by least squares over FIT, by trial of values."""
+    """Returns the stiffening that minimises the squared error over FIT, found by trying values."""
     def error(stiffening):
         way, force, _ = curve(modulus, stiffening, 0.009)
         return float(np.sum((np.interp(FIT, way, force) - published(FIT)) ** 2))

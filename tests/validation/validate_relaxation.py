@@ -1,7 +1,6 @@
 #!/usr/bin/python3
-"""A needle that is pushed into tissue and held: its force decays.
-
-The scene's series is fitted so that half of the peak is left after 8 s; the times 0.15 and 2.5 s are published. Because tissue already
+"""Compares the decaying force on a needle that is pushed into tissue and held with a measurement. The series is fitted so that half of the peak is left after 8
+s; the times 0.15 and 2.5 s are published. Because tissue already
 relaxes during the insertion, the weights are larger than the visible decay. The curve in between follows from the times.
 """
 import sys
@@ -40,7 +39,8 @@ weight = 0.34 if rows.short else fitted_weight()
 course = held(weight, 8)
 rows.add("force left 8 s after the needle stops", SOURCE, DOUBTFUL, (0.4, 0.6), course[-1], "of the peak", published="about 0.5 of the peak; judged within 0.1", kind=FITTED,
          fitted=f"two terms of weight {weight:.2f}, at the published times")
-# The share of the faster relaxation time: after five such times, all of it and 26 % of the share of the slower time have decayed.
+# This fraction shows the share of the faster relaxation time: after five times this duration, its whole share has decayed, and 26 % of the share of the slower
+# time.
 early = (1 - course[750]) / (1 - course[-1])
 rows.trend("course of the decay", SOURCE, DOUBTFUL, "two time constants, near 0.15 and 2.5 s", 0.3 < early < 0.8,
            f"{100 * early:.0f} % of what is lost in 8 s is lost in the first 0.75 s", kind=CONSISTENT,

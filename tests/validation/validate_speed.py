@@ -1,8 +1,7 @@
 #!/usr/bin/python3
-"""Faster needles, as published for porcine and lamb hearts, with relaxing tissue under a membrane.
-
-The series of the relaxation is that of meshes/implant.yaml. The membrane breaks at a fixed force, which is an assumption. That a faster needle
-meets a steeper force is a prediction; with a fixed force at rupture, less displacement and less work follow from it and are not counted again.
+"""Compares the effect of speed with measurements on porcine and lamb hearts, using relaxing tissue under a membrane. The relaxation series is that of
+meshes/implant.yaml. The membrane is assumed to rupture at a fixed force. It is a prediction that the force rises more steeply for a faster needle; with a fixed
+force at rupture, smaller displacement and less work follow from this and are not counted again.
 """
 import sys
 

@@ -1,5 +1,6 @@
 #!/usr/bin/python3
-"""Deflection of bevelled needles. One slope of the bevel is fitted to one needle; other gauges, depths and tissues are predictions."""
+"""Compares the deflection of bevelled needles with measurements. One bevel slope is fitted to one needle; results for other gauges, depths and tissues are
+predictions."""
 import sys
 
 import numpy as np
@@ -62,7 +63,7 @@ if not rows.short:
 
 # ---- a spinning needle ----
 
-TRAVEL, PERIOD, SPEED = 0.078, 0.004, 0.02     # m; m of travel per cycle; m/s
+TRAVEL, PERIOD, SPEED = 0.078, 0.004, 0.02     # TRAVEL: m; PERIOD: travel per cycle, m; SPEED: m/s
 
 
 def curvature(model, length, share):

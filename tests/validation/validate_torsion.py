@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Turning a needle in tissue: how far its tip lags behind, and the effect of turning on the axial force."""
+"""Compares with measurements how far the tip of a needle turned in tissue lags behind, and how turning affects the axial force."""
 import sys
 
 import numpy as np
@@ -12,7 +12,7 @@ LAG_SOURCE = f"{REED}; Reed 2008 (PMC2905605): more than 40 degrees"
 LIN = "Lin and Huang 2020, IEEE Trans. Biomed. Eng. 67, gelatine"
 NITINOL = {"outer_diameter": 0.57e-3, "inner_diameter": 0, "youngs_modulus": 75e9, "poisson_ratio": 0.33, "length": 0.105}
 DEPTH = 0.099            # m; the far face of the block is at a depth of 100 mm
-PATIENT = (63, 51, 0)   # N/m, N/m, N s/m^2: friction in the gland of meshes/implant.yaml, of a needle of 1.27 mm
+PATIENT = (63, 51, 0)   # static (N/m), kinetic (N/m) and viscous (N s/m^2) friction of a 1.27 mm needle in the gland of meshes/implant.yaml
 
 
 def lag(friction, depths):
@@ -29,7 +29,7 @@ def lag(friction, depths):
 
 
 rows = Rows.from_arguments(__doc__, "Torsion")
-# The friction per length of a thinner needle is proportional to its circumference.
+# The friction per unit length of a thinner needle is smaller in proportion to its circumference.
 thin = tuple(f * NITINOL["outer_diameter"] / 1.27e-3 for f in PATIENT)
 depths = np.array([DEPTH]) if rows.short else np.array([0.02, 0.04, 0.06, 0.08, DEPTH])
 lags = np.degrees(lag(thin, depths))
@@ -46,7 +46,7 @@ if not rows.short:
     fine = np.linspace(0, DEPTH, 40)
     free = NITINOL["length"] - fine
     rows.curve("torsion", "model", 1e3 * depths, lags, "depth (mm)", "lag of the tip (degrees)")
-    moment = thin[1] * NITINOL["outer_diameter"] / 2        # N m per metre of shaft
+    moment = thin[1] * NITINOL["outer_diameter"] / 2        # torque per metre of shaft, N m/m
     rows.curve("torsion", "f L (L/2 + free length) / G J", 1e3 * fine, np.degrees(moment * fine * (fine / 2 + free) / torsion), "depth (mm)", "lag of the tip (degrees)")
 model = trocar.Model(block(30e3, friction=(60, 40, 0)))
 turns, deep = ((0, 20), 0.04) if rows.short else ((0, 5, 10, 20, 40), 0.06)

@@ -1,6 +1,6 @@
 #!/usr/bin/python3
-"""Makes the figure-8 anatomy on two meshes of other kinds, for verify_smoothness: FOLDER/figure8-structured.msh, cubes of 10 mm cut into
-six tetrahedra each (Kuhn), with a box for a gland; and FOLDER/figure8-graded.msh, unstructured, with elements of 2 mm at the skin and
+"""Creates the figure-8 anatomy on two meshes of other kinds, for verify_smoothness: FOLDER/figure8-structured.msh, cubes of 10 mm cut into
+six tetrahedra each (Kuhn), with a box as the gland; and FOLDER/figure8-graded.msh, unstructured, with elements of 2 mm at the skin and
 20 mm at a depth of 80 mm around the needle's line.
 
 usage: figure8_meshes.py FOLDER
@@ -20,7 +20,7 @@ from rows import REPOSITORY  # noqa: E402
 LOW, HIGH, CELLS = (-0.05, -0.045, 0.0), (0.05, 0.045, 0.1), (10, 9, 10)
 GLAND_LOW, GLAND_HIGH = (-0.02, -0.015, 0.03), (0.02, 0.015, 0.07)
 GROUPS = ((3, 1, "prostate"), (3, 2, "surrounding"), (2, 3, "skin"), (2, 4, "capsule"), (2, 5, "fixed"))
-AT_SKIN, AT_80_MM, SPREAD = 0.002, 0.020, 0.25  # m, m, and growth of the element size per distance from the line
+AT_SKIN, AT_80_MM, SPREAD = 0.002, 0.020, 0.25  # AT_SKIN, AT_80_MM: m; SPREAD: growth of the element size per unit of distance from the line
 LINE = (0.005, 0.003)
 TINY = 1e-9
 

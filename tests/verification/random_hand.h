@@ -1,5 +1,6 @@
 /* Random hand motions for the smoothness check: insertions with steering, retraction and reinsertion, similar to those of people. They consist of minimum-jerk
-   moves from rest to rest, at most 50 mm/s along the needle. Steering, during which the tissue may stick to the needle, is limited to 30 mm/s (the stiffness is
+   moves from rest to rest, at no more than 50 mm/s along the needle. Steering, during which the tissue may stick to the needle, is limited to 30 mm/s (the
+   stiffness is
    1.2 N/mm at depth, which gives 0.06 N per tick at 50 mm/s). */
 #ifndef TROCAR_VERIFICATION_RANDOM_HAND_H
 #define TROCAR_VERIFICATION_RANDOM_HAND_H
@@ -68,7 +69,7 @@ static inline void hand_insert_and_withdraw(random_hand *hand, unsigned *seed, i
     hand_add(hand, seed, FASTEST, (hand_leg){.advance = -depth - 0.004});
 }
 
-/* Returns a motion that consists of an insertion, steering, a withdrawal, and an insertion at the same place or close to it. */
+/* Returns a motion that consists of an insertion, steering, a withdrawal, and an insertion at the same point or close to it. */
 static inline random_hand random_hand_create(unsigned seed) {
     random_hand hand = {.bevel_slope = hand_chance(&seed, 0.5) ? hand_uniform(&seed, 0.0, 0.1) : 0.0};
     vec3 entry = v3(hand_uniform(&seed, -0.02, 0.02), hand_uniform(&seed, -0.015, 0.015), 0);
@@ -91,7 +92,7 @@ static inline random_hand random_hand_brief(unsigned seed) {
     return hand;
 }
 
-/* Returns the pose at time t of a leg that started at `from`. A tilt rotates the needle about the point `free_length` ahead of the base. */
+/* Returns the pose at time t of a leg that started at `from`. A tilt rotates the needle about the point at the distance `free_length` from the base. */
 static inline pose hand_pose(const hand_leg *leg, pose from, double free_length, double t) {
     double f = motion_fraction(0.0, leg->seconds, t);
     vec3 pivot = v3_axpy(free_length, q_rotate(from.orientation, v3(0, 0, 1)), from.position);

@@ -27,10 +27,11 @@ enum { MOST_CELLS = 9, MOST_SIDE = MOST_CELLS + 1 };
 static const double BLOCK_WIDTH = 0.08, BLOCK_DEPTH = 0.08; /* m */
 
 typedef struct {
-    int cells, split;        /* number of cells along each axis; layer of cells at which the second material begins */
+    int cells, split;        /* cells: number of cells along each axis; split: layer of cells at which the second material begins */
     double nodes[MOST_SIDE * MOST_SIDE * MOST_SIDE][3];
     int32_t tets[6 * MOST_CELLS * MOST_CELLS * MOST_CELLS][4], region[6 * MOST_CELLS * MOST_CELLS * MOST_CELLS];
-    int32_t triangles[6 * MOST_CELLS * MOST_CELLS + 1][3] /* one more triangle than needed, for a face that is being tried */, surface[6 * MOST_CELLS * MOST_CELLS];
+    int32_t triangles[6 * MOST_CELLS * MOST_CELLS + 1][3] /* one more triangle than needed, as room for a candidate face */, surface[6 * MOST_CELLS *
+                                                             MOST_CELLS];
     int tet_count, triangle_count;
 } random_block;
 
@@ -45,7 +46,7 @@ static inline void block_triangle(random_block *b, const int32_t tet[4], int at[
     if (count == 3) b->surface[b->triangle_count++] = surface;
 }
 
-/* Makes six tetrahedra per cell. Nodes that are not on a boundary are moved by up to a sixth of a cell. Surfaces: 0 is the skin, 1 the interface between the
+/* Creates six tetrahedra per cell. Nodes that are not on a boundary are moved by up to a sixth of a cell. Surfaces: 0 is the skin, 1 the interface between the
    materials, 2 the bottom. */
 static inline void block_create(random_block *b, uint64_t *seed) {
     static const int orders[6][3] = {{0, 1, 2}, {1, 2, 0}, {2, 0, 1}, {0, 2, 1}, {2, 1, 0}, {1, 0, 2}};
@@ -190,9 +191,9 @@ static inline void random_scene_free(random_scene *s) {
 
 /* A leg from rest to rest that follows the minimum-jerk polynomial (Flash and Hogan 1985). */
 typedef struct {
-    double seconds, advance; /* s; m, displacement along the needle */
+    double seconds, advance; /* seconds: duration, s; advance: displacement along the needle, m */
     double aside[2];         /* m, displacement of the base across the needle */
-    double tilt[2], roll;    /* rad, rotation of the base about its own origin, and about the needle's axis */
+    double tilt[2], roll;    /* rad; tilt: rotation of the base about its own origin; roll: rotation about the needle's axis */
 } hand_leg;
 
 enum { MOST_LEGS = 24 };
@@ -269,7 +270,7 @@ static inline hand_motion random_motion(const random_scene *s, uint64_t number, 
     return m;
 }
 
-/* Returns the pose in the last leg of a closed motion, which leads from the base's present pose back to the start. */
+/* Returns the pose in the last leg of a closed motion, which leads from the base's current pose back to the start. */
 static inline trocar_pose pose_towards(const trocar_pose *a, const trocar_pose *b, double f) {
     trocar_pose p;
     double norm = 0.0, sign = 0.0;

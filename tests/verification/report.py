@@ -119,7 +119,7 @@ def main():
         print(__doc__)
         return 0 if "--help" in sys.argv else 2
     folder = Path(sys.argv[1])
-    commit = commit_of(HERE)  # determined before the plots are replaced
+    commit = commit_of(HERE)  # determined first, because replacing the plots changes the working tree
     write(HERE, report_lines(read_entries(folder), folder, commit))
     return 0
 

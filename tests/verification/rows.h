@@ -6,8 +6,8 @@
            return rows_end(&r);
        }
 
-   rows_measured() writes a value without a limit: it neither passes nor fails and is not counted. A section is "Part: subject";
-   the report sorts by it. tests/verification/rows.py is the Python version. */
+   rows_measured() writes a value without a limit, which neither passes nor fails and is not counted. A section has the form "Part: subject", by which the
+   report is sorted. tests/verification/rows.py is the Python version. */
 #ifndef TROCAR_VERIFICATION_ROWS_H
 #define TROCAR_VERIFICATION_ROWS_H
 
@@ -22,7 +22,7 @@
 typedef struct {
     const char *section;       /* section of the following rows; may be changed between rows */
     const char *folder;        /* for output; exists */
-    bool short_form;           /* true if --short was given: the check takes at most a few seconds */
+    bool short_form;           /* true if --short was given, so that the check must take no more than a few seconds */
     json file;
     int failed;
 } rows;

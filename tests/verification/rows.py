@@ -1,5 +1,5 @@
 """Rows of the verification report for checks in Python: `verify_NAME.py [--short] [--build FOLDER] FOLDER` writes
-FOLDER/NAME.json. The same as rows.h:
+FOLDER/NAME.json. The functions correspond to those of rows.h:
 
     rows = Rows.from_arguments(__doc__, "Tissue: patch test")
     rows.compare("displacement", "u = G x", value, expected, 1e-9, "m")

@@ -1,9 +1,10 @@
 #!/usr/bin/python3
-"""Scenes from crowded label maps: the library loads every scene, a needle is inserted, and every part keeps its volume or is named.
+"""Checks scenes made from crowded label maps: the library loads every scene, a needle is inserted, and every part keeps its volume or is named.
 
-The maps are random: an organ with lesions in it, another that touches it, satellites, bones that touch or lie up to 3 mm apart, and a body around some of
-them (meshes/anatomy/trials/label_stress.py). Volumes are counted from voxels and from tetrahedra, without the program's own tables; the needle is pushed along the way of the
-scene to its target. An insertion into liver's material shows whether its surface gives way at a depth that a needle has in bovine liver.
+The maps are random: an organ with lesions in it, another organ that touches it, satellites, bones that touch or lie up to 3 mm apart, and a body around some of
+them (meshes/anatomy/trials/label_stress.py). Volumes are counted from voxels and from tetrahedra, without the program's own tables; the needle is pushed along
+the scene's path to its target. An insertion into the material of liver shows whether its surface is punctured at a displacement that was measured in bovine
+liver.
 """
 import math
 import os
@@ -21,8 +22,9 @@ except ImportError as error:
     sys.exit(SKIPPED)
 
 MAPS, FEW = 200, 1
-BOVINE = 0.0061, 0.0480     # N/mm^2, N/mm: coefficients of the published force on bovine liver over the needle's displacement, as in validate_liver.py
-DENT = 0.2                  # fraction of that displacement; 35 mm of other tissue in front of the region also deform
+# N/mm^2 and N/mm, coefficients of the published force on bovine liver as a function of the needle's displacement, as in validate_liver.py
+BOVINE = 0.0061, 0.0480
+DENT = 0.2                  # fraction of that displacement, as a tolerance: 35 mm of other tissue in front of the region also deform
 
 
 def maps(rows):

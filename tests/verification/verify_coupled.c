@@ -7,7 +7,7 @@
 static const double TICK = 1e-3;              /* s */
 static const double FRICTION = 8.0, CUTTING = 0.4, SKIN = 1.0; /* N/m, N and N, values for the homogeneous tissue */
 
-/* Makes a scene with one material, without viscous terms and with equal static and kinetic friction, so that the axial force curve is known. The capsule does
+/* Creates a scene with one material, without viscous terms and with equal static and kinetic friction, so that the axial force curve is known. The capsule does
    not resist more than the tissue. */
 static simulation_config homogeneous(void) {
     simulation_config c = lockstep_config();
@@ -59,8 +59,8 @@ static double divergence_in(const mesh *m, int e, const vec3 *u, double *volume)
     return sum;
 }
 
-/* Returns the volumetric stress of each nominal element: lambda times the mean of div u at its corners, where the value at a corner is the mean by volume over
-   the elements of one region around that corner. The caller frees the array. */
+/* Returns the volumetric stress of each nominal element: lambda times the mean of div u at its corners, where the value at a corner is the volume-weighted mean
+   over the elements of one region around that corner. The caller frees the array. */
 static double *averaged_stress(const lockstep *l, const vec3 *u) {
     const mesh *m = &l->parts.mesh;
     double *stress = calloc((size_t)m->tet_count, sizeof *stress), *sum = calloc(2 * (size_t)m->node_count, sizeof *sum);
@@ -79,7 +79,7 @@ static double *averaged_stress(const lockstep *l, const vec3 *u) {
     return stress;
 }
 
-/* Returns the stress if it is lambda times the mean of div u by volume over the element's patch. */
+/* Returns the stress if it is lambda times the volume-weighted mean of div u over the element's patch. */
 static double *patch_stress(const lockstep *l, const vec3 *u) {
     const mesh *m = &l->parts.mesh;
     const int *patch = l->parts.tissue.patch;
@@ -165,7 +165,7 @@ static void check_forces(rows *r, volumetric_strain strain) {
     lockstep_free(l);
 }
 
-/* Makes Newton's method continue until nothing changes, rather than until 1e-8 m. */
+/* Makes Newton's method continue until nothing changes, instead of stopping at 1e-8 m. */
 static void converge(simulation_config *c) {
     c->insertion.max_passes = 20;
     c->insertion.tolerance = 1e-15;
@@ -200,8 +200,8 @@ static bool whole_shaft_slides(const lockstep *l, friction_state way) {
     return contacts_active(&l->state) > 0 && l->state.tip.solved.friction == way && l->state.tip.shaft.friction == way && l->state.tip.barrier.blocked_by == NOT_BLOCKED;
 }
 
-/* Returns the largest error of the axial force during a move in which the whole shaft slides, relative to friction times depth plus, during insertion, the
-   cutting force. */
+/* Returns the largest error of the axial force during a move in which the whole shaft slides, relative to the sum of friction times depth and, during
+   insertion, the cutting force. */
 static double curve_error(lockstep *l, double way, friction_state slides, int *ticks, double *depth, double *force, int *count) {
     double worst = 0.0;
     int n = (int)(fabs(way) / 2e-5 + 0.5);
@@ -305,8 +305,8 @@ static void push_and_pull(lockstep *l, double *force) {
     }
 }
 
-/* Inserts and withdraws ten times at the same place, each time after cutting a track 3 mm away, and compares with the first time. Tissue closes behind the tip;
-   in an open track, the next insertion would not cut. */
+/* Inserts and withdraws ten times at the same place, each time after cutting a track 3 mm away, and compares the forces with those of the first time. Here, the
+   tissue closes behind the tip, because in an open track, the next insertion would not cut. */
 static void check_repetition(rows *r) {
     simulation_config c = lockstep_config();
     c.insertion.track_reach = 0.0;
@@ -332,7 +332,7 @@ static void check_repetition(rows *r) {
     lockstep_free(l);
 }
 
-/* Inserts along x through the side of the body, which is 100 mm of tissue. */
+/* Inserts along x through the side of the body, in which the path is 100 mm long. */
 static void check_exit(rows *r) {
     simulation_config c = homogeneous();
     lockstep *l = lockstep_create(&c, (pose){v3(-0.2505, 0.0, 0.03), q_exp(v3(0, M_PI / 2, 0))});

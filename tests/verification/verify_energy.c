@@ -1,20 +1,18 @@
-/* Energy balance of complete insertions: the work of the hand is stored (tissue, local compliance, needle) or dissipated.
+/* Checks the energy balance of complete insertions: the work of the hand is stored (in tissue, local compliances and needle) or dissipated.
 
    Between two ticks, with f the mean of a point's forces before and after:
    - the shaft slides past a contact node by the slip of the later solve: friction dissipates f.t slip;
    - the tip's nominal point moves by dX and its axial gap by dg: cutting and puncture dissipate f.(dX + dg t);
    - the shaft next to the tip has its own force at the tip's point: friction dissipates as at a contact node;
-   - the tip moves to where the tissue is more or less compliant: from the surface to the inside, from soft to stiff tissue. At
-     given forces this alone releases or stores the energy 1/2 f dC f, C being the compliance at the tip, like a crack's energy
-     release rate; the tissue springs back and reduces the work of cutting. Computed by another solve: the forces after the
-     tick with the tip at its position before it.
+   - the tip moves to a position where the tissue is more or less compliant: from the surface to the inside, from soft to stiff tissue. At given forces, this
+     alone releases or stores the energy 1/2 f dC f, where C is the compliance at the tip, like a crack's energy release rate; the tissue springs back and
+     reduces the work of cutting. This energy is computed by another solve, with the forces after the tick and the tip at its position before it.
    - the shaft turns in the tissue by the angle of the later solve: friction dissipates the torque times it;
-   - the damper at the tip, which keeps the tissue from springing back faster than waves propagate, dissipates its force times the
-     motion of the tissue there.
-   These are all physical terms. The rest of the imbalance is due to the method:
-   - contact nodes are added and removed and tributary lengths change, so that local compliances change under load. Computed as
-     the work f.(du + de) on tissue (du) and local compliances (de), and that of the torques on the tissue around the shaft, minus the
-     energy that they store and that the tip releases.
+   - the damper at the tip, which keeps the tissue from springing back faster than waves propagate, dissipates its force times the motion of the tissue there.
+     These are all the physical terms. The rest of the imbalance is due to the method:
+   - contact nodes are added and removed and tributary lengths change, so that local compliances change under load. This part is computed as the work f.(du +
+     de) on tissue (du) and local compliances (de), plus the work of the torques on the tissue around the shaft, minus the energy that they store and that the
+     tip releases.
    Displacements and the energy stored in the tissue come from a solve with the full K, not from the tick's condensed rows. */
 #include "lockstep.h"
 #include "rows.h"
@@ -30,7 +28,7 @@ typedef struct {
     vec3 nominal;            /* m */
     vec3 force;              /* N, force of the needle on the tissue */
     vec3 damping;            /* N, force that the damper at the tip exerts on the tissue */
-    vec3 moved;              /* m, displacement of the tissue plus stretch of the local compliance */
+    vec3 moved;              /* m, displacement of the tissue plus that of the local compliance */
     vec3 tangent;            /* tangent of the needle at the point */
     double slip;             /* m, slip in the last solve */
     double torque;           /* N m, torque of the shaft on the tissue around it */
@@ -53,7 +51,7 @@ typedef struct {
 } picture;
 
 typedef struct {
-    double work, friction, cutting; /* J; `cutting` includes punctures and is force times distance */
+    double work, friction, cutting; /* J, energy so far; work: of the hand; friction and cutting (including punctures): dissipated */
     double damping;          /* J, energy dissipated by the damper at the tip */
     double freed;            /* J, energy stored in the tissue as the tip advances; negative if it is released */
     double handed;           /* J, energy lost when contact nodes and tributary lengths change */
@@ -73,7 +71,8 @@ static void picture_free(picture *s) {
 /* Returns the total force on the tissue at a point. */
 static vec3 load_at(const point *p) { return v3_add(p->force, p->damping); }
 
-/* The compliance of the tissue around a shaft differs between the directions across and along the track; at the end face, it is the same in every direction. */
+/* Adds the displacement and the energy of a point's local compliance. Around a shaft, the compliance across the track differs from that along it; at the end
+   face, it is the same in every direction. */
 static void add_local(picture *s, point *p, vec3 track, principal_tensor lateral, double axial) {
     vec3 load = load_at(p), across = v3_axpy(-v3_dot(load, track), track, load), moved = v3_scale(axial * v3_dot(load, track), track);
     moved = v3_axpy(lateral.least, across, v3_axpy(lateral.more * v3_dot(load, lateral.easy), lateral.easy, moved));
@@ -136,7 +135,7 @@ static void take_picture(lockstep *l, picture *s) {
     s->torque = l->wrench.torque;
 }
 
-/* Returns the same point in another state, with zero force if it is not active there. */
+/* Returns the same point in another state, with zero force if it is not active in that state. */
 static point find(const mesh *m, const picture *s, const point *p) {
     for (int i = 0; i < s->count; i++)
         if (s->points[i].id == p->id) return s->points[i];
@@ -176,7 +175,8 @@ static void add_tick(const mesh *m, const picture *before, const picture *after,
     e->handed -= after->tissue + after->local - before->tissue - before->local;
 }
 
-/* Returns the energy (J) stored in the tissue as the tip advances: 1/2 f dC f over all forces before and after the tick. `stayed` contains the forces after the
+/* Returns the energy (J) stored in the tissue as the tip advances: 1/2 f dC f, summed over all forces before and after the tick. `stayed` contains the forces
+   after the
    tick with the tip at its previous position. */
 static double bound_by_tip(lockstep *l, const picture *before, const picture *after, picture *stayed) {
     if (before->tip_tet < 0 || after->tip_tet < 0) return 0.0;
@@ -218,7 +218,7 @@ typedef struct {
 
 static double stored(const picture *s) { return s->tissue + s->local + s->needle; }
 
-/* Returns the energy dissipated by friction, cutting, puncture and the damper at the tip. */
+/* Returns the energy (J) dissipated by friction, cutting, puncture and the damper at the tip. */
 static double dissipated(const energies *e) { return e->friction + e->cutting + e->damping + e->freed; }
 
 static void follow(balance *b, const picture *now, double time) {

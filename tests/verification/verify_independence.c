@@ -1,4 +1,4 @@
-/* The forces of the figure-8 motion do not depend on the tick rate, the number of equilibrium iterations, or the remeshing method. */
+/* Checks that the forces of the figure-8 motion do not depend on the tick rate, the number of equilibrium iterations, or the remeshing method. */
 #include "figure8.h"
 #include "rows.h"
 

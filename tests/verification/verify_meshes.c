@@ -1,5 +1,6 @@
-/* Runs the figure-8 motion and a sideways push at depth on prostate meshes of many sizes, and compares peak forces, and base travel since the first touch and
-   force at each puncture. The reference is the finest of these meshes, so errors common to all meshes do not appear here. verify_resolution.py compares with a
+/* Runs the figure-8 motion and a sideways push at depth on prostate meshes of many sizes, and compares the peak forces, and, at each puncture, the force and
+   the base travel since the first touch. The reference is the finest of these meshes, so errors common to all meshes do not appear here. verify_resolution.py
+   compares with a
    needle whose surface is resolved. */
 #include <unistd.h>
 
@@ -9,12 +10,12 @@
 
 static const char AFTER_PUNCTURE[] = "the peak occurs up to 20 ms after the capsule's puncture, while the needle springs forward; a coarse "
                                      "mesh then moves too little tissue around the tip";
-static const double LIMIT = 0.07; /* just noticeable difference of force, relative (Pang, Tan and Durlach 1991) */
+static const double LIMIT = 0.07; /* relative just noticeable difference of force (Pang, Tan and Durlach 1991) */
 
 typedef struct {
     int nodes, punctures;
-    double push, pull, sagittal, torque;   /* N and N m, peak values of the figure-8 motion */
-    double way[4], force[4];               /* m, base travel since the first touch, and N, axial force, at each puncture */
+    double push, pull, sagittal, torque;   /* peak values in the figure-8 motion, N; torque: N m */
+    double way[4], force[4];               /* base travel since the first touch (m) and axial force (N) at each puncture */
     double sideways;                       /* N, largest force of the sideways push */
 } outcome;
 

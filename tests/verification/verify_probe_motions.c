@@ -1,8 +1,9 @@
-/* Random motions of the probe in random scenes: the probe is pressed, lifted, tilted, slid along the surface, rolled and withdrawn, with and without a needle
-   in the tissue. The probe must not penetrate the tissue without a force, the forces on the probe and on the needle must be continuous, a hand that returns to
+/* Checks random motions of the probe in random scenes: the probe is pressed, lifted, tilted, slid along the surface, rolled and withdrawn, with and without a
+   needle in the tissue. The probe must not penetrate the tissue without a force, the forces on the probe and on the needle must be continuous, a hand that
+   returns to
    its starting point must not have gained energy, and the probe must stop where its force would exceed the scene's limit.
 
-   usage: verify_probe_motions [--short] FOLDER, or verify_probe_motions --runs FIRST LAST, which prints what it finds */
+   usage: verify_probe_motions [--short] FOLDER, or verify_probe_motions --runs FIRST LAST, which prints its findings */
 #include <stdarg.h>
 #include <time.h>
 
@@ -10,19 +11,20 @@
 #include "rows.h"
 
 static const double TICK = 1e-3, SLOWEST = 3e-3, FASTEST = 6e-3; /* s, m/s */
-static const double NOTICED = 0.07, NOTICED_LEAST = 0.05; /* just noticeable changes: as a fraction of the force, and in N */
+static const double NOTICED = 0.07, NOTICED_LEAST = 0.05; /* just noticeable change, as a fraction of the force and in N */
 static const double CLEARANCE = 1e-3; /* m, distance between the probe and the surface at rest when a motion begins */
 static const double UNFELT = 1e-3;    /* N; a smaller force on the probe counts as none */
-enum { SET_EVERY = 3, LOOK_EVERY = 100, PARTS = 8, RECOIL = 30 }; /* ticks between probe poses, and between checks; parts of an edge; ticks after a puncture */
+enum { SET_EVERY = 3, LOOK_EVERY = 100, PARTS = 8, RECOIL = 30 }; /* SET_EVERY: ticks between probe poses; LOOK_EVERY: ticks between checks; PARTS: parts of an
+                                                                     edge; RECOIL: ticks after a puncture */
 
 typedef enum { WITHOUT, HELD, RESTING } needle_use;
 
-/* The quantities that are limited or measured. */
+/* The quantities that are reported; most of them are checked against a limit. */
 typedef enum { NODE_DEPTH, UNFELT_DEPTH, FACE_DEPTH, JUMP, JUMP_AFTER_STOP, NEEDLE_JUMP, OVERLOAD, FORCE, GAIN, GAIN_WITH_NEEDLE, FINDINGS } finding_kind;
 
 typedef struct {
     double worst;            /* of all runs */
-    int above, run;          /* number of values that exceed the limit; run with the worst value */
+    int above, run;          /* above: number of values that exceed the limit; run: the run with the worst value */
 } finding;
 
 typedef struct {
@@ -55,13 +57,13 @@ typedef struct {
 
 static const double LIMITS[FINDINGS] = {
     [NODE_DEPTH] = 10e-6,    /* m; nodes are kept out of the probe to 1e-12 m, but needles displace them until the next solution */
-    [UNFELT_DEPTH] = 0.2929, /* radii: of the chord of a right angle; edges may come as deep before they touch (mechanics.md) */
+    [UNFELT_DEPTH] = 0.2929, /* in radii, depth of the chord of a right angle below its arc; edges may penetrate as deep before they touch (mechanics.md) */
     [FACE_DEPTH] = INFINITY, [FORCE] = INFINITY, [JUMP] = 1.0, [JUMP_AFTER_STOP] = 1.0, [NEEDLE_JUMP] = 1.0, [OVERLOAD] = 1e-3, [GAIN] = 1e-3,
     [GAIN_WITH_NEEDLE] = 1e-3};
 
-enum { MOST_TOLD = 30 };     /* largest number of messages of the same type that a run prints */
+enum { MOST_TOLD = 30 };     /* maximum number of messages of the same type that a run prints */
 
-/* Returns true if the value exceeds its limit and this is to be printed. */
+/* Returns true if the value exceeds its limit and a message about it is to be printed. */
 static bool exceeds(trial *t, finding_kind kind, double value) {
     finding *f = &t->found.of[kind];
     if (!(value <= f->worst)) f->worst = value, f->run = t->number;
@@ -136,7 +138,7 @@ static void look(trial *t) {
 
 /* ---- ticks --------------------------------------------------------------------------------------------------------------------- */
 
-/* Returns a change of the force, relative to the smallest change that is noticed. */
+/* Returns a change of the force relative to the just noticeable change. */
 static double change_of(const double before[3], const double after[3]) {
     return distance3(before, after) / fmax(NOTICED_LEAST, NOTICED * length3(before));
 }
@@ -260,7 +262,7 @@ static void place_on_block(probe_scene *s, uint64_t *seed, double radius, double
     if (s->end_on) {
         quaternion_turn(home->orientation, random_between(seed, -0.15, 0.15), random_between(seed, -0.15, 0.15), 0);
         quaternion_rotate(home->orientation, upright, dir);
-        double lowest = -CLEARANCE - radius * hypot(dir[0], dir[1]); /* so low that the rim of the tilted probe does not touch the surface */
+        double lowest = -CLEARANCE - radius * hypot(dir[0], dir[1]); /* low enough that the rim of the tilted probe does not touch the surface */
         const double tip[3] = {entry[0] + away * cos(angle), entry[1] + away * sin(angle), lowest};
         for (int a = 0; a < 3; a++) home->position[a] = tip[a] - length * dir[a];
         s->pivot = length;
@@ -295,7 +297,7 @@ static void add_leg(probe_scene *s, uint64_t *seed, double press, const double s
     hand_add(&s->motion, random_between(seed, SLOWEST, FASTEST), leg);
 }
 
-/* The probe is pressed on the tissue, moved about, and lifted. */
+/* Presses the probe on the tissue, moves it about, and lifts it. */
 static void create_motion(probe_scene *s, uint64_t *seed) {
     const double none[2] = {0, 0};
     double deepest = s->block ? 9e-3 : 12e-3, depth = random_between(seed, 2e-3, deepest), lean = s->end_on ? 0.1 : 0.04;
@@ -388,8 +390,8 @@ static void close_trial(trial *t) {
     free(t->triangles);
 }
 
-/* The needle is left in the tissue at its present position, and from then on another needle, far away, is ticked. If the needle cannot be left, it continues to
-   be held. */
+/* Leaves the needle in the tissue at its current position; from then on, another needle, far away, is ticked. If the needle cannot be left, it continues to be
+   held. */
 static void leave_needle(trial *t) {
     trocar_error why;
     if (trocar_sim_leave(t->sim, 0, &why) == TROCAR_OK && trocar_sim_work(t->sim, NULL, &why) == TROCAR_OK) t->needle = 1;
@@ -441,7 +443,8 @@ static void run_trial(int number, bool talks, findings *sum) {
     for (int k = 0; k < s.motion.count; k++) follow(&t, &s.motion.legs[k]);
     go_home(&t, &s.home);
     t.moving = false;
-    f->touching_at_last = s.use == WITHOUT && t.probe.contacts > 0; /* a needle may have moved the tissue to the place where the probe began */
+    f->touching_at_last = s.use == WITHOUT && t.probe.contacts > 0; /* not counted with a needle, which may have moved the tissue to the position at which the
+                                                                       probe started */
     if (s.use != WITHOUT) withdraw_needle(&t, s.advance);
     exceeds(&t, s.use == WITHOUT ? GAIN : GAIN_WITH_NEEDLE, -t.work / fmax(t.most_work, 1e-6));
     f->runs = 1, f->uses[s.use]++, f->ticks = t.ticks;
@@ -505,7 +508,8 @@ int main(int argc, char **argv) {
         return 0;
     }
     rows r = rows_begin(argc, argv, "Coupled: probe motions");
-    static const int SHORT[] = {5, 71, 137, 150}; /* runs that pass: block and rectum, side and end pressed, stopped by the limit, with each needle use */
+    static const int SHORT[] = {5, 71, 137, 150}; /* these runs pass and cover block and rectum, side and end, a stop by the force limit, and every use of a
+                                                     needle */
     int runs = r.short_form ? (int)(sizeof SHORT / sizeof *SHORT) : 200;
     for (int i = 0; i < runs; i++) run_trial(r.short_form ? SHORT[i] : i, false, &f);
     report(&r, &f);

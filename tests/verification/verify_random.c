@@ -1,19 +1,19 @@
-/* Random scenes with all features enabled, and random motions of a slow hand. Forces must be continuous except at punctures, a hand that returns to its
+/* Checks random scenes with all features enabled, and random motions of a slow hand. Forces must be continuous except at punctures, a hand that returns to its
    starting point must not have gained energy, and no needle's end may be in the tissue without a contact. */
 #include "random_scene.h"
 #include "rows.h"
 
 static const double TICK = 1e-3, SPEED = 8e-3;       /* s, m/s */
-static const double NOTICED = 0.07, NOTICED_LEAST = 0.05; /* just noticeable changes: as a fraction of the force, and in N */
+static const double NOTICED = 0.07, NOTICED_LEAST = 0.05; /* just noticeable change, as a fraction of the force and in N */
 enum { RECOIL = 30, LOOK_EVERY = 50 };               /* ticks */
 
 typedef struct {
     int runs, jumps, spikes, unstable, lost, kept;
     long ticks;
-    double worst_jump, worst_spike; /* as multiples of the just noticeable change */
+    double worst_jump, worst_spike; /* in multiples of the just noticeable change */
     double least_work;       /* work of the hand over a closed path, as a fraction of the largest work along the path */
     int jump_run, spike_run, work_run;
-    int unexplained;         /* number of lost needles that are deeper than the dents of the other needles in closed form */
+    int unexplained;         /* number of lost needles that are deeper than the dents of the other needles, computed in closed form */
     double deepest;          /* m, largest penetration depth */
     bool talks;
 } findings;
@@ -61,8 +61,8 @@ static bool in_tissue(const trial *t, const double x[3]) {
 }
 
 /* Returns how far (m) the other needles push the skin along the axis at the entry point of this needle. The displacement is that of a half-space in closed
-   form, with the part that the mesh resolves. A tip on the skin acts as a flat punch that holds whatever the tissue remembers (Sneddon 1965). For a tip inside
-   the tissue, its forces are applied at the skin (Boussinesq), which gives an upper bound. */
+   form, including the part that the mesh resolves. A tip on the skin acts as a flat punch, which fixes the surface whatever loads the tissue remembers (Sneddon
+   1965). The forces of a tip inside the tissue are applied at the skin (Boussinesq), which gives an upper bound. */
 static double dent_by_others(const trial *t, int needle, const double end[3], const double axis[3], double radius) {
     trocar_contact contacts[TROCAR_MAX_POINTS];
     trocar_material m = trocar_model_material(t->model, trocar_model_tet_regions(t->model)[0]);
@@ -189,7 +189,7 @@ static void leave_beside(trial *t, int needle, uint64_t *seed) {
     hand_add(&m, 0.05, (hand_leg){.advance = random_between(seed, 0.02, 0.05)});
     follow(t, needle, &m.legs[0]);
     if (trocar_sim_leave(t->sim, needle, &why) != TROCAR_OK) return;
-    if (trocar_sim_work(t->sim, NULL, &why) != TROCAR_OK) { /* the needle continues to be held */
+    if (trocar_sim_work(t->sim, NULL, &why) != TROCAR_OK) { /* on failure, the needle continues to be held */
         t->found->kept++;
         if (t->found->talks) printf("run %d: %s\n", t->number, why.text);
     }
@@ -255,7 +255,8 @@ typedef struct {
     bool talks;
 } implant_findings;
 
-enum { COLUMNS = 7, ROWS = 5, ACROSS = -3, UP = -2 }; /* numbers of columns and rows of holes about the template's centre, and the first column and row */
+enum { COLUMNS = 7, ROWS = 5, ACROSS = -3, UP = -2 }; /* COLUMNS, ROWS: number of columns and rows of holes around the template's centre; ACROSS, UP: first
+                                                         column and row */
 static const double PITCH = 5e-3;                     /* m */
 
 /* Inserts as many needles as the scene allows, one after the other, through random holes of the template of the implant scene, in surroundings of 3 to 30 kPa
@@ -284,7 +285,7 @@ static void run_implant(int number, implant_findings *f) {
         int ticks = (int)ceil(way / (speed * TICK)), lost = 0;
         trocar_output out;
         fail_if(trocar_sim_reset(t.sim, n, &base, &why), &why);
-        for (int i = 1; i <= ticks + LOOK_EVERY; i++) { /* after the motion, the needle is at rest until it has been checked once */
+        for (int i = 1; i <= ticks + LOOK_EVERY; i++) { /* after the motion, the needle is held at rest until it has been checked once */
             if (i <= ticks) base.position[2] += way / ticks;
             fail_if(trocar_sim_step(t.sim, n, &base, TICK, &out, &why), &why);
             if (i % LOOK_EVERY == 0) lost += passes_unfelt(&t, n);
@@ -364,7 +365,7 @@ static int check(int argc, char **argv, int part, int parts) {
     return rows_end(&r);
 }
 
-/* `--runs FIRST LAST` runs only these and prints what it finds; `--implants FIRST LAST` does the same for implants. `--part K N FOLDER` runs part K of the N
+/* `--runs FIRST LAST` runs only these and prints the findings; `--implants FIRST LAST` does the same for implants. `--part K N FOLDER` runs part K of the N
    parts of the full form; the parts may run in parallel. */
 int main(int argc, char **argv) {
     findings f = {.talks = true};

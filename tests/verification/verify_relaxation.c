@@ -76,7 +76,7 @@ static double softening_energy(const lockstep *l, double face) {
     return sum;
 }
 
-/* Returns the needle's force (N) on the tissue around the shaft at a point; at the tip, the end face bears the rest. */
+/* Returns the needle's force (N) on the tissue around the shaft at a point; at the tip, the end face bears the remainder. */
 static vec3 force_around_shaft(const lockstep *l, int i) {
     const insertion_workspace *w = l->run.workspace;
     vec3 force = point_force(&l->state, &w->points.list[i]), needle = needle_along(&w->points.list[i].at);
@@ -125,7 +125,7 @@ static double twist_energy(const lockstep *l, int term) {
     return 0.5 * sum;
 }
 
-/* Returns the energy (J) that a stiffening spring stores in addition to that of a linear spring, which is the integral of the force over the additional
+/* Returns the energy (J) that a stiffening spring stores in addition to the energy of a linear spring; it is the integral of the force over the additional
    displacement. */
 static double stiffening_energy(const stiffening_law *law, double force) {
     double energy = force * stiffening_at(law, force).shift;
@@ -244,7 +244,8 @@ static void check_energy(rows *r) {
     check_energy_of_stiffening(r);
 }
 
-/* A needle that sticks is shaken, so that only creep dissipates energy. With the forces at the end of each tick, no tick may have a negative dissipation. */
+/* A needle that sticks is shaken, so that only creep dissipates energy. If it is computed with the forces at the end of each tick, the dissipation may not be
+   negative in any tick. */
 static void check_shaken(rows *r) {
     simulation_config c = relaxing_config(true);
     for (int i = 0; i < c.region_count; i++) {

@@ -5,8 +5,8 @@
 #include "rows.h"
 
 static const double TICK = 1e-3;              /* s */
-static const double NOTICED = 0.07, NOTICED_LEAST = 0.05; /* just noticeable changes: as a fraction of the force, and in N */
-static const int RECOIL = 25;                 /* ticks, longest time for which a needle springs forward after a puncture */
+static const double NOTICED = 0.07, NOTICED_LEAST = 0.05; /* just noticeable change, as a fraction of the force and in N */
+static const int RECOIL = 25;                 /* number of ticks for which a needle springs forward after a puncture, at most */
 enum { BINS = 400, BINS_PER_DECADE = 80 };
 static const double FIRST_BIN = 1e-4;
 
@@ -111,7 +111,7 @@ static lockstep *create_insertions(const char *path, double stiffening) {
     return lockstep_create(&config, lockstep_start());
 }
 
-/* `chosen` lists the runs to be made; if it is NULL, the first ones are made. */
+/* `chosen` lists the runs to be performed; if it is NULL, the first ones are performed. */
 static void check_runs(rows *r, const char *name, const char *path, double stiffening, int runs, const int *chosen) {
     lockstep *l = create_insertions(path, stiffening);
     smoothness *s = calloc(1, sizeof *s);
@@ -125,7 +125,7 @@ static void check_runs(rows *r, const char *name, const char *path, double stiff
 
 static void check_mesh(rows *r, const char *name, const char *path, double stiffening, int runs) { check_runs(r, name, path, stiffening, runs, NULL); }
 
-/* Insertions in stiffening tissue that test the continuity of forces near old tracks. They test, in this order: the direction of cutting before the first
+/* Insertions in stiffening tissue that test the continuity of forces near old tracks. In this order, they test the direction of cutting before the first
    contact; the work of the holding force near the surface; a last contact that is released near the surface; a membrane close to its puncture; a short track
    next to a long one; and tissue that springs back into a track, close to the puncture of the skin and close to that of the capsule. */
 static const int NEAR_OLD_TRACKS[] = {142, 114, 74, 170, 38, 182, 147};
@@ -139,7 +139,7 @@ static const int NEAR_OLD_TRACKS[] = {142, 114, 74, 170, 38, 182, 147};
 static const double STIFFENING = 2.0, PUSH = 3e-3, PUSH_SPEED = 0.02; /* m, m/s */
 
 typedef struct {
-    double least;            /* N, smallest increase in a tick */
+    double least;            /* N, smallest increase of the force in a tick */
     double most;             /* N, largest force */
     double hardest, softest; /* N/m, largest and smallest stiffness in any push */
     unsigned events;
@@ -212,7 +212,7 @@ static void check_pressed(rows *r, int count) {
     lockstep_free(l);
 }
 
-/* `--runs FIRST LAST S` makes only these insertions, on the scene's mesh, in tissue with the stiffening S, and prints the changes above the limit. */
+/* `--runs FIRST LAST S` performs only these insertions, on the scene's mesh, in tissue with the stiffening S, and prints the changes above the limit. */
 static int look_at_runs(int first, int last, double stiffening) {
     lockstep *l = create_insertions(NULL, stiffening);
     smoothness *s = calloc(1, sizeof *s);

@@ -1,4 +1,4 @@
-/* Tests bevel-tip steering: the curvature of a bevelled needle's track is compared with measured needles, beam theory and symmetry. */
+/* Tests bevel-tip steering: the curvature of a bevelled needle's track is compared with measurements, beam theory and symmetry. */
 #include "rows.h"
 #include "steering.h"
 
@@ -33,7 +33,7 @@ static void draw_track(rows *r, const char *figure, const char *label, const ste
 
 static const char *nodes_of(const steering_case *c) { return !c->mesh ? "570 nodes" : strcmp(c->mesh, FINEST) ? "3300 nodes" : "6500 nodes"; }
 
-/* Asymmetric elements push the tip sideways. On coarse meshes this deflection is only measured; on a finer mesh it has a limit. */
+/* Asymmetric elements push the tip sideways. On coarse meshes, this deflection is reported but not checked; on a finer mesh, it has a limit. */
 static void on_mesh(rows *r, row entry, const steering_case *c, bool fine) {
     char check[160];
     snprintf(check, sizeof check, "%s, %s", entry.check, nodes_of(c));
@@ -108,8 +108,8 @@ static void check_nitinol_slopes(rows *r) {
                            .note = "an estimate"});
 }
 
-/* Moduli from the softest tissue to rubber. In tissue softer than 60 kPa, which would otherwise be dented by centimetres, the strength is proportional to the
-   modulus. */
+/* Compares moduli from the softest tissue to rubber. In tissue softer than 60 kPa, which would otherwise be dented by centimetres, the strength is proportional
+   to the modulus. */
 static void check_stiffness(rows *r, const char *name, steering_case c) {
     static const double moduli[] = {5e3, 15e3, 60e3, 250e3, 1e6, 3e6};
     for (int i = 0; i < 6; i++) {
@@ -126,7 +126,7 @@ static void check_stiffness(rows *r, const char *name, steering_case c) {
 
 /* Curvatures of one needle on one mesh with the bevel facing in four directions. */
 typedef struct {
-    double mean, spread; /* 1/m; the spread is the largest minus the smallest curvature, as a fraction of the mean */
+    double mean, spread; /* mean: 1/m; spread: difference between the largest and the smallest curvature, as a fraction of the mean */
 } curvatures;
 
 static curvatures curvatures_around(steering_case c, const char *mesh) {

@@ -1,4 +1,5 @@
-/* A scene that is rotated and shifted together with its mesh gives the same wrench in its own frame; a mirrored scene gives the mirrored wrench. The mesh is
+/* Checks that a scene that is rotated and shifted together with its mesh gives the same wrench in its own frame, and that a mirrored scene gives the mirrored
+   wrench. The mesh is
    written to a new file, so that reading, search trees and refinement use different numbers. */
 #include "lockstep.h"
 #include "rows.h"
@@ -23,7 +24,7 @@ static pose place_pose(const placing *p, pose at) {
     if (p->mirrored) frame = m3_multiply(&frame, &mirror);
     vec3 x = v3(frame.m[0][0], frame.m[1][0], frame.m[2][0]), y = v3(frame.m[0][1], frame.m[1][1], frame.m[2][1]);
     vec3 z = v3_cross(x, y);
-    /* the quaternion whose matrix has these columns, computed from its largest component first (Shepperd 1978) */
+    /* The quaternion whose matrix has these columns, computed starting from its largest component (Shepperd 1978). */
     double t[4] = {1 + x.x + y.y + z.z, 1 + x.x - y.y - z.z, 1 - x.x + y.y - z.z, 1 - x.x - y.y + z.z};
     int k = 0;
     for (int i = 1; i < 4; i++)
@@ -73,7 +74,7 @@ static pose hand_at(double t) {
 
 typedef struct {
     int ticks;
-    vec3 force[MOST_TICKS], torque[MOST_TICKS]; /* in the frame of the original scene */
+    vec3 force[MOST_TICKS], torque[MOST_TICKS]; /* force: N; torque: N m; in the frame of the original scene */
 } trace;
 
 static trace *play(const rows *r, const placing *p) {
@@ -96,7 +97,7 @@ static trace *play(const rows *r, const placing *p) {
     return t;
 }
 
-/* Returns the largest difference in any tick relative to the largest value. */
+/* Returns the largest difference in any tick, relative to the largest value. */
 static double difference(int ticks, const vec3 *a, const vec3 *b) {
     double worst = 0.0, size = 0.0;
     for (int i = 0; i < ticks; i++) {

@@ -1,5 +1,5 @@
-// The page with a live server, as a person uses it, in headless Chromium; run by test_view.sh in a private network.
-// usage: live_test.mjs BUILD_DIR SOURCE_DIR OUT_DIR
+/* Tests the page with a live server, as a person uses it, in headless Chromium; run by test_view.sh in a private network.
+   usage: live_test.mjs BUILD_DIR SOURCE_DIR OUT_DIR */
 import assert from 'node:assert/strict'
 import { once } from 'node:events'
 import { readFile, writeFile } from 'node:fs/promises'
@@ -8,7 +8,8 @@ import path from 'node:path'
 import { browser, check, checkLayout, driven, faults, open, until } from './page.mjs'
 import { ADDRESS, run, scene, source, start, stop } from './parts.mjs'
 
-const SIZES = [[390, 844], [844, 390], [1280, 720], [1366, 768], [1280, 800], [1024, 768], [1440, 900], [1680, 1050], [1920, 1080], [768, 1024], [683, 512]] // the last: 1024 x 768 at 150 %
+// the last one is 1024 x 768 at 150 %
+const SIZES = [[390, 844], [844, 390], [1280, 720], [1366, 768], [1280, 800], [1024, 768], [1440, 900], [1680, 1050], [1920, 1080], [768, 1024], [683, 512]]
 const SMALL = { width: 500, height: 400 } // quickly drawn
 const startServer = () => start('server/trocar-server', '--allow-non-rt')
 const badge = (text) => `document.getElementById('link').textContent === '${text}'`
@@ -58,7 +59,7 @@ try {
     await until(first, 'trocar.history.columns[7][trocar.history.count - 1] > 0.01')
     assert(await first.evaluate('trocar.shown.displacement.some((count) => count !== 0)'), 'the tissue moves')
     assert(await first.evaluate('trocar.history.marks.some((mark) => mark.name === "skin")'), 'the puncture is marked')
-    await until(first, '!document.getElementById("track-key").hidden') // the legend names the track
+    await until(first, '!document.getElementById("track-key").hidden') // the legend contains the track
   })
 
   await driven('a key released after the needle was released moves nothing', first, async () => {
@@ -71,7 +72,7 @@ try {
     await until(first, 'trocar.status.drives && trocar.status.owned === "here"')
     assert.deepEqual(await first.evaluate('trocar.drive.command()'), [0, 0, 0, 0, 0, 0])
     const shownBase = () => first.evaluate('[trocar.shown.tick, trocar.shown.needles[0].joints[2]]')
-    const [taken] = await shownBase() // this picture may date from a time at which the needle was still driven
+    const [taken] = await shownBase() // this picture may have been taken while the needle was still driven
     await until(first, `trocar.shown.tick > ${taken} + 1000`)
     const [tick, base] = await shownBase()
     await until(first, `trocar.shown.tick > ${tick} + 200`)
@@ -110,7 +111,7 @@ try {
     const [here, there] = [await tip(first), 'trocar.stage.needles[0].tip?.z']
     await until(second, `Math.abs(${there} - ${here}) < 1e-4`) // the needle is at rest
     await until(second, 'document.getElementById("take").disabled')
-    await until(second, 'trocar.history.count > 50') // the page receives the plots' data from before it connected
+    await until(second, 'trocar.history.count > 50') // the page also receives the plots' data from before it connected
     await second.setViewportSize(SMALL)
   })
 
@@ -144,13 +145,13 @@ try {
   await check('ten minutes take no more memory than one', async () => {
     const held = await first.evaluate(async () => {
       const kept = new trocar.history.constructor(true), { membranes } = trocar.stage.scene, sizes = []
-      const sample = { values: Array(11).fill(0), membrane: 0, events: 0b111 } // events: touch, puncture and contact
+      const sample = { values: Array(11).fill(0), membrane: 0, events: 0b111 } // the event bits are touch, puncture and contact
       for (let k = 1; k <= 60000; k++) {
         kept.addSamples([{ ...sample, time: k / 100, events: k % 50 ? 0 : sample.events }], membranes)
         if (k % 3 === 0) kept.addPicture({ time: k / 100, bytes: 4096 })
         if (k % 6000) continue
         sizes.push([kept.pictures.length, kept.bytes, kept.marks.length, kept.columns[0].length])
-        await new Promise((done) => setTimeout(done)) // lets the page answer, so that it keeps the needle
+        await new Promise((done) => setTimeout(done)) // lets the page respond to the server, so that it keeps the needle
       }
       return sizes
     })
@@ -252,7 +253,7 @@ try {
     await until(second, `getComputedStyle(document.getElementById('view')).opacity === '0.4'`)
     const [count, died] = await second.evaluate('[trocar.history.count, trocar.history.end]')
     server = await startServer()
-    await until(second, `${badge('live')} && trocar.history.count > ${count} + 50`) // the key is still held down
+    await until(second, `${badge('live')} && trocar.history.count > ${count} + 50`) // meanwhile, the key is still held down
     assert.deepEqual(await second.evaluate('[trocar.status.drives, trocar.status.owned, trocar.drive.command()]'), [false, 'nobody', [0, 0, 0, 0, 0, 0]])
     const since = await second.evaluate(`Array.from(trocar.history.columns[7].subarray(${count}, trocar.history.count))`)
     assert(since.every((depth) => depth === 0), 'the needle of the new server is outside')
@@ -261,7 +262,7 @@ try {
     const back = await second.evaluate(`trocar.history.columns[0][${count}]`)
     assert(back - died > 0.5)
     await second.selectOption('#window', '60')
-    await second.waitForTimeout(500) // plots are redrawn less often
+    await second.waitForTimeout(500) // plots are redrawn less often than the view
     const end = await second.evaluate('trocar.history.end')
     const drawn = await second.evaluate(forceDrawn, [died - 0.5, (died + back) / 2, (back + end) / 2])
     assert.deepEqual(drawn, [true, false, true], 'the plot has a gap')
@@ -289,7 +290,7 @@ try {
     await stop(view, 'SIGKILL')
     await until(second, badge('no connection'))
     view = await start('clients/view/trocar-view')
-    // nothing of the old scene is kept
+    // nothing of the old scene may be kept
     await until(second, `${badge('live')} && !trocar.stage.dirty && !trocar.echo.dirty && JSON.stringify(${graphicsHeld}) === '${JSON.stringify(held)}'`)
   })
 
@@ -319,7 +320,7 @@ try {
       await until(second, '!document.getElementById("take").disabled')
       await second.click('#take')
       await until(second, `trocar.status.drives && trocar.status.owned === "here" && trocar.shown?.needles[${needle}]`)
-      await until(second, 'document.getElementById("needle").disabled') // the driven needle remains selected
+      await until(second, 'document.getElementById("needle").disabled') // the selection is locked: the driven needle remains selected
     }
     const push = async () => {
       await second.keyboard.down('w')
@@ -339,7 +340,7 @@ try {
     const [one, other] = await second.evaluate('trocar.shown.needles.map(({ contacts, joints }) => ({ contacts: contacts.length / 9, x: joints[0] }))')
     assert(one.contacts > 1 && other.contacts > 1, 'each with its contacts')
     assert(Math.abs(other.x - one.x - 0.01) < 1e-3, 'side by side')
-    const placeShown = (text, [x, y, z]) => { // the needle comes to rest, and then the text shows its position
+    const placeShown = (text, [x, y, z]) => { // waits until the needle has come to rest and the text shows its position
       const expected = [(0.01 - x) * 1e3, (y - 0.02) * 1e3, (0.03 - z) * 1e3], found = /^([LR]) ([\d.]+) {2}([AP]) ([\d.]+) {2}([SI]) ([\d.]+) mm$/.exec(text)
       return found !== null && expected.every((value, i) => found[2 * i + 1] === ['LR', 'PA', 'SI'][i][value < 0 ? 1 : 0] && Math.abs(found[2 * i + 2] - Math.abs(value)) < 0.06)
     }
@@ -366,7 +367,7 @@ try {
   await browser.close()
 }
 
-/** Acts as a browser that acknowledges everything, using a raw socket. */
+/** Acts as a browser that acknowledges every update, using a raw socket. */
 async function joinRaw() {
   const { host, hostname, port, origin } = new URL(ADDRESS), socket = connect(port, hostname), answer = Buffer.alloc(38)
   answer.set([0x82, 0x80 | 32, 0, 0, 0, 0, 1]) // acknowledges the update; the frame is masked with zeros
@@ -388,7 +389,7 @@ function forceDrawn(times) {
   })
 }
 
-/** Runs in the page: returns plots that are too low to be read, or whose labels (10 px) touch. */
+/** Runs in the page: returns the plots that are not tall enough to be read, or whose labels (10 px) touch. */
 function touchingLabels() {
   return trocar.plots.plots.filter(({ holder }) => holder.clientHeight > 0).flatMap(({ title, chart }) => {
     const [, { _splits: splits, _values: words }] = chart.axes, height = chart.over.clientHeight

@@ -1,5 +1,5 @@
-// Tests recorded insertions in the page and as pictures, in headless Chromium; run by test_view.sh in a private network.
-// usage: log_test.mjs BUILD_DIR SOURCE_DIR OUT_DIR
+/* Tests recorded insertions in the page and as pictures, in headless Chromium; run by test_view.sh in a private network.
+   usage: log_test.mjs BUILD_DIR SOURCE_DIR OUT_DIR */
 import assert from 'node:assert/strict'
 import { once } from 'node:events'
 import { readFile } from 'node:fs/promises'
@@ -9,9 +9,9 @@ import { run, scene, source, start, stop } from './parts.mjs'
 
 const out = process.argv[4]
 const LOG = path.join(source, 'tests/traces/figure8.log')
-const SIZES = [[390, 844], [1440, 900], [1920, 1080]] // live_test.mjs checks more sizes
+const SIZES = [[390, 844], [1440, 900], [1920, 1080]] // only a few; live_test.mjs checks more sizes
 
-const MOMENTS = [ // name; time in s; direction of the cut; what must be visible
+const MOMENTS = [ // name, time (s), direction of the cut, and condition for what must be visible
   ['before', 0.05, '', ({ contacts, track }) => contacts === 0 && track === 0],
   ['deep', 1.3, 'x', ({ depth, gland, track, offTip }) => depth > 0.06 && gland > 5e-5 && track > 10 && offTip < 2e-3], // the track ends at the tip
   // the track ends at the tip
@@ -28,7 +28,7 @@ try {
     const scenery = await page.evaluate(sceneryShown)
     assert(seen(scenery), `${name}: ${JSON.stringify(scenery)}`)
     assert.deepEqual(await page.evaluate(coloursOfCut), await page.evaluate(`trocar.stage.recut(), (${coloursOfCut})()`), 'the cut has the colours of the legend')
-    await page.waitForTimeout(300) // plots are redrawn less often
+    await page.waitForTimeout(300) // plots are redrawn less often than the view
     await page.screenshot({ path: path.join(out, `${name}.png`) })
     console.log(`ok picture ${name}`)
   }
@@ -45,7 +45,7 @@ try {
     await file.saveAs(path.join(out, 'button.png'))
     const saved = await page.evaluate(partsOf, await read(path.join(out, 'button.png')))
     assert(saved.height === 1000 && saved.width > 1400, JSON.stringify(saved))
-    assert(saved.slice > 25 && saved.stage > 10, JSON.stringify(saved)) // the slice's value is 6 if it is not drawn
+    assert(saved.slice > 25 && saved.stage > 10, JSON.stringify(saved)) // the brightness of the slice's area is 6 if the slice is not drawn
     await until(page, `trocar.stage.canvas.width / trocar.stage.canvas.height - trocar.stage.canvas.clientWidth / trocar.stage.canvas.clientHeight < 0.01`)
   })
 
@@ -87,8 +87,8 @@ try {
   await browser.close()
 }
 
-/** Runs in the page: depth (m), force along z (N), number of contacts and of sticking ones, mean displacement of the gland along z
-   (m), ends of the lines of tracks and the last one's distance from the tip (m). */
+/** Runs in the page: depth (m), force along z (N), number of contacts, number of sticking contacts, mean displacement of the gland along z (m), number of ends
+   of the track lines, and distance of the last end from the tip (m). */
 function sceneryShown() {
   const { shown, history, stage: { scene } } = trocar, at = history.sampleIndex(shown.time), gland = new Set()
   const { group } = scene.regions.find(({ name }) => name === 'prostate'), states = shown.needles[0].contacts.filter((value, i) => i % 9 === 7)
@@ -106,8 +106,8 @@ function coloursOfCut() {
   return Array.from(array.subarray(0, count))
 }
 
-/** Runs in the page: size of a picture; mean brightness of its ground, of its slice where that is beside and where it is below the
- *  3D view; and the spread of the 3D view's brightness. */
+/** Runs in the page: returns the size of a picture; the mean brightness of its background, and of its slice (both at the position beside the 3D view and at
+ *  that below it); and the spread of the 3D view's brightness. */
 async function partsOf(url) {
   const image = new Image()
   image.src = url

@@ -1,7 +1,7 @@
-// Run by hand: measures the effect of browsers on the haptic loop, and the time from a pose to its picture; in a private
-// network: scripts/netns node tests/view/measure.mjs BUILD_DIR SOURCE_DIR [SECONDS] [BROWSERS] [ROUNDS] Runs with and without
-// browsers alternate, because the machine's other load changes the loop's times as much as browsers do; the medians of the
-// runs are compared.
+/* Measures the effect of browsers on the haptic loop, and the time from a pose to its picture. Run by hand, in a private network:
+   scripts/netns node tests/view/measure.mjs BUILD_DIR SOURCE_DIR [SECONDS] [BROWSERS] [ROUNDS]
+   Runs with and without browsers alternate, because other load on the machine changes the loop's times as much as browsers do; the medians of the runs are
+   compared. */
 import { once } from 'node:events'
 import { ADDRESS, launch, run, start, stop } from './parts.mjs'
 
@@ -9,10 +9,10 @@ const [seconds = '8', most = '3', rounds = '9'] = process.argv.slice(4)
 const quantile = (values, q) => [...values].sort((a, b) => a - b)[Math.min(values.length - 1, Math.floor(q * values.length))]
 const median = (values) => quantile(values, 0.5)
 
-/** Returns p50 and p99 in us, as printed by the server. */
+/** Returns the p50 and p99 (us) printed by the server. */
 const times = (said, name) => new RegExp(`^${name} +p50 ([0-9.]+) us, p99 ([0-9.]+) us`, 'm').exec(said).slice(1).map(Number)
 
-/** The device plays the figure 8 while `count` browsers show it. */
+/** Plays the figure 8 with the device while `count` browsers show it. */
 async function measure(count) {
   const server = await start('server/trocar-server'), view = await start('clients/view/trocar-view'), browser = count && await launch(), pages = [], pictures = []
   for (let i = 0; i < count; i++) {
@@ -32,7 +32,7 @@ async function measure(count) {
   return { lateness, tick, pictures: pictures.slice(Math.floor(pictures.length / 5)) } // during the first pictures, the page is still loading
 }
 
-/** Prints the medians over the runs; returns those of p99. */
+/** Prints the medians over the runs; returns the medians of p99. */
 function summarise(count, runs) {
   const [late50, late99, tick50, tick99] = ['lateness', 'tick'].flatMap((name) => [0, 1].map((k) => median(runs.map((each) => each[name][k]))))
   const pictures = runs.flatMap((each) => each.pictures)

@@ -17,7 +17,7 @@ export async function open(size = { width: 1000, height: 640 }, options = {}) {
   return page
 }
 
-let driver = null // the page that must keep the needle
+let driver = null // the page that is expected to keep the needle
 
 const lost = (page) => page.evaluate('trocar.drive.lost')
 
@@ -43,7 +43,7 @@ export async function hold(page) {
   await until(page, 'trocar.status.drives && trocar.status.owned === "here"')
 }
 
-/** Runs a check while the page holds the needle. If server or page are silent for too long, as on a busy machine, the needle is released, and
+/** Runs a check while the page holds the needle. If the server or the page is silent for too long, as on a busy machine, the needle is released, and
  * the check is repeated. */
 export async function driven(name, page, body) {
   await check(name, async () => {
@@ -91,8 +91,9 @@ async function objections() {
            contrast: passes.some(({ id }) => id === 'color-contrast') }
 }
 
-/** Runs in the page: a plain background for the text on the 3D view, because axe-core can't judge contrast on gradients and canvases.
- *  Uses the end of the gradient with the lower contrast. */
+/** Runs in the page: sets a plain background for the text on the 3D view, because axe-core cannot assess contrast on gradients and canvases. Uses the end of
+ * the
+ *  gradient that has the lower contrast. */
 function plainGround(theme) {
   const stage = document.getElementById('stage'), hidden = theme ? 'hidden' : ''
   stage.style.background = { dark: '#1d2732', light: '#e0e7ee' }[theme] ?? ''

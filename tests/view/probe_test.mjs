@@ -1,6 +1,6 @@
-// The ultrasound probe with a live server: it is shown at the scene's place, moves with the keys, presses the rectum's wall, and takes the images along.
-// Run by test_view.sh in a private network.
-// usage: probe_test.mjs BUILD_DIR SOURCE_DIR OUT_DIR
+/* Tests the ultrasound probe with a live server: it is shown at the position given in the scene, is moved with the keys, presses on the rectum's wall, and
+   moves the images with it. Run by test_view.sh in a private network.
+   usage: probe_test.mjs BUILD_DIR SOURCE_DIR OUT_DIR */
 import assert from 'node:assert/strict'
 import path from 'node:path'
 import { browser, check, checkLayout, driven, faults, open, until } from './page.mjs'
@@ -10,7 +10,7 @@ const OUT = process.argv[4], trus = path.join(source, 'meshes/trus.yaml')
 const words = () => page.evaluate("document.getElementById('probe-force').textContent")
 const probe = () => page.evaluate('trocar.shown.probe && { y: trocar.shown.probe.position[1], z: trocar.shown.probe.position[2], force: [...trocar.shown.probe.force] }')
 
-/** Holds a key down until the expression is true; on a busy machine, the probe may stop in the meantime. */
+/** Holds a key down until the expression is true. (On a busy machine, the probe may stop in the meantime.) */
 const press = async (key, done) => {
   for (let times = 0; times < 20 && !await page.evaluate(done); times++) {
     await page.keyboard.down(key)

@@ -1,6 +1,6 @@
-// Procedure mode with a live server, as someone new to it uses the page: hole C3.5, needle in, seed dropped, needle drawn back. Run by
-// test_view.sh in a private network.
-// usage: procedure_test.mjs BUILD_DIR SOURCE_DIR OUT_DIR
+/* Tests procedure mode with a live server, as a new user would use the page: chooses hole C3.5, inserts the needle, drops a seed, and draws the needle back.
+   Run by test_view.sh in a private network.
+   usage: procedure_test.mjs BUILD_DIR SOURCE_DIR OUT_DIR */
 import assert from 'node:assert/strict'
 import { writeFile } from 'node:fs/promises'
 import path from 'node:path'
@@ -36,8 +36,8 @@ const press = async (key, done) => {
   await until(page, done)
 }
 
-// Two planned seeds in C3.5, which is 4 columns to the patient's right of the middle hole and 1 row below it, with 5 mm per column and row; another
-// seed elsewhere.
+/* The plan has two seeds in C3.5, which is 4 columns to the patient's right of the middle hole and 1 row below it, with 5 mm per column and row, and another
+   seed elsewhere. */
 const plan = path.join(OUT, 'plan.csv')
 await writeFile(plan, 'hole,seed,x [m],y [m],z [m]\nC3.5,1,0.02,-0.005,0.05875\nC3.5,2,0.02,-0.005,0.04875\nF4,1,0.005,0,0.06\n')
 let view = await start('clients/view/trocar-view', '--scene', implant, '--plan', plan), server, page
@@ -68,7 +68,7 @@ try {
     await page.mouse.click(...await onScreen('C3.5'))
     assert.equal(await page.inputValue('#hole'), 'C3.5')
     await says('next', /C3.5 is chosen/)
-    await says('target', /^C3.5, 86.0 mm/) // the far end of the deepest planned seed, 25 mm in front of which the template begins
+    await says('target', /^C3.5, 86.0 mm/) // the distance from the template to the far end of the deepest planned seed
     await shoot('hole')
   })
 
@@ -96,7 +96,7 @@ try {
   })
 
   await driven('W pushes the needle through the hole to the target', page, async () => {
-    // Well in front of the target: a page on a busy machine sees the needle up to a second late, and must not push it out of the far side.
+    // Stops well in front of the target: on a busy machine, the page sees the needle up to a second late, and must not push it out on the far side.
     await press('w', `trocar.procedure.tipError(trocar.stage.needles[0].tip).along < 0.018`)
     await says('needles', /driven hereC3.5/)
     assert((await tip())[2] > 0.04)
@@ -105,7 +105,7 @@ try {
 
   await driven('a seed is dropped, and stays when the needle is drawn back', page, async () => {
     const left = 'trocar.procedure.seeds.seeds.length === 1'
-    if (await page.evaluate(`!trocar.procedure.seeds.pending[0] && !(${left})`)) { // otherwise the loop is repeated
+    if (await page.evaluate(`!trocar.procedure.seeds.pending[0] && !(${left})`)) { // false if the check is repeated after the seed has been dropped
       await page.click('#drop')
       await says('answer', /The seed is at the tip/)
       await says('next', /Draw the needle back 4\.\d mm/)
@@ -120,7 +120,7 @@ try {
 
   await check('its dose is drawn and summed up', async () => {
     await until(page, `/Dose of 1 seed/.test(${text('dose')}) && trocar.procedure.dose.seeds === 1 && trocar.echo.doses.doseTop.value > 0`)
-    await says('target', /^C3.5, 76.0 mm/) // the next planned seed
+    await says('target', /^C3.5, 76.0 mm/) // the target is now the next planned seed
     await page.uncheck('#follow')
     await page.evaluate('trocar.echo.setPlace(trocar.procedure.seeds.seeds[0].position[2])')
     await until(page, '!trocar.echo.dirty && !trocar.procedure.sagittal.dirty')
@@ -131,7 +131,7 @@ try {
     await press('u', 'trocar.procedure.seeds.seeds.length === 0')
     await says('answer', /The last seed is taken back/)
     await until(page, `/Dose of 0 seeds/.test(${text('dose')})`)
-    await says('target', /^C3.5, 86.0 mm/) // again the first planned seed
+    await says('target', /^C3.5, 86.0 mm/) // the target is again the first planned seed
   })
 
   await driven('a strand is dropped, and taken back while it is in the needle', page, async () => {
@@ -220,7 +220,7 @@ try {
         await page.setViewportSize({ width, height })
         await page.waitForTimeout(300)
         for (const pane of ['axial', 'stage']) {
-          await page.evaluate(`trocar.procedure.choosePane('${pane}')`) // on a small screen
+          await page.evaluate(`trocar.procedure.choosePane('${pane}')`) // chooses what a small screen shows
           await checkLayout(page, `${width} x ${height}, ${pane}`)
         }
         await page.evaluate("trocar.procedure.choosePane('axial')")
@@ -251,7 +251,7 @@ try {
   await browser.close()
 }
 
-/** Runs in the page: returns its instructions for each state of the needle. */
+/** Runs in the page: returns the instructions that the page gives for each state of the needle. */
 function allSteps() {
   const { procedure, stage, chosen } = trocar, tip = stage.needles[chosen].tip, said = []
   const { steering } = procedure.drive, far = procedure.targetNow
@@ -270,7 +270,7 @@ function allSteps() {
   return [...said, document.getElementById('drive-note').textContent]
 }
 
-/** Runs in the page: returns its text about a seed in the first tetrahedron of each region. */
+/** Runs in the page: returns the page's text about a seed in the first tetrahedron of each region. */
 function wordsForRegions() {
   const { procedure, stage: { scene } } = trocar
   const first = ({ group }) => scene.tets.findIndex((value, i) => i % 5 === 0 && value === group) / 5
@@ -291,7 +291,7 @@ function throughTheTissue() {
   return stopped ? said : 'it is not stopped'
 }
 
-/** Runs in the page: puts all needles except the driven one to rest in the tissue. */
+/** Runs in the page: marks all needles except the driven one as resting in the tissue. */
 function fillWithNeedles() {
   const { procedure } = trocar, describe = procedure.describe.bind(procedure)
   procedure.isInUse = () => true

@@ -1,6 +1,6 @@
-// Run by hand: measures the memory of the page, of Chromium and of trocar-view per minute while the figure 8 is repeated with
-// the tissue cut open; fails if it grows. In a private network, so that no other Chromium is counted:
-//   scripts/netns node tests/view/soak.mjs BUILD_DIR SOURCE_DIR [MINUTES]
+/* Measures the memory of the page, of Chromium and of trocar-view every minute while the figure 8 is repeated with the tissue cut open; fails if the memory
+   grows. Run by hand, in a private network, so that no other Chromium is counted:
+   scripts/netns node tests/view/soak.mjs BUILD_DIR SOURCE_DIR [MINUTES] */
 import { readdirSync, readFileSync } from 'node:fs'
 import { ADDRESS, launch, run, start, stop } from './parts.mjs'
 
@@ -8,7 +8,7 @@ const FULL = 2        // minutes after which the one-minute history is certainly
 const GROWTH = 1.1    // tolerated ratio of the second half's median to the first half's median
 const minutes = Number(process.argv[4] ?? 10)
 
-/** Returns the private memory and the proportional shared memory of a process in MB, without file mappings. */
+/** Returns the private memory of a process plus its proportional share of shared memory, in MB, without file mappings. */
 function resident(id) {
   try {
     const held = readFileSync(`/proc/${id}/smaps_rollup`, 'latin1')
@@ -22,7 +22,7 @@ function isChromium(id) {
   } catch { return false }
 }
 
-/** Returns the memory of all Chromium processes; a private network also has its own process ids. */
+/** Returns the memory of all Chromium processes; only those of this run are visible, because a private network also has its own process ids. */
 const residentOfChromium = () => readdirSync('/proc').filter((id) => /^\d+$/.test(id) && isChromium(id)).reduce((sum, id) => sum + resident(id), 0)
 
 function grows(name) {

@@ -1,6 +1,6 @@
 #!/bin/bash
-# Runs the complete viewer in a private network namespace: with a live server, with a log and pictures of it, in the procedure mode of an implant, or with a
-# probe. Status 77: Chromium, npm or namespaces are missing.
+# Tests the complete viewer in a private network namespace: with a live server, with a log and pictures made from it, in the procedure mode of an implant, or
+# with a probe. Exit status 77: Chromium, npm or namespaces are not available.
 # usage: test_view.sh BUILD_DIR SOURCE_DIR live|log|procedure|probe [OUT_DIR]
 set -euo pipefail
 build=$1 source=$2 part=$3 out=${4:-}
@@ -19,7 +19,7 @@ fail() { echo "FAILED: $*" >&2; exit 1; }
 node "$source/tests/view/${part}_test.mjs" "$build" "$source" "${out:-$work}"
 [ "$part" = log ] || exit 0
 
-# The picture that log_test.mjs saved without options is a PNG. Invalid options cause exit status 2, a message and no file.
+# The picture that log_test.mjs saved without options is a PNG. With invalid options, the exit status is 2, a message is printed, and no file is written.
 show=("$build/clients/view/trocar-view" --scene "$source/meshes/prostate.yaml" --log "$source/tests/traces/figure8.log")
 taken=${out:-$work}/png-plain.png
 head -c 8 "$taken" | od -An -tx1 | grep -q '89 50 4e 47 0d 0a 1a 0a' || fail "no PNG"

@@ -1,6 +1,6 @@
 #!/usr/bin/python3
-"""Needles that change hands in trocar-view with a live server: a browser that disconnects leaves a needle in the tissue as it is, and another browser takes
-it as it is; a needle that moves to a hole enters no other hole.
+"""Tests needles that change hands in trocar-view with a live server: a browser that disconnects leaves its needle in the tissue unchanged, and another browser
+takes it unchanged; a needle that moves to a hole enters no other hole.
 
 usage: test_view_hands.py BUILD_DIR SOURCE_DIR
 """
@@ -46,7 +46,7 @@ class Hands(unittest.TestCase):
         self.addCleanup(lambda: (self.view.kill(), self.view.wait()))
 
     def start_server(self):
-        """Uses real time if it is permitted, because a gap between the poses at the skin may make a needle buckle."""
+        """Uses real-time priority if permitted, because a gap between the poses at the skin may make a needle buckle."""
         try:
             return start(BUILD / "server/trocar-server", "--scene", SCENE)[0]
         except AssertionError:
@@ -101,7 +101,7 @@ class Hands(unittest.TestCase):
         return [1e3 * x for x in browser.needle(needle)[-1]], [1e3 * x for x in browser.displacements()]
 
     def settled(self, browser, needle=0):
-        """Like `seen`, after the needle has come to rest: the tissue pushes the needle back slightly when nobody holds it."""
+        """Like `seen`, but after the needle has come to rest, because the tissue pushes the needle back slightly when nobody holds it."""
         before, now = None, self.seen(browser, needle)
         for _ in range(60):
             if before and max(abs(a - b) for a, b in zip(before[0], now[0])) < 0.02:
@@ -144,7 +144,7 @@ class Hands(unittest.TestCase):
         browser.until(lambda: browser.depth.get(0) == 0)
 
     def test_a_needle_that_nobody_holds_is_taken_as_it_is(self):
-        """The viewer is killed, so it cannot inform the server. The server takes the needle from it after two seconds."""
+        """The viewer is killed, so it cannot inform the server, which takes the needle away from it after two seconds."""
         browser = self.browse()
         self.insert(browser, 0.06)
         self.view.kill()
@@ -160,7 +160,7 @@ class Hands(unittest.TestCase):
         browser.close()
 
     def test_a_needle_on_its_way_to_a_hole_enters_no_other_one(self):
-        """The forward key is held down from the beginning."""
+        """The forward key is held down from the start."""
         browser = self.browse()
         forward = lambda: browser.say(web.STEER, 0, 0, 1)
         self.ask(browser, lambda: (browser.say(web.TAKE, needle=0), forward()), lambda: browser.status["drives"])
@@ -174,7 +174,7 @@ class Hands(unittest.TestCase):
             return browser.depth.get(0, 0) > 0.02
         browser.until(note, (0, 0, 1))
         x, y = place(7, 6)
-        inside = [base for base, tip in way if tip[2] > FACE + 0.011]    # further in than it may have moved before the order to go to the hole
+        inside = [base for base, tip in way if tip[2] > FACE + 0.011]    # deeper than the needle can have moved before the order to go to the hole
         self.assertTrue(inside)
         for base in inside:
             self.assertAlmostEqual(base[0], x, delta=6e-4)

@@ -1,8 +1,8 @@
 #!/usr/bin/python3
-"""Stopping trocar-view while a browser drives: the needle is released, and the program exits cleanly.
+"""Tests that, when trocar-view is stopped while a browser drives, the needle is released and the program exits cleanly.
 
 usage: test_view_stop.py BUILD_DIR SOURCE_DIR
-Recorded wrenches, played by LCM, replace a server.
+Recorded wrenches, played back with LCM, replace a server.
 """
 import base64
 import json
@@ -19,8 +19,8 @@ ACKNOWLEDGE, TAKE, STATUS = 1, 2, 4
 
 
 def write_log(path):
-    """Writes a log of the figure-8 wrenches, 10 per second, with a needle that nobody owns. The log is replayed, because a live view refuses the older message
-    types in the recording."""
+    """Writes a log of the figure-8 wrenches, 10 per second, for a needle that nobody owns. The wrenches are computed by a replay, because a live view refuses
+    the older message types in the recording."""
     subprocess.run([f"{BUILD}/clients/trocar-replay", "--scene", f"{SOURCE}/meshes/figure8.yaml", "--poses", f"{SOURCE}/tests/traces/figure8.log",
                     "--out", f"{path}.replayed", "--every", "10", "--quiet"], check=True)
     log, at, time = open(f"{path}.replayed", "rb").read(), 0, 1
@@ -32,7 +32,7 @@ def write_log(path):
             if event[28:28 + name] != b"TROCAR_WRENCH":
                 continue
             struct.pack_into(">Q", event, 12, time)
-            struct.pack_into(">Q", event, 28 + name + 24, 0)  # the session, which follows fingerprint, utime and tick
+            struct.pack_into(">Q", event, 28 + name + 24, 0)  # clears the session, which follows fingerprint, utime and tick
             out.write(event)
             time += 100000
 

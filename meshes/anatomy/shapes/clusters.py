@@ -1,7 +1,7 @@
 """Finds clusters of pieces in a label image whose surfaces are connected.
 
-CGAL finds a surface with a few random rays and follows it from there; it may miss a surface that is connected to no other one, such as that of a lesion in
-an organ. Such surfaces are therefore extracted one by one, each in a section of the image of its own, where rays cannot miss it.
+CGAL finds a surface with a few random rays and follows it from there; it may miss a surface that is connected to no other one, such as that of a lesion in an
+organ. Such surfaces are therefore extracted one by one, each in its own section of the image, where the rays cannot miss it.
 
 Pieces that touch are neighbours in a graph. Two edges of this graph are in the same cluster if some cycle contains both: the cluster's surfaces meet
 along lines. A piece that encloses others is in several clusters: it is the inside of one and the outside of the others.
@@ -20,7 +20,7 @@ AROUND = 0               # number of the tissue (or air) that surrounds all piec
 class Cluster:
     outer: int               # number of the piece that surrounds the cluster
     inner: list              # the other numbers
-    stands: dict             # maps any number to the number in the cluster to which it belongs or is attached
+    stands: dict             # maps every number in the cluster to itself, and every other number to the one in the cluster to which it is attached
     edges: set               # pairs of numbers whose common surface is part of the cluster
 
 
@@ -105,7 +105,7 @@ def hanging_on(graph, mine, edges):
 
 
 def distance_in(graph, node):
-    """Returns the number of steps from AROUND."""
+    """Returns the number of steps from AROUND to a node."""
     seen, level, steps = {AROUND}, {AROUND}, 0
     while node not in level:
         level = {other for each in level for other in graph[each]} - seen

@@ -20,7 +20,7 @@ INSIDE = 0.98         # fraction of an outline that must lie inside another one 
 HOLE = 0.8            # fraction of the enclosing area: if an outline inside another one is larger than this, it is the same outline drawn again
 DOUBLED = 0.02        # fraction of the area: outlines that differ by less than this are copies of each other
 MOST_OPEN = 0.1       # largest fraction of the outlines that may be open
-# fraction: if sorting the points by angle increases the area so much that the original area is less than this fraction, the points are out of order
+# if sorting the points by angle increases the area so much that the original area is less than this fraction of it, the points are out of order
 SCRAMBLED = 0.8
 
 
@@ -34,7 +34,7 @@ class Rings(list):
 
 
 class Unusable(Exception):
-    """Raised for input that cannot be meshed. The text names region and slice; `rings` are shown in the picture."""
+    """Raised for input that cannot be meshed. The text names the region and the slice; `rings` are shown in the picture."""
 
     def __init__(self, roi, problem, z=None, rings=()):
         super().__init__(roi, problem, z, rings)    # pass on all arguments, because the exception is sent between processes
@@ -48,7 +48,7 @@ class Unusable(Exception):
 @dataclasses.dataclass
 class Slice:
     z: float
-    outline: MultiPolygon      # valid, with holes where outlines lie inside each other
+    outline: MultiPolygon      # a valid geometry, with holes where outlines lie inside each other
 
 
 @dataclasses.dataclass
@@ -76,7 +76,7 @@ class Stack:
 
 
 def polygons(shape):
-    """Returns the polygons in a result of shapely, without points and lines."""
+    """Returns the polygons in a geometry returned by shapely, without points and lines."""
     if shape.geom_type == "Polygon":
         return [shape] if not shape.is_empty else []
     return [p for part in getattr(shape, "geoms", []) for p in polygons(part)]
@@ -196,7 +196,7 @@ def build_stack(roi, rings):
 
 
 def even_points(polygon, count):
-    """Returns `count` points at equal distances along the outer outline, counter-clockwise, starting from the point
+    """Returns `count` equally spaced points along the outer outline, counter-clockwise, starting from the point
     with the greatest y above the centroid."""
     ring = np.array(polygon.exterior.coords)[:-1]
     if not polygon.exterior.is_ccw:
@@ -212,7 +212,7 @@ def even_points(polygon, count):
 
 
 def smooth_outline(polygon, count, harmonics):
-    """Returns the outline given by its first Fourier descriptors, with the polygon's area."""
+    """Returns the outline given by the polygon's first Fourier descriptors, scaled to the polygon's area."""
     points = even_points(polygon, 4 * count)
     spectrum = np.fft.fft(points[:, 0] + 1j * points[:, 1])
     frequency = np.fft.fftfreq(len(points), 1 / len(points))

@@ -10,7 +10,7 @@ from . import shells
 from .shells import configured, from_vtk, parts, pipe
 
 VOXELS = 48        # number of voxels along the longest side of an organ's bounding box
-PASS_BAND = 0.1    # pass band of the smoothing filter, at most 2: removes waves shorter than about six voxels
+PASS_BAND = 0.1    # pass band of the smoothing filter (at most 2), which removes waves shorter than about six voxels
 
 
 @dataclasses.dataclass
@@ -20,7 +20,7 @@ class Field:
     values: np.ndarray   # (z, y, x) signed distance, negative inside the shape
 
     def points(self):
-        """Positions of the grid points, (z y x, 3)."""
+        """Positions of the grid points, (z * y * x, 3)."""
         k, j, i = np.indices(self.values.shape)
         return self.low + self.step * np.stack([i, j, k], axis=-1).reshape(-1, 3)
 
@@ -59,7 +59,7 @@ class Field:
 
 
 def grid(low, high):
-    """Returns the axes of a grid over a box and a margin, and its step."""
+    """Returns the axes of a grid that covers a box and a margin around it, and the grid's step."""
     step = (high - low).max() / VOXELS
     low, high = low - 2.5 * step, high + 2.5 * step
     return [np.arange(a, b + step, step) for a, b in zip(low, high)], step

@@ -1,4 +1,5 @@
-"""A label image of regions: drawn from their surfaces, without gaps and sheets that are too thin for the mesh, and divided into connected pieces.
+"""A label image of regions: drawn from their surfaces, without gaps and sheets that are too thin for the mesh, and divided into connected components
+("pieces").
 
 A region consists of parts, each of which has a surface. Parts may merge or break where the image is cleaned; `Pieces` records how much of each part
 each piece contains.
@@ -19,10 +20,10 @@ FLATNESS = 0.3              # largest distance of a facet from its surface, as a
 CLOSE_VOXELS = 3.0          # smaller gaps between regions are closed, because the facets on both sides would cross
 CLEAR = 2.9                 # smallest distance, in voxels, between pieces that do not touch
 REACH = 20                  # voxels, distance from a piece within which the next piece is searched for
-MOST_THIN = 0.10            # fraction of a region: if a larger part of it is thin, its thin places are kept
+MOST_THIN = 0.10            # fraction of a region: if a larger fraction of it is thin, its thin places are kept
 LEAST_VOID = 2.0            # voxels: a void is filled if the largest ball in it has a smaller radius
 FINE = 100                  # number of voxels along a surface that intersects itself
-OUTSIDE = -1                # stands for the tissue around all regions, in place of a region
+OUTSIDE = -1                # stands for the tissue around all regions, instead of the index of a region
 
 
 @dataclasses.dataclass
@@ -45,7 +46,7 @@ class Image:
 
 @dataclasses.dataclass
 class Pieces:
-    """The connected parts of an image's labels, in the form in which they will be meshed."""
+    """The connected components of an image's labels, in the form in which they will be meshed."""
     numbers: np.ndarray      # (z, y, x) uint16: 1 + number of the piece; 0 for none
     regions: list            # region of each piece, or OUTSIDE for a void in the surrounding tissue
     held: dict               # (part, piece): number of voxels that the part and the piece share
@@ -55,7 +56,7 @@ class Pieces:
 
 
 def box_of(mask, margin):
-    """Returns slices that cut out of an array a mask and this many voxels around it; None if the mask is empty."""
+    """Returns slices that cut out of an array a mask and this many voxels around it; returns None if the mask is empty."""
     found = []
     for axis in range(3):
         at = np.flatnonzero(mask.any(axis=tuple(a for a in range(3) if a != axis)))
@@ -73,7 +74,8 @@ def image_data(values):
 
 
 def pairs_in(first, second):
-    """Returns the different pairs of corresponding elements of two arrays of numbers >= 0, in order, and how often each pair occurs. (np.unique of
+    """Returns the distinct pairs of corresponding elements of two arrays of non-negative integers, in ascending order, and how often each pair occurs.
+    (np.unique of
     rows takes twenty times as long.)"""
     width = int(second.max(initial=0)) + 1
     keys, often = np.unique(first.astype(np.int64) * width + second, return_counts=True)
@@ -90,7 +92,7 @@ def distance_to(mask, step):
 
 
 def connected_in(mask):
-    """Returns the connected parts of a mask, numbered from 1, and their numbers of voxels, largest first. Voxels are connected by their faces."""
+    """Returns the connected components of a mask, numbered from 1, and their voxel counts, largest first. Voxels are connected by their faces."""
     connectivity = vtk.vtkImageConnectivityFilter()
     connectivity.SetInputData(image_data(mask.astype(np.uint8)))
     connectivity.SetScalarRange(1, 1)
@@ -104,8 +106,8 @@ def connected_in(mask):
 # ---- drawing ---------------------------------------------------------------------------------------------------------------------------
 
 def drawn(shell, low, step, shape):
-    """Returns the mask (z, y, x) of the voxels enclosed by a closed surface, and its position in an image of this shape; None if it lies
-    outside the image. `step`: that of the image, one for all axes or three."""
+    """Returns the mask (z, y, x) of the voxels enclosed by a closed surface, and its position in an image of this shape; returns None if the surface lies
+    outside the image. `step`: the voxel size of the image, either one number for all axes or three."""
     step = np.broadcast_to(step, 3)
     first = np.maximum(0, np.floor((shell.points.min(axis=0) - low) / step).astype(int) - 1)
     last = np.minimum(np.array(shape[::-1]) - 1, np.ceil((shell.points.max(axis=0) - low) / step).astype(int) + 1)
@@ -168,7 +170,7 @@ def thinnest(regions):
 
 def image_of(regions, edge, box=None, body=False):
     """Draws the regions (lists of parts' surfaces) in their order of priority, the first on top; label k + 1 is region k. Nothing is drawn outside
-    `box` (low, high). `body`: the last region is much larger than the box. Also returns the fraction of each part that is lost to other regions and
+    `box` (low, high). `body`: true if the last region is much larger than the box. Also returns the fraction of each part that is lost to other regions and
     to the box (as number OUTSIDE): {(part, winner): share}; parts are numbered over all regions."""
     thin = thinnest(regions[:-1] if body and len(regions) > 1 else regions)
     points = np.vstack([shell.points for region in regions for shell in region])
@@ -209,8 +211,8 @@ def image_of(regions, edge, box=None, body=False):
 # ---- cleaning -------------------------------------------------------------------------------------------------------------------------------
 
 def close_gaps(image, count, gap):
-    """Fills gaps narrower than `gap` between two regions with the nearer region: it adds the voxels of a closing of both together
-    (dilation, then erosion by half the gap), so that the regions do not grow outward where they meet."""
+    """Fills gaps narrower than `gap` between two regions with the nearer region: it adds the voxels that a morphological closing of their union adds (dilation,
+    then erosion, by half the gap), so that the regions do not grow outward where they meet."""
     if count < 2:
         return
     nearest = [np.full(image.labels.shape, np.inf, np.float32) for _ in range(2)]
@@ -232,8 +234,8 @@ def close_gaps(image, count, gap):
 
 
 def splinters(numbers, sources):
-    """Returns the mask (n + 1,) of the connected pieces (numbered from 1) that contain less than SPLINTER of each of their sources: see Image; 0 is
-    none."""
+    """Returns the mask (n + 1,) of the connected components (numbered from 1; 0 is none) that contain less than SPLINTER of each of their sources (see
+    Image)."""
     count = numbers.max(initial=0) + 1
     pairs, held = pairs_in(numbers[numbers > 0], sources[numbers > 0])
     pairs, held = pairs[pairs[:, 1] > 0], held[pairs[:, 1] > 0]
@@ -265,8 +267,8 @@ def reassign(image, count, left):
 
 
 def drop_thin(image, count, radius):
-    """Reassigns sheets and spurs of regions that are thinner than a ball of this radius, and splinters, to the nearest other label; they would
-    become flat tetrahedra. They arise where regions' outlines nearly coincide. A region that is thin everywhere is kept, and so is a part
+    """Reassigns sheets and spurs of regions that are too thin for a ball of this radius, and splinters, to the nearest other label, because they would become
+    flat tetrahedra. They arise where regions' outlines nearly coincide. A region that is thin everywhere is kept, and so is a part
     that would break or vanish, except sheets beside other regions, and the wall of a void."""
     radius = max(radius, image.step)
     left = np.zeros(image.labels.shape, bool)
@@ -330,7 +332,7 @@ def surrounded(numbers, number):
 
 
 def clear(numbers, count):
-    """Removes voxels that are too close to larger clusters. Clusters are numbered in order of size."""
+    """Removes voxels that are too close to larger clusters. Clusters are numbered in descending order of size."""
     for number in range(2, count + 1):
         nearby = surrounded(numbers, number)
         larger = (nearby > 0) & (nearby < number)
@@ -346,7 +348,7 @@ def separate(image):
 
 
 def pieces_of(image, count):
-    """Returns the image's connected pieces; splinters are reassigned first."""
+    """Returns the image's connected components; splinters are reassigned first."""
     left = np.zeros(image.labels.shape, bool)
     for label in range(1, count + 1):
         mask = image.labels == label
@@ -365,7 +367,7 @@ def pieces_of(image, count):
         found[window] += np.where(numbers > 0, numbers + len(regions), 0).astype(np.uint16)
         regions += [label - 1] * len(sizes)
     add_voids(found, regions)
-    both = (found > 0) & (image.sources > 0) & (image.owners[image.sources] == image.labels)      # a void does not contain any part
+    both = (found > 0) & (image.sources > 0) & (image.owners[image.sources] == image.labels)      # a void contains no parts
     pairs, held = pairs_in(image.sources[both], found[both])
     return Pieces(found, regions, {(int(part) - 1, int(piece) - 1): int(n) for (part, piece), n in zip(pairs, held)})
 

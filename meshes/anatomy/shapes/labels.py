@@ -17,18 +17,18 @@ from .shells import Shell, connected
 FLATNESS_OF_EDGE = 0.1      # fraction of the triangle edge length: lower bound on the allowed distance of a facet from its surface
 THIN = 1.5                  # radii: size of the tetrahedra in a piece that is thinner than a triangle's edge
 GRAIN = 0.75                # fraction of the radius of the largest ball in a piece: largest size of the tetrahedra in the piece
-SLOPE = 0.5                 # increase in size per unit of distance from a piece that was missed: how fast tetrahedra grow around it
+SLOPE = 0.5                 # increase in the size of tetrahedra per unit of distance from a piece that was missed
 PER_SIZE = 1.3              # edge of a triangle, as a multiple of the size of the small tetrahedra next to it
-EQUILATERAL = 0.866         # area of the surface per node for equilateral triangles, as a multiple of the squared edge length
+EQUILATERAL = 0.866         # surface area per node for equilateral triangles, as a multiple of the squared edge length
 MM = 1e3                    # scale from m to mm, because the file for CGAL has only six decimals
 SMALL = 0.8                 # fraction of a triangle's edge: smaller tetrahedra get a layer of this size around them
-REFINEMENTS = 6             # largest number of attempts for thin pieces
+REFINEMENTS = 6             # maximum number of attempts for thin pieces
 MARGIN = 0.5                # fraction of the triangle edge length: distance from the pieces to the border of their section
-JOININGS = 3                # largest number of attempts for clusters whose surfaces intersect
+JOININGS = 3                # maximum number of attempts for clusters whose surfaces intersect
 FINER = 0.85                # ratio of element sizes between successive attempts
 MOST_MISSING = 0.01         # largest fraction of a piece's surface that may be missing
 MOST_PLACES = 4000          # number of points on a piece's surface at which this is checked
-FACET_ANGLE = 25.0          # deg; CGAL's surface refinement terminates for up to 30
+FACET_ANGLE = 25.0          # deg; CGAL's surface refinement is guaranteed to terminate for values up to 30
 CIRCUMRADIUS = 0.6          # fraction of a triangle's edge; 0.577 for equilateral triangles
 CORRECTIONS = 8             # number of Newton steps toward the prescribed volumes; three usually suffice
 UNFOLDINGS = 6              # number of attempts to restore the volumes without making surfaces intersect
@@ -36,10 +36,10 @@ UNFOLDINGS = 6              # number of attempts to restore the volumes without 
 
 @dataclasses.dataclass
 class Complex:
-    """Triangles between cells; a cell is a connected part of a piece, or a void enclosed by pieces."""
+    """Triangles between cells; a cell is a connected component of a piece, or a void enclosed by pieces."""
     points: np.ndarray       # (n, 3)
     triangles: np.ndarray    # (m, 3), with normals that point from the first to the second cell
-    sides: np.ndarray        # (m, 2) cells on either side: index into `cells`, or OUTSIDE
+    sides: np.ndarray        # (m, 2) cells on either side, as indices into `cells`, or OUTSIDE
     cells: list              # number of each cell's piece, or OUTSIDE for a void
 
     def among(self, pieces):
@@ -79,7 +79,7 @@ class Section:
     """The section of the image that contains a cluster."""
     low: np.ndarray          # (3,) centre of the first voxel
     step: float
-    numbers: np.ndarray      # (z, y, x): 1 + the index of a piece in `pieces`, 0 around them
+    numbers: np.ndarray      # (z, y, x): 1 + the index of a piece in `pieces`; 0 around the pieces
     pieces: list             # of the image
     radii: list              # their thinness, m
     balls: list              # radii of the largest balls in the pieces, m
@@ -94,7 +94,8 @@ class Sizes:
 
 
 def cgal_labels(section, sizes):
-    """Returns an image of labels from 1 for CGAL, without 0; for each label its piece (OUTSIDE: around), and the size of the tetrahedra in it."""
+    """Returns an image for CGAL, whose labels start at 1; for each label, its piece (OUTSIDE for the surroundings); and the size of the tetrahedra in each
+    piece."""
     numbers, edge, step = section.numbers.astype(np.int64), sizes.edge, section.step
     bound = np.full(numbers.shape, edge, np.float32)
     layer = np.zeros(numbers.shape, np.int64)
@@ -119,7 +120,7 @@ def cgal_labels(section, sizes):
 
 
 def meshed(section, flatness, sizes):
-    """Returns CGAL's tetrahedra in a section: points, tetrahedra, and for each 1 + the number of its piece, or 0. Only the surfaces between pieces
+    """Returns CGAL's tetrahedra in a section: points, tetrahedra, and for each tetrahedron 1 + the number of its piece, or 0. Only the surfaces between pieces
     are used."""
     labels, held, radii = cgal_labels(section, sizes)
     labels = np.pad(labels[1:-1, 1:-1, 1:-1], 1)      # CGAL needs an empty border around the labels
@@ -152,7 +153,7 @@ def centres_of(corners):
 
 
 def neighbours(tets):
-    """Returns all faces, and the tetrahedra on both sides of each, or OUTSIDE."""
+    """Returns all faces, and for each the tetrahedra on its two sides (OUTSIDE if there is none)."""
     faces = np.sort(np.concatenate([tets[:, sorted({0, 1, 2, 3} - {k})] for k in range(4)]), axis=1)
     owner = np.tile(np.arange(len(tets)), 4)
     order = np.lexsort(faces.T)
@@ -165,8 +166,8 @@ def neighbours(tets):
 
 
 def without_splinters(points, tets, labels):
-    """Returns the labels of the tetrahedra. Cells smaller than SPLINTER of their region's largest cell get the label that surrounds most
-    of their surface; 0 is none."""
+    """Returns the labels of the tetrahedra. Cells smaller than SPLINTER of their region's largest cell get the label that surrounds most of their surface;
+    label 0 is none."""
     corners, left, right = neighbours(tets)
     a, b, c = (points[corners[:, k]] for k in range(3))
     area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
@@ -191,7 +192,7 @@ def without_splinters(points, tets, labels):
 
 
 def complex_of(points, tets, labels):
-    """Returns the surfaces of labels, with cells numbered by connected parts."""
+    """Returns the surfaces of labels, with one cell for each connected component."""
     labels = without_splinters(points, tets, labels)
     tets, labels = tets[labels > 0], labels[labels > 0]
     if not len(tets):
@@ -246,7 +247,7 @@ def corrected(made, volumes):
 
 
 def with_volumes(made, volumes, free):
-    """`free`: weight (n,) of each point; a point with weight 0 stays."""
+    """Returns the complex with its points moved by Newton steps. `free`: weight (n,) of each point; a point with weight 0 stays."""
     wanted = np.array([volume for _, volume in volumes])
     weight = np.zeros(len(made.points))
     for k in range(3):
@@ -264,7 +265,7 @@ def with_volumes(made, volumes, free):
 
 
 def missing(section, piece, found, tolerance):
-    """Returns the fraction of a piece's boundary that is further than `tolerance` from its extracted surface."""
+    """Returns the fraction of a piece's boundary that is farther than `tolerance` from its extracted surface."""
     if piece not in found.cells:
         return 1.0
     mine = section.numbers == piece + 1
@@ -280,7 +281,7 @@ def missing(section, piece, found, tolerance):
 
 def section_of(image, numbers, cluster, edge, radii, balls):
     """Returns a cluster's section: anything attached to its outside counts as outside, and anything attached to one of its pieces belongs to that
-    piece. `radii`, `balls`: of all pieces."""
+    piece. `radii`, `balls`: those of all pieces."""
     place = np.zeros(int(numbers.max()) + 1, np.uint16)
     for number, stands in cluster.stands.items():
         place[number] = 0 if stands == cluster.outer else 1 + cluster.inner.index(stands)
@@ -298,7 +299,8 @@ def size_in(radius, ball, edge):
 
 
 def nodes_of_thin(pieces, shells_of_parts, step, edge):
-    """Returns about how many nodes the surface of each piece needs if its tetrahedra must be smaller than a triangle's edge; 0 for other pieces."""
+    """Returns the approximate number of nodes that the surface of each piece needs if its tetrahedra must be smaller than a triangle's edge; 0 for other
+    pieces."""
     balls = largest_balls(pieces, step)
     radii = thinness_of(pieces, shells_of_parts, balls)
     volumes = pieces.voxels() * step ** 3
@@ -401,8 +403,8 @@ def groups_of(pieces):
 
 
 def wanted_volumes(pieces, found, volumes, lost, step):
-    """Returns [([piece], volume)]: the volumes that the extracted pieces must have. `volumes`: of the parts, None: not restored; voids must have the volume
-    of their voxels, of size `step`; `lost`: see image_of."""
+    """Returns [([piece], volume)]: the volumes that the extracted pieces must have. `volumes`: those of the parts (None: not restored); voids must have the
+    volume of their voxels, of size `step`; `lost`: see image_of."""
     voxels = pieces.voxels()
     wanted = [([piece], voxels[piece] * step ** 3) for piece, region in enumerate(pieces.regions) if region == OUTSIDE and piece in found.cells]
     for parts, members in groups_of(pieces):
@@ -416,8 +418,8 @@ def wanted_volumes(pieces, found, volumes, lost, step):
 
 def shared_surfaces(image, pieces, lost, regions, volumes, edge):
     """Returns the complex of the pieces of regions (lists of parts' surfaces), with triangles of about this edge, and the missing fraction of each piece's
-    surface. `image`, `pieces`, `lost`: from image_for. `volumes`: of the parts, over all regions; None: the volume is not restored, because only the surface
-    of bones matters."""
+    surface. `image`, `pieces`, `lost`: from image_for. `volumes`: those of the parts of all regions; None for a part of a bone, whose volume is not restored
+    because only its surface matters."""
     balls = largest_balls(pieces, image.step)
     radii = thinness_of(pieces, [shell for region in regions for shell in region], balls)
     found, missed = surfaces_of_clusters(image, pieces, edge, radii, balls)

@@ -1,4 +1,4 @@
-"""Closed triangle surfaces, and operations on them with VTK."""
+"""Closed triangulated surfaces, and operations on them with VTK."""
 import dataclasses
 
 import numpy as np
@@ -61,7 +61,7 @@ class Shell:
         return (self.points.min(axis=0) + self.points.max(axis=0)) / 2
 
     def edges(self):
-        """Returns the edges (k, 2), without duplicates."""
+        """Returns the edges (k, 2) as pairs of point indices, without duplicates."""
         return np.unique(np.sort(np.concatenate([self.triangles[:, pair] for pair in ((0, 1), (1, 2), (2, 0))]), axis=1), axis=0)
 
     def scaled(self, factor):
@@ -99,7 +99,7 @@ def from_vtk(surface):
 
 
 def all_parts(shell):
-    """Returns the connected parts, largest first."""
+    """Returns the connected components, largest first."""
     pick = configured(vtk.vtkPolyDataConnectivityFilter(), ExtractionMode=vtk.VTK_EXTRACT_SPECIFIED_REGIONS)
     source = to_vtk(shell)
     pick.SetInputData(source)
@@ -120,7 +120,7 @@ def parts(shell):
 
 
 def outermost(found):
-    """Returns the closed surfaces that do not lie within a larger one, as those of cavities do."""
+    """Returns the closed surfaces that do not lie within a larger one; the surfaces of cavities do."""
     ordered, kept = sorted((part for shell in found for part in all_parts(shell)), key=lambda part: -part.volume()), []
     for part in ordered:
         if part.volume() > SPLINTER * ordered[0].volume() and not any(distances(other, part.points[:1])[0] < 0 for other in kept):
@@ -129,8 +129,8 @@ def outermost(found):
 
 
 def solids(found):
-    """Makes one surface for each solid from connected surfaces with normals outward: its outer surface, and those of its cavities, with normals into
-    them."""
+    """Combines connected surfaces, all with outward normals, into one surface for each solid: its outer surface and the surfaces of its cavities, whose normals
+    are turned into the cavities."""
     ordered, around = sorted(found, key=lambda part: -part.volume()), []
     for n, part in enumerate(ordered):
         around.append([k for k in range(n) if is_within(part, ordered[k])])
@@ -153,8 +153,8 @@ def joined(found):
 
 
 def oriented(shell):
-    """Returns a connected surface with all normals outward, whatever the order of each triangle's corners. Triangles with consistent order are not changed:
-    where four meet at an edge, as around a label's voxels that share an edge, only their order shows which two belong together."""
+    """Returns a connected surface with all normals outward, whatever the order of each triangle's corners. If the order is consistent, the triangles are not
+    changed: where four meet at an edge, as at two voxels of a label that share only an edge, only the order shows which two belong together."""
     made = shell if triangles_agree(shell) else sheets_turned(shell)
     return made if made.signed_volume() > 0 else Shell(made.points, made.triangles[:, ::-1])
 
@@ -187,7 +187,7 @@ def decimated(shell, triangles):
 
 
 def mended(surface):
-    """Cleans a surface from a file: merges points, fills holes, turns normals outward, keeps triangles only. Returns it with remarks."""
+    """Cleans a surface from a file: merges points, fills holes, turns normals outward, and keeps only triangles. Returns the surface with remarks."""
     holes = configured(vtk.vtkFillHolesFilter(), HoleSize=0.2 * surface.GetLength())
     triangles = configured(vtk.vtkTriangleFilter(), PassLines=False, PassVerts=False)
     merged = pipe(surface, triangles, configured(vtk.vtkCleanPolyData(), Tolerance=1e-5))
@@ -210,7 +210,8 @@ def mended(surface):
 
 
 def sheets_of(shell):
-    """Returns the sheet of each triangle, the edges of each, and how many triangles meet at each edge. A sheet is connected by edges where two
+    """Returns the sheet of each triangle, the edges of each triangle, and the number of triangles that meet at each edge. A sheet is connected by edges where
+    two
     triangles meet."""
     edges = np.sort(np.concatenate([shell.triangles[:, pair] for pair in ((0, 1), (1, 2), (2, 0))]), axis=1)
     _, edge, often = np.unique(edges, axis=0, return_inverse=True, return_counts=True)
@@ -235,13 +236,13 @@ def without_fins(shell):
 
 
 def connected(count, pairs):
-    """Returns for each of `count` numbers the smallest one connected to it by pairs (k, 2)."""
+    """Returns, for each of `count` numbers, the smallest number connected to it by pairs (k, 2)."""
     root = np.arange(count)
     while True:
         before = root.copy()
         least = np.minimum(root[pairs[:, 0]], root[pairs[:, 1]])
         order = np.argsort(-least, kind="stable")
-        root[pairs[order].ravel()] = np.repeat(least[order], 2)    # the last assignment to an element is the smallest number
+        root[pairs[order].ravel()] = np.repeat(least[order], 2)    # if an element is assigned more than once, the last value is stored, and it is the smallest
         root = root[root]
         if np.array_equal(root, before):
             return root
@@ -266,7 +267,7 @@ def crossings(shells):
 
 def crossing_pairs(whole):
     """Returns (point, edge, triangle) wherever an edge of the surface passes through one of its triangles that contains neither of its ends
-    (Moeller and Trumbore 1997); edge and triangle by their corners. VTK's locator finds the triangles whose boxes meet the edge's."""
+    (Moeller and Trumbore 1997); edge and triangle are given by their corners. VTK's locator finds the triangles whose boxes meet the edge's."""
     locator, near, surface = vtk.vtkStaticCellLocator(), vtk.vtkIdList(), to_vtk(whole)
     locator.SetDataSet(surface)
     locator.BuildLocator()

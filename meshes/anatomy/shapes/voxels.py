@@ -24,8 +24,8 @@ from .label_image import box_of, connected_in, drawn, image_data
 from .shells import Shell, configured, pipe
 from ..trouble import BadFile, Empty, needed
 
-MOST_VOXELS = 6e6      # largest number of voxels from which surfaces are extracted: larger images are subsampled
-MOST_SIZE = 2 ** 31    # largest number of voxels in a file
+MOST_VOXELS = 6e6      # maximum number of voxels from which surfaces are extracted: larger images are subsampled
+MOST_SIZE = 2 ** 31    # maximum number of voxels in a file
 ELONGATED = 1.5        # ratio of a voxel's sides above which additional slices are interpolated
 AROUND = 3             # number of empty voxels added around the labels
 PASS_BAND = 0.1        # pass band of the smoothing filter, at most 2: removes waves shorter than about six voxels
@@ -35,7 +35,7 @@ OFF_VOLUME = 0.05
 MOST_CHECKED = 4000    # number of points on a label's surface at which the distance from the mesh is measured
 ROUNDING = 1e-3        # largest difference between a label and a whole number, for example after scaling
 APART = 1.0            # mm: the report mentions it if the two transforms in a file place the image's corners farther apart than this
-OFF_LATTICE = 0.05     # voxels, largest difference between maps that count as having the same lattice
+OFF_LATTICE = 0.05     # voxels, largest offset between maps that are considered to have the same lattice
 LPS = np.diag([-1.0, -1.0, 1.0, 1.0])   # converts RAS to LPS, and back
 
 
@@ -49,7 +49,7 @@ class Segment:
 
 @dataclasses.dataclass
 class LabelMap:
-    layers: list             # (k, j, i) arrays of whole numbers
+    layers: list             # integer arrays (k, j, i)
     place: np.ndarray        # (4, 4) from voxel (i, j, k) to mm, LPS
     segments: dict           # name -> Segment
     notes: list = dataclasses.field(default_factory=list)
@@ -75,7 +75,7 @@ def numbered(values, names):
 
 
 def whole(path, values):
-    """Returns an array of labels (k, j, i), from one of any type (i, j, k)."""
+    """Returns an array of labels (k, j, i), from an array (i, j, k) of any type."""
     while values.ndim > 3 and values.shape[-1] == 1:
         values = values[..., 0]
     if values.ndim != 3 or min(values.shape) < 2:
@@ -120,7 +120,7 @@ def read_nifti(path, unit, names):
         given = image.header.get_xyzt_units()[0] if hasattr(image.header, "get_xyzt_units") else "mm"
     except MemoryError:
         raise
-    except Exception as error:  # exceptions of several kinds, for example for damaged compression
+    except Exception as error:  # several kinds of exception, for example for damaged compression
         raise BadFile(f"{path}: damaged, or not NIfTI: {error}") from error
     scale = unit or {"meter": 1e3, "micron": 1e-3}.get(given, 1.0)
     notes = []
@@ -134,7 +134,7 @@ def read_nifti(path, unit, names):
 
 
 def names_in(image):
-    """Returns label -> name from the header extension of Connectome Workbench or TotalSegmentator: XML, in which the latter has the names as CDATA."""
+    """Returns label -> name from the header extension of Connectome Workbench or TotalSegmentator: XML, in which TotalSegmentator writes the names as CDATA."""
     found = {}
     for extension in getattr(image.header, "extensions", []):
         content = extension.get_content()
@@ -184,7 +184,7 @@ def nrrd_header(path, file):
 
 
 def nrrd_data(path, fields, rest, size):
-    """Returns the values as bytes. `size`: their number of bytes."""
+    """Returns the values as bytes. `size`: the number of bytes."""
     encoding = fields.get("encoding", "").lower()
     if encoding in ("gzip", "gz"):
         # there may be any number of streams; one more byte is requested so that the last checksum is verified
@@ -211,8 +211,8 @@ def nrrd_beside(path, fields):
 
 
 def nrrd_axes(fields, sizes):
-    """Returns the directions of the three axes of space, the origin, and the number of the axis of layers, or None. A fourth axis, of layers or of time, may
-    be at any place; its direction is none, or lies outside the first three coordinates, as ITK writes it."""
+    """Returns the directions of the three axes of space, the origin, and the number of the axis of layers, or None. A fourth axis, of layers or of time, may be
+    at any position; its direction is "none" or, as ITK writes it, lies outside the first three coordinates."""
     said = [None if text == "none" else np.array([float(v) for v in text[1:-1].split(",")])
             for text in re.findall(r"none|\([^)]*\)", fields.get("space directions", ""))]
     origin = np.array([float(v) for v in fields.get("space origin", "(0,0,0)").strip("() ").split(",")])
@@ -317,7 +317,7 @@ def read_seg(path, data):
         frames = data.pixel_array
     except MemoryError:
         raise
-    except Exception as error:  # exceptions of several kinds
+    except Exception as error:  # several kinds of exception
         raise BadFile(f"{path}: its pixels cannot be read: {error}") from error
     try:
         if "PerFrameFunctionalGroupsSequence" not in data:
@@ -340,7 +340,8 @@ def group(data, frame, name):
 
 
 def step_between(apart, measures):
-    """Returns the mm between planes. Planes without a label may be missing, so all gaps between the others (apart) may be wider."""
+    """Returns the distance between planes, mm. Planes without a label may be missing, so that all gaps between the remaining planes (`apart`) may be wider than
+    this distance."""
     said = float(measures.get("SpacingBetweenSlices") or 0)
     if not len(apart):
         return said or float(measures.SliceThickness)
@@ -355,7 +356,7 @@ def map_of_frames(path, data, frames):
     if not (has_group(data, each[0], "PixelMeasuresSequence") and has_group(data, each[0], "PlaneOrientationSequence")
             and has_group(data, each[0], "PlanePositionSequence")):
         raise BadFile(f"{path}: its frames have no place in the patient, as those of a projection or of a microscope: expected a segmentation of CT or MR")
-    # the value of a pixel is the number of its segment, and a frame does not belong to a single segment
+    # in a label map, the value of a pixel is the number of its segment, and a frame does not belong to a single segment
     by_value = data.get("SegmentationType") == "LABELMAP"
     measures = group(data, each[0], "PixelMeasuresSequence")
     right, down = np.array(group(data, each[0], "PlaneOrientationSequence").ImageOrientationPatient, float).reshape(2, 3)
@@ -394,7 +395,8 @@ def map_of_frames(path, data, frames):
 
 
 def read_names(path):
-    """Reads label number -> name from nnU-Net's dataset.json, or from lines of a number and a name, as ITK-SNAP and many others write them."""
+    """Reads label number -> name from nnU-Net's dataset.json, or from lines that consist of a number and a name, as written by ITK-SNAP and many other
+    programs."""
     try:
         with open(path, encoding="utf-8-sig") as file:
             text = file.read()
@@ -422,7 +424,7 @@ NUMBER, UNNAMED = re.compile(r"\d+"), re.compile(r"\d+|Segment[ _]?\d*", re.I)
 
 
 def named_after_file(path, map_, unnamed=NUMBER):
-    """Returns the same map; if it has a single label without a name, the label is named after the file."""
+    """Returns the same map, in which a label without a name is named after the file if it is the only label."""
     stem = re.sub(r"(\.seg)?\.(nii|nii\.gz|nrrd|nhdr|dcm)$", "", os.path.basename(path), flags=re.I)
     if len(map_.segments) == 1:
         (name, segment), = map_.segments.items()
@@ -451,7 +453,7 @@ def canonical(map_):
 
 
 def together(maps):
-    """Merges several files on one lattice, each of which may cover another part of it, into one map. `maps`: path -> map."""
+    """Merges several files on one lattice, which may cover different parts of it, into one map. `maps`: path -> map."""
     if len(maps) == 1:
         return next(iter(maps.values()))
     maps = {path: canonical(named_after_file(path, map_, UNNAMED)) for path, map_ in maps.items()}
@@ -483,7 +485,7 @@ def together(maps):
 
 @dataclasses.dataclass
 class Border:
-    """The faces of an image that cut off a label, in any frame and unit."""
+    """The faces of an image that cut off a label, in an arbitrary frame and unit."""
     normals: np.ndarray      # (k, 3) outward unit normals of the faces
     offsets: np.ndarray      # (k,) positions of the faces along their normals
 
@@ -498,7 +500,7 @@ class Border:
 
 @dataclasses.dataclass
 class Outlined:
-    """The surfaces of a label's connected parts."""
+    """The surfaces of a label's connected components ("parts")."""
     shells: list             # one closed surface for each part that has a surface, DICOM mm
     volumes: list            # volumes of these parts, computed from their voxels, mm^3
     points: np.ndarray       # points on the faces between voxels inside and outside the label, DICOM mm
@@ -603,7 +605,7 @@ def others_beside(name, masks, window):
 
 
 def moved(window, origin):
-    """Converts slices of the image to slices of a section of the image."""
+    """Converts slices of the image to slices of one of its sections."""
     return tuple(slice(each.start - start.start, each.stop - start.start) for each, start in zip(window, origin))
 
 
@@ -667,8 +669,8 @@ def shape_of(mine, beside, stride, voxel):
 
 
 def parts_in(mask, surfaces, spacing):
-    """Returns (surface, numbers of voxels, position of one) of each connected part of a mask, the position in the surfaces' coordinates. Parts that one
-    surface encloses form one entry with several numbers; parts that no surface encloses have the surface None."""
+    """Returns a list of (surface, voxel counts, position of a voxel) for the connected components of a mask; the position is in the surfaces' coordinates.
+    Components enclosed by the same surface form one entry with several voxel counts; for components that no surface encloses, the surface is None."""
     numbers, sizes = connected_in(mask)
     free, found = np.append(False, np.ones(len(sizes), bool)), []
     for surface in sorted(surfaces, key=lambda each: -each.volume()):

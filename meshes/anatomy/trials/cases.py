@@ -131,7 +131,7 @@ def lesion_alone_beside_its_organ(case):
 # ---- the whole body --------------------------------------------------------------------------------------------------------------------
 
 def scan(case, spacing=(2.0, 2.0, 2.0), lesions=1, radius=8.0):
-    """Writes the torso as TotalSegmentator's files: all labels, the body, the lesions."""
+    """Writes the torso as TotalSegmentator's files: all labels, the body and the lesions."""
     labels, inside, body, place = torso.torso(spacing, lesions, radius)
     names = {value: torso.NAMES.get(value, f"class_{value}") for value in range(1, 118)}
     files = [case.path(name + ".nii.gz") for name in ("total", "body", "liver_lesions")]
@@ -156,7 +156,7 @@ def names_of_totalsegmentator(case):
 # ---- the skin ----------------------------------------------------------------------------------------------------------------------------
 
 def cropped_scan(case, organ):
-    """The body reaches the borders of the image on all sides, as in a scan of part of it, except in front."""
+    """The body reaches the border of the image on all sides except the front, as in a scan of part of the body."""
     grid = torso.Grid((2.5, 2.5, 2.5), (-100, -90, -80), (100, 90, 80))
     labels = np.zeros(grid.shape, np.uint8)
     labels[np.broadcast_to(grid.y > -75 + 0.002 * grid.x ** 2, grid.shape)] = 1
@@ -197,7 +197,7 @@ CASES = [bones_that_touch, bones_2_mm_apart, bones_3_mm_apart, lesion_of_8_mm_in
 
 
 def run(command, folder, **more):
-    """Returns status, seconds of processor time, MB, and the output."""
+    """Runs the program; returns its exit status, processor time (s), memory (MB), and output."""
     began = time.monotonic()
     with open(os.path.join(folder, "said"), "w+", encoding="utf-8") as said:
         child = subprocess.Popen(command, stdout=said, stderr=said, cwd=folder, **more)

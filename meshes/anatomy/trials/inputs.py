@@ -20,7 +20,8 @@ SEGMENTATION_UID = shipped.UID + ".4"
 
 
 def pelvis(spacing=(1.0, 1.0, 1.5), urethra=True):
-    """Returns labels NAMES of the synthetic patient, (k, j, i), and the transform (4, 4) from voxels to mm, LPS. The body is an ellipse that ends
+    """Returns the labels NAMES of the synthetic patient as an array (k, j, i), and the transform (4, 4) from voxels to mm, LPS. The body is an ellipse that
+    ends
     below."""
     gland = patient.Gland()
     low, high = np.array([-95.0, -75.0, -62.0]), np.array([95.0, 75.0, 80.0])
@@ -72,7 +73,7 @@ def label_table(names):
 
 
 def write_nifti(path, labels, place, kind=np.uint8, names=None):
-    """`names`: label -> name, written into the header as by TotalSegmentator."""
+    """Writes a NIfTI file. `names`: label -> name, written into the header as TotalSegmentator does."""
     import nibabel      # imported here, so that the other writers need no more packages than the program
     image = nibabel.Nifti1Image(labels.T.astype(kind), np.diag([-1.0, -1.0, 1.0, 1.0]) @ place)
     image.header.set_xyzt_units("mm")
@@ -82,7 +83,8 @@ def write_nifti(path, labels, place, kind=np.uint8, names=None):
 
 
 def write_nrrd(path, layers, place, names=None, space="left-posterior-superior"):
-    """`layers`: one array (k, j, i), or several, as 3D Slicer writes labels that overlap; `names`: label -> name of the first, or (layer, label) -> name."""
+    """`layers`: one array (k, j, i), or several, as 3D Slicer writes labels that overlap; `names`: label -> name for the first layer, or (layer, label) ->
+    name."""
     several = isinstance(layers, list)
     sign = np.diag([-1.0, -1.0, 1.0]) if space.startswith("right") else np.eye(3)
     vectors = ["(" + ",".join(f"{v:.9g}" for v in column) + ")" for column in (sign @ place[:3, :3]).T]
@@ -141,7 +143,8 @@ def write_seg(path, labels, place, names):
 
 
 def write_surface(path, shell, frame="LPS"):
-    """Writes a surface by the path's extension: .stl, .ply, .obj, .vtp or .vtk. The points are LPS; RAS: as 3D Slicer used to write them."""
+    """Writes a surface by the path's extension: .stl, .ply, .obj, .vtp or .vtk. The points are in LPS or, as 3D Slicer used to write them,
+    in RAS."""
     if frame == "RAS":
         shell = shells.Shell(shell.points * [-1, -1, 1], shell.triangles)
     writer = {".stl": vtk.vtkSTLWriter, ".ply": vtk.vtkPLYWriter, ".obj": vtk.vtkOBJWriter, ".vtp": vtk.vtkXMLPolyDataWriter,

@@ -12,13 +12,13 @@ from .. import binding
 DT = 1e-3               # s
 SPEED = 0.05            # m/s
 REST = 0.3              # s, rest at the target before the last force is read
-ROUNDS = 30             # largest number of iterations in the search for the tissue at the tip
+ROUNDS = 30             # maximum number of iterations in the search for the tissue at the tip
 
 
 @dataclasses.dataclass
 class Insertion:
     """N, m."""
-    peak: float              # largest force on the hand
+    peak: float              # N, largest force on the hand
     last: float              # N, force after the rest at the target
     punctures: list          # (membrane, travel from the skin at rest, force just before the puncture)
     region: str              # region whose tissue is at the tip at the end; "" outside the tissue
@@ -66,7 +66,7 @@ class Moved:
         self.inverse = np.linalg.inv((corners[:, 1:] - corners[:, :1]).transpose(0, 2, 1))
 
     def place(self, point):
-        """Returns the tetrahedron at a point at rest, or the nearest one, and the point's weights in it."""
+        """Returns the tetrahedron that contains a point at rest (or the nearest tetrahedron), and the point's barycentric coordinates in it."""
         inner = np.einsum("tij,tj->ti", self.inverse, point - self.first)
         every = np.column_stack([1 - inner.sum(axis=1), inner])
         best = int(every.min(axis=1).argmax())

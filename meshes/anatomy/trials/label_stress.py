@@ -36,19 +36,19 @@ GOOD_REFUSALS = (BadFile, Unusable, TooLong)
 
 
 def used():
-    """Returns the seconds of processor time and MB of memory that this process and its children have used."""
+    """Returns the processor time (s) and the memory (MB) that this process and its children have used."""
     kinds = [resource.getrusage(kind) for kind in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
     return sum(kind.ru_utime + kind.ru_stime for kind in kinds), max(kind.ru_maxrss for kind in kinds) / 1024
 
 
 def make(*arguments):
-    """Returns the result of run(), and prints nothing."""
+    """Returns the result of run() and suppresses its output."""
     with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
         return command.run(options.parse([*(str(argument) for argument in arguments), "--quiet"]))
 
 
 class Patient:
-    """The synthetic patient with its true volumes."""
+    """Returns the synthetic patient and its true volumes."""
 
     def __init__(self, folder):
         self.folder = folder
@@ -59,7 +59,7 @@ class Patient:
         return os.path.join(self.folder, name)
 
     def solid(self):
-        """Prostate and arch alone, without the urethra."""
+        """Returns only the prostate and the arch, without the urethra."""
         labels, _ = inputs.pelvis(SPACING, False)
         return np.where((labels == 1) | (labels == 5), labels, 0).astype(np.uint8)
 
@@ -79,7 +79,7 @@ class Patient:
         return paths
 
     def inner_mesh(self):
-        """Returns the mesh of touching labels, in mm, without the tissue around."""
+        """Returns the mesh of touching labels, in mm, without the surrounding tissue."""
         self.nifti()
         _, mesh, domain, _ = make(self.path("pelvis.nii.gz"), "--names", self.names(), "--roi", "Prostate", "--roi", "Bladder", "--nodes", 1200,
                                   "--output", self.path("inner"))
@@ -184,7 +184,8 @@ def five(p):
             "--bone", "Pubic arch"], p.volumes
 
 
-# Function: what its file is, and least number of nodes. It returns the command's arguments, and the true volumes by region, mm^3.
+# Maps each function to a description of its file and the minimum number of nodes. The function returns the command's arguments, and the true volume of each
+# region, mm^3.
 KINDS = {outlines: ("RT Structure Set, slices of 2.5 mm", 0), nifti: ("NIfTI, 1 x 1 x 1.5 mm", 0), thick: ("NIfTI, 0.9 x 0.9 x 5 mm, turned by 7 degrees", 0),
          folder: ("NIfTI, one file for each organ, as TotalSegmentator's", 0), slicer: (".seg.nrrd, RAS, gzip", 0),
          layers: (".seg.nrrd with two labels that overlap", 1500), dicom: ("DICOM SEG, planes without label left out", 0), stl: ("STL", 0), obj: ("OBJ, cm, RAS", 0),
@@ -199,7 +200,8 @@ def kind_row(p, kind, nodes):
     organs, mesh, domain, outlined = make(*arguments, "--nodes", nodes, "--output", p.path("out"))
     seconds, megabytes = used()[0] - prepared, used()[1]
     soft = [organ for organ in organs if not organ.bone]
-    told = {organ.roi: outlined[organ.name] / (organ.volume * 1e-9) for organ in soft}       # volumes that the other organs gained from it
+    # fractions of the volumes as read that remain after losses to other organs
+    told = {organ.roi: outlined[organ.name] / (organ.volume * 1e-9) for organ in soft}
     change = max((mesh.region_volume(organ.name) * 1e9 / (truth.get(organ.roi, organ.volume) * told[organ.roi]) - 1 for organ in soft), key=abs)
     off = np.concatenate(list(pipeline.distances_to_outlines(organs, domain, mesh, outlined).values()))
     angles = mesh.dihedral_angles()
@@ -234,7 +236,7 @@ FORCE_LIMIT = 0.03      # fraction of the largest force
 
 
 def forces(build, nodes=570):
-    """Runs the script `insert` of trocar-device from the same place of the patient."""
+    """Runs the script `insert` of trocar-device from the same place on the patient."""
     print("| input | nodes | prostate, ml | largest force, N | to the first, % | rms difference of the curves, % of the largest force |")
     print("|" + 6 * "---|")
     build, curves, volumes = os.path.abspath(build), [], []
@@ -262,7 +264,8 @@ def forces(build, nodes=570):
 # ---- random label maps -----------------------------------------------------------------------------------------------------------
 
 def random_map(number):
-    """Returns labels (k, j, i), their transform, and the numbers of soft labels and bones: blobs that touch, nest, branch, are thin or leave the image;
+    """Returns labels (k, j, i), their transform, and the numbers of the soft labels and of the bones. The labels are blobs that touch, nest, branch, are thin
+    or leave the image;
     the same number gives the same map."""
     random = np.random.default_rng(number)
     size = random.integers(24, 90, 3)
@@ -333,8 +336,8 @@ def random_maps(first=0, count=200):
 
 # ---- crowded label maps ----------------------------------------------------------------------------------------------------------
 
-PART_LIMIT = 0.05       # fraction of a part's volume: the report must name parts with larger losses
-SMALL, FEW = 0.6, 900   # size of the organs, and nodes, with which 200 maps take a quarter of an hour of one processor
+PART_LIMIT = 0.05       # fraction of a part's volume: the report must name every part with a larger loss
+SMALL, FEW = 0.6, 900   # size of the organs, and nodes, with which 200 maps take a quarter of an hour of processor time
 LESIONS, ORGAN, SECOND, BODY, FIRST_BONE = 1, 2, 3, 4, 5
 
 
@@ -385,7 +388,7 @@ def crowded_map(number, size=1.0):
 
 
 def parts_of_map(labels, place, value):
-    """Returns the numbers of the connected parts of a label (k, j, i), and their volumes, mm^3; voxels are connected by their faces."""
+    """Returns the connected components of a label as an array of their numbers (k, j, i), and their volumes, mm^3; voxels are connected by their faces."""
     numbers, count = scipy.ndimage.label(labels == value)
     return numbers, np.bincount(numbers.ravel(), minlength=count + 1)[1:] * abs(np.linalg.det(place[:3, :3]))
 
@@ -424,7 +427,7 @@ def losses_in(organs, mesh, domain, labels, place, names):
         notes = " ".join(organ.notes)
         for volume, got in zip(true, held):
             count += 1
-            named = any(organs_in.in_ml(volume * (1 + slight)) in notes for slight in (-1e-9, 1e-9))     # halves may be rounded either way
+            named = any(organs_in.in_ml(volume * (1 + slight)) in notes for slight in (-1e-9, 1e-9))     # a tie may be rounded either way
             if abs(got / volume - 1) > abs(worst) and not named:
                 worst = got / volume - 1
     return worst, count

@@ -18,7 +18,7 @@ HALF = 45.0, 40.0, 25.0             # mm, half axes of the region, which is 25 m
 DEEP = 35.0                         # mm, thickness of materials.SURROUNDING between the skin and the region
 NODES = 900
 REGION, WALL = "liver", "liver_wall"     # a name for which the region's surface is a membrane
-MOST_DENT = 25.0                    # mm: a region that deforms more than this is pushed away instead of being entered
+MOST_DENT = 25.0                    # mm: a region that deforms more than this is considered to be pushed away instead of being entered
 LINEAR = "(liver, linear, as by shear waves)"     # row that is shown only for comparison
 
 

@@ -1,7 +1,7 @@
 """A synthetic patient: outlines of prostate, urethra, rectum, bladder and pubic arch, defined by a few lengths.
 
 Nothing here was measured on a person. The lengths are within the range published for men with prostate cancer (gland of 15
-to 120 ml; width : height : length about 1.35 : 1 : 1.15); the shapes are chosen: a gland that is narrower at the apex than
+to 120 ml; width : height : length about 1.35 : 1 : 1.15); the shapes were chosen freely: a gland that is narrower at the apex than
 at the base, flattened and dented by the rectum behind, and an arch of two rami that meet in the symphysis.
 """
 import dataclasses
@@ -84,7 +84,7 @@ def circle(x, y, radius, count=48):
 
 def outlines(gland, spacing=5.0, offset=0.5):
     """Returns ROI name -> list of (n, 3) rings, mm, DICOM patient coordinates with the gland's centre at the origin;
-    slices at multiples of `spacing`, shifted by `offset` of it."""
+    slices at multiples of `spacing`, shifted by the fraction `offset` of it."""
     a, b, c = gland.half
     section = Section(gland, gland.half)
     rois = {"Prostate": [], "Urethra": [], "Rectum": [], "Bladder": [], "Pubic arch": []}
@@ -117,7 +117,7 @@ def random_gland(random):
 
 def spoil(rings, random, noise):
     """Returns the same outlines with typical defects: noise (mm) over about 5 mm of outline, other starting points, directions and numbers of
-    points, repeated closing points, spikes, missing slices, doubled outlines."""
+    points, repeated closing points, spikes, missing slices, and duplicated outlines."""
     spoilt = []
     last = len(rings) - 1
     for i, ring in enumerate(rings):

@@ -1,6 +1,6 @@
 """Runs random synthetic patients through the pipeline: prints a Markdown table, and fails if a patient fails.
 
-usage: python3 -m anatomy.trials.stress [FIRST [COUNT]]     numbers of the patients; default 0 50
+usage: python3 -m anatomy.trials.stress [FIRST [COUNT]]     number of the first patient, and how many; default 0 50
 """
 import sys
 import tempfile
@@ -12,11 +12,12 @@ from ..shapes import shells
 from . import patient
 
 VOLUME_LIMIT = 0.03                     # fraction of the volume of the outlines as read
-MEAN_LIMIT, GREATEST_LIMIT = 1.0, 6.0   # mm from the surface to the outlines before the defects, which move them by up to 10 mm
+MEAN_LIMIT, GREATEST_LIMIT = 1.0, 6.0   # mm, mean and greatest distance from the surface to the outlines without the defects, which move them by up to 10 mm
 
 
 def make(number):
-    """Returns gland, spacing (mm), rings of the prostate without and with defects, and of the arch; the same number gives the same patient."""
+    """Returns the gland, the spacing of its slices (mm), the rings of the prostate without and with defects, and the rings of the arch; the same number always
+    gives the same patient."""
     random = np.random.default_rng(number)
     gland = patient.random_gland(random)
     spacing = random.uniform(3, 7)

@@ -1,23 +1,23 @@
-"""A synthetic upper abdomen with TotalSegmentator's labels: liver with lesions, its neighbours, ribs, spine, and the body around them. Simple shapes of
-about the sizes of an adult's organs; nothing was measured on a person."""
+"""A synthetic upper abdomen with TotalSegmentator's labels: liver with lesions, its neighbours, ribs, spine, and the body around them. The shapes are simple
+and have about the sizes of an adult's organs; nothing was measured on a person."""
 import numpy as np
 
 NAMES = {1: "spleen", 2: "kidney_right", 3: "kidney_left", 4: "gallbladder", 5: "liver", 6: "stomach", 7: "pancreas", 11: "lung_lower_lobe_left",
          14: "lung_lower_lobe_right", 18: "small_bowel", 20: "colon", 31: "vertebrae_L1", 32: "vertebrae_T12", 33: "vertebrae_T11", 34: "vertebrae_T10",
          35: "vertebrae_T9", 52: "aorta", 63: "inferior_vena_cava", 86: "autochthon_left", 87: "autochthon_right",
-         # labels of the class "total", version 2
+         # labels of TotalSegmentator's class "total", version 2
          **{91 + k: f"rib_left_{k}" for k in (7, 8, 9, 10)}, **{103 + k: f"rib_right_{k}" for k in (7, 8, 9, 10)}}
-BODY, LESIONS = "body_trunc", "liver_lesions"        # of the classes "body" and "liver_lesions"
-LOW, HIGH = np.array([-170.0, -115.0, -100.0]), np.array([170.0, 115.0, 100.0])      # mm, LPS, of the image
+BODY, LESIONS = "body_trunc", "liver_lesions"        # names of labels of the classes "body" and "liver_lesions"
+LOW, HIGH = np.array([-170.0, -115.0, -100.0]), np.array([170.0, 115.0, 100.0])      # mm, LPS, corners of the image
 TRUNK = 155.0, 102.0                                 # mm, half axes of the body
-WALL = 143.0, 90.0                                   # half axes of the ring in which ribs lie
+WALL = 143.0, 90.0                                   # mm, half axes of the ellipse along which the ribs lie
 LIVER = -62.0, -12.0, 5.0                            # middle, mm
 SLOPE = 0.35                                         # slope of a rib, downward from back to front
-LESION = np.array([-88.0, -18.0, 8.0])               # mm: middle of the first lesion
+LESION = np.array([-88.0, -18.0, 8.0])               # mm, centre of the first lesion
 
 
 class Grid:
-    """Positions of voxels, mm."""
+    """Positions of the voxels, mm."""
 
     def __init__(self, spacing, low=LOW, high=HIGH):
         axes = [np.arange(a, b, s) for a, b, s in zip(low, high, spacing)]
@@ -38,7 +38,7 @@ class Grid:
 
 
 def rib(grid, side, top, radius=5.5):
-    """Returns a rib, from beside the spine around the flank to the front; side: -1 right, 1 left; top: its height at the back."""
+    """Returns a rib, from beside the spine around the flank to the front; `side`: -1 right, 1 left; `top`: height of the rib at the back."""
     a, b = WALL
     angle = np.arctan2(grid.y / b, side * grid.x / a)        # 0 at the flank, 90 degrees at the back
     offset = np.hypot(grid.x / a, grid.y / b) - 1
@@ -59,7 +59,7 @@ def lesion_places(count):
 
 
 def torso(spacing=(3.0, 3.0, 3.0), lesions=1, radius=8.0):
-    """Returns labels NAMES (k, j, i), masks of the lesions and of the body, and the transform (4, 4) from voxels to mm, LPS. Lesions lie within
+    """Returns the labels NAMES as an array (k, j, i), masks of the lesions and of the body, and the transform (4, 4) from voxels to mm, LPS. Lesions lie within
     the liver, whose label includes their voxels, as in TotalSegmentator's files."""
     g = Grid(spacing)
     body = (np.hypot(g.x / TRUNK[0], g.y / TRUNK[1]) < 1) & (g.z > -1e3)

@@ -1,5 +1,5 @@
 // The parts of Unity that clients/client/TrocarNeedle.cs uses, as Unity's documentation describes them, so that it can be compiled and run without
-// Unity. Left-handed, as there: x right, y up, z forward.
+// Unity. As in Unity, the frame is left-handed: x right, y up, z forward.
 using System;
 
 namespace UnityEngine {

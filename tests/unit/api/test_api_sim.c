@@ -18,7 +18,7 @@ trocar_status __wrap_remesher_serve(remesher *r, const remesh_request *request, 
 trocar_status __wrap_remesher_serve(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, report *why) {
     served++;
     if (!fails) return __real_remesher_serve(r, request, snapshot, why);
-    snapshot->serial = request->serial; /* counts all requests as answered, except the one of this tick */
+    snapshot->serial = request->serial; /* counts all requests as answered, except the one made by this tick */
     memset(snapshot->compliance, 0xff, sizeof snapshot->compliance);
     snprintf(why->text, sizeof why->text, "no good");
     return TROCAR_NUMERIC;

@@ -1,6 +1,6 @@
 /* Tests the probe: its shape; the complementarity problem, compared with a search over all subsets; its contact, compared with a projected Gauss-Seidel
    iteration on the dense inverse; and its effect on needles, compared with dense linear algebra. Through trocar.h, the probe is saved and restored, moved in
-   lockstep and with a worker, released, and refused.
+   lockstep and with a worker, and released; invalid probes are refused.
 
    usage: [MOTIONS=N] [SEED=N] test_unit test_probe     MOTIONS and SEED of the case moved_at_random, by default 20 and 1 */
 #include <setjmp.h>
@@ -34,7 +34,7 @@ static report why;
 
 #define OK(call) do { if ((call) != TROCAR_OK) fail_msg("%s: %s", #call, why.text); } while (0)
 
-/* The upper face of the cube, at z = 0.1, is the surface. */
+/* The upper face of the cube, at z = 0.1 m, is the surface on which the probe presses. */
 static int create(void **state) {
     (void)state;
     if (cube_create(&body, 0.1, &why) != TROCAR_OK || inverse_create_attached(body.inverse, &beneath, &why) != TROCAR_OK) return -1;
@@ -158,7 +158,7 @@ static vec3 displacement_at(int node, const vec3 *forces) {
     return u;
 }
 
-/* Solves the contact by Gauss-Seidel sweeps, with gaps and normals evaluated at the deformed nodes. Adds the contact forces to the given forces. */
+/* Solves the contact by Gauss-Seidel sweeps, with gaps and normals evaluated at the deformed nodes. `forces` receives `others` plus the contact forces. */
 static int press_by_sweeps(pose base, const vec3 *others, vec3 *forces) {
     double lambda[CUBE_NODES] = {0};
     vec3 normal[CUBE_NODES];
@@ -181,7 +181,7 @@ static int press_by_sweeps(pose base, const vec3 *others, vec3 *forces) {
     return count;
 }
 
-/* Loads exerted by a needle at three points inside the tissue. */
+/* Returns the loads that a needle exerts at three points inside the tissue. */
 static tissue_loads some_loads(double size) {
     tissue_loads loads = {.count = 3};
     for (int i = 0; i < 3; i++) loads.loads[i] = (tissue_load){.tet = 97 + 60 * i, .weights = {0.1, 0.2, 0.3, 0.4}, .force = v3(0.3 * size, (0.5 - i) * size, size)};
@@ -224,8 +224,8 @@ static void contact_against_sweeps(void **state) {
 
 /* ---- what needles feel ----------------------------------------------------------------------------------------------------------- */
 
-/* If the nodes are held along their normals, K^-1 becomes K^-1 - C P (P^T C P)^-1 P^T C. The field of the free forces plus that of a needle's own forces must
-   equal the field of all forces. */
+/* If the nodes are held along their normals, K^-1 becomes K^-1 - C P (P^T C P)^-1 P^T C. The field of the free forces plus the field of a needle's own forces
+   must equal the field of all forces. */
 static void needles_feel_it(void **state) {
     (void)state;
     static double expected[N * N], found[N * N], columns[TOP][N], small[TOP * TOP];
@@ -274,7 +274,7 @@ static void needles_feel_it(void **state) {
 
 /* ---- trocar.h ------------------------------------------------------------------------------------------------------------------------- */
 
-/* Creates the figure-8 scene with a probe that lies below the skin, next to the needle and at a right angle to it. */
+/* Creates the figure-8 scene with a probe that lies below the skin, next to the needle and perpendicular to it. */
 static trocar_model *create_model(void) {
     static const char *const keys[][2] = {{"probe.surface", "skin"}, {"probe.radius", "0.012"}, {"probe.tip_radius", "0.006"}, {"probe.length", "0.1"}};
     trocar_scene *scene;
@@ -417,7 +417,7 @@ static void saved_and_restored(void **state) {
     size_t size = trocar_sim_state_size(sim);
     void *saved = malloc(size);
     OK(trocar_sim_save(sim, saved, size, &why));
-    OK(trocar_sim_set_probe(other, &elsewhere, &why)); /* the other simulation's probe has been at another position */
+    OK(trocar_sim_set_probe(other, &elsewhere, &why)); /* before the state is restored, the other simulation's probe is at another position */
     OK(trocar_sim_reset(other, 0, &start, &why));
     OK(trocar_sim_step(other, 0, &start, 1e-3, &again, &why));
     OK(trocar_sim_set_probe(other, &start, &why));
@@ -555,7 +555,7 @@ static pose place_of(const trocar_probe *p) {
 
 static vec3 vector(const double v[3]) { return v3(v[0], v[1], v[2]); }
 
-/* Returns the smallest gap (m) of the wall's nodes, with the wall at rest or displaced. */
+/* Returns the smallest gap (m) between the probe and the wall's nodes, with the wall at rest or displaced. */
 static double least_gap(rectum *r, pose at, bool rest) {
     const double *x = trocar_model_nodes(r->model);
     double least = INFINITY;
@@ -611,8 +611,9 @@ static void does_not_pass_the_wall(void **state) {
     }
 }
 
-/* Repeats the motion to `at` from the saved state in smaller parts. `change` is that of force in the whole motion, in units of the largest change that is not a
-   jump. There are twice as many parts as a steady rise would need, so that a real jump still falls into a single part. Returns the largest change per part, in
+/* Repeats the motion to `at` from the saved state in smaller parts. `change` is the change of force in the whole motion, in units of the largest change that
+   does not count as a jump. There are twice as many parts as a steady rise would need, so that a real jump still falls into a single part. Returns the largest
+   change per part, in
    the same unit. */
 static double change_in_parts(rectum *r, const void *saved, size_t size, trocar_probe last, pose at, double change) {
     pose from = place_of(&last);
@@ -627,8 +628,8 @@ static double change_in_parts(rectum *r, const void *saved, size_t size, trocar_
     return largest;
 }
 
-/* Moves the probe along closed paths composed of five motions, as far as a hand would move it: raise, tilt, move along its axis, draw back, return to its home
-   pose. */
+/* Moves the probe along closed paths, as far as a hand would move it. Each path consists of five motions: raise, tilt, move along the axis, draw back, and
+   return to the home pose. */
 static int motions = 20, seed = 1;
 
 static void moved_at_random(void **state) {

@@ -1,4 +1,4 @@
-/* Tests the rigid motion of a region: known motions are recovered, and the result for a uniform strain is the mean motion. */
+/* Tests the rigid motion of a region: known motions are recovered, and for a uniform strain, the result is the mean motion. */
 #include "api/api.h"
 #include "replay/region_motion.h"
 
@@ -73,7 +73,7 @@ typedef struct {
     region_motion motion;
 } followed;
 
-/* Creates a simulation of a scene, which is freed, and an object that measures the gland's motion. The needle's base is at `start`. */
+/* Creates a simulation of a scene, which is freed, and an object that measures the gland's motion. The needle's base starts at `start`. */
 static followed follow(trocar_scene *scene, vec3 start) {
     followed f = {.base = {{start.x, start.y, start.z}, {1, 0, 0, 0}}};
     report why;
@@ -117,7 +117,7 @@ static rigid_motion motion_now(followed *f) {
     return region_motion_of(&f->motion, f->displacements);
 }
 
-/* By reciprocity (Maxwell, Betti), the gland's mean displacement in a direction equals the work of the needle's forces on the displacement field of a unit
+/* By reciprocity (Maxwell-Betti), the gland's mean displacement in a direction equals the work of the needle's forces on the displacement field of a unit
    force distributed over the gland's nodes. This requires one static solve on the unrefined mesh. */
 static double shift_by_reciprocity(const followed *f, vec3 direction) {
     const model_parts *parts = &f->model->parts;
@@ -175,7 +175,8 @@ static const double PUBLISHED[2] = {-11.2, 13.8}; /* degrees in the coronal plan
 /* distance from the midplane (m), and factors by which the modulus of the surroundings and the gland's friction differ from the scene's values */
 typedef struct { double x, bedding, grip; bool loose_arch; } twist_case;
 
-typedef struct { double low, high, pushed, pulled; } coronal_turn; /* degrees in the coronal plane; mm of shift along the needle */
+typedef struct { double low, high, pushed, pulled; } coronal_turn; /* low, high: smallest and largest rotation in the coronal plane, degrees; pushed, pulled:
+                                                                      shifts along the needle, mm */
 
 static void scale(trocar_scene *scene, const char *region, const char *key, double factor) {
     char path[128];
@@ -227,7 +228,8 @@ static coronal_turn insert_and_draw_back(const char *title, twist_case given) {
 
 static double largest(coronal_turn t) { return fmax(t.high, -t.low); }
 
-/* Rotations are within the range measured in patients, and have opposite signs for needles on the left and on the right. They increase with the needle's
+/* Rotations are within the range measured in patients, and have opposite signs for needles on the left and needles on the right. They increase with the
+   needle's
    distance from the midplane, with softer surroundings and with more friction. A pubic arch that fixes the tissue reduces the gland's motion. */
 static void needles_rotate_the_gland(void **unused) {
     (void)unused;

@@ -1,4 +1,5 @@
-/* Tests resting needles, which are released, taken and removed through trocar.h, against dense linear algebra for the needles and the tissue together. */
+/* Tests resting needles, which are released, taken and removed through trocar.h, by comparison with dense linear algebra for the needles and the tissue
+   together. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -184,7 +185,7 @@ static void displaced_nearby(trocar_sim *sim, const resting_needle *r, int held,
     }
 }
 
-/* Solves one problem for all needles, in which the bases of resting needles are free, and the forces of the held needle are given. The unknowns are the changes
+/* Solves one problem for all needles, in which the bases of resting needles are free and the forces of the held needle are given. The unknowns are the changes
    of the resting needles' forces since they were released, and the motions of their bases. For each resting needle
 
        (G + C) df + C_held f = R q,    R^T df = 0
@@ -215,7 +216,7 @@ static differences compare(trocar_sim *sim, const int *resting, int count, int h
         }
     }
     add_held(sim, held, &p);
-    int held_end = p.count; /* followed by the rows of constant forces, and the held needle's residual forces */
+    int held_end = p.count; /* the following rows are those of constant forces and of the held needle's residual forces */
     for (int k = 0; k < count; k++) add_left(sim, resting[k], &sim->needles[resting[k]].resting->anchor, &p);
     int own_left = p.count;
     add_left(sim, held, &sim->needles[held].state, &p);
@@ -304,7 +305,7 @@ static void respond_and_answer(trocar_sim *sim, int needle) {
     link_publish_answer(&sim->needles[needle].link);
 }
 
-/* Measures the difference from the solution of the single problem. The third needle is inserted next to the first two. */
+/* Measures the difference between the simulation and the solution of the single problem. The third needle is inserted next to the first two. */
 static void compare_sticking(const char *file, double x, double y, int ticks, int beside) {
     static const int resting[] = {0, 1};
     static all_forces reference[2];
@@ -463,7 +464,7 @@ static void change_at_random(trocar_sim *sim, int changes) {
 }
 
 /* Needles that are taken and released at random do not drift. A release is complete when the force on the base is below 1 mN. The first few exchanges remove
-   the rest (2e-5 N at a contact), and after that the needles do not move. */
+   the remainder (2e-5 N at a contact); after that, the needles do not move. */
 static void a_thousand_changes_leave_no_trace(void **state) {
     (void)state;
     static double before[9 * PROBES * PROBES], after[9 * PROBES * PROBES], start[FOUR][TROCAR_MAX_POINTS][3], end[FOUR][TROCAR_MAX_POINTS][3];
@@ -491,8 +492,8 @@ static void a_thousand_changes_leave_no_trace(void **state) {
     trocar_model_free(model);
 }
 
-/* Another simulation continues from a saved state in which several needles rest, one is held, and one is being released or taken. The results agree to rounding
-   error, because the stored part of the inverse depends on earlier requests. */
+/* Another simulation continues from a saved state in which several needles rest, one is held, and one is being released or taken. The results agree only to
+   rounding error, because the stored part of the inverse depends on earlier requests. */
 static void what_follows_a_restore_follows_the_save(void **state) {
     (void)state;
     static double forces[2][FOUR][TROCAR_MAX_POINTS][3];
@@ -587,7 +588,7 @@ static void a_needle_that_is_removed_leaves_the_tissue_as_it_was(void **state) {
     trocar_model_free(model);
 }
 
-/* The middle one of three resting needles is removed, or taken and then reset. In both cases, the forces on the other two are the same afterwards. */
+/* The middle one of three resting needles is removed, or taken and then reset. Both must leave the other two needles with the same forces. */
 static void the_others_feel_that_one_was_removed(void **state) {
     (void)state;
     trocar_model *model = create_model("figure8.yaml", 3);
@@ -693,7 +694,8 @@ static void push_beside_a_late_worker(trocar_sim *sim, int needle) {
     }
 }
 
-/* In 1 of 140 such insertions, the shaft lags so far behind the tissue that it slips for a second before the needle rests. The insertions below include such
+/* In one out of 140 such insertions, the shaft lags so far behind the tissue that it slips for a second before the needle rests. The insertions below include
+   such
    cases. */
 static void a_needle_can_be_left_however_late_the_worker_is(void **state) {
     (void)state;

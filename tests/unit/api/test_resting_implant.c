@@ -7,7 +7,7 @@
    are solved as one problem, and measures the error due to linearising a slipping needle.
 
    usage: [SCENE=NAME] [NEEDLES=N] [DEPTH=N] [TICKS=N] test_unit test_resting_implant default: a short implant with figure8.yaml, 4 needles, 30 mm. TICKS:
-   number of ticks per ms in the reference run, default 1 */
+   number of ticks per ms in the reference run, by default 1 */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -33,15 +33,15 @@ static struct { const char *scene; int needles, depth, substeps; } implant = {"f
 
 /* ---- the reference ----------------------------------------------------------------------------------------------------------- */
 
-/* All needles that rest at present, in the order of the library's set. */
+/* All needles that are currently resting, in the order of the library's set. */
 typedef struct {
     uint64_t id[MAX_NEEDLES];      /* for each needle of the scene, its id when it last rested */
     double lower[MAX_NEEDLES][MAX_AXIAL], upper[MAX_NEEDLES][MAX_AXIAL]; /* N, force limits, which the library does not store for the reference run */
     uint64_t changes;        /* value of the set's change counter when this was assembled */
     int rows, motions, axials;
     int *row, *needle, *axial; /* for each axial force: its row, its needle in the set, and its index within the needle */
-    double *response;        /* response of rows and base motions to a unit slip at each axial force, stored by columns */
-    double slipped;          /* m, largest slip of any point */
+    double *response;        /* response of rows and base motions to a unit slip at each axial force, column-major */
+    double slipped;          /* m, largest slip at any point */
 } one_problem;
 
 /* Returns the compliance between two rows, using the shape functions at the point of each row. */
@@ -167,7 +167,7 @@ static void slip_together(trocar_sim *sim, one_problem *p) {
         for (int a = 0; a < p->axials; a++) {
             const double *column = p->response + (size_t)a * n;
             double yields = -column[p->row[a]], alone = force[a] + yields * slip[a];
-            if (!(yields > 1e-3)) continue; /* N/m; if smaller, slipping does not reduce the force at this point */
+            if (!(yields > 1e-3)) continue; /* N/m; if `yields` is smaller, slipping does not reduce the force at this point */
             double now = alone > upper[a] ? (alone - upper[a]) / yields : alone < lower[a] ? (alone - lower[a]) / yields : 0.0, more = now - slip[a];
             if (more == 0.0) continue;
             for (int b = 0; b < p->axials; b++) force[b] += column[p->row[b]] * more;
@@ -207,7 +207,8 @@ typedef struct {
     int count;
     double (*hand)[3];       /* N, force on the hand at each millisecond */
     int *punctures;          /* so far */
-    /* N, axial forces of the resting first needle on tissue and template: sum of the positive forces, sum of the negative forces, and largest magnitude */
+    /* N, axial forces of the first needle, while it rests, on tissue and template: sum of the positive forces, sum of the negative forces, and largest
+       magnitude */
     double (*rests)[3];
     int broken;              /* number of membranes punctured so far */
     double slid;             /* m, largest sliding distance of any point */

@@ -1,4 +1,5 @@
-/* The worker gets so little processor time that a newer request is already waiting whenever it has answered one, or it gets no time at all. A tip in the tissue
+/* Tests a worker that gets so little processor time that a newer request is already waiting whenever it has answered one, or that gets none at all. A tip in
+   the tissue
    must feel about the same force as with a punctual worker, each tick must report that the worker is late, and afterwards the state must be the same as if the
    worker had always been in time. */
 #include <math.h>
@@ -14,14 +15,14 @@
 #include "host.h"
 
 enum { TICKS = 6000, AFTER = 1500 };
-static const double SPEED = 0.01;    /* m/s, over 60 mm, through the skin and the capsule */
+static const double SPEED = 0.01;    /* m/s, speed of the insertion by 60 mm, through the skin and the capsule */
 static const double ALMOST = 0.02;   /* largest permitted difference as a fraction of the peak force; 0.6 % was measured */
 static const double SAME = 0.005;
 
 typedef struct {
     host h;
     int tick;
-    int slow;                /* number of ticks that the worker takes to answer a request, and to measure a line */
+    int slow;                /* number of ticks that the worker takes to answer a request or to measure a line */
     int late;                /* number of ticks in which the worker was reported late */
     int measured;            /* lines */
     double depth;            /* m, deepest */

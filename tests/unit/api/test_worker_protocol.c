@@ -1,5 +1,5 @@
-/* Tests the states of a needle, which ticking thread and worker share: each event in each phase, whether legal or refused, for a single link and through
-   trocar.h; and with both threads running concurrently, also for ThreadSanitizer. */
+/* Tests the states of a needle that the ticking thread and the worker share: every event in every phase, whether legal or refused, for a single link and
+   through trocar.h; and also with both threads running concurrently, for ThreadSanitizer. */
 #include "api/worker_protocol.h"
 
 #include <poll.h>
@@ -21,7 +21,7 @@ static trocar_error why;
 #define OK(call) do { if ((call) != TROCAR_OK) fail_msg("%s: %s", #call, why.text); } while (0)
 
 /* The expected transitions, specified independently of the code: the letter of the phase after each event, or '-' if the event is refused. */
-static const char LETTERS[] = "HLRTK"; /* letters of HELD, LEAVING, RESTING, TAKING and TAKEN */
+static const char LETTERS[] = "HLRTK"; /* letters for the phases HELD, LEAVING, RESTING, TAKING and TAKEN */
 static const char *const EXPECTED[NEEDLE_EVENTS] = {
     [ON_TICK] = "H----", [ON_LEAVE] = "L----", [ON_TAKE] = "--T--", [ON_RESET] = "HHHH-", [ON_ADOPT] = "----H",
     [ON_RESTS] = "-R---", [ON_STAYS] = "-H---", [ON_RELEASE] = "---K-",
@@ -169,7 +169,7 @@ typedef struct {
 
 static unsigned random_below(unsigned *seed, unsigned n) { return (*seed = *seed * 1664525u + 1013904223u) / 65536u % n; }
 
-/* Writes the ticket twice into each object that is handed over, at locations far apart in memory. */
+/* Writes the ticket into two widely separated locations of each object that is handed over. */
 static void label(insertion_state *state, uint64_t ticket) { state->next_id = state->request.serial = ticket; }
 static bool is_labelled(const insertion_state *state, uint64_t ticket) { return state->next_id == ticket && state->request.serial == ticket; }
 
@@ -230,8 +230,8 @@ static bool all_happened(const int *counts, int count) {
     return true;
 }
 
-/* The ticking thread issues commands at random times until it has seen every phase, however late the worker is scheduled. It must always be shown the needle in
-   the state in which it was last released. */
+/* The ticking thread issues commands at random times until it has seen every phase, however late the worker is scheduled. The needle that it is shown must
+   always be in the state in which it was last released. */
 static void both_threads_agree_on_who_has_the_needle(void **unused) {
     (void)unused;
     two_threads *t = aligned_alloc(CACHE_LINE, (sizeof *t + CACHE_LINE - 1) / CACHE_LINE * CACHE_LINE);

@@ -71,7 +71,7 @@ static int create(void **state) {
     return mkdtemp(root) ? 0 : -1;
 }
 
-/* Removes all files before each case. */
+/* Removes all files before each test case. */
 static int clear(void **state) {
     (void)state;
     char command[128];

@@ -1,4 +1,5 @@
-/* Tests a loop that threads share: every index is executed once, a member executes one index at a time, and all calls have returned when the loop returns. */
+/* Tests a loop that threads share: every index is executed once, each member executes one index at a time, and all calls have returned when the loop returns.
+   */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stdatomic.h>
@@ -13,7 +14,7 @@
 enum { MEMBERS = 4, MOST = 1000, ROUNDS = 2000 };
 
 typedef struct {
-    int calls[MOST];         /* deliberately not atomic, so that ThreadSanitizer detects a call that returns late or is made twice */
+    int calls[MOST];         /* deliberately not atomic, so that ThreadSanitizer detects calls that return late or are made twice */
     atomic_bool inside[MEMBERS];
     atomic_int wrong;
 } loop;

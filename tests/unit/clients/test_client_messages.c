@@ -27,7 +27,7 @@ static void randomise(void *bytes, size_t size) {
     for (size_t i = 0; i < size; i++) ((unsigned char *)bytes)[i] = (unsigned char)(random_bits() >> 32);
 }
 
-/* Returns numbers with random bits, including infinite ones. */
+/* Returns numbers with random bits, including infinities. */
 #define SAME(field) assert_memory_equal(&mine.field, &m.field, sizeof m.field)
 #define ROUND(name, theirs_name, CHECKS) \
     for (int round = 0; round < ROUNDS; round++) { \
@@ -107,7 +107,7 @@ static trocar_client *open_alone(void) {
     return c;
 }
 
-/* Makes a reply of LARGE bytes to the client's last command, with the status "done". */
+/* Creates a reply of LARGE bytes to the client's last command, with the status "done". */
 static void make_reply(const trocar_client *c) {
     static char text[LARGE];
     trocar_command_reply_t m = {.server = 5, .session = c->session, .seq = c->asked, .status = TROCAR_COMMAND_REPLY_T_DONE, .message = text};
@@ -148,7 +148,7 @@ static bool is_answered(trocar_client *c) {
     return true;
 }
 
-/* The fragments after fragment 0 arrive in any order, some of them twice, interleaved with messages of other senders. */
+/* The fragments after fragment 0 arrive in any order, some of them twice, interleaved with messages from other senders. */
 static void fragments_come_in_any_order(void **unused) {
     (void)unused;
     trocar_client *c = open_alone();

@@ -14,14 +14,14 @@
 
 enum { COUNT = 100, GOLDEN = COUNT / 5, FIRST = 20 /* FIRST is the index of a pose in the recording */ };
 
-/* Makes a replay in which every second pose is lost; fz decreases linearly to -9.9 N. */
+/* Creates a replay in which every second pose is lost and fz decreases linearly to -9.9 N. */
 static void make_replay(trocar_needle_wrench_t replayed[COUNT]) {
     for (int i = 0; i < COUNT; i++)
         replayed[i] = (trocar_needle_wrench_t){.session = 4, .pose_seq = FIRST + 2 * i, .pose_utime = 1000000 + 2000 * i, .membrane = -1,
                                                .raw_force = {0, 0, -0.1 * i}, .raw_torque = {1e-3, 0, 0}};
 }
 
-/* Golden wrenches: every fifth wrench of the replay. */
+/* Creates the golden wrenches: every fifth wrench of the replay. */
 typedef struct {
     trocar_needle_wrench_t replayed[COUNT], golden[GOLDEN];
 } fixture;

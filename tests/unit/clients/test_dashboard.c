@@ -82,7 +82,7 @@ static void faults_raise_alarms(void **state) {
     dashboard_take_status(&d, &status, 10.0);
     expect(&d, "needle", "free", false);
     expect(&d, "last fault", "the worker failed", true);
-    status.message = "gone\033[2J\007\n", status.scene = "\033]0;title\007/scene.yaml"; /* must neither clear the terminal nor ring the bell */
+    status.message = "gone\033[2J\007\n", status.scene = "\033]0;title\007/scene.yaml"; /* these texts must neither clear the terminal nor ring the bell */
     dashboard_take_status(&d, &status, 10.0);
     expect(&d, "last fault", "gone?[2J??", true);
     expect(&d, "trocar", "?]0;title?/scene.yaml", false);
@@ -105,7 +105,7 @@ static void first_of_two_servers_is_shown(void **state) {
     dashboard_take_status(&d, &status, 10.05);
     expect(&d, "trocar", "scene.yaml, 1000 Hz, tick 5000", false);
     expect(&d, "two servers", "000000000000004d: stop one", true);
-    dashboard_take_timing(&d, &other, 12); /* the first server has fallen silent */
+    dashboard_take_timing(&d, &other, 12); /* by now, the first server has fallen silent */
     dashboard_take_status(&d, &status, 12);
     expect(&d, "trocar", "other.yaml, 0 Hz, tick 1", false);
 }
@@ -168,7 +168,7 @@ static void each_needle_has_its_lines(void **state) {
     expect(&d, "energy 1", "lowest -1.0 mJ", true);
     expect(&d, "poses", "taken 120", true);
     expect(&d, "            too fast", "refused 5", true);
-    second.needle = 2; /* not less than the message's `needle_count` */
+    second.needle = 2; /* invalid, because it is not less than the message's `needle_count` */
     dashboard_take_status(&d, &second, 10.0);
     assert_int_equal(d.foreign, 1);
 }

@@ -18,7 +18,7 @@ static void expect(const double a[], double x, double y, double z) {
     assert_float_equal(a[2], z, 1e-15);
 }
 
-/* Away from the operator points into the body, up remains up, and x points to the operator's left. */
+/* The direction away from the operator points into the body, up remains up, and x points to the operator's left. */
 static void directions(void **state) {
     (void)state;
     double level[3][3] = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}, base[3], q[4], force[3];

@@ -22,7 +22,7 @@ static int make_folder(void **state) {
 
 static int remove_folder(void **state) {
     (void)state;
-    return rmdir(folder);   /* fails if a file remains in the folder */
+    return rmdir(folder);   /* rmdir fails if a file remains in the folder */
 }
 
 static void appears_when_committed(void **state) {

@@ -29,7 +29,7 @@ static trocar_needle_pose_t sample(int64_t k) {
     return message_of_pose(p, 1000000 + 1000 * k, 7, k);
 }
 
-/* Writes `count` poses, with wrenches of another channel in between; `change` may corrupt the pose at `where`. */
+/* Writes `count` poses, with wrenches on another channel in between; `change` may corrupt the pose at `where`. */
 static void write_log(int count, int where, void (*change)(trocar_needle_pose_t *)) {
     report why;
     lcm_eventlog_t *log = lcm_eventlog_create(path, "w");
@@ -89,7 +89,7 @@ static void refuses_truncated_logs(void **state) {
     }
 }
 
-/* From a recording that is truncated or still being written, all complete events are read. */
+/* All complete events are read from a recording that is truncated or still being written. */
 static void reads_truncated_logs_up_to_the_last_event(void **state) {
     (void)state;
     write_log(2, -1, NULL);
@@ -139,7 +139,7 @@ static void refuses_damage_and_names_the_place(void **state) {
     expect_bad("byte 0", "not an LCM log");
 }
 
-/* Poses of the probe that have another type, a wrong length or an impossible time count as corrupt. Other poses that the server would refuse are counted
+/* Poses of the probe that have another type, a wrong length or an impossible time are counted as corrupt. Other poses that the server would refuse are counted
    separately. */
 static void reads_the_probe_with_the_same_care(void **state) {
     (void)state;
@@ -297,7 +297,7 @@ static void commands_for_seeds_are_read(void **state) {
     expect_bad("event 0", "damaged");
 }
 
-/* Reads the server's replies to all commands. The log belongs to the fuzzer's corpus, which must be regenerated when the messages change. */
+/* Reads the server's replies to all commands. The log is part of the fuzzer's corpus, which must be regenerated when the messages change. */
 static void replies_are_read(void **state) {
     (void)state;
     static const struct { int command, needle, next_pose; logged_answer answer; } EXPECTED[] = {
@@ -427,7 +427,7 @@ static void distinguishes_other_types_from_damage(void **state) {
     overwrite(28 + 11, "\1\2\3\4\5\6\7\10", 8);
     expect_bad("event 0", "recorded with another lcmtypes/trocar.lcm");
     expect_bad("fingerprint", "0102030405060708");
-    char short_data[] = {0, 0, 0, 80};              /* one number too short for a pose, so that the next event looks corrupt */
+    char short_data[] = {0, 0, 0, 80};              /* too short for a pose by one number, so that the next event looks corrupt */
     write_log(1, -1, NULL);
     overwrite(24, short_data, 4);
     expect_bad("event 0", "damaged");

@@ -1,4 +1,4 @@
-/* A needle that is moved by rate commands stays within its limits, whatever the commands are. */
+/* Tests that a needle moved by rate commands stays within its limits, whatever the commands are. */
 #include "shared/rate_control.h"
 
 #include <setjmp.h>
@@ -64,7 +64,7 @@ static void goes_along_the_needle_if_asked(void **unused) {
     run(&d, &l, (rate_control_command){.forward = 1}, 0.5);
     double way = l.max_speed * (0.5 - 0.5 * l.ramp);
     assert_close_vector(v3_sub(d.base.position, HOME.position), v3(way * sin(0.2), 0, way * cos(0.2)), l.max_speed * DT);
-    run(&d, &l, (rate_control_command){.forward = 1}, 100); /* until the first limit is reached, here the lateral or the forward limit */
+    run(&d, &l, (rate_control_command){.forward = 1}, 100); /* long enough to reach the first limit, here the lateral or the forward limit */
     vec3 end = v3_sub(d.base.position, HOME.position);
     assert_true(fabs(end.x) <= l.max_sideways && end.z <= l.max_forward);
     assert_true(fabs(end.x) > 0.99 * l.max_sideways || end.z > 0.99 * l.max_forward);

@@ -38,7 +38,7 @@ static void summary_counts_and_ranks(void **state) {
     assert_int_equal(s.received, 198);
     assert_int_equal(s.lost_wrenches, 2);
     assert_int_equal(s.unanswered_poses, 2);
-    /* the round trips are 1 to 200 us without 61 and 62, so the 99th of the 198 values is 101 us, and the 197th is 199 us */
+    /* The round trips take 1 to 200 us, except 61 and 62 us, so the 99th of the 198 values is 101 us, and the 197th is 199 us. */
     assert_true(fabs(s.round_trip_p50 - 101e-6) < 1e-12);
     assert_true(fabs(s.round_trip_p99 - 199e-6) < 1e-12);
     assert_true(fabs(s.round_trip_max - 200e-6) < 1e-12);

@@ -1,4 +1,4 @@
-/* Tests seeds in a replay: a drop that comes slightly too early waits, even while the server undoes it or refuses other commands. */
+/* Tests seeds in a replay: a drop that comes slightly too early remains pending, even while the server undoes it or refuses other commands. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -13,7 +13,7 @@ static report why;
 
 #define OK(call) do { if ((call) != TROCAR_OK) fail_msg("%s: %s", #call, why.text); } while (0)
 
-static const double STEP = 1e-4; /* m, displacement of the base per tick */
+static const double STEP = 1e-4; /* m, travel of the base per tick */
 
 typedef struct {
     trocar_model *model;
@@ -103,7 +103,7 @@ static void an_undo_takes_back_the_drop_that_waits(void **state) {
     assert_int_equal(pending(&in), 1);
     draw_out(&in);
     assert_int_equal(left(&in), 1);
-    OK(replay_seed_command(&in.waiting, in.sim, 0, &undo, &why)); /* the next undo removes the previous seed */
+    OK(replay_seed_command(&in.waiting, in.sim, 0, &undo, &why)); /* now an undo removes the previous seed */
     assert_int_equal(left(&in), 0);
     end(&in);
 }
@@ -126,8 +126,8 @@ static void what_the_server_refused_does_not_end_the_waiting(void **state) {
     end(&in);
 }
 
-/* Any other command is executed after the drop, as in the server. If the previous seed is still in the needle at that time, it can no longer leave it. A
-   missing reply to an undo is no reason to wait. */
+/* Any other command is executed after the drop, as in the server. If the previous seed is still in the needle at that time, it can no longer leave it. If the
+   reply to an undo is missing, the replay does not wait. */
 static void another_command_ends_the_waiting(void **state) {
     (void)state;
     const logged_command early = logged(TROCAR_COMMAND_T_DROP_SEED, 1, ANSWER_DONE);

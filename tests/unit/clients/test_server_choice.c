@@ -30,7 +30,7 @@ static void another_server_is_forgotten_after_a_second(void **unused) {
     assert_false(server_choice_has_other(&c, 6.1));
 }
 
-/* A replayed server is followed while lcm-logplayer sends its log. */
+/* A recorded server is followed while lcm-logplayer replays its log. */
 static void replay_is_followed(void **unused) {
     (void)unused;
     server_choice c = {.patience = 0.1};

@@ -1,4 +1,4 @@
-/* In timed ticks, the needle has the requested number of contacts, and the times are plausible. */
+/* Tests that, in timed ticks, the needle has the requested number of contacts, and that the times are plausible. */
 #include <setjmp.h>
 #include <string.h>
 #include <stdarg.h>

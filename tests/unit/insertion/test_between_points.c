@@ -29,7 +29,7 @@ static mat3 draw_block(void) {
     return m;
 }
 
-/* Creates a bent needle under load. */
+/* Creates a loaded, bent needle. */
 static int create(void **unused) {
     (void)unused;
     vec3 load[NEEDLE_MAX_SEGMENTS + 1] = {{0}};
@@ -153,10 +153,10 @@ static void guides_are_coupled_where_they_touch(void **unused) {
         }
 }
 
-/* Starts at any point, with and without a point at which the tissue's properties differ. */
+/* The kernels start at any point, with and without a point at which the tissue's properties differ. */
 static void wide_vectors_give_the_same_bits(void **unused) {
     (void)unused;
-    if (between_kernel_here() == between_portable) skip(); /* this processor has no kernel for wide vectors */
+    if (between_kernel_here() == between_portable) skip(); /* there is no wide-vector kernel for this processor */
     static _Alignas(CACHE_LINE) between_components needle_rows[3 * NEEDLE_POINT_JOINTS];
     static _Alignas(CACHE_LINE) double tissue[3][3][BETWEEN_PLACES];
     static _Alignas(CACHE_LINE) between_rows frames, portable, widest;

@@ -25,11 +25,10 @@ static pose start_at(double x, double y) { return (pose){v3(x, y, -0.201), {1, 0
 
 /* ---- from one body into the next ---------------------------------------------------------------------------------------- */
 
-enum { STEPS = 95 }; /* steps of 1 mm each */
-static const double CUTTING = 0.4 + 1.0 * 0.05, FRICTION = 8.0 + 100.0 * 0.05; /* N, cutting force, and N/m, friction, both at 50 mm/s */
+enum { STEPS = 95 }; /* number of steps of 1 mm */
+static const double CUTTING = 0.4 + 1.0 * 0.05, FRICTION = 8.0 + 100.0 * 0.05; /* cutting force (N) and friction (N/m), both at 50 mm/s */
 
-/* Inserts by 95 mm and withdraws, both at 50 mm/s. Records the events during each millimetre of base travel, and the force and depth at the end of the
-   millimetre. */
+/* Inserts by 95 mm and withdraws, both at 50 mm/s. Records the events during each millimetre of base travel, and the force and depth at its end. */
 typedef struct { unsigned events[2 * STEPS]; double force[2 * STEPS], depth[2 * STEPS]; } passage;
 
 static void pass(lockstep *l, passage *p) {
@@ -205,7 +204,7 @@ static void force_is_continuous_when_leaving_stiff_tissue(void **unused) {
 /* Results for a needle that is inserted along a side face of the body and withdrawn. */
 typedef struct {
     int exits, returns, withdrawals;
-    int jumps;               /* number of ticks in which the force changed by more than max(7 %, 0.05 N), without punctures and exits */
+    int jumps;               /* number of ticks in which the force changed by more than max(7 %, 0.05 N), not counting punctures and exits */
     int drops;               /* number of ticks in which the force dropped to zero, except the last one */
 } side_passage;
 

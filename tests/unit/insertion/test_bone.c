@@ -1,5 +1,5 @@
-/* The pubic arch of the default scene stops the tip, is felt by the hand, fixes the tissue if the scene says so, and can be avoided by steering a bevelled
-   needle around it. */
+/* Tests that the pubic arch of the default scene stops the tip, is felt by the hand, fixes the tissue if the scene says so, and can be avoided by steering a
+   bevelled needle around it. */
 #include "lockstep.h"
 
 #include <setjmp.h>
@@ -9,7 +9,7 @@
 
 #include "check.h"
 
-static const double WAY = 0.066;         /* m, travel of the base; the arch is at a depth of about 25 mm */
+static const double WAY = 0.066;         /* m, travel of the base, which exceeds the arch's depth of about 25 mm */
 
 static const vec3 BEHIND = {0.014, 0.014, 0};   /* a point on a line along z that intersects the arch */
 
@@ -25,7 +25,7 @@ static pose start_at(const simulation_config *c, vec3 line, double roll) {
 }
 
 typedef struct {
-    double depth, force;     /* m, depth at the end; N, largest axial force */
+    double depth, force;     /* depth: at the end, m; force: largest axial force, N */
     double at_rest;          /* N, axial force after the hand has been still for 0.3 s */
     double beyond;           /* m, largest distance along z of the tip beyond the point at which the bone stops it */
     bool stopped;
@@ -69,7 +69,8 @@ static outcome push(const simulation_config *config, vec3 line, double speed) {
     return o;
 }
 
-/* The hand feels the bone, up to the load at which the needle buckles, and the tip penetrates the bone's surface by at most 0.1 mm/N. Euler's load is 20.2 EI /
+/* The hand feels the bone, up to the load at which the needle buckles, and the tip penetrates the bone's surface by at most 0.1 mm per newton. Euler's load is
+   20.2 EI /
    L^2 = 13.3 N for the free length of 177 mm, clamped at one end and hinged at the other. This holds whether the bone fixes the tissue or moves with it, and
    whether the needle reaches it slowly or within one tick. */
 static void arch_stops_the_tip_at_any_speed(void **unused) {
@@ -90,7 +91,7 @@ static void arch_stops_the_tip_at_any_speed(void **unused) {
     }
 }
 
-/* Bone that fixes the tissue stops a needle moving at 1 m/s with no more force than a slow needle. */
+/* Bone that fixes the tissue stops a needle moving at 1 m/s with no more force than it exerts on a slow needle. */
 static void fixed_bone_bears_no_more_at_a_metre_a_second(void **unused) {
     (void)unused;
     simulation_config c = arch_scene(true);

@@ -1,4 +1,5 @@
-/* A buckling needle follows a continuous path from straight to bowed and back. Along this path its force is continuous, and no energy is created. */
+/* Tests that a buckling needle follows a continuous path from straight to bowed and back, and that along this path, its force is continuous and no energy is
+   created. */
 #include "lockstep.h"
 
 #include <setjmp.h>
@@ -51,7 +52,7 @@ static double bending_of(const simulation_config *c) {
     return c->needle.youngs_modulus * M_PI / 64.0 * (pow(c->needle.outer_diameter, 4) - pow(c->needle.inner_diameter, 4));
 }
 
-/* On skin as hard as bone, pushed 30 mm further than Euler's load requires, the needle bears the load of the elastica. */
+/* On skin as hard as bone, a needle pushed 30 mm further than is needed to reach Euler's load bears the load of the elastica. */
 static void a_bowed_column_is_the_elastica(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();
@@ -79,16 +80,16 @@ static void a_bowed_column_is_the_elastica(void **unused) {
 
 typedef struct {
     double most, at_end;     /* N */
-    /* N/m, largest change of force per displacement of the hand before buckling, which is the stiffness that the hand works against */
+    /* N/m, largest ratio of the change of force to the displacement of the hand before buckling, which is the stiffness that the hand works against */
     double stiffest;
-    double jump;             /* largest change per tick after buckling, relative to the perceptible change or the one explained by `stiffest` */
-    double work, most_work;  /* J, the hand's work over the whole path, and its maximum along the path */
-    int passes;              /* largest number of passes in a tick */
+    double jump;             /* largest change of force per tick after buckling, relative to the perceptible change or the change explained by `stiffest` */
+    double work, most_work;  /* J; work: the hand's work over the whole path; most_work: its maximum along the path */
+    int passes;              /* maximum number of passes in a tick */
 } path;
 
 /* Moves the hand along the axis by `way` (m) and back, until the needle touches nothing. Changes of force at punctures do not count as jumps. */
 static path there_and_back(lockstep *l, double way, double speed) {
-    const double noticed = 0.05, noticed_part = 0.07; /* perceptible change: N, and as a fraction of the force */
+    const double noticed = 0.05, noticed_part = 0.07; /* perceptible change, in N and as a fraction of the force */
     int ticks = (int)(way / (speed * 1e-3) + 0.5);
     path p = {0};
     vec3 last = l->wrench.force;
@@ -122,8 +123,8 @@ static void check_path(const lockstep *l, path p, double least) {
     assert_true(v3_norm(l->wrench.force) < 1e-9);
 }
 
-/* The needle is in a template's hole with clearance, and pushes on skin that is never punctured. At each speed, it keeps bearing more than Euler's load of a
-   needle hinged at the plate's front face, and returns along the same path. */
+/* A needle in a template's hole with clearance pushes on skin that is never punctured. At each speed, it keeps bearing more than Euler's load for a needle
+   hinged at the plate's front face, and returns along the same path. */
 static void a_guided_needle_comes_back_as_it_went(void **unused) {
     (void)unused;
     const double speeds[] = {0.02, 0.1};

@@ -1,4 +1,4 @@
-/* Tests the contact problem: the solution must satisfy the equations in a copy of the data, and agree with projected Gauss-Seidel. */
+/* Tests the contact problem: the solution must satisfy the equations, evaluated with a copy of the data, and agree with that of projected Gauss-Seidel. */
 #include <lapacke.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -23,7 +23,7 @@ static double uniform(double low, double high) { return low + (high - low) * ran
 
 static int unknowns(const contact_problem *p) { return 2 * p->count + p->axial_count; }
 
-/* Makes A = G G^T / size + diagonal, which is positive definite and conditioned well enough for Gauss-Seidel. */
+/* Creates A = G G^T / size + diagonal, which is positive definite and conditioned well enough for Gauss-Seidel. */
 static void make_compliance(contact_problem *p, int count, int axial_count, double diagonal) {
     static double g[MOST][MOST];
     memset(p, 0, sizeof *p);
@@ -39,7 +39,7 @@ static void make_compliance(contact_problem *p, int count, int axial_count, doub
         }
 }
 
-/* Makes force limits of both signs, some infinite and some equal; half of the contacts have viscosity. */
+/* Creates force limits of both signs, some infinite and some equal; half of the contacts have viscosity. */
 static void make_friction(contact_problem *p) {
     for (int i = 0; i < unknowns(p); i++) p->gap[i] = uniform(-2, 2);
     for (int i = 0; i < p->axial_count; i++) {
@@ -133,7 +133,8 @@ static void assert_solution(double tolerance) {
     }
 }
 
-/* Returns the force of a single axial contact that satisfies the staircase law; the contact's remaining gap is `gap`, and each newton closes it by `a`. */
+/* Returns the force of a single axial contact that satisfies the staircase law; the contact's remaining gap is `gap`, and every newton of force closes it by
+   `a`. */
 static double force_on_staircase(double gap, double a) {
     const staircase *s = &given.ahead;
     for (int k = 0; k < s->count; k++) {
@@ -338,7 +339,7 @@ static void contact_with_singular_diagonal_block(void **state) {
         double weak = (n % 2 ? 1.0 : -1.0) * pow(10.0, -n / 20.0), angle = uniform(0, M_PI), c = cos(angle), s = sin(angle);
         make_compliance(&given, 2 + n % 6, 2 + n % 6, 0.5);
         make_friction(&given);
-        given.compliance[0][0] = c * c + weak * s * s; /* its eigenvalues are 1 and `weak`, and its eigenvectors are rotated by the angle */
+        given.compliance[0][0] = c * c + weak * s * s; /* the lateral block has the eigenvalues 1 and `weak`, with eigenvectors rotated by the angle */
         given.compliance[1][1] = s * s + weak * c * c;
         given.compliance[1][0] = given.compliance[0][1] = (1.0 - weak) * c * s;
         given.compliance[2][0] = given.compliance[0][2] = -2.0 * s; /* the direction with eigenvalue `weak` is strongly coupled to the axial force */
@@ -347,7 +348,7 @@ static void contact_with_singular_diagonal_block(void **state) {
         assert_int_equal(negative_eigenvalues(3 * given.count), 1);
         solve();
         assert_int_equal(solved.negative, 1);
-        assert_solution(2e-6); /* pivots are kept above 1e-8, which costs half of the significant digits */
+        assert_solution(2e-6); /* the tolerance is coarse because pivots are kept above 1e-8, which costs half of the significant digits */
     }
 }
 
@@ -357,7 +358,7 @@ static void assert_refused(void) {
     for (int i = 0; i < unknowns(&given); i++) assert_true(solved.force[i] == 0.0);
 }
 
-/* Makes a problem in which all contacts stick, and in which one contact has this axial compliance. */
+/* Creates a problem in which all contacts stick and one of them has this axial compliance. */
 static void make_axial_compliance(double value) {
     make_compliance(&given, 3, 3, 0.05);
     make_friction(&given);

@@ -1,4 +1,4 @@
-/* Relaxing tissue: the forces on a held needle, and the after-effect of a removed load, are compared with exact solutions. */
+/* Tests relaxing tissue: compares the forces on a held needle, and the after-effect of a removed load, with exact solutions. */
 #include "insertion/laws/creep.h"
 #include "lockstep.h"
 #include "verification/random_hand.h"
@@ -140,7 +140,7 @@ static void removed_load_recovers(void **unused) {
         for (size_t i = 0; i < nodes; i++) size = fmax(size, v3_norm(expected[i])), off = fmax(off, v3_norm(v3_sub(found[i], expected[i])));
         worst = fmax(worst, off / size);
         largest = fmax(largest, size);
-        for (int k = 0; k < MAX_WINDOW; k++) { /* fills in the worker's answer for this tick */
+        for (int k = 0; k < MAX_WINDOW; k++) { /* sets the worker's answer for this tick */
             int node = l->snapshot->window[k];
             if (node >= 0) window = fmax(window, v3_norm(v3_sub(creep_free(&(tick_input){.model = &l->parts.insertion, .snapshot = l->snapshot},
                 &l->state, &l->run.workspace->creep, MAX_CONTACTS + k), expected[node])) / size);
@@ -191,7 +191,7 @@ static void nothing_remembered_is_lost(void **unused) {
     }
     printf("remembered: up to %.3g N, %.2g N off\n", largest, worst);
     assert_true(largest > 0.05);
-    assert_true(worst < 1e-6); /* residual loads below 1e-9 N are discarded */
+    assert_true(worst < 1e-6); /* not zero, because residual loads below 1e-9 N are discarded */
     lockstep_free(l);
 }
 
@@ -246,7 +246,7 @@ static void needle_feels_what_was_left(void **unused) {
     replace_needle(l, start); /* inserted again immediately, next to the tissue's rest position */
     for (int i = 0; i < 3; i++) lockstep_tick(l, start, 1e-6);
     double at_once = l->wrench.force.x;
-    assert_true(at_once > 1e-3); /* displaced toward the position in which the tissue was held */
+    assert_true(at_once > 1e-3); /* the tissue is still displaced toward the position in which it was held */
     lockstep_move(l, v3(0, 0, 0), 5.0, 1e-3);
     assert_true(l->wrench.force.x > 0.0 && l->wrench.force.x < 0.5 * at_once);
     lockstep_free(l);

@@ -1,5 +1,5 @@
-/* Checks the solution of a tick: the tissue's equilibrium with an assembled K, the needle's equilibrium with its bending moments, and a base on a spring by
-   comparison with a rigid base. */
+/* Checks the solution of a tick: the tissue's equilibrium with an assembled K, the needle's equilibrium with its bending moments, and, for a base on a spring,
+   the agreement with a rigid base. */
 #include "lockstep.h"
 #include "refinement/refined_mesh.h"
 
@@ -41,7 +41,7 @@ static void check_equilibrium(remesh_method method) {
         if (i < m->node_count && l->parts.tissue.fixed[i]) reaction = v3_add(reaction, residual[i]);
         else assert_true(v3_norm(residual[i]) < 1e-9 * v3_norm(sum));
     }
-    vec3 base = v3_sub(l->wrench.force, l->state.tip.dent.damping); /* the force on the base, excluding the damper at the tip */
+    vec3 base = v3_sub(l->wrench.force, l->state.tip.dent.damping); /* the force on the base, excluding the damping force at the tip */
     assert_true(v3_norm(v3_add(sum, base)) < 1e-12);
     assert_true(v3_norm(v3_sub(reaction, base)) < 1e-9 * v3_norm(sum));
     free(u);
@@ -73,7 +73,7 @@ static double worst_imbalance(double tolerance, double speed) {
     return worst;
 }
 
-/* The moments balance for any shape from which the first pass starts. With the default tolerance, the imbalance is small, whether or not the motion is slow
+/* The moments balance for any shape from which the first pass starts. With the default tolerance, the imbalance is small, no matter whether the motion is slow
    enough for a single pass. */
 static void needle_is_in_equilibrium_with_its_bending(void **unused) {
     (void)unused;
@@ -171,7 +171,7 @@ static void bowed_needle_is_in_equilibrium(void **unused) {
 
 /* Moves a hand that changes its motion every 13 ms, in any direction and with rotation. */
 static pose next_hand(pose base, int tick, vec3 *velocity, double *turning, double *turn) {
-    static const double SPEED = 0.3, TURNING = 20.0, ROOM = 0.01; /* m/s; rad/s; m to each side */
+    static const double SPEED = 0.3, TURNING = 20.0, ROOM = 0.01; /* SPEED: m/s; TURNING: rad/s; ROOM: m to each side */
     vec3 start = lockstep_start().position;
     start.z += 0.06;
     if (tick % 13 == 0) {
@@ -186,8 +186,8 @@ static pose next_hand(pose base, int tick, vec3 *velocity, double *turning, doub
     return (pose){v3_axpy(1e-3, *velocity, base.position), {cos(0.5 * *turn), 0, 0, sin(0.5 * *turn)}};
 }
 
-/* The prediction of the needle's shape only gives the passes a better starting point: if the passes continue until they reach rounding error, they end at the
-   same equilibrium with and without the prediction. Each tick is run twice from the same state, once with the last step's motion and once without it. The scene
+/* The prediction of the needle's shape only gives the passes a better starting point: if they continue down to rounding errors, they end at the same equilibrium
+   with and without the prediction. Each tick is run twice from the same state, once with the last step's motion and once without it. The scene
    has no old tracks, where several equilibria may be close to each other. In a guide, friction depends on the previous passes, within the tolerance at the
    hole's edge; in that case, the prediction must save passes. */
 static void a_guess_is_only_a_better_start(void **unused) {
@@ -226,7 +226,8 @@ static void a_guess_is_only_a_better_start(void **unused) {
         }
         print_message("%s: %d passes, without a guess %d; forces differ by up to %.1e N of %.1f N\n", NAMES[kind], passes, passes_without, worst, peak);
         assert_true(kind > 0 || passes < passes_without);
-        const needle_model *needle = &l->parts.needle; /* force over a segment that corresponds to a joint rotated by the tolerance */
+        const needle_model *needle = &l->parts.needle;
+        /* the force on a segment that corresponds to a rotation of a joint by the tolerance */
         double left = needle->bending / pow(needle->segment_length, 2) * sqrt(c.insertion.tolerance / needle->given.length);
         assert_true(kind == 0 || worst < left);
         lockstep_free(l);

@@ -1,4 +1,4 @@
-/* Tests guides: buckling loads are compared with Euler's, and forces at the edge of a hole with beam theory; further, friction, the choice of the hole, and
+/* Tests guides: buckling loads are compared with Euler's, and forces at the edge of a hole with beam theory. Also tests friction, the choice of the hole, and
    several needles. */
 #include "insertion/guide/guides.h"
 
@@ -12,7 +12,7 @@
 #include "insertion/contact/contact_assembly.h"
 #include "lockstep.h"
 
-/* The scene of figure 8 with an exactly straight needle, as beam theory assumes. */
+/* The scene of figure 8 with an exactly straight needle, as assumed by beam theory. */
 static simulation_config straight_config(void) {
     simulation_config c = lockstep_config();
     c.needle.bow = 0.0;
@@ -47,7 +47,7 @@ static bench bench_create(int guide_count, const guide_config *guides) {
     return b;
 }
 
-/* True if the straight needle in its guides is stable under a dead load on its tip, according to the simulation's own criterion. */
+/* Returns true if the straight needle in its guides is stable under a dead load on its tip, according to the simulation's own criterion. */
 static bool is_stable(const bench *b, double load) {
     const tick_input *tick = &b->tick;
     insertion_state *state = &b->l->state;
@@ -87,7 +87,7 @@ static void beam_column(double bending, double length, double load, double k[4][
     memcpy(k, rows, sizeof rows);
 }
 
-/* True if a beam is stable that is clamped at one end and supported by springs at `span` and at its other end, `thickness` further along. */
+/* Returns true if a beam is stable that is clamped at one end and supported by springs at `span` and at its other end, `thickness` further along. */
 static bool beam_is_stable(double bending, double span, double thickness, double spring, double load) {
     double before[4][4], inside[4][4], k[4][4] = {{0}};
     beam_column(bending, span, load, before);
@@ -130,7 +130,7 @@ static void buckling_loads_are_eulers(void **unused) {
     guide_config g = hole_before_tip(start, length, edge, 0.0, d);
     b = bench_create(1, &g);
     check_load("guided at its end", &b, 2.0457 * pi2);
-    double thin = 4e-3; /* nearly a clamp: a third of the thickness can bend */
+    double thin = 4e-3; /* nearly clamped: a third of the plate's thickness can bend */
     g = hole_before_tip(start, length, thin + edge, thin, d);
     g.stiffness = 1e8;
     b = bench_create(1, &g);
@@ -148,7 +148,7 @@ static void buckling_loads_are_eulers(void **unused) {
 
 /* ---- the edge of a hole ---------------------------------------------------------------------------------------------------- */
 
-/* The needle is in the air, its base is moved sideways, and it bends at the edge of the hole, like a cantilever in series with the edge's compliance. */
+/* The base of a needle in the air is moved sideways. The needle bends at the edge of the hole, like a cantilever in series with the edge's compliance. */
 static void sideways_force_is_the_cantilevers(void **unused) {
     (void)unused;
     simulation_config c = straight_config();
@@ -178,7 +178,7 @@ static void sideways_force_is_the_cantilevers(void **unused) {
     lockstep_free(l);
 }
 
-/* A hole without clearance always touches the needle. Where it exerts no force, the passes must not try to reduce the residual below rounding error. */
+/* A hole without clearance always touches the needle. When it exerts no force, the passes must not try to reduce the residual below rounding error. */
 static void a_tight_hole_without_force_takes_one_pass(void **unused) {
     (void)unused;
     simulation_config c = straight_config();
@@ -336,7 +336,7 @@ static pose trembling(double t, unsigned seed, double before, double deep) {
 
 typedef struct { double peak, step, across; int passes, worst, touching; } trembling_result;
 
-/* Returns the largest force, the largest change of the force per tick, and the largest change per tick of its component across the axis. */
+/* Returns the largest force, the largest change of the force per tick, and the largest change per tick of the component across the axis. */
 static trembling_result tremble(lockstep *l, unsigned seed, double before, double deep, int ticks, double dt) {
     trembling_result r = {0};
     pose start = trembling(0.0, seed, before, deep);
@@ -357,7 +357,7 @@ static trembling_result tremble(lockstep *l, unsigned seed, double before, doubl
     return r;
 }
 
-/* The needle is in the air, without friction. With eight times as many ticks, the changes per tick decrease to an eighth, whereas a jump would not decrease. */
+/* The needle is in the air, without friction. With eight times as many ticks, the changes per tick decrease to an eighth, whereas a jump would not. */
 static void forces_are_continuous_at_the_clearance(void **unused) {
     (void)unused;
     enum { TICKS = 1000, FINER = 8 };
@@ -456,7 +456,7 @@ static lockstep *engaged(const simulation_config *config) {
 static vec3 force_on_guide(const lockstep *l) { return v3_add(l->state.guides[0].faces[0].force, l->state.guides[0].faces[1].force); }
 static vec3 force_on_tissue(const lockstep *l) { return v3_scale(-1.0, v3_add(l->wrench.force, force_on_guide(l))); }
 
-/* A rigid needle that sticks: a step of its base causes an equal step of the tissue's and of the plate's deformation. Only the tissue relaxes. */
+/* Uses a rigid needle that sticks: a step of its base causes an equal step of the tissue's and of the plate's deformation. Only the tissue relaxes. */
 static void check_held_step(vec3 way, double on_guide) {
     simulation_config relaxing = snug_scene(true), elastic = snug_scene(false);
     simulation_config *both[] = {&relaxing, &elastic};
@@ -567,8 +567,9 @@ static double bow(const lockstep *l) {
 }
 
 /* The needle is pushed through a template against stiff skin that is never punctured. Two springs at the plate's faces support the end of the span between hand
-   and plate. Beyond Euler's load for this span, the needle buckles and keeps bearing that load; by the elastica, 1 % more at a bow of a tenth of the span.
-   Without a template it buckles at 10 N. */
+   and plate. Beyond Euler's load for this span, the needle buckles and keeps bearing that load; according to the elastica, the load is 1 % higher at a bow of a
+   tenth of the span.
+   Without a template, it buckles at 10 N. */
 static void a_template_lets_the_needle_bear_more(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();

@@ -8,7 +8,7 @@
 #include <stddef.h>
 #include <cmocka.h>
 
-/* Without viscous terms, and with equal static and kinetic friction, so that the exact force curve is known. */
+/* A scene without viscous terms and with equal static and kinetic friction, so that the exact force curve is known. */
 static simulation_config dry_config(void) {
     simulation_config c = lockstep_config();
     for (int i = 0; i < c.region_count; i++) {
@@ -38,7 +38,7 @@ static void axial_force_is_cutting_plus_friction_times_depth(void **unused) {
     lockstep_free(l);
 }
 
-/* Membranes are punctured at the scene's forces, which the base feels in addition to the shaft's friction. */
+/* Membranes are punctured at the forces given in the scene, which the base feels in addition to the shaft's friction. */
 static void membranes_puncture_at_their_forces(void **unused) {
     (void)unused;
     simulation_config c = dry_config();
@@ -87,7 +87,7 @@ static void force_drops_after_the_skin(void **unused) {
     }
 }
 
-/* Without viscosity, the tip advances as fast as the tissue springs back: more slowly than a shear wave, whatever the length of the tick. */
+/* Without viscosity, the tip advances as fast as the tissue springs back: more slowly than a shear wave, however long the tick is. */
 static void tissue_springs_back_slower_than_waves(void **unused) {
     (void)unused;
     simulation_config c = dry_config();
@@ -131,7 +131,7 @@ static void tip_friction_on_the_skin_is_about_its_normal(void **unused) {
     }
 }
 
-/* Prints force and torque of a run and compares them with those of another run. */
+/* Prints the force and the torque of a run and compares them with those of another run. */
 static void assert_alike(const char *what, double value, const figure8_record *a, const figure8_record *b, double shift, double limit) {
     double force = figure8_difference(a, b, 0, 3, shift), torque = figure8_difference(a, b, 3, 6, shift);
     print_message("%g %s: force differs by %.5f, torque by %.5f of the peak\n", value, what, force, torque);
@@ -247,7 +247,7 @@ static void reinsertion_repeats_the_first_insertion(void **unused) {
 static void needle_leaves_on_the_far_side_and_comes_back(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();
-    pose start = {v3(-0.06, 0.0, 0.03), q_exp(v3(0, M_PI / 2, 0))}; /* along +x, through the side faces of the body, which is 100 mm wide */
+    pose start = {v3(-0.06, 0.0, 0.03), q_exp(v3(0, M_PI / 2, 0))}; /* the needle points along +x, through the side faces of the body, which is 100 mm wide */
     start.position.x = -0.255;
     lockstep *l = lockstep_create(&c, start);
     unsigned seen = 0;
@@ -278,7 +278,8 @@ static void degenerate_paths_are_handled(void **unused) {
     int aimed = 0;
     for (int i = 0; i < m->node_count && aimed < 24; i++) {
         vec3 x = m->nodes[i];
-        if (x.z > 0.0 || fabs(x.x) > 0.04 || fabs(x.y) > 0.03) continue; /* skin nodes: first straight through each of them, then toward inner nodes */
+        if (x.z > 0.0 || fabs(x.x) > 0.04 || fabs(x.y) > 0.03) continue; /* at each node of the skin, the needle first enters straight, then points toward inner
+                                                                            nodes */
         aimed++;
         int inner = (i * 37 + 11) % m->node_count;
         vec3 way = v3_sub(m->nodes[inner], x);
@@ -346,7 +347,7 @@ static void buckled_needle_recovers(void **unused) {
     }
     assert_int_equal(l->state.tip.place.phase, TIP_FREE);
     assert_true(v3_norm(l->wrench.force) == 0.0);
-    lockstep_move(l, v3(0.005, 0, 0), 0.1, 1e-3); /* away from its old track */
+    lockstep_move(l, v3(0.005, 0, 0), 0.1, 1e-3); /* away from the needle's old track */
     lockstep_move(l, v3(0, 0, 0.03), 0.5, 1e-3);
     assert_true(l->wrench.force.z < -0.3);
     lockstep_free(l);
@@ -410,7 +411,7 @@ static void needle_found_in_the_tissue_is_engaged_without_force(void **unused) {
     lockstep_free(l);
 }
 
-/* State and snapshot are plain data: a run that continues from a restored copy gives bit-identical results. */
+/* The state and the snapshot are plain data: a run that continues from a restored copy gives bit-identical results. */
 static void restored_state_continues_bit_identically(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();

@@ -61,9 +61,10 @@ static void correction_is_small_on_fine_meshes(void **state) {
     destroy();
 }
 
-/* Force per metre of displacement of a disc of 0.635 mm in tissue with E = 20 kPa and nu = 0.45, for a disc at the end of a hole and for one bonded to a
+/* Force per metre of displacement for a disc with a radius of 0.635 mm in tissue with E = 20 kPa and nu = 0.45, for a disc at the end of a hole and for one
+   bonded to a
    surface. The values come from finite elements that resolve the disc (tests/verification/references/resolved_needle.json: tip_disc and skin_disc). The last
-   argument is 0 for a mesh that resolves none of the displacement. */
+   argument is 0 because the mesh resolves none of the displacement. */
 static void single_tip_matches_resolved_disc(void **state) {
     (void)state;
     create(0.0, true);
@@ -81,7 +82,7 @@ static void single_tip_matches_resolved_disc(void **state) {
 
 static double along(plane_tensor t, double x, double y) { return x * x * t.xx + 2.0 * x * y * t.xy + y * y * t.yy; }
 
-/* The compliance agrees for any direction of the track. */
+/* The compliance agrees with the formulas for any direction of the track. */
 static void directions_across_are_kept_apart(void **state) {
     (void)state;
     for (int n = 0; n < 200; n++) {
@@ -102,7 +103,7 @@ static void directions_across_are_kept_apart(void **state) {
     }
 }
 
-/* The compliance of the tip at depth, distributed around its end face. */
+/* Tests the compliance of a tip deep in the tissue, distributed around its end face. */
 static double tip_at(int tet, vec3 x) { return local_at_tip(&model, tet, x, 0.02, 0.0, 0.0); }
 
 static void continuous_across_faces(void **state) {
@@ -135,7 +136,7 @@ static void unique_values_at_edges_and_nodes(void **state) {
     create(0.1, false);
     for (int n = 0; n < 200; n++) {
         int tet = rand() % body.mesh.tet_count, a = body.mesh.tets[tet][n % 4], b = body.mesh.tets[tet][(n + 1 + n / 4 % 3) % 4];
-        double at = n % 5 == 0 ? 1.0 : 0.4; /* 1 places the point on node a */
+        double at = n % 5 == 0 ? 1.0 : 0.4; /* a weight of 1 places the point on node a */
         vec3 x = v3_axpy(at, v3_sub(body.mesh.nodes[a], body.mesh.nodes[b]), body.mesh.nodes[b]);
         double here = tip_at(tet, x);
         int others = 0;

@@ -1,4 +1,4 @@
-/* At the end of an old track, the tissue beyond it resists immediately. Close to an earlier puncture, a membrane counts as partly torn. Tissue springs back
+/* Tests old tracks: at their end, the tissue beyond resists immediately. Close to an earlier puncture, a membrane counts as partly torn. Tissue springs back
    into a track no faster than into intact tissue. */
 #include "lockstep.h"
 
@@ -9,7 +9,7 @@
 
 static const double SPEED = 0.02, DT = 1e-3; /* m/s, s */
 
-/* Returns the increase of force per metre (N/m) when the hand advances and the tip does not move. */
+/* Returns the increase of force per metre (N/m) when the hand advances while the tip does not move. */
 static double stiffness_of(lockstep *l) {
     insertion_state before = l->state;
     pose base = l->base;
@@ -31,7 +31,8 @@ static double stiffness_of(lockstep *l) {
    drops by the elastic force over that length and by the viscous force, which is zero while the tip rests at the end. */
 static void a_short_track_gives_back_its_length(void **state) {
     (void)state;
-    static const double LENGTHS[] = {1.5e-5, 1e-4, 3e-4}; /* m; if nothing resisted behind the piece of track, the tip would spring forward by more than this */
+    static const double LENGTHS[] = {1.5e-5, 1e-4, 3e-4}; /* m; without resistance beyond the piece of track, the tip would spring forward by more than any of
+                                                             these lengths */
     for (int i = 0; i < 3; i++) {
         simulation_config config = lockstep_config();
         lockstep *l = lockstep_create(&config, lockstep_start());
@@ -63,9 +64,9 @@ static void a_tip_rests_at_the_end(void **state) {
     simulation_config config = lockstep_config();
     lockstep *l = lockstep_create(&config, lockstep_start());
     lockstep_move(l, v3(0, 0, 0.031), 0.031 / SPEED, DT);
-    for (int k = 0; k < 50; k++) lockstep_tick(l, l->base, DT); /* the tip keeps cutting for a moment */
+    for (int k = 0; k < 50; k++) lockstep_tick(l, l->base, DT); /* meanwhile, the tip keeps cutting for a moment */
     double end = l->state.tip.place.depth;
-    for (int k = 0; k < 500; k++) { /* likewise for a moment after the motion is reversed */
+    for (int k = 0; k < 500; k++) { /* it also keeps cutting for a moment after the motion is reversed */
         lockstep_move(l, v3(0, 0, -SPEED * DT), DT, DT);
         end = fmax(end, l->state.tip.place.depth);
     }
@@ -106,7 +107,7 @@ static void a_membrane_is_torn_beside_a_puncture(void **state) {
     }
 }
 
-/* A needle is pressed against hard tissue and held there, with a track of this length ahead of it (m; 0: no track). */
+/* A needle is pressed against hard tissue and held there, with a track of length `ahead` (m; 0: no track) in front of it. */
 static lockstep *pressed_before_a_track(double whole, double left, double length) {
     simulation_config config = lockstep_config();
     lockstep *l = lockstep_create(&config, lockstep_start());

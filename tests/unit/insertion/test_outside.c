@@ -1,4 +1,5 @@
-/* A shaft that is pushed into a body from the side bears no force there, and a flag reports this. A needle that enters with its tip does not set the flag. */
+/* Tests that a shaft pushed into a body from the side bears no force there, and that a flag reports this. A needle that enters with its tip does not set the
+   flag. */
 #include "lockstep.h"
 
 #include <setjmp.h>
@@ -27,7 +28,7 @@ static void a_shaft_laid_into_the_body_is_told(void **unused) {
     lockstep_free(l);
 }
 
-/* While an inserted needle is moved sideways, deeper and out, at any speed, its track is known. */
+/* While an inserted needle is moved sideways, further in or out, at any speed, its track is known. */
 static void an_insertion_is_not(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();

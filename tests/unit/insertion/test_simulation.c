@@ -1,4 +1,5 @@
-/* Saves a state and restores it, into the same simulation after other motions or into another simulation: the subsequent results are bit-identical. */
+/* Tests that a saved state can be restored, either into the same simulation after other motions or into another simulation: the subsequent results are
+   bit-identical. */
 #include "lockstep.h"
 
 #include <setjmp.h>
@@ -30,7 +31,7 @@ static void restore(lockstep *l, const checkpoint *saved) {
     l->base = l->state.needle.base;
 }
 
-/* Takes another path from the same point with as many new nodes, so that node numbers are reused. */
+/* Moves along another path from the same point with as many new nodes, so that node numbers are reused. */
 static void make_a_detour(lockstep *l) {
     lockstep_move(l, v3(-0.003, 0.004, 0.012), 0.3, 1e-3);
     lockstep_move(l, v3(0, 0, -0.030), 0.3, 1e-3);
@@ -88,7 +89,7 @@ static void restored_at_rest_engages_again(void **unused) {
     lockstep_free(l);
 }
 
-/* Results are bit-identical for `nested` with a stored inverse; in other cases they agree to rounding error. */
+/* Results are bit-identical for `nested` with a stored inverse; in other cases, they agree except for rounding errors. */
 static void every_method_and_inverse_can_be_restored(void **unused) {
     (void)unused;
     char directory[] = "/tmp/test_simulation.XXXXXX", command[64];
@@ -150,7 +151,7 @@ static void every_inverse_gives_the_same_forces(void **unused) {
     assert_int_equal(system(command), 0);
 }
 
-/* As in the server, one tick returns no force, and then the insertion restarts at the needle's position. */
+/* As in the server, one tick returns no force; then the insertion restarts at the needle's position. */
 static void non_finite_state_restarts(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();
@@ -165,7 +166,8 @@ static void non_finite_state_restarts(void **unused) {
         assert_true(insertion_is_finite(&l->state, &l->wrench));
     }
     assert_false(l->wrench.events & EVENT_UNSTABLE);
-    assert_true(l->wrench.depth > depth && l->wrench.depth < depth + 0.0105); /* the base advanced by 10.1 mm, and the tissue yielded */
+    assert_true(l->wrench.depth > depth && l->wrench.depth < depth + 0.0105); /* the base advanced by 10.1 mm, and the tissue yielded by part of that distance
+                                                                                 */
     assert_true(v3_norm(l->wrench.force) > 0.1);
     lockstep_free(l);
 }

@@ -19,7 +19,7 @@ static const double RADIUS = 0.635e-3, MU = 6897.0; /* m, Pa */
 
 /* ---- laws ----------------------------------------------------------------------------------------------------------------- */
 
-/* Returns the shear strain under a stress of `stress` mu, found by bisection. */
+/* Returns the shear strain under a stress of `stress` times mu, found by bisection. */
 static double shear_under(double stress, double stiffening) {
     double low = 0.0, high = stress;
     for (int i = 0; i < 100; i++) {
@@ -30,7 +30,7 @@ static double shear_under(double stress, double stiffening) {
 }
 
 /* Integrates the difference between the shear strain and its linear value over the distance from the axis or the tip; the stress at the distance rho is
-   `stress` mu (r / rho)^power. */
+   `stress` times mu (r / rho)^power. */
 static double shift_by_quadrature(double stress, double stiffening, int power) {
     const int n = 20000;
     double sum = 0.0, step = log(1e5) / n;
@@ -45,11 +45,12 @@ static void laws_are_integrals_of_the_shear(void **unused) {
     (void)unused;
     for (double stiffening = 0.05; stiffening < 100; stiffening *= 8.0)
         for (double stress = 0.05; stress < 50; stress *= 5.0) {
-            double force = stress * 2.0 * M_PI * MU * RADIUS * 0.01, stiffness = 2.0 * M_PI * MU * 0.01; /* for 10 mm of shaft */
+            double force = stress * 2.0 * M_PI * MU * RADIUS * 0.01, stiffness = 2.0 * M_PI * MU * 0.01; /* force on 10 mm of shaft, and stiffness of the tissue
+                                                                                                            around it */
             stiffening_law law = stiffening_of_shaft(stiffening, RADIUS, stiffness, INFINITY);
             double expected = shift_by_quadrature(stress, stiffening, 1), got = stiffening_at(&law, force).shift;
             assert_close(got, expected, 1e-5 * fabs(expected));
-            /* the field of the tip, in units in which its linear displacement is `stress` radii */
+            /* The field of the tip, in units in which its linear displacement is `stress` radii */
             law = stiffening_of_tip(stiffening, RADIUS, 1.0, 1.0, 1.0, INFINITY);
             force = stress * RADIUS;
             double unit = force * law.scale / sqrt(2.0 * stiffening) / stress; /* stress of the field per unit of that linear displacement */
@@ -86,7 +87,8 @@ static void laws_are_smooth_and_limited(void **unused) {
     assert_int_equal(stiffening_of_tip(1.0, RADIUS, 0.03, 0.0, 6.0, 0.01).field, NOT_STIFFENING); /* bone */
 }
 
-/* Force (N) on a disc that is bonded to the surface of a block of 60 x 60 mm (radius x height) and pressed in, with E = 20 kPa, nu = 0.45 and r = 0.635 mm.
+/* Tests the force (N) on a disc that is bonded to the surface of a block of 60 x 60 mm (radius x height) and pressed in, with E = 20 kPa, nu = 0.45 and r =
+   0.635 mm.
    Computed with CalculiX (tests/verification/references/pressed_disc.py; element size at the rim 0.1 r for S = 0.2, and 0.3 r for S = 1). The law was fitted
    only to the value for S = 1 at 1.6 mm. */
 static void disc_matches_resolved_elements(void **unused) {
@@ -128,7 +130,7 @@ static simulation_config stuck(double stiffening) {
 static void without_stiffening_all_bits_are_the_same(void **unused) {
     (void)unused;
     simulation_config plain = lockstep_config(), other = plain;
-    assert_string_equal(other.regions[0].name, "prostate"); /* which begins at a depth of 35 mm */
+    assert_string_equal(other.regions[0].name, "prostate"); /* the stiffening region, which begins at a depth of 35 mm */
     other.regions[0].material.stiffening = 10.0;
     lockstep *a = lockstep_create(&plain, lockstep_start()), *b = lockstep_create(&other, lockstep_start());
     for (int i = 1; i <= 500; i++) {
@@ -261,7 +263,7 @@ static void relaxing_spring_relaxes(void **unused) {
 
 enum { TICKS = 400, RUNS = 5 };
 
-/* Measures the processor time (s) of ticks that move the needle in and out by 1 mm, at 50 mm/s or less. */
+/* Measures the processor time (s) of ticks that move the needle in and out by 1 mm, at no more than 50 mm/s. */
 static void time_ticks(lockstep *l, double *times, double *passes) {
     pose start = l->base;
     for (int i = 0; i < TICKS; i++) {
@@ -369,7 +371,8 @@ static simulation_config one_tissue(double modulus, double stiffening, double pu
     return c;
 }
 
-/* Okamura, Simone and O'Leary 2004: indenting bovine liver by d mm takes 0.0061 d^2 + 0.0480 d N, up to 16 mm. E and S are fitted to the forces at 1 mm and at
+/* Okamura, Simone and O'Leary 2004: indenting bovine liver by d mm, up to 16 mm, takes a force of 0.0061 d^2 + 0.0480 d N. E and S are fitted to the forces at
+   1 mm and at
    16 mm; the values in between show whether the shape of the curve is correct. */
 static void indentation_follows_liver(void **unused) {
     (void)unused;

@@ -150,7 +150,7 @@ static lockstep *released_before_the_capsule(double before, double puncture_forc
     double chord = INFINITY;
     int steps = 0;
     for (bool ahead = false; !ahead || chord > before; steps++) {
-        assert_true(steps < 10000); /* 200 mm; the capsule must be reached before that */
+        assert_true(steps < 10000); /* 10000 steps correspond to 200 mm, and the capsule must be reached earlier */
         lockstep_move(l, v3(0, 0, 2e-5), 1e-3, 1e-3);
         int face = tip->place.phase == TIP_INSIDE ? mesh_exit(&l->parts.mesh, tip->place.tet, tip->place.nominal, tip->place.direction, &chord) : -1;
         ahead = face >= 0 && l->parts.mesh.face_groups[tip->place.tet][face] >> l->parts.membranes[1].group & 1;

@@ -1,4 +1,4 @@
-/* The direction of a recorded track varies as smoothly as the path that was cut. */
+/* Tests that the direction of a recorded track varies as smoothly as the path that was cut. */
 #include "insertion/state/track_list.h"
 
 #include <setjmp.h>
@@ -7,14 +7,15 @@
 #include <stdlib.h>
 #include <cmocka.h>
 
-static const double BEND = 0.15, LENGTH = 0.06, STEP = 5e-5; /* m: radius, as for the track of a bevelled needle; length of the track; length cut in a tick */
+static const double BEND = 0.15, LENGTH = 0.06, STEP = 5e-5; /* m; BEND: radius, like that of a bevelled needle's track; LENGTH: length of the track; STEP:
+                                                                length cut per tick */
 
 static vec3 point_at(double s) { return v3(BEND * (1.0 - cos(s / BEND)), 0, BEND * sin(s / BEND)); }
 static vec3 direction_at(double s) { return v3(sin(s / BEND), 0, cos(s / BEND)); }
 
 static double angle_between(vec3 a, vec3 b) { return atan2(v3_norm(v3_cross(a, b)), v3_dot(a, b)); }
 
-/* Records an arc with unevenly spaced points: one membrane lies just behind a point, and two membranes lie at one place. */
+/* Records an arc with unevenly spaced points: one membrane lies just behind a point, and two membranes lie at the same position. */
 static track_list *cut_arc(void) {
     track_list *list = calloc(1, sizeof *list);
     int steps = (int)(LENGTH / STEP + 0.5);
@@ -50,7 +51,7 @@ static void direction_turns_evenly(void **state) {
     free(list);
 }
 
-/* A track that reverses its direction has a direction even at its turning point. */
+/* A track that reverses has a direction even at its turning point. */
 static void a_track_may_turn_back(void **state) {
     (void)state;
     track_list *list = calloc(1, sizeof *list);

@@ -1,4 +1,4 @@
-/* The cache directory of condensed inverses has a limited size. test_inverse_condensed.c tests the contents of the files. */
+/* Tests that the cache directory of condensed inverses has a limited size. test_inverse_condensed.c tests the contents of the files. */
 #include <fcntl.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -18,7 +18,7 @@
 static char directory[] = "/tmp/test_cache.XXXXXX";
 
 enum { FILES = 5, BYTES = 1000 };
-/* Files with the times (s) at which they were last used; one is unfinished, and one belongs to another program. */
+/* Files and the times (s) at which they were last used; one file is unfinished, and one belongs to another program. */
 static const struct { const char *name; long used; } files[FILES] = {
     {"condensed-00000000000000aa.h5", 300}, {"condensed-00000000000000bb.h5", 100}, {"condensed-00000000000000cc.h5", 200},
     {"condensed-00000000000000dd.h5.123", 150}, {"condensed-milk.h5", 1}};

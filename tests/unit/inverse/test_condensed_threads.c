@@ -1,4 +1,4 @@
-/* Two threads need a condensed inverse for the first time simultaneously: the first picture does not wait for the factorisation. */
+/* Tests that the first picture does not wait for the factorisation if two threads simultaneously need a condensed inverse for the first time. */
 #include <pthread.h>
 #include <semaphore.h>
 #include <setjmp.h>

@@ -1,4 +1,4 @@
-/* Compares conjugate gradients and their coarse space with CHOLMOD's solution, from good and bad starting points. A problem that cannot be solved is
+/* Compares conjugate gradients and their coarse space with CHOLMOD's solution, from good and bad starting points. Also tests that an unsolvable problem is
    reported. */
 #include <setjmp.h>
 #include <stdarg.h>
@@ -40,7 +40,7 @@ static int destroy(void **state) {
     return 0;
 }
 
-/* Starts from zero, near the solution, far from it, from the solution for a much larger force, and from NaN, without and with a coarse space. */
+/* Starts from zero, from near the solution, from far away, from the solution for a much larger force, and from NaN, each with and without a coarse space. */
 static void the_solution_does_not_depend_on_the_start(void **state) {
     (void)state;
     coarse_space *coarse = coarse_space_create(&body.tissue);
@@ -142,7 +142,7 @@ static cholmod_sparse *with_diagonal(double factor) {
     return k;
 }
 
-/* Matrices with positive, negative and zero diagonals. */
+/* Tests matrices with positive, negative and zero diagonals. */
 static void an_indefinite_matrix_is_refused(void **state) {
     (void)state;
     static const double factors[] = {0.9, 0.5, -1.0, 0.0};
@@ -156,13 +156,13 @@ static void an_indefinite_matrix_is_refused(void **state) {
         cholmod_free_sparse(&indefinite, &body.tissue.common);
     }
     int start[] = {0, 2, 3}, row[] = {0, 1, 1};
-    double value[] = {1, 2, 1}, f[] = {1, -1}, u[] = {0, 0}; /* the eigenvalues are 3 and -1 */
+    double value[] = {1, 2, 1}, f[] = {1, -1}, u[] = {0, 0}; /* an indefinite matrix with the eigenvalues 3 and -1 */
     cholmod_sparse two = {.nrow = 2, .ncol = 2, .nzmax = 3, .p = start, .i = row, .x = value, .stype = -1, .itype = CHOLMOD_INT,
                           .xtype = CHOLMOD_REAL, .sorted = 1, .packed = 1};
     assert_false(conjugate_gradients(&two, NULL, TOLERANCE, STEPS, f, u));
 }
 
-/* -u'' = 1 between fixed ends: the number of iterations increases with the number of unknowns. */
+/* Solves -u'' = 1 between fixed ends, for which the number of iterations increases with the number of unknowns. */
 static void steps_are_limited(void **state) {
     (void)state;
     enum { MANY = 20000 };

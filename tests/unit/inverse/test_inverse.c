@@ -98,7 +98,7 @@ static void all_blocks_match_lapack(void **state) {
     reference_free(&expected);
 }
 
-/* Compares the stiffness matrix that the oracles update with the inverse: multiplying by either must be consistent. */
+/* Compares the stiffness matrix that the oracles update with the inverse: their products with a vector must be consistent. */
 static void dense_matrix_uses_the_numbering_of_the_tissue(void **state) {
     (void)state;
     size_t n = (size_t)body.tissue.dof_count;

@@ -1,5 +1,5 @@
-/* Compares the inverse with attached needles or probes, dense and sparse, with a factorisation of K + P S P^T from scratch, and the attachments' responses with
-   the displacements given by this matrix. Unchanged parts must remain bit-identical. */
+/* Compares the inverse with attached needles or probes, dense and sparse, with K + P S P^T factorised from scratch, and the attachments' responses with the
+   displacements that this matrix gives. Unchanged parts must remain bit-identical. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -39,7 +39,7 @@ void *__wrap_calloc(size_t count, size_t size) { return out_of_memory ? NULL : _
 
 #define OK(call) do { if ((call) != TROCAR_OK) fail_msg("%s: %s", #call, why.text); } while (0)
 
-/* Makes an attachment with three components at random points, the last row being outside the tissue. The last attachment is held; the others can move
+/* Creates an attachment with three components at random points, of which the last row is outside the tissue. The last attachment is held; the others can move
    freely. */
 static void make_thing(thing *t) {
     double root[ROWS][ROWS];
@@ -83,7 +83,7 @@ static int destroy(void **state) {
     return 0;
 }
 
-/* Solves A X = B in place, with n x n matrix A, `count` columns of B, all column-major; A is overwritten. */
+/* Solves A X = B in place. A is n x n and is overwritten; B has `count` columns; both are column-major. */
 static void solve(int n, double *a, int count, double *b) {
     lapack_int pivots[N];
     assert_int_equal(LAPACKE_dgesv(LAPACK_COL_MAJOR, n, count, a, n, pivots, b, n), 0);
@@ -152,7 +152,7 @@ static void check_blocks(inverse *base) {
     inverse *inv;
     int n = body.tissue.dof_count;
     OK(inverse_create_attached(base, &inv, &why));
-    for (int set = 0; set < 4; set++) { /* from one set to the next, some attachments remain, at other indices */
+    for (int set = 0; set < 4; set++) { /* from one set to the next, some attachments remain, but at other indices */
         double worst = 0.0;
         attach(inv, counts[set], sets[set]);
         reference(counts[set], sets[set], expected);
@@ -191,11 +191,12 @@ static void forces_and_motions_close_the_gaps(void **state) {
     assert_int_equal(inverse_attached_motions(inv), 2 * FREE);
     for (int i = 0; i < LOADS; i++) nominal[nodes[i] = 20 + 15 * i] = force[i] = cube_random_vector(1.0);
     OK(inverse_attached_response(inv, &(nodal_forces){LOADS, nodes, force}, df, q, &why));
-    out_of_memory = true; /* an attachment is never silently omitted */
+    out_of_memory = true; /* even if memory runs out, no attachment is omitted */
     inverse_apply(inv, nominal, u);
     out_of_memory = false;
     inverse_apply(body.inverse, nominal, alone);
-    OK(inverse_attached_displace(inv, df, CUBE_NODES, all, alone, &why)); /* due to the loads and the attachments' forces, without attachments */
+    OK(inverse_attached_displace(inv, df, CUBE_NODES, all, alone, &why)); /* displacements due to the loads and the attachments' forces, computed without
+                                                                             attachments */
     double size = 0.0, strength = 0.0;
     for (int i = 0; i < CUBE_NODES; i++) size = fmax(size, v3_norm(u[i]));
     for (int i = 0; i < ALL; i++) strength = fmax(strength, fabs(df[i]));

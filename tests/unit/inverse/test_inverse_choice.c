@@ -1,4 +1,4 @@
-/* Tests the choice of the inverse, and the reason given for it, in every case. */
+/* Tests which inverse is chosen, and the reason given for the choice, in every case. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>

@@ -32,7 +32,7 @@ double __wrap_memory_most(void) { return memory_ever; }
 
 /* Behaviour of the coarse space: normal, out of memory, or misleading (as for a gland 2000 times stiffer than its surroundings at nu = 0.499). */
 static enum { COARSE_WORKS, COARSE_FAILS, COARSE_MISLEADS, COARSE_IS_NOT_FINITE } coarse_way;
-static int coarse_calls, coarse_good; /* number of calls, and number of initial calls that succeed in any case */
+static int coarse_calls, coarse_good; /* number of calls, and number of initial calls that always succeed */
 bool __real_coarse_space_solve(coarse_space *c, const double *force, double *motion);
 bool __wrap_coarse_space_solve(coarse_space *c, const double *force, double *motion);
 bool __wrap_coarse_space_solve(coarse_space *c, const double *force, double *motion) {
@@ -76,7 +76,7 @@ typedef struct {
     char path[1200];         /* path of the cache file */
 } condensed;
 
-/* Starts as a new process would, for which only the file of the previous start exists. */
+/* Starts as a new process would, which finds only the file of the previous start. */
 static void start(condensed *c, double stiffness) {
     report why;
     static region_material materials[2];
@@ -148,7 +148,8 @@ static void fields_need_no_factorisation(void **state) {
     assert_int_equal(unlink(c.path), 0);
 }
 
-/* After that, fields are computed without the coarse space, including those that start from the last field, and the coarse space is not tried again. */
+/* After a failure of the coarse solve, fields are computed without the coarse space, including those that start from the last field, and the coarse space is
+   not tried again. */
 static void a_coarse_space_that_does_not_help_is_given_up(void **state) {
     (void)state;
     for (coarse_way = COARSE_FAILS; coarse_way <= COARSE_IS_NOT_FINITE; coarse_way++)
@@ -173,7 +174,7 @@ static void a_coarse_space_that_does_not_help_is_given_up(void **state) {
     coarse_way = COARSE_WORKS;
 }
 
-/* The error of an entry is small compared with the compliances of its two nodes, and the file has half the size. Diagonal blocks are exactly symmetric. */
+/* The error of an entry is small compared with the compliances of its two nodes, and the file is half as large. Diagonal blocks are exactly symmetric. */
 static void single_precision_takes_half_the_room(void **state) {
     (void)state;
     condensed c;
@@ -345,7 +346,7 @@ static void different_tissues_use_different_files(void **state) {
     assert_true(says(&stiff, "written to"));
     stop(&stiff);
     assert_string_not_equal(soft.path, stiff.path);
-    assert_int_equal(rename(stiff.path, soft.path), 0); /* stale: the file has the correct name but belongs to another tissue */
+    assert_int_equal(rename(stiff.path, soft.path), 0); /* a stale file: its name is correct, but it belongs to another tissue */
     start(&soft, 1.0);
     assert_true(says(&soft, "damaged"));
     assert_blocks(&soft, REGION, region);
@@ -353,7 +354,7 @@ static void different_tissues_use_different_files(void **state) {
     assert_int_equal(unlink(soft.path), 0);
 }
 
-/* Expects that no inverse can be computed for the body's own tissue; the caller frees the tissue. */
+/* Checks that no inverse can be computed for the body's own tissue; the caller frees the tissue. */
 static report refused(tissue *t, condensed_region wanted, trocar_status expected) {
     inverse *inv;
     report notice, why;
@@ -364,8 +365,8 @@ static report refused(tissue *t, condensed_region wanted, trocar_status expected
     return why;
 }
 
-/* The error occurs before the elimination. The message contains both memory sizes and the remedy, and for a file from another machine also its path. The same
-   holds for the whole factor. */
+/* The error occurs before the elimination. The message contains the required and the available memory, the remedy and, for a file from another machine, its
+   path. The same holds for the whole factor. */
 static void too_little_memory_is_reported_beforehand(void **state) {
     (void)state;
     tissue t;

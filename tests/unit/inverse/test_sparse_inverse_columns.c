@@ -32,7 +32,7 @@ static int destroy(void **state) {
     return 0;
 }
 
-/* Assembles and factorises the matrix; the `last_count` nodes from node 40 on, if any, are eliminated last. */
+/* Assembles and factorises the matrix; the `last_count` nodes starting at node 40, if any, are eliminated last. */
 static void assemble_and_factor(int last_count, tissue *t) {
     report why;
     int last[LAST];

@@ -1,5 +1,5 @@
 /* After the elimination of all other nodes, the region's stiffness is compared with the inverse of the whole matrix by LAPACK; on a larger mesh, with fronts of
-   several panels, it is compared with CHOLMOD's factor. The memory estimate is compared with the amount counted by malloc. */
+   several panels, it is compared with CHOLMOD's factor. The memory estimate is compared with the amount that malloc reports. */
 #include <cblas.h>
 #include <lapacke.h>
 #include <malloc.h>
@@ -17,18 +17,19 @@
 
 #include "check.h"
 
-enum { CELLS = 8, SIDE = CELLS + 1, BOX = SIDE * SIDE * SIDE }; /* cells along an edge of the box, enough for the dissection to divide it several times */
+enum { CELLS = 8, SIDE = CELLS + 1, BOX = SIDE * SIDE * SIDE }; /* number of cells along an edge of the box, enough for the dissection to divide it several
+                                                                   times */
 static const region_material materials[2] = {{.youngs_modulus = 15e3, .poisson_ratio = 0.45}, {.youngs_modulus = 60e3, .poisson_ratio = 0.3}};
 
 typedef struct {
-    int cells;               /* cells along each edge */
+    int cells;               /* number of cells along each edge */
     vec3 corner, spacing;
     quat turn;
 } box;
 
 static int cubed(int n) { return n * n * n; }
 
-/* Makes a mesh of boxes that do not touch, with Kuhn's six tetrahedra per cell; the lower part is soft, the upper part stiff. */
+/* Creates a mesh of boxes that do not touch, with Kuhn's six tetrahedra per cell; the lower part is soft, the upper part stiff. */
 static mesh mesh_of(int count, const box *boxes) {
     static const int orders[6][3] = {{0, 1, 2}, {1, 2, 0}, {2, 0, 1}, {0, 2, 1}, {2, 1, 0}, {1, 0, 2}};
     report why;
@@ -63,7 +64,7 @@ static mesh mesh_of(int count, const box *boxes) {
 
 static box upright(int cells, double x) { return (box){cells, v3(x, 0.0, 0.0), v3(0.01, 0.01, 0.01), q_exp(v3(0.0, 0.0, 0.0))}; }
 
-/* Makes one box, or two boxes next to each other. */
+/* Creates one box, or two boxes next to each other. */
 static mesh boxes(int count) { return mesh_of(count, (box[]){upright(CELLS, 0.0), upright(CELLS, 0.1)}); }
 
 /* Returns K^-1, dof_count x dof_count. */
@@ -134,7 +135,7 @@ static bool in_column(const mesh *m, int n, int box) {
     return n / BOX == box && fabs(m->nodes[n].x - 0.1 * box - 0.04) < 0.015 && fabs(m->nodes[n].y - 0.04) < 0.015;
 }
 
-/* Tests these regions: a column through the body, starting at its fixed face; single nodes; two separate pieces; a single node; all nodes. */
+/* Tests these regions: a column through the body, starting at its fixed face; scattered nodes; two separate pieces; a single node; all nodes. */
 static void regions_agree_with_the_whole_inverse(void **state) {
     (void)state;
     static bool fixed[BOX];
@@ -170,7 +171,7 @@ static void bodies_may_be_apart(void **state) {
     mesh_free(&m);
 }
 
-/* A body that is not fixed, or that can rotate about two nodes, with the region inside it or in another body. */
+/* Tests a body that is not fixed, or that can rotate about two nodes, with the region inside it or in another body. */
 static void loose_body_is_refused(void **state) {
     (void)state;
     static int region[BOX];
@@ -198,15 +199,15 @@ static void loose_body_is_refused(void **state) {
     mesh_free(&m);
 }
 
-/* Random numbers that no library affects (METIS calls srand). */
+/* A random number generator that no library affects (METIS calls srand). */
 static unsigned any(unsigned below) {
     static unsigned long long state = 1;
     state = state * 6364136223846793005ULL + 1442695040888963407ULL;
     return (unsigned)(state >> 33) % below;
 }
 
-/* A second body of about ten nodes next to one of thousands: it can rotate about two fixed nodes, whose axis has any direction, and it lies in the region or
-   outside. */
+/* Tests a body of about ten nodes next to one of thousands. The small body can rotate about two fixed nodes, whose axis has an arbitrary direction, and lies
+   inside or outside the region. */
 static void small_loose_piece_is_refused(void **state) {
     (void)state;
     enum { LARGE = 12, BESIDE = (LARGE + 1) * (LARGE + 1) * (LARGE + 1), MOST = BESIDE + 27, TRIALS = 10 };
@@ -349,7 +350,7 @@ static void large_fronts_agree_with_the_factor(void **state) {
     mesh_free(&m);
 }
 
-/* Several panels with empty blocks between them, in single and double precision, with one thread and with two. */
+/* Tests several panels with empty blocks between them, in single and double precision, with one thread and with two. */
 static void inverse_of_a_wide_region_agrees_with_the_factor(void **state) {
     (void)state;
     enum { LARGE = 16, ALL = (LARGE + 1) * (LARGE + 1) * (LARGE + 1), COLUMNS = 7 };

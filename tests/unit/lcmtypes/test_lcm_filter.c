@@ -1,4 +1,5 @@
-/* Packets sent by LCM are accepted; packets that would make liblcm overrun its buffers are rejected. Only LCM's datagrams are checked. */
+/* Tests that packets sent by LCM are accepted, that packets that would make liblcm overrun its buffers are rejected, and that only LCM's datagrams are checked.
+   */
 #include "lcm_filter.h"
 
 #include <arpa/inet.h>
@@ -88,16 +89,16 @@ static void inconsistent_fragments_are_malformed(void **unused) {
     expect_fragment(f, PACKET_MALFORMED);                                        /* a fragment that extends beyond the end of the message */
     expect_fragment((fragment){1000, 0xffffff00, 1, 2, NULL, 0x200}, PACKET_MALFORMED); /* liblcm's sum overflows */
     expect_fragment((fragment){1000, 0xffffff00, 0, 2, c, 0x200}, PACKET_MALFORMED);
-    expect_fragment((fragment){1000, 500, 2, 2, NULL, 500}, PACKET_MALFORMED);   /* the third fragment of a message of two */
+    expect_fragment((fragment){1000, 500, 2, 2, NULL, 500}, PACKET_MALFORMED);   /* the third fragment of a message of two fragments */
     expect_fragment((fragment){1000, 0, 1, 2, NULL, 500}, PACKET_MALFORMED);     /* a second fragment that claims offset 0 */
-    expect_fragment((fragment){1000, 0, 0, 0, c, 500}, PACKET_MALFORMED);        /* the first fragment of a message of none */
+    expect_fragment((fragment){1000, 0, 0, 0, c, 500}, PACKET_MALFORMED);        /* the first fragment of a message of zero fragments */
     expect_fragment((fragment){1000, 500, 1, 2, NULL, 0}, PACKET_MALFORMED);     /* empty */
     expect_fragment((fragment){0, 0, 0, 2, c, 0}, PACKET_MALFORMED);
     expect_fragment((fragment){1000, 0, 0, 2, NULL, 200}, PACKET_MALFORMED);     /* the channel name is not terminated */
     expect_fragment((fragment){200000, 0, 0, 2, c, 500}, PACKET_MALFORMED);      /* too few fragments for the message's size */
     expect_fragment((fragment){1 << 28, 0, 0, 5000, c, 500}, PACKET_MALFORMED);  /* a size of 256 MB, which liblcm would allocate */
     packet p = packet_of(good);
-    for (p.size = 4; p.size <= 20; p.size++) expect(p, &anything, PACKET_MALFORMED); /* shorter than a header */
+    for (p.size = 4; p.size <= 20; p.size++) expect(p, &anything, PACKET_MALFORMED); /* the packet is shorter than a header */
 }
 
 static void program_receives_its_channels_only(void **unused) {
@@ -127,7 +128,7 @@ static uint32_t draw(void) {
     return state ^= state << 5;
 }
 
-/* Draws numbers close to the limits, and arbitrary numbers. */
+/* Returns either a number close to one of the limits or an arbitrary number. */
 static uint32_t draw_number(void) {
     static const uint32_t edges[] = {0, 1, 2, 19, 20, 63, 64, 500, 1000, 65487, 1 << 24, 1 << 28, UINT32_MAX};
     uint32_t edge = edges[draw() % (sizeof edges / sizeof *edges)];
@@ -187,7 +188,7 @@ static void only_malformed_lcm_packets_are_dropped(void **unused) {
     assert_int_equal(received(sender, receiver, bad), 0);
     assert_int_equal(lcm_filter_dropped() - before, 1);
 
-    assert_int_equal(socketpair(AF_UNIX, SOCK_DGRAM, 0, pair), 0); /* not a UDP socket, so not one of LCM's */
+    assert_int_equal(socketpair(AF_UNIX, SOCK_DGRAM, 0, pair), 0); /* these are not UDP sockets, so they are not LCM's */
     assert_int_equal(received(pair[0], pair[1], bad), bad.size);
 
     lcm_filter_restrict(&poses);

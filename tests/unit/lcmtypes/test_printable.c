@@ -1,4 +1,4 @@
-/* Text received from the network must not control a terminal. */
+/* Tests that text received from the network cannot control a terminal. */
 #include "printable.h"
 
 #include <stdio.h>

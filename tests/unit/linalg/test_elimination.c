@@ -1,4 +1,4 @@
-/* Elimination with wide vectors gives bit-identical results to the portable kernels, and agrees entry by entry with the definition. */
+/* Tests that elimination with wide vectors gives results bit-identical to those of the portable kernels, and agrees entry by entry with the definition. */
 #include "linalg/elimination.h"
 
 #include <math.h>
@@ -17,7 +17,7 @@ static _Alignas(CACHE_LINE) matrix given, portable, widest, plain;
 
 static double draw(void) { return (double)rand() / RAND_MAX - 0.5; }
 
-/* Makes a matrix with random values even where it is not used, below the diagonal and behind the right-hand side, as left by earlier ticks. */
+/* Creates a matrix with random values even in unused places, below the diagonal and behind the right-hand side, as left by earlier ticks. */
 static void make(int order) {
     for (int i = 0; i < ELIMINATION_SIZE(MOST_ORDER); i++)
         for (int j = 0; j < LD; j++) given[i][j] = draw() + (i == j ? order : 0.0);
@@ -88,7 +88,7 @@ static void rows_are_those_of_the_definition(void **state) {
 
 static void wider_vectors_give_the_same_bits(void **state) {
     (void)state;
-    if (elimination_kernel_here() == elimination_portable) skip(); /* this processor has no kernel for wide vectors */
+    if (elimination_kernel_here() == elimination_portable) skip(); /* there is no wide-vector kernel for this processor */
     srand(2);
     for (size_t c = 0; c < sizeof ORDERS / sizeof *ORDERS; c++) {
         int order = ORDERS[c][0], pairs = ORDERS[c][1];

@@ -16,7 +16,7 @@
 
 enum { N = 1300, COLUMNS = 1260, PIVOTS = 700 }; /* panels of 576 and 124 pivots, and 560 other columns */
 
-/* Returns A + A^T + 2 N 1, where the entries of A are random in [0, 1]; column-major. */
+/* Returns A + A^T + 2 N 1, where the entries of A are random in [0, 1], in column-major order. */
 static double *random_matrix(void) {
     double *a = calloc((size_t)N * N, sizeof *a);
     for (int j = 0; j < N; j++)

@@ -101,7 +101,7 @@ static void products_of_quaternions_are_products_of_matrices(void **state) {
     }
 }
 
-/* Angles from 1e-12 rad to just below half a turn, where the logarithm is least accurate. */
+/* Tests angles from 1e-12 rad to just below half a turn, where the logarithm is least accurate. */
 static void logarithm_undoes_exponential(void **state) {
     (void)state;
     static const double angles[] = {0.0, 1e-12, 1e-9, 1e-8, 1e-5, 1e-4, 0.1, 1.0, 2.0, 3.0, 3.14, M_PI - 1e-7};
@@ -123,7 +123,7 @@ static void assert_close_quat(quat a, quat b) {
     for (int i = 0; i < 4; i++) assert_true(fabs(differences[i]) < 1e-14);
 }
 
-/* Small and large angles in the same set, and quaternions of either sign. */
+/* Tests small and large angles in the same set, and quaternions of either sign. */
 static void four_at_once_are_as_one_by_one(void **state) {
     (void)state;
     for (int n = 0; n < 1000; n++) {

@@ -19,9 +19,9 @@ static void small_deflection_matches_a_cantilever(void **unused) {
     bend(&model, &state, v3(0, 1e-4, 0), tangent);
     double expected = 1e-4 * pow(0.2, 3) / (3.0 * model.bending);
     assert_true(fabs(tip(&model, &state).y / expected - 1.0) < 5e-4); /* the discretisation error is 1/(2 N^2) = 3e-4 */
-    /* the tangent compliance itself gives the same deflection */
+    /* The tangent compliance itself gives the same deflection. */
     assert_true(fabs(tangent->compliance[3 * 40 + 1][3 * 40 + 1] / (pow(0.2, 3) / (3.0 * model.bending)) - 1.0) < 1e-3);
-    /* compliance between an inner joint and the tip: a^2 (3 L - a) / (6 EI) */
+    /* The compliance between an inner joint and the tip is a^2 (3 L - a) / (6 EI). */
     double a = 0.1;
     assert_true(fabs(tangent->compliance[3 * 20 + 1][3 * 40 + 1] / (a * a * (0.6 - a) / (6.0 * model.bending)) - 1.0) < 1e-3);
     free(tangent);
@@ -54,7 +54,7 @@ static void axial_load_softens_like_a_beam_column(void **unused) {
     needle_set_straight(&model, (pose){v3(0, 0, 0), {1, 0, 0, 0}}, &state);
     double euler = M_PI * M_PI * model.bending / (4 * 0.04);
     for (int c = 0; c < 3; c++) {
-        double compression = (double[]){0.3, 0.8, 2.0}[c] * euler; /* the last load is above the buckling load and gives a negative compliance */
+        double compression = (double[]){0.3, 0.8, 2.0}[c] * euler; /* the last load exceeds the buckling load and gives a negative compliance */
         load[60] = v3(0, 0, -compression);
         needle_linearise(&model, &state, load, 0, tangent);
         double k = sqrt(compression / model.bending), expected = tan(k * 0.2) / (k * compression) - 0.2 / compression;
@@ -83,14 +83,14 @@ static void compliance_does_not_depend_on_the_first_joint(void **unused) {
     for (int first = 1; first <= 39; first++) {
         needle_linearise(&model, &state, load, first, part);
         for (int i = 3 * first; i < 3 * 41; i++)
-            for (int j = 3 * (i / 3 - 2 > first ? i / 3 - 2 : first); j < 3 * 41; j++) /* the upper triangle and two joints below the diagonal */
+            for (int j = 3 * (i / 3 - 2 > first ? i / 3 - 2 : first); j < 3 * 41; j++) /* the upper triangle and two joints below the diagonal are compared */
                 assert_true(fabs(part->compliance[i][j] - whole->compliance[i][j]) < 1e-12 * largest);
     }
     free(whole);
     free(part);
 }
 
-/* Segments are computed in groups of four; these numbers of segments leave a remainder. The compliance of the tip equals the derivative of its equilibrium
+/* Segments are computed in groups of four; these segment counts leave a remainder. The compliance of the tip equals the derivative of its equilibrium
    position. */
 static void any_number_of_segments_will_do(void **unused) {
     (void)unused;

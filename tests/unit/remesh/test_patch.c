@@ -13,7 +13,7 @@ static void assemble(const refinement *all, int count, reference *r) {
 
 static int entry_of(int node) { return node >= 0 ? node : CUBE_NODES - 1 - node; }
 
-/* The patch contains every entry by which the two matrices differ, except rows and columns of fixed nodes. */
+/* The patch contains all entries in which the two matrices differ, except those in rows and columns of fixed nodes. */
 static void check_patch(int index) {
     static patch p;
     reference before, after;
@@ -36,7 +36,7 @@ static void check_patch(int index) {
     reference_free(&after);
 }
 
-/* The columns for an added node's own displacement are also computed separately, and equal those of the whole patch. */
+/* The columns for an added node's own displacement are also computed separately and must equal those of the whole patch. */
 static void check_own_columns(int index) {
     static patch p;
     split_columns own;
@@ -103,7 +103,7 @@ static double largest_force(const tissue *t, const mat3 *gradient, bool all) {
     memcpy(at, body.mesh.nodes, CUBE_NODES * sizeof *at);
     for (int i = 0; i < request.wanted.count; i++) {
         const added_node *node = &request.wanted.nodes[i];
-        at[CUBE_NODES + i] = node->position; /* if the node is one that was moved, no element uses it */
+        at[CUBE_NODES + i] = node->position; /* if the node was created by moving another one, no element uses this entry */
         if (node->moved >= 0) at[node->moved] = node->position;
     }
     for (int i = 0; i < count; i++) {

@@ -45,7 +45,8 @@ static void check_displacement(const refinement *r, const reference *expected) {
 
 static void displacements_match_a_direct_solve(void **state) {
     (void)state;
-    static const int cases[4][2] = {{1, 1}, {12, 1}, {1, 30}, {5, 10}}; /* nodes per element, elements; in every second case some nodes are on faces */
+    static const int cases[4][2] = {{1, 1}, {12, 1}, {1, 30}, {5, 10}}; /* nodes per element, and number of elements; in every second case, some nodes are on
+                                                                           faces */
     for (int c = 0; c < 4; c++) {
         refinement r = {0};
         cube_refine(&body, &r, cases[c][0], cases[c][1]);

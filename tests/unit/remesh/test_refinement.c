@@ -32,7 +32,8 @@ static vec3 position(const refinement *r, int corner) {
 
 /* ---- locating points ---- */
 
-/* `slack` allows for the rounding of x in the weights, which is relative to the leaf's height; the height is small where nodes are dense. */
+/* `slack` allows for the rounding of x, whose effect on the weights is inversely proportional to the leaf's height; the height is small where nodes are dense.
+   */
 static void assert_leaf_holds(const refinement *r, int active, int tet, vec3 x, double slack) {
     leaf_point p = refinement_locate(&body.mesh, r, active, tet, x);
     vec3 sum = v3(0, 0, 0);
@@ -106,7 +107,7 @@ static void full_refinement_rejects_nodes(void **state) {
 
 /* ---- removal ---- */
 
-/* Repeatedly removes one of many nodes in a few elements, chosen at random. The leaves must still form a partition, and no other node may have moved. */
+/* Repeatedly removes one of many nodes in a few elements, chosen at random. The leaves must still form a partition, and no other node may move. */
 static void removed_nodes_leave_the_others_where_they_are(void **state) {
     (void)state;
     refinement r = {0};

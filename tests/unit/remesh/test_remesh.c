@@ -1,7 +1,7 @@
-/* Tests the behaviour of the remesher that all methods share: slots, ids and refusals. Each method also has a test of its own. */
+/* Tests the behaviour of the remesher that all methods share: slots, ids and refusals. Each method also has its own test. */
 #include "remeshing.h"
 
-/* A replaced node has the same index in the list but another id: it must be removed and added again. */
+/* A replacement has the same index in the list but another id: the old node must be removed and the new one added. */
 static void ids_are_unique(void **state) {
     (void)state;
     for (method = 0; method < ALL_REMESH_METHODS; method++) {

@@ -26,8 +26,8 @@ static void assert_same_bits(const compliance_snapshot *a, const compliance_snap
         }
 }
 
-/* Stored values are bit-identical whether they were computed when the contact nodes were added, or later, when nodes entered the window or were needed in
-   addition to it. A second remesher that continues from a snapshot gives exactly the answers of the first. */
+/* Stored values are bit-identical whether they were computed when the contact nodes were added, or later, when nodes entered the window or were needed outside
+   it. A second remesher that continues from a snapshot gives exactly the answers of the first. */
 static void another_one_goes_on_to_the_bit(void **state) {
     (void)state;
     static compliance_snapshot other;

@@ -1,4 +1,4 @@
-/* Tests Woodbury's formula on the full inverse, stored as a triangle and as the full matrix. */
+/* Tests Woodbury's formula on the dense inverse, stored as a triangle and as the full matrix. */
 #include "remeshing.h"
 
 int main(void) {

@@ -8,7 +8,7 @@
 #include <stdint.h>
 #include <cmocka.h>
 
-static const double ASIDE = 1e-3; /* m, offset at which the needle crosses no element so close to an edge that it leaves the element within one tick */
+static const double ASIDE = 1e-3; /* m, lateral offset at which the needle crosses no element so close to an edge that it leaves the element within one tick */
 
 static const double WHOLE = 0.066; /* m, depth of an insertion through several elements */
 static const double ABOVE = 1e-3; /* m, initial height of the tip above the skin */
@@ -28,14 +28,14 @@ static scale_timing *measured(double aside, const motion *script, double speed, 
     return &result;
 }
 
-/* With sanitizers, the worker is too slow for this check: measuring what the mesh resolves takes it several ticks. */
+/* With sanitizers, the worker is too slow for this check: measuring what the mesh resolves takes several ticks. */
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
 static const bool INSTRUMENTED = true;
 #else
 static const bool INSTRUMENTED = false;
 #endif
 
-/* Each requested contact node has been answered once or is counted as unanswered; each active node has been answered. */
+/* Every request for a contact node has been answered once or is counted as unanswered; the requests for all active nodes have been answered. */
 static void check_counts(const scale_timing *r) {
     assert_int_equal(r->crossing.count + r->unanswered, r->contacts);
     assert_in_range(r->activation.count, r->most_contacts, r->crossing.count);
@@ -69,13 +69,14 @@ static void crossings_during_retraction_are_ignored(void **unused) {
     assert_true(r->contacts >= r->most_contacts);
 }
 
-/* The needle moves 20 mm in 20 us. No answer arrives within that time, so each tick after the first touch is late. (A deeper insertion is not possible: without
+/* The needle moves 20 mm in 20 us. No answer arrives within that time, so every tick after the first touch is late. (A deeper insertion is not possible:
+   without
    measured compliance, the needle buckles at about 30 mm, and a tick without an equilibrium cannot use an answer.) At 2 m/s some answers arrive. */
 static void worker_slower_than_the_needle_is_late(void **unused) {
     (void)unused;
     const double speed = 1000.0, dt = 2e-8;
     scale_timing none = *measured(ASIDE, NULL, speed, 0.02, dt, "sparse");
-    int before = (int)(ABOVE / (speed * dt) + 0.5); /* tick of the first touch, to within one tick due to rounding */
+    int before = (int)(ABOVE / (speed * dt) + 0.5); /* tick of the first touch (within one tick, due to rounding) */
     check_counts(&none);
     assert_int_equal(none.unanswered, none.contacts);
     assert_in_range(none.late_ticks, none.ticks - before - 1, none.ticks - before + 1);

@@ -65,7 +65,7 @@ static void load_good(const char *text, scene *s) {
     if (load_text(text, s, &why) != TROCAR_OK) fail_msg("%s", why.text);
 }
 
-/* Expects that the scene is refused; `words` is the message after the file's path, such as ":12: regions[0].name: ..." */
+/* Checks that the scene is refused. `words` is the part of the message after the file's path, such as ":12: regions[0].name: ...". */
 static void assert_refused(const char *text, const char *words) {
     char expected[256];
     scene s;
@@ -76,7 +76,7 @@ static void assert_refused(const char *text, const char *words) {
         fail_msg("status %d, \"%s\" where \"%s\" was expected", status, why.text, expected);
 }
 
-/* Expects that GOOD is refused after one part of it has been replaced. */
+/* Checks that GOOD is refused after one part of it has been replaced. */
 static void assert_change_refused(const char *piece, const char *other, const char *words) {
     const char *at = strstr(GOOD, piece);
     assert_non_null(at);
@@ -118,7 +118,7 @@ static void every_value_is_read(void **state) {
     const device_limits *g = &s.device;
     assert_true(g->max_force == 15 && g->max_torque == 0.8 && g->max_force_rate == 1500 && g->max_torque_rate == 70);
     assert_true(g->mass == 0.3 && g->delay == 4e-3);
-    assert_true(g->max_stiffness == 400); /* from the profile; the profile's force limit is overridden */
+    assert_true(g->max_stiffness == 400); /* the stiffness comes from the profile, whose force limit is overridden */
     assert_true(g->max_speed == 1.5 && g->max_turn_rate == 12 && g->hold_time == 0.02 && g->ramp_time == 0.2);
 }
 
@@ -155,7 +155,7 @@ static void omitted_keys_have_their_defaults(void **state) {
 /* A minimal valid scene, which ends at line 3, so that lines added to it start at line 4. */
 #define MINIMAL "mesh: a\nregions: [{name: x}]\nfixed: [b]\n"
 
-/* Each case: the lines added to MINIMAL, and `words` as in assert_refused. */
+/* Each case consists of the lines added to MINIMAL, and of `words` as in assert_refused. */
 static void assert_all_refused(size_t count, const char *const cases[][2]) {
     for (size_t i = 0; i < count; i++) {
         char text[512];
@@ -476,8 +476,8 @@ static void figure_8_scene_is_valid(void **state) {
     assert_int_equal(s.simulation.membrane_count, 2);
 }
 
-/* A parameter listed in PARAMETERS.md: its default (NAN: none) and its values for the two regions or membranes of figure 8, which are equal if only one value
-   is listed. */
+/* A parameter listed in PARAMETERS.md: its default (NAN if there is none) and its values for the two regions or membranes of figure 8, which are equal if only
+   one value is listed. */
 typedef struct { const char *key; double values[3]; } parameter;
 
 /* Reads a row of the table of parameters; returns false for any other line. */

@@ -1,4 +1,4 @@
-/* Compares the allocation counter, per thread, with a known number of calls made here and in a shared library. */
+/* Compares the per-thread allocation counter with a known number of calls made here and in a shared library. */
 #include <malloc.h>
 #include <pthread.h>
 #include <stdlib.h>
@@ -38,7 +38,7 @@ static void calls_from_shared_libraries_are_counted(void **unused) {
     if (!ALLOCATIONS_ARE_COUNTED) skip();
     int64_t before = allocations_now();
     g_free(g_strdup("text")); /* in GLib */
-    free(strdup("text"));     /* allocates in the C library */
+    free(strdup("text"));     /* allocates inside the C library */
     assert_int_equal(allocations_now() - before, 4);
 }
 

@@ -1,4 +1,4 @@
-/* trocar-server --condense creates the file, finds it at the next start, and refuses scenes without a condensed inverse. */
+/* Tests that trocar-server --condense creates the file, finds it at the next start, and refuses scenes without a condensed inverse. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>

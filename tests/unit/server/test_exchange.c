@@ -1,4 +1,4 @@
-/* The shared buffers are empty when they are created, and no wake-up is lost. */
+/* Tests that the shared buffers are empty when they are created, and that no wake-up is lost. */
 #include <poll.h>
 
 #include "common/wake.h"

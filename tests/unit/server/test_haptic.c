@@ -23,7 +23,7 @@ typedef struct {
     host host;
     exchange exchange;
     haptic haptic;
-    newest_poses poses;      /* the poses that were put most recently */
+    newest_poses poses;      /* the poses that were published most recently */
     int64_t tick;
 } fixture;
 
@@ -70,7 +70,7 @@ static int end(void **state) {
     return 0;
 }
 
-/* The worker answers a quarter of a tick after the request. */
+/* Lets the worker answer a quarter of a tick after the request. */
 static void serve_worker(fixture *f) {
     report why;
     trocar_work done = {0};
@@ -90,7 +90,7 @@ static void put_pose_of(fixture *f, int needle, uint64_t engagement, int64_t seq
 
 static void put_pose(fixture *f, uint64_t engagement, int64_t seq, double z) { put_pose_of(f, 0, engagement, seq, 0.005, z); }
 
-/* Marks the waiting pose as sent in response to this wrench. */
+/* Marks the pending pose as sent in response to this wrench. */
 static void name_wrench(fixture *f, int64_t tick) {
     newest_poses waiting = *(const newest_poses *)triple_buffer_read(&f->exchange.poses, NULL);
     waiting.needles[0].wrench_tick = tick;
@@ -192,8 +192,8 @@ static void silence_ramps_to_zero_and_is_flagged(void **state) {
     assert_true(w.force[2] == 0.0 && w.raw_force[2] < -0.1); /* the model's own force is still reported */
 }
 
-/* Returns the largest step of the force after the hand has moved on by 3 mm. For `ms` before that, either no poses arrived, or poses arrived while the loop was
-   not running. */
+/* Returns the largest step of the force after an interruption of `gap` ms, during which the hand moves on by 3 mm. In this time, either no poses arrive, or the
+   loop is not running. */
 static double largest_step_after(fixture *f, uint64_t engagement, int gap, bool stalled, double *jump) {
     trocar_needle_wrench_t w = move(f, engagement, 0, 20), next;
     double largest = 0.0, z = f->poses.needles[0].base.position.z + 3e-3;
@@ -254,7 +254,7 @@ static void new_engagement_starts_outside(void **state) {
     assert_true(fabs(next.force[2] - w.force[2]) <= f->haptic.limits.max_force_rate / RATE + 1e-9);
 }
 
-/* The needle is inserted by 20 mm and rests until the tissue has relaxed. An invalid value is then put into its state. The needle rests, retracts by 5 mm and
+/* The needle is inserted by 20 mm and rests until the tissue has relaxed. Then an invalid value is put into its state. The needle rests, retracts by 5 mm and
    advances to 25 mm. As soon as the value has an effect, the insertion restarts with a ramp, and the needle then behaves as before. */
 static void survive(fixture *f, const char *name, size_t place, double bad, double force) {
     static uint64_t engagement = 100;
@@ -431,7 +431,7 @@ static void a_reset_is_carried_out_once(void **state) {
     }
     double force = w.raw_force[2];
     assert_true(force < -0.1);
-    give(f, TROCAR_COMMAND_T_RESET, 1); /* too late: this engagement began after the command was issued */
+    give(f, TROCAR_COMMAND_T_RESET, 1); /* too late: the current engagement began after the command was issued */
     put_pose(f, 2, f->tick, -0.190);
     tick(f, &w);
     assert_true(was_done(f) && fabs(w.raw_force[2] - force) < 0.1 * fabs(force));
@@ -454,7 +454,7 @@ static void work_until_answered(fixture *f) {
     }
 }
 
-/* A needle that was resting and has been taken is at its place when the reset arrives, and no longer afterwards. */
+/* A needle that was resting and has been taken is still in place when the reset arrives, but not afterwards. */
 static void a_reset_after_take_is_not_lost(void **state) {
     fixture *f = *state;
     trocar_needle_wrench_t w = {0};
@@ -476,7 +476,7 @@ static void a_reset_after_take_is_not_lost(void **state) {
     assert_true(fabs(base.position[0] - 0.02) < 1e-9 && fabs(base.position[2] + 0.201) < 1e-9 && w.depth == 0.0);
 }
 
-/* While the IO thread does not read the replies, the replies are kept, and further commands wait. */
+/* As long as the IO thread does not read the replies, they are kept, and further commands remain pending. */
 static void every_command_is_answered_however_late(void **state) {
     enum { COUNT = 200 };
     fixture *f = *state;
@@ -492,7 +492,7 @@ static void every_command_is_answered_however_late(void **state) {
     assert_int_equal(answered, COUNT);
 }
 
-/* The probe moves 100 times a second, even if the loop's rate is not a multiple of 100 Hz. */
+/* The probe moves 100 times per second, even if the loop's rate is not a multiple of 100 Hz. */
 static void the_probe_moves_at_its_pace_at_any_rate(void **state) {
     fixture *f = *state;
     static const int rates[] = {250, 256, 1000, 1001, 3333};
@@ -579,7 +579,7 @@ static void a_fault_of_one_needle_leaves_the_other_alone(void **state) {
     assert_true(w[1].flags == TROCAR_NEEDLE_WRENCH_T_NOT_REALTIME && norm(w[1].force) > 0.2 && w[1].depth >= before[1].depth);
 
     int contacts = w[1].contacts;
-    put_pose_of(f, 0, 2, 1000, -0.03, -0.205); /* the device is back, and starts a new insertion */
+    put_pose_of(f, 0, 2, 1000, -0.03, -0.205); /* the device has returned and starts a new insertion */
     tick_pair(f, w);
     assert_true(w[0].depth == 0.0 && w[0].contacts == 0);
     assert_true(w[1].depth >= before[1].depth && w[1].contacts == contacts);

@@ -1,5 +1,5 @@
-/* Tests the IO thread's functions with a real LCM object (memq, no network): received messages are put into the shared buffers, and the contents of the buffers
-   are published. */
+/* Tests the IO thread's functions with a real LCM object (memq, no network): received messages are stored in the shared buffers, and the contents of the
+   buffers are published. */
 #include <poll.h>
 #include <string.h>
 #include <sys/eventfd.h>
@@ -165,7 +165,7 @@ static void every_command_is_answered(void **state) {
     assert_non_null(strstr(r.message, "refused for needle 3"));
 
     send_command(f, (trocar_command_t){.session = 4, .command = TROCAR_COMMAND_T_DROP_SEED, .seq = 13, .seeds = 4, .spacing = 0.01});
-    assert_int_equal(r.count, 2); /* the buffers keep both until the haptic thread has answered */
+    assert_int_equal(r.count, 2); /* the buffers keep both commands until the haptic thread has answered */
     needle_command answer;
     assert_true(spsc_ring_pop(&f->exchange.commands, &answer));
     assert_true(answer.asked.seeds == 4 && answer.asked.spacing == 0.01 && answer.asked.seq == 13);

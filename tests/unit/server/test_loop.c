@@ -28,7 +28,7 @@ enum { TICKS = 200, SLOW_TICK = 50 };
 
 typedef struct { loop_wake wakes[TICKS]; } diary;
 
-/* Records its ticks, and once sleeps a few periods too long. */
+/* Records the ticks, and once sleeps a few periods too long. */
 static bool keep_diary(void *context, const loop_wake *wake) {
     diary *d = context;
     d->wakes[wake->tick] = *wake;
@@ -59,7 +59,7 @@ static void missed_periods_are_skipped_and_counted(void **unused) {
         assert_true(d.wakes[i].late == (d.wakes[i].elapsed > 1.5e-3));
     }
     double clock = 1e-9 * (double)(d.wakes[TICKS - 1].now - d.wakes[0].now);
-    assert_true(fabs(model - clock) < 0.05); /* the first and the last tick may each be late by a wake-up on a busy virtual machine */
+    assert_true(fabs(model - clock) < 0.05); /* on a busy virtual machine, the first and the last tick may each start late */
     assert_true(fabs(missed - (double)l.misses) < 0.5);
 
     bool fresh;
@@ -88,9 +88,9 @@ typedef struct {
     int64_t wrenches;
 } rig;
 
-static int nap_ms;               /* ms, added to the time of each of the worker's answers */
+static int nap_ms;               /* ms, time added to each of the worker's answers */
 
-/* The linker replaces the library's own function by this wrapper. */
+/* The linker replaces the library's own function with this wrapper. */
 trocar_status __real_remesher_serve(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, report *why);
 trocar_status __wrap_remesher_serve(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, report *why);
 trocar_status __wrap_remesher_serve(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, report *why) {
@@ -194,7 +194,7 @@ static void a_slow_worker_never_stalls_the_loop(void **unused) {
     rig_run(r);
     assert_true(r->worker.served > 10 && r->worker.served <= 42); /* each answer takes 50 ms; only the newest request is answered, so there is no queue */
     assert_true(histogram_quantile(&r->loop.compute, 0.99) < (ALLOCATIONS_ARE_COUNTED ? 1e-3 : 20e-3));
-    if (ALLOCATIONS_ARE_COUNTED) assert_true(r->loop.misses < RATE / 10); /* the remaining misses are caused by the machine, not by the worker */
+    if (ALLOCATIONS_ARE_COUNTED) assert_true(r->loop.misses < RATE / 10); /* the few misses are caused by the machine, not by the worker */
     rig_free(r);
 }
 

@@ -1,4 +1,4 @@
-/* A message is accepted only if it is complete and of its type. Any other total length, array count or string length is refused. */
+/* Tests that a message is accepted only if it is complete and of the right type. Any other total length, array count or string length is refused. */
 #include "common/message_fit.h"
 
 #include <stdlib.h>

@@ -1,4 +1,4 @@
-/* Permanent network errors (bad input) are distinguished from temporary errors. */
+/* Tests that permanent network errors (bad input) are distinguished from temporary ones. */
 #include <stdlib.h>
 #include <string.h>
 

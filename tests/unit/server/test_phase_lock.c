@@ -12,12 +12,12 @@
 enum { PERIOD = 1000000, SETTLE = 1000, TICKS = 5000 }; /* ns; ticks */
 
 typedef struct {
-    double period, jitter;   /* ns: mean interval between poses, and half the width of the random deviation */
+    double period, jitter;   /* ns; period: mean interval between poses; jitter: half-width of the random deviation */
     double start;            /* ns, time of the first pose */
 } device;
 
 typedef struct {
-    double age, oldest;      /* ns, age of the newest pose at a tick, mean and maximum over the ticks after the first SETTLE ticks */
+    double age, oldest;      /* ns; age: mean age of the newest pose at a tick, after the first SETTLE ticks; oldest: its maximum */
     double rate;             /* ratio of the loop's mean period to its nominal period */
     int64_t largest;         /* ns, shift */
 } outcome;

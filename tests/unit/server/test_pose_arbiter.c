@@ -186,7 +186,7 @@ static void second_session_is_refused_until_the_first_is_silent(void **unused) {
     assert_int_equal(in.record.needles[0].owner, 2);
     assert_true(in.needles[0].newest.engagement > engagement);
     assert_int_equal(take_pose(&in, 1, 2, 0, 2002 * MS), POSE_REFUSED);
-    assert_int_equal(take_pose(&in, 0, 1, 0, 9000 * MS), POSE_REFUSED); /* session 0 means that nobody owns the needle */
+    assert_int_equal(take_pose(&in, 0, 1, 0, 9000 * MS), POSE_REFUSED); /* session 0 is reserved: it means that nobody owns the needle */
 }
 
 static void a_release_frees_the_needle_at_once(void **unused) {
@@ -255,13 +255,14 @@ static void jumps_are_rejected_while_the_needle_is_followed(void **unused) {
     (void)unused;
     pose_arbiter in = fresh();
     take_pose(&in, 1, 1, 0, 0);
-    for (int i = 1; i <= 100; i++) /* at a steady 1.9 m/s */
+    for (int i = 1; i <= 100; i++) /* moves at a constant 1.9 m/s */
         assert_int_equal(take_pose(&in, 1, 1 + i, 0.0019 * i, i * MS), POSE_ACCEPTED);
     assert_int_equal(take_pose(&in, 1, 200, 0.19 + 0.05, 101 * MS), POSE_JUMPED);
     assert_int_equal(take_pose(&in, 1, 201, 0.191, 102 * MS), POSE_ACCEPTED);
 }
 
-/* Lost poses are counted when a later pose of the owner arrives, even if that pose is refused. They are never counted twice, and not across clients. */
+/* Lost poses are counted when a later pose of the owner arrives, even if that pose is refused. They are never counted twice, and gaps between poses of
+   different clients are not counted. */
 static void lost_poses_are_counted(void **unused) {
     (void)unused;
     pose_arbiter in = fresh();
@@ -329,7 +330,8 @@ static void command_to(pose_arbiter *in, int needle, int64_t session, int what) 
     arbiter_command(in, data, (size_t)size, false, 0, &decoded);
 }
 
-/* From then on, poses of another session are also accepted. Otherwise, a needle in the tissue whose owner has crashed could not be reached any more. */
+/* Once the wrench is zero, poses of another session are accepted as well. Otherwise, a needle in the tissue whose owner has crashed could not be reached any
+   more. */
 static void commands_are_accepted_once_the_owner_is_silent(void **unused) {
     (void)unused;
     pose_arbiter in = fresh();

@@ -1,4 +1,4 @@
-/* What is written to a stderr that is not a terminal: messages, and progress as one line per tenth without repetitions. */
+/* Tests what is written to a stderr that is not a terminal: messages, and one line for each tenth of the progress, without repetitions. */
 #include "common/progress.h"
 
 #include <setjmp.h>

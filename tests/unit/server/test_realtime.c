@@ -1,4 +1,4 @@
-/* Each request that realtime.c makes to Linux takes effect, or the error message says which limit to raise. */
+/* Tests that each request that realtime.c makes to Linux takes effect, or that the error message says which limit to raise. */
 #define _GNU_SOURCE
 #include <fcntl.h>
 #include <float.h>
@@ -96,7 +96,7 @@ static void checking_does_not_change_the_thread(void **unused) {
     report why;
     realtime_check_permission(PRIORITY_HAPTIC, &why);
     assert_int_equal(sched_getscheduler(0), SCHED_OTHER);
-    assert_int_equal(realtime_check_permission(1000, &why), TROCAR_SYSTEM); /* a priority higher than any system grants */
+    assert_int_equal(realtime_check_permission(1000, &why), TROCAR_SYSTEM); /* no system grants such a high priority */
     assert_non_null(strstr(why.text, "1000"));
 }
 
@@ -168,7 +168,7 @@ static void idle_states_are_disabled_or_the_reason_is_reported(void **unused) {
     }
     int reader = open("/dev/cpu_dma_latency", O_RDONLY);
     if (reader >= 0) assert_int_equal(read(reader, &allowed, sizeof allowed), sizeof allowed);
-    if (reader >= 0) assert_int_equal(allowed, 0); /* us, permitted wake-up latency of a processor */
+    if (reader >= 0) assert_int_equal(allowed, 0); /* permitted wake-up latency of the processors, us */
     if (reader >= 0) close(reader);
     close(descriptor);
 }

@@ -61,7 +61,7 @@ static void bad_numbers_are_reported(void **unused) {
 
 static void travel_time_is_the_longer_of_translation_and_rotation(void **unused) {
     (void)unused;
-    device_limits limits = device_defaults(); /* limits: 2 m/s, 20 rad/s */
+    device_limits limits = device_defaults(); /* the defaults are limits of 2 m/s and 20 rad/s */
     pose a = at(0), b = at(0.5);
     assert_true(fabs(safety_travel_time(&limits, &a, &b) - 0.25) < 1e-12);
     b.orientation = (quat){cos(5.0 / 20), 0, sin(5.0 / 20), 0}; /* a rotation by 0.5 rad, which takes 25 ms */
@@ -85,7 +85,7 @@ static void nothing_happens_before_the_first_pose(void **unused) {
 
 static void engaging_ramps_in_over_the_ramp_time(void **unused) {
     (void)unused;
-    device_limits limits = device_defaults(); /* the ramp takes 100 ms */
+    device_limits limits = device_defaults(); /* by default, the ramp takes 100 ms */
     safety_limits g = {0};
     vec3 force;
     pose_sample s = sample(1, 0, 0);
@@ -100,7 +100,7 @@ static void engaging_ramps_in_over_the_ramp_time(void **unused) {
 
 static void stale_poses_hold_then_ramp_then_return(void **unused) {
     (void)unused;
-    device_limits limits = device_defaults(); /* hold time 10 ms, ramp 100 ms */
+    device_limits limits = device_defaults(); /* by default, the hold time is 10 ms and the ramp takes 100 ms */
     safety_limits g = engaged(&limits, 0, 10.0);
     pose_sample s = sample(1, 0, 0);
     vec3 force;
@@ -127,7 +127,7 @@ static void return_from_far_away_engages_again(void **unused) {
     safety_limits g = engaged(&limits, 0, 10.0);
     pose_sample s = sample(1, 0, 0);
     safety_pose(&g, &limits, &s, 150 * (int64_t)MILLISECOND);
-    s = sample(1, 0.31, 150 * (int64_t)MILLISECOND); /* 0.31 m in 0.15 s, which exceeds 2 m/s */
+    s = sample(1, 0.31, 150 * (int64_t)MILLISECOND); /* a jump of 0.31 m in 0.15 s, which exceeds 2 m/s */
     assert_int_equal(safety_pose(&g, &limits, &s, 151 * (int64_t)MILLISECOND), SAFETY_ENGAGE);
     assert_true(g.base.position.x == 0.31 && g.gain == 0.0);
 }
@@ -160,7 +160,7 @@ static void limits_preserve_the_direction(void **unused) {
     assert_true(fabs(torque.z - 1.0) < 1e-12);
 }
 
-/* Reaching the full force takes 3 ms. The profile of a device without torque leaves the torque limits unchanged. */
+/* It takes 3 ms to reach the full force. The profile of a device without torque leaves the torque limits unchanged. */
 static void profile_sets_the_limits_of_its_device(void **unused) {
     (void)unused;
     device_limits limits = device_defaults(), before = limits;
@@ -184,7 +184,7 @@ static void profile_sets_the_limits_of_its_device(void **unused) {
     assert_true(fabs(force.x - 20) < 1e-9);
 }
 
-/* Reads a row of the table "Devices" in PARAMETERS.md: device name, N, N m, N/mm. */
+/* Reads a row of the table "Devices" in PARAMETERS.md: device name, force (N), torque (N m), stiffness (N/mm). */
 static bool read_device(const char *line, char name[64], double values[3]) {
     return sscanf(line, "| `%63[^`]` | %lf | %lf | %lf |", name, &values[0], &values[1], &values[2]) == 4;
 }
@@ -212,7 +212,7 @@ static void documented_device_table_is_correct(void **unused) {
 
 static void slew_is_limited(void **unused) {
     (void)unused;
-    device_limits limits = device_defaults(); /* 2000 N/s, which is 2 N per tick */
+    device_limits limits = device_defaults(); /* the default force rate is 2000 N/s, which is 2 N per tick */
     safety_limits g = engaged(&limits, 0, 0.0);
     vec3 force;
     for (int i = 1; i <= 5; i++) {
@@ -221,7 +221,7 @@ static void slew_is_limited(void **unused) {
     }
     assert_int_equal(tick(&g, &limits, false, 11.0, &force), 0);
     assert_true(fabs(force.x - 11.0) < 1e-12);
-    vec3 torque = v3(0, 0.5, 0); /* 100 N m/s, which is 0.1 N m per tick */
+    vec3 torque = v3(0, 0.5, 0); /* the default torque rate is 100 N m/s, which is 0.1 N m per tick */
     force = v3(11, 0, 0);
     assert_int_equal(safety_wrench(&g, &limits, false, DT, &force, &torque), TROCAR_NEEDLE_WRENCH_T_SATURATED);
     assert_true(fabs(torque.y - 0.1) < 1e-12);

@@ -1,4 +1,4 @@
-/* Tests which sequence numbers count as in order, and how a sender recovers after numbers that are not. */
+/* Tests which sequence numbers count as in order, and how a sender recovers after numbers that do not. */
 #include "intake/sequence.h"
 
 #include <stddef.h>
@@ -8,7 +8,7 @@
 #include <stdint.h>
 #include <cmocka.h>
 
-/* Accepts the message if its number permits. */
+/* Returns true if a message with this number is accepted. */
 static bool take(sequence *s, int64_t number) {
     bool accepted = sequence_accepts(s, number);
     if (accepted) sequence_begin(s, number);

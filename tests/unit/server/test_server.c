@@ -1,4 +1,4 @@
-/* The complete server runs in this process, over memq: it starts, reports that it listens, stops for each possible reason, and refuses bad input. */
+/* Tests the complete server in this process, over memq: it starts, reports that it is listening, stops for each possible reason, and refuses bad input. */
 #define _GNU_SOURCE
 #include <pthread.h>
 #include <stdlib.h>
@@ -48,7 +48,7 @@ static void runs_and_stops_on_request(void **unused) {
     readies = 0;
     stop = eventfd(0, EFD_NONBLOCK);
     assert_int_equal(server_create(&o, &s, &why), TROCAR_OK);
-    assert_int_equal(sched_getscheduler(0), SCHED_OTHER); /* without SCHED_RESET_ON_FORK, which would reset the nice values of its threads */
+    assert_int_equal(sched_getscheduler(0), SCHED_OTHER); /* SCHED_RESET_ON_FORK, which would reset the nice values of its threads, is not set */
     char *before = described(s, server_describe);
     assert_non_null(strstr(before, "figure8.yaml"));
     assert_non_null(strstr(before, "1000 Hz"));

@@ -15,12 +15,12 @@ typedef struct {
     double amplitude;        /* m, amplitude of the oscillation */
     double frequency;        /* Hz */
     double damping;          /* fraction of critical damping; if negative, the oscillation grows */
-    double force;            /* N, amplitude of the force oscillation */
+    double force;            /* N, amplitude of the force */
     double drift;            /* m/s */
     vec3 direction;
 } motion;
 
-/* Returns the largest number of consecutive oscillations reported during this time. */
+/* Returns the maximum number of consecutive oscillations reported during this time. */
 static int longest_row(const motion *m, double seconds) {
     swing_observer s;
     swing_begin(&s, v3(0.1, 0.2, 0.3), 0);

@@ -150,7 +150,7 @@ static void receive_while(fixture *f, int tenths, void (*show)(fixture *)) {
 
 static void receive(fixture *f) { receive_while(f, 3, NULL); }
 
-/* The track of a needle that was inserted straight by 19 mm starts at the skin; it is shorter by the depth of the dent. */
+/* The track of a needle that was inserted straight by 19 mm starts at the skin; it is shorter than 19 mm by the depth of the dent. */
 static void the_track_is_published(void **state) {
     fixture *f = *state;
     show_a_needle(f);
@@ -257,7 +257,7 @@ static void all_four_messages_contain_the_published_state(void **state) {
     assert_true(fabs(f->timing->round_trip_max - 4e-3) < 1e-9);
     assert_true(fabs(f->timing->stage_mean[TROCAR_LOOP_TIMING_T_STAGE_CONTACT] - 30e-6) < 1e-12);
     assert_true(fabs(f->timing->stage_max[TROCAR_LOOP_TIMING_T_STAGE_CONTACT] - 45e-6) < 1e-12);
-    assert_int_equal(f->timing->compute_bins[12], 100); /* 45 to 64 us */
+    assert_int_equal(f->timing->compute_bins[12], 100); /* bin 12 ranges from 45 to 64 us */
     assert_int_equal(f->timing->minor_faults, 4);
     assert_int_equal(f->timing->major_faults, 5);
     assert_int_equal(f->timing->context_switches, 6);
@@ -371,7 +371,7 @@ static void each_needle_has_its_messages(void **state) {
     assert_true(fabs(f->tips[0] + 0.001) < 1e-6 && fabs(f->tips[1] + 0.011) < 1e-6);
 }
 
-/* The message is printed to stderr once, even if another message has been refused in the meantime. */
+/* A refused message is reported on stderr once, even if another message has been refused in the meantime. */
 static void the_first_malformed_pose_is_reported(void **state) {
     fixture *f = *state;
     char said[1000] = "";

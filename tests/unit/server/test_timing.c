@@ -77,7 +77,7 @@ static void bins_contain_values_between_their_edges(void **unused) {
     }
     int32_t total = 0;
     for (int k = 0; k < HISTOGRAM_BINS; k++) {
-        assert_true(abs(bins[k] - expected[k]) <= 0.12 * SAMPLES / HISTOGRAM_BINS); /* a bucket may extend across the edge of a bin */
+        assert_true(abs(bins[k] - expected[k]) <= 0.12 * SAMPLES / HISTOGRAM_BINS); /* a bucket may extend across the boundary between two bins */
         total += bins[k];
     }
     assert_int_equal(total, SAMPLES);
@@ -99,7 +99,7 @@ static void sleeps_until_the_time_given(void **unused) {
     sleep_until(start + 20000000);
     int64_t passed = monotonic_ns() - start;
     assert_true(passed >= 20000000);
-    assert_true(llabs((wall_us() - wall) * 1000 - passed) < 1000000000); /* both clocks advance at the same speed, to within one second */
+    assert_true(llabs((wall_us() - wall) * 1000 - passed) < 1000000000); /* the two clocks agree on the elapsed time to within one second */
     sleep_until(start); /* a time in the past, so the call returns immediately */
 }
 

@@ -42,7 +42,7 @@ static void round_trip_ends_with_the_first_acknowledging_pose(void **unused) {
     s = sample(6, 0, 3);
     assert_int_equal(coupling_receive(&p, &s), 3 * MS);
     assert_int_equal(coupling_receive(&p, &s), -1); /* the same pose */
-    /* wrench numbers that are repeated, old, missing, in the future, without a force, or invalid */
+    /* Tests wrench numbers that are repeated, old, missing, in the future, without a force, or invalid. */
     static const int64_t others[] = {3, 2, 0, 900, -4, 3 + COUPLING_TICKS, INT64_MIN, INT64_MAX};
     for (size_t i = 0; i < sizeof others / sizeof *others; i++) {
         s = sample(7 + (int64_t)i, 0, others[i]);
@@ -60,12 +60,12 @@ static void energy_is_the_work_of_the_hand_against_the_rendered_wrench(void **un
     coupling_engage(&p, &s);
     coupling_send(&p, 1, 0, v3(-2, 0, 0), v3(0, 0, -0.5));
     coupling_send(&p, 2, 0, v3(-4, 0, 0), v3(0, 0, 0));
-    s = sample(1, 0.010, 1); /* 10 mm against 2 N, and 0.1 rad against 0.5 N m */
+    s = sample(1, 0.010, 1); /* a motion of 10 mm against 2 N, and a rotation of 0.1 rad against 0.5 N m */
     s.base.orientation = q_exp(v3(0, 0, 0.1));
     coupling_receive(&p, &s);
     assert_true(fabs(p.energy - 0.07) < 1e-12 && p.lowest == 0.0 && !coupling_active(&p));
     s.received++;
-    s.base.position.x = -0.010; /* 20 mm in the opposite direction, with 4 N */
+    s.base.position.x = -0.010; /* a motion of 20 mm in the opposite direction, with 4 N */
     s.wrench_tick = 2;
     coupling_receive(&p, &s);
     assert_true(fabs(p.energy + 0.01) < 1e-12 && fabs(p.lowest + 0.01) < 1e-12 && coupling_active(&p));
@@ -83,7 +83,7 @@ static void rigid_coupling_changes_nothing(void **unused) {
     assert_true(compliance == 0.0 && p.stiffness == 0.0);
 }
 
-/* A client that renders no wrench refers to the newest one by -1 - tick: the round trip is measured, and the needle follows the poses rigidly. */
+/* A client that renders no wrenches refers to the newest one as -1 - tick: the round trip is measured, and the needle follows the poses rigidly. */
 static void a_hand_without_force_holds_rigidly(void **unused) {
     (void)unused;
     static virtual_coupling p;
@@ -102,14 +102,14 @@ static void a_hand_without_force_holds_rigidly(void **unused) {
     assert_true(compliance > 0.0 && p.stiffness > 0.0);
 }
 
-/* The values that the scene gives for the device are inserted into the formula in docs/connect-a-device.md. */
+/* Inserts the scene's values for the device into the formula in docs/connect-a-device.md. */
 static void stiffness_follows_delay_and_mass_of_the_device(void **unused) {
     (void)unused;
     static virtual_coupling p;
     p = (virtual_coupling){0};
     pose_sample s = sample(0, 0, 0);
     coupling_engage(&p, &s);
-    for (int64_t ms = 1; ms < 20000; ms++) { /* a round trip of 1 ms, and one pose per millisecond */
+    for (int64_t ms = 1; ms < 20000; ms++) { /* the round trip takes 1 ms, and one pose arrives per millisecond */
         s = sample(ms, 0, ms - 1);
         coupling_receive(&p, &s);
         coupling_send(&p, ms, ms * MS, v3(0, 0, 0), v3(0, 0, 0));
@@ -127,7 +127,7 @@ static void stiffness_follows_delay_and_mass_of_the_device(void **unused) {
         }
 }
 
-/* The hand felt the wrench that was sent one device delay before the wrench to which the pose refers. */
+/* At that time, the hand feels the wrench that was sent one device delay before the wrench to which the pose refers. */
 static void energy_is_accounted_with_the_wrench_that_the_device_felt(void **unused) {
     (void)unused;
     static virtual_coupling p;
@@ -150,7 +150,8 @@ static void energy_is_accounted_with_the_wrench_that_the_device_felt(void **unus
 
 /* ---- caution: a hand that oscillates as it likes ---------------------------------------------------------------------------- */
 
-/* The hand oscillates for a number of half periods of 50 ms with an amplitude of 2 mm against an opposing force, or rests under a force. It sends one pose per
+/* The hand either oscillates for a number of half periods of 50 ms with an amplitude of 2 mm against an opposing force, or rests under a force. It sends one
+   pose per
    millisecond. */
 typedef struct { virtual_coupling p; device_limits limits; int64_t ms; int swung; /* half periods */ } swinging;
 
@@ -207,7 +208,7 @@ static void the_coupling_recovers_slowly_and_learns(void **unused) {
     swinging *w = begin_to_swing();
     swing(w, 5);
     assert_true(w->p.caution.level == 2);
-    rest(w, 60, 0.0); /* moves through air, from which nothing is learnt */
+    rest(w, 60, 0.0); /* the needle moves through air; time without force does not count */
     assert_true(w->p.caution.level == 2);
     rest(w, 19, 1.0);
     assert_true(w->p.caution.level == 2);
@@ -235,7 +236,7 @@ static void what_the_hand_does_by_itself_is_forgotten(void **unused) {
     assert_true(fabs(w->p.stiffness - 400) < 1);
 }
 
-/* If the coupling is held against a wall long enough, spring and damper settle at the force that corresponds to the spring's stretch. */
+/* If the coupling is held against a wall long enough, spring and damper settle at the force that corresponds to the spring's extension. */
 static void the_coupling_settles_at_its_stiffness(void **unused) {
     (void)unused;
     static virtual_coupling p;
@@ -246,19 +247,19 @@ static void the_coupling_settles_at_its_stiffness(void **unused) {
     for (int i = 0; i < 2000; i++) {
         double compliance;
         pose rest = coupling_hold(&p, limited_to(200), (pose){v3(0.004, 0, 0), {1, 0, 0, 0}}, DT, &compliance);
-        double k = 1e9; /* stiffness of the wall at x = 0 */
+        double k = 1e9; /* N/m, stiffness of the wall at x = 0 */
         base = v3(rest.position.x / (1 + compliance * k), 0, 0);
         force = v3(-k * base.x, 0, 0);
         torque = coupling_yield(&p, (pose){v3(0.004, 0, 0), {1, 0, 0, 0}}, base, force, v3(0, 0, 1));
     }
     assert_true(p.stiffness == 200);
-    assert_true(fabs(force.x + 0.8) < 1e-3); /* 4 mm * 200 N/m */
+    assert_true(fabs(force.x + 0.8) < 1e-3); /* -0.8 N = -4 mm * 200 N/m */
     assert_true(fabs(torque.z - 1) < 1e-9);  /* the force has no lever arm */
     torque = coupling_yield(&p, (pose){v3(0, 0.004, 0), {1, 0, 0, 0}}, v3(0, 0, 0), v3(-1, 0, 0), v3(0, 0, 0));
     assert_true(fabs(torque.z + 0.004) < 1e-12); /* r x F, where r points from the hand to the base */
 }
 
-/* With four ticks per pose, a device that uses one wrench in four feels the same damping whichever of the four it uses. */
+/* With four ticks per pose, a device that uses every fourth wrench feels the same damping whichever of the four it uses. */
 static void damper_acts_between_poses(void **unused) {
     (void)unused;
     static virtual_coupling p;
@@ -289,18 +290,18 @@ static void damper_acts_between_poses(void **unused) {
 
 /* ---- the closed loop ---------------------------------------------------------------------------------------------------- */
 
-enum { FLIGHT = 64 };                /* largest number of messages in transit at the same time */
+enum { FLIGHT = 64 };                /* maximum number of messages in transit at the same time */
 
 typedef struct {
-    double period, sampling;         /* s, periods of the server and of the device */
+    double period, sampling;         /* s; period: period of the server; sampling: period of the device */
     double mass;                     /* kg */
-    double delay, jitter;            /* s, minimum delay and largest random addition, in each direction */
+    double delay, jitter;            /* s, in each direction; delay: minimum delay; jitter: largest random addition */
     int lost;                        /* percentage of messages that are lost */
     double knock;                    /* m/s */
     device_limits limits;
 } situation;
 
-/* The needle's surroundings. They give the force (N, on the hand) and the position of a base that is attached by a spring to `rest`. */
+/* The needle's surroundings, which determine the force on the hand (N) and the position of a base that is attached to `rest` by a spring. */
 typedef struct {
     lockstep *tissue;                /* NULL for a spring to x = 0 instead */
     double stiffness;                /* N/m, stiffness of the spring to x = 0 */
@@ -314,7 +315,7 @@ typedef struct {
     virtual_coupling port;
     int64_t now, next_tick, next_sample; /* ns */
     int64_t tick, seq;
-    pose_sample poses[FLIGHT], newest;   /* sent poses, indexed by number modulo FLIGHT; newest pose that has arrived */
+    pose_sample poses[FLIGHT], newest;   /* poses: sent poses, indexed by number modulo FLIGHT; newest: newest pose that has arrived */
     coupling_wrench wrenches[FLIGHT], felt;
     int64_t arrives[FLIGHT];             /* ns, times at which the wrenches arrive */
     double worst;                        /* m/s, highest speed of the hand since it was last set to zero */
@@ -356,7 +357,7 @@ static void loop_init(loop *l, const situation *s, vec3 start) {
 static void serve(loop *l, surroundings *in) {
     const device_limits *limits = &l->situation.limits;
     double period = l->situation.period, compliance;
-    for (int64_t i = l->seq; i > l->newest.seq; i--) /* finds the newest pose that has arrived; older poses are refused */
+    for (int64_t i = l->seq; i > l->newest.seq; i--) /* finds the newest pose that has arrived; older ones are refused */
         if (l->poses[i % FLIGHT].received <= l->now) l->newest = l->poses[i % FLIGHT];
     safety_decision decision = safety_pose(&l->guard, limits, &l->newest, l->now);
     assert_true(l->tick == 0 || decision != SAFETY_ENGAGE);
@@ -394,7 +395,7 @@ static void loop_run(loop *l, surroundings *in, vec3 target, double seconds) {
     l->now = end;
 }
 
-/* True if the hand's motion decays after a knock, to a fifth or less if the hand's own damping could achieve that. */
+/* Returns true if the hand's motion decays after a knock: to a fifth or less, if the hand's own damping alone would achieve that. */
 static bool dies_away(loop *l, surroundings *in, vec3 target) {
     l->hand.velocity = v3_add(l->hand.velocity, v3(l->situation.knock, 0, 0));
     loop_run(l, in, target, 0.3);
@@ -466,7 +467,7 @@ static void stable_at_other_rates(void **unused) {
             }
 }
 
-/* Without the coupling, the same loops are unstable, which shows that the tests above are able to fail. */
+/* Without the coupling, the same loops are unstable, which shows that the tests above can fail. */
 static void unstable_without_the_coupling(void **unused) {
     (void)unused;
     static loop l;
@@ -498,7 +499,7 @@ static void knock_in_tissue(const situation *s, lockstep *tissue) {
     insertion_reset(&tissue->parts.insertion, lockstep_start(), &tissue->state);
     loop_init(&l, s, start);
     for (int i = 0; i < 300; i++) {
-        target.z += 0.2e-3; /* stretches the hand's spring; the needle follows by part of that distance */
+        target.z += 0.2e-3; /* extends the hand's spring; the needle follows by part of that distance */
         loop_run(&l, &in, target, DT);
     }
     loop_run(&l, &in, target, 0.5);

@@ -1,4 +1,4 @@
-/* Tests the worker with a mock simulation, by which the linker replaces the real one: the newest request is served first, and failures are reported once.
+/* Tests the worker with a mock simulation, with which the linker replaces the real one: the newest request is served first, and failures are reported once.
    test_api_sim.c tests the answers of the real simulation. */
 #include <pthread.h>
 #include <string.h>
@@ -39,7 +39,7 @@ int __wrap_trocar_sim_work_descriptor(const trocar_sim *sim) {
     return fixed.requested;
 }
 
-/* An answer takes 20 ms, and each request leaves ten slices of 5 ms each of work in advance. */
+/* An answer takes 20 ms, and each request leaves ten slices of 5 ms of work in advance. */
 trocar_status __wrap_trocar_sim_work(trocar_sim *sim, trocar_work *done, trocar_error *why);
 trocar_status __wrap_trocar_sim_work(trocar_sim *sim, trocar_work *done, trocar_error *why) {
     (void)sim;

@@ -45,7 +45,7 @@ static void fill_tets(mesh *m) {
     }
 }
 
-/* Named surfaces: the face z = 0 ("skin") and the inner plane x = half ("wall"). */
+/* Adds named surfaces: the face z = 0 ("skin") and the inner plane x = half ("wall"). */
 static bool on_surface(vec3 x, int group) { return group == 1 ? x.z == 0 : fabs(x.x - 0.5 * BOX.x) < 1e-12; }
 
 static triangle_list surface_triangles(const mesh *m) {
@@ -74,7 +74,7 @@ static void draft_box(mesh *m) {
     m->groups[2] = (mesh_group){.name = "wall", .dimension = 2};
 }
 
-/* Makes the first `count` of three tetrahedra that share the face of nodes 0, 1 and 2. */
+/* Creates the first `count` of three tetrahedra that share the face of nodes 0, 1 and 2. */
 static void draft_fan(mesh *m, int count) {
     static const vec3 nodes[6] = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}, {0, 0, -1}, {0.1, 0.1, 3}};
     *m = (mesh){.node_count = 3 + count, .tet_count = count, .group_count = 1, .groups = {{.name = "fan", .dimension = 3}}};
@@ -151,12 +151,12 @@ static void neighbours_are_mutual_and_share_three_nodes(void **state) {
             assert_int_equal(back, 1);
             assert_int_equal(shared, 3);
         }
-    assert_int_equal(outer, 6 * 2 * CELLS * CELLS); /* two triangles for each square on the box's six sides */
+    assert_int_equal(outer, 6 * 2 * CELLS * CELLS); /* two triangles for each square on the box's six faces */
     assert_int_equal(m.boundary_count, outer);
     mesh_free(&m);
 }
 
-/* Divergence theorem: the outward boundary encloses the box's volume, and its area vectors sum to zero. */
+/* According to the divergence theorem, the outward boundary encloses the box's volume, and its area vectors sum to zero. */
 static void boundary_is_counter_clockwise_from_outside(void **state) {
     (void)state;
     mesh m;
@@ -230,7 +230,7 @@ static void weights_reproduce_the_point(void **state) {
     mesh_free(&m);
 }
 
-/* True if x is inside, according to the signs of the four volumes between x and the faces; this does not use barycentric weights. */
+/* Returns true if x is inside, according to the signs of the four volumes between x and the faces, which is independent of barycentric weights. */
 static bool holds(const mesh *m, int t, vec3 x) {
     for (int i = 0; i < 4; i++) {
         vec3 c[4];
@@ -265,7 +265,7 @@ static void locate_finds_the_far_side_of_a_slot(void **state) {
     int kept = 0;
     for (int t = 0; t < m.tet_count; t++) {
         int cell = t / 6, i = cell % CELLS, k = cell / CELLS / CELLS;
-        if (i >= CELLS / 2 - 1 && i <= CELLS / 2 && k < CELLS - 1) continue; /* a slot that is open at z = 0 gives the body the shape of a U */
+        if (i >= CELLS / 2 - 1 && i <= CELLS / 2 && k < CELLS - 1) continue; /* leaves a slot that is open at z = 0, so that the body is U-shaped */
         memmove(m.tets[kept++], m.tets[t], sizeof m.tets[t]);
     }
     m.tet_count = kept;
@@ -289,7 +289,7 @@ static void locate_finds_the_far_side_of_a_slot(void **state) {
 
 /* ---- rays ---- */
 
-/* A walk from face to face through the box: the lengths in the elements add up to the distance at which the line leaves the box. */
+/* On a walk from face to face through the box, the lengths in the elements add up to the distance at which the line leaves the box. */
 static void exit_walk_traverses_the_box(void **state) {
     (void)state;
     mesh m;
@@ -351,7 +351,7 @@ static void segments_enter_at_the_surface_of_the_box(void **state) {
         hits++;
         assert_close(hit.fraction, expected, 1e-12);
         assert_int_equal(m.neighbours[hit.tet][hit.face], -1);
-        double w[4]; /* weights that show that the hit is on the reported face */
+        double w[4]; /* weights, which show that the hit is on the reported face */
         mesh_barycentric(&m, hit.tet, hit.point, w);
         for (int v = 0; v < 4; v++) assert_true(v == hit.face ? fabs(w[v]) < 1e-12 : w[v] > -1e-12);
     }
@@ -406,7 +406,7 @@ static void bad_meshes_are_refused(void **state) {
     assert_refused(&m, "share the face");
 
     draft_fan(&m, 2);
-    m.nodes[4] = v3(0.2, 0.2, 2); /* on the same side of the shared face as the first tetrahedron */
+    m.nodes[4] = v3(0.2, 0.2, 2); /* moves the node to the same side of the shared face as the first tetrahedron */
     assert_refused(&m, "overlap");
 
     draft_box(&m); /* moves an inner node onto the opposite face of its tetrahedron */

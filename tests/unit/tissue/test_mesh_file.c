@@ -34,7 +34,7 @@ static const char VTK[] =
     "# vtk DataFile Version 2.0\ntwo tets\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS 5 double\n"
     "0 0 0\n1 0 0\n0 1 0\n0 0 1\n1 1 1\nCELLS 2 10\n4 0 1 2 3\n4 1 2 3 4\nCELL_TYPES 2\n10\n10\n";
 
-/* Gmsh leaks memory when it aborts reading in the middle of a file. Only LeakSanitizer calls this function. */
+/* Suppresses a leak in Gmsh, which leaks memory when it stops reading in the middle of a file. Called only by LeakSanitizer. */
 const char *__lsan_default_suppressions(void);
 const char *__lsan_default_suppressions(void) { return "leak:libgmsh\n"; }
 
@@ -80,7 +80,7 @@ static void read_good(const char *name, const char *text, mesh *m) {
     if (read_text(name, text, strlen(text), m, &why) != TROCAR_OK) fail_msg("%s", why.text);
 }
 
-/* Expects that the file is refused with a message that contains the file's name and `words`, and that no memory remains allocated. */
+/* Checks that the file is refused with a message that contains the file's name and `words`, and that no memory remains allocated. */
 static void assert_refused(const char *name, const char *text, size_t length, const char *words) {
     report why = {""};
     mesh m;
@@ -186,7 +186,7 @@ static void write_binary_4(binary_file *f) {
     put_int(f, 1);
     put_text(f, "\n$EndMeshFormat\n" NAMES "$Entities\n");
     put_sizes(f, INTS(1, 0, 2, 2));
-    for (int group = 1; group <= 5; group++) { /* point 1, surfaces 1 and 2 and volumes 1 and 2, each in a group of its own */
+    for (int group = 1; group <= 5; group++) { /* point 1, surfaces 1 and 2 and volumes 1 and 2, each in its own group */
         put_int(f, group < 2 ? 1 : 1 + group % 2);
         for (int k = 0; k < (group == 1 ? 3 : 6); k++) put_real(f, k > 2);
         put_size(f, 1);
@@ -348,7 +348,7 @@ static void assert_change_read(const char *text, const char *piece, const char *
     free(changed);
 }
 
-/* Sections, nodes and repetitions that the format permits and that do not change the mesh. */
+/* Tests sections, nodes and repetitions that the format permits and that do not change the mesh. */
 static void what_does_not_concern_the_mesh_is_skipped(void **state) {
     (void)state;
     assert_change_read(MSH2, "$MeshFormat", "$Comments\n1 $Nodes\n$End\n$EndComments\n$MeshFormat");

@@ -1,4 +1,4 @@
-/* Tests the region of interest, both given by the scene and by default. */
+/* Tests the region of interest, both as given in the scene and by default. */
 #include "mesh/region_of_interest.h"
 
 #include <math.h>
@@ -87,7 +87,7 @@ static void small_mesh_is_entirely_of_interest(void **state) {
     free(nodes);
 }
 
-/* A box with more nodes than a default region contains, with its skin at z = 0. */
+/* Returns a box with its skin at z = 0 and more nodes than a default region contains. */
 static void default_region_of_a_large_mesh_is_around_the_skin_normal(void **state) {
     (void)state;
     enum { CELLS = 16, SIDE = CELLS + 1 };
@@ -122,7 +122,8 @@ static void default_region_of_a_large_mesh_is_around_the_skin_normal(void **stat
     int *nodes, count;
     assert_int_equal(roi_find(&m, &nothing, 1, &nodes, &count, &why), TROCAR_OK);
     assert_int_equal(count, REACH_USUAL);
-    double inner = 0.0, outer = INFINITY; /* m, distances from the axis x = y = 0.08 */
+    double inner = 0.0, outer = INFINITY; /* m, largest (inner) and smallest (outer) distance from the axis x = y = 0.08 of nodes inside and outside the region
+                                             */
     for (int i = 0, k = 0; i < m.node_count; i++) {
         double distance = hypot(m.nodes[i].x - 0.08, m.nodes[i].y - 0.08);
         if (k < count && nodes[k] == i) inner = fmax(inner, distance), k++;

@@ -17,7 +17,7 @@ static double creep_at(const creep_series *creep, double t) {
     return sum;
 }
 
-/* Solves the equation integral of G(t - s) dJ(s) = 1 for a constant force of 1. J changes in steps, each in the middle of its interval. */
+/* Solves the equation integral of G(t - s) dJ(s) = 1 for a constant force of 1. J changes in steps, each at the midpoint of its interval. */
 static double *creep_by_quadrature(int count, const relaxation_term *terms, double step, int steps) {
     double *j = calloc((size_t)steps + 1, sizeof *j);
     j[0] = 1.0;

@@ -1,5 +1,5 @@
-/* What the mesh resolves around a line: the exact fields must satisfy their differential equations, and the radii measured in patches must equal those of whole
-   meshes. */
+/* Tests what the mesh resolves around a line: the exact fields must satisfy their differential equations, and the radii measured in patches must equal those
+   measured in whole meshes. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -190,7 +190,7 @@ static resolved_field mean_along(block *b, double x, double y) {
     return (resolved_field){.uneven = uneven, .lateral = exp(lateral_sum / POINTS), .axial = exp(axial_sum / POINTS)};
 }
 
-/* Radii, in units of h, of the same lines on the whole mesh, with the exact solution on its boundary. Another program computed them. */
+/* Radii, in units of h, of the same lines on the whole mesh, computed by another program with the exact solution on the boundary. */
 static void patches_measure_what_the_whole_mesh_resolves(void **state) {
     (void)state;
     static const struct { double x, y, lateral, axial; } whole[] = {{0, 0, 0.150, 0.175}, {0.003, 0, 0.289, 0.314}, {0.006, 0.006, 0.447, 0.474},
@@ -205,8 +205,8 @@ static void patches_measure_what_the_whole_mesh_resolves(void **state) {
     destroy(&b);
 }
 
-/* Values 3 and 6 mm ahead of a line's end, computed on the whole mesh by verification/references/line_end.py. For lines on edges, the contribution from beyond
-   the patch's 14 mm is 0.1. */
+/* Values 3 and 6 mm ahead of a line's end, computed on the whole mesh by tests/verification/references/line_end.py. For lines on edges, the tissue outside the
+   patch of 14 mm contributes 0.1. */
 static void patches_measure_where_a_line_ends_what_the_whole_mesh_does(void **state) {
     (void)state;
     static const struct { double x, y, ahead, more, within; } whole[] = {
@@ -230,7 +230,7 @@ static void patches_measure_where_a_line_ends_what_the_whole_mesh_does(void **st
     destroy(&b);
 }
 
-/* A line in a plane of mesh faces, y = 0, pushed within this plane and across it. */
+/* Tests a line in a plane of mesh faces, y = 0, pushed within this plane and across it. */
 static void directions_across_differ_as_on_the_whole_mesh(void **state) {
     (void)state;
     static const double within = 0.252, across = 0.331;

@@ -1,4 +1,5 @@
-/* Patches of tetrahedra are disjoint, each lies in one region, is connected through faces and has the documented size, and the division is reproducible. */
+/* Tests that patches of tetrahedra are disjoint, that each lies in one region, is connected through faces and has the documented size, and that the division is
+   reproducible. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -42,7 +43,7 @@ static int reached_from(const mesh *m, int tet, const int *patch) {
 }
 
 /* Checks that every tetrahedron belongs to one patch, and that each patch is connected and lies in one region. A patch of fewer than LEAST tetrahedra must be a
-   whole connected part of its region. */
+   whole connected component of its region. */
 static void check_partition(const mesh *m, int most) {
     int count, usual = 0, *patch = create(m, &count), *size = calloc((size_t)count, sizeof *size), *first = malloc((size_t)count * sizeof *first);
     for (int e = m->tet_count - 1; e >= 0; e--) {
@@ -79,7 +80,7 @@ static void meshes_are_divided_into_patches(void **state) {
     cube_free(&c);
 }
 
-/* Regions that are assigned at random have connected parts of all sizes, down to single tetrahedra. A patch that absorbs many remainders may be large. */
+/* Regions that are assigned at random have connected components of all sizes, down to single tetrahedra. A patch that absorbs many remainders may be large. */
 static void scattered_regions_are_divided(void **state) {
     (void)state;
     report why;
@@ -114,8 +115,8 @@ static uint64_t hash_of(const int *patch, int count) {
     return hash;
 }
 
-/* Patches depend only on the order of the elements; translation, rotation and scaling do not change them. The hash was computed on one machine, and every other
-   machine must get the same value. */
+/* Patches depend only on the order of the elements; translation, rotation and scaling do not change them. The expected hash was computed on one machine; every
+   other machine must obtain the same value. */
 static void patches_do_not_depend_on_run_machine_or_rounding(void **state) {
     (void)state;
     mesh m;

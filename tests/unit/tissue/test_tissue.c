@@ -13,7 +13,7 @@
 
 static vec3 random_vector(double size) { return cube_random_vector(size); }
 
-/* Makes a random tetrahedron of positive volume that is not too flat. */
+/* Creates a random tetrahedron of positive volume that is not too flat. */
 static void random_tet(vec3 x[4]) {
     vec3 gradients[4];
     do
@@ -42,7 +42,7 @@ static void rigid_motions_need_no_force(void **state) {
     }
 }
 
-/* Returns the energy per volume of the displacement u = G x, which is mu eps:eps + lambda/2 tr(eps)^2, where eps is the symmetric part of G. */
+/* Returns the energy per unit volume of the displacement u = G x, which is mu eps:eps + lambda/2 tr(eps)^2, where eps is the symmetric part of G. */
 static double energy_density(double g[3][3], double e, double nu) {
     double mu = e / 2.0 / (1.0 + nu), bulk = e / 3.0 / (1.0 - 2.0 * nu), lambda = bulk - 2.0 / 3.0 * mu;
     double trace = g[0][0] + g[1][1] + g[2][2], square = 0.0;
@@ -137,7 +137,7 @@ static void patch_test(void **state) {
 static void bar_in_tension_elongates_by_f_l_over_e_a(void **state) {
     (void)state;
     cube c;
-    double pull = 3.0, e = 10e3; /* N, Pa; with nu = 0, the fixed end does not disturb the stress */
+    double pull = 3.0, e = 10e3; /* pull: N; e: Pa; with nu = 0, the fixed end does not disturb the stress */
     make_uniform(&c, e, 0.0, STRAIN_BY_ELEMENT);
     double sigma[3][3] = {{0, 0, 0}, {0, 0, 0}, {0, 0, pull / (CUBE_EDGE * CUBE_EDGE)}};
     cholmod_dense *u = solve_under_stress(&c, sigma);
@@ -187,7 +187,7 @@ static void loose_bodies_are_refused(void **state) {
     check_loose_bodies(STRAIN_BY_ELEMENT);
 }
 
-/* Makes a mesh of two cubes that do not touch. */
+/* Creates a mesh of two cubes that do not touch. */
 static void pair_of(cube *one, cube *two, mesh *pair) {
     report why;
     assert_int_equal(cube_shape(one, 0.1, &why), TROCAR_OK);

@@ -1,5 +1,5 @@
-/* Tests the sections that describe an implant to browsers: the dose is compared with a plain sum of the formula; seeds are added and removed; and plans may
-   contain errors. */
+/* Tests the sections of messages that describe an implant to browsers: the dose is compared with a direct summation of the formula; seeds are added and
+   removed; plans may contain errors. */
 #define _GNU_SOURCE
 #include "view/implant/implant.h"
 
@@ -23,7 +23,7 @@ typedef struct {
     trocar_model *model;
 } fixture;
 
-/* Seeds in the gland, along its length. */
+/* Positions of seeds in the gland, along its length. */
 static float centres[SEEDS][3] = {{-0.02f, -0.005f, 0.06f}, {0.0f, 0.0f, 0.05f}, {0.01f, 0.004f, 0.055f}}, axes[SEEDS][3] = {{0, 0, 1}, {0, 0, 1}, {0, 0.6f, 0.8f}};
 static float *centre_rows[SEEDS] = {centres[0], centres[1], centres[2]}, *axis_rows[SEEDS] = {axes[0], axes[1], axes[2]};
 static const int16_t numbers[SEEDS] = {0};
@@ -179,8 +179,8 @@ static double covered(const implant_settings *settings, const trocar_dose_seed *
     return (double)inside / (double)count;
 }
 
-/* The tissue is stretched away from a plane, and the seeds are displaced with it. Isodose lines and the figures for the present positions follow; the figures
-   for the positions at rest do not. Without swelling, gland and seeds are closer to the gland's centre. All seeds are inside the gland. */
+/* The tissue is stretched away from a plane, and the seeds are displaced with it. The isodose lines and the dose indices for the current positions follow; the
+   indices for the positions at rest do not. Without swelling, the gland and the seeds are closer to the gland's centre. All seeds are inside the gland. */
 static void each_state_has_its_own_figures(void **state) {
     fixture *f = *state;
     static const implant_settings settings = {.dose = {"I-125 6711", 2.0, 145, 1.3}};
@@ -241,7 +241,7 @@ static void each_state_has_its_own_figures(void **state) {
     implant_close(&i);
 }
 
-/* An answer from the previous server is not sent to a browser that connects later. */
+/* A reply from the previous server is not sent to a browser that connects later. */
 static void answers_go_with_their_server(void **state) {
     fixture *f = *state;
     implant i = open_implant(f, &(implant_settings){.dose = {"I-125 6711", 0.5, 145, 1.18}});

@@ -1,4 +1,4 @@
-/* Playing a log shows the same results as trocar-replay. */
+/* Tests that playing a log shows the same results as trocar-replay. */
 #include "view/stream/playback.h"
 
 #include <stdlib.h>
@@ -102,7 +102,7 @@ static void seeds_of_a_log_are_shown(void **unused) {
         after = 8 + (size + 7) / 8 * 8; /* the seeds' data follow the picture */
         int32_t counts[3];
         memcpy(&kind, picture->data + after, sizeof kind);
-        memcpy(counts, picture->data + after + 8, sizeof counts); /* numbers of needles, of seeds in the tissue, and of seeds in the needle */
+        memcpy(counts, picture->data + after + 8, sizeof counts); /* number of needles, seeds in the tissue, and seeds in the needles */
         assert_int_equal(kind, SECTION_SEEDS);
         assert_true(counts[0] == 1 && counts[1] == late && counts[2] == !late);
         timeline_free(&t);

@@ -25,7 +25,7 @@ typedef struct {
     trocar_needle_pose_t_subscription_t *on_pose;
     trocar_command_t_subscription_t *on_command;
     int64_t now;             /* ns */
-    bool silent;             /* while true, no message from a server arrives */
+    bool silent;             /* if true, no messages from a server arrive */
     int poses, commands;
     trocar_needle_pose_t pose;
     trocar_probe_pose_t_subscription_t *on_probe;
@@ -135,7 +135,7 @@ static void needle_stops_without_orders(void **unused) {
 }
 
 /* If no wrench arrives for 0.1 s, no hand can feel the needle. The needle therefore stops, and no more poses are sent. When the server is heard again, poses
-   resume from the last one. */
+   continue from the last one. */
 static void sends_nothing_without_a_server(void **unused) {
     (void)unused;
     fixture *f = open_fixture();
@@ -169,7 +169,7 @@ static void releases_the_needle(void **unused) {
     fixture *f = open_fixture();
     tell(f, ORDER_RELEASE, 0);
     run(f, 1);
-    assert_int_equal(f->commands, 0); /* no command is sent, because the thread owns no needle */
+    assert_int_equal(f->commands, 0); /* no command is sent, because the publisher owns no needle */
     tell(f, ORDER_TAKE, 0);
     run(f, 5);
     tell(f, ORDER_RELEASE, 0);
@@ -217,7 +217,7 @@ static void takes_one_needle_after_the_other(void **unused) {
     close_fixture(f);
 }
 
-/* The thread wakes up for an order, publishes at intervals of its own clock, and ends when it is told to. */
+/* The thread wakes up for an order, publishes at intervals measured by its own clock, and ends on request. */
 static void thread_executes_orders(void **unused) {
     (void)unused;
     fixture *f = open_fixture();
@@ -253,7 +253,7 @@ static void drops_and_takes_back_seeds(void **unused) {
     close_fixture(f);
 }
 
-/* While the server is releasing a needle or handing it over, no poses are sent, because the server would refuse them. A lost answer does not stop the needle
+/* While the server is releasing a needle or handing it over, no poses are sent, because the server would refuse them. A lost reply does not stop the needle
    permanently. */
 static void waits_while_a_needle_changes_hands(void **unused) {
     (void)unused;
@@ -267,7 +267,7 @@ static void waits_while_a_needle_changes_hands(void **unused) {
     tell(f, ORDER_LEAVE, 0);
     run(f, 100);
     assert_true(f->poses == 10 && f->commands == 2 && f->command == TROCAR_COMMAND_T_LEAVE && f->command_needle == 2);
-    tell(f, ORDER_GO_ON, 0); /* the server refused the command */
+    tell(f, ORDER_GO_ON, 0); /* as if the server had refused the command */
     run(f, 10);
     assert_true(f->poses == 20 && f->pose.position[2] == -0.15);
     tell(f, ORDER_LEAVE, 0);
@@ -278,7 +278,7 @@ static void waits_while_a_needle_changes_hands(void **unused) {
     close_fixture(f);
 }
 
-/* Pulls out another needle, including when the thread holds none. */
+/* Another needle can be pulled out, even if the thread holds none. */
 static void pulls_out_a_needle_that_rests(void **unused) {
     (void)unused;
     fixture *f = open_fixture();
@@ -299,7 +299,7 @@ static void goes_to_a_hole_until_it_is_steered(void **unused) {
     publisher_order hole = {.kind = ORDER_HOLE, .home = {{0.03, 0, -0.2}, {1, 0, 0, 0}}};
     tell(f, ORDER_TAKE, 0);
     publisher_tell(&f->pilot, &hole);
-    run(f, 125 + 2); /* drawn back 10 mm out of the template */
+    run(f, 125 + 2); /* the needle has been drawn back out of the template and moved 10 mm sideways */
     assert_close(f->pose.position[0], 0.01, 1e-3);
     assert_close(f->pose.position[2], -0.2, 1e-9);
     tell(f, ORDER_UNDO, 0); /* the command does not stop the motion */
@@ -320,14 +320,14 @@ static void goes_to_a_hole_until_it_is_steered(void **unused) {
     close_fixture(f);
 }
 
-/* The forward key is held down all the time: before the order to move to a hole, during the motion to the hole, and after the needle has been steered sideways
+/* The forward key is held down throughout: before the order to move to a hole, during the motion to the hole, and after the needle has been steered sideways
    again. The needle passes the plane in front of the template only when it is in line with the hole. */
 static void pushing_forward_does_not_lead_into_another_hole(void **unused) {
     (void)unused;
     fixture *f = open_fixture();
     tell(f, ORDER_TAKE, 0);
     for (int i = 0; i < 6; i++) tell(f, ORDER_STEER, 1), run(f, 50);
-    assert_true(f->pose.position[2] > -0.185); /* it has passed the plate, 10 mm away from the hole of the order */
+    assert_true(f->pose.position[2] > -0.185); /* it has passed the plate, 10 mm away from the hole that is ordered next */
     publisher_tell(&f->pilot, &(publisher_order){.kind = ORDER_HOLE, .home = HOME});
     for (int i = 0; i < 30; i++) {
         tell(f, ORDER_STEER, 1);
@@ -346,7 +346,7 @@ static void pushing_forward_does_not_lead_into_another_hole(void **unused) {
     close_fixture(f);
 }
 
-/* While the probe moves, 100 poses per second are sent, starting at its present pose, and none when it is at rest. Without further orders the probe stops; the
+/* While the probe moves, 100 poses per second are sent, starting at its current pose, and none when it is at rest. Without further orders, the probe stops; the
    needle does not move. */
 static void moves_the_probe(void **unused) {
     (void)unused;
@@ -359,7 +359,7 @@ static void moves_the_probe(void **unused) {
     for (int i = 0; i < 20; i++) {
         order.command.forward = 1;
         publisher_tell(&f->pilot, &order);
-        order.base.position.z = 7; /* the server's answer arrives too late and is not used */
+        order.base.position.z = 7; /* this answer from the server arrives too late and is not used */
         run(f, 50);
     }
     assert_in_range(f->probe_poses, 95, 101);
@@ -367,7 +367,7 @@ static void moves_the_probe(void **unused) {
     assert_close(f->probe.position[2], -0.3 + 0.02 * (1 - 0.15 / 2), 3e-4);
     run(f, 500);
     int poses = f->probe_poses;
-    assert_close(f->probe.position[2], -0.3 + 0.02 * 1.2, 5e-4); /* the probe stopped 0.25 s after the last order, which is 0.05 s before the end of the loop */
+    assert_close(f->probe.position[2], -0.3 + 0.02 * 1.2, 5e-4); /* the probe has stopped 0.25 s after the last order, 0.05 s before the end of the loop */
     run(f, 100);
     assert_int_equal(f->probe_poses, poses);
     assert_true(f->pose.position[2] == -0.19);

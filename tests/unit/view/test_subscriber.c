@@ -1,4 +1,4 @@
-/* Valid messages are added to the timeline; invalid messages are counted. */
+/* Tests that valid messages are added to the timeline, and that invalid messages are counted. */
 #include "view/stream/subscriber.h"
 
 #include <stdlib.h>
@@ -87,7 +87,7 @@ static void picture_shows_the_newest_tracks(void **state) {
         handle_all(f);
         memcpy(&points[i], f->timeline.pictures[0].data + 8 + 32 + 36, sizeof points[i]);
     }
-    assert_true(points[0] > 10); /* the tracks of a needle that was in the tissue from the start */
+    assert_true(points[0] > 10); /* the track of a needle that was in the tissue from the start */
     assert_true(points[0] == (uint32_t)f->sight.tracks.point_count && points[1] == points[0]);
 }
 
@@ -256,7 +256,7 @@ static void the_probe_is_shown(void **state) {
     assert_false(f->feed.probe.placed);
 }
 
-/* Messages corrupted as the network might corrupt them: they cause no crash, and all of them are counted. */
+/* Messages damaged as they might be by the network cause no crash, and all of them are counted. */
 static void damaged_messages_are_counted(void **state) {
     fixture *f = *state;
     static const char *const channels[] = {"TROCAR_CONTACTS", "TROCAR_DEFORMATION", "TROCAR_STATUS", "TROCAR_TIMING", "TROCAR_TRACKS", "TROCAR_WRENCH"};
@@ -275,8 +275,7 @@ static void damaged_messages_are_counted(void **state) {
     assert_int_equal(f->timeline.sample_end, 0);
 }
 
-/* Seeds and replies are those of the server being followed, and only replies to this program's session are shown. When another server starts, there are
-   none. */
+/* Seeds and replies come from the server being followed, and only replies to this program's session are shown. When another server starts, there are none. */
 static void seeds_and_replies_are_kept(void **state) {
     fixture *f = *state;
     float place[3] = {0.1f, 0.2f, 0.3f}, *rows[] = {place};

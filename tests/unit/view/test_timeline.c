@@ -1,5 +1,5 @@
-/* In live mode, a reader of the timeline gets the newest picture, and each stored sample once. When a log is played, it gets all pictures, or as many as can be
-   stored. */
+/* Tests that, in live mode, a reader of the timeline gets the newest picture, and each stored sample once, and that, when a log is played, it gets all
+   pictures, or as many as can be stored. */
 #include "view/stream/timeline.h"
 
 #include <string.h>
@@ -128,7 +128,7 @@ static void log_is_read_completely_in_parts(void **unused) {
     timeline_free(&t);
 }
 
-/* A log that does not fit is thinned out evenly: its beginning is kept, and the newest picture is always available. */
+/* A log that does not fit into the storage is thinned out evenly: its beginning is kept, and the newest picture is always available. */
 static void a_long_log_keeps_its_beginning(void **unused) {
     (void)unused;
     timeline t;

@@ -54,7 +54,8 @@ static void missing_page_is_reported(void **unused) {
     assert_non_null(strstr(why.text, "/nowhere/index.html"));
 }
 
-/* True if the address answers. Every address 127.x.y.z is this machine, so a server that listens on all addresses would also answer on 127.0.0.2. */
+/* Returns true if the address answers. Every address 127.x.y.z refers to this machine, so a server that listens on all addresses would also answer on
+   127.0.0.2. */
 static bool answers(const char *address, int port) {
     struct sockaddr_in there = {.sin_family = AF_INET, .sin_port = htons((uint16_t)port)};
     inet_pton(AF_INET, address, &there.sin_addr);
@@ -101,7 +102,7 @@ typedef struct {
     unsigned char got[1 << 16];
     size_t length, taken;    /* number of bytes received, and number of bytes in frames already parsed */
     bool open, closed;
-    int answer;              /* HTTP status, or 0 before it has arrived */
+    int answer;              /* HTTP status, or 0 if it has not arrived yet */
     int updates;
     int end;                 /* status code of the WebSocket's close frame, or 0 if there is none */
     char reason[126];
@@ -234,7 +235,7 @@ static void hanging_browser_delays_nobody_and_is_disconnected(void **unused) {
     }
     assert_int_equal(f.takes, 1);
     say(lively, BINARY, ACTION_TAKE, WEB_ACTION_BYTES);
-    while (lively->updates < 10) { /* each update has one status; ten take longer than the permitted silence */
+    while (lively->updates < 10) { /* each update contains one status; ten updates take longer than the permitted silence */
         go_round(&f, clients, 2);
         acknowledge(lively, &answered);
     }

@@ -16,7 +16,7 @@ typedef struct {
 } kirchhoff_rod;
 
 typedef struct {
-    vec3 position, moment;                   /* m; N m, in the world frame */
+    vec3 position, moment;                   /* position: m; moment: N m; both in the world frame */
     quat frame;                              /* the rod's axis is the local z axis */
 } kirchhoff_section;
 

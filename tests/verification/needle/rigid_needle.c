@@ -1,11 +1,11 @@
 /* Force on a rigid straight needle that displaces the tissue, computed with the insertion's contact nodes, tributary lengths and
    local compliances, for comparison with a needle whose surface is resolved (resolved_needle.py).
    usage: rigid_needle MESH RADIUS NU X Y TIP_Z YOUNGS_MODULUS YOUNGS_MODULUS_OF_"lower" [ANGLE AZIMUTH | STIFFENING]
-   X Y TIP_Z: of the tip. The needle enters at the top (z = 0.1 m), along -z, or, oblique, at ANGLE degrees to the top towards AZIMUTH
-   degrees from x. Prints: nodes, contacts, and the forces in N for 1 mm by the tick itself: sideways (x; oblique: in the vertical
-   plane of the needle), along the needle, and across (y; oblique: horizontally). Then, unless oblique, the springs of each direction
-   added up: sideways, along, and the tip alone along z. With STIFFENING (C20 / C10): nodes, contacts and the forces along the needle, moved by
-   1, 2, 3, 4 and 5 mm, instead. */
+   X Y TIP_Z: position of the tip. The needle enters at the top (z = 0.1 m), either along -z or obliquely, at ANGLE degrees to the top and towards AZIMUTH
+   degrees from x. Prints the number of nodes, the number of contacts, and the tick's own forces (N) for a motion by 1 mm: sideways (x; oblique: in the vertical
+   plane of the needle), along the needle, and across (y; oblique: horizontally). Then, unless the needle is oblique, prints the sums of the springs in each
+   direction: sideways, along, and that of the tip alone along z. With STIFFENING (C20 / C10), prints instead the number of nodes, the number of contacts, and
+   the forces along the needle for motions by 1, 2, 3, 4 and 5 mm. */
 #include <lapacke.h>
 #include <stdlib.h>
 #include <string.h>
@@ -54,7 +54,8 @@ static trocar_status configure(char **argument, simulation_config *c, report *wh
     return TROCAR_OK;
 }
 
-/* Returns the local compliance along an axis of the world frame, whose third axis is the needle's, at a point that represents the shaft between two depths. The
+/* Returns the local compliance along an axis of the world frame, whose third axis is that of the needle, at a point that represents the shaft between two
+   depths. The
    regions along this part of the shaft act in parallel. */
 static double local_between(const insertion_model *model, const insertion_state *s, const resolved_field *resolved, double from, double to, int axis) {
     lateral_axial logarithm = local_logarithm(model, resolved);
@@ -128,7 +129,7 @@ static trocar_status forces_deeper(body *b, pose base, vec3 way, double *force, 
 }
 
 /* Computes the total force with the tick, as the change of the wrench when the base moves by 1 mm while all contacts stick. (The wrench at rest is not exactly
-   zero, because nodes are kept away from the faces of elements, so they lie slightly off the needle.) */
+   zero, because nodes are kept away from the faces of elements and therefore lie slightly off the needle.) */
 static trocar_status force_of_tick(body *b, pose base, vec3 way, double *force, report *why) {
     tick_output wrench;
     insertion_reset(&b->parts.insertion, base, &b->state);

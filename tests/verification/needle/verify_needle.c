@@ -73,7 +73,7 @@ static void check_small(rows *r) {
 
 /* ---- large deflections and their convergence ------------------------------------------------------------------------------ */
 
-/* Loads of a case, in units of E I / L^2, chosen so that the tip moves sideways by half the needle's length. */
+/* The loads of a case, in units of E I / L^2, are chosen so that the tip moves sideways by half the needle's length. */
 static void case_forces(int which, const needle_model *model, vec3 *middle, vec3 *tip) {
     double unit = model->bending / (model->given.length * model->given.length);
     *middle = which == IN_SPACE ? v3(4.0 * unit, 0, 0) : v3(0, 0, 0);
@@ -139,7 +139,7 @@ static void check_torsion(rows *r) {
     needle_model model = rod(40);
     const needle_parameters *g = &model.given;
     double rigidity = g->youngs_modulus / (2.0 * (1.0 + g->poisson_ratio)) * M_PI / 32.0 * (pow(g->outer_diameter, 4) - pow(g->inner_diameter, 4));
-    double rate = 0.5 / g->length; /* rad/m, from the clamp to the middle of the last segment */
+    double rate = 0.5 / g->length; /* rad/m, twist rate from the clamp to the middle of the last segment */
     vec3 load[NEEDLE_MAX_SEGMENTS + 1] = {{0}};
     needle_state state;
     needle_set_straight(&model, at_rest(0), &state);
@@ -154,7 +154,7 @@ static void check_torsion(rows *r) {
     rows_error(r, "forces in two planes: twisting moment over bending moment at the base", "0, a round rod", moment.z / v3_norm(moment), 1e-9);
 }
 
-/* Roll must not change the response: the same forces act on a needle rolled by any angle, and forces are rotated together with the needle. */
+/* Roll must not change the response: the forces are compared for a needle rolled by arbitrary angles, and with forces rotated together with the needle. */
 static void check_roll(rows *r) {
     needle_model model = rod(40);
     needle_state plain, rolled;
@@ -245,7 +245,7 @@ static void check_speed(rows *r) {
     bend(&model, &state, load, 0.0);
     for (int i = 0; i < TIMES; i++) {
         double from = seconds_now();
-        needle_linearise(&model, &state, load, 14, &tangent); /* joints in the tissue, with 60 mm of the needle still outside */
+        needle_linearise(&model, &state, load, 14, &tangent); /* only for the joints in the tissue; 60 mm of the needle are still outside */
         took[i] = seconds_now() - from;
     }
     qsort(took, TIMES, sizeof *took, ascending);

@@ -1,15 +1,15 @@
 #!/usr/bin/python3
-"""Mesh independence on meshes of other kinds: a rigid needle in structured, graded and patient meshes and among slivers, oblique, and
-at a contrast of 1:1000, against one whose surface is resolved (resolved_needle.json).
+"""Checks mesh independence on meshes of other kinds: compares a rigid needle in structured, graded and patient meshes, among slivers, in an oblique position,
+and at a contrast of 1:1000, with a needle whose surface is resolved (resolved_needle.json).
 
-Each row is one place of the needle in one mesh: the worst of its forces sideways, along and across for 1 mm, by the tick. Structured
-meshes: cubes, cut into six tetrahedra (Kuhn) or five; the needle lies on edges, faces and diagonals of the mesh. Such a line is
-up to 7 mm beside the reference's, which by symmetry makes no difference of first order.
+Each row stands for one position of the needle in one mesh and gives the largest error of the tick's forces for a motion by 1 mm sideways, along and across.
+Structured meshes consist of cubes that are divided into six tetrahedra (Kuhn) or five; the needle lies on edges, faces and diagonals of the mesh. Such a line
+is up to 7 mm away from the reference's line, which by symmetry makes no first-order difference.
 
-Some places are only measured, without a limit, because the mesh limits the accuracy there: elements of 14 mm and more (12 mm with a
-stiff layer), body diagonals of Kuhn's cubes of 10 mm (edges of 17 mm), and edges of the mesh of five tetrahedra at nu = 0.499. This rule
-looks at the mesh and the place alone, but it was written after their errors had been seen, so the last rows say how many of these places
-would fail. Their errors count in the median all the same. The short form leaves out these meshes and the diagonals.
+At some positions, errors are reported but not checked against a limit, because the mesh limits the accuracy there: with elements of 14 mm and more (12 mm
+with a stiff layer), on body diagonals of Kuhn's cubes of 10 mm (edges of 17 mm), and on edges of the mesh of five tetrahedra at nu = 0.499. This rule
+considers only the mesh and the position, but it was written after the errors had been seen, so the last rows state how many of these positions would fail.
+Their errors are nevertheless included in the median. The short form leaves out these meshes and the diagonals.
 """
 import json
 import math
@@ -32,7 +32,7 @@ PATIENT = (600, 1700, 6500)                         # nodes
 GRADED = {"short": ((0.0015, 0.015),), "full": ((0.0015, 0.015), (0.015, 0.0015))}
 TOO_FINE = ((0.0005, 0.005), (0.005, 0.0005))       # element sizes smaller than the needle
 AS_COARSE = 0.014                                   # m; in meshes with larger elements, the mesh itself limits the accuracy
-AS_COARSE_FOR_LAYERS = 0.012                        # m, as above, for meshes with a layer 1000 times as stiff 5 mm away
+AS_COARSE_FOR_LAYERS = 0.012                        # m, the same limit for meshes in which a layer 5 mm away is 1000 times as stiff
 SLIVERS = {"short": (0.2,), "full": (0.2, 0.1)}     # fraction of its volume that the flattest tetrahedron around a moved node keeps
 KINDS = ("Kuhn", "five")
 COARSE = "elements of 14 mm and more: so coarse linear tetrahedra are too stiff under smooth loads as well (Tissue: error of the elements on coarse meshes)"
@@ -58,8 +58,9 @@ class Check:
         return self.path(name)
 
     def place(self, name, mesh, case_name=STANDARD, tip=None, azimuth=None, outside="", limited=""):
-        """tip: x and y of the tip, if they differ from the reference's. outside: the reason why the model does not cover the case. limited: how the mesh limits
-        the accuracy at this place. If either is given, the error is measured without a limit."""
+        """Adds the row for one position of the needle. `tip`: x and y of the tip, if they differ from the reference's. `outside`: the reason why the model does
+        not cover the case. `limited`: how the mesh limits the accuracy at this position. If `outside` or `limited` is given, the error is reported but not
+        checked against a limit."""
         case = self.cases[case_name]
         x, y = tip or case["axis"]
         command = [self.rows.build / "tests/verification/rigid_needle", mesh, case["radius"], case["poisson_ratio"], x, y, case["tip"],
@@ -112,7 +113,7 @@ def mirrored(tip):
 
 
 def diagonals(check, kind, cell, mesh, besides):
-    """Needles lie along both diagonals of faces, and along two of the diagonals of cubes. In a Kuhn mesh, those named "other" are edges of the mesh."""
+    """Needles lie along both diagonals of faces, and along two of the diagonals of cubes. In a Kuhn mesh, the diagonals named "other" are edges of the mesh."""
     for case_name, words in (("oblique_45", "face diagonal"), ("body_diagonal", "body diagonal")):
         limited = LONG_EDGES if kind == "Kuhn" and words == "body diagonal" and cell > 0.009 else ""
         azimuth = check.cases[case_name]["azimuth"]

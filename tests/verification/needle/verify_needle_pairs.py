@@ -1,7 +1,6 @@
 #!/usr/bin/python3
-"""Two rigid needles a few millimetres apart: the force on each when one is moved, against needles whose surfaces are resolved (resolved_pair.json).
-
-The needles are closer than an element, so that most of what one does to the other is not resolved by the mesh.
+"""Checks two rigid needles a few millimetres apart: compares the force on each when one of them is moved with that on needles whose surfaces are resolved
+(resolved_pair.json). The distance between the needles is smaller than an element, so most of the effect that one has on the other is not resolved by the mesh.
 """
 import json
 import os
@@ -14,10 +13,10 @@ sys.path[:0] = [str(Path(__file__).resolve().parents[1] / folder) for folder in 
 import needle_meshes  # noqa: E402: first, because it skips this check if Gmsh is missing
 from rows import REPOSITORY, Rows  # noqa: E402
 
-LIMITS = {448: 0.10, 1440: 0.05}  # number of nodes: largest permitted error of a force; on other meshes the error is only measured
+LIMITS = {448: 0.10, 1440: 0.05}  # number of nodes -> largest permitted error of a force; on other meshes, the error is reported but not checked
 RECIPROCAL = 0.02                 # largest permitted difference between the lateral forces of the two needles, as a fraction of the largest force
 LENGTH = 0.2                      # m, default length of the needle
-STEP, TICKS, RISE = 1e-3, 300, 100  # m; number of ticks of 1 ms in total, and while the needle moves
+STEP, TICKS, RISE = 1e-3, 300, 100  # STEP: m; TICKS, RISE: number of ticks of 1 ms in total, and while the needle moves
 
 
 def block(cubes):
@@ -69,7 +68,7 @@ def compare(rows, case, cubes):
 
 
 def check_coupling(rows, name, across):
-    """The forces of two needles. `across` contains the forces along x and y on each needle when each needle is moved along x and y."""
+    """The forces on two needles. `across` contains the forces along x and y on each needle when each needle is moved along x and y."""
     rows.error(f"{name}: forces on each other across the needles, difference over the largest", "reciprocity", np.abs(across - across.T).max() / np.abs(across).max(), RECIPROCAL)
     least, largest = np.linalg.eigvalsh(-0.5 * (across + across.T))[[0, -1]]
     rows.add(f"{name}: least stiffness of both across, over the largest", "positive", least / largest, None, max(0.0, -least / largest), 0.0)

@@ -1,5 +1,5 @@
-/* Tests the paper's needle, made of tetrahedra with quadratic strain: the directional dependence of its stiffness, locking, effect and error of the
-   calibration, and its speed and forces compared with the rod's. */
+/* Tests the paper's needle, made of tetrahedra with quadratic strain: the directional dependence of its stiffness, locking, the effect and error of the
+   calibration, and its speed and forces in comparison with the rod's. */
 #include <time.h>
 
 #include "bending_solid.h"
@@ -75,8 +75,8 @@ static void check_direction(rows *r, const subject *s) {
 /* ---- locking and calibration ------------------------------------------------------------------------------------------ */
 
 /* Returns the bending stiffness if plane sections remain plane and the full Young's modulus is used, divided by E I of the square that is meshed, I = r^4 / 3.
-   Of the tetrahedra at a rim node, two of three have a normal strain, which gives 2/3 r^4. All of them have a shear strain of the curvature times h/2, and
-   every sixth one also across the needle, which gives 5/12 G A h^2 with A = 2 r^2. */
+   Two out of three tetrahedra at a rim node have a normal strain, which gives 2/3 r^4. All of them have a shear strain of the curvature times h/2, and one in
+   six also has one across the needle, which gives 5/12 G A h^2 with A = 2 r^2. */
 static double plane_sections(const solid_model *model) {
     double slender = model->line.segment_length / model->line.radius;
     return 2.0 + 2.5 / (2.0 * (1.0 + model->line.given.poisson_ratio)) * slender * slender;
@@ -153,7 +153,7 @@ static double torsional_stiffness(const subject *s) {
     return 1.0 / twist;
 }
 
-/* Checks how the factor on Young's modulus affects the stiffnesses for which it was not chosen. */
+/* Checks how the factor on Young's modulus affects the stiffnesses to which it was not calibrated. */
 static void check_cost(rows *r, const subject *s) {
     const needle_parameters *g = &s->model.line.given;
     int z = 3 * s->segments + 2;
@@ -243,7 +243,7 @@ static record *run_figure8(bool solid, int segments) {
     return run;
 }
 
-/* Returns the root mean square difference in the components [from, to), relative to the root mean square for the rod. */
+/* Returns the root-mean-square difference of the components [from, to), relative to the root mean square for the rod. */
 static double difference(const record *a, const record *rod, int from, int to) {
     double off = 0.0, size = 0.0;
     for (int i = 0; i < TICKS; i++)

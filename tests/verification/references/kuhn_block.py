@@ -1,4 +1,4 @@
-"""Linear tetrahedra in Kuhn's mesh of needle_meshes.py's block, with averaged volumetric strain; no code of the simulator takes part."""
+"""Linear tetrahedra with averaged volumetric strain in the Kuhn mesh of the block in needle_meshes.py; uses no code of the simulator."""
 import numpy as np
 import scipy.sparse as sparse
 
@@ -7,7 +7,7 @@ import needle_meshes as nm
 
 class KuhnBlock:
     def __init__(self, cubes):
-        """`cubes`: numbers of cubes along x, y and z."""
+        """`cubes`: number of cubes along x, y and z."""
         self.nodes, self.tets = nm.structured("Kuhn", cubes)
         corners = self.nodes[self.tets]
         self.inverse = np.linalg.inv(np.concatenate([np.ones((len(self.tets), 4, 1)), corners], axis=2))
@@ -24,7 +24,8 @@ class KuhnBlock:
         return sparse.csr_matrix((np.full(4 * len(self.tets), 0.25), (self.tets.ravel(), np.repeat(np.arange(len(self.tets)), 4))))
 
     def stiffness(self, shear, lame, averages):
-        """Returns the stiffness matrix for a volumetric strain that is averaged with each row of `averages`, a result of by_cube() or by_node()."""
+        """Returns the stiffness matrix for a volumetric strain that is averaged according to the rows of `averages`, which is a result of by_cube() or
+        by_node()."""
         gradient, volume = self.inverse[:, 1:].transpose(0, 2, 1), np.abs(nm.volumes(self.nodes, self.tets))
         dofs, size = (3 * self.tets[:, :, None] + np.arange(3)).reshape(-1, 12), 3 * len(self.nodes)
         blocks = np.einsum("tai,tbi->tab", gradient, gradient)[:, :, None, :, None] * np.eye(3)[None, None, :, None, :]

@@ -1,13 +1,13 @@
 #!/usr/bin/python3
-"""Measures the error of linear elasticity with small strains: forces on a rigid needle with large displacements, by CalculiX.
+"""Measures the error of linear elasticity with small strains: forces on a rigid needle with large displacements, computed with CalculiX.
 
-The case depth_r0.635_nu0.45 of resolved_needle.py on a coarser mesh of quadratic tetrahedra, moved by up to 5 mm: linear, and
-with large displacements (NLGEOM) in two nearly incompressible hyperelastic materials of the same initial moduli,
+The needle of the case depth_r0.635_nu0.45 of resolved_needle.py is moved by up to 5 mm on a coarser mesh of quadratic tetrahedra: linearly, and with large
+displacements (NLGEOM) in two nearly incompressible hyperelastic materials with the same initial moduli,
     neo-Hookean   C10 = mu / 2,  D1 = 2 / K
-    Yeoh          the same and C20 = S C10, S = 0.2: stiffens
-Writes large_deflection.json next to this script, which verify_large_deflection.py and scripts/figures read. Takes a quarter of an hour on one core.
+    Yeoh          the same and C20 = S C10, S = 0.2; it stiffens
+Writes large_deflection.json, which verify_large_deflection.py and scripts/figures read, next to this script. Takes a quarter of an hour on one core.
 
-usage: large_deflection.py [FOLDER]     FOLDER: for CalculiX's files; default: a temporary one
+usage: large_deflection.py [FOLDER]     FOLDER: folder for CalculiX's files, by default a temporary one
 """
 import json
 import os

@@ -1,10 +1,10 @@
 #!/usr/bin/python3
-"""Computes, on a whole mesh, what the resolved radius of an endless line neglects where the line ends: the numbers in test_resolved_radius.c.
+"""Computes, on a whole mesh, the effect of a line's end that the resolved radius of an infinite line neglects: the numbers in test_resolved_radius.c.
 
-Kuhn's mesh of the block, cubes of 12 x 12 x 12.5 mm, volumetric strain averaged at nodes. The part of a line force that lies beyond a distance
-ahead of a point acts on it, up to 30 mm ahead; its boundary moves by Kelvin's solution summed over steps of the line. Printed: what the point
-moves by, less what a cylinder of the resolved radius moves by, as the logarithm of a radius; a mean over a period of the mesh and both
-directions across. No code of the simulator takes part. Needs python3-scipy; takes a minute.
+The block is divided by Kuhn's mesh into cubes of 12 x 12 x 12.5 mm; the volumetric strain is averaged at nodes. The load is that part of a line force which
+lies beyond a given distance ahead of a point, up to 30 mm; the boundary of the block moves according to Kelvin's solution, summed over steps of the line. The
+program prints the displacement of the point minus that of a cylinder of the resolved radius, as the logarithm of a radius, averaged over a period of the mesh
+and both transverse directions. It uses no code of the simulator, needs python3-scipy, and takes a minute.
 """
 import math
 
@@ -14,7 +14,7 @@ from scipy.sparse.linalg import splu
 from kuhn_block import KuhnBlock
 
 CUBES, CUBE = (10, 10, 8), (0.012, 0.012, 0.0125)
-POISSON, LAME = 0.45, 9.0               # for a shear modulus of 1
+POISSON, LAME = 0.45, 9.0               # LAME: for a shear modulus of 1
 LINE = (3 - 4 * POISSON) / (8 * math.pi * (1 - POISSON))
 STEP, REACH = 0.00025, 0.030            # m
 SIZE = (math.sqrt(2) * math.prod(CUBE)) ** (1 / 3)
@@ -29,7 +29,7 @@ class Block(KuhnBlock):
         self.factor = splu(self.matrix[self.free][:, self.free])
 
     def moved(self, at, line, axis):
-        """Returns the displacement along an axis at a point due to a unit force per length along this axis at the points of the line."""
+        """Returns the displacement along an axis at a point due to a unit force per unit length along this axis at the points of the line."""
         force, moved = np.eye(3)[axis], np.zeros((len(self.nodes), 3))
         moved[self.outer] = sum(STEP * kelvin(point, force, self.nodes[self.outer]) for point in line)
         moved, load = moved.ravel(), np.zeros(3 * len(self.nodes))

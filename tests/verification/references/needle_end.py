@@ -1,13 +1,13 @@
 #!/usr/bin/python3
-"""Shows why a needle along edges of a mesh is too stiff sideways if the resolved radius is measured with an endless line alone.
+"""Shows why a needle along edges of a mesh is too stiff sideways if the resolved radius is measured only with an infinite line.
 usage: needle_end.py [CUBES_PER_10_MM]
 
-A rigid needle, 60 mm at 45 degrees in Kuhn's mesh of the block, as segments of 1 mm on linear tetrahedra (volumetric strain averaged
-over each cube), each in series with a local compliance; no code of the simulator takes part. One needle lies along edges, one within
-elements. Prints for each the resolved radius of an endless line, the sideways force for 1 mm, and the shares of force near the tip.
-Then the needle along edges has that local compliance with which equal forces on all segments move them as far as they do within
-elements, so that it knows where the line ends: its ratio to the endless line's, per 5 mm from the skin, and the force.
-Needs python3-scipy. Takes seconds; for cubes of 5 mm some minutes.
+A rigid needle, 60 mm long and inclined by 45 degrees in Kuhn's mesh of the block, is represented by segments of 1 mm on linear tetrahedra (volumetric strain
+averaged over each cube), each in series with a local compliance. No code of the simulator is used. One needle lies along edges, another within elements. For
+each, prints the resolved radius of an infinite line, the sideways force for a motion by 1 mm, and the shares of the force near the tip. Then the needle along
+edges is given a local compliance that accounts for the end of the line: equal forces on all segments move them as far as they do within elements. Prints the
+ratio of this compliance to that of the infinite line, for every 5 mm from the skin, and the force. Needs python3-scipy. Takes seconds, or a few minutes for
+cubes of 5 mm.
 """
 import math
 import sys

@@ -1,7 +1,7 @@
-"""Meshes of the block of resolved_needle.py, of many kinds, for the checks of the force on a rigid needle.
+"""Creates various meshes of the block of resolved_needle.py for checking the force on a rigid needle.
 
-The block measures 120 x 120 x 100 mm: |x|, |y| <= 60 mm; z = 0 is the surface `fixed`. One region, "upper", or two, "lower" and
-"upper", with a face at z = 50 mm between them.
+The block measures 120 x 120 x 100 mm: |x|, |y| <= 60 mm; z = 0 is the surface `fixed`. There is one region, "upper", or two, "lower" and "upper", separated by
+a face at z = 50 mm.
 """
 import subprocess
 import sys
@@ -25,7 +25,7 @@ FACES = ((1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1))  # the face opposite to eac
 # ---- by Gmsh -----------------------------------------------------------------------------------------------------------
 
 def set_field(expression):
-    """Sets the element sizes by an expression in x, y and z alone."""
+    """Sets the element sizes by an expression in x, y and z only."""
     sizes = gmsh.model.mesh.field.add("MathEval")
     gmsh.model.mesh.field.setString(sizes, "F", expression)
     gmsh.model.mesh.field.setAsBackgroundMesh(sizes)
@@ -34,7 +34,7 @@ def set_field(expression):
 
 
 def block(path, size, layered=False, field=None):
-    """Makes an unstructured mesh of the block. `size` is the size of all elements, or the largest size if `field`, an expression in x, y and z, is given."""
+    """Creates an unstructured mesh of the block. `size` is the size of all elements, or the largest size if `field`, an expression in x, y and z, is given."""
     gmsh.initialize()
     gmsh.option.setNumber("General.Terminal", 0)
     occ = gmsh.model.occ
@@ -83,7 +83,7 @@ def read(path):
 # ---- by numpy ----------------------------------------------------------------------------------------------------------
 
 def msh(nodes, groups, elements):
-    """Returns the text of a Gmsh file. groups: dimension, number and name of each; elements: Gmsh's type, group and nodes of each."""
+    """Returns the text of a Gmsh file. `groups`: dimension, number and name of each group; `elements`: Gmsh's type, group and nodes of each element."""
     lines = ["$MeshFormat", "2.2 0 8", "$EndMeshFormat", "$PhysicalNames", str(len(groups)), *(f'{dim} {number} "{name}"' for dim, number, name in groups),
              "$EndPhysicalNames", "$Nodes", str(len(nodes)), *(f"{i} {x:.17g} {y:.17g} {z:.17g}" for i, (x, y, z) in enumerate(nodes.tolist(), 1)), "$EndNodes",
              "$Elements", str(len(elements)),
@@ -106,8 +106,8 @@ def write(path, nodes, tets, lower=None):
     path.write_text(msh(nodes, ((3, 1, "upper"), (3, 2, "lower"), (2, 9, "fixed")), elements))
 
 
-# The corners of a cell are numbered 4 x + 2 y + z. Kuhn's division follows the six paths of edges from corner 0 to 7. The division into five consists of a
-# regular tetrahedron and four corner tetrahedra, and is mirrored in every other cell.
+# The corners of a cell are numbered 4 x + 2 y + z. Kuhn's division follows the six paths along edges from corner 0 to corner 7. The division into five consists
+# of a regular tetrahedron and four corner tetrahedra, and is mirrored in every other cell.
 KUHN = [(0, a, a | b, 7) for a in (1, 2, 4) for b in (1, 2, 4) if a != b]
 FIVE = ([(0, 3, 5, 6), (1, 0, 3, 5), (2, 0, 3, 6), (4, 0, 5, 6), (7, 3, 5, 6)], [(1, 2, 4, 7), (0, 1, 2, 4), (3, 1, 2, 7), (5, 1, 4, 7), (6, 2, 4, 7)])
 

@@ -1,10 +1,12 @@
 #!/usr/bin/python3
-"""A rigid disc bonded to a Yeoh material and pressed into its surface, by CalculiX: forces for tests/unit/insertion/test_stiffening.c.
+"""Computes, with CalculiX, the force on a rigid disc that is bonded to a Yeoh material and pressed into its surface, for
+tests/unit/insertion/test_stiffening.c.
 
-Axisymmetric quadratic elements (CAX8), graded towards the disc's rim, large displacements. A block of 60 mm radius and height, fixed at its
-bottom; E = 20 kPa, nu = 0.45, disc of 0.635 mm. Increments end where the elements at the rim are distorted too far, at 2 to 3.5 radii.
+The elements are axisymmetric and quadratic (CAX8) and graded towards the disc's rim; displacements are large. The block has a radius and a height of 60 mm
+and is fixed at its bottom; E = 20 kPa, nu = 0.45; the disc's radius is 0.635 mm. The increments end where the elements at the rim become too distorted, at 2
+to 3.5 radii.
 
-usage: pressed_disc.py STIFFENING [DEPTH]     C20 / C10, 0: neo-Hookean; m, default 4e-3
+usage: pressed_disc.py STIFFENING [DEPTH]     STIFFENING: C20 / C10 (0: neo-Hookean); DEPTH: m, by default 4e-3
 """
 import os
 import re
@@ -16,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 RADIUS, WIDTH, HEIGHT, E, NU = 0.635e-3, 0.06, 0.06, 20e3, 0.45
-RIM, GROWTH, STEPS = 0.3, 1.25, 20   # size of the first element relative to the radius; ratio of successive element sizes
+RIM, GROWTH, STEPS = 0.3, 1.25, 20   # RIM: size of the first element relative to the radius; GROWTH: ratio of successive element sizes
 
 
 def graded(start, end, first):

@@ -1,14 +1,14 @@
 #!/usr/bin/python3
-"""Forces on a rigid needle whose surface is resolved by the mesh: the reference for the mesh-independence checks.
+"""Computes the forces on a rigid needle whose surface is resolved by the mesh: the reference for the mesh-independence checks.
 
-A needle of radius r is bonded to a block of tissue: a cylindrical hole with a flat end, all nodes of which are moved
-by 1 mm, sideways or along the axis, without rotation. The reactions are the forces needed. The discs, moved alone,
-calibrate the compliance under a cutting force. Nothing here comes from trocar's own code: meshes are made by Gmsh and
-numpy and solved by CalculiX with quadratic tetrahedra (C3D10). See README.md next to this file.
+A needle of radius r, bonded to a block of tissue, is represented by a cylindrical hole with a flat end, all nodes of which are moved by 1 mm, sideways or along
+the axis, without rotation. The reactions are the required forces. The discs, which are end faces moved on their own, calibrate the compliance under a cutting
+force. No code of trocar is used: meshes are created by Gmsh and numpy and solved by CalculiX with quadratic tetrahedra (C3D10). See README.md next to this
+file.
 
-The mesh is a plane triangulation, extruded: polar rings around the needle's axis, refined towards its rim, joined to
-Gmsh's triangles that reach the block's sides. Its layers are thin at the needle's ends and long in between, which an
-unstructured mesh can't achieve. For an oblique needle this mesh is deformed. Lengths are in m, forces in N, moduli in Pa.
+The mesh is an extruded plane triangulation: polar rings around the needle's axis, refined towards its rim, are joined to Gmsh's triangles, which extend to the
+block's sides. Its layers are thin at the needle's ends and long in between, which an unstructured mesh cannot achieve. For an oblique needle, this mesh is
+deformed. Lengths are in m, forces in N, moduli in Pa.
 """
 import argparse
 import json
@@ -28,12 +28,13 @@ HALF_WIDTH, HEIGHT = 0.060, 0.100  # the block: |x|, |y| <= HALF_WIDTH; z = 0 is
 RINGS_RADIUS = 0.006  # m, radius at which the polar rings end; less than the distance from any needle to a side of the block
 SOFT, STIFF, CONTRAST = 20e3, 60e3, 1000.0
 MOVE = 1e-3
-BALANCE = 1e-4  # largest imbalance of the reactions relative to their magnitude; CalculiX prints seven digits
+BALANCE = 1e-4  # largest permitted imbalance of the reactions relative to their magnitude; CalculiX prints seven digits
 
-# rim: size of the first element at the needle's rim, in radii. slope: growth of the element size with the distance from the rim; far_slope: growth with the
-# distance from the rings. sectors: number of elements around the needle. largest: largest element size, far from the needle. Discs have a finer rim: where the
-# bonded end meets the free wall of the hole (a clamped-free corner of 270 degrees, Williams 1952), displacements go with the power 0.28 of the distance at nu =
-# 0.45, so forces go as rim^0.56.
+# `rim`: size of the first element at the needle's rim, in radii. `slope`: growth of the element size with the distance from the rim; `far_slope`: growth with
+# the distance from the rings. `sectors`: number of elements around the needle. `largest`: largest element size, far from the needle. Discs have a finer rim:
+# where the
+# bonded end meets the free wall of the hole (a clamped-free corner of 270 degrees, Williams 1952), displacements vary with the power 0.28 of the distance at nu
+# = 0.45, so the error of forces varies as rim^0.56.
 MESHES = {
     "coarse": {"needle": {"rim": 0.24, "slope": 1.0, "far_slope": 0.5, "sectors": 8, "largest": 0.018},
                "disc": {"rim": 0.006, "slope": 0.7, "far_slope": 0.6, "sectors": 8, "largest": 0.025}},
@@ -64,7 +65,7 @@ def case(tip, radius=0.635e-3, nu=0.45, axis=(0.0031, -0.0027), below=SOFT, abov
 
 
 def oblique(angle, azimuth=0, middle=(0.0, -0.0027), length=0.060):
-    """Returns a needle with a length of `length` inside the tissue, half of it on either side of x, y = middle."""
+    """Returns a needle of which `length` lies inside the tissue, half of it on either side of x, y = middle."""
     across, down = 0.5 * length * math.cos(math.radians(angle)), length * math.sin(math.radians(angle))
     way = (math.cos(math.radians(azimuth)), math.sin(math.radians(azimuth)))
     return {**case(HEIGHT - down, axis=(middle[0] + across * way[0], middle[1] + across * way[1])), "angle": angle, "azimuth": azimuth}
@@ -187,7 +188,7 @@ def plane_triangulation(axis, radius, first, mesh):
 
 
 def midpoints(a, b):
-    """Returns the midpoints of the edges from a to b (n x 2). Within the rings they lie on the arc, so that the needle is round."""
+    """Returns the midpoints of the edges from a to b (n x 2). Within the rings, they lie on the arc, so that the needle is round."""
     middle, radius_a, radius_b = 0.5 * (a + b), np.linalg.norm(a, axis=1), np.linalg.norm(b, axis=1)
     within = (np.maximum(radius_a, radius_b) < RINGS_RADIUS * (1 - 1e-9)) & (np.minimum(radius_a, radius_b) > 1e-9)
     mean = 0.5 * (radius_a + radius_b)[within]
@@ -228,7 +229,7 @@ class Edges:
 def extrude(vertices, triangles, heights):
     """Extrudes each triangle through each layer and cuts the prism into three C3D10 tetrahedra.
 
-    Returns nodes (n x 3) and elements (layers x 3 triangles x 10). A node is a plane node (vertex or midpoint of an edge) at a level (face or middle of a
+    Returns nodes (n x 3) and elements ((layers x 3 x triangles) x 10). A node is a plane node (vertex or midpoint of an edge) at a level (face or middle of a
     layer): number = level * plane nodes + plane node. The corners of a prism are taken in ascending order, so that neighbours divide their common face along
     the same diagonal.
     """
@@ -261,11 +262,11 @@ def right_handed(nodes, tets):
 # ---- oblique needles -------------------------------------------------------------------------------------------------
 
 def oblique_axis(one, z):
-    """At the height z of the undeformed mesh: how far forward the deformed one's axis is from the tip, and the vector (forward, up)
-    to which a unit vector forward turns there.
+    """Returns two quantities at the height z of the undeformed mesh: how far forward of the tip the deformed mesh's axis lies, and the vector (forward, up)
+    into which a unit vector forward is turned there.
 
-    Beside the axis each face of a layer stays plane. It is at right angles to the needle at the tip, so that the end is flat, and
-    horizontal at the skin and at the bottom. Moving points along the needle keeps the hole a circular cylinder."""
+    Each face of a layer remains plane. It is perpendicular to the needle at the tip, so that the end is flat, and horizontal at the skin and at the bottom.
+    Because points move along the needle, the hole remains a circular cylinder."""
     angle, height = math.radians(one["angle"]), one["tip"]
     slope, within, below = 1.0 / math.tan(angle), z >= height, np.clip(z / height, 0.0, 1.0)
     centre = np.where(within, -slope * (z - height), slope * BEND * (1 - below ** (height / BEND)))
@@ -284,7 +285,7 @@ EDGES = ((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3))  # edges of a C3D10 ele
 
 
 def straighten(nodes, elements, far):
-    """Moves the mid-side nodes of edges with a far end to the midpoints between the ends."""
+    """Moves the mid-side nodes of edges that have a far end to the midpoints between their ends."""
     for i, edge in enumerate(EDGES, 4):
         ends, middle = elements[:, edge], elements[:, i]
         chosen = far[ends].any(axis=1)
@@ -311,7 +312,7 @@ def deform(one, nodes, elements):
     share = np.max([sign * nodes[:, i] / (HALF_WIDTH - sign * middle[i]) for i in (0, 1) for sign in (-1, 1)], axis=0)
     weight = np.clip((1 - share) / (1 - RINGS_RADIUS / (HALF_WIDTH - np.abs(middle).max())), 0.0, 1.0)
     centre, ahead, up = oblique_axis(one, z)
-    turned = weight ** 3 * (nodes[:, :2] @ forward)  # the rotation decreases faster than the shift, which keeps elements from folding
+    turned = weight ** 3 * (nodes[:, :2] @ forward)  # the rotation decreases faster than the shift, which prevents elements from folding
     shift = weight * (centre + (one["axis"] - middle) @ forward) + turned * (ahead - 1)
     moved = np.column_stack([nodes[:, :2] + middle + shift[:, None] * forward, z + turned * up])
     distance = np.hypot(x, y)
@@ -386,7 +387,7 @@ def input_deck(one, nodes, elements, middle, fixed, moved):
 
 
 def reactions(text, names):
-    """Returns the sums of the forces on the moved nodes and on the fixed face for each load case, read from CalculiX's .dat file."""
+    """Reads CalculiX's .dat file; returns, for each load case, the sums of the forces on the moved nodes and on the fixed face."""
     sums = re.findall(r"total force.*for set (\w+) and time.*\n\s*\n\s*(\S+)\s+(\S+)\s+(\S+)", text)
     if [name for name, *_ in sums] != ["MOVED", "FIXED"] * len(names):
         sys.exit("resolved_needle: CalculiX printed no reactions; keep its files with --keep and run it by hand")
@@ -414,7 +415,7 @@ def solve(one, mesh, folder):
 # ---- the table -------------------------------------------------------------------------------------------------------
 
 def summarise(entry):
-    """Adds the force along each motion on the finest mesh solved, and the deviation of each mesh from the next finer one."""
+    """Adds the force along each motion on the finest solved mesh, and the deviation of each mesh from the next finer one."""
     force = {mesh: {name: float(np.dot(entry["meshes"][mesh][name]["needle_force"], move)) / MOVE
                     for name, move in loads(entry).items()} for mesh in MESHES if mesh in entry["meshes"]}
     solved = list(force)  # ordered from coarse to fine

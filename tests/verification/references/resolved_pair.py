@@ -1,9 +1,9 @@
 #!/usr/bin/python3
-"""Forces on rigid needles close to each other, the surfaces of all resolved by the mesh: the reference for verify_needle_pairs.py.
+"""Computes the forces on rigid needles close to each other whose surfaces are resolved by the mesh: the reference for verify_needle_pairs.py.
 
-Each needle is a cylindrical hole with a flat end in a block of tissue. All nodes of one needle's surface are moved by 1 mm, without rotation,
-those of the others are held, and the reactions on all of them are summed: a column of the stiffness matrix between the needles. Nothing here
-comes from trocar's own code: Gmsh makes the mesh, CalculiX solves it with quadratic tetrahedra (C3D10). See README.md next to this file.
+Each needle is represented by a cylindrical hole with a flat end in a block of tissue. All nodes of one needle's surface are moved by 1 mm, without rotation;
+those of the others are held. The sums of the reactions on each needle are a column of the stiffness matrix between the needles. No code of trocar is used:
+Gmsh creates the mesh, and CalculiX solves it with quadratic tetrahedra (C3D10). See README.md next to this file.
 Lengths are in m, forces in N, moduli in Pa.
 """
 import argparse
@@ -23,8 +23,8 @@ import numpy as np
 from resolved_needle import BALANCE, HALF_WIDTH, HEIGHT, MOVE, a_set, least_jacobian, material, numbered, solver_version, straighten
 
 RADIUS, MODULUS = 0.635e-3, 20e3
-# around: number of elements around a needle. slope: growth of the element size with the distance from the needle's surface. largest: element size far from the
-# needles.
+# `around`: number of elements around a needle. `slope`: growth of the element size with the distance from the needle's surface. `largest`: element size far
+# from the needles.
 MESHES = {"coarse": {"around": 8, "slope": 0.6, "largest": 0.018}, "standard": {"around": 10, "slope": 0.45, "largest": 0.015},
           "fine": {"around": 14, "slope": 0.35, "largest": 0.012}}
 BEYOND = 0.010  # m, height above the skin from which the hole is cut
@@ -43,7 +43,8 @@ def vertical(x, y, depth=0.080):
 
 
 def oblique(x, y, angle, azimuth, depth=0.080, crosses=0.0):
-    """Returns a needle with a length of `depth` in the tissue, at `angle` degrees to the skin and towards `azimuth` degrees from x. It passes through (x, y) at
+    """Returns a needle of which a length of `depth` lies in the tissue, at `angle` degrees to the skin and towards `azimuth` degrees from x. It passes through
+    (x, y) at
     the skin, or at the depth `crosses` below the skin."""
     along = np.array([math.cos(math.radians(angle)) * math.cos(math.radians(azimuth)), math.cos(math.radians(angle)) * math.sin(math.radians(azimuth)),
                       -math.sin(math.radians(angle))])
@@ -52,7 +53,7 @@ def oblique(x, y, angle, azimuth, depth=0.080, crosses=0.0):
 
 
 def case(needles, moved=None, nu=0.45):
-    """`moved`: numbers of the needles that are moved, each along x, y and z; by default, all of them."""
+    """Returns a case to be solved. `moved`: numbers of the needles that are moved, each along x, y and z; by default, all of them."""
     return {"radius": RADIUS, "poisson_ratio": nu, "youngs_modulus": MODULUS, "needles": needles, "moved": list(range(len(needles))) if moved is None else moved}
 
 
@@ -163,7 +164,7 @@ def input_deck(one, nodes, elements):
 
 
 def reactions(one, text):
-    """Returns the forces [moved][axis][needle][component] in N per MOVE, read from CalculiX's .dat file."""
+    """Reads CalculiX's .dat file; returns the forces [moved][axis][needle][component] in N per MOVE."""
     sums = re.findall(r"total force.*for set (\w+) and time.*\n\s*\n\s*(\S+)\s+(\S+)\s+(\S+)", text)
     sets, count = len(one["needles"]) + 1, len(steps_of(one))
     if len(sums) != sets * count:

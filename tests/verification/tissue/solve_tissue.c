@@ -1,9 +1,9 @@
-/* Displacements of a tissue under nodal forces, computed by the core for the scripts in this folder.
+/* Computes the displacements of a tissue under nodal forces with the core, for the scripts in this folder.
 
    usage: solve_tissue MESH <INPUT >OUTPUT
-   INPUT, one a line: `strain patch`, `strain node` or `strain element` (volumetric_strain), `material REGION E NU`, `fixed GROUP`, `case`
+   INPUT, one item per line: `strain patch`, `strain node` or `strain element` (volumetric_strain), `material REGION E NU`, `fixed GROUP`, `case`
    (begins a load case), `load NODE FX FY FZ`.
-   OUTPUT: x y z of each node (m), then for each case ux uy uz of each node (m), all with 17 digits. */
+   OUTPUT: x y z of each node (m), then, for each case, ux uy uz of each node (m), all with 17 digits. */
 #include <stdlib.h>
 #include <string.h>
 
@@ -70,7 +70,7 @@ static void solve_case(problem *p) {
     memset(p->force, 0, (size_t)p->mesh.node_count * sizeof *p->force);
 }
 
-/* The first load case needs the factor; materials and fixed groups are complete by then. */
+/* At the first load case, the materials and the fixed groups are complete, so the tissue is factorised. */
 static trocar_status begin_case(problem *p, report *why) {
     trocar_status status = TROCAR_OK;
     solve_case(p);

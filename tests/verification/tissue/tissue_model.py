@@ -1,6 +1,6 @@
-"""A tissue for the checks in Python: its mesh, consistent nodal loads, and its displacements by core or by CalculiX.
+"""A tissue for the checks in Python: its mesh, consistent nodal loads, and its displacements computed with the core or with CalculiX.
 
-Arrays: nodes (n, 3) m; tets (t, 4); forces and displacements (n, 3), N and m. A material is a pair (E in Pa, nu).
+Arrays: nodes (n, 3), m; tets (t, 4); forces (n, 3), N; displacements (n, 3), m. A material is a pair (E in Pa, nu).
 """
 import os
 import shutil
@@ -47,8 +47,8 @@ def start_gmsh():
 
 
 def finish_mesh(path, size, volumes, surfaces, optimize=False):
-    """Meshes the shape with elements of this size, writes the file and reads it. The named groups are given by the tags of entities by name; a name without
-    tags gets no group."""
+    """Meshes the shape with elements of this size, writes the file and reads it. The groups are given as name -> tags of entities; a name without tags gets no
+    group."""
     for dimension, groups, first in ((3, volumes, 1), (2, surfaces, 8)):
         for number, (name, tags) in enumerate(groups.items(), first):
             if tags:
@@ -101,8 +101,8 @@ def read_mesh(path):
 # ---- elements ----
 
 def tet_rule(n=3):
-    """Returns Gauss points (weights of the four corners) and their weights (sum 1/6) on a tetrahedron: a conical product of n^3 points, exact to degree 2 n - 3
-    (Stroud 1971)."""
+    """Returns Gauss points (as barycentric coordinates) and their weights (which sum to 1/6) on a tetrahedron: a conical product of n^3 points, exact up to
+    degree 2 n - 3 (Stroud 1971)."""
     x, w = np.polynomial.legendre.leggauss(n)
     x, w = (x + 1) / 2, w / 2
     a, b, c = np.meshgrid(x, x, x, indexing="ij")
@@ -127,7 +127,7 @@ def quadratic(weights, edges):
 
 
 def gradients(model):
-    """Returns the gradients of the linear shape functions (t, 4, 3), 1/m, and volumes (t), m^3."""
+    """Returns the gradients of the linear shape functions (t, 4, 3), 1/m, and the volumes (t), m^3."""
     x = model.nodes[model.tets]
     jacobian = x[:, 1:] - x[:, :1]
     inner = np.linalg.inv(jacobian).transpose(0, 2, 1)
@@ -204,7 +204,8 @@ def point_load(model, points, force):
 # ---- solutions: displacements (cases, n, 3) ----
 
 def solve_core(rows, model, materials, fixed, cases, strain="patch"):
-    """Solves with trocar's core. `materials` is keyed by region name, `fixed` lists names of groups, and `cases` contains nodal forces. `strain` is the set
+    """Solves with trocar's core. `materials` is keyed by region name, `fixed` contains the names of groups, and `cases` contains nodal forces. `strain` is the
+    set
     over which the volumetric strain is averaged: "patch", "node" or "element"."""
     lines = [f"strain {strain}"]
     lines += [f"material {name} {e!r} {nu!r}" for name, (e, nu) in materials.items()] + [f"fixed {name}" for name in fixed]

@@ -1,11 +1,11 @@
 #!/usr/bin/python3
-"""The probe pressed into a block with a gland, against CalculiX: same mesh, its own contact with a meshed cylinder.
+"""Compares the probe, pressed into a block with a gland, with CalculiX on the same mesh. CalculiX uses its own contact with a meshed cylinder.
 
-CalculiX: C3D4, node-to-surface penalty contact of the wall's nodes without friction, the probe a body of flat facets whose nodes are all moved
-by the depth, small strains. Both integrate the volumetric strain by element. Penalty and facets are the reference's error, about 1 %.
+CalculiX uses C3D4 elements, small strains, and frictionless node-to-surface penalty contact of the wall's nodes. Its probe is a body of flat facets, whose
+nodes are all moved by the depth. Both integrate the volumetric strain by element. The penalty and the facets cause the reference's error of about 1 %.
 
-The full form also shows which contact is right on a coarse mesh: on meshes of several sizes, the force with the wall's nodes kept out of the probe, and
-CalculiX's with its whole faces kept out (surface to surface). Both come down to the same force as elements become smaller.
+The full form also shows which contact is right on a coarse mesh. On meshes of several sizes, it compares the force if the wall's nodes are kept out of the
+probe with CalculiX's force if the wall's whole faces are kept out (surface to surface). Both decrease to the same force as elements become smaller.
 """
 import os
 import re
@@ -23,12 +23,12 @@ RADIUS, LENGTH, DEPTH = 0.010, 0.06, 0.006
 TIP = 0.008                                  # m, position of the tip beyond the middle of the block
 WALL = 0.045                                 # m, height of the wall on which the probe presses
 MATERIALS = {"gland": (60e3, 0.45), "surrounding": (20e3, 0.45)}
-PENALTY = 3e9                                # N/m^3; for comparison, an element of the wall has about E / h = 5e6
+PENALTY = 3e9                                # N/m^3, penalty stiffness; for comparison, that of an element of the wall is about E / h = 5e6
 FACET = 0.0012
 
 
 def block(path, size):
-    """Makes a block that contains an ellipsoid, the gland, 20 mm below its upper face, which is the wall. The block is fixed at its bottom."""
+    """Creates a block that contains an ellipsoid, the gland, 20 mm below its upper face, which is the wall. The block is fixed at its bottom."""
     tm.start_gmsh()
     occ = tm.gmsh.model.occ
     box, ball = occ.addBox(-0.04, -0.03, 0, 0.08, 0.06, WALL), occ.addSphere(0, 0, 0, 0.016)
@@ -73,8 +73,8 @@ def wall_faces(model):
 
 
 def deck(model, nodes, triangles, faces):
-    """Each facet of the probe belongs to a tetrahedron toward the axis, which only carries the facet. With `faces`, the wall's faces are used in the contact
-    instead of its nodes."""
+    """Returns CalculiX's input deck. Each facet of the probe belongs to a tetrahedron toward the axis, whose only purpose is to carry the facet. With `faces`,
+    the wall's faces are used in the contact instead of its nodes."""
     first = len(model.nodes)
     ends = nodes[triangles]
     centre = ends.mean(1)

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Displacements of the tissue compared with CalculiX's C3D4 elements: same mesh, same nodal forces, one and three materials.
+"""Compares displacements of the tissue with those of CalculiX's C3D4 elements: same mesh, same nodal forces, with one material and with three.
 
 CalculiX integrates the volumetric strain by element, and so does the library here (`volumetric_strain: element`).
 """
@@ -17,7 +17,7 @@ NOTE = "relative to the field's norm; CalculiX prints 7 digits"
 
 
 def layered_block(path, size):
-    """Makes a block of three layers with tilted interfaces, none of which is parallel to an axis. The face z = 0 is fixed."""
+    """Creates a block of three layers with tilted interfaces, none of which is parallel to an axis. The face z = 0 is fixed."""
     tm.start_gmsh()
     occ = tm.gmsh.model.occ
     block = occ.addBox(0, 0, 0, 0.06, 0.05, 0.06)
@@ -35,7 +35,7 @@ def layered_block(path, size):
 
 
 def load_cases(model):
-    """Two load cases: a few large forces inside and on the surface, and a force on every node."""
+    """Returns two load cases: a few large forces inside and on the surface, and a force on every node."""
     random = np.random.default_rng(7)
     few, all_over = np.zeros_like(model.nodes), random.normal(size=model.nodes.shape)
     few[random.choice(len(model.nodes), 6, replace=False)] = random.normal(size=(6, 3))

@@ -1,15 +1,14 @@
 #!/usr/bin/python3
-"""The tissue compared with exact solutions: constant strain on an irregular mesh, and two manufactured trigonometric fields.
+"""Compares the tissue with exact solutions: constant strain on an irregular mesh, and two manufactured trigonometric fields.
 
 The first field, u = a sin(pi x/L) sin(pi y/L) sin(pi z/L), is zero on the cube's faces, which are all fixed; its body force is applied
 consistently. Linear elements should converge with order 2 in the displacement and 1 in the energy norm (Strang and Fix 1973), for every
-nu below 0.5. The order is that of the finest pair of meshes. Patches of elements are irregular, so that the error scatters by 7 % from mesh to
-mesh, and the order of a pair by 0.15: by patch, it is fitted to the errors on all meshes of 8 to 32 elements along an edge, in steps of 2.
+nu below 0.5. The order is that of the finest pair of meshes. Patches of elements are irregular, so that the error scatters by 7 % from mesh to mesh, and the
+order of a pair by 0.15. With strain by patch, the order is therefore fitted to the errors on all meshes with 8 to 32 elements along an edge, in steps of 2.
 
-The second field, curl (0, 0, sin^2 sin^2 sin^2), is divergence-free, so its load does not depend on lambda. At nu = 0.499 it shows
-locking: with strain by element 76 % of the displacement is missing on the mesh with 16 elements along an edge.
-
-Volumetric strain by patch is the default; strain by element is the standard linear tetrahedron.
+The second field, curl (0, 0, sin^2 sin^2 sin^2), is divergence-free, so its load does not depend on lambda. At nu = 0.499, it shows locking: with strain by
+element, 76 % of the displacement is missing on the mesh with 16 elements along an edge. Volumetric strain by patch is the default; strain by element is the
+standard linear tetrahedron.
 """
 import itertools
 import sys
@@ -33,7 +32,7 @@ ORDER_LIMIT = 0.05                    # permitted relative error of the observed
 
 
 def cube(path, size, fixed_faces):
-    """Makes an unstructured mesh with elements of this size; `fixed_faces` decides from the centre of a face whether it is fixed."""
+    """Creates an unstructured mesh with elements of this size; `fixed_faces` decides from the centre of a face whether it is fixed."""
     tm.start_gmsh()
     occ = tm.gmsh.model.occ
     block = occ.addBox(0, 0, 0, SIDE, SIDE, SIDE)
@@ -86,7 +85,7 @@ def patch_test(rows):
 @dataclass
 class Solution:
     displacement: Callable  # function of x (..., 3), all in metres
-    gradient: Callable      # function of x: du_i / dx_j
+    gradient: Callable      # function of x that returns du_i / dx_j
     body_force: Callable    # function of the material that returns a function of x, N/m^3
 
 

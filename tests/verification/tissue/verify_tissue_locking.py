@@ -1,14 +1,14 @@
 #!/usr/bin/python3
-"""Volumetric locking: the excess stiffness of the tissue's tetrahedra as Poisson's ratio approaches 0.5.
+"""Measures volumetric locking: the excess stiffness of the tissue's tetrahedra as Poisson's ratio approaches 0.5.
 
 The prostate's mesh is loaded by a pressure patch on the skin, and along a needle's track. The compliance of a load of total force F,
 (f . u) / F^2, is compared with that of CalculiX's quadratic tetrahedra (C3D10, straight sides):
 - Loads that do not depend on the mesh (the pressure patch, and a force spread around the track over a radius that every mesh resolves)
-  are compared with C3D10 on the finest mesh that CalculiX solves. The difference is the total error, of locking and of coarseness.
-- Point forces along the track, each distributed to the corners of its tetrahedron as a needle's are, are compared with C3D10 on the same
-  mesh under the same nodal forces. Under a point force the displacement of a continuum is infinite, so elements of different order
+  are compared with C3D10 on the finest mesh that CalculiX solves. The difference is the total error, due to both locking and coarseness.
+- Point forces along the track, each distributed to the corners of its tetrahedron like a needle's forces, are compared with C3D10 on the same
+  mesh under the same nodal forces. Under a point force, the displacement of a continuum is infinite, so elements of different order
   differ at any nu; the contacts' local compliance accounts for that.
-Locking is how much the error grows from nu = 0.3 on. The figures show three formulations: volumetric strain by patch (the default), by
+Locking is the increase of the error relative to that at nu = 0.3. The figures show three formulations: volumetric strain by patch (the default), by
 node, and by element (the standard linear tetrahedron). Strain by element locks, so it is shown for comparison only: it has no rows, and
 its point at nu = 0.499 lies outside the figures.
 """
@@ -24,11 +24,11 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 import tissue_model as tm  # noqa: E402
 from rows import REPOSITORY, SKIPPED, Rows  # noqa: E402
 
-LIMIT = 0.07           # just noticeable difference of force, relative
+LIMIT = 0.07           # relative just noticeable difference of force
 POISSON = (0.3, 0.45, 0.48, 0.49, 0.499)
 DEFAULT = 0.45
 MESHES = (570, 1700, 3300, 6500)
-COARSE = (570, 1700)   # number of nodes of the meshes on which the total error is only measured
+COARSE = (570, 1700)   # number of nodes of the meshes on which the total error is reported but not checked
 REFERENCES = (570, 1700, 3300)  # number of nodes of the meshes solved with quadratic elements, which have eight times as many nodes
 LOCKING, WHOLE = "Tissue: volumetric locking", "Tissue: error of the elements on coarse meshes"
 TRACK = np.stack([np.full(12, 0.005), np.full(12, 0.003), np.linspace(0.0025, 0.0575, 12)], 1)  # the needle's track in the figure-8 scene
@@ -52,7 +52,7 @@ def around_track(direction):
 
 
 def load_cases(model, order=1, middle=None):
-    """Returns a dict of name -> nodal forces."""
+    """Returns a dict: name -> nodal forces."""
     sideways, axial = np.eye(3)[1], np.eye(3)[2]
     cases = {"patch on the skin": tm.surface_load(model, model.surfaces["skin"], pressure, order, middle)}
     for name, direction in (("sideways", sideways), ("axial", axial)):
@@ -105,7 +105,7 @@ def is_points(load):
 
 
 def report(rows, ours, references):
-    """Writes the report. ours[strain][nodes][nu] and references[nodes][nu] contain the compliances by load."""
+    """Writes the report. `ours[strain][nodes][nu]` and `references[nodes][nu]` contain the compliance for each load."""
     for load in ours["patch"][MESHES[0]][DEFAULT]:
         for strain, nodes in itertools.product(ours, MESHES):
             own = nodes if is_points(load) else max(references)

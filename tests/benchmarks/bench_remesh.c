@@ -7,6 +7,7 @@
 
 #include "bench/baseline.h"
 #include "oracles/dense_matrix.h"
+#include "model/model_parts.h"
 #include "remesh_timing.h"
 #include "scene/scene.h"
 #include "shared/json.h"

@@ -170,7 +170,7 @@ def quality():
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--nodes", type=int, default=570, help="wanted number of nodes (default 570)")
+    parser.add_argument("--nodes", type=int, default=570, help="desired number of nodes (default 570)")
     parser.add_argument("--centre", type=float, nargs=3, default=(0, 0, 55), metavar="MM", help="centre of the gland")
     parser.add_argument("--half-axes", type=float, nargs=3, default=(24, 17, 20), metavar="MM", help="semi-axes of the gland")
     parser.add_argument("--ratio", type=float, default=3.0, help="element size at the corners of the box relative to the gland's")

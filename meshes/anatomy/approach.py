@@ -8,7 +8,7 @@ from .shapes import shells
 from .shapes.contours import Unusable
 
 AHEAD = 1e-3            # m, distance of the tip from the skin before the insertion
-NEEDLE = 0.2            # m, length of the needle in the scene, unless the target is deeper:
+NEEDLE = 0.2            # m, length of the needle in the scene, unless the target is too deep for it (see LONGER)
 LONGER, LONGEST = 0.05, 0.5     # m: for a deeper target, the needle's length is rounded up to a multiple of the first value, but is at most the second
 SAMPLES = 14            # number of sample points along each side of a region's bounding box, used to find its deepest point
 CANDIDATES = 400        # number of entry points that are tried, starting with the nearest

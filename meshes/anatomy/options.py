@@ -38,33 +38,35 @@ def parse(arguments, version=None):
     """Returns the arguments as a namespace. Ends the program with status 2 if they are wrong, as argparse does."""
     parser = argparse.ArgumentParser("trocar-anatomy", description=DESCRIPTION, formatter_class=argparse.RawDescriptionHelpFormatter)
     add = parser.add_argument
-    add("input", nargs="+", metavar="FILE", help="one file of contours (DICOM, .csv) or a volume mesh (.vtu, .vtk, .msh); any number of label maps on one grid (DICOM, .nii, .nii.gz, .nrrd, .nhdr); "
+    add("input", nargs="+", metavar="FILE", help="one file of contours (DICOM, .csv) or a volume mesh (.vtu, .vtk, .msh); any number of label maps on the same grid (DICOM, .nii, .nii.gz, .nrrd, .nhdr); "
         "any number of surfaces, named after the file (.stl, .ply, .obj, .vtp, .vtk); or a folder of one of these kinds")
     add("--list", action="store_true", help="list the regions of interest and exit")
     add("--roi", action="append", default=[], metavar="NAME", help="soft region, the one of interest first; may be repeated. NAME may be a label's number, or a pattern such as 'lung_*'")
     add("--bone", action="append", default=[], metavar="NAME", help="region, or pattern of regions, that no needle can enter; may be repeated")
-    add("--all", action="store_true", help="take all other regions too: those with the name of a bone as bones, the body as the skin")
+    add("--all", action="store_true", help="also use all other regions: those named like bones as bones, the body as the skin")
     add("--output", default=DEFAULT, metavar="PREFIX", help=f"write PREFIX.msh, .yaml, -quality.md and -quality.svg (default {DEFAULT}); a folder: write {DEFAULT}.msh into it, and so on")
-    add("--nodes", type=int, default=570, metavar="N", help="number of nodes, met within 10 %% where the anatomy allows it (default 570)")
+    add("--nodes", type=int, default=570, metavar="N", help="desired number of nodes, reached within 10 %% if the anatomy allows it (default 570)")
     add("--corridor", type=float, nargs="+", metavar="MM",
         help="halve the element size in a cylinder along z; mm, in the mesh's frame. One number: RADIUS around the needle's path")
-    add("--crop", action="store_true", help="limit the box to the first region and the bones; what sticks out is cut off and reported")
+    add("--crop", action="store_true", help="limit the box to the first region and the bones; parts outside the box are cut off and reported")
     add("--skip-small", action="store_true", help="leave out regions that are too small or too thin for the number of nodes, and say which (default: refuse them)")
     add("--time-limit", type=float, metavar="SECONDS",
-        help=f"stop a stage that takes more processor time (default {limits.DEFAULT:g}, and in proportion above {limits.NODES} nodes)")
-    add("--unit", choices=("mm", "cm", "m"), help="unit of the file's lengths (default: what the file says, else mm)")
-    add("--frame", choices=("LPS", "RAS"), help="axes of the file: to the left, back and head, or right, front and head (default: what the file "
-        "says, else LPS)")
-    add("--names", metavar="FILE", help="names of the labels: nnU-Net's dataset.json, or lines of a number and a name")
+        help=f"stop a stage that takes more processor time (default {limits.DEFAULT:g}, and proportionally more above {limits.NODES} nodes)")
+    add("--unit", choices=("mm", "cm", "m"), help="unit of the file's lengths (default: as specified in the file, otherwise mm)")
+    add("--frame", choices=("LPS", "RAS"), help="axes of the file: to the left, back and head, or right, front and head (default: as "
+        "specified in the file, otherwise LPS)")
+    add("--names", metavar="FILE", help="names of the labels: nnU-Net's dataset.json, or lines that consist of a number and a name")
     add("--labels", metavar="ARRAY", help="the array of a volume mesh's cells that holds the labels")
-    add("--skin", metavar="NAME", help="region whose surface is the skin, as BODY; it is cut to a block around the others (default: the face of a box)")
-    add("--entry", type=point, metavar="X,Y,Z", help="where the needle goes through the skin (default: the nearest place without bone in the way)")
-    add("--target", type=point, metavar="X,Y,Z", help="where the needle goes to (default: the middle of the first region)")
-    add("--template", type=template, metavar="X,Y,Z[,NX,NY,NZ]", help="a template of 13 x 13 holes, 5 mm apart: the middle of the holes on the face where "
+    add("--skin", metavar="NAME", help="region whose surface is the skin, such as BODY; it is cut to a block around the others (default: the face of a box)")
+    add("--entry", type=point, metavar="X,Y,Z", help="point at which the needle enters the skin (default: the nearest point without bone in the way)")
+    add("--target", type=point, metavar="X,Y,Z", help="point that the needle should reach (default: the middle of the first region)")
+    add("--template", type=template, metavar="X,Y,Z[,NX,NY,NZ]",
+        help="a template of 13 x 13 holes, 5 mm apart: the centre of the hole pattern on the face where "
         "needles enter, and the direction in which they pass (default 0,0,1: to the head); the needle starts in the hole nearest to the target")
-    add("--margin", type=float, default=25.0, metavar="MM", help="tissue around the first region, and with --skin around all (default 25)")
+    add("--margin", type=float, default=25.0, metavar="MM",
+        help="thickness of the tissue around the first region; with --skin, around all regions (default 25)")
     add("--materials", metavar="FILE.csv", help="materials of regions by name, in place of the built-in ones: see PARAMETERS.md")
-    add("--quiet", action="store_true", help="do not say on stderr which stage begins")
+    add("--quiet", action="store_true", help="do not print the name of each stage on stderr")
     add("--progress", action="store_true", help=argparse.SUPPRESS)      # now the default
     add("--picture", metavar="FILE.svg", help="draw the regions, slice by slice, as read and as interpreted; contours even if they cannot be used")
     if version:
@@ -85,5 +87,5 @@ def parse(arguments, version=None):
     if given.entry and given.target and math.dist(given.entry, given.target) < 1:
         parser.error("--entry and --target are the same point")
     if given.entry and given.template:
-        parser.error("--entry and --template both say where the needle goes in: give one of them")
+        parser.error("--entry and --template both define where the needle enters: give only one of them")
     return given

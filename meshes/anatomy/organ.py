@@ -9,8 +9,8 @@ from . import materials
 from .shapes import contours, field, label_image, shells
 from .shapes.contours import Unusable
 
-SHORT = 20.0            # mm: if the largest region is shorter than this,
-SMALL = 100.0           # mm^3, and smaller than this, the unit of length is probably wrong
+SHORT = 20.0            # mm: if the largest region is shorter than this and smaller than SMALL, the unit of length is probably wrong
+SMALL = 100.0           # mm^3, limit on the volume of the largest region: see SHORT
 LARGE = 2000.0          # mm: a region longer than this also suggests a wrong unit
 LEAST = 1.0             # mm^3: regions smaller than this are refused
 SPECK_VOXELS = 8        # parts of a label that have fewer voxels than this are left out

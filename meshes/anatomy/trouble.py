@@ -1,4 +1,4 @@
-"""Errors of files, and packages that only some files need."""
+"""Exceptions for bad files, and imports of packages that only some files need."""
 import importlib
 
 

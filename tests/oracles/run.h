@@ -28,8 +28,8 @@ typedef struct {
 void run_save(const insertion_state *state, const compliance_snapshot *snapshot, checkpoint *saved);
 
 /* Restores the state in this run or in another run with the same configuration. The results continue as after the save. They are bit-identical for the nested
-   method with a dense or condensed inverse, and equal except for rounding errors for other methods, for the sparse inverse, and outside the region of a condensed
-   inverse. */
+   method with a dense or condensed inverse, and equal except for rounding errors for other methods, for the sparse inverse, and outside the region of a
+   condensed inverse. */
 trocar_status run_restore(needle_run *r, const checkpoint *saved, insertion_state *state, compliance_snapshot *snapshot, report *why);
 
 /* Like model_parts_field, for this needle alone. */

@@ -1,7 +1,8 @@
 #!/usr/bin/python3
-"""Compares the decaying force on a needle that is pushed into tissue and held with a measurement. The series is fitted so that half of the peak is left after 8
-s; the times 0.15 and 2.5 s are published. Because tissue already
-relaxes during the insertion, the weights are larger than the visible decay. The curve in between follows from the times.
+"""Compares the decay of the force on a held needle, after it has been pushed into tissue, with a measurement.
+
+The series is fitted so that half of the peak is left after 8 s; the times 0.15 and 2.5 s are published. Because tissue already relaxes during the insertion,
+the weights are larger than the visible decay. The curve in between follows from the times.
 """
 import sys
 

@@ -29,7 +29,7 @@ FINER = 0.85                # ratio of element sizes between successive attempts
 MOST_MISSING = 0.01         # largest fraction of a piece's surface that may be missing
 MOST_PLACES = 4000          # number of points on a piece's surface at which this is checked
 FACET_ANGLE = 25.0          # deg; CGAL's surface refinement is guaranteed to terminate for values up to 30
-CIRCUMRADIUS = 0.6          # fraction of a triangle's edge; 0.577 for equilateral triangles
+CIRCUMRADIUS = 0.6          # limit of a triangle's circumradius, as a fraction of its edge; the ratio is 0.577 for equilateral triangles
 CORRECTIONS = 8             # number of Newton steps toward the prescribed volumes; three usually suffice
 UNFOLDINGS = 6              # number of attempts to restore the volumes without making surfaces intersect
 

@@ -186,8 +186,8 @@ static pose next_hand(pose base, int tick, vec3 *velocity, double *turning, doub
     return (pose){v3_axpy(1e-3, *velocity, base.position), {cos(0.5 * *turn), 0, 0, sin(0.5 * *turn)}};
 }
 
-/* The prediction of the needle's shape only gives the passes a better starting point: if they continue down to rounding errors, they end at the same equilibrium
-   with and without the prediction. Each tick is run twice from the same state, once with the last step's motion and once without it. The scene
+/* The prediction of the needle's shape only gives the passes a better starting point: if they continue down to rounding errors, they end at the same
+   equilibrium with and without the prediction. Each tick is run twice from the same state, once with the last step's motion and once without it. The scene
    has no old tracks, where several equilibria may be close to each other. In a guide, friction depends on the previous passes, within the tolerance at the
    hole's edge; in that case, the prediction must save passes. */
 static void a_guess_is_only_a_better_start(void **unused) {

@@ -6,8 +6,8 @@
 #include <string.h>
 
 #include "bench/baseline.h"
-#include "oracles/dense_matrix.h"
 #include "model/model_parts.h"
+#include "oracles/dense_matrix.h"
 #include "remesh_timing.h"
 #include "scene/scene.h"
 #include "shared/json.h"

@@ -5,7 +5,7 @@
 #include <stdatomic.h>
 
 #include "api/worker_protocol.h"
-#include "insertion/simulation.h"
+#include "model/model_parts.h"
 #include "probe/probe.h"
 #include "refinement/refined_mesh.h"
 #include "resting/resting_set.h"
@@ -18,7 +18,7 @@ struct trocar_scene {
 };
 
 struct trocar_model {
-    simulation parts;        /* immutable data of the simulation, shared by all its runs */
+    model_parts parts;       /* immutable data of the simulation, shared by all its runs */
     trocar_log log;          /* the host's */
     atomic_int users;        /* number of users: the host, until it frees the model, and the simulations, pictures and models created from it */
     trocar_model *base;      /* model whose mesh, stiffness and inverse this one shares; NULL if it has its own */
@@ -64,13 +64,13 @@ typedef struct {
     bool attached;           /* the needle is attached to the tissue */
     uint64_t served_changes, served_shifts; /* change counters of the resting needles and the probe at the time of the last answer */
     double shown_force[MAX_UNKNOWNS]; /* N, forces for which the needle was last shown */
-} needle_track;
+} sim_needle;
 
 struct trocar_sim {
     trocar_model *model;
     trocar_view view;
     int needle_count;
-    needle_track *needles;
+    sim_needle *needles;
     sim_link link;
     /* Used by the ticking thread: */
     insertion_workspace *workspace; /* scratch of a tick; in lockstep, possibly that of several simulations */

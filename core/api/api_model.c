@@ -61,7 +61,7 @@ trocar_status trocar_model_create(const trocar_scene *scene, const trocar_model_
     }
     m->mesh_only = options && options->mesh_only;
     floating_mode before = flush_denormals();
-    status = m->mesh_only ? simulation_create_mesh(&config, &m->parts, why) : simulation_create_model(&config, &m->parts, why);
+    status = m->mesh_only ? model_parts_create_mesh(&config, &m->parts, why) : model_parts_create(&config, &m->parts, why);
     restore_floating_mode(before);
     if (status == TROCAR_OK) {
         m->mesh_checksum = mesh_checksum(&m->parts);
@@ -82,7 +82,7 @@ trocar_status trocar_model_derive(const trocar_model *base, const trocar_scene *
     m->log = base->log;
     config.insertion.most_steps = base->parts.config.insertion.most_steps;
     floating_mode before = flush_denormals();
-    status = simulation_derive(&base->parts, &config, &m->parts, why);
+    status = model_parts_derive(&base->parts, &config, &m->parts, why);
     restore_floating_mode(before);
     if (status == TROCAR_OK) {
         m->base = model_share((trocar_model *)base);
@@ -95,7 +95,7 @@ trocar_status trocar_model_derive(const trocar_model *base, const trocar_scene *
 void trocar_model_free(trocar_model *model) {
     while (model && atomic_fetch_sub_explicit(&model->users, 1, memory_order_acq_rel) == 1) {
         trocar_model *base = model->base;
-        simulation_free(&model->parts);
+        model_parts_free(&model->parts);
         free(model);
         model = base;
     }

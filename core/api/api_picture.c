@@ -84,7 +84,7 @@ static void states_of(const trocar_picture *p, const insertion_state *states[MAX
 
 trocar_status trocar_picture_refined_mesh(trocar_picture *p, trocar_refined_mesh *mesh, trocar_error *error) {
     trocar_error ignored, *why = error ? error : &ignored;
-    const simulation *parts = &p->model->parts;
+    const model_parts *parts = &p->model->parts;
     size_t nominal = (size_t)parts->mesh.node_count, room = nominal + MAX_CONTACTS;
     refinement refined;
     refined_mesh_free(&p->refined);

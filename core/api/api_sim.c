@@ -16,18 +16,18 @@ _Static_assert(TROCAR_MAX_GUIDES == (int)MAX_GUIDES && TROCAR_MAX_POINTS == (int
 _Static_assert(TROCAR_CONTACT_TISSUE == (int)POINT_TISSUE && TROCAR_CONTACT_TIP == (int)POINT_TIP && TROCAR_CONTACT_GUIDE == (int)POINT_GUIDE, "contact kinds differ from trocar.h");
 _Static_assert(TROCAR_EVENT_TOUCHED == (int)EVENT_TOUCHED && TROCAR_EVENT_TRACK_DROPPED == (int)EVENT_TRACK_DROPPED && TROCAR_EVENT_INEXACT == (int)EVENT_INEXACT, "event bits differ from trocar.h");
 _Static_assert(TROCAR_MAX_TRACKS == (int)MAX_TRACKS && TROCAR_MAX_TRACK_POINTS == (int)MAX_TRACK_POINTS && NO_MEMBRANE == -1, "limits differ from trocar.h");
-_Static_assert(TROCAR_STAGES == (int)INSERTION_STAGES && TROCAR_STAGE_WRENCH == (int)INSERTION_WRENCH, "stages differ from trocar.h");
+_Static_assert(TROCAR_STAGES == (int)TIMED_PARTS && TROCAR_STAGE_WRENCH == (int)TIMED_WRENCH, "stages differ from trocar.h");
 
 /* ---- creation ------------------------------------------------------------------------------------------------------------ */
 
-static trocar_status create_needle(const trocar_sim *sim, needle_track *needle, report *why) {
+static trocar_status create_needle(const trocar_sim *sim, sim_needle *needle, report *why) {
     trocar_status status = link_create(&needle->link, sim->borrows_workspace, why);
     if (status != TROCAR_OK) return status;
     return remesher_create(sim->inverse, sim->model->parts.config.remeshing, &needle->remesher, why);
 }
 
 static trocar_status create_inverse(trocar_sim *sim, report *why) {
-    simulation *parts = &sim->model->parts;
+    model_parts *parts = &sim->model->parts;
     sim->inverse = parts->inverse;
     return inverse_create_attached(parts->inverse, &sim->resting.inverse, why);
 }
@@ -111,7 +111,7 @@ trocar_status trocar_sim_step(trocar_sim *sim, int needle, const trocar_pose *ba
     if (status == TROCAR_OK) status = check_pose(base, &at, why);
     if (status != TROCAR_OK) return status;
     floating_mode before = flush_denormals();
-    needle_track *n = &sim->needles[needle];
+    sim_needle *n = &sim->needles[needle];
     bool outdated, finite = true;
     status = worker_before_tick(sim, needle, &outdated, why);
     adopt_needle(sim, n);

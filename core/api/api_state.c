@@ -44,7 +44,7 @@ size_t trocar_state_bytes(const void *state) {
 /* ---- saving ----------------------------------------------------------------------------------------------------------------------- */
 
 static void save_needle(state_stream *to, const trocar_sim *sim, int index) {
-    needle_track *needle = &sim->needles[index];
+    sim_needle *needle = &sim->needles[index];
     needle_phase phase = link_phase(&needle->link) == PHASE_TAKEN ? PHASE_HELD : link_phase(&needle->link);
     saved_needle saved = {.phase = (int)phase, .base_compliance = needle->base_compliance, .since_release = atomic_load(&needle->link.since_release)};
     const insertion_state *state = phase == PHASE_LEAVING ? &link_left(&needle->link)->state : state_of_needle(sim, index, NULL);
@@ -97,7 +97,7 @@ static trocar_status check_state(const trocar_sim *sim, const void *state, size_
 }
 
 /* Restores everything except the remesher, which can be restored only after the resting needles have been attached. */
-static trocar_status restore_needle(state_stream *from, trocar_sim *sim, needle_track *needle, report *why) {
+static trocar_status restore_needle(state_stream *from, trocar_sim *sim, sim_needle *needle, report *why) {
     saved_needle saved;
     int segments = sim->model->parts.needle.given.segments;
     STREAM(from, saved);
@@ -138,12 +138,12 @@ trocar_status trocar_sim_restore(trocar_sim *sim, const void *state, size_t size
     saved_seeds(&from, sim->needle_count, &sim->seeds);
     for (int i = 0; i < sim->needle_count && status == TROCAR_OK; i++) status = restore_needle(&from, sim, &sim->needles[i], why);
     for (int i = 0; i < sim->needle_count && status == TROCAR_OK; i++)
-        /* in a loop of its own, because fill_left needs the tracks of all needles */
-        if (link_phase(&sim->needles[i].link) == PHASE_LEAVING) fill_left(sim, i), link_publish_left(&sim->needles[i].link);
+        /* in a loop of its own, because fill_message_of_left_needle needs the tracks of all needles */
+        if (link_phase(&sim->needles[i].link) == PHASE_LEAVING) fill_message_of_left_needle(sim, i), link_publish_left(&sim->needles[i].link);
     if (status == TROCAR_OK) status = rest_again(sim, why);
     if (status == TROCAR_OK) status = restore_probe(&from, sim, why);
     for (int i = 0; i < sim->needle_count && status == TROCAR_OK; i++) {
-        needle_track *needle = &sim->needles[i];
+        sim_needle *needle = &sim->needles[i];
         needle->served_changes = attached_changes(sim);
         needle->served_shifts = attached_shifts(sim);
         status = remesher_resume(needle->remesher, &needle->state.request, link_answer_slot(&needle->link), why);

@@ -32,7 +32,7 @@ trocar_status check_pose(const trocar_pose *p, pose *out, report *why) {
 const shown_probe *shown_probe_of(const trocar_sim *sim) { return sim->probe ? probe_link_shown(&sim->link.probe) : NULL; }
 
 const insertion_state *state_of_needle(const trocar_sim *sim, int needle, uint64_t *stamp) {
-    const needle_track *n = &sim->needles[needle];
+    const sim_needle *n = &sim->needles[needle];
     const shown_needle *shown = link_shown(&n->link);
     if (stamp) *stamp = shown ? shown->stamp : n->stamp;
     return shown ? &shown->state : &n->state;
@@ -48,7 +48,7 @@ pose base_of_needle(const trocar_sim *sim, int needle) {
 
 /* ---- needles that change hands ----------------------------------------------------------------------------------------------- */
 
-void adopt_needle(trocar_sim *sim, needle_track *n) {
+void adopt_needle(trocar_sim *sim, sim_needle *n) {
     if (link_refuses(&n->link, ON_ADOPT)) return;
     memcpy(&n->state, &link_shown(&n->link)->state, sizeof n->state);
     n->stamp = next_stamp();
@@ -59,10 +59,10 @@ void adopt_needle(trocar_sim *sim, needle_track *n) {
 }
 
 /* Copies the tracks nearest to the tip first, because there may be too little room for all. */
-void fill_left(trocar_sim *sim, int needle) {
+void fill_message_of_left_needle(trocar_sim *sim, int needle) {
     static const double DISTANCES[] = {-1.0, 10e-3, 40e-3}; /* m, limits of the distances from the tip at which tracks are copied in each of the two passes; a
                                                                released needle moves by only a few millimetres */
-    needle_track *n = &sim->needles[needle];
+    sim_needle *n = &sim->needles[needle];
     left_needle *slot = link_left_slot(&n->link);
     memcpy(&slot->state, &n->state, sizeof slot->state);
     slot->others.count = slot->others.point_count = 0;
@@ -79,13 +79,13 @@ static trocar_status refuse(report *why, int needle, const char *reason) {
 trocar_status trocar_sim_leave(trocar_sim *sim, int needle, trocar_error *error) {
     trocar_status status = check_needle(sim, needle, error);
     if (status != TROCAR_OK) return status;
-    needle_track *n = &sim->needles[needle];
+    sim_needle *n = &sim->needles[needle];
     adopt_needle(sim, n);
     const char *reason = link_refuses(&n->link, ON_LEAVE);
     if (reason) return refuse(error, needle, reason);
     if (n->state.tip.place.phase == TIP_FREE) return refuse(error, needle, "it is not in the tissue: insert it before leaving it");
     if (n->state.moving_on) return refuse(error, needle, "it is on its way to another shape: hold it still first");
-    fill_left(sim, needle);
+    fill_message_of_left_needle(sim, needle);
     link_leave(&n->link, &n->state);
     wake_worker(&sim->link);
     return TROCAR_OK;
@@ -94,7 +94,7 @@ trocar_status trocar_sim_leave(trocar_sim *sim, int needle, trocar_error *error)
 trocar_status trocar_sim_take(trocar_sim *sim, int needle, trocar_error *error) {
     trocar_status status = check_needle(sim, needle, error);
     if (status != TROCAR_OK) return status;
-    needle_track *n = &sim->needles[needle];
+    sim_needle *n = &sim->needles[needle];
     const char *reason = link_refuses(&n->link, ON_TAKE);
     if (reason) return refuse(error, needle, reason);
     link_take(&n->link);
@@ -115,7 +115,7 @@ trocar_status trocar_sim_reset(trocar_sim *sim, int needle, const trocar_pose *b
     if (status == TROCAR_OK) status = check_pose(base, &at, error);
     if (status != TROCAR_OK) return status;
     floating_mode before = flush_denormals();
-    needle_track *n = &sim->needles[needle];
+    sim_needle *n = &sim->needles[needle];
     adopt_needle(sim, n);
     n->given = at;
     insertion_reset(&sim->model->parts.insertion, at, &n->state);
@@ -133,15 +133,15 @@ trocar_status trocar_sim_reset(trocar_sim *sim, int needle, const trocar_pose *b
 
 /* ---- ticks --------------------------------------------------------------------------------------------------------------- */
 
-static void answer(const tick_output *wrench, trocar_output *output) {
-    *output = (trocar_output){.force = {wrench->force.x, wrench->force.y, wrench->force.z},
-                              .torque = {wrench->torque.x, wrench->torque.y, wrench->torque.z}, .depth = wrench->depth,
-                              .contacts = wrench->contacts, .events = wrench->events, .membrane = wrench->membrane, .passes = wrench->passes,
-                              .switches = wrench->switches};
+static trocar_output output_of(const tick_output *wrench) {
+    return (trocar_output){.force = {wrench->force.x, wrench->force.y, wrench->force.z},
+                           .torque = {wrench->torque.x, wrench->torque.y, wrench->torque.z}, .depth = wrench->depth,
+                           .contacts = wrench->contacts, .events = wrench->events, .membrane = wrench->membrane, .passes = wrench->passes,
+                           .switches = wrench->switches};
 }
 
 /* True if the needle's forces have changed enough to matter to the other needles. RT */
-static bool loads_changed(const needle_track *needle) {
+static bool loads_changed(const sim_needle *needle) {
     static const double NOTICEABLE = 1e-3; /* N */
     const tissue_loads *now = &needle->loads, *then = &needle->link.posted_loads;
     if (now->count != then->count) return true;
@@ -151,7 +151,7 @@ static bool loads_changed(const needle_track *needle) {
 }
 
 /* Posts the needle's forces to the worker, which passes them on to the other needles. Resting needles and the probe respond at intervals of their own. RT */
-static void post_loads(trocar_sim *sim, needle_track *needle, double dt) {
+static void post_loads(trocar_sim *sim, sim_needle *needle, double dt) {
     bool rest = atomic_load_explicit(&sim->link.resting, memory_order_relaxed) > 0 || atomic_load_explicit(&sim->link.probe.placed, memory_order_relaxed);
     const shown_probe *probe = shown_probe_of(sim);
     double period = response_period(probe ? probe->output.contacts : 0);
@@ -176,7 +176,7 @@ static void advance_time(round_clock *rounds, int needle, double dt) {
 
 trocar_status run_tick(trocar_sim *sim, int index, const compliance_snapshot *snapshot, pose base, double dt, trocar_output *output) {
     tick_output wrench;
-    needle_track *needle = &sim->needles[index];
+    sim_needle *needle = &sim->needles[index];
     const insertion_model *model = &sim->model->parts.insertion;
     floating_mode before = flush_denormals();
     needle->given = base;
@@ -198,14 +198,14 @@ trocar_status run_tick(trocar_sim *sim, int index, const compliance_snapshot *sn
     needle->stamp = next_stamp();
     restore_floating_mode(before);
     needle->link.answered = snapshot->serial;
-    answer(&wrench, output);
+    *output = output_of(&wrench);
     return finite ? TROCAR_OK : TROCAR_NUMERIC;
 }
 
 trocar_status trocar_sim_tick(trocar_sim *sim, int needle, const trocar_pose *base, double dt, trocar_output *output) {
     pose at;
     if (!(dt > 0.0 && dt <= 1.0) || !has_needle(sim->model, needle) || check_pose(base, &at, NULL) != TROCAR_OK) return TROCAR_BAD_INPUT;
-    needle_track *n = &sim->needles[needle];
+    sim_needle *n = &sim->needles[needle];
     adopt_needle(sim, n);
     if (link_refuses(&n->link, ON_TICK)) return TROCAR_BAD_INPUT;
     trocar_status status = run_tick(sim, needle, link_answer(&n->link), at, dt, output);

@@ -20,10 +20,10 @@ const insertion_state *state_of_needle(const trocar_sim *sim, int needle, uint64
 pose base_of_needle(const trocar_sim *sim, int needle);
 
 /* If the worker has returned the needle, adopts its state. RT */
-void adopt_needle(trocar_sim *sim, needle_track *needle);
+void adopt_needle(trocar_sim *sim, sim_needle *needle);
 
 /* Fills the message about a needle that is being left in the tissue, including the tracks of all needles. RT */
-void fill_left(trocar_sim *sim, int needle);
+void fill_message_of_left_needle(trocar_sim *sim, int needle);
 
 /* Computes one tick with the snapshot `answer`. If the result is not finite, the insertion restarts, because a non-finite number would persist in the
    state; the status is then NUMERIC. RT */

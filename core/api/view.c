@@ -131,13 +131,13 @@ void spread_others(const trocar_model *model, const insertion_state *const state
 }
 
 trocar_status field_of(trocar_model *model, const insertion_state *const states[], const shown_probe *probe, vec3 **scratch, vec3 *nominal, vec3 *added, report *why) {
-    simulation *parts = &model->parts;
-    if (!*scratch) *scratch = malloc(simulation_field_scratch(parts) * sizeof **scratch);
+    model_parts *parts = &model->parts;
+    if (!*scratch) *scratch = malloc(model_parts_field_scratch(parts) * sizeof **scratch);
     if (!*scratch) return fail(why, TROCAR_NO_MEMORY, "no memory for displacements");
     floating_mode before = flush_denormals();
     memset(nominal, 0, (size_t)parts->mesh.node_count * sizeof *nominal);
     spread_others(model, states, probe, nominal);
-    simulation_field(parts, states[0], *scratch, nominal, added);
+    model_parts_field(parts, states[0], *scratch, nominal, added);
     restore_floating_mode(before);
     return TROCAR_OK;
 }

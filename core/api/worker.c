@@ -15,7 +15,7 @@ static bool take_loads(trocar_sim *sim) {
     bool any = false;
     for (int i = 0; i < sim->needle_count; i++) {
         bool fresh;
-        needle_track *needle = &sim->needles[i];
+        sim_needle *needle = &sim->needles[i];
         const tissue_loads *loads = link_loads(&needle->link, &fresh);
         if (!fresh || needle->attached) continue;
         copy_loads(loads, &needle->held);
@@ -77,7 +77,7 @@ int trocar_sim_work_descriptor(const trocar_sim *sim) { return sim->link.work_ev
 
 trocar_status worker_before_tick(trocar_sim *sim, int index, bool *outdated, report *why) {
     resting_change change;
-    const needle_track *needle = &sim->needles[index];
+    const sim_needle *needle = &sim->needles[index];
     for (int i = 0; i < sim->needle_count; i++)
         if (link_phase(&sim->needles[i].link) == PHASE_HELD && !sim->needles[i].attached) copy_loads(&sim->needles[i].loads, &sim->needles[i].held);
     bool moved = take_probe_pose(sim);
@@ -88,7 +88,7 @@ trocar_status worker_before_tick(trocar_sim *sim, int index, bool *outdated, rep
 }
 
 /* Lets resting needles and the probe respond to this tick. */
-static trocar_status respond(trocar_sim *sim, needle_track *needle, double dt, report *why) {
+static trocar_status respond(trocar_sim *sim, sim_needle *needle, double dt, report *why) {
     copy_loads(&needle->loads, &needle->held);
     sim->since_response += dt;
     double period = response_period(sim->probe ? sim->probe->state.count : 0);
@@ -99,7 +99,7 @@ static trocar_status respond(trocar_sim *sim, needle_track *needle, double dt, r
 }
 
 trocar_status worker_after_tick(trocar_sim *sim, int index, const compliance_snapshot *answer, double dt, report *why) {
-    needle_track *needle = &sim->needles[index];
+    sim_needle *needle = &sim->needles[index];
     other_loads others;
     trocar_status status = respond(sim, needle, dt, why);
     list_others(sim, index, &others);

@@ -14,7 +14,7 @@ void list_others(const trocar_sim *sim, int needle, other_loads *others) {
         if (i != needle && sim->needles[i].held.count > 0) others->of[others->count++] = &sim->needles[i].held;
 }
 
-void mark_stale(trocar_sim *sim, const needle_track *except) {
+void mark_stale(trocar_sim *sim, const sim_needle *except) {
     for (int i = 0; i < sim->needle_count; i++)
         if (&sim->needles[i] != except) link_mark_stale(&sim->needles[i].link);
 }
@@ -50,7 +50,7 @@ static trocar_status find_unresolved(const trocar_sim *sim, int index, const rem
 
 /* Fills u_free of the worker's slot: computed for the first answer to a request, and reused for later ones. Worker only. */
 static trocar_status fill_free(trocar_sim *sim, int index, const remesh_request *request, bool first, report *why) {
-    needle_track *needle = &sim->needles[index];
+    sim_needle *needle = &sim->needles[index];
     compliance_snapshot *snapshot = link_answer_slot(&needle->link);
     other_loads others;
     if (!first) {
@@ -70,21 +70,21 @@ static trocar_status fill_free(trocar_sim *sim, int index, const remesh_request 
 }
 
 /* Discards rows that are invalid because the inverse has changed. Worker only. */
-static trocar_status start_anew_if_changed(trocar_sim *sim, needle_track *needle, report *why) {
+static trocar_status start_anew_if_changed(trocar_sim *sim, sim_needle *needle, report *why) {
     if (needle->served_changes == attached_changes(sim)) return TROCAR_OK;
     needle->served_changes = attached_changes(sim);
     return remesher_forget(needle->remesher, why);
 }
 
 trocar_status answer_fully(trocar_sim *sim, int index, const remesh_request *request, report *why) {
-    needle_track *needle = &sim->needles[index];
+    sim_needle *needle = &sim->needles[index];
     trocar_status status = start_anew_if_changed(sim, needle, why);
     if (status == TROCAR_OK) status = remesher_answer(needle->remesher, request, link_answer_slot(&needle->link), why);
     return status == TROCAR_OK ? fill_free(sim, index, request, true, why) : status;
 }
 
 trocar_status answer_and_publish(trocar_sim *sim, int index, report *why) {
-    needle_track *needle = &sim->needles[index];
+    sim_needle *needle = &sim->needles[index];
     trocar_status status = answer_fully(sim, index, &needle->state.request, why);
     if (status == TROCAR_OK) link_publish_answer(&needle->link);
     return status;
@@ -92,7 +92,7 @@ trocar_status answer_and_publish(trocar_sim *sim, int index, report *why) {
 
 trocar_status answer_request(trocar_sim *sim, int index, trocar_work *work, report *why) {
     bool fresh;
-    needle_track *needle = &sim->needles[index];
+    sim_needle *needle = &sim->needles[index];
     if (needle->attached) return TROCAR_OK;
     const posted_request *posted = link_request(&needle->link, &fresh);
     if (!fresh) return TROCAR_OK;

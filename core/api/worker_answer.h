@@ -13,7 +13,7 @@ enum { BESIDE_RESTING = -1, BESIDE_PROBE = -2 };
 void list_others(const trocar_sim *sim, int needle, other_loads *others);
 
 /* Marks the answers of all needles except one as stale, so that those needles post new requests. */
-void mark_stale(trocar_sim *sim, const needle_track *except);
+void mark_stale(trocar_sim *sim, const sim_needle *except);
 
 /* Writes the complete answer to a request to this needle's answer slot. */
 trocar_status answer_fully(trocar_sim *sim, int needle, const remesh_request *request, report *why);

@@ -7,7 +7,7 @@
 #include "saved/saved_state.h"
 
 trocar_status create_probe(trocar_sim *sim, report *why) {
-    const simulation *parts = &sim->model->parts;
+    const model_parts *parts = &sim->model->parts;
     if (parts->probe_surface < 0) return TROCAR_OK;
     trocar_status status = probe_create(sim->resting.inverse, &parts->config.probe.shape, parts->probe_surface, parts->config.probe.max_force, &sim->probe, why);
     if (status != TROCAR_OK) return status;

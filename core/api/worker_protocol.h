@@ -1,4 +1,5 @@
-/* The messages between the thread that ticks a simulation and its worker, and the ownership of each needle. All memory that both threads access is here.
+/* The messages between the thread that ticks a simulation and its worker, and the ownership of each needle. The two threads exchange data only through the
+   links below; each other member of the structs in api.h is constant or belongs to one thread.
 
    A needle is in one of five phases:
 

@@ -34,7 +34,7 @@ static bool is_at_rest(const insertion_model *model, const insertion_state *stat
 
 /* Releases the base, which then moves until its wrench has vanished. Linearises the needle at its final position, ready to be attached. */
 static trocar_status release_base(trocar_sim *sim, int index, const track_list *others, insertion_state *state, report *why) {
-    needle_track *n = &sim->needles[index];
+    sim_needle *n = &sim->needles[index];
     resting_scratch *scratch = sim->resting_scratch;
     const compliance_snapshot *snapshot = link_answer_slot(&n->link); /* not published: the needle is not ticked during the release */
     tick_output wrench;
@@ -83,7 +83,7 @@ static trocar_status attach_again(trocar_sim *sim, report *why) {
 }
 
 /* Fills the slot that will be published next with the needle's current state. Returns the slot. */
-static const shown_needle *find_shown(trocar_sim *sim, needle_track *n) {
+static const shown_needle *find_shown(trocar_sim *sim, sim_needle *n) {
     shown_needle *slot = link_shown_slot(&n->link);
     resting_show(&sim->model->parts.insertion, n->resting, &sim->resting_scratch->workspace.response.tangent, &slot->state);
     slot->stamp = next_stamp();
@@ -91,7 +91,7 @@ static const shown_needle *find_shown(trocar_sim *sim, needle_track *n) {
     return slot;
 }
 
-static void show(trocar_sim *sim, needle_track *n) {
+static void show(trocar_sim *sim, sim_needle *n) {
     find_shown(sim, n);
     link_publish_shown(&n->link);
 }
@@ -99,7 +99,7 @@ static void show(trocar_sim *sim, needle_track *n) {
 /* Shows up to `most` needles whose forces differ from the shown ones by more than `difference`. */
 static void show_changed(trocar_sim *sim, double difference, int most) {
     for (int i = 0; i < sim->needle_count && most > 0; i++) {
-        needle_track *n = &sim->needles[sim->next_shown = (sim->next_shown + 1) % sim->needle_count];
+        sim_needle *n = &sim->needles[sim->next_shown = (sim->next_shown + 1) % sim->needle_count];
         bool changed = false;
         for (int u = 0; n->attached && u < n->resting->unknown_count && !changed; u++) changed = fabs(n->resting->force[u] - n->shown_force[u]) > difference;
         if (changed) show(sim, n), most--;
@@ -138,7 +138,7 @@ trocar_status respond_to_loads(trocar_sim *sim, bool all, report *why) {
     return status;
 }
 
-trocar_status make_room_to_rest(trocar_sim *sim, needle_track *n, report *why) {
+trocar_status make_room_to_rest(trocar_sim *sim, sim_needle *n, report *why) {
     if (!sim->resting_scratch) sim->resting_scratch = allocate_on_cache_lines(sizeof *sim->resting_scratch);
     if (!n->resting) n->resting = calloc(1, sizeof *n->resting);
     return sim->resting_scratch && n->resting ? TROCAR_OK : fail(why, TROCAR_NO_MEMORY, "no memory for a resting needle");
@@ -172,7 +172,7 @@ static bool is_felt_by_a_hand(const trocar_sim *sim, int index) {
 }
 
 static trocar_status lay_down(trocar_sim *sim, int index, unsigned seen, report *why) {
-    needle_track *n = &sim->needles[index];
+    sim_needle *n = &sim->needles[index];
     bool felt = is_felt_by_a_hand(sim, index);
     resting_set_before_release(&sim->resting);
     trocar_status status = make_room_to_rest(sim, n, why);
@@ -212,7 +212,7 @@ static trocar_status lay_down(trocar_sim *sim, int index, unsigned seen, report 
 }
 
 /* Replaces the attachment by the equivalent loads, which does not change the equilibrium. */
-static trocar_status detach(trocar_sim *sim, needle_track *n, report *why) {
+static trocar_status detach(trocar_sim *sim, sim_needle *n, report *why) {
     trocar_status status = respond_to_loads(sim, true, why);
     resting_loads(n->resting, &n->held);
     insertion_add_residual_loads(&sim->model->parts.insertion, &n->resting->anchor, &n->held);
@@ -222,7 +222,7 @@ static trocar_status detach(trocar_sim *sim, needle_track *n, report *why) {
 }
 
 static trocar_status return_needle(trocar_sim *sim, int index, unsigned seen, report *why) {
-    needle_track *n = &sim->needles[index];
+    sim_needle *n = &sim->needles[index];
     link_request(&n->link, NULL); /* discards requests posted before the needle was left, which would otherwise be answered later */
     trocar_status status = detach(sim, n, why);
     const shown_needle *shown = find_shown(sim, n);
@@ -234,7 +234,7 @@ static trocar_status return_needle(trocar_sim *sim, int index, unsigned seen, re
 }
 
 /* Removes a needle that was reset: its forces vanish. */
-static trocar_status remove_needle(trocar_sim *sim, needle_track *n, report *why) {
+static trocar_status remove_needle(trocar_sim *sim, sim_needle *n, report *why) {
     trocar_status status = detach(sim, n, why);
     copy_loads(link_loads(&n->link, NULL), &n->held); /* not simply zero, because the reset needle may already have been inserted again */
     mark_stale(sim, NULL);
@@ -245,7 +245,7 @@ trocar_status change_resting(trocar_sim *sim, resting_change *change, report *wh
     trocar_status status = TROCAR_OK;
     *change = (resting_change){.any = false};
     for (int i = 0; i < sim->needle_count; i++) {
-        needle_track *n = &sim->needles[i];
+        sim_needle *n = &sim->needles[i];
         unsigned seen = link_seen(&n->link);
         needle_duty duty = duty_in(phase_seen(seen), n->attached);
         if (duty == DUTY_NONE) continue;

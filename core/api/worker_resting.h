@@ -19,7 +19,7 @@ trocar_status respond_to_loads(trocar_sim *sim, bool all, report *why);
 bool slip_some(trocar_sim *sim, bool all);
 
 /* To be called after a restore: the first allocates memory for a resting needle; the second attaches the resting needles and shows them. */
-trocar_status make_room_to_rest(trocar_sim *sim, needle_track *needle, report *why);
+trocar_status make_room_to_rest(trocar_sim *sim, sim_needle *needle, report *why);
 trocar_status rest_again(trocar_sim *sim, report *why);
 
 #endif

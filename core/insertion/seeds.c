@@ -4,7 +4,7 @@
 #include <string.h>
 
 #include "insertion/state/strata.h"
-#include "insertion/tip/tip_path.h"
+#include "insertion/tip/tip_walk.h"
 
 static const double ON_FACE = -1e-6; /* dimensionless: smallest barycentric weight at which a point counts as inside an element. Rounding tolerance */
 

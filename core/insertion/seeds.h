@@ -4,7 +4,7 @@
 
 #include <string.h>
 
-#include "insertion/state/insertion_model.h"
+#include "insertion/model/insertion_model.h"
 #include "insertion/state/insertion_state.h"
 #include "snapshot/snapshot.h"
 

@@ -5,8 +5,8 @@
 #include <string.h>
 
 #include "insertion/guide/guides.h"
-#include "insertion/memory/creep.h"
-#include "insertion/step/insertion.h"
+#include "insertion/laws/creep.h"
+#include "insertion/step/tick.h"
 
 static const double STEP_SHIFT = 0.3e-3; /* m: largest shift of the base in one step of 1 ms while the released needle moves to its resting position.
                                             Chosen: 0.3 m/s, as fast as a hand inserts */

@@ -3,7 +3,7 @@
 #ifndef TROCAR_RESTING_NEEDLE_H
 #define TROCAR_RESTING_NEEDLE_H
 
-#include "insertion/state/tick.h"
+#include "insertion/state/tick_data.h"
 #include "inverse/inverse_attached.h"
 #include "snapshot/needle_pairs.h"
 

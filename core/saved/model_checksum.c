@@ -6,7 +6,7 @@
 #include "scene/scene_table.h"
 #include "scene/scene_value.h"
 
-uint64_t mesh_checksum(const simulation *parts) {
+uint64_t mesh_checksum(const model_parts *parts) {
     const mesh *m = &parts->mesh;
     size_t nodes = (size_t)m->node_count, tets = (size_t)m->tet_count;
     uint64_t h = hash_bytes(HASH_BASIS, m->nodes, nodes * sizeof *m->nodes);
@@ -31,7 +31,7 @@ static uint64_t add_value(uint64_t h, const scene *s, const key_spec *key, const
     return hash_bytes(h, text, length < 0 ? 0 : (size_t)length < sizeof text ? (size_t)length : sizeof text);
 }
 
-uint64_t model_checksum(uint64_t mesh, const scene *s, const simulation *parts) {
+uint64_t model_checksum(uint64_t mesh, const scene *s, const model_parts *parts) {
     uint64_t h = hash_bytes(HASH_BASIS, &mesh, sizeof mesh);
     h = hash_bytes(h, &parts->config.insertion.most_steps, sizeof parts->config.insertion.most_steps);
     if (parts->inverse) h = hash_bytes(h, inverse_name(parts->inverse), strlen(inverse_name(parts->inverse)));

@@ -5,10 +5,10 @@
 #include "scene/scene_struct.h"
 
 /* The mesh and the nodes that are fixed; the same for derived models. */
-uint64_t mesh_checksum(const simulation *parts);
+uint64_t mesh_checksum(const model_parts *parts);
 
 /* The mesh, the kind of inverse, and all keys of the scene that describe the simulation: not paths, the rate of the haptic loop, the device, and the
    needle's start. `mesh`: mesh_checksum of the model. */
-uint64_t model_checksum(uint64_t mesh, const scene *s, const simulation *parts);
+uint64_t model_checksum(uint64_t mesh, const scene *s, const model_parts *parts);
 
 #endif

@@ -19,6 +19,14 @@ static void check_region(const region_config *region, int index, fault *f) {
         reject(f, key, "%g N/m exceeds the static limit of %g N/m", m->friction_kinetic, m->friction_static);
 }
 
+/* In a file these keys are required; a program may have set only one of them. */
+static void check_calcification(const calcification *given, int index, fault *f) {
+    char key[KEY_ROOM];
+    const char *missing = isnan(given->centre.x) ? "centre" : given->radius == 0.0 ? "radius" : NULL;
+    snprintf(key, sizeof key, "calcifications[%d].%s", index, missing ? missing : "");
+    if (missing) reject(f, key, "is missing");
+}
+
 static void check_guide(const guide_config *given, double needle_diameter, int index, fault *f) {
     report words;
     char key[KEY_ROOM];
@@ -47,6 +55,7 @@ static void check_all(const scene *s, fault *f) {
     const simulation_config *c = &s->simulation;
     const needle_parameters *n = &c->needle;
     for (int i = 0; i < c->region_count; i++) check_region(&c->regions[i], i, f);
+    for (int i = 0; i < c->calcification_count; i++) check_calcification(&c->calcifications[i], i, f);
     for (int i = 0; i < c->guide_count; i++) check_guide(&c->guides[i], n->outer_diameter, i, f);
     check_relaxation(c, f);
     check_probe(&c->probe, f);
@@ -108,6 +117,10 @@ static void note_lines(scene *s, yaml_text *document) {
         snprintf(key, sizeof key, "guides[%d].origin", i);
         s->simulation.guides[i].line = yaml_line(document, key);
     }
+    for (int i = 0; i < s->simulation.calcification_count; i++) {
+        snprintf(key, sizeof key, "calcifications[%d].centre", i);
+        s->simulation.calcifications[i].line = yaml_line(document, key);
+    }
     s->simulation.probe.surface_line = yaml_line(document, "probe.surface");
     s->simulation.probe.start_line = yaml_line(document, "probe.start");
 }
@@ -159,12 +172,12 @@ static void *find_entry(scene *s, const char *key, bool append, char pattern[KEY
     while (list < LISTS && !(strlen(LIST_TABLE[list].key) == prefix && strncmp(LIST_TABLE[list].key, key, prefix) == 0)) list++;
     if (list == LISTS || !find_key(pattern)) return NULL;
     long index = strtol(name, &end, 10);
-    bool next = append && list == RELAXATION && index == *count_of(s, list) && index < LIST_TABLE[list].most; /* an entry without a name has to be the next */
+    bool next = append && !LIST_TABLE[list].named && index == *count_of(s, list) && index < LIST_TABLE[list].most; /* an entry without a name has to be the next */
     if (*end == '\0' && next) return append_entry(s, list);
     if (*end == '\0') return index >= 0 && index < *count_of(s, list) ? entry_of(s, list, (int)index) : NULL;
     for (int i = 0; i < *count_of(s, list); i++)
         if (name_of(s, list, i) && strcmp(name_of(s, list, i), name) == 0) return entry_of(s, list, i);
-    if (!append || list == RELAXATION || *count_of(s, list) == LIST_TABLE[list].most) return NULL;
+    if (!append || !LIST_TABLE[list].named || *count_of(s, list) == LIST_TABLE[list].most) return NULL;
     void *entry = append_entry(s, list);
     memcpy(entry, name, sizeof name);
     return entry;

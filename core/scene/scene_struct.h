@@ -2,8 +2,8 @@
 #ifndef TROCAR_SCENE_STRUCT_H
 #define TROCAR_SCENE_STRUCT_H
 
-#include "insertion/simulation.h"
 #include "scene/device.h"
+#include "scene/simulation_config.h"
 
 #define SCENE_MIN_RATE 250.0   /* Hz, lower limit of rate_hz */
 #define SCENE_MAX_RATE 10000.0 /* Hz, upper limit of rate_hz */

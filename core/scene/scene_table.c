@@ -6,6 +6,7 @@
 
 static const range POSITIVE = {DBL_MIN, DBL_MAX, "a number above 0"};
 static const range NOT_NEGATIVE = {0, DBL_MAX, "a number of at least 0"};
+static const range FACTOR = {1, DBL_MAX, "a number of at least 1"};
 static const range FORCE = {0, INFINITY, "a number of at least 0, or .inf"};
 static const range STIFFNESS = {DBL_MIN, INFINITY, "a number above 0, or .inf"};
 static const range POISSON = {0, 0.49999999, "a number of at least 0 and below 0.5"};
@@ -40,6 +41,7 @@ static const char *profile_word(int index) { return device_profiles[index]; }
 
 #define OF(member) offsetof(scene, member)
 #define MATERIAL(member) offsetof(region_config, material.member)
+#define CALCIFICATION(member) offsetof(calcification, member)
 #define GUIDE(member) offsetof(guide_config, member)
 
 const key_spec SCENE_TABLE[] = {
@@ -70,6 +72,12 @@ const key_spec SCENE_TABLE[] = {
     {"membranes[].name", "", NAME, offsetof(membrane_config, name), .list = MEMBRANES, .required = true, .doc = "a physical surface of the mesh"},
     {"membranes[].puncture_force", "N", NUMBER, offsetof(membrane_config, puncture_force), &FORCE, .list = MEMBRANES, .required = true,
      .doc = "force of the tip at which the membrane breaks; no effect below the cutting_force of the tissue; .inf is bone"},
+
+    {"calcifications[].centre", "m", POINT, CALCIFICATION(centre), .list = CALCIFICATIONS, .required = true,
+     .doc = "of a ball in the undeformed tissue, which is harder to cut"},
+    {"calcifications[].radius", "m", NUMBER, CALCIFICATION(radius), &POSITIVE, .list = CALCIFICATIONS, .required = true, .doc = "of the ball"},
+    {"calcifications[].cutting_factor", "", NUMBER, CALCIFICATION(cutting_factor), &FACTOR, .list = CALCIFICATIONS,
+     .doc = "cutting force in the ball, divided by the cutting_force of its region; where balls overlap, the largest counts"},
 
     {"relaxation[].weight", "", NUMBER, offsetof(relaxation_term, weight), &WEIGHT, .list = RELAXATION, .required = true,
      .doc = "part of the stress under constant strain that decays; sum below 1; the same in all regions"},
@@ -175,9 +183,10 @@ _Static_assert((int)ROWS <= (int)SCENE_KEYS_MOST, "trocar_key_at has no room for
 const int SCENE_ROWS = ROWS;
 
 const list_spec LIST_TABLE[LISTS] = {
-    [REGIONS] = {"regions", OF(simulation.regions), OF(simulation.region_count), sizeof(region_config), 1, MAX_REGIONS},
-    [MEMBRANES] = {"membranes", OF(simulation.membranes), OF(simulation.membrane_count), sizeof(membrane_config), 0, MAX_MEMBRANES},
-    [GUIDES] = {"guides", OF(simulation.guides), OF(simulation.guide_count), sizeof(guide_config), 0, MAX_GUIDES},
+    [REGIONS] = {"regions", OF(simulation.regions), OF(simulation.region_count), sizeof(region_config), 1, MAX_REGIONS, .named = true},
+    [MEMBRANES] = {"membranes", OF(simulation.membranes), OF(simulation.membrane_count), sizeof(membrane_config), 0, MAX_MEMBRANES, .named = true},
+    [CALCIFICATIONS] = {"calcifications", OF(simulation.calcifications), OF(simulation.calcification_count), sizeof(calcification), 0, MAX_CALCIFICATIONS},
+    [GUIDES] = {"guides", OF(simulation.guides), OF(simulation.guide_count), sizeof(guide_config), 0, MAX_GUIDES, .named = true},
     [RELAXATION] = {"relaxation", OF(simulation.relaxation), OF(simulation.relaxation_count), sizeof(relaxation_term), 0, MAX_RELAXATION},
 };
 
@@ -186,7 +195,7 @@ void *entry_of(scene *s, list_kind list, int index) {
 }
 int *count_of(scene *s, list_kind list) { return (int *)((char *)s + LIST_TABLE[list].count); }
 /* The name is the first member of an entry. */
-const char *name_of(const scene *s, list_kind list, int index) { return list == RELAXATION ? NULL : entry_of((scene *)s, list, index); }
+const char *name_of(const scene *s, list_kind list, int index) { return LIST_TABLE[list].named ? entry_of((scene *)s, list, index) : NULL; }
 _Static_assert(offsetof(region_config, name) == 0 && offsetof(membrane_config, name) == 0 && offsetof(guide_config, name) == 0, "name_of relies on it");
 
 int *names_count(scene *s, const key_spec *r, int *least, int *most) {
@@ -200,6 +209,7 @@ void *append_entry(scene *s, list_kind list) {
     void *entry = entry_of(s, list, (*count_of(s, list))++);
     memset(entry, 0, LIST_TABLE[list].stride);
     if (list == REGIONS) ((region_config *)entry)->material = region_defaults();
+    if (list == CALCIFICATIONS) *(calcification *)entry = calcification_defaults();
     if (list == GUIDES) *(guide_config *)entry = guide_defaults();
     return entry;
 }

@@ -7,7 +7,7 @@
 enum { KEY_ROOM = 256, WORDS_ROOM = 512 }; /* maximum number of bytes in a key, and in a message about a key */
 
 typedef enum { NUMBER, COUNT, WORD, LENGTH_UNIT, PROFILE, NAME, NAMES, FILE_PATH, DIRECTORY_PATH, POINT, ROTATION, TRANSFORM } value_kind;
-typedef enum { NO_LIST, REGIONS, MEMBRANES, GUIDES, RELAXATION, LISTS } list_kind;
+typedef enum { NO_LIST, REGIONS, MEMBRANES, CALCIFICATIONS, GUIDES, RELAXATION, LISTS } list_kind;
 typedef struct { double low, high; const char *words; } range;
 typedef const char *(*word_of)(int index); /* returns NULL if there are no more words */
 
@@ -44,6 +44,7 @@ typedef struct {
     const char *key;
     size_t entries, count, stride; /* offsets in `scene` of the entries and of their count; bytes per entry */
     int least, most;
+    bool named;              /* the first member of an entry is its name */
 } list_spec;
 extern const list_spec LIST_TABLE[LISTS];
 

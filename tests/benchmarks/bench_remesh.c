@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "bench/baseline.h"
+#include "model/model_parts.h"
 #include "oracles/dense_matrix.h"
 #include "remesh_timing.h"
 #include "scene/scene.h"
@@ -120,7 +121,7 @@ static int most_frequent(const int counts[MAX_PATCH + 1]) {
     return most;
 }
 
-static trocar_status measure_rows(bench *b, simulation *s, bool valences, scene_result *result, report *why) {
+static trocar_status measure_rows(bench *b, model_parts *s, bool valences, scene_result *result, report *why) {
     int counts[MAX_PATCH + 1];
     trocar_status status = TROCAR_OK;
     remesh_timing_valences(&s->tissue, counts);
@@ -137,12 +138,12 @@ static trocar_status measure_rows(bench *b, simulation *s, bool valences, scene_
 
 static trocar_status measure_scene(bench *b, int index, report *why) {
     static scene given;
-    simulation s;
+    model_parts s;
     scene_result *result = &b->scenes[index];
     trocar_status status = scene_load(b->options->scene_paths[index], &given, why);
     given.simulation.volumetric = STRAIN_BY_ELEMENT;
     given.simulation.remeshing = REMESH_NESTED;
-    if (status == TROCAR_OK) status = simulation_create_model(&given.simulation, &s, why);
+    if (status == TROCAR_OK) status = model_parts_create(&given.simulation, &s, why);
     if (status != TROCAR_OK) return status;
     result->nodes = s.mesh.node_count;
     result->tetrahedra = s.mesh.tet_count;
@@ -150,7 +151,7 @@ static trocar_status measure_scene(bench *b, int index, report *why) {
     result->inverse = inverse_name(s.inverse);
     measure_sweep(s.inverse, &result->sweep);
     status = measure_rows(b, &s, b->options->valences && index == 0, result, why);
-    simulation_free(&s);
+    model_parts_free(&s);
     return status;
 }
 

@@ -2,17 +2,17 @@
 #ifndef TROCAR_ORACLES_RUN_H
 #define TROCAR_ORACLES_RUN_H
 
-#include "insertion/simulation.h"
+#include "model/model_parts.h"
 
 typedef struct {
-    simulation *parts;
+    model_parts *parts;
     remesher *remesher;
     insertion_workspace *workspace;
     vec3 *field_scratch;
 } needle_run;
 
 /* Creates the run; `parts` must outlive it. If this fails, nothing remains allocated. */
-trocar_status run_create(simulation *parts, needle_run *r, report *why);
+trocar_status run_create(model_parts *parts, needle_run *r, report *why);
 void run_free(needle_run *r);
 
 /* Runs one tick, after which the remesher answers its request for the next tick. The result is deterministic. The caller sets base and dt of `tick`; this
@@ -32,7 +32,7 @@ void run_save(const insertion_state *state, const compliance_snapshot *snapshot,
    condensed inverse. */
 trocar_status run_restore(needle_run *r, const checkpoint *saved, insertion_state *state, compliance_snapshot *snapshot, report *why);
 
-/* Like simulation_field, for this needle alone. */
+/* Like model_parts_field, for this needle alone. */
 void run_displacement(needle_run *r, const insertion_state *state, vec3 *nominal, vec3 *added);
 
 #endif

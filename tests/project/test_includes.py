@@ -3,7 +3,8 @@
 
 Core, server and clients have no circular includes, neither between files (a .c and its .h count as one) nor between folders. A folder of core includes only
 folders above it in the table in core/README.md. Clients include only common/ and intake/ of server/. Only kernels and linalg include vector types. No folder
-has more than 25 files, and each of core, server, clients and tests has a README of at most 150 lines.
+has more than 25 files, and each of core, server, clients and tests has a README of at most 150 lines. Inside core/insertion and core/api, the tables in
+their READMEs give the order in the same way.
 
 usage: test_includes.py SOURCE_DIR
 """
@@ -57,17 +58,21 @@ def circles(graph):
 
 
 def floors(readme):
-    """Returns the folders in the table of core/README.md, starting with the lowest level."""
-    table = readme.partition('## Folders')[2].partition('\n## ')[0]
-    return re.findall(r'^\| \[`(\w+)`\]', table, re.MULTILINE)
+    """Returns {name: row} for the folders or files in the README's first table, whose rows begin with the lowest level."""
+    table = re.search(r'^\| (?:folder|file)[^|]*\|.*\n\|[-| ]+\n((?:\|.*\n)+)', readme, re.MULTILINE)[1]
+    return {name: row for row, line in enumerate(table.splitlines()) for name in re.findall(r'`(\w+)(?:\.h)?`', line.split('|')[1])}
 
 
-def upward(graph, order):
-    """Returns includes of files in a folder that is above the including file's own folder."""
-    def floor(unit):
-        return order.index(unit.partition('/')[0])
-    return [f'{unit} includes {other}, which is above it' for unit in sorted(graph) if '/' in unit
-            for other in sorted(graph[unit]) if '/' in other and floor(other) > floor(unit)]
+def parts_of(graph, folder):
+    """Returns {unit: part} for the units in a folder (empty: the root). A part is a subfolder, or a file that is not in one."""
+    return {unit: unit[len(folder):].split('/')[0] for unit in graph if unit.startswith(folder)}
+
+
+def upward(graph, order, folder=''):
+    """Returns includes of files in a part of the folder that is above the including file's own part."""
+    part = {unit: name for unit, name in parts_of(graph, folder).items() if name in order}
+    return [f'{unit} includes {other}, which is below it in the table of core/{folder}README.md' for unit in sorted(part)
+            for other in sorted(graph[unit]) if other in part and order[part[other]] > order[part[unit]]]
 
 
 SHARED = ('server/common/', 'server/intake/')   # the parts of the server that clients may include
@@ -111,7 +116,10 @@ def leaks(graph):
 def main():
     assert circles({'a': {'b'}, 'b': {'c'}, 'c': {'a'}}) == [['a', 'b', 'c', 'a']] and not circles({'a': {'b', 'c'}, 'b': {'c'}})
     assert leaks({'a/b': {'linalg/simd4'}, 'a/c_kernels': {'linalg/simd4'}, 'linalg/d': {'linalg/simd4'}}) == ['a/b']
-    assert upward({'a/x': {'b/y', 'trocar'}, 'b/y': {'a/x'}}, ['a', 'b']) == ['a/x includes b/y, which is above it']
+    assert floors('| file | x |\n|---|---|\n| `a.h` | |\n| [`b`](b), `c` | `d` |\n\n| file | y |\n') == {'a': 0, 'b': 1, 'c': 1}
+    upside_down = {'a/x/f': {'a/y', 'trocar'}, 'a/y': {'a/x/f'}}
+    assert upward(upside_down, {'x': 0, 'y': 1}, 'a/') == ['a/x/f includes a/y, which is below it in the table of core/a/README.md']
+    assert upward(upside_down, {'y': 0, 'x': 1}, 'a/') == ['a/y includes a/x/f, which is below it in the table of core/a/README.md']
     assert reaching({'clients/a/b': {'server/haptic', 'server/common/wake', 'clients/c/d'}, 'server/io': {'clients/a/b', 'server/haptic'}}) == [
         'clients/a/b includes server/haptic', 'server/io includes clients/a/b']
     assert crowded([f'a/{i}' for i in range(MOST_FILES)] + ['a/b/c']) == [] and len(crowded([f'a/{i}' for i in range(MOST_FILES + 1)])) == 1
@@ -120,13 +128,16 @@ def main():
     core = includes(root / 'core')
     assert len(core) > 40, f'only {len(core)} files in core'
     assert all(unit in core for unit in VECTORS), f'{VECTORS - set(core)} have gone'
-    order = floors((root / 'core/README.md').read_text())
-    folders = {unit.partition('/')[0] for unit in core if '/' in unit}
-    assert set(order) == folders and len(order) == len(folders), f'the table in core/README.md differs from the folders in {set(order) ^ folders}'
+    faults = []
+    for folder in '', 'insertion/', 'api/':
+        order = floors((root / 'core' / folder / 'README.md').read_text())
+        listed = {name for unit, name in parts_of(core, folder).items() if folder or '/' in unit}
+        assert set(order) == listed, f'the table in core/{folder}README.md differs from the folder in {set(order) ^ listed}'
+        faults += upward(core, order, folder)
     programs = includes(root, 'server', 'clients')
     assert len(programs) > 60 and any(other.startswith(SHARED) for others in programs.values() for other in others), f'only {len(programs)} files in server and clients'
 
-    faults = [f'vector types outside of kernels: {unit}' for unit in leaks(core)] + upward(core, order) + reaching(programs)
+    faults += [f'vector types outside of kernels: {unit}' for unit in leaks(core)] + reaching(programs)
     rings = [circle for graph in (core, programs) for circle in circles(graph) + circles(by_folder(graph))]
     faults += ['include circle: ' + ' -> '.join(circle) for circle in rings]
     listed = subprocess.run(['git', '-C', root, 'ls-files'], capture_output=True, text=True, check=False)

@@ -14,9 +14,23 @@ done
 # Every key of a commented scene, every field and every constant is present, counted independently.
 lcm=$source/lcmtypes/trocar.lcm
 [ "$(grep -cE '^ +(const )?[a-z0-9_]+ [A-Za-z]' "$lcm")" -eq "$(grep -c '^| `' "$work/messages.md")" ] || { echo "FAILED: fields are missing" >&2; exit 1; }
-for key in $(grep -oE '[a-z_]+:' "$source/tests/fuzz/corpus/scene/every_key.yaml" | tr -d : | sort -u); do
-    grep -qE "^\| \`[^\`]*\b$key\b" "$work/scene.md" || { echo "FAILED: no key $key in scene.md" >&2; exit 1; }
-done
+/usr/bin/python3 - "$source/tests/fuzz" "$work/scene.md" <<'EOF' # the fuzzer of scenes starts from a scene with every key, and knows their words
+import pathlib, re, sys
+import yaml
+
+def keys(node, path):
+    if isinstance(node, dict):
+        return set().union(*(keys(value, f"{path}.{name}".lstrip(".")) for name, value in node.items()))
+    return set().union(*(keys(entry, f"{path}[]") for entry in node)) if isinstance(node, list) and isinstance(node[0], dict) else {path}
+
+fuzz, page = map(pathlib.Path, sys.argv[1:])
+listed = set(re.findall(r"^\| `([^`]+)`", page.read_text(), re.MULTILINE))
+given = keys(yaml.safe_load((fuzz / "corpus/scene/every_key.yaml").read_text()), "")
+words = set(re.findall(r'^"(\w+): "$', (fuzz / "scene.dict").read_text(), re.MULTILINE))
+faults = [f"{key} is missing from scene.md" for key in given - listed] + [f"{key} is missing from every_key.yaml" for key in listed - given]
+faults += [f"{word} is in only one of scene.md and scene.dict" for word in words ^ {word for key in listed for word in key.replace("[]", "").split(".")}]
+sys.exit("FAILED: " + "; ".join(sorted(faults)) if faults else 0)
+EOF
 # Every option in the programs' tables and every script is present, and the documentation gives advice about every flag.
 for option in $(sed -nE 's/^    \{"([a-z][a-z-]+)", .*/--\1/p' "$source"/server/main.c "$source"/clients/{device/device,replay/replay,top/top,bench/bench_*}.c "$source"/clients/view/view_options.c "$source"/clients/bridges/*/*.c); do
     grep -qE "^\| .*\`$option[\`=]" "$work/programs.md" || { echo "FAILED: no option $option in programs.md" >&2; exit 1; }

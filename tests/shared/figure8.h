@@ -29,7 +29,7 @@ static inline figure8_record *figure8_run(const simulation_config *config, doubl
     for (int i = 0; i < r->ticks; i++) {
         double t = (i + 1) / rate;
         report why;
-        insertion_tick(&(tick_input){.model = &l->simulation.insertion, .snapshot = l->snapshot, .base = {.pose = motion_pose(script, lockstep_start(), t)}, .dt = 1 / rate},
+        insertion_tick(&(tick_input){.model = &l->parts.insertion, .snapshot = l->snapshot, .base = {.pose = motion_pose(script, lockstep_start(), t)}, .dt = 1 / rate},
                        &l->state, l->run.workspace, &l->wrench);
         if (l->snapshot->serial != l->state.request.serial && i % every_serve == 0
             && remesher_answer(l->run.remesher, &l->state.request, l->snapshot, &why) != TROCAR_OK) {

@@ -11,7 +11,7 @@
 
 typedef struct {
     scene scene;
-    simulation simulation;
+    model_parts parts;
     needle_run run;
     insertion_state state;
     compliance_snapshot *snapshot;
@@ -51,20 +51,20 @@ static inline lockstep *lockstep_create(const simulation_config *config, pose st
     int method = (int)config->remeshing;
     bool dense = any_remesh_needs_dense(method);
     if (dense) given.remeshing = REMESH_IMPLICIT, given.inverse = INVERSE_DENSE;
-    trocar_status status = simulation_create_model(&given, &l->simulation, &why);
-    if (status == TROCAR_OK) status = run_create(&l->simulation, &l->run, &why);
+    trocar_status status = model_parts_create(&given, &l->parts, &why);
+    if (status == TROCAR_OK) status = run_create(&l->parts, &l->run, &why);
     if (status == TROCAR_OK && dense) status = lockstep_remesh_by(method, &l->run, &why);
     if (status != TROCAR_OK) {
         fprintf(stderr, "%s\n", why.text);
         abort();
     }
-    insertion_reset(&l->simulation.insertion, start, &l->state);
+    insertion_reset(&l->parts.insertion, start, &l->state);
     return l;
 }
 
 static inline void lockstep_free(lockstep *l) {
     run_free(&l->run);
-    simulation_free(&l->simulation);
+    model_parts_free(&l->parts);
     free(l->snapshot);
     free(l);
 }

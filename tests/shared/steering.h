@@ -66,10 +66,10 @@ static inline steering_track steering_run(const steering_case *given) {
     pose start = {v3(given->x, given->y, -1e-3 - given->needle.length), q_exp(v3(0, 0, given->roll))};
     lockstep *l = lockstep_create(&config, start);
     double before = given->bevel_from > 0.0 ? given->bevel_from : fmin(given->half_turn_at, given->way);
-    if (given->bevel_from > 0.0) l->simulation.needle.given.bevel_slope = 0.0;
+    if (given->bevel_from > 0.0) l->parts.needle.given.bevel_slope = 0.0;
     lockstep_move(l, v3(0, 0, before), 20.0 * before, 1e-3);
     if (before < given->way) {
-        if (given->bevel_from > 0.0) l->simulation.needle.given.bevel_slope = given->needle.bevel_slope;
+        if (given->bevel_from > 0.0) l->parts.needle.given.bevel_slope = given->needle.bevel_slope;
         else steering_roll_over(l);
         lockstep_move(l, v3(0, 0, given->way - before), 20.0 * (given->way - before), 1e-3);
     }

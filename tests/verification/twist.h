@@ -11,7 +11,7 @@ static inline const roll_friction *twist_at(const lockstep *l, const contact_poi
 
 /* Returns the instantaneous rotation per unit torque, rad/(N m): a torque per unit length m' rotates the tissue at the shaft by m' / (4 pi mu r^2). */
 static inline double twist_yielding(const lockstep *l, const contact_point *p) {
-    const insertion_model *model = &l->simulation.insertion;
+    const insertion_model *model = &l->parts.insertion;
     return 1.0 / (2.0 * pow(model->needle->radius, 2) * shaft_resistance_of(model, &l->state, p->share).axial);
 }
 
@@ -23,7 +23,7 @@ static inline double twist_energy_of_needle(const lockstep *l) {
         torque += twist_at(l, &w->points.list[i])->torque;
         sum += torque * torque * (w->points.list[i].arc - (i > w->points.guided ? w->points.list[i - 1].arc : 0.0));
     }
-    return 0.5 * sum / l->simulation.needle.torsion;
+    return 0.5 * sum / l->parts.needle.torsion;
 }
 
 /* Returns the energy (J) of the tissue around the shaft under the needle's torques. */

@@ -35,10 +35,10 @@ static void add_to(resultant *sum, vec3 x, vec3 force) {
 }
 
 static resultant load_on_tissue(const lockstep *l) {
-    const mesh *m = &l->simulation.mesh;
+    const mesh *m = &l->parts.mesh;
     vec3 *nominal = calloc((size_t)m->node_count, sizeof *nominal), added[MAX_CONTACTS];
     resultant sum = {0};
-    insertion_forces(&l->simulation.insertion, &l->state, nominal, added);
+    insertion_forces(&l->parts.insertion, &l->state, nominal, added);
     for (int i = 0; i < m->node_count; i++) add_to(&sum, m->nodes[i], nominal[i]);
     for (int i = 0; i < contacts_active(&l->state); i++) add_to(&sum, l->state.refined.nodes[i].position, added[i]);
     free(nominal);
@@ -46,7 +46,7 @@ static resultant load_on_tissue(const lockstep *l) {
 }
 
 static double first_lame(const lockstep *l, int region) {
-    const region_material *material = &l->simulation.materials[region];
+    const region_material *material = &l->parts.materials[region];
     return material->youngs_modulus * material->poisson_ratio / ((1.0 + material->poisson_ratio) * (1.0 - 2.0 * material->poisson_ratio));
 }
 
@@ -62,7 +62,7 @@ static double divergence_in(const mesh *m, int e, const vec3 *u, double *volume)
 /* Returns the volumetric stress of each nominal element: lambda times the mean of div u at its corners, where the value at a corner is the volume-weighted mean
    over the elements of one region around that corner. The caller frees the array. */
 static double *averaged_stress(const lockstep *l, const vec3 *u) {
-    const mesh *m = &l->simulation.mesh;
+    const mesh *m = &l->parts.mesh;
     double *stress = calloc((size_t)m->tet_count, sizeof *stress), *sum = calloc(2 * (size_t)m->node_count, sizeof *sum);
     for (int region = 0; region < m->group_count; region++) {
         double *whole = sum + m->node_count, volume;
@@ -81,8 +81,8 @@ static double *averaged_stress(const lockstep *l, const vec3 *u) {
 
 /* Returns the stress if it is lambda times the volume-weighted mean of div u over the element's patch. */
 static double *patch_stress(const lockstep *l, const vec3 *u) {
-    const mesh *m = &l->simulation.mesh;
-    const int *patch = l->simulation.tissue.patch;
+    const mesh *m = &l->parts.mesh;
+    const int *patch = l->parts.tissue.patch;
     double *stress = calloc((size_t)m->tet_count, sizeof *stress), *sum = calloc(2 * (size_t)m->tet_count, sizeof *sum);
     double *whole = sum + m->tet_count, volume;
     for (int e = 0; e < m->tet_count; e++) {
@@ -97,7 +97,7 @@ static double *patch_stress(const lockstep *l, const vec3 *u) {
 
 /* Integrates the stress over the elements of the refined mesh, whose gradients are computed here from shape functions. */
 static resultant reaction_of_fixed_nodes(lockstep *l) {
-    const mesh *m = &l->simulation.mesh;
+    const mesh *m = &l->parts.mesh;
     refinement refined;
     refined_mesh whole;
     report why;
@@ -106,10 +106,10 @@ static resultant reaction_of_fixed_nodes(lockstep *l) {
     if (refined_mesh_create(m, &refined, &whole, &why) != TROCAR_OK) exit(2);
     vec3 *u = calloc((size_t)whole.node_count, sizeof *u);
     run_displacement(&l->run, &l->state, u, u + m->node_count);
-    volumetric_strain strain = l->simulation.config.volumetric;
+    volumetric_strain strain = l->parts.config.volumetric;
     double *averaged = strain == STRAIN_BY_NODE ? averaged_stress(l, u) : strain == STRAIN_BY_PATCH ? patch_stress(l, u) : NULL;
     for (int e = 0; e < whole.tet_count; e++) {
-        const region_material *material = &l->simulation.materials[m->region[whole.parent[e]]];
+        const region_material *material = &l->parts.materials[m->region[whole.parent[e]]];
         double nu = material->poisson_ratio, mu = material->youngs_modulus / (2.0 * (1.0 + nu));
         vec3 x[4], g[4];
         for (int a = 0; a < 4; a++) x[a] = whole.nodes[whole.tets[e][a]];
@@ -126,7 +126,7 @@ static resultant reaction_of_fixed_nodes(lockstep *l) {
         for (int i = 0; i < 3; i++)
             for (int j = 0; j < 3; j++) stress.m[i][j] = mu * (gradient[i][j] + gradient[j][i]) + (i == j ? volumetric : 0.0);
         for (int a = 0; a < 4; a++)
-            if (whole.tets[e][a] < m->node_count && l->simulation.tissue.fixed[whole.tets[e][a]])
+            if (whole.tets[e][a] < m->node_count && l->parts.tissue.fixed[whole.tets[e][a]])
                 add_to(&sum, x[a], v3_scale(volume, m3_apply(&stress, g[a])));
     }
     free(u);
@@ -182,7 +182,7 @@ static void check_bending(rows *r) {
         double worst = 0.0;
         for (int k = 0; k < WAYS; k++) {
             lockstep_move(l, ways[k], 0.4, TICK);
-            double off = v3_norm(v3_sub(needle_root_moment(&l->simulation.needle, &l->state.needle), l->wrench.torque));
+            double off = v3_norm(v3_sub(needle_root_moment(&l->parts.needle, &l->state.needle), l->wrench.torque));
             worst = fmax(worst, off / (converged ? v3_norm(l->wrench.torque) : v3_norm(l->wrench.force) * c.needle.length));
         }
         rows_error(r, converged ? "base torque against bending at the base, equilibrium to the last digit"
@@ -219,13 +219,13 @@ static double curve_error(lockstep *l, double way, friction_state slides, int *t
 /* Returns the force increase before the puncture: needle and tissue act in series, and the tissue's compliance at the entry point comes from a separate
    solve. */
 static double compliance_at_entry(lockstep *l) {
-    const mesh *m = &l->simulation.mesh;
+    const mesh *m = &l->parts.mesh;
     vec3 *force = calloc((size_t)m->node_count, sizeof *force), *u = calloc((size_t)m->node_count, sizeof *u);
     double weights[4], sum = 0.0;
     int tet = l->state.tip.place.tet;
     mesh_barycentric(m, tet, l->state.entry, weights);
     for (int c = 0; c < 4; c++) force[m->tets[tet][c]].z = weights[c];
-    inverse_apply(l->simulation.inverse, force, u);
+    inverse_apply(l->parts.inverse, force, u);
     for (int c = 0; c < 4; c++) sum += weights[c] * u[m->tets[tet][c]].z;
     free(force);
     free(u);

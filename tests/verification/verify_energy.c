@@ -59,7 +59,7 @@ typedef struct {
 
 static picture *picture_create(const lockstep *l) {
     picture *s = calloc(1, sizeof *s);
-    s->nominal = calloc((size_t)l->simulation.mesh.node_count, sizeof(vec3));
+    s->nominal = calloc((size_t)l->parts.mesh.node_count, sizeof(vec3));
     return s;
 }
 
@@ -124,12 +124,12 @@ static void take_picture(lockstep *l, picture *s) {
             p->force = i == at ? v3_sub(end->solved.force, shaft) : shaft;
             if (i == at) p->damping = end->dent.damping;
         }
-        p->moved = displacement_at(&l->simulation.mesh, s, p);
+        p->moved = displacement_at(&l->parts.mesh, s, p);
         s->tissue += 0.5 * v3_dot(load_at(p), p->moved);
         add_local(s, p, point_track(&l->state, &w->points.list[at]), w->tissue.lateral[at], w->tissue.axial[i]);
         if (p->id != TIP) add_twist(l, s, p, &w->points.list[at]);
     }
-    s->needle = needle_energy(&l->simulation.needle, &l->state.needle) + twist_energy_of_needle(l);
+    s->needle = needle_energy(&l->parts.needle, &l->state.needle) + twist_energy_of_needle(l);
     s->base = l->base;
     s->force = l->wrench.force;
     s->torque = l->wrench.torque;
@@ -185,7 +185,7 @@ static double bound_by_tip(lockstep *l, const picture *before, const picture *af
     memcpy(state.tip.known.weights, before->tip_weights, sizeof before->tip_weights);
     run_displacement(&l->run, &state, stayed->nominal, stayed->added);
     stayed->refined = after->refined;
-    const mesh *m = &l->simulation.mesh;
+    const mesh *m = &l->parts.mesh;
     double sum = 0.0;
     for (int i = 0; i < after->count; i++) {
         const point *now = &after->points[i];
@@ -246,7 +246,7 @@ static balance *run(const leg *legs, int leg_count, double tick, bool bevelled) 
             lockstep_tick(l, (pose){v3_axpy(part, legs[k].shift, from.position), q_multiply(from.orientation, q_exp(v3_scale(part, legs[k].turn)))}, tick);
             take_picture(l, after);
             double friction = b->total.friction;
-            add_tick(&l->simulation.mesh, before, after, &b->total);
+            add_tick(&l->parts.mesh, before, after, &b->total);
             double bound = bound_by_tip(l, before, after, stayed);
             b->total.freed += bound;
             b->total.handed -= bound;

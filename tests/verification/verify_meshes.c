@@ -24,7 +24,7 @@ static void figure8(lockstep *l, outcome *o) {
     for (int i = 1; i <= 2400; i++) {
         lockstep_tick(l, motion_pose(script, lockstep_start(), i * 1e-3), 1e-3);
         if (l->wrench.events & EVENT_PUNCTURED) {
-            o->way[o->punctures & 3] = l->base.position.z + l->simulation.needle.given.length;
+            o->way[o->punctures & 3] = l->base.position.z + l->parts.needle.given.length;
             o->force[o->punctures++ & 3] = -l->wrench.force.z;
         }
         o->push = fmax(o->push, -l->wrench.force.z);
@@ -39,9 +39,9 @@ static outcome run(const char *mesh) {
     snprintf(c.mesh_path, sizeof c.mesh_path, "%s", mesh);
     outcome o = {0};
     lockstep *l = lockstep_create(&c, lockstep_start());
-    o.nodes = l->simulation.mesh.node_count;
+    o.nodes = l->parts.mesh.node_count;
     figure8(l, &o);
-    insertion_reset(&l->simulation.insertion, lockstep_start(), &l->state);
+    insertion_reset(&l->parts.insertion, lockstep_start(), &l->state);
     l->base = lockstep_start();
     lockstep_move(l, v3(0, 0, 0.066), 2.0, 1e-3);
     lockstep_move(l, v3(0.005, 0, 0), 0.5, 1e-3);

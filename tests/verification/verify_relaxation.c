@@ -1,8 +1,8 @@
 /* Tests relaxing tissue: energy balance of random insertions, and independence from tick rate and mesh. Constant displacements and removed loads are tested in
    tests/unit/insertion/test_creep.c. */
 #include "figure8.h"
-#include "insertion/memory/creep.h"
-#include "insertion/state/local_compliance.h"
+#include "insertion/laws/creep.h"
+#include "insertion/model/local_compliance.h"
 #include "insertion/state/strata.h"
 #include "random_hand.h"
 #include "rows.h"
@@ -33,8 +33,8 @@ typedef struct {
 /* Returns the energy (J) of loads on the nominal mesh. Overwrites both arguments. */
 static double energy_of(lockstep *l, nodal n) {
     double sum = 0.0;
-    inverse_apply(l->simulation.inverse, n.nominal, n.displaced);
-    for (int i = 0; i < l->simulation.mesh.node_count; i++) sum += v3_dot(n.nominal[i], n.displaced[i]);
+    inverse_apply(l->parts.inverse, n.nominal, n.displaced);
+    for (int i = 0; i < l->parts.mesh.node_count; i++) sum += v3_dot(n.nominal[i], n.displaced[i]);
     return 0.5 * sum;
 }
 
@@ -45,7 +45,7 @@ static void spread(const mesh *m, int tet, const double weights[4], vec3 force, 
 /* Adds the needle's forces (term -1), or those that a relaxation term remembers. */
 static void put_loads(const lockstep *l, int term, vec3 *nominal) {
     const insertion_state *s = &l->state;
-    const mesh *m = &l->simulation.mesh;
+    const mesh *m = &l->parts.mesh;
     memset(nominal, 0, (size_t)m->node_count * sizeof *nominal);
     for (int k = 0; contact_is_active(s, k); k++) { /* compliance_between covers contacts on the nominal mesh */
         const added_node *node = &s->refined.nodes[s->refined.order[k]];
@@ -60,7 +60,7 @@ static void put_loads(const lockstep *l, int term, vec3 *nominal) {
 
 /* Returns the fraction of the tip's force that the shaft bears; the rest acts one radius ahead of the tip. */
 static double shaft_part(const lockstep *l, const contact_point *p) {
-    double length = p->share.to - p->share.from, radius = l->simulation.needle.radius;
+    double length = p->share.to - p->share.from, radius = l->parts.needle.radius;
     return p->kind == POINT_TIP ? length / (length + radius) : 1.0;
 }
 
@@ -70,9 +70,9 @@ static double softening_energy(const lockstep *l, double face) {
     const needle_tip *tip = &l->state.tip;
     enum { STEPS = 20 };
     double depth = tip->place.depth - tip_entry_depth(&l->state), sum = 0.0, step = fmax(face, 0.0) / STEPS, point = tip->resolution.field.point;
-    double now = local_at_tip(&l->simulation.insertion, tip->place.tet, tip->place.nominal, depth, fmax(face, 0.0), point);
+    double now = local_at_tip(&l->parts.insertion, tip->place.tet, tip->place.nominal, depth, fmax(face, 0.0), point);
     for (double force = 0.5 * step; force < face; force += step)
-        sum += step * force * (now - local_at_tip(&l->simulation.insertion, tip->place.tet, tip->place.nominal, depth, force, point));
+        sum += step * force * (now - local_at_tip(&l->parts.insertion, tip->place.tet, tip->place.nominal, depth, force, point));
     return sum;
 }
 
@@ -138,7 +138,7 @@ static double stiffened_energy(const lockstep *l) {
     const insertion_workspace *w = l->run.workspace;
     const stiffening_step *s = &w->stiffening;
     double sum = 0.0;
-    if (!l->simulation.insertion.stiffens) return 0.0;
+    if (!l->parts.insertion.stiffens) return 0.0;
     for (int i = w->points.guided; i < w->points.count; i++) {
         bool tip = w->points.list[i].kind == POINT_TIP;
         vec3 track = point_track(&l->state, &w->points.list[i]);
@@ -150,8 +150,8 @@ static double stiffened_energy(const lockstep *l) {
 }
 
 static double stored(lockstep *l, nodal n) {
-    const creep_series *creep = &l->simulation.insertion.creep;
-    double sum = needle_energy(&l->simulation.needle, &l->state.needle) + twist_energy_of_needle(l) + twist_energy_of_tissue(l) + stiffened_energy(l);
+    const creep_series *creep = &l->parts.insertion.creep;
+    double sum = needle_energy(&l->parts.needle, &l->state.needle) + twist_energy_of_needle(l) + twist_energy_of_tissue(l) + stiffened_energy(l);
     for (int term = -1; term < creep->count; term++) {
         double factor = term < 0 ? 1.0 : creep->compliance[term];
         put_loads(l, term, n.nominal);
@@ -176,11 +176,11 @@ static lockstep *create_tissue(bool relaxing, double stiffening) {
 /* Inserts into tissue that has no tracks and remembers no loads. */
 static energy_record insert(lockstep *l, unsigned seed) {
     random_hand hand = random_hand_brief(seed);
-    l->simulation.needle.given.bevel_slope = hand.bevel_slope;
-    insertion_reset(&l->simulation.insertion, hand.start, &l->state);
+    l->parts.needle.given.bevel_slope = hand.bevel_slope;
+    insertion_reset(&l->parts.insertion, hand.start, &l->state);
     l->base = hand.start;
     l->wrench = (tick_output){.membrane = -1};
-    size_t nodes = (size_t)l->simulation.mesh.node_count;
+    size_t nodes = (size_t)l->parts.mesh.node_count;
     nodal n = {calloc(nodes, sizeof(vec3)), calloc(nodes, sizeof(vec3))};
     energy_record r = {.least = INFINITY};
     double work = 0.0;
@@ -253,7 +253,7 @@ static void check_shaken(rows *r) {
         m->cutting_force = m->friction_static = m->friction_kinetic = 1e4;
     }
     lockstep *l = lockstep_engaged(&c);
-    size_t nodes = (size_t)l->simulation.mesh.node_count;
+    size_t nodes = (size_t)l->parts.mesh.node_count;
     nodal n = {calloc(nodes, sizeof(vec3)), calloc(nodes, sizeof(vec3))};
     energy_record e = {.least = INFINITY};
     double work = 0.0;

@@ -57,8 +57,8 @@ static void judge(smoothness *s, const lockstep *l, vec3 last, int *since, int r
 static void run_hand(smoothness *s, lockstep *l, int run) {
     random_hand hand = random_hand_create(1000u + 7919u * (unsigned)run);
     int since = RECOIL;
-    l->simulation.needle.given.bevel_slope = hand.bevel_slope;
-    insertion_reset(&l->simulation.insertion, hand.start, &l->state);
+    l->parts.needle.given.bevel_slope = hand.bevel_slope;
+    insertion_reset(&l->parts.insertion, hand.start, &l->state);
     l->base = hand.start;
     for (int k = 0; k < hand.leg_count; k++) {
         const hand_leg *leg = &hand.legs[k];
@@ -187,7 +187,7 @@ static void check_stuck(rows *r, int count) {
         unsigned seed = 5u + 7919u * (unsigned)run;
         pose start = random_hand_create(1000u + 7919u * (unsigned)run).start;
         start.position = v3_axpy(hand_uniform(&seed, 0.01, DEEPEST), q_axis(start.orientation), start.position);
-        insertion_reset(&l->simulation.insertion, start, &l->state);
+        insertion_reset(&l->parts.insertion, start, &l->state);
         for (int i = 0; i < 3; i++) lockstep_tick(l, start, 1e-6);
         vec3 way = v3(hand_uniform(&seed, -1, 1), hand_uniform(&seed, -1, 1), hand_uniform(&seed, -1, 1));
         push(l, v3_scale(PUSH / v3_norm(way), way), &p);
@@ -204,7 +204,7 @@ static void check_pressed(rows *r, int count) {
     pushes p = {.least = INFINITY, .softest = INFINITY};
     for (int run = 0; run < count; run++) {
         pose start = random_hand_create(1000u + 7919u * (unsigned)run).start;
-        insertion_reset(&l->simulation.insertion, start, &l->state);
+        insertion_reset(&l->parts.insertion, start, &l->state);
         lockstep_tick(l, start, TICK);
         push(l, v3_scale(0.03, q_axis(start.orientation)), &p);
     }

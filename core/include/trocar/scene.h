@@ -27,7 +27,8 @@ TROCAR_API void trocar_scene_free(trocar_scene *scene);
 /* ---- keys ---- */
 
 /* Sets a key to a value written as in YAML, for example ("needle.length", "0.15") or ("fixed", "[back, below]"). A list entry is identified by its index
-   or name, as in "regions[prostate].friction.static"; an unknown name appends an entry. BAD_INPUT leaves the scene unchanged. [one, allocates] */
+   or name, as in "regions[prostate].friction.static"; an unknown name appends an entry, and so does the next index in a list without names. BAD_INPUT leaves
+   the scene unchanged. [one, allocates] */
 TROCAR_API trocar_status trocar_scene_set(trocar_scene *scene, const char *key, const char *value, trocar_error *error);
 TROCAR_API trocar_status trocar_scene_set_number(trocar_scene *scene, const char *key, double value, trocar_error *error);
 
@@ -35,7 +36,7 @@ TROCAR_API trocar_status trocar_scene_set_number(trocar_scene *scene, const char
 TROCAR_API trocar_status trocar_scene_get(const trocar_scene *scene, const char *key, char *value, size_t size, trocar_error *error);
 TROCAR_API trocar_status trocar_scene_get_number(const trocar_scene *scene, const char *key, double *value, trocar_error *error);
 
-/* Returns the number of entries of "regions", "membranes", "guides", "fixed" or "relaxation"; -1 for any other key. [one] */
+/* Returns the number of entries of "regions", "membranes", "calcifications", "guides", "fixed" or "relaxation"; -1 for any other key. [one] */
 TROCAR_API int trocar_scene_count(const trocar_scene *scene, const char *list);
 
 /* Returns the path from which the scene was loaded, as it was given; empty if the scene was not loaded. Valid as long as the scene exists. [one] */

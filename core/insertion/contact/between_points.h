@@ -2,7 +2,7 @@
 #ifndef TROCAR_BETWEEN_POINTS_H
 #define TROCAR_BETWEEN_POINTS_H
 
-#include "insertion/state/tick.h"
+#include "insertion/state/tick_data.h"
 
 /* Stores P N P^T + R^T C R in the contact problem. N is the needle's compliance between joints, which P interpolates at the points and rotates into their
    frames. C is the nominal tissue's compliance between points, rotated by the frames R. Points at a guide that the needle does not touch are decoupled. RT */

@@ -3,7 +3,7 @@
 #ifndef TROCAR_CONTACT_ASSEMBLY_H
 #define TROCAR_CONTACT_ASSEMBLY_H
 
-#include "insertion/state/tick.h"
+#include "insertion/state/tick_data.h"
 
 /* Lists the contact points: guides, active contacts, and the tip if it is in the tissue (points->tip). RT */
 void points_list(const tick_input *tick, const insertion_state *state, contact_points *points);

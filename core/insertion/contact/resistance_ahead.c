@@ -1,6 +1,6 @@
 #include "insertion/contact/resistance_ahead.h"
 
-#include "insertion/tip/tip_path.h"
+#include "insertion/tip/tip_walk.h"
 #include "insertion/track/obstacle.h"
 #include "insertion/track/old_tracks.h"
 
@@ -15,27 +15,42 @@ static void add_stretch(resistance_ahead *ahead, stretch_ahead added) {
     ahead->count++;
 }
 
-/* Adds a stretch of tissue. Tissue along an open track springs back over the tip, so that the tip advances farther than the hand carries it. Beyond the
-   hand's advance, the viscosity is that of uncut tissue: otherwise nothing would limit the rebound, and the force would drop at once when the tip enters
-   the track. */
-static void add_tissue(const tick_input *tick, const insertion_state *state, const hand_advance *hand, resistance_ahead *ahead, double from, const open_track *track) {
+/* Adds a stretch of tissue that begins at the nominal point x. Tissue along an open track springs back over the tip, so that the tip advances farther than
+   the hand carries it. Beyond the hand's advance, the viscosity is that of uncut tissue: otherwise nothing would limit the rebound, and the force would drop
+   at once when the tip enters the track. */
+static void add_tissue(const tick_input *tick, const insertion_state *state, const hand_advance *hand, resistance_ahead *ahead, double from, vec3 x, const open_track *track) {
     const insertion_model *model = tick->model;
     int tet = state->tip.place.tet;
     double whole = model->materials[model->mesh->region[tet]].cutting_viscosity;
     bool springs_back = from >= hand->carried;
-    add_stretch(ahead, (stretch_ahead){.from = from, .resistance = cutting_resistance(model, tet, track->openness),
+    add_stretch(ahead, (stretch_ahead){.from = from, .resistance = cutting_resistance(model, tet, x, track->openness),
                                                        .viscosity = springs_back ? whole : (1.0 - track->openness) * whole, .track = *track});
 }
 
-/* Adds the open tracks, one after the other, and the uncut tissue after them. */
+/* Adds the calcifications that the tip enters between the slips `from`, where it is at the nominal point x, and `to`. */
+static void add_calcifications(const tick_input *tick, const insertion_state *state, const hand_advance *hand, resistance_ahead *ahead, double from, double to, vec3 x,
+                               vec3 direction, const open_track *track) {
+    const insertion_model *model = tick->model;
+    for (int i = 0; i < model->calcification_count; i++) {
+        double entry = calcification_entry(&model->calcifications[i], x, direction) + FACE_CLEARANCE; /* just past the boundary, so that the tip reaches it */
+        if (from + entry < to) add_tissue(tick, state, hand, ahead, from + entry, v3_axpy(entry, direction, x), track);
+    }
+}
+
+/* Adds the open tracks, one after the other, and the uncut tissue after them, with the calcifications along both. */
 static void add_tracks(const tick_input *tick, const insertion_state *state, const hand_advance *hand, const path_step *path, resistance_ahead *ahead, double reach) {
     double carried = hand->carried, from = 0.0;
+    vec3 x = state->tip.place.nominal;
     open_track track = state->tip.track;
     while (ahead->count < MAX_KNOTS - 1) {
-        add_tissue(tick, state, hand, ahead, from, &track);
+        vec3 direction = old_tracks_lead(&track, path->cut_direction);
+        double end = track.openness > 0.0 ? fmin(track.to_end, reach) : reach;
+        add_tissue(tick, state, hand, ahead, from, x, &track);
+        add_calcifications(tick, state, hand, ahead, from, end, x, direction, &track);
         if (track.openness == 0.0) return;
-        if (from < carried && carried < track.to_end) add_tissue(tick, state, hand, ahead, carried, &track);
+        if (from < carried && carried < track.to_end) add_tissue(tick, state, hand, ahead, carried, v3_axpy(carried - from, direction, x), &track);
         if (track.to_end > reach) return;
+        x = v3_axpy(track.to_end - from, direction, x);
         from = track.to_end;
         track = old_tracks_ahead(tick, state, path, from);
     }
@@ -65,7 +80,7 @@ static void add_stops(const tick_input *tick, const insertion_state *state, cons
         x = v3_axpy(chord, direction, x);
         int behind = m->neighbours[tet][face], blocked_by = old_tracks_obstacle(tick, state, tet, face, behind, x);
         if (blocked_by != NOT_BLOCKED && slip <= reach) {
-            double resistance = blocked_resistance(tick->model, tet, track->openness, blocked_by, old_tracks_damage(tick, state, blocked_by, x));
+            double resistance = blocked_resistance(tick->model, tet, x, track->openness, blocked_by, old_tracks_damage(tick, state, blocked_by, x));
             add_stretch(ahead, (stretch_ahead){.from = slip + FACE_CLEARANCE /* just past the face, so that the tip reaches it */, .resistance = resistance, .stops = true, .track = *track});
         }
         x = v3_axpy(FACE_CLEARANCE, direction, x);

@@ -1,9 +1,9 @@
-/* The resistance to the tip's advance in this step: uncut tissue, open tracks and their ends, membranes, bone. Once per step, they are listed as stretches
-   of the tip's slip; the contact problem receives them as a single staircase. See docs/mechanics.md, "One tick is one convex problem". */
+/* The resistance to the tip's advance in this step: uncut tissue, open tracks and their ends, calcifications, membranes, bone. Once per step, they are
+   listed as stretches of the tip's slip; the contact problem receives them as a single staircase. See docs/mechanics.md, "One tick is one convex problem". */
 #ifndef TROCAR_RESISTANCE_AHEAD_H
 #define TROCAR_RESISTANCE_AHEAD_H
 
-#include "insertion/state/tick.h"
+#include "insertion/state/tick_data.h"
 
 /* Lists the resistances ahead of the tip, up to the largest advance possible in this step. The points must have been located. RT */
 void resistance_ahead_find(const tick_input *tick, const insertion_state *state, const hand_advance *hand, const path_step *path, const contact_points *points,

@@ -1,7 +1,7 @@
 #include "insertion/contact/roll.h"
 
 #include "base/vec.h"
-#include "insertion/memory/creep.h"
+#include "insertion/laws/creep.h"
 
 /* ---- one bound for sliding and turning --------------------------------------------------------------------------------- */
 

@@ -2,7 +2,7 @@
 #ifndef TROCAR_ROLL_H
 #define TROCAR_ROLL_H
 
-#include "insertion/state/tick.h"
+#include "insertion/state/tick_data.h"
 
 /* The part of a common friction bound that is available to one motion, sliding or turning. */
 typedef struct {

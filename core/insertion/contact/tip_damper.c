@@ -1,8 +1,8 @@
 #include "insertion/contact/tip_damper.h"
 
-#include "insertion/memory/along_track.h"
-#include "insertion/memory/creep.h"
-#include "insertion/state/local_compliance.h"
+#include "insertion/laws/along_track.h"
+#include "insertion/laws/creep.h"
+#include "insertion/model/local_compliance.h"
 #include "linalg/rows.h"
 
 /* 1 - exp(-c dt / dent), where c is the speed of shear waves: the fraction of its rebound that tissue displaced by `dent` (m) completes within dt. */

@@ -2,7 +2,7 @@
 #ifndef TROCAR_TIP_DAMPER_H
 #define TROCAR_TIP_DAMPER_H
 
-#include "insertion/state/tick.h"
+#include "insertion/state/tick_data.h"
 
 /* Fraction of the distance to static equilibrium that the tissue at the tip covers in this step. It is 1 while the tip sticks: then the tissue follows the
    hand, which is far slower than the waves. RT */

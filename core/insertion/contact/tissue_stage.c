@@ -3,8 +3,8 @@
 #include "insertion/contact/contact_assembly.h"
 #include "insertion/contact/tip_damper.h"
 #include "insertion/guide/guides.h"
-#include "insertion/memory/creep.h"
-#include "insertion/memory/stiffening.h"
+#include "insertion/laws/creep.h"
+#include "insertion/laws/stiffening.h"
 #include "insertion/tip/known_tissue.h"
 
 static void lose_contact(const tick_input *tick, insertion_state *state, const creep_step *creep) {

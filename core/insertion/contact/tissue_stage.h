@@ -2,7 +2,7 @@
 #ifndef TROCAR_TISSUE_STAGE_H
 #define TROCAR_TISSUE_STAGE_H
 
-#include "insertion/state/tick.h"
+#include "insertion/state/tick_data.h"
 
 /* True if the needle touches tissue. RT */
 static inline bool touches_tissue(const insertion_state *state) { return state->tip.place.phase == TIP_INSIDE || contact_is_active(state, 0); }

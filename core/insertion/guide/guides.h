@@ -2,7 +2,7 @@
 #ifndef TROCAR_GUIDES_H
 #define TROCAR_GUIDES_H
 
-#include "insertion/state/tick.h"
+#include "insertion/state/tick_data.h"
 
 /* After the tip has moved: records for each guide which hole the needle is in, or that the needle misses the plate. RT */
 void guides_follow(const tick_input *tick, insertion_state *state, tick_output *output);

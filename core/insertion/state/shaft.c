@@ -1,6 +1,6 @@
 #include "insertion/state/shaft.h"
 
-#include "insertion/state/local_compliance.h"
+#include "insertion/model/local_compliance.h"
 
 static const double LEAST_SHARE = 1e-6; /* m: smallest length of shaft that a contact represents. Rounding tolerance */
 

@@ -2,7 +2,7 @@
 #ifndef TROCAR_SHAFT_H
 #define TROCAR_SHAFT_H
 
-#include "insertion/state/insertion_model.h"
+#include "insertion/model/insertion_model.h"
 #include "insertion/state/insertion_state.h"
 
 /* The share of the track that a point of the shaft represents. */

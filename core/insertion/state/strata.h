@@ -2,7 +2,7 @@
 #ifndef TROCAR_STRATA_H
 #define TROCAR_STRATA_H
 
-#include "insertion/state/tick.h"
+#include "insertion/state/tick_data.h"
 
 /* Records that the track enters `region` (or IN_A_GAP) at the tip. RT */
 void note_stratum(insertion_state *state, tick_output *output, int region);

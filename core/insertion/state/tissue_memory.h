@@ -2,7 +2,7 @@
 #ifndef TROCAR_TISSUE_MEMORY_H
 #define TROCAR_TISSUE_MEMORY_H
 
-#include "insertion/state/contact.h"
+#include "insertion/solver/contact_solver.h"
 #include "snapshot/snapshot.h"
 
 enum { MAX_SHARES = MAX_CONTACTS + 1 }; /* number of shares including the tip's */

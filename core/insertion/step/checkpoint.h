@@ -2,7 +2,7 @@
 #ifndef TROCAR_CHECKPOINT_H
 #define TROCAR_CHECKPOINT_H
 
-#include "insertion/state/tick.h"
+#include "insertion/state/tick_data.h"
 
 /* RT */
 void checkpoint_save(const insertion_state *state, const contact_points *points, const contact_problem *problem, pass_checkpoint *saved);

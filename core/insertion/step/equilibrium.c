@@ -5,7 +5,7 @@
 #include "insertion/contact/resistance_ahead.h"
 #include "insertion/contact/roll.h"
 #include "insertion/contact/tip_damper.h"
-#include "insertion/memory/creep.h"
+#include "insertion/laws/creep.h"
 #include "insertion/step/checkpoint.h"
 #include "insertion/step/continuation.h"
 
@@ -17,7 +17,7 @@ static void begin(const tick_input *tick, const insertion_state *state, insertio
     w->response.drag = w->continuation.kept_open = 0.0;
     passes_begin(tick, state, w);
     if (w->points.tip) resistance_ahead_find(tick, state, &w->hand, &w->path, &w->points, &w->ahead);
-    profile_end_stage(&w->profile, INSERTION_TISSUE);
+    profile_end_part(&w->profile, TIMED_TISSUE);
 }
 
 void equilibrium_linearise(const tick_input *tick, insertion_state *state, insertion_workspace *w, bool loaded) {
@@ -46,8 +46,8 @@ static void conclude(const tick_input *tick, insertion_state *state, const inser
 }
 
 /* The extrapolated shape only improves the starting point: a needle in steady motion then often needs just one pass. A misleading guess costs one or two
-   passes; restarting from the last shape would cost more. (For 12 000 steps of a hand that changes direction every 13 ms, with the needle in a guide: 15
-   992 passes; 16 539 if guesses are abandoned after three passes; 37 918 without guesses.) */
+   passes; restarting from the last shape would cost more. (For 12 000 steps of a hand that changes direction every 13 ms, with the needle in a guide:
+   15 992 passes; 16 539 if guesses are abandoned after three passes; 37 918 without guesses.) */
 void equilibrium_find(const tick_input *tick, insertion_state *state, insertion_workspace *w, tick_output *output) {
     const needle_model *needle = tick->model->needle;
     pass_result r = {.found = false};

@@ -2,7 +2,7 @@
 #ifndef TROCAR_EQUILIBRIUM_H
 #define TROCAR_EQUILIBRIUM_H
 
-#include "insertion/state/tick.h"
+#include "insertion/state/tick_data.h"
 
 /* Finds the needle's shape, and the forces and slips at the points that the tissue stage has listed. If no stable equilibrium is near, the needle moves to
    another one. RT */

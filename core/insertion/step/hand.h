@@ -2,7 +2,7 @@
 #ifndef TROCAR_HAND_H
 #define TROCAR_HAND_H
 
-#include "insertion/state/tick.h"
+#include "insertion/state/tick_data.h"
 
 /* Slides the shaft past its contacts and through guides, by the slips of the last solve. RT */
 void hand_slide_shaft(const tick_input *tick, insertion_state *state);

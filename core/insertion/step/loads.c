@@ -2,7 +2,7 @@
 
 #include <string.h>
 
-#include "insertion/memory/creep.h"
+#include "insertion/laws/creep.h"
 
 void insertion_refinement(const insertion_state *state, refinement *out) {
     refinement_compact(&state->refined, contacts_active(state), out);

@@ -2,7 +2,7 @@
 #ifndef TROCAR_INSERTION_LOADS_H
 #define TROCAR_INSERTION_LOADS_H
 
-#include "insertion/state/insertion_model.h"
+#include "insertion/model/insertion_model.h"
 #include "insertion/state/insertion_state.h"
 
 /* Writes the current refined mesh: the active contact nodes, from base to tip, in consecutive slots. */

@@ -3,7 +3,7 @@
 #ifndef TROCAR_NEEDLE_DRAG_H
 #define TROCAR_NEEDLE_DRAG_H
 
-#include "insertion/state/tick.h"
+#include "insertion/state/tick_data.h"
 
 /* Drag coefficient of this needle, N s: moment per unit length, divided by the rate of rotation. */
 double needle_drag(const needle_model *model);

@@ -5,7 +5,7 @@
 #include "insertion/contact/contact_assembly.h"
 #include "insertion/contact/tip_damper.h"
 #include "insertion/guide/guides.h"
-#include "insertion/memory/stiffening.h"
+#include "insertion/laws/stiffening.h"
 #include "insertion/step/checkpoint.h"
 #include "insertion/step/needle_drag.h"
 
@@ -29,7 +29,7 @@ static void linearise_needle(const tick_input *tick, const insertion_state *stat
                              insertion_profile *profile) {
     needle_linearise(tick->model->needle, &state->needle, response->load, response->drag > 0.0 ? 0 : first_joint(tick, points), &response->tangent);
     drag_shift_joints(tick, response, start);
-    profile_end_stage(profile, INSERTION_NEEDLE);
+    profile_end_part(profile, TIMED_NEEDLE);
 }
 
 static void assemble_problem(const tick_input *tick, const insertion_state *state, insertion_workspace *w, bool first) {
@@ -97,12 +97,12 @@ void passes_load_joints(const tick_input *tick, const insertion_state *state, co
 static double advance(const tick_input *tick, insertion_state *state, insertion_workspace *w) {
     take_forces(state, &w->points, w->edges, &w->problem);
     if (w->points.tip && w->stiffening.any) damper_find_force(tick, state, w);
-    profile_end_stage(&w->profile, INSERTION_CONTACT);
+    profile_end_part(&w->profile, TIMED_CONTACT);
     passes_load_joints(tick, state, &w->points, &w->response, &w->start);
     shift_base(tick, state, &w->response);
     double turned = needle_advance(tick->model->needle, &w->response.tangent, w->response.load, &state->needle);
     points_locate(tick, state, &w->points, &w->tissue, &w->creep, w->edges);
-    profile_end_stage(&w->profile, INSERTION_NEEDLE);
+    profile_end_part(&w->profile, TIMED_NEEDLE);
     return turned;
 }
 

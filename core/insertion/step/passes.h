@@ -3,7 +3,7 @@
 #ifndef TROCAR_PASSES_H
 #define TROCAR_PASSES_H
 
-#include "insertion/state/tick.h"
+#include "insertion/state/tick_data.h"
 
 /* Outcome of a series of passes. */
 typedef struct {

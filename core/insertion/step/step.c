@@ -2,11 +2,11 @@
 
 #include "insertion/contact/roll.h"
 #include "insertion/contact/tissue_stage.h"
-#include "insertion/memory/creep.h"
+#include "insertion/laws/creep.h"
 #include "insertion/step/equilibrium.h"
 #include "insertion/step/hand.h"
 #include "insertion/tip/known_tissue.h"
-#include "insertion/tip/path.h"
+#include "insertion/tip/path_stage.h"
 #include "insertion/tip/tip.h"
 #include "insertion/tip/track_gradient.h"
 
@@ -36,6 +36,6 @@ void step(const tick_input *tick, insertion_state *state, insertion_workspace *w
     bool touches = tissue_find(tick, state, &w->points, &w->tissue, &w->creep, &w->stiffening, &w->damper, output);
     if (touches) equilibrium_find(tick, state, w, output);           /* Newton passes: needle, problem, solve, advance */
     else equilibrium_forget(state);
-    tip_puncture(tick, state, output);                               /* path: punctures a membrane whose limit the solve exceeded */
+    tip_puncture(tick, state, output);                               /* conclude: punctures a membrane whose limit the solve exceeded */
     find_wrench(state, &w->points, output);                          /* output; requests to the worker are made at the end of the tick */
 }

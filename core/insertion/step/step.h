@@ -2,7 +2,7 @@
 #ifndef TROCAR_STEP_H
 #define TROCAR_STEP_H
 
-#include "insertion/state/tick.h"
+#include "insertion/state/tick_data.h"
 
 /* Computes the next equilibrium, with the base held at `tick->base`. Each struct of the scratch memory is written by one stage and read by later ones. RT */
 void step(const tick_input *tick, insertion_state *state, insertion_workspace *w, tick_output *output);

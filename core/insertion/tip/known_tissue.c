@@ -2,8 +2,8 @@
 
 #include <string.h>
 
-#include "insertion/memory/creep.h"
-#include "insertion/state/local_compliance.h"
+#include "insertion/laws/creep.h"
+#include "insertion/model/local_compliance.h"
 #include "insertion/state/strata.h"
 #include "insertion/track/contact_nodes.h"
 #include "snapshot/snapshot_kernels.h"

@@ -2,7 +2,7 @@
 #ifndef TROCAR_KNOWN_TISSUE_H
 #define TROCAR_KNOWN_TISSUE_H
 
-#include "insertion/state/tick.h"
+#include "insertion/state/tick_data.h"
 
 /* Displacement (m) of a point under the needle's current forces and those of other bodies, given the handles and weights of the corners of the point's
    element. RT */

@@ -2,7 +2,7 @@
 
 #include "insertion/state/strata.h"
 #include "insertion/tip/known_tissue.h"
-#include "insertion/tip/tip_path.h"
+#include "insertion/tip/tip_walk.h"
 #include "insertion/track/contact_nodes.h"
 #include "insertion/track/old_tracks.h"
 

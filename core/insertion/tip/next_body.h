@@ -2,7 +2,7 @@
 #ifndef TROCAR_NEXT_BODY_H
 #define TROCAR_NEXT_BODY_H
 
-#include "insertion/state/tick.h"
+#include "insertion/state/tick_data.h"
 
 /* Where the tip enters a body: a point of the mesh, and the obstacle at this point. */
 typedef struct {

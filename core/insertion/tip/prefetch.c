@@ -2,7 +2,7 @@
 
 #include <string.h>
 
-#include "insertion/memory/creep.h"
+#include "insertion/laws/creep.h"
 
 static const double LINE_OFFSET = 1e-3; /* m: offset above which a needle's line counts as a new one. Effort limit */
 static const double LINE_TURN = 0.02; /* rad: rotation above which a needle's line counts as a new one. Effort limit */

@@ -2,7 +2,7 @@
 #ifndef TROCAR_PREFETCH_H
 #define TROCAR_PREFETCH_H
 
-#include "insertion/state/insertion_model.h"
+#include "insertion/model/insertion_model.h"
 #include "insertion/state/insertion_state.h"
 
 /* Updates state->request: the contact nodes, and the nodes of the elements around, behind and ahead of the tip. RT */

@@ -1,9 +1,9 @@
 #include "insertion/tip/tip.h"
 
-#include "insertion/state/local_compliance.h"
+#include "insertion/model/local_compliance.h"
 #include "insertion/state/strata.h"
 #include "insertion/tip/next_body.h"
-#include "insertion/tip/tip_path.h"
+#include "insertion/tip/tip_walk.h"
 #include "insertion/track/contact_nodes.h"
 #include "insertion/track/old_tracks.h"
 

@@ -2,7 +2,7 @@
 #ifndef TROCAR_TIP_H
 #define TROCAR_TIP_H
 
-#include "insertion/state/tick.h"
+#include "insertion/state/tick_data.h"
 
 /* Starts an insertion where the segment from `from` to `to` crosses the outer surface; returns false if it does not. RT */
 bool tip_touch(const tick_input *tick, insertion_state *state, tick_output *output, vec3 from, vec3 to);

@@ -3,7 +3,7 @@
 #include "insertion/state/strata.h"
 #include "insertion/tip/known_tissue.h"
 #include "insertion/tip/prefetch.h"
-#include "insertion/tip/tip_path.h"
+#include "insertion/tip/tip_walk.h"
 
 /* Displacement (m) of the tissue at a contact, which moves with the shaft. */
 static vec3 carried(const tick_input *tick, const insertion_state *state, const shaft_contact *contact) {

@@ -1,6 +1,6 @@
 #include "insertion/track/contact_nodes.h"
 
-#include "insertion/state/local_compliance.h"
+#include "insertion/model/local_compliance.h"
 #include "insertion/state/strata.h"
 
 static const double LONGEST_SHARE = 0.8; /* edge lengths: longest share of one contact within an element; if the chord is longer, it gets several contacts.

@@ -2,7 +2,7 @@
 #ifndef TROCAR_CONTACT_NODES_H
 #define TROCAR_CONTACT_NODES_H
 
-#include "insertion/state/tick.h"
+#include "insertion/state/tick_data.h"
 
 /* Depth (m) of the last contact that the tip has passed; -INFINITY if there is none. RT */
 double last_contact_depth(const insertion_state *state);

@@ -6,19 +6,36 @@ static const region_material *material_at(const insertion_model *model, int tet)
     return &model->materials[model->mesh->region[tet]];
 }
 
-double cutting_resistance(const insertion_model *model, int tet, double openness) {
-    const region_material *material = material_at(model, tet);
-    return (1.0 - openness) * material->cutting_force + material->spreading_force;
+double calcification_entry(const calcification *c, vec3 x, vec3 direction) {
+    vec3 to_centre = v3_sub(c->centre, x);
+    double ahead = v3_dot(to_centre, direction), outside = v3_dot(to_centre, to_centre) - c->radius * c->radius; /* m, m^2 */
+    double half_chord = sqrt(fmax(ahead * ahead - outside, 0.0));
+    return outside > 0.0 && ahead > 0.0 && half_chord > 0.0 ? ahead - half_chord : INFINITY;
 }
 
-double blocked_resistance(const insertion_model *model, int tet, double openness, int blocked_by, double damage) {
+/* Factor of the cutting force at x: that of the hardest calcification there, 1 outside all of them. */
+static double calcified(const insertion_model *model, vec3 x) {
+    double factor = 1.0;
+    for (int i = 0; i < model->calcification_count; i++) {
+        const calcification *c = &model->calcifications[i];
+        if (v3_norm(v3_sub(x, c->centre)) <= c->radius) factor = fmax(factor, c->cutting_factor);
+    }
+    return factor;
+}
+
+double cutting_resistance(const insertion_model *model, int tet, vec3 x, double openness) {
+    const region_material *material = material_at(model, tet);
+    return (1.0 - openness) * calcified(model, x) * material->cutting_force + material->spreading_force;
+}
+
+double blocked_resistance(const insertion_model *model, int tet, vec3 x, double openness, int blocked_by, double damage) {
     if (blocked_by == BLOCKED_BY_BONE) return INFINITY;
-    double cutting = cutting_resistance(model, tet, openness);
+    double cutting = cutting_resistance(model, tet, x, openness);
     return blocked_by == NOT_BLOCKED ? cutting : fmax(cutting, damage == 1.0 ? 0.0 : (1.0 - damage) * model->membranes[blocked_by].puncture_force);
 }
 
 double tip_resistance(const insertion_model *model, const needle_tip *tip) {
-    return blocked_resistance(model, tip->place.tet, tip->track.openness, tip->barrier.blocked_by, tip->barrier.membrane_damage);
+    return blocked_resistance(model, tip->place.tet, tip->place.nominal, tip->track.openness, tip->barrier.blocked_by, tip->barrier.membrane_damage);
 }
 
 int obstacle(const insertion_model *model, int tet, int face, int behind) {

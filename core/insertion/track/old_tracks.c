@@ -51,8 +51,9 @@ int old_tracks_obstacle(const tick_input *tick, const insertion_state *state, in
     return found >= 0 && membrane_open(tick, state, found, x) == 1.0 ? NOT_BLOCKED : found;
 }
 
-double old_tracks_damage(const tick_input *tick, const insertion_state *state, int blocked_by, vec3 x) { return blocked_by >= 0 ? membrane_open(tick, state, blocked_by,
-                         x) : 0.0; }
+double old_tracks_damage(const tick_input *tick, const insertion_state *state, int blocked_by, vec3 x) {
+    return blocked_by >= 0 ? membrane_open(tick, state, blocked_by, x) : 0.0;
+}
 
 /* A track that the tip may follow. */
 typedef struct {

@@ -3,7 +3,7 @@
 #ifndef TROCAR_OLD_TRACKS_H
 #define TROCAR_OLD_TRACKS_H
 
-#include "insertion/state/tick.h"
+#include "insertion/state/tick_data.h"
 
 /* Among the tracks that end more than `beyond` (m) ahead of the tip, returns the most open one for a tip that would cut along path->cut_direction; the
    closest one if several are equally open. RT */

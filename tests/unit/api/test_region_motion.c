@@ -120,7 +120,7 @@ static rigid_motion motion_now(followed *f) {
 /* By reciprocity (Maxwell-Betti), the gland's mean displacement in a direction equals the work of the needle's forces on the displacement field of a unit
    force distributed over the gland's nodes. This requires one static solve on the unrefined mesh. */
 static double shift_by_reciprocity(const followed *f, vec3 direction) {
-    const simulation *parts = &f->model->parts;
+    const model_parts *parts = &f->model->parts;
     const insertion_state *state = &f->sim->needles[0].state;
     const mesh *m = &parts->mesh;
     vec3 *unit = calloc((size_t)m->node_count, sizeof *unit), *field = calloc((size_t)m->node_count, sizeof *field);

@@ -12,7 +12,7 @@
 #include "api/view.h"
 #include "api/worker_answer.h"
 #include "api/worker_resting.h"
-#include "insertion/memory/creep.h"
+#include "insertion/laws/creep.h"
 #include "snapshot/snapshot_kernels.h"
 
 #include <cmocka.h>
@@ -359,7 +359,7 @@ static int push_beside(trocar_model *model, const char *file, double x, double y
         OK(trocar_sim_take(sim, 0, &why));
         OK(trocar_sim_step(sim, 0, &free_base, 1e-3, &out, &why));
     }
-    needle_track *n = &sim->needles[0];
+    sim_needle *n = &sim->needles[0];
     resting_needle *linear = calloc(1, sizeof *linear);
     OK(trocar_sim_reset(sim, 1, &base, &why));
     double wrench = 0.0;

@@ -1,5 +1,5 @@
 #include "device/recording.h"
-#include "insertion/step/insertion.h"
+#include "insertion/step/tick.h"
 
 #include <setjmp.h>
 #include <stdarg.h>

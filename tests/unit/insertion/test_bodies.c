@@ -92,7 +92,7 @@ static void engaging_inside_two_bodies(void **unused) {
     lockstep *l = two_bodies(0.005);
     pose in = start_at(0.0031, -0.0027);
     in.position.z = -0.2 + 0.08; /* 40 mm in the first body and 35 mm in the second */
-    insertion_reset(&l->simulation.insertion, in, &l->state);
+    insertion_reset(&l->parts.insertion, in, &l->state);
     l->base = in;
     lockstep_move(l, v3(0, 0, 0), 0.01, 1e-3);
     assert_true(v3_norm(l->wrench.force) < 1e-3);
@@ -142,13 +142,13 @@ static void mesh_unit_is_applied(void **unused) {
         lockstep *l = lockstep_create(&c, start_at(0.0031, -0.0027));
         lockstep_move(l, v3(0, 0, 0.04), 0.4, 1e-3);
         force[i] = l->wrench.force.z;
-        assert_string_equal(l->simulation.mesh.remarks.text, "");
+        assert_string_equal(l->parts.mesh.remarks.text, "");
         lockstep_free(l);
         if (i == 0) continue;
         assert_close(force[i] / force[0], 1.0, 1e-6);
         c.mesh_unit = 1.0;
         l = lockstep_create(&c, start_at(0, 0));
-        assert_non_null(strstr(l->simulation.mesh.remarks.text, "mesh_unit"));
+        assert_non_null(strstr(l->parts.mesh.remarks.text, "mesh_unit"));
         lockstep_free(l);
     }
     simulation_config c = blocks_config(path, 2); /* the unit of the mesh is correct, but the needle is 20 um thick */
@@ -156,7 +156,7 @@ static void mesh_unit_is_applied(void **unused) {
     c.needle.outer_diameter = 20e-6;
     c.needle.inner_diameter = 0.0;
     lockstep *l = lockstep_create(&c, start_at(0, 0));
-    assert_non_null(strstr(l->simulation.mesh.remarks.text, "much smaller"));
+    assert_non_null(strstr(l->parts.mesh.remarks.text, "much smaller"));
     lockstep_free(l);
 }
 

@@ -32,21 +32,21 @@ typedef struct {
     unsigned events;
 } outcome;
 
-static vec3 needle_end(const lockstep *l) { return l->state.needle.joints[l->simulation.needle.given.segments]; }
+static vec3 needle_end(const lockstep *l) { return l->state.needle.joints[l->parts.needle.given.segments]; }
 
 /* Returns the present position of the material point of the tissue that the tip has reached. */
 static vec3 stopped_at(const lockstep *l, const vec3 *displacement) {
     const needle_tip *tip = &l->state.tip;
     double weights[4];
     vec3 now = tip->place.nominal;
-    mesh_barycentric(&l->simulation.mesh, tip->place.tet, tip->place.nominal, weights);
-    for (int c = 0; c < 4; c++) now = v3_axpy(weights[c], displacement[l->simulation.mesh.tets[tip->place.tet][c]], now);
+    mesh_barycentric(&l->parts.mesh, tip->place.tet, tip->place.nominal, weights);
+    for (int c = 0; c < 4; c++) now = v3_axpy(weights[c], displacement[l->parts.mesh.tets[tip->place.tet][c]], now);
     return now;
 }
 
 static outcome push(const simulation_config *config, vec3 line, double speed) {
     lockstep *l = lockstep_create(config, start_at(config, line, 0.0));
-    vec3 *nominal = calloc((size_t)l->simulation.mesh.node_count, sizeof *nominal), added[MAX_CONTACTS + 1];
+    vec3 *nominal = calloc((size_t)l->parts.mesh.node_count, sizeof *nominal), added[MAX_CONTACTS + 1];
     outcome o = {0};
     int ticks = (int)(WAY / speed / 1e-3);
     for (int i = 1; i <= ticks + 300; i++) {

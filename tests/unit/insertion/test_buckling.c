@@ -98,7 +98,7 @@ static path there_and_back(lockstep *l, double way, double speed) {
         lockstep_move(l, v3(0, 0, step), 1e-3, 1e-3);
         vec3 force = l->wrench.force;
         double change = v3_norm(v3_sub(force, last));
-        bool bowed = needle_energy(&l->simulation.needle, &l->state.needle) > 1e-6, punctured = l->wrench.events & EVENT_PUNCTURED;
+        bool bowed = needle_energy(&l->parts.needle, &l->state.needle) > 1e-6, punctured = l->wrench.events & EVENT_PUNCTURED;
         if (!bowed && i <= ticks) p.stiffest = fmax(p.stiffest, change / fabs(step));
         double allowed = fmax(fmax(noticed, noticed_part * v3_norm(last)), p.stiffest * fabs(step));
         if (bowed && !punctured) p.jump = fmax(p.jump, change / allowed);

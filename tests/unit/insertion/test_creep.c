@@ -1,5 +1,5 @@
 /* Tests relaxing tissue: compares the forces on a held needle, and the after-effect of a removed load, with exact solutions. */
-#include "insertion/memory/creep.h"
+#include "insertion/laws/creep.h"
 #include "lockstep.h"
 #include "verification/random_hand.h"
 
@@ -97,9 +97,9 @@ static void recover(const lockstep *l, const load_history *h, const double *cree
         int tet = tip ? h->state.tip.known.tet : node->tet;
         double weights[4];
         if (tip) memcpy(weights, h->state.tip.known.weights, sizeof weights);
-        else mesh_barycentric(&l->simulation.mesh, tet, node->position, weights);
+        else mesh_barycentric(&l->parts.mesh, tet, node->position, weights);
         for (int c = 0; c < 4; c++) {
-            vec3 *corner = &nominal[l->simulation.mesh.tets[tet][c]];
+            vec3 *corner = &nominal[l->parts.mesh.tets[tet][c]];
             *corner = v3_axpy(weights[c], sum, *corner);
         }
     }
@@ -107,9 +107,9 @@ static void recover(const lockstep *l, const load_history *h, const double *cree
 
 /* Removes the needle instantaneously and places it, straight, at `base`. The loads that the tissue remembers are kept; a reset would remove them. */
 static void replace_needle(lockstep *l, pose base) {
-    creep_deposit_all(&l->simulation.insertion, &l->state.memory, NULL);
+    creep_deposit_all(&l->parts.insertion, &l->state.memory, NULL);
     tissue_memory memory = l->state.memory;
-    insertion_reset(&l->simulation.insertion, base, &l->state);
+    insertion_reset(&l->parts.insertion, base, &l->state);
     l->state.memory = memory;
 }
 
@@ -118,7 +118,7 @@ static void removed_load_recovers(void **unused) {
     simulation_config c = scene_with(true);
     lockstep *l = engaged(&c);
     load_history *h = calloc(1, sizeof *h);
-    size_t nodes = (size_t)l->simulation.mesh.node_count;
+    size_t nodes = (size_t)l->parts.mesh.node_count;
     vec3 *expected = calloc(nodes, sizeof *expected), *found = calloc(nodes, sizeof *found), added[MAX_CONTACTS];
     double *creep = creep_by_quadrature(1e-3, TICKS_HELD + TICKS_AFTER + 1);
     l->base.position = v3_add(l->base.position, v3(1e-3, 0.5e-3, 0));
@@ -134,7 +134,7 @@ static void removed_load_recovers(void **unused) {
         if (later % 250 != 0 && later != 20) continue;
         memset(expected, 0, nodes * sizeof *expected);
         recover(l, h, creep, later, expected);
-        inverse_apply(l->simulation.inverse, expected, expected);
+        inverse_apply(l->parts.inverse, expected, expected);
         run_displacement(&l->run, &l->state, found, added);
         double size = 0.0, off = 0.0;
         for (size_t i = 0; i < nodes; i++) size = fmax(size, v3_norm(expected[i])), off = fmax(off, v3_norm(v3_sub(found[i], expected[i])));
@@ -142,7 +142,7 @@ static void removed_load_recovers(void **unused) {
         largest = fmax(largest, size);
         for (int k = 0; k < MAX_WINDOW; k++) { /* sets the worker's answer for this tick */
             int node = l->snapshot->window[k];
-            if (node >= 0) window = fmax(window, v3_norm(v3_sub(creep_free(&(tick_input){.model = &l->simulation.insertion, .snapshot = l->snapshot},
+            if (node >= 0) window = fmax(window, v3_norm(v3_sub(creep_free(&(tick_input){.model = &l->parts.insertion, .snapshot = l->snapshot},
                 &l->state, &l->run.workspace->creep, MAX_CONTACTS + k), expected[node])) / size);
         }
     }
@@ -168,7 +168,7 @@ static void nothing_remembered_is_lost(void **unused) {
     c.relaxation_count = 3;
     memcpy(c.relaxation, SERIES, sizeof SERIES);
     lockstep *l = lockstep_create(&c, hand.start);
-    const creep_series *creep = &l->simulation.insertion.creep;
+    const creep_series *creep = &l->parts.insertion.creep;
     vec3 expected[3] = {{0, 0, 0}};
     double largest = 0.0, worst = 0.0;
     for (int leg = 0; leg < hand.leg_count; leg++) {
@@ -264,8 +264,8 @@ static void forgotten_loads_are_not_felt(void **unused) {
     l->base = start;
     lockstep_move(l, v3(0, 0, 0), 0.1, 1e-3);
     assert_true(l->snapshot->has_residuals && l->wrench.force.x > 1e-3);
-    insertion_reset(&l->simulation.insertion, start, &l->state);
-    insertion_reset(&untouched->simulation.insertion, start, &untouched->state);
+    insertion_reset(&l->parts.insertion, start, &l->state);
+    insertion_reset(&untouched->parts.insertion, start, &untouched->state);
     for (int i = 0; i < 20; i++) {
         lockstep_tick(l, start, 1e-3);
         lockstep_tick(untouched, start, 1e-3);

@@ -17,7 +17,7 @@ static void check_equilibrium(remesh_method method) {
     lockstep_move(l, v3(0, 0, 0.07), 1.0, 1e-3);
     lockstep_move(l, v3(0.004, 0.008, 0), 0.2, 1e-3);
 
-    const mesh *m = &l->simulation.mesh;
+    const mesh *m = &l->parts.mesh;
     refinement refined;
     refined_mesh whole;
     report why;
@@ -26,10 +26,10 @@ static void check_equilibrium(remesh_method method) {
     vec3 *u = calloc((size_t)whole.node_count, sizeof *u), *residual = calloc((size_t)whole.node_count, sizeof *residual);
     vec3 sum = v3(0, 0, 0), reaction = v3(0, 0, 0);
     run_displacement(&l->run, &l->state, u, u + m->node_count);
-    insertion_forces(&l->simulation.insertion, &l->state, residual, residual + m->node_count);
+    insertion_forces(&l->parts.insertion, &l->state, residual, residual + m->node_count);
     for (int i = 0; i < whole.node_count; i++) sum = v3_add(sum, residual[i]), residual[i] = v3_scale(-1, residual[i]);
     for (int e = 0; e < whole.tet_count; e++) {
-        const region_material *material = &l->simulation.materials[m->region[whole.parent[e]]];
+        const region_material *material = &l->parts.materials[m->region[whole.parent[e]]];
         vec3 x[4];
         double k[12][12];
         for (int a = 0; a < 4; a++) x[a] = whole.nodes[whole.tets[e][a]];
@@ -38,7 +38,7 @@ static void check_equilibrium(remesh_method method) {
             for (int b = 0; b < 12; b++) ((double *)&residual[whole.tets[e][a / 3]])[a % 3] += k[a][b] * ((double *)&u[whole.tets[e][b / 3]])[b % 3];
     }
     for (int i = 0; i < whole.node_count; i++) {
-        if (i < m->node_count && l->simulation.tissue.fixed[i]) reaction = v3_add(reaction, residual[i]);
+        if (i < m->node_count && l->parts.tissue.fixed[i]) reaction = v3_add(reaction, residual[i]);
         else assert_true(v3_norm(residual[i]) < 1e-9 * v3_norm(sum));
     }
     vec3 base = v3_sub(l->wrench.force, l->state.tip.dent.damping); /* the force on the base, excluding the damping force at the tip */
@@ -66,7 +66,7 @@ static double worst_imbalance(double tolerance, double speed) {
     double worst = 0.0;
     for (int i = 0; i < 200; i++) {
         lockstep_move(l, v3_scale(speed, v3(0.02, 0.05, -0.1)), 1e-3, 1e-3);
-        double off = v3_norm(v3_sub(needle_root_moment(&l->simulation.needle, &l->state.needle), l->wrench.torque));
+        double off = v3_norm(v3_sub(needle_root_moment(&l->parts.needle, &l->state.needle), l->wrench.torque));
         worst = fmax(worst, off / fmax(v3_norm(l->wrench.torque), 1e-3));
     }
     lockstep_free(l);
@@ -156,7 +156,7 @@ static void bowed_needle_is_in_equilibrium(void **unused) {
                 assert_true(force == 0.0 && torque == 0.0);
                 break;
             }
-            double off = v3_norm(v3_sub(needle_root_moment(&l->simulation.needle, &l->state.needle), l->wrench.torque));
+            double off = v3_norm(v3_sub(needle_root_moment(&l->parts.needle, &l->state.needle), l->wrench.torque));
             worst_moment = fmax(worst_moment, off / fmax(torque, 1e-2));
             worst_jump = fmax(worst_jump, v3_norm(v3_sub(l->wrench.force, before)) / fmax(0.07 * force, 0.05));
             peak = fmax(peak, force);
@@ -226,7 +226,7 @@ static void a_guess_is_only_a_better_start(void **unused) {
         }
         print_message("%s: %d passes, without a guess %d; forces differ by up to %.1e N of %.1f N\n", NAMES[kind], passes, passes_without, worst, peak);
         assert_true(kind > 0 || passes < passes_without);
-        const needle_model *needle = &l->simulation.needle;
+        const needle_model *needle = &l->parts.needle;
         /* the force on a segment that corresponds to a rotation of a joint by the tolerance */
         double left = needle->bending / pow(needle->segment_length, 2) * sqrt(c.insertion.tolerance / needle->given.length);
         assert_true(kind == 0 || worst < left);

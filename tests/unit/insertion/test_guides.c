@@ -42,7 +42,7 @@ static bench bench_create(int guide_count, const guide_config *guides) {
     c.guide_count = guide_count;
     for (int i = 0; i < guide_count; i++) c.guides[i] = guides[i];
     lockstep *l = lockstep_create(&c, lockstep_start());
-    bench b = {l, {.model = &l->simulation.insertion, .snapshot = l->snapshot, .base = {l->base, 0.0}, .dt = 1e-3}};
+    bench b = {l, {.model = &l->parts.insertion, .snapshot = l->snapshot, .base = {l->base, 0.0}, .dt = 1e-3}};
     guides_follow(&b.tick, &l->state, &l->wrench);
     return b;
 }
@@ -222,7 +222,7 @@ static void friction_follows_the_normal_force(void **unused) {
             lockstep_move(l, v3(0, 0, ways[i] / ticks), 1e-3, 1e-3);
             /* friction acts along the needle, which is inclined by a few degrees at this point */
             const guide_contact *face = &l->state.guides[0].faces[0];
-            needle_point at = needle_at(&l->simulation.needle, &l->state.needle, face->arc);
+            needle_point at = needle_at(&l->parts.needle, &l->state.needle, face->arc);
             double along = v3_dot(face->force, needle_along(&at)), across = v3_norm(v3_axpy(-along, needle_along(&at), face->force));
             assert_true(fabs(along) <= 0.2 * across * 1.01 + 1e-9);
             if (fabs(along / (0.2 * across) - sign) < 0.01) settled++;
@@ -340,7 +340,7 @@ typedef struct { double peak, step, across; int passes, worst, touching; } tremb
 static trembling_result tremble(lockstep *l, unsigned seed, double before, double deep, int ticks, double dt) {
     trembling_result r = {0};
     pose start = trembling(0.0, seed, before, deep);
-    insertion_reset(&l->simulation.insertion, start, &l->state);
+    insertion_reset(&l->parts.insertion, start, &l->state);
     vec3 last = v3(0, 0, 0);
     for (int i = 1; i < ticks; i++) {
         lockstep_tick(l, trembling((double)i / ticks, seed, before, deep), dt);
@@ -385,9 +385,9 @@ static void random_insertions_stay_stable(void **unused) {
     c.guides[0] = template_over_skin(&c);
     lockstep *l = lockstep_create(&c, lockstep_start());
     for (unsigned seed = 0; seed < 10; seed++) {
-        l->simulation.insertion.guide_count = 0;
+        l->parts.insertion.guide_count = 0;
         trembling_result free = tremble(l, seed, 0.0, 0.07, TICKS, 1e-3);
-        l->simulation.insertion.guide_count = 1;
+        l->parts.insertion.guide_count = 1;
         trembling_result r = tremble(l, seed, 0.0, 0.07, TICKS, 1e-3);
         print_message("up to %.2f N, steps of %.3f N, %.3f N across, %.2f passes a tick; without guide %.2f N, %.3f N, %.3f N, %.2f\n", r.peak, r.step, r.across,
                       r.passes / (double)TICKS, free.peak, free.step, free.across, free.passes / (double)TICKS);
@@ -511,7 +511,7 @@ static void a_needle_turns_in_its_hole(void **unused) {
             m->friction_viscous = 0.0;
         }
         lockstep *l = engaged(&c);
-        const needle_model *needle = &l->simulation.needle;
+        const needle_model *needle = &l->parts.needle;
         turn(l, 2.0, 2.0);
         double f = dry * needle->radius, depth = l->state.tip.place.depth, lag = f * depth * (needle->given.length - 0.5 * depth) / needle->torsion;
         print_message("lag %.6f, expected %.6f; torque %.6f of %.6f\n", -l->state.tip_lead, lag, -l->wrench.torque.z, f * depth);
@@ -556,7 +556,7 @@ static void a_restored_insertion_goes_on_to_the_bit(void **unused) {
 /* Returns the needle's largest distance (m) from the straight line through its base and its end. */
 static double bow(const lockstep *l) {
     const vec3 *joints = l->state.needle.joints;
-    int n = l->simulation.needle.given.segments;
+    int n = l->parts.needle.given.segments;
     vec3 line = v3_unit(v3_sub(joints[n], joints[0]));
     double most = 0.0;
     for (int i = 1; i < n; i++) {
@@ -632,7 +632,7 @@ static int64_t now_ns(void) {
 
 static tick_effort tick_alone(lockstep *l, pose base) {
     report why;
-    tick_input tick = {.model = &l->simulation.insertion, .snapshot = l->snapshot, .base = {base, 0.0}, .dt = 1e-3};
+    tick_input tick = {.model = &l->parts.insertion, .snapshot = l->snapshot, .base = {base, 0.0}, .dt = 1e-3};
     int64_t allocations = allocations_now(), start = now_ns();
     insertion_tick(&tick, &l->state, l->run.workspace, &l->wrench);
     tick_effort effort = {now_ns() - start, allocations_now() - allocations};

@@ -274,7 +274,7 @@ static void degenerate_paths_are_handled(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();
     lockstep *l = lockstep_create(&c, lockstep_start());
-    const mesh *m = &l->simulation.mesh;
+    const mesh *m = &l->parts.mesh;
     int aimed = 0;
     for (int i = 0; i < m->node_count && aimed < 24; i++) {
         vec3 x = m->nodes[i];
@@ -287,7 +287,7 @@ static void degenerate_paths_are_handled(void **unused) {
         vec3 axis = v3_unit(way), z = v3(0, 0, 1), turn = v3_cross(z, axis);
         double s = v3_norm(turn);
         pose start = {v3_axpy(-0.203, axis, x), s > 1e-12 ? q_exp(v3_scale(asin(fmin(s, 1.0)) / s, turn)) : (quat){1, 0, 0, 0}};
-        insertion_reset(&l->simulation.insertion, start, &l->state);
+        insertion_reset(&l->parts.insertion, start, &l->state);
         l->base = start;
         for (int k = 0; k < 120; k++) {
             lockstep_move(l, v3_scale(k < 60 ? 1e-3 : -1e-3, axis), 0.02, 1e-3);
@@ -314,7 +314,7 @@ static void random_motions_are_handled(void **unused) {
         pose start = lockstep_start();
         start.position.x += 0.03 * (uniform(&seed) - 0.5);
         start.position.y += 0.03 * (uniform(&seed) - 0.5);
-        insertion_reset(&l->simulation.insertion, start, &l->state);
+        insertion_reset(&l->parts.insertion, start, &l->state);
         l->base = start;
         for (int leg = 0; leg < 25; leg++) {
             vec3 way = v3(0.006 * (uniform(&seed) - 0.5), 0.006 * (uniform(&seed) - 0.5), 0.03 * (uniform(&seed) - 0.3));
@@ -338,8 +338,8 @@ static void buckled_needle_recovers(void **unused) {
     for (int i = 0; i < 170; i++) {
         lockstep_move(l, v3(0, 0, 0.001), 0.02, 1e-3);
         assert_true(isfinite(v3_norm(l->wrench.force)));
-        int tet = l->state.tip.place.tet, region = tet >= 0 ? l->simulation.mesh.region[tet] : -1;
-        assert_int_not_equal(region, mesh_find_group(&l->simulation.mesh, "prostate", 3)); /* the capsule is never penetrated */
+        int tet = l->state.tip.place.tet, region = tet >= 0 ? l->parts.mesh.region[tet] : -1;
+        assert_int_not_equal(region, mesh_find_group(&l->parts.mesh, "prostate", 3)); /* the capsule is never penetrated */
     }
     for (int i = 0; i < 180; i++) {
         lockstep_move(l, v3(0, 0, -0.001), 0.02, 1e-3);
@@ -364,7 +364,7 @@ static void every_insertion_gives_force(void **unused) {
         pose start = {v3(0, 0, 0), q_exp(v3(tilt * cos(heading), tilt * sin(heading), 0))};
         vec3 axis = q_rotate(start.orientation, v3(0, 0, 1));
         start.position = v3_axpy(-0.203, axis, v3(0.01 * uniform(&seed), 0.01 * uniform(&seed), 0));
-        insertion_reset(&l->simulation.insertion, start, &l->state);
+        insertion_reset(&l->parts.insertion, start, &l->state);
         l->base = start;
         lockstep_move(l, v3_scale(0.004 + 0.006 * uniform(&seed), axis), 0.2, 1e-3);
         lockstep_move(l, v3(0.01 * (uniform(&seed) - 0.5), 0.01 * (uniform(&seed) - 0.5), 0), 0.2, 1e-3);
@@ -381,7 +381,7 @@ static void long_tick_needs_few_steps(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();
     lockstep *l = lockstep_create(&c, lockstep_start());
-    insertion_settings *settings = &l->simulation.insertion.settings;
+    insertion_settings *settings = &l->parts.insertion.settings;
     lockstep_move(l, v3(0, 0, 0.03), 0.5, 1e-3);
     for (settings->most_steps = 4; settings->most_steps >= 1; settings->most_steps -= 3) {
         pose later = l->base;

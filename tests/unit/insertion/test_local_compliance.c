@@ -5,7 +5,7 @@
 #include <stdint.h>
 
 #include "cube.h"
-#include "insertion/state/local_compliance.h"
+#include "insertion/model/local_compliance.h"
 #include "tissue/neighbourhood.h"
 
 #include <cmocka.h>

@@ -15,12 +15,12 @@ static double stiffness_of(lockstep *l) {
     pose base = l->base;
     tick_output wrench = l->wrench;
     double cutting[MESH_MAX_GROUPS];
-    for (int i = 0; i < MESH_MAX_GROUPS; i++) cutting[i] = l->simulation.materials[i].cutting_force, l->simulation.materials[i].cutting_force = 1e3;
+    for (int i = 0; i < MESH_MAX_GROUPS; i++) cutting[i] = l->parts.materials[i].cutting_force, l->parts.materials[i].cutting_force = 1e3;
     lockstep_move(l, v3(0, 0, 6e-5), 3 * DT, DT); /* it stops */
     double force = v3_norm(l->wrench.force);
     lockstep_move(l, v3(0, 0, 1e-4), 5 * DT, DT);
     force = v3_norm(l->wrench.force) - force;
-    for (int i = 0; i < MESH_MAX_GROUPS; i++) l->simulation.materials[i].cutting_force = cutting[i];
+    for (int i = 0; i < MESH_MAX_GROUPS; i++) l->parts.materials[i].cutting_force = cutting[i];
     l->state = before;
     l->base = base;
     l->wrench = wrench;
@@ -38,7 +38,7 @@ static void a_short_track_gives_back_its_length(void **state) {
         lockstep *l = lockstep_create(&config, lockstep_start());
         lockstep_move(l, v3(0, 0, 0.031), 0.031 / SPEED, DT);
         const needle_tip *tip = &l->state.tip;
-        double back = stiffness_of(l) * LENGTHS[i] + l->simulation.materials[l->simulation.mesh.region[tip->place.tet]].cutting_viscosity * SPEED;
+        double back = stiffness_of(l) * LENGTHS[i] + l->parts.materials[l->parts.mesh.region[tip->place.tet]].cutting_viscosity * SPEED;
         vec3 end = v3_axpy(LENGTHS[i], tip->place.direction, tip->place.nominal);
         l->state.tracks.count = l->state.tracks.point_count = 0;
         tracks_cut(&l->state.tracks, (track_point){.at = tip->place.nominal, .tet = tip->place.tet}, (track_point){.at = end, .tet = tip->place.tet});
@@ -112,10 +112,10 @@ static lockstep *pressed_before_a_track(double whole, double left, double length
     simulation_config config = lockstep_config();
     lockstep *l = lockstep_create(&config, lockstep_start());
     lockstep_move(l, v3(0, 0, 0.031), 0.031 / SPEED, DT);
-    for (int i = 0; i < MESH_MAX_GROUPS; i++) l->simulation.materials[i].cutting_force = whole;
+    for (int i = 0; i < MESH_MAX_GROUPS; i++) l->parts.materials[i].cutting_force = whole;
     lockstep_move(l, v3(0, 0, 0.003), 0.003 / SPEED, DT);
     for (int k = 0; k < 50; k++) lockstep_tick(l, l->base, DT);
-    for (int i = 0; i < MESH_MAX_GROUPS; i++) l->simulation.materials[i].cutting_force = left;
+    for (int i = 0; i < MESH_MAX_GROUPS; i++) l->parts.materials[i].cutting_force = left;
     const needle_tip *tip = &l->state.tip;
     l->state.tracks.count = l->state.tracks.point_count = 0;
     vec3 end = v3_axpy(length, l->run.workspace->path.cut_direction, tip->place.nominal);
@@ -140,7 +140,7 @@ static void tissue_springs_back_into_a_track(void **state) {
     }
     print_message("%.3f N before, %.3f N 60 ms after; largest fall in a tick after the first two %.3f N\n", before, v3_norm(track->wrench.force), largest);
     assert_true(v3_norm(track->wrench.force) < 0.7 * before && largest < 0.07 * before);
-    double viscosity = track->simulation.materials[track->simulation.mesh.region[track->state.tip.place.tet]].cutting_viscosity, most = 0.0;
+    double viscosity = track->parts.materials[track->parts.mesh.region[track->state.tip.place.tet]].cutting_viscosity, most = 0.0;
     for (int k = 0; k < 30; k++) {
         lockstep_move(track, v3(0, 0, 0.05 * DT), DT, DT);
         if (k >= 15) most = fmax(most, track->state.tip.solved.end_force);

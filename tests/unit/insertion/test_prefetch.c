@@ -36,7 +36,7 @@ static void nothing_is_known_before_the_first_snapshot(void **unused) {
 static void point_interpolates_the_rows_of_its_corners(void **unused) {
     (void)unused;
     lockstep *l = inserted(0.03);
-    const mesh *m = &l->simulation.mesh;
+    const mesh *m = &l->parts.mesh;
     int handles[4], tet = l->state.tip.place.tet;
     leaf_point point = {.weights = {0.1, 0.2, 0.3, 0.4}};
     memcpy(point.corners, m->tets[tet], sizeof point.corners);
@@ -44,7 +44,7 @@ static void point_interpolates_the_rows_of_its_corners(void **unused) {
     for (int c = 0; c < 4; c++) {
         double rows[12 * 3];
         report why;
-        assert_int_equal(inverse_gather(l->simulation.inverse, &(inverse_blocks){4, m->tets[tet], 1, &m->tets[tet][c], rows, 3}, &why), TROCAR_OK);
+        assert_int_equal(inverse_gather(l->parts.inverse, &(inverse_blocks){4, m->tets[tet], 1, &m->tets[tet][c], rows, 3}, &why), TROCAR_OK);
         mat3 found = compliance_to_point(l->snapshot, handles, point.weights, handles[c]);
         for (int a = 0; a < 3; a++)
             for (int b = 0; b < 3; b++) {
@@ -74,8 +74,8 @@ static void contacts_are_identified_by_their_ids(void **unused) {
 static void path_ahead_is_requested(void **unused) {
     (void)unused;
     lockstep *l = inserted(0.03);
-    const mesh *m = &l->simulation.mesh;
-    double reach = l->simulation.insertion.settings.prefetch_distance;
+    const mesh *m = &l->parts.mesh;
+    double reach = l->parts.insertion.settings.prefetch_distance;
     assert_true(l->state.request.window_count <= MAX_WINDOW);
     for (double ahead = 0.0; ahead < 0.9 * reach; ahead += 1e-3) {
         int tet = mesh_locate(m, v3_axpy(ahead, v3(0, 0, 1), l->state.tip.place.nominal), l->state.tip.place.tet);
@@ -90,9 +90,9 @@ static void skin_is_requested_before_contact(void **unused) {
     pose start = lockstep_start();
     start.position.z -= 0.005;
     lockstep *l = lockstep_create(&c, start);
-    surface_hit hit = mesh_enter(&l->simulation.mesh, v3(0.005, 0.003, -0.006), v3(0.005, 0.003, 0.006));
+    surface_hit hit = mesh_enter(&l->parts.mesh, v3(0.005, 0.003, -0.006), v3(0.005, 0.003, 0.006));
     assert_true(hit.hit);
-    for (int i = 0; i < 4; i++) assert_true(asked_for(&l->state.request, l->simulation.mesh.tets[hit.tet][i]));
+    for (int i = 0; i < 4; i++) assert_true(asked_for(&l->state.request, l->parts.mesh.tets[hit.tet][i]));
     lockstep_free(l);
 }
 

@@ -38,7 +38,7 @@ static void turn(lockstep *l, double angle, double seconds) {
 static void check_lag(double sign) {
     simulation_config c = scene_with(DRY, 0.0);
     lockstep *l = engaged(&c);
-    const needle_model *needle = &l->simulation.needle;
+    const needle_model *needle = &l->parts.needle;
     turn(l, sign * 2.0, 2.0);
     double f = DRY * needle->radius, depth = l->state.tip.place.depth, before = needle->given.length - depth;
     double lag = f * (0.5 * depth * depth + depth * before) / needle->torsion;
@@ -107,7 +107,7 @@ static void turning_eases_insertion(void **unused) {
         simulation_config c = scene_with(DRY, 0.0);
         for (int k = 0; k < c.region_count; k++) c.regions[k].material.cutting_force = cutting, c.regions[k].material.cutting_viscosity = 0.0;
         lockstep *l = lockstep_create(&c, lockstep_start());
-        double radius = l->simulation.needle.radius, rate = ratios[i] * speed / radius, left = 1.0 / hypot(1.0, ratios[i]);
+        double radius = l->parts.needle.radius, rate = ratios[i] * speed / radius, left = 1.0 / hypot(1.0, ratios[i]);
         double worst = 0.0, worst_torque = 0.0, new_contact = 0.0, sum = 0.0;
         int counted = 0, settled = 0, punctured = 0, added = 0; /* `punctured` and `added` count the ticks since the last puncture and since the last added node
                                                                    */
@@ -166,14 +166,14 @@ static void ten_turns_leave_what_friction_holds(void **unused) {
     (void)unused;
     simulation_config c = scene_with(DRY, 0.0);
     lockstep *l = engaged(&c);
-    double f = DRY * l->simulation.needle.radius, depth = l->state.tip.place.depth;
+    double f = DRY * l->parts.needle.radius, depth = l->state.tip.place.depth;
     turn(l, 20.0 * M_PI, 8.0);
     assert_true(fabs(l->state.base_turn - 20.0 * M_PI) < 1e-9);
     assert_true(fabs(-l->wrench.torque.z / (f * depth) - 1.0) < 0.01);
     turn(l, -20.0 * M_PI, 8.0);
     assert_true(fabs(l->state.base_turn) < 1e-9);
     assert_true(fabs(l->wrench.torque.z / (f * depth) - 1.0) < 0.01);
-    double lag = f * (0.5 * depth * depth + depth * (l->simulation.needle.given.length - depth)) / l->simulation.needle.torsion;
+    double lag = f * (0.5 * depth * depth + depth * (l->parts.needle.given.length - depth)) / l->parts.needle.torsion;
     assert_true(fabs(l->state.tip_lead / lag - 1.0) < 0.01);
     /* while the needle is held still, nothing changes */
     double before = l->wrench.torque.z;
@@ -193,7 +193,7 @@ static void stuck_shaft_is_a_rod_in_a_foundation(void **unused) {
     for (int i = 0; i < c.region_count; i++) c.regions[i].material.youngs_modulus = 30e3;
     c.insertion.contact_spacing = 1e-3;
     lockstep *l = engaged(&c);
-    const needle_model *needle = &l->simulation.needle;
+    const needle_model *needle = &l->parts.needle;
     double mu = 30e3 / 2.9, k = 4.0 * M_PI * mu * needle->radius * needle->radius, depth = l->state.tip.place.depth, angle = 0.01;
     double rod = sqrt(needle->torsion * k) * tanh(sqrt(k / needle->torsion) * depth), before = (needle->given.length - depth) / needle->torsion;
     double expected = angle / (1.0 / rod + before);
@@ -215,7 +215,7 @@ static void bevel_follows_the_tip(void **unused) {
     turn(l, 0.5 * M_PI, 0.2);
     double roll = 0.5 * M_PI + l->state.tip_lead;
     assert_true(roll > 0.0 && roll < 1.0);
-    tick_input tick = {.model = &l->simulation.insertion};
+    tick_input tick = {.model = &l->parts.insertion};
     vec3 cut = needle_direction(&tick, &l->state);
     assert_true(v3_norm(v3_sub(cut, v3(0.1 * sin(roll), -0.1 * cos(roll), 1.0))) < 1e-3);
     lockstep_free(l);

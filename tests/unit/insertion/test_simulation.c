@@ -140,8 +140,8 @@ static void every_inverse_gives_the_same_forces(void **unused) {
         config.roi.to = v3(0.005, 0.003, 0.1);
         strcpy(config.cache, directory);
         lockstep *l = inserted(&config);
-        if (strncmp(l->simulation.about_inverse.text, cases[i].words, strlen(cases[i].words)) != 0)
-            fail_msg("\"%s\" where \"%s\" was expected", l->simulation.about_inverse.text, cases[i].words);
+        if (strncmp(l->parts.about_inverse.text, cases[i].words, strlen(cases[i].words)) != 0)
+            fail_msg("\"%s\" where \"%s\" was expected", l->parts.about_inverse.text, cases[i].words);
         other = go_on(l);
         lockstep_free(l);
         if (i == 0) dense = other;

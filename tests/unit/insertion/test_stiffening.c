@@ -1,8 +1,8 @@
 /* Tests stiffening tissue: its laws are compared with their integrals and with a resolved disc, and their effect in the tick is tested.
    tests/verification/needle/verify_large_deflection.py compares the rigid needle with resolved hyperelastic elements. */
 #include "common/allocations.h"
-#include "insertion/memory/stiffening.h"
-#include "insertion/step/insertion.h"
+#include "insertion/laws/stiffening.h"
+#include "insertion/step/tick.h"
 #include "lockstep.h"
 #include "verification/random_hand.h"
 
@@ -140,7 +140,7 @@ static void without_stiffening_all_bits_are_the_same(void **unused) {
         lockstep_tick(b, base, 1e-3);
         assert_memory_equal(&a->wrench, &b->wrench, sizeof a->wrench);
     }
-    assert_true(b->simulation.insertion.stiffens && !a->simulation.insertion.stiffens);
+    assert_true(b->parts.insertion.stiffens && !a->parts.insertion.stiffens);
     lockstep_free(a);
     lockstep_free(b);
 }
@@ -270,7 +270,7 @@ static void time_ticks(lockstep *l, double *times, double *passes) {
         struct timespec before, after;
         pose base = start;
         base.position.z += 5e-4 * (1.0 - cos(0.1 * (i + 1)));
-        tick_input tick = {.model = &l->simulation.insertion, .snapshot = l->snapshot, .base = {.pose = base}, .dt = 1e-3};
+        tick_input tick = {.model = &l->parts.insertion, .snapshot = l->snapshot, .base = {.pose = base}, .dt = 1e-3};
         int64_t counted = allocations_now();
         clock_gettime(CLOCK_THREAD_CPUTIME_ID, &before);
         insertion_tick(&tick, &l->state, l->run.workspace, &l->wrench);

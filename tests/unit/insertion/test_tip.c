@@ -12,7 +12,7 @@ static lockstep *touching(void) {
     simulation_config c = lockstep_config();
     lockstep *l = lockstep_create(&c, lockstep_start());
     tick_output wrench = {.membrane = -1};
-    const tick_input tick = {.model = &l->simulation.insertion};
+    const tick_input tick = {.model = &l->parts.insertion};
     assert_true(tip_touch(&tick, &l->state, &wrench, v3(0.005, 0.003, -0.001), v3(0.005, 0.003, 0.001)));
     assert_int_equal(wrench.events, EVENT_TOUCHED);
     return l;
@@ -21,7 +21,7 @@ static lockstep *touching(void) {
 static tick_output go(lockstep *l, double slip) {
     tick_output wrench = {.membrane = -1};
     l->state.tip.solved.slip = slip;
-    const tick_input tick = {.model = &l->simulation.insertion};
+    const tick_input tick = {.model = &l->parts.insertion};
     tip_move(&tick, &l->state, &l->run.workspace->creep, &wrench, tip_cut_direction(&tick, &l->state, v3(0, 0, 0)));
     return wrench;
 }
@@ -29,13 +29,13 @@ static tick_output go(lockstep *l, double slip) {
 static tick_output break_through(lockstep *l) {
     tick_output wrench = {.membrane = -1};
     l->state.tip.solved.slip = 1e-6;
-    tip_puncture(&(tick_input){.model = &l->simulation.insertion}, &l->state, &wrench);
+    tip_puncture(&(tick_input){.model = &l->parts.insertion}, &l->state, &wrench);
     return wrench;
 }
 
 static bool in_its_element(const lockstep *l) {
     double w[4];
-    mesh_barycentric(&l->simulation.mesh, l->state.tip.place.tet, l->state.tip.place.nominal, w);
+    mesh_barycentric(&l->parts.mesh, l->state.tip.place.tet, l->state.tip.place.nominal, w);
     return w[0] > -1e-6 && w[1] > -1e-6 && w[2] > -1e-6 && w[3] > -1e-6;
 }
 
@@ -43,11 +43,11 @@ static void skin_stops_it_until_punctured(void **unused) {
     (void)unused;
     lockstep *l = touching();
     assert_true(fabs(l->state.tip.place.nominal.z) < 1e-12);
-    assert_true(tip_resistance(&l->simulation.insertion, &l->state.tip) == l->simulation.config.membranes[0].puncture_force);
+    assert_true(tip_resistance(&l->parts.insertion, &l->state.tip) == l->parts.config.membranes[0].puncture_force);
     go(l, 0.01);
     assert_true(l->state.tip.place.depth == 0.0);
     assert_int_equal(break_through(l).membrane, 0);
-    assert_true(tip_resistance(&l->simulation.insertion, &l->state.tip) == l->simulation.config.regions[1].material.cutting_force);
+    assert_true(tip_resistance(&l->parts.insertion, &l->state.tip) == l->parts.config.regions[1].material.cutting_force);
     go(l, 0.01);
     assert_true(fabs(l->state.tip.place.depth - 0.01) < 1e-6 && fabs(l->state.tip.place.nominal.z - 0.01) < 1e-6);
     lockstep_free(l);
@@ -64,7 +64,7 @@ static void capsule_stops_the_tip_at_its_surface(void **unused) {
     assert_true(fabs(l->state.tip.place.nominal.z - expected) < 2.5e-3);
     int outside = l->state.tip.place.tet;
     break_through(l);
-    assert_int_not_equal(l->simulation.mesh.region[l->state.tip.place.tet], l->simulation.mesh.region[outside]);
+    assert_int_not_equal(l->parts.mesh.region[l->state.tip.place.tet], l->parts.mesh.region[outside]);
     lockstep_free(l);
 }
 
@@ -72,7 +72,7 @@ static void capsule_stops_the_tip_at_its_surface(void **unused) {
 static tick_output into_the_gland_after(lockstep *l, int layers) {
     break_through(l);
     go(l, 0.06);
-    for (int i = 0; i < layers; i++) l->state.strata[i] = (stratum){.depth = 0.0, .region = l->simulation.mesh.region[l->state.tip.place.tet]};
+    for (int i = 0; i < layers; i++) l->state.strata[i] = (stratum){.depth = 0.0, .region = l->parts.mesh.region[l->state.tip.place.tet]};
     l->state.stratum_count = layers;
     return break_through(l);
 }
@@ -92,13 +92,13 @@ static void full_membrane_list_is_reported(void **unused) {
 static void tip_never_enters_bone(void **unused) {
     (void)unused;
     lockstep *l = touching();
-    int gland = mesh_find_group(&l->simulation.mesh, "prostate", 3);
-    l->simulation.materials[gland].cutting_force = INFINITY;
+    int gland = mesh_find_group(&l->parts.mesh, "prostate", 3);
+    l->parts.materials[gland].cutting_force = INFINITY;
     break_through(l);
     go(l, 0.06);
     assert_int_equal(l->state.tip.barrier.blocked_by, BLOCKED_BY_BONE);
-    assert_true(isinf(tip_resistance(&l->simulation.insertion, &l->state.tip)));
-    assert_int_not_equal(l->simulation.mesh.region[l->state.tip.place.tet], gland);
+    assert_true(isinf(tip_resistance(&l->parts.insertion, &l->state.tip)));
+    assert_int_not_equal(l->parts.mesh.region[l->state.tip.place.tet], gland);
     lockstep_free(l);
 }
 
@@ -107,7 +107,7 @@ static void insertion_and_retraction(void **unused) {
     (void)unused;
     lockstep *l = touching();
     break_through(l);
-    double spacing = l->simulation.insertion.settings.contact_spacing;
+    double spacing = l->parts.insertion.settings.contact_spacing;
     for (int i = 0; i < 300; i++) {
         if (go(l, 1e-4), l->state.tip.barrier.blocked_by != NOT_BLOCKED) break_through(l);
         assert_true(in_its_element(l));
@@ -133,7 +133,7 @@ static void insertion_and_retraction(void **unused) {
 static void bevel_deflects_the_cut_away_from_its_face(void **unused) {
     (void)unused;
     lockstep *l = touching();
-    l->simulation.needle.given.bevel_slope = 0.1;
+    l->parts.needle.given.bevel_slope = 0.1;
     break_through(l);
     go(l, 0.01);
     assert_true(fabs((l->state.tip.place.nominal.y - 0.003) / l->state.tip.place.nominal.z + 0.1) < 1e-6);
@@ -152,10 +152,10 @@ static lockstep *released_before_the_capsule(double before, double puncture_forc
     for (bool ahead = false; !ahead || chord > before; steps++) {
         assert_true(steps < 10000); /* 10000 steps correspond to 200 mm, and the capsule must be reached earlier */
         lockstep_move(l, v3(0, 0, 2e-5), 1e-3, 1e-3);
-        int face = tip->place.phase == TIP_INSIDE ? mesh_exit(&l->simulation.mesh, tip->place.tet, tip->place.nominal, tip->place.direction, &chord) : -1;
-        ahead = face >= 0 && l->simulation.mesh.face_groups[tip->place.tet][face] >> l->simulation.membranes[1].group & 1;
+        int face = tip->place.phase == TIP_INSIDE ? mesh_exit(&l->parts.mesh, tip->place.tet, tip->place.nominal, tip->place.direction, &chord) : -1;
+        ahead = face >= 0 && l->parts.mesh.face_groups[tip->place.tet][face] >> l->parts.membranes[1].group & 1;
     }
-    region_material *around = &l->simulation.materials[l->simulation.mesh.region[tip->place.tet]];
+    region_material *around = &l->parts.materials[l->parts.mesh.region[tip->place.tet]];
     double cutting = around->cutting_force;
     around->cutting_force = 1.0;
     lockstep_move(l, v3(0, 0, 0.004), 0.2, 1e-3);

@@ -501,6 +501,7 @@ static void documented_parameter_table_is_correct(void **state) {
     report why = {""};
     load_good("mesh: a\nregions: [{name: all}]\nfixed: [b]\n", &bare);
     if (scene_load(MESHES "/figure8.yaml", &figure8, &why) != TROCAR_OK) fail_msg("%s", why.text);
+    const calcification hard = calcification_defaults();
 #define ONCE(key, field) {key, {bare.field, figure8.field, figure8.field}}
 #define OF_REGIONS(key, field) {"regions." key, {bare.simulation.regions[0].material.field, \
         figure8.simulation.regions[0].material.field, figure8.simulation.regions[1].material.field}}
@@ -511,6 +512,7 @@ static void documented_parameter_table_is_correct(void **state) {
         OF_REGIONS("friction.viscous", friction_viscous), OF_REGIONS("spreading_force", spreading_force),
         ONCE("tracks.reach", simulation.insertion.track_reach), ONCE("tracks.angle", simulation.insertion.track_angle),
         {"membranes.puncture_force", {NAN, figure8.simulation.membranes[0].puncture_force, figure8.simulation.membranes[1].puncture_force}},
+        {"calcifications.cutting_factor", {hard.cutting_factor, hard.cutting_factor, hard.cutting_factor}},
         ONCE("needle.length", simulation.needle.length), ONCE("needle.outer_diameter", simulation.needle.outer_diameter),
         ONCE("needle.inner_diameter", simulation.needle.inner_diameter), ONCE("needle.youngs_modulus", simulation.needle.youngs_modulus),
         ONCE("needle.poisson_ratio", simulation.needle.poisson_ratio), ONCE("needle.bevel_slope", simulation.needle.bevel_slope), ONCE("needle.bow", simulation.needle.bow),

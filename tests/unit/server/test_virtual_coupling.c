@@ -496,7 +496,7 @@ static void knock_in_tissue(const situation *s, lockstep *tissue) {
     static loop l;
     surroundings in = {.tissue = tissue};
     vec3 start = lockstep_start().position, target = start;
-    insertion_reset(&tissue->simulation.insertion, lockstep_start(), &tissue->state);
+    insertion_reset(&tissue->parts.insertion, lockstep_start(), &tissue->state);
     loop_init(&l, s, start);
     for (int i = 0; i < 300; i++) {
         target.z += 0.2e-3; /* extends the hand's spring; the needle follows by part of that distance */

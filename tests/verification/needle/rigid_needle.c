@@ -10,7 +10,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "insertion/state/local_compliance.h"
+#include "insertion/model/local_compliance.h"
 #include "insertion/state/shaft.h"
 #include "insertion/tip/prefetch.h"
 #include "insertion/tip/tip.h"
@@ -18,7 +18,7 @@
 #include "snapshot/snapshot_kernels.h"
 
 typedef struct {
-    simulation simulation;
+    model_parts parts;
     needle_run run;
     insertion_state state;
     compliance_snapshot snapshot;
@@ -73,7 +73,7 @@ static double local_between(const insertion_model *model, const insertion_state 
 /* Assembles the compliance of the points (the contacts, then the tip) along one axis of the world frame, including local compliances. */
 static int assemble(const body *b, int axis, double *a, double *tip_alone) {
     const insertion_state *s = &b->state;
-    const insertion_model *model = &b->simulation.insertion;
+    const insertion_model *model = &b->parts.insertion;
     int contacts = contacts_passed(s), n = contacts + 1, handles[4];
     const int *corners = model->mesh->tets[s->tip.place.tet];
     double weights[4], own = 0.0;
@@ -115,7 +115,7 @@ static double total_force(const body *b, int axis, double *tip_alone) {
 static trocar_status forces_deeper(body *b, pose base, vec3 way, double *force, report *why) {
     tick_output wrench;
     double rest = 0.0;
-    insertion_reset(&b->simulation.insertion, base, &b->state);
+    insertion_reset(&b->parts.insertion, base, &b->state);
     trocar_status status = TROCAR_OK;
     for (int i = -2; i <= DEEPER * STEPS_PER_MM && status == TROCAR_OK; i++) {
         pose moved = base;
@@ -132,7 +132,7 @@ static trocar_status forces_deeper(body *b, pose base, vec3 way, double *force, 
    zero, because nodes are kept away from the faces of elements and therefore lie slightly off the needle.) */
 static trocar_status force_of_tick(body *b, pose base, vec3 way, double *force, report *why) {
     tick_output wrench;
-    insertion_reset(&b->simulation.insertion, base, &b->state);
+    insertion_reset(&b->parts.insertion, base, &b->state);
     trocar_status status = TROCAR_OK;
     *force = 0.0;
     for (int i = 0; i < 3 && status == TROCAR_OK; i++) { /* contacts become active in the second tick; the base moves in the third */
@@ -156,13 +156,13 @@ static pose base_of(vec3 tip, double length, double angle, double azimuth) {
 static trocar_status start(body *b, char **argument, bool oblique, pose *base, report *why) {
     simulation_config config;
     trocar_status status = configure(argument, &config, why);
-    if (status == TROCAR_OK) status = simulation_create_model(&config, &b->simulation, why);
-    if (status == TROCAR_OK) status = run_create(&b->simulation, &b->run, why);
+    if (status == TROCAR_OK) status = model_parts_create(&config, &b->parts, why);
+    if (status == TROCAR_OK) status = run_create(&b->parts, &b->run, why);
     if (status != TROCAR_OK) return status;
     double angle = oblique ? atof(argument[9]) : 90.0, azimuth = oblique ? atof(argument[10]) : 0.0;
     vec3 tip = v3(atof(argument[4]), atof(argument[5]), atof(argument[6]));
     *base = base_of(tip, config.needle.length, angle * M_PI / 180.0, azimuth * M_PI / 180.0);
-    insertion_reset(&b->simulation.insertion, *base, &b->state);
+    insertion_reset(&b->parts.insertion, *base, &b->state);
     return remesher_answer(b->run.remesher, &b->state.request, &b->snapshot, why);
 }
 
@@ -180,7 +180,7 @@ int main(int argc, char **argv) {
     if (stiffening && status == TROCAR_OK) {
         double deeper[DEEPER];
         status = forces_deeper(b, base, v3(0, 0, -1), deeper, &why);
-        if (status == TROCAR_OK) printf("%d %d %.6g %.6g %.6g %.6g %.6g\n", b->simulation.mesh.node_count, contacts_passed(&b->state), deeper[0], deeper[1], deeper[2], deeper[3], deeper[4]);
+        if (status == TROCAR_OK) printf("%d %d %.6g %.6g %.6g %.6g %.6g\n", b->parts.mesh.node_count, contacts_passed(&b->state), deeper[0], deeper[1], deeper[2], deeper[3], deeper[4]);
         else fprintf(stderr, "rigid_needle: %s\n", why.text);
         return status == TROCAR_OK ? 0 : 2;
     }
@@ -194,7 +194,7 @@ int main(int argc, char **argv) {
         fprintf(stderr, "rigid_needle: %s\n", why.text);
         return 2;
     }
-    printf("%d %d %.6g %.6g %.6g", b->simulation.mesh.node_count, contacts_passed(&b->state), force[0], force[1], force[2]);
+    printf("%d %d %.6g %.6g %.6g", b->parts.mesh.node_count, contacts_passed(&b->state), force[0], force[1], force[2]);
     if (!oblique) printf(" %.6g %.6g %.6g", springs_sideways, springs_along, tip_alone);
     printf("\n");
     return 0;

@@ -16,7 +16,7 @@ class Track {
   }
 }
 
-/** Bits of insertion_event in core/insertion/state/tick.h. Events with `quiet` are drawn small and without a label. */
+/** Bits of insertion_event in core/insertion/state/tick_data.h. Events with `quiet` are drawn small and without a label. */
 export const EVENTS = [
   { bit: 1 << 0, name: 'touched', quiet: true }, { bit: 1 << 1, name: 'puncture' }, { bit: 1 << 2, name: 'contact added', quiet: true },
   { bit: 1 << 3, name: 'contact removed', quiet: true }, { bit: 1 << 4, name: 'exit' }, { bit: 1 << 5, name: 're-entry' },

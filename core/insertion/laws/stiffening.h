@@ -1,0 +1,37 @@
+/* Stiffening tissue in the contact problem: the non-linear part of the local compliances. Without stiffening regions, these functions have no effect. See
+   docs/mechanics.md, "Stiffening". */
+#ifndef TROCAR_STIFFENING_H
+#define TROCAR_STIFFENING_H
+
+#include "insertion/state/tick_data.h"
+
+/* Means over a share of the shaft: compliance to a line force per logarithm (m^2/N), and stiffening coefficient. */
+typedef struct {
+    double softness, stiffening;
+} stiffened_shaft;
+
+/* Additional displacement (m) of the shaft relative to the tissue, beyond the linear one, when a share under this traction (N/m) moves into other regions.
+   RT */
+double stiffening_lead(const insertion_model *model, stiffened_shaft before, stiffened_shaft now, double traction);
+
+/* Sets up the laws for this step's points. To be called after find_local_compliance and before creep_prepare. RT */
+void stiffening_prepare(const tick_input *tick, const insertion_state *state, const contact_points *points, const tissue_step *tissue, stiffening_step *stiffening);
+
+/* Change (m/N) of the compliance along the shaft at point i that stiffening causes under this force; at most 0. RT */
+double stiffening_slope(const stiffening_step *stiffening, int i, double force);
+
+/* Linearises the laws, in the first pass about the current forces, later about the forces of the last pass. RT */
+void stiffening_linearise(const tick_input *tick, const insertion_state *state, const contact_points *points, const tissue_step *tissue, const creep_step *creep,
+                          stiffening_step *stiffening, const damper_step *damper, bool first);
+
+/* Add the linearised laws to the compliance and the gaps of the contact problem. RT */
+void stiffening_add_compliance(const insertion_state *state, const contact_points *points, const tissue_step *tissue, const stiffening_step *stiffening,
+                               contact_problem *problem);
+void stiffening_shift_gaps(const insertion_state *state, const contact_points *points, const tissue_step *tissue, const stiffening_step *stiffening,
+                           contact_problem *problem);
+
+/* True if the displacements under the new forces agree with the linearised ones. RT */
+bool stiffening_agrees(const tick_input *tick, const insertion_state *state, const contact_points *points, const tissue_step *tissue, const creep_step *creep,
+                       const stiffening_step *stiffening, const damper_step *damper);
+
+#endif

@@ -1,0 +1,266 @@
+#include "insertion/tip/tip_walk.h"
+
+#include "insertion/state/strata.h"
+#include "insertion/track/contact_nodes.h"
+#include "insertion/track/obstacle.h"
+#include "insertion/track/old_tracks.h"
+
+static const double GRAZING = 0.2; /* dimensionless: sine of the angle between tip direction and outer face below which the tip moves along the face. Chosen: 11
+                                      degrees */
+static const double GRAZING_DEPTH = 1e-5; /* m: depth of `nominal` below the face that the tip grazes. Rounding tolerance */
+static const double SAME_FORCE = 1e-6; /* fraction: relative amount by which a resistance may exceed the tip's cutting force and still be overcome.
+                                          Rounding tolerance */
+
+int follow_line(const mesh *m, int tet, vec3 *from, vec3 target) {
+    for (int step = 0; step < MAX_STEPS; step++) {
+        vec3 rest = v3_sub(target, *from);
+        double fraction;
+        int face = mesh_exit(m, tet, *from, rest, &fraction);
+        if (face < 0 || fraction >= 1.0 || m->neighbours[tet][face] < 0) break;
+        *from = v3_axpy(fraction, rest, *from);
+        tet = m->neighbours[tet][face];
+    }
+    *from = target;
+    return tet;
+}
+
+bool reaches(const mesh *m, surface_hit hit, vec3 x, int *tet) {
+    double weights[4];
+    *tet = follow_line(m, hit.tet, &hit.point, x);
+    mesh_barycentric(m, *tet, x, weights);
+    return fmin(fmin(weights[0], weights[1]), fmin(weights[2], weights[3])) >= 0.0;
+}
+
+/* ---- out of the tissue ------------------------------------------------------------------------------------------------- */
+
+/* Records that the tip has left the tissue while the shaft is still in it. */
+static void go_beyond(const tick_input *tick, insertion_state *state) {
+    needle_tip *tip = &state->tip;
+    tip->place.phase = TIP_BEYOND;
+    tip->solved.force = tip->dent.damping = v3(0, 0, 0);
+    tip->dent.size = tip->dent.offset = 0.0;
+    tip->solved.slip = tip->shaft.slip = 0.0;
+    tip->barrier.blocked_by = NOT_BLOCKED;
+    tip->place.end = state->needle.joints[tick->model->needle->given.segments];
+}
+
+static void exit_tissue(const tick_input *tick, insertion_state *state, tick_output *output) {
+    if (wants_contact_at_exit(tick, state, state->tip.place.depth)) place_contact(tick, state, output);
+    drop_plan(state);
+    go_beyond(tick, state);
+    output->events |= EVENT_EXITED;
+}
+
+/* The tip leaves this body backwards, into the gap before it, and returns to its exit point in the previous body. */
+static void back_into_gap(const tick_input *tick, insertion_state *state, tick_output *output) {
+    int gap = last_gap(state);
+    const stratum *left = &state->strata[gap];
+    state->tip.place.depth = left->depth;
+    state->tip.place.tet = left->tet;
+    state->tip.place.nominal = left->point;
+    set_beside(&state->tip, v3(0, 0, 0));
+    state->stratum_count = gap;
+    go_beyond(tick, state);
+    output->events |= EVENT_EXITED;
+}
+
+void withdraw_tip(insertion_state *state, tick_output *output) {
+    state->request.piece_count = 0; /* the next insertion must not depend on the lines of this insertion */
+    state->tip = tip_in_air();
+    state->surface = v3(NAN, NAN, NAN);
+    output->events |= EVENT_WITHDRAWN;
+}
+
+/* ---- along an outer face ----------------------------------------------------------------------------------------------
+
+   A needle is not out of the tissue as soon as its axis is: a tip that reaches an outer face at a small angle goes on along the face
+   until it is out by the needle's radius. In the mesh, a point just inside the face stands for it. */
+
+/* True if the tip continues along the outer face that it has reached, because there is neither other tissue behind the face nor a membrane on it. */
+static bool grazes(const tick_input *tick, const insertion_state *state, int face, vec3 direction) {
+    const insertion_model *model = tick->model;
+    const needle_tip *tip = &state->tip;
+    vec3 inward = mesh_face_normal(model->mesh, tip->place.tet, face);
+    if (v3_dot(direction, inward) < -GRAZING || old_tracks_obstacle(tick, state, tip->place.tet, face, -1, tip->place.nominal) != NOT_BLOCKED) return false;
+    return !mesh_enter(model->mesh, tip->place.nominal, v3_axpy(-model->needle->radius, inward, tip->place.nominal)).hit;
+}
+
+static void begin_grazing(const tick_input *tick, insertion_state *state, tick_output *output, int face, vec3 direction) {
+    needle_tip *tip = &state->tip;
+    vec3 inward = mesh_face_normal(tick->model->mesh, tip->place.tet, face);
+    tip->place.tet = follow_line(tick->model->mesh, tip->place.tet, &tip->place.nominal, v3_axpy(GRAZING_DEPTH, inward, tip->place.nominal));
+    tip->place.beside = v3_axpy(-GRAZING_DEPTH, inward, tip->place.beside);
+    tip->place.graze_normal = v3_scale(-1.0, inward);
+    plan_contact(tick, state, output, direction);
+}
+
+/* Moves the tip by `part` along `direction`, and `nominal` along the face. The tip may return to the tissue, or leave the face. */
+static void graze_on(const tick_input *tick, insertion_state *state, tick_output *output, vec3 direction, double part) {
+    needle_tip *tip = &state->tip;
+    tip->place.beside = v3_axpy(part * v3_dot(direction, tip->place.graze_normal), tip->place.graze_normal, tip->place.beside);
+    double out = v3_dot(tip->place.beside, tip->place.graze_normal);
+    if (out > tick->model->needle->radius) {
+        exit_tissue(tick, state, output);
+    } else if (out < 0.0) {
+        tip->place.tet = follow_line(tick->model->mesh, tip->place.tet, &tip->place.nominal, tip_position(&tip->place));
+        tip->place.beside = tip->place.graze_normal = v3(0, 0, 0);
+        plan_contact(tick, state, output, direction);
+    }
+}
+
+/* ---- forward and back -------------------------------------------------------------------------------------------------- */
+
+/* Crosses a face: the tip enters the element behind it, or leaves the tissue. */
+static void cross_face(const tick_input *tick, insertion_state *state, tick_output *output, int face, vec3 direction) {
+    needle_tip *tip = &state->tip;
+    int next = tick->model->mesh->neighbours[tip->place.tet][face];
+    if (next < 0) {
+        exit_tissue(tick, state, output);
+        return;
+    }
+    tip->place.tet = next;
+    tip->place.nominal = v3_axpy(FACE_CLEARANCE, direction, tip->place.nominal);
+    tip->place.depth += FACE_CLEARANCE;
+    enter_stratum(tick, state, output);
+    plan_contact(tick, state, output, direction);
+}
+
+void puncture_barrier(const tick_input *tick, insertion_state *state, tick_output *output, vec3 direction) {
+    needle_tip *tip = &state->tip;
+    if (tip->barrier.blocked_by != BLOCKED_BY_BONE) { /* a needle may start in bone, which does not count as a puncture */
+        output->events |= EVENT_PUNCTURED;
+        output->membrane = tip->barrier.blocked_by;
+        old_tracks_puncture(state, output, tip->barrier.blocked_by);
+    }
+    tip->barrier.blocked_by = NOT_BLOCKED;
+    if (!tip->barrier.entering) {
+        cross_face(tick, state, output, tip->barrier.face, direction);
+    } else { /* the tip is already on the inner side of the face */
+        tip->place.nominal = v3_axpy(FACE_CLEARANCE, direction, tip->place.nominal);
+        tip->place.depth += FACE_CLEARANCE;
+    }
+}
+
+/* Distance (m) of the tip from an exit out of the tissue through its current element; INFINITY if there is none. */
+static double distance_to_exit(const insertion_model *model, const needle_tip *tip, vec3 direction) {
+    double to_face, rising = v3_dot(direction, tip->place.graze_normal);
+    int face = mesh_exit(model->mesh, tip->place.tet, tip->place.nominal, tip_way(&tip->place, direction), &to_face);
+    if (v3_norm(tip->place.graze_normal) > 0.0) {
+        double to_exit = (model->needle->radius - v3_dot(tip->place.beside, tip->place.graze_normal)) / rising;
+        return rising > 0.0 && to_exit < to_face ? to_exit : INFINITY;
+    }
+    bool outer = face >= 0 && model->mesh->neighbours[tip->place.tet][face] < 0;
+    return outer && v3_dot(direction, mesh_face_normal(model->mesh, tip->place.tet, face)) < -GRAZING ? to_face : INFINITY;
+}
+
+/* True if the tip's cutting force exceeds this resistance. */
+static bool overcomes(const needle_tip *tip, double resistance) { return resistance <= (1.0 + SAME_FORCE) * tip->solved.end_force; }
+
+/* Decides what happens at a face: the tip moves along an outer face, is blocked, or crosses the face. Returns true if it has crossed. */
+static bool meet_face(const tick_input *tick, insertion_state *state, tick_output *output, int face, vec3 direction) {
+    needle_tip *tip = &state->tip;
+    int behind = tick->model->mesh->neighbours[tip->place.tet][face];
+    vec3 way = tip_way(&tip->place, direction);
+    if (behind < 0 && grazes(tick, state, face, direction)) {
+        begin_grazing(tick, state, output, face, direction);
+        return false;
+    }
+    tip->barrier.blocked_by = old_tracks_obstacle(tick, state, tip->place.tet, face, behind, tip->place.nominal);
+    tip->barrier.face = face;
+    tip->barrier.entering = false;
+    if (tip->barrier.blocked_by != NOT_BLOCKED) return false;
+    cross_face(tick, state, output, face, way);
+    return true;
+}
+
+/* Cuts up to the next face or contact node. Returns the remaining distance, m. */
+static double advance_once(const tick_input *tick, insertion_state *state, tick_output *output, vec3 direction, double distance) {
+    needle_tip *tip = &state->tip;
+    double to_face, to_contact = tip->next_contact - tip->place.depth;
+    vec3 way = tip_way(&tip->place, direction);
+    int face = mesh_exit(tick->model->mesh, tip->place.tet, tip->place.nominal, way, &to_face);
+    if (face < 0) return 0.0;
+    double part = fmax(0.0, fmin(distance, fmin(to_face, to_contact))), left = distance - part;
+    bool grazing = v3_norm(tip->place.graze_normal) > 0.0;
+    tip->place.nominal = v3_axpy(part, way, tip->place.nominal);
+    tip->place.depth += part;
+    if (grazing) graze_on(tick, state, output, direction, part);
+    if (tip->place.phase != TIP_INSIDE) return 0.0;
+    if (grazing && v3_norm(tip->place.graze_normal) == 0.0) return left; /* the tip is back in the tissue, perhaps in another element */
+    if (to_contact <= part) {
+        place_contact(tick, state, output);
+        plan_another(tick, state, output, direction);
+    } else if (to_face <= part && meet_face(tick, state, output, face, direction)) {
+        left = fmax(left - FACE_CLEARANCE, 0.0);
+    }
+    return left;
+}
+
+/* Advances until an obstacle stops the tip. Returns the remaining distance, m. */
+static double advance(const tick_input *tick, insertion_state *state, tick_output *output, vec3 direction, double distance) {
+    const needle_tip *tip = &state->tip;
+    if (isnan(tip->next_contact)) plan_contact(tick, state, output, direction);
+    for (int step = 0; step < MAX_STEPS && distance > 0.0 && tip->place.phase == TIP_INSIDE && tip->barrier.blocked_by == NOT_BLOCKED; step++)
+        distance = advance_once(tick, state, output, direction, distance);
+    return distance;
+}
+
+void cut_forward(const tick_input *tick, insertion_state *state, tick_output *output, vec3 direction, double distance) {
+    const needle_tip *tip = &state->tip;
+    bool pierces = true;
+    for (int membranes = 0; membranes < MAX_STEPS && pierces; membranes++) {
+        vec3 from = tip->place.nominal;
+        int tet = tip->place.tet;
+        distance = advance(tick, state, output, direction, distance);
+        old_tracks_cut(state, output, tet, from);
+        bool stopped = tip->place.phase == TIP_INSIDE && tip->barrier.blocked_by != NOT_BLOCKED;
+        double damage = old_tracks_damage(tick, state, tip->barrier.blocked_by, tip->place.nominal);
+        pierces = stopped && overcomes(tip, blocked_resistance(tick->model, tip->place.tet, tip->place.nominal, tip->track.openness, tip->barrier.blocked_by, damage));
+        if (pierces) puncture_barrier(tick, state, output, direction);
+        pierces = pierces && tip->place.phase == TIP_INSIDE;
+    }
+    if (tip->place.phase != TIP_INSIDE) return;
+    double left = distance_to_exit(tick->model, tip, direction);
+    if (isfinite(left)) plan_exit(tick, state, output, tip_way(&tip->place, direction), left);
+}
+
+/* The track behind the tip, which extends back to the last contact, to the entry into this body, or to the skin. */
+typedef struct {
+    const shaft_contact *contact; /* NULL if there is no contact in this body */
+    int gap;                      /* index of the gap before this body, or -1 */
+    double length;                /* m */
+} way_back;
+
+static way_back find_way_back(const insertion_state *state) {
+    const shaft_contact *last = last_contact(state);
+    double entry = tip_entry_depth(state);
+    if (last && last->depth < entry) last = NULL; /* the last contact is in a previous body */
+    return (way_back){last, last_gap(state), state->tip.place.depth - (last ? last->depth : entry)};
+}
+
+/* Moves the tip back by `distance`, which must be less than the length of the track behind the tip. */
+static void go_back(const mesh *m, insertion_state *state, const way_back *way, double distance) {
+    needle_tip *tip = &state->tip;
+    vec3 goal = way->contact ? way->contact->track : way->gap >= 0 ? state->strata[way->gap + 1].point : state->entry;
+    vec3 beside = way->contact ? way->contact->beside : v3(0, 0, 0);
+    goal = v3_sub(goal, beside);
+    vec3 target = v3_axpy(distance / way->length, v3_sub(goal, tip->place.nominal), tip->place.nominal);
+    set_beside(tip, v3_axpy(distance / way->length, v3_sub(beside, tip->place.beside), tip->place.beside));
+    tip->place.tet = follow_line(m, tip->place.tet, &tip->place.nominal, target);
+    tip->place.depth -= distance;
+    drop_strata_ahead(state);
+}
+
+void draw_back(const tick_input *tick, insertion_state *state, tick_output *output, double distance) {
+    state->tip.barrier.blocked_by = NOT_BLOCKED;
+    drop_plan(state);
+    way_back way = find_way_back(state);
+    for (; distance > 0.0 && distance >= way.length && way.contact; way = find_way_back(state)) {
+        distance -= fmax(way.length, 0.0);
+        return_to_contact(tick, state, output);
+    }
+    if (!(distance > 0.0)) return;
+    if (distance < way.length) go_back(tick->model->mesh, state, &way, distance);
+    else if (way.gap >= 0) back_into_gap(tick, state, output);
+    else withdraw_tip(state, output);
+}

@@ -1,0 +1,41 @@
+/* All constant data of a simulation, built from one configuration and owned by one struct. */
+#ifndef TROCAR_MODEL_PARTS_H
+#define TROCAR_MODEL_PARTS_H
+
+#include "insertion/step/tick.h"
+#include "scene/simulation_config.h"
+
+typedef struct {
+    simulation_config config;
+    bool shares;                        /* mesh, tissue and inverse belong to another simulation, which frees them */
+    mesh mesh;
+    region_material materials[MESH_MAX_GROUPS];
+    membrane membranes[MAX_MEMBRANES];
+    guide guides[MAX_GUIDES];
+    int probe_surface;                  /* index of the probe's surface among the groups; -1 if there is no probe */
+    tissue tissue;
+    inverse *inverse;
+    report about_inverse;               /* name of the chosen owner of the inverse, and the reason for the choice */
+    needle_model needle;
+    insertion_model insertion;
+} model_parts;
+
+/* Reads the mesh and looks up the scene's names in it; the other members stay empty. After a failure, everything has been freed. */
+trocar_status model_parts_create_mesh(const simulation_config *config, model_parts *s, report *why);
+
+/* Reads the mesh and builds all constant data. After a failure, everything has been freed and `why` is set. */
+trocar_status model_parts_create(const simulation_config *config, model_parts *s, report *why);
+
+/* Builds the constant data for a configuration with the same mesh and stiffness as `base`; shares the mesh, tissue and inverse of `base`, which must
+   outlive it. Returns BAD_INPUT, naming the key, if stiffness or inverse would differ, or if the mesh was given as arrays. */
+trocar_status model_parts_derive(const model_parts *base, const simulation_config *config, model_parts *s, report *why);
+
+void model_parts_free(model_parts *s);
+
+/* Computes the displacements (m) of the nominal nodes (node_count) and of the nodes of insertion_refinement() (MAX_CONTACTS). `scratch` has
+   model_parts_field_scratch() entries; each thread needs its own array. On entry, `nominal` holds the nodal forces (N) of all other loads on the tissue.
+   Does not allocate memory; not for the haptic thread. */
+size_t model_parts_field_scratch(const model_parts *s);
+void model_parts_field(model_parts *s, const insertion_state *state, vec3 *scratch, vec3 *nominal, vec3 *added);
+
+#endif

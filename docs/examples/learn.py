@@ -1,0 +1,98 @@
+#!/usr/bin/python3
+"""Learns to steer a bevelled needle to its target, with the cross-entropy method, in a few minutes on two cores.
+
+usage: learn.py [CURVE.csv]    also writes the learning curve
+
+The controller is linear: speed and roll rate are tanh(W o), where o is the observation with fixed scales and a 1. A generation draws 32 matrices W
+from a normal distribution, tries each in the same episodes, and fits the distribution to the best eight (Rubinstein 1999, Methodology and Computing in
+Applied Probability 1:127-190), with added variance against early convergence (Szita and Lorincz 2006, Neural Computation 18:2936-2941).
+"""
+import csv
+import sys
+import time
+
+import gymnasium
+import numpy as np
+
+import trocar.gym
+
+CANDIDATES, ELITE, GENERATIONS = 32, 8, 12
+ROWS, ROUNDS = 64, 2                       # episodes side by side; each candidate has ROUNDS * ROWS / CANDIDATES episodes
+SCALES = np.array([0.2, 0.2, 0.02, 0.2, 0.2, 0.2, 0.02])    # per mm (target in the tip's frame), N (force) and mm (depth)
+START, EXTRA = 1.0, 0.3                    # standard deviation at the start; the one that is added, less in each generation
+TEST = 1_000_000                           # first seed of the test's episodes, which training never sees
+
+
+def linear(weights, observations):
+    """Actions (rows, 2) of matrices (rows, 2, 8)."""
+    features = np.concatenate([SCALES * observations, np.ones((len(observations), 1))], axis=1)
+    return np.tanh(np.einsum("rai,ri->ra", weights, features))
+
+
+def pushed(_, observations):
+    return np.tile([1.0, 0.0], (len(observations), 1))
+
+
+def turned(_, observations):
+    return np.tile([1.0, 1.0], (len(observations), 1))
+
+
+def run(env, policy, weights, seeds):
+    """Returns the sum of rewards and the last error (mm) of an episode in each row; weights (rows, 2, 8)."""
+    observations, info = env.reset(seed=seeds)
+    running = np.ones(env.num_envs, bool)
+    total, error = np.zeros(env.num_envs), np.zeros(env.num_envs)
+    while running.any():                   # rows that have ended begin another episode, which is not counted
+        observations, reward, terminated, truncated, info = env.step(policy(weights, observations))
+        total += np.where(running, reward, 0.0)
+        error = np.where(running, 1e3 * info["error"], error)
+        running &= ~(terminated | truncated)
+    return total, error
+
+
+def test(env, policy, weights=None):
+    """Returns the errors (mm) in the test's episodes, of one controller."""
+    rows = None if weights is None else np.repeat(weights[None], ROWS, axis=0)
+    return run(env, policy, rows, [TEST + i for i in range(ROWS)])[1]
+
+
+def learn(env, random, report):
+    """Returns the matrix that has been learned."""
+    mean, deviation = np.zeros((2, len(SCALES) + 1)), np.full((2, len(SCALES) + 1), START)
+    for generation in range(GENERATIONS):
+        candidates = mean + deviation * random.standard_normal((CANDIDATES, *mean.shape))
+        score = np.zeros(CANDIDATES)
+        for attempt in range(ROUNDS):      # rows 0, 1, ... belong to candidates 0, 0, ..., 1, 1, ...
+            each = ROWS // CANDIDATES
+            first = (generation * ROUNDS + attempt) * each
+            total, _ = run(env, linear, np.repeat(candidates, each, axis=0), [first + i for i in range(each)] * CANDIDATES)
+            score += total.reshape(CANDIDATES, each).sum(axis=1)
+        best = candidates[np.argsort(score)[-ELITE:]]
+        mean = best.mean(axis=0)
+        deviation = np.sqrt(best.var(axis=0) + (EXTRA * max(0.0, 1.0 - 1.5 * generation / GENERATIONS)) ** 2)
+        report((generation + 1) * ROUNDS * ROWS, test(env, linear, mean))
+    return mean
+
+
+def main(path=None):
+    env = gymnasium.make_vec("trocar/Reach-v0", num_envs=ROWS)
+    begun, rows = time.monotonic(), []
+    for name, policy in (("pushed without turning", pushed), ("turned all the time", turned)):
+        error = test(env, policy)
+        rows.append((name, 0, error.mean(), np.quantile(error, 0.9)))
+        print(f"{name}: error {error.mean():.2f} mm, 90 % below {np.quantile(error, 0.9):.2f} mm")
+
+    def report(episodes, error):
+        rows.append(("learned", episodes, error.mean(), np.quantile(error, 0.9)))
+        print(f"{episodes} episodes, {time.monotonic() - begun:.0f} s: error {error.mean():.2f} mm, 90 % below {np.quantile(error, 0.9):.2f} mm", flush=True)
+
+    print("learned:", np.array2string(learn(env, np.random.default_rng(1), report), precision=3, separator=", "))
+    if path:
+        with open(path, "w", newline="", encoding="utf-8") as file:
+            table = csv.writer(file, lineterminator="\n")
+            table.writerow(["controller", "episodes", "mean error [mm]", "90 % quantile [mm]"])
+            table.writerows((name, count, f"{mean:.3f}", f"{most:.3f}") for name, count, mean, most in rows)
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

@@ -48,6 +48,10 @@ class Episodes:
     def __init__(self, task: Task, count: int, threads: int):
         self.task, self.ticks = task, max(1, round(task.interval / DT))
         self.batch = Batch(task._stiffnesses[0].model, count, threads, outputs=("force", "depth", "tip", "events"))
+        self.axis, start = task.axes[2], task.start[3:]
+        self._turned = motion.multiply(start, [0.0, 0.0, 0.0, 1.0])
+        self.needle_length = task._stiffnesses[0].model.needle_length
+        self.seed_length = float(task.scene["seeds.length"])    # m
         self.needle_radius = 0.5 * float(task.scene["needle.outer_diameter"])    # m
         self.episodes: list[Episode | None] = [None] * count
         self.travel, self.roll = np.zeros(count), np.zeros(count)    # m and rad, of the base since the start
@@ -68,10 +72,10 @@ class Episodes:
         self.batch.reset(self.task.start, mask)
         for state in (self.travel, self.roll, self.force, self.depth, self.hit, self.released, self.unstable):
             state[mask] = 0
-        length = self.batch[int(rows[0])].model.needle_length
-        self.tip[mask] = [*(self.task.start[:3] + length * motion.axis_of(self.task.start)), *self.task.start[3:]]
+        self.tip[mask] = [*(self.task.start[:3] + self.needle_length * self.axis), *self.task.start[3:]]
         for row in rows:
             self._look_at_tissue(row, np.zeros_like(self.episodes[row].model.nodes))
+        self._measure(mask)
 
     def step(self, actions: npt.ArrayLike, mask: Mask) -> Step:
         """Carries out an action (count, actions), clipped to -1 to 1, in each row of the mask."""
@@ -85,6 +89,7 @@ class Episodes:
             self._look_at_tissue(row, sim.displacements())
             if self.episodes[row].radius > 0.0:
                 self.hit[row] = _distance(sim.centreline(), self.obstacle[row]) < self.episodes[row].radius + self.needle_radius
+        self._measure(mask)
         terminated = self.hit | self.unstable
         reward = np.where(mask, MM * (before - self.error) - HIT_COST * self.hit, 0.0)
         if self.task.name == "implant":
@@ -100,10 +105,11 @@ class Episodes:
 
     def observe(self) -> npt.NDArray[np.float32]:
         """Returns the observations (count, values): mm and N, vectors in the frame of the tip (forces: in that of the base)."""
-        into_tip, into_base = _inverse(self.tip[:, 3:]), _inverse(self._orientation())
-        values = {"target": MM * motion.rotate(into_tip, self.target - self.tip[:, :3]), "force": motion.rotate(into_base, self.force),
-                  "depth": MM * self.depth[:, None], "obstacle": MM * motion.rotate(into_tip, self.obstacle - self.tip[:, :3]),
-                  "radius": MM * np.array([[episode.radius if episode else 0.0] for episode in self.episodes]), "displacement": MM * self.displacement[:, None]}
+        tip, base, position = _axes(self.tip[:, 3:]), _axes(self._orientation(self.roll)), self.tip[:, :3]
+        within = lambda axes, vectors: np.einsum("nij,nj->ni", axes, vectors)
+        values = {"target": MM * within(tip, self.target - position), "force": within(base, self.force), "depth": MM * self.depth[:, None],
+                  "obstacle": MM * within(tip, self.obstacle - position), "displacement": MM * self.displacement[:, None],
+                  "radius": MM * np.array([[episode.radius if episode else 0.0] for episode in self.episodes])}
         observed = np.concatenate([values[name] for name in OBSERVED[self.task.name]], axis=1)
         limit = limits(self.task.name)
         return np.clip(observed, -limit, limit).astype(np.float32)
@@ -118,36 +124,39 @@ class Episodes:
     def sim(self, row: int) -> Sim:
         return self.batch[row]
 
-    def _orientation(self) -> Array:
-        """Returns the quaternions (count, 4) of the bases."""
-        return motion.multiply(self.task.start[3:], motion.exponential(self.roll[:, None] * np.array([0.0, 0.0, 1.0])))
+    def _orientation(self, roll: Array) -> Array:
+        """Returns the quaternions (..., 4) of bases that have been rolled by angles (...)."""
+        return np.cos(0.5 * roll)[..., None] * self.task.start[3:] + np.sin(0.5 * roll)[..., None] * self._turned
 
     def _poses(self, actions: Array) -> Array:
         """Returns the poses (count, ticks, 7) of an action, and advances the bases to the last one. The base cannot go back beyond its start."""
-        shares = np.arange(1, self.ticks + 1) / self.ticks
-        start, length = self.task.start, self.task.scene["needle.length"]
-        interval = self.ticks * DT
-        travel = np.clip(self.travel[:, None] + shares * interval * self.task.speed * actions[:, :1], 0.0, length)
-        roll = self.roll[:, None] + shares * interval * self.task.roll_rate * actions[:, 1:2]
+        times = DT * np.arange(1, self.ticks + 1)
+        travel = np.clip(self.travel[:, None] + times * self.task.speed * actions[:, :1], 0.0, self.needle_length)
+        roll = self.roll[:, None] + times * self.task.roll_rate * actions[:, 1:2]
         self.travel, self.roll = travel[:, -1].copy(), roll[:, -1].copy()
-        position = start[:3] + travel[:, :, None] * motion.axis_of(start)
-        orientation = motion.multiply(start[3:], motion.exponential(roll[:, :, None] * np.array([0.0, 0.0, 1.0])))
-        return np.concatenate([position, orientation], axis=2)
+        return self._bases(travel, roll)
+
+    def _bases(self, travel: Array, roll: Array) -> Array:
+        """Returns the poses (count, ticks, 7) of bases that have been moved along the needle (m) and rolled (rad), (count, ticks) each."""
+        return np.concatenate([self.task.start[:3] + travel[:, :, None] * self.axis, self._orientation(roll)], axis=2)
 
     def _look_at_tissue(self, row: int, field: Array) -> None:
-        """Finds target and obstacle in tissue displaced by `field` (nodes, 3) m, and the error."""
+        """Finds target and obstacle in tissue displaced by `field` (nodes, 3) m."""
         episode = self.episodes[row]
         self.target[row] = episode.target + episode.target_weights @ field[episode.target_nodes]
         self.obstacle[row] = episode.obstacle + episode.obstacle_weights @ field[episode.obstacle_nodes]
         self.displacement[row] = np.linalg.norm(field[episode.region_nodes], axis=1).mean()
-        point = self.tip[row, :3]
+
+    def _measure(self, mask: Mask) -> None:
+        """Computes the errors."""
+        point = self.tip[:, :3]
         if self.task.name == "implant":    # a seed lies with its distal end at the tip
-            point = point - 0.5 * episode.model.seed_size.length * motion.axis_of(self.tip[row])
-        self.error[row] = np.linalg.norm(self.target[row] - point)
+            point = point - 0.5 * self.seed_length * _axes(self.tip[:, 3:])[:, 2]
+        self.error[mask] = np.linalg.norm(self.target - point, axis=1)[mask]
 
     def _ahead(self) -> Array:
         """Returns the distances (count,) m that the tips still have to go along the needle's axis before the insertion."""
-        return (self.target - self.tip[:, :3]) @ motion.axis_of(self.task.start)
+        return (self.target - self.tip[:, :3]) @ self.axis
 
     def _release(self, mask: Mask) -> None:
         """Leaves a seed at the tip, draws the needle back, and takes the seed's place in the tissue at rest as the result."""
@@ -155,17 +164,19 @@ class Episodes:
             return
         for row in np.flatnonzero(mask):
             self.batch[int(row)].drop_seeds(1)
-        back = np.arange(1, round(WITHDRAWAL / self.task.speed / DT) + 1) * self.task.speed * DT
-        poses = np.concatenate([self.task.start[:3] + (self.travel[:, None, None] - back[:, None]) * motion.axis_of(self.task.start),
-                                np.repeat(self._orientation()[:, None], len(back), axis=1)], axis=2)
-        self.batch.run(poses, DT, mask)
+        back = self.task.speed * DT * np.arange(1, round(WITHDRAWAL / self.task.speed / DT) + 1)
+        self.batch.run(self._bases(self.travel[:, None] - back, np.repeat(self.roll[:, None], len(back), axis=1)), DT, mask)
         for row in np.flatnonzero(mask):
             self.released[row] = True
             self.error[row] = np.linalg.norm(self.batch[int(row)].seeds()[-1].position - self.episodes[row].target)
 
 
-def _inverse(quaternion: Array) -> Array:
-    return quaternion * np.array([1.0, -1.0, -1.0, -1.0])
+def _axes(quaternions: Array) -> Array:
+    """Returns the frames' axes (count, 3, 3) for quaternions (count, 4): unit vectors in the rows."""
+    w, x, y, z = quaternions.T
+    return np.stack([np.stack([w * w + x * x - y * y - z * z, 2 * (x * y + w * z), 2 * (x * z - w * y)], axis=1),
+                     np.stack([2 * (x * y - w * z), w * w - x * x + y * y - z * z, 2 * (y * z + w * x)], axis=1),
+                     np.stack([2 * (x * z + w * y), 2 * (y * z - w * x), w * w - x * x - y * y + z * z], axis=1)], axis=1)
 
 
 def _distance(line: Array, point: Array) -> float:

@@ -34,6 +34,13 @@ class Stiffness:
     scene: Scene
     model: Model
     embedding: Embedding
+    borders: npt.NDArray[np.int32]        # (n, 3) faces between regions, and those of the tissue's surface
+
+    @classmethod
+    def of(cls, scene: Scene) -> Stiffness:
+        """Builds the model of a scene."""
+        model = Model(scene)
+        return cls(scene, model, Embedding(model), _borders(model))
 
 
 @dataclass(frozen=True)
@@ -44,6 +51,7 @@ class Episode:
     target: Array                         # (3,) m, in the tissue at rest
     target_nodes: npt.NDArray[np.int32]   # (4,) nodes between which the target lies
     target_weights: Array                 # (4,) their weights
+    borders: npt.NDArray[np.int32]        # (n, 3) faces between regions, and those of the tissue's surface
     region_nodes: npt.NDArray[np.int32]   # nodes of the region that contains the target
     obstacle_nodes: npt.NDArray[np.int32] # (4,)
     obstacle_weights: Array               # (4,)
@@ -68,13 +76,10 @@ class Task:
     tolerance: float = 1e-3       # m, largest error of a success
     displacement_cost: float = 5.0    # 1/s, weight of the tissue's displacement in the reward
     start: Array = field(default_factory=lambda: np.zeros(7))     # (7,) pose of the base before the insertion
+    axes: Array = field(default_factory=lambda: np.eye(3))        # (3, 3) unit vectors in the rows: its axes there; the last one points from base to tip
     entry: Array = field(default_factory=lambda: np.zeros(3))     # (3,) m, point at which its line enters the tissue
     _stiffnesses: list[Stiffness] = field(default_factory=list)
     _cheap: list[str] = field(default_factory=list)               # keys of `randomise` with which a model can be derived
-
-    def axes(self) -> Array:
-        """Returns the needle's axes before the insertion, unit vectors (3, 3) in the rows; the last one points from base to tip."""
-        return np.stack([motion.rotate(self.start[3:], axis) for axis in np.eye(3)])
 
     def draw(self, random: np.random.Generator) -> Episode:
         """Draws an episode. The order in which numbers are drawn is part of the contract: equal seeds give equal episodes."""
@@ -85,17 +90,27 @@ class Task:
             for key in self._cheap:
                 scene[key] = random.uniform(*self.randomise[key])
             model = model.derive(scene)
-        across = self.axes()
         x, y, depth = (random.uniform(*self.target[key]) for key in ("x", "y", "depth"))
-        target = self.entry + np.array([x, y, depth]) @ across
+        target = self.entry + np.array([x, y, depth]) @ self.axes
         obstacle, radius = target, 0.0
         if self.obstacle:
             along, aside, above, radius = (random.uniform(*self.obstacle[key]) for key in ("along", "x", "y", "radius"))
-            obstacle = self.entry + along * (target - self.entry) + np.array([aside, above]) @ across[:2]
+            obstacle = self.entry + along * (target - self.entry) + np.array([aside, above]) @ self.axes[:2]
         nodes, weights = chosen.embedding.locate(np.stack([target, obstacle]))
         region = chosen.model.tet_regions[np.isin(chosen.model.tets, nodes[0]).sum(axis=1).argmax()]
         around = np.unique(chosen.model.tets[chosen.model.tet_regions == region])
-        return Episode(model, target, nodes[0], weights[0], around, nodes[1], weights[1], obstacle, radius)
+        return Episode(model, target, nodes[0], weights[0], chosen.borders, around, nodes[1], weights[1], obstacle, radius)
+
+
+def _borders(model: Model) -> npt.NDArray[np.int32]:
+    """Returns the faces (n, 3) between different regions, and those of the tissue's surface."""
+    faces = np.sort(np.concatenate([np.delete(model.tets, corner, axis=1) for corner in range(4)]), axis=1)
+    regions = np.tile(model.tet_regions, 4)
+    unique, which = np.unique(faces, axis=0, return_inverse=True)
+    which = which.reshape(-1)    # NumPy 2.0 returns a column
+    count, total = np.bincount(which), np.bincount(which, regions)
+    square = np.bincount(which, regions.astype(float) ** 2)
+    return unique[(count == 1) | (2.0 * square > total ** 2)].astype(np.int32)    # two equal numbers a: 2 (a^2 + a^2) = (a + a)^2
 
 
 # ---- reading ------------------------------------------------------------------------------------------------------------------------------
@@ -171,8 +186,8 @@ def read(name: str, path: str | PathLike[str] | None = None) -> Task:
 def _build(task: Task, reader: _TaskReader, given: dict[str, Any]) -> None:
     """Makes the models, and finds the pose before the insertion."""
     try:
-        model = Model(task.scene)
-        stiff = []
+        nominal = Stiffness.of(task.scene)
+        model, stiff = nominal.model, []
         for key, (low, high) in task.randomise.items():
             scene = copy.copy(task.scene)
             scene[key] = high if float(scene[key]) != high else low
@@ -181,7 +196,7 @@ def _build(task: Task, reader: _TaskReader, given: dict[str, Any]) -> None:
                 task._cheap.append(key)
             except Error:
                 stiff.append(key)
-        task._stiffnesses.append(Stiffness(task.scene, model, Embedding(model)))
+        task._stiffnesses.append(nominal)
         if stiff:
             random = np.random.default_rng(0)    # the models belong to the task; episodes choose between them
             task._stiffnesses.clear()
@@ -189,18 +204,18 @@ def _build(task: Task, reader: _TaskReader, given: dict[str, Any]) -> None:
                 scene = copy.copy(task.scene)
                 for key in stiff:
                     scene[key] = random.uniform(*task.randomise[key])
-                varied = Model(scene)
-                task._stiffnesses.append(Stiffness(scene, varied, Embedding(varied)))
+                task._stiffnesses.append(Stiffness.of(scene))
     except Error as error:
         raise BadTask(f"{task.path}: {error}") from error
     task.start = motion.START if model.start is None else model.start
-    tip = task.start[:3] + model.needle_length * motion.axis_of(task.start)
-    entry = model.entry(tip, tip + FARTHEST * motion.axis_of(task.start))
+    task.axes = np.stack([motion.rotate(task.start[3:], axis) for axis in np.eye(3)])
+    tip = task.start[:3] + model.needle_length * task.axes[2]
+    entry = model.entry(tip, tip + FARTHEST * task.axes[2])
     if entry is None:
         raise BadTask(f"{task.path}: the needle's line misses the tissue: set needle.start.position and needle.start.orientation")
     task.entry = entry
     lengths = [task.target[key] for key in ("x", "y", "depth")]
-    corners = entry + np.stack(np.meshgrid(*lengths, indexing="ij"), axis=-1).reshape(-1, 3) @ task.axes()
+    corners = entry + np.stack(np.meshgrid(*lengths, indexing="ij"), axis=-1).reshape(-1, 3) @ task.axes
     nodes, weights = task._stiffnesses[0].embedding.locate(corners)
     if not np.allclose(np.einsum("nk,nki->ni", weights, model.nodes[nodes]), corners, rtol=0.0, atol=1e-9):
         raise reader.fail(given["target"], "target: a corner of the ranges is outside the tissue: write metres from the needle's entry, depth along it")

@@ -22,6 +22,8 @@ struct trocar_model {
     trocar_log log;          /* the host's */
     atomic_int users;        /* number of users: the host, until it frees the model, and the simulations, pictures and models created from it */
     trocar_model *base;      /* model whose mesh, stiffness and inverse this one shares; NULL if it has its own */
+    uint64_t mesh_checksum;  /* of the mesh, the same for all models derived from this one */
+    uint64_t checksum;       /* of everything that results depend on, to recognise its saved states */
     double rate_hz;
     pose start;              /* initial pose of the needle's base; its position is NAN if the scene gives none */
     double patient_to_mesh[16]; /* the first entry is NAN if there is none */
@@ -71,7 +73,8 @@ struct trocar_sim {
     needle_track *needles;
     sim_link link;
     /* Used by the ticking thread: */
-    insertion_workspace *workspace;
+    insertion_workspace *workspace; /* scratch of a tick; in lockstep, possibly that of several simulations */
+    bool borrows_workspace;    /* the workspace belongs to somebody else, who frees it */
     int64_t (*clock)(void);  /* returns the time in ns; NULL if stages are not timed */
     round_clock rounds;
     seed_list seeds;
@@ -114,6 +117,10 @@ static inline trocar_model *model_share(trocar_model *model) {
     atomic_fetch_add_explicit(&model->users, 1, memory_order_relaxed);
     return model;
 }
+
+/* Creates a simulation. `workspace`: NULL for a simulation of its own; otherwise the simulation runs in lockstep alone, uses this workspace until it is given
+   another one, has no descriptor for a worker, and takes up only the memory that it uses. NO_MEMORY, SYSTEM. Allocates. */
+trocar_status sim_create(trocar_model *model, insertion_workspace *workspace, trocar_sim **sim, report *why);
 
 static inline bool has_needle(const trocar_model *model, int needle) { return needle >= 0 && needle < model->parts.config.needle_count; }
 

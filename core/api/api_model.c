@@ -5,6 +5,7 @@
 #include "api/view.h"
 #include "base/flush_denormals.h"
 #include "base/host_log.h"
+#include "saved/model_checksum.h"
 
 _Static_assert(sizeof(bool) == sizeof(uint8_t) && (int)MESH_MAX_GROUPS == 32, "trocar.h says so");
 
@@ -62,7 +63,11 @@ trocar_status trocar_model_create(const trocar_scene *scene, const trocar_model_
     floating_mode before = flush_denormals();
     status = m->mesh_only ? simulation_create_mesh(&config, &m->parts, why) : simulation_create_model(&config, &m->parts, why);
     restore_floating_mode(before);
-    if (status == TROCAR_OK) log_new_model(m);
+    if (status == TROCAR_OK) {
+        m->mesh_checksum = mesh_checksum(&m->parts);
+        m->checksum = model_checksum(m->mesh_checksum, &scene->values, &m->parts);
+        log_new_model(m);
+    }
     return end_model(m, status, model);
 }
 
@@ -79,7 +84,11 @@ trocar_status trocar_model_derive(const trocar_model *base, const trocar_scene *
     floating_mode before = flush_denormals();
     status = simulation_derive(&base->parts, &config, &m->parts, why);
     restore_floating_mode(before);
-    if (status == TROCAR_OK) m->base = model_share((trocar_model *)base);
+    if (status == TROCAR_OK) {
+        m->base = model_share((trocar_model *)base);
+        m->mesh_checksum = base->mesh_checksum;
+        m->checksum = model_checksum(m->mesh_checksum, &scene->values, &m->parts);
+    }
     return end_model(m, status, model);
 }
 

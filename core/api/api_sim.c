@@ -21,7 +21,7 @@ _Static_assert(TROCAR_STAGES == (int)INSERTION_STAGES && TROCAR_STAGE_WRENCH == 
 /* ---- creation ------------------------------------------------------------------------------------------------------------ */
 
 static trocar_status create_needle(const trocar_sim *sim, needle_track *needle, report *why) {
-    trocar_status status = link_create(&needle->link, why);
+    trocar_status status = link_create(&needle->link, sim->borrows_workspace, why);
     if (status != TROCAR_OK) return status;
     return remesher_create(sim->inverse, sim->model->parts.config.remeshing, &needle->remesher, why);
 }
@@ -35,9 +35,9 @@ static trocar_status create_inverse(trocar_sim *sim, report *why) {
 static trocar_status allocate(trocar_sim *sim, report *why) {
     size_t needles = (size_t)sim->needle_count * sizeof *sim->needles;
     sim->needles = allocate_on_cache_lines(needles); /* writes to the memory now, so that no page fault occurs later */
-    sim->workspace = allocate_on_cache_lines(sizeof *sim->workspace);
+    if (!sim->borrows_workspace) sim->workspace = allocate_on_cache_lines(sizeof *sim->workspace);
     if (!sim->needles || !sim->workspace) return fail(why, TROCAR_NO_MEMORY, "no memory for a simulation");
-    trocar_status status = sim_link_create(&sim->link, sim->model->parts.probe_surface >= 0, why);
+    trocar_status status = sim_link_create(&sim->link, sim->model->parts.probe_surface >= 0, sim->borrows_workspace, why);
     if (status == TROCAR_OK) status = create_inverse(sim, why);
     if (sim->resting.inverse) sim->inverse = sim->resting.inverse;
     if (status == TROCAR_OK) status = create_probe(sim, why);
@@ -49,8 +49,12 @@ static trocar_status allocate(trocar_sim *sim, report *why) {
 }
 
 trocar_status trocar_sim_create(trocar_model *model, trocar_sim **created, trocar_error *error) {
+    trocar_error ignored;
+    return sim_create(model, NULL, created, error ? error : &ignored);
+}
+
+trocar_status sim_create(trocar_model *model, insertion_workspace *workspace, trocar_sim **created, report *why) {
     static const trocar_pose at_origin = {{0, 0, 0}, {1, 0, 0, 0}};
-    trocar_error ignored, *why = error ? error : &ignored;
     *created = NULL;
     if (model->mesh_only) return fail(why, TROCAR_BAD_INPUT, "this model has only a mesh: create it without mesh_only");
     trocar_sim *sim = calloc(1, sizeof *sim);
@@ -58,6 +62,8 @@ trocar_status trocar_sim_create(trocar_model *model, trocar_sim **created, troca
     sim->model = model_share(model);
     sim->view = (trocar_view){.model = model, .sim = sim, .scratch = &sim->field_scratch};
     sim->needle_count = model->parts.config.needle_count;
+    sim->workspace = workspace;
+    sim->borrows_workspace = workspace != NULL;
     sim->link.work_event = -1;
     trocar_status status = allocate(sim, why);
     const pose start = sim->model->parts.config.probe.start;
@@ -89,7 +95,7 @@ void trocar_sim_free(trocar_sim *sim) {
     free(sim->resting_scratch);
     sim_link_free(&sim->link);
     free(sim->needles);
-    free(sim->workspace);
+    if (!sim->borrows_workspace) free(sim->workspace);
     free(sim->field_scratch);
     trocar_model_free(sim->model);
     free(sim);

@@ -7,69 +7,109 @@
 #include "api/worker_probe.h"
 #include "api/worker_resting.h"
 #include "base/flush_denormals.h"
+#include "base/hash.h"
+#include "saved/saved_state.h"
 
-/* Data saved for each needle. The model's address, the time of the last response, the simulated time and the seeds precede it. It is copied member by
-   member, because the caller's memory need not be aligned. The worker's pending work is completed after a restore. */
+/* The beginning of a saved state. It is copied, because the caller's memory need not be aligned. */
+typedef struct {
+    char mark[8];            /* MARK, which also shows whether the machine orders bytes in the same way */
+    uint64_t layout;         /* saved_layout() of the library that saved it */
+    uint64_t model;          /* checksum of the model */
+    uint64_t size;           /* bytes, including this header */
+    uint64_t checksum;       /* of the bytes after this header */
+} state_header;
+
+static const char MARK[8] = {'t', 'r', 'o', 'c', 'a', 'r', '\1', '\2'};
+
+/* Data of a needle besides its insertion state. */
 typedef struct {
     int phase;
-    insertion_state state;   /* state of the needle; if it is being left, its state at that moment */
     double base_compliance;
     int64_t since_release;
-    compliance_snapshot snapshot;
-    resting_needle resting;  /* valid while the needle is attached */
 } saved_needle;
 
-enum { ROUNDS_AT = sizeof(trocar_model *) + sizeof(double), SEEDS_AT = ROUNDS_AT + sizeof(round_clock), HEAD = SEEDS_AT + sizeof(seed_list) };
+enum { MOST_OTHER = 4096 };  /* bytes, more than everything that trocar_sim_state_size does not name */
 
-size_t trocar_sim_state_size(const trocar_sim *sim) { return HEAD + (size_t)sim->needle_count * sizeof(saved_needle) + saved_probe_size(sim); }
-
-static trocar_status check_size(const trocar_sim *sim, size_t size, report *why) {
-    size_t expected = trocar_sim_state_size(sim);
-    return size == expected ? TROCAR_OK : fail(why, TROCAR_BAD_INPUT, "the state of this simulation has %zu bytes, not %zu", expected, size);
+size_t trocar_sim_state_size(const trocar_sim *sim) {
+    size_t of_needle = sizeof(saved_needle) + sizeof(insertion_state) + sizeof(compliance_snapshot) + sizeof(resting_needle);
+    return sizeof(state_header) + sizeof(seed_list) + (size_t)sim->needle_count * of_needle + sizeof(probe_state) + MOST_OTHER;
 }
 
-static void save_needle(const trocar_sim *sim, int index, char *to) {
+size_t trocar_state_bytes(const void *state) {
+    state_header header;
+    memcpy(&header, state, sizeof header);
+    return (size_t)header.size;
+}
+
+/* ---- saving ----------------------------------------------------------------------------------------------------------------------- */
+
+static void save_needle(state_stream *to, const trocar_sim *sim, int index) {
     needle_track *needle = &sim->needles[index];
-    int phase = link_phase(&needle->link) == PHASE_TAKEN ? PHASE_HELD : link_phase(&needle->link);
+    needle_phase phase = link_phase(&needle->link) == PHASE_TAKEN ? PHASE_HELD : link_phase(&needle->link);
+    saved_needle saved = {.phase = (int)phase, .base_compliance = needle->base_compliance, .since_release = atomic_load(&needle->link.since_release)};
     const insertion_state *state = phase == PHASE_LEAVING ? &link_left(&needle->link)->state : state_of_needle(sim, index, NULL);
-    memcpy(to + offsetof(saved_needle, phase), &phase, sizeof phase);
-    memcpy(to + offsetof(saved_needle, state), state, sizeof *state);
-    memcpy(to + offsetof(saved_needle, base_compliance), &needle->base_compliance, sizeof needle->base_compliance);
-    int64_t since_release = atomic_load(&needle->link.since_release);
-    memcpy(to + offsetof(saved_needle, since_release), &since_release, sizeof since_release);
-    memcpy(to + offsetof(saved_needle, snapshot), link_answer(&needle->link), sizeof(compliance_snapshot));
-    if (phase == PHASE_RESTING || phase == PHASE_TAKING) memcpy(to + offsetof(saved_needle, resting), needle->resting, sizeof *needle->resting);
+    int segments = sim->model->parts.needle.given.segments;
+    STREAM(to, saved);
+    saved_insertion(to, segments, (insertion_state *)state);
+    saved_snapshot(to, (compliance_snapshot *)link_answer(&needle->link));
+    if (phase == PHASE_RESTING || phase == PHASE_TAKING) saved_resting(to, segments, needle->resting);
 }
 
 trocar_status trocar_sim_save(const trocar_sim *sim, void *state, size_t size, trocar_error *error) {
-    trocar_error ignored;
-    trocar_status status = check_size(sim, size, error ? error : &ignored);
-    if (status != TROCAR_OK) return status;
-    memcpy(state, &sim->model, sizeof sim->model);
-    memcpy((char *)state + sizeof sim->model, &sim->since_response, sizeof sim->since_response);
-    memcpy((char *)state + ROUNDS_AT, &sim->rounds, sizeof sim->rounds);
-    memcpy((char *)state + SEEDS_AT, &sim->seeds, sizeof sim->seeds);
-    for (int i = 0; i < sim->needle_count; i++) save_needle(sim, i, (char *)state + HEAD + (size_t)i * sizeof(saved_needle));
-    save_probe((trocar_sim *)sim, (char *)state + HEAD + (size_t)sim->needle_count * sizeof(saved_needle));
+    trocar_error ignored, *why = error ? error : &ignored;
+    trocar_sim *s = (trocar_sim *)sim; /* the stream does not change what it writes */
+    state_header header = {.layout = saved_layout(), .model = sim->model->checksum};
+    state_stream to = stream_to(state, size);
+    STREAM(&to, header);
+    STREAM(&to, s->since_response);
+    STREAM(&to, s->rounds);
+    saved_seeds(&to, s->needle_count, &s->seeds);
+    for (int i = 0; i < s->needle_count; i++) save_needle(&to, s, i);
+    save_probe(&to, s);
+    if (to.failed)
+        return fail(why, TROCAR_BAD_INPUT, "the state of this simulation does not fit in %zu bytes: it takes up to %zu (trocar_sim_state_size)", size,
+                    trocar_sim_state_size(sim));
+    memcpy(header.mark, MARK, sizeof MARK);
+    header.size = (uint64_t)(to.at - (char *)state);
+    header.checksum = hash_bytes(HASH_BASIS, (char *)state + sizeof header, (size_t)header.size - sizeof header);
+    memcpy(state, &header, sizeof header);
+    return TROCAR_OK;
+}
+
+/* ---- restoring -------------------------------------------------------------------------------------------------------------------- */
+
+static trocar_status check_state(const trocar_sim *sim, const void *state, size_t size, report *why) {
+    state_header header;
+    if (size < sizeof header) return fail(why, TROCAR_BAD_INPUT, "%zu bytes are too few for a saved state", size);
+    memcpy(&header, state, sizeof header);
+    if (memcmp(header.mark, MARK, sizeof MARK) != 0) return fail(why, TROCAR_BAD_INPUT, "this is not a state saved by trocar_sim_save");
+    if (header.layout != saved_layout())
+        return fail(why, TROCAR_BAD_INPUT, "the state was saved by a version of the library with another format: save it again with this version, %d.%d.%d",
+                    TROCAR_MAJOR, TROCAR_MINOR, TROCAR_PATCH);
+    if (header.model != sim->model->checksum)
+        return fail(why, TROCAR_BAD_INPUT, "the state belongs to another model (checksum %016llx, not %016llx): restore it with the scene and mesh with which it was saved",
+                    (unsigned long long)header.model, (unsigned long long)sim->model->checksum);
+    if (header.size < sizeof header || header.size > size)
+        return fail(why, TROCAR_BAD_INPUT, "the saved state has %llu bytes, of which only %zu are given", (unsigned long long)header.size, size);
+    if (hash_bytes(HASH_BASIS, (const char *)state + sizeof header, (size_t)header.size - sizeof header) != header.checksum)
+        return fail(why, TROCAR_BAD_INPUT, "the saved state is damaged: its bytes do not match their checksum");
     return TROCAR_OK;
 }
 
 /* Restores everything except the remesher, which can be restored only after the resting needles have been attached. */
-static trocar_status restore_needle(trocar_sim *sim, needle_track *needle, const char *from, report *why) {
-    int phase;
-    compliance_snapshot *slot = link_answer_slot(&needle->link);
-    memcpy(&phase, from + offsetof(saved_needle, phase), sizeof phase);
-    memcpy(&needle->state, from + offsetof(saved_needle, state), sizeof needle->state);
-    memcpy(&needle->base_compliance, from + offsetof(saved_needle, base_compliance), sizeof needle->base_compliance);
-    int64_t since_release;
-    memcpy(&since_release, from + offsetof(saved_needle, since_release), sizeof since_release);
-    memcpy(slot, from + offsetof(saved_needle, snapshot), sizeof *slot);
+static trocar_status restore_needle(state_stream *from, trocar_sim *sim, needle_track *needle, report *why) {
+    saved_needle saved;
+    int segments = sim->model->parts.needle.given.segments;
+    STREAM(from, saved);
+    saved_insertion(from, segments, &needle->state);
+    saved_snapshot(from, link_answer_slot(&needle->link));
+    needle->base_compliance = saved.base_compliance;
     needle->stamp = next_stamp();
     needle->given = needle->state.needle.base;
     needle->given.position = v3_sub(needle->given.position, needle->state.base_shift);
     needle->loads.count = 0;
-    needle->attached = phase == PHASE_RESTING || phase == PHASE_TAKING;
-    link_restore(&needle->link, (needle_phase)phase, since_release);
+    needle->attached = saved.phase == PHASE_RESTING || saved.phase == PHASE_TAKING;
+    link_restore(&needle->link, (needle_phase)saved.phase, saved.since_release);
     if (!needle->attached) {
         insertion_add_loads(&sim->model->parts.insertion, &needle->state, &needle->loads);
         copy_loads(&needle->loads, &needle->held);
@@ -78,30 +118,30 @@ static trocar_status restore_needle(trocar_sim *sim, needle_track *needle, const
     }
     trocar_status status = make_room_to_rest(sim, needle, why);
     if (status != TROCAR_OK) return status;
-    memcpy(needle->resting, from + offsetof(saved_needle, resting), sizeof *needle->resting);
+    saved_resting(from, segments, needle->resting);
     needle->held.count = 0;
     insertion_add_residual_loads(&sim->model->parts.insertion, &needle->resting->anchor, &needle->held);
     return TROCAR_OK;
 }
 
+/* The worker's pending work is completed after a restore. */
 trocar_status trocar_sim_restore(trocar_sim *sim, const void *state, size_t size, trocar_error *error) {
     trocar_error ignored, *why = error ? error : &ignored;
-    const trocar_model *model;
-    trocar_status status = check_size(sim, size, why);
+    state_header header;
+    trocar_status status = check_state(sim, state, size, why);
     if (status != TROCAR_OK) return status;
-    memcpy(&model, state, sizeof model);
-    if (model != sim->model) return fail(why, TROCAR_BAD_INPUT, "the state belongs to another model");
+    state_stream from = stream_from(state, trocar_state_bytes(state));
     floating_mode before = flush_denormals();
-    memcpy(&sim->since_response, (const char *)state + sizeof model, sizeof sim->since_response);
-    memcpy(&sim->rounds, (const char *)state + ROUNDS_AT, sizeof sim->rounds);
-    memcpy(&sim->seeds, (const char *)state + SEEDS_AT, sizeof sim->seeds);
-    const char *from = (const char *)state + HEAD;
-    for (int i = 0; i < sim->needle_count && status == TROCAR_OK; i++, from += sizeof(saved_needle)) status = restore_needle(sim, &sim->needles[i], from, why);
+    STREAM(&from, header);
+    STREAM(&from, sim->since_response);
+    STREAM(&from, sim->rounds);
+    saved_seeds(&from, sim->needle_count, &sim->seeds);
+    for (int i = 0; i < sim->needle_count && status == TROCAR_OK; i++) status = restore_needle(&from, sim, &sim->needles[i], why);
     for (int i = 0; i < sim->needle_count && status == TROCAR_OK; i++)
         /* needs the tracks of all needles */
         if (link_phase(&sim->needles[i].link) == PHASE_LEAVING) fill_left(sim, i), link_publish_left(&sim->needles[i].link);
     if (status == TROCAR_OK) status = rest_again(sim, why);
-    if (status == TROCAR_OK) status = restore_probe(sim, from, why);
+    if (status == TROCAR_OK) status = restore_probe(&from, sim, why);
     for (int i = 0; i < sim->needle_count && status == TROCAR_OK; i++) {
         needle_track *needle = &sim->needles[i];
         needle->served_changes = attached_changes(sim);

@@ -4,6 +4,7 @@
 
 #include "api/view.h"
 #include "api/worker_answer.h"
+#include "saved/saved_state.h"
 
 trocar_status create_probe(trocar_sim *sim, report *why) {
     const simulation *parts = &sim->model->parts;
@@ -55,31 +56,26 @@ trocar_status press_probe(trocar_sim *sim, report *why) {
 typedef struct {
     bool placed, posed, waits; /* waits: `asked` is a pose that the worker has not read yet */
     pose pose, asked;
-    probe_state state;
-} saved_probe;
+} saved_poses;
 
-size_t saved_probe_size(const trocar_sim *sim) { return sim->probe ? sizeof(saved_probe) : 0; }
-
-void save_probe(trocar_sim *sim, void *to) {
+void save_probe(state_stream *to, trocar_sim *sim) {
     if (!sim->probe) return;
-    saved_probe saved;
-    memset(&saved, 0, sizeof saved);
-    saved.placed = atomic_load(&sim->link.probe.placed);
+    saved_poses saved = {.placed = atomic_load(&sim->link.probe.placed), .posed = sim->probe_posed, .pose = sim->probe_pose};
     saved.waits = probe_link_waiting(&sim->link.probe, &saved.asked);
-    saved.posed = sim->probe_posed;
-    saved.pose = sim->probe_pose;
-    saved.state = sim->probe->state;
-    memcpy(to, &saved, sizeof saved);
+    STREAM(to, saved);
+    saved_probe(to, &sim->probe->state);
 }
 
-trocar_status restore_probe(trocar_sim *sim, const void *from, report *why) {
-    saved_probe saved;
+trocar_status restore_probe(state_stream *from, trocar_sim *sim, report *why) {
+    saved_poses saved;
+    probe_state state;
     if (!sim->probe) return TROCAR_OK;
-    memcpy(&saved, from, sizeof saved);
+    STREAM(from, saved);
+    saved_probe(from, &state);
     probe_link_restore(&sim->link.probe, saved.placed, saved.waits ? &saved.asked : NULL);
     sim->probe_posed = saved.posed;
     sim->probe_pose = saved.pose;
-    trocar_status status = probe_resume(sim->probe, &saved.state, why);
+    trocar_status status = probe_resume(sim->probe, &state, why);
     sim->probe_beneath = sim->resting.changes;
     show(sim);
     if (saved.waits) wake_worker(&sim->link);

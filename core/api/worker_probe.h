@@ -3,6 +3,7 @@
 #define TROCAR_WORKER_PROBE_H
 
 #include "api/api.h"
+#include "saved/state_stream.h"
 
 trocar_status create_probe(trocar_sim *sim, report *why);
 
@@ -13,8 +14,7 @@ bool take_probe_pose(trocar_sim *sim);
 trocar_status press_probe(trocar_sim *sim, report *why);
 
 /* Save and restore the probe. To be called between lockstep steps. */
-size_t saved_probe_size(const trocar_sim *sim);
-void save_probe(trocar_sim *sim, void *to);
-trocar_status restore_probe(trocar_sim *sim, const void *from, report *why);
+void save_probe(state_stream *to, trocar_sim *sim);
+trocar_status restore_probe(state_stream *from, trocar_sim *sim, report *why);
 
 #endif

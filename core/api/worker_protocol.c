@@ -57,12 +57,12 @@ uint64_t next_stamp(void) {
 
 /* ---- one needle ------------------------------------------------------------------------------------------------------------------ */
 
-trocar_status link_create(needle_link *link, report *why) {
-    trocar_status status = triple_buffer_create(&link->requests, sizeof(posted_request), why);
-    if (status == TROCAR_OK) status = triple_buffer_create(&link->answers, sizeof(compliance_snapshot), why);
-    if (status == TROCAR_OK) status = triple_buffer_create(&link->loads, sizeof(tissue_loads), why);
-    if (status == TROCAR_OK) status = triple_buffer_create(&link->left, sizeof(left_needle), why);
-    if (status == TROCAR_OK) status = triple_buffer_create(&link->shown, sizeof(shown_needle), why);
+trocar_status link_create(needle_link *link, bool lockstep, report *why) {
+    trocar_status status = triple_buffer_create(&link->requests, sizeof(posted_request), !lockstep, why);
+    if (status == TROCAR_OK) status = triple_buffer_create(&link->answers, sizeof(compliance_snapshot), !lockstep, why);
+    if (status == TROCAR_OK) status = triple_buffer_create(&link->loads, sizeof(tissue_loads), !lockstep, why);
+    if (status == TROCAR_OK) status = triple_buffer_create(&link->left, sizeof(left_needle), !lockstep, why);
+    if (status == TROCAR_OK) status = triple_buffer_create(&link->shown, sizeof(shown_needle), !lockstep, why);
     return status;
 }
 
@@ -209,12 +209,12 @@ void probe_link_restore(probe_link *link, bool placed, const pose *waiting) {
 
 /* ---- a simulation -------------------------------------------------------------------------------------------------------------------- */
 
-trocar_status sim_link_create(sim_link *link, bool probe, report *why) {
-    link->work_event = eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC);
-    if (link->work_event < 0) return fail(why, TROCAR_SYSTEM, "cannot create an eventfd: %s", strerror(errno));
+trocar_status sim_link_create(sim_link *link, bool probe, bool lockstep, report *why) {
+    link->work_event = lockstep ? -1 : eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC);
+    if (!lockstep && link->work_event < 0) return fail(why, TROCAR_SYSTEM, "cannot create an eventfd: %s", strerror(errno));
     if (!probe) return TROCAR_OK;
-    trocar_status status = triple_buffer_create(&link->probe.poses, sizeof(pose), why);
-    return status == TROCAR_OK ? triple_buffer_create(&link->probe.shown, sizeof(shown_probe), why) : status;
+    trocar_status status = triple_buffer_create(&link->probe.poses, sizeof(pose), !lockstep, why);
+    return status == TROCAR_OK ? triple_buffer_create(&link->probe.shown, sizeof(shown_probe), !lockstep, why) : status;
 }
 
 void sim_link_free(sim_link *link) {
@@ -225,12 +225,14 @@ void sim_link_free(sim_link *link) {
 
 void wake_worker(const sim_link *link) {
     uint64_t one = 1;
+    if (link->work_event < 0) return;
     ssize_t written = write(link->work_event, &one, sizeof one); /* fails only if the counter is full, and in that case the worker is awake anyway */
     (void)written;
 }
 
 void worker_is_awake(const sim_link *link) {
     uint64_t count;
+    if (link->work_event < 0) return;
     ssize_t taken = read(link->work_event, &count, sizeof count);
     (void)taken;
 }

@@ -123,7 +123,8 @@ typedef struct {
     tissue_loads posted_loads; /* the needle's forces as last posted */
 } needle_link;
 
-trocar_status link_create(needle_link *link, report *why);
+/* `lockstep`: one thread is both ticking thread and worker, so that nothing has to be ready in advance. */
+trocar_status link_create(needle_link *link, bool lockstep, report *why);
 void link_free(needle_link *link);
 
 /* Copies only the entries in use, because the arrays are large. RT */
@@ -215,12 +216,12 @@ void probe_link_restore(probe_link *link, bool placed, const pose *waiting);
 /* ---- a simulation -------------------------------------------------------------------------------------------------------------------- */
 
 typedef struct {
-    int work_event;          /* eventfd that is readable while the worker has work to do */
+    int work_event;          /* eventfd that is readable while the worker has work to do; -1 in lockstep */
     atomic_int resting;      /* number of resting needles; set by the worker */
     probe_link probe;
 } sim_link;
 
-trocar_status sim_link_create(sim_link *link, bool probe, report *why);
+trocar_status sim_link_create(sim_link *link, bool probe, bool lockstep, report *why);
 void sim_link_free(sim_link *link);                          /* `link` may be zero-initialised, with work_event = -1 */
 
 void wake_worker(const sim_link *link);                      /* called by the ticking thread. RT, except for one write() */

@@ -26,11 +26,4 @@ static inline void *allocate_on_cache_lines(size_t bytes) {
     return allocate_shared(bytes, &memory, &ignored) == TROCAR_OK ? memory : NULL;
 }
 
-/* Allocates zeros that start on a cache line, for large arrays used by one thread. Pages that are never accessed are not touched. Returns NULL if there is
-   no memory. `*memory`, not the returned pointer, is to be released with free(). */
-static inline void *zeros_on_cache_lines(size_t bytes, void **memory) {
-    unsigned char *from = *memory = calloc(1, bytes + CACHE_LINE);
-    return from ? from + (CACHE_LINE - (size_t)from % CACHE_LINE) % CACHE_LINE : NULL;
-}
-
 #endif

@@ -1,17 +1,22 @@
 #include "base/triple_buffer.h"
 
+#include "base/sparse_memory.h"
+
 enum { FRESH = 4u, INDEX = 3u };
 
-trocar_status triple_buffer_create(triple_buffer *n, size_t size, report *why) {
+trocar_status triple_buffer_create(triple_buffer *n, size_t size, bool touch, report *why) {
     n->size = (size + CACHE_LINE - 1) / CACHE_LINE * CACHE_LINE;
     n->back = 0;
     n->front = 1;
     atomic_init(&n->middle, 2u);
-    return allocate_shared(3 * n->size, &n->slots, why);
+    n->slots = sparse_zeros(3 * n->size);
+    if (!n->slots) return fail(why, TROCAR_NO_MEMORY, "cannot allocate %zu bytes of memory shared by two threads", 3 * n->size);
+    if (touch) memset(n->slots, 0, 3 * n->size);
+    return TROCAR_OK;
 }
 
 void triple_buffer_free(triple_buffer *n) {
-    free(n->slots);
+    sparse_free(n->slots, 3 * n->size);
     n->slots = NULL;
 }
 

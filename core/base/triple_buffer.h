@@ -1,5 +1,5 @@
 /* Lock-free triple buffer that passes the newest value from one thread to another. It has one writer and one reader, neither of which ever waits. Memory
-   is allocated, zeroed and touched at creation. */
+   is allocated and zeroed at creation. */
 #ifndef TROCAR_TRIPLE_BUFFER_H
 #define TROCAR_TRIPLE_BUFFER_H
 
@@ -20,7 +20,8 @@ typedef struct {
     alignas(CACHE_LINE) unsigned front;        /* reader's slot */
 } triple_buffer;
 
-trocar_status triple_buffer_create(triple_buffer *n, size_t size, report *why);
+/* `touch`: also writes to the memory, so that later accesses cause no page faults; without it, pages that are never written take up no memory. */
+trocar_status triple_buffer_create(triple_buffer *n, size_t size, bool touch, report *why);
 void triple_buffer_free(triple_buffer *n);
 
 /* Returns the slot to be filled next, which contains an older value. Writer only. RT */

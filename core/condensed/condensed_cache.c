@@ -15,41 +15,28 @@
 #include <time.h>
 #include <unistd.h>
 
+#include "base/hash.h"
+
 enum { ALIGNMENT = 64 };     /* bytes, alignment of all datasets in the file */
 
 /* ---- name ------------------------------------------------------------------------------------------------------------- */
-
-/* Fowler-Noll-Vo hash (FNV-1a) over eight bytes at a time; the remaining bytes are hashed one by one. */
-static const uint64_t BASIS = UINT64_C(0xcbf29ce484222325);
-static uint64_t hash(uint64_t h, const void *data, size_t bytes) {
-    static const uint64_t PRIME = UINT64_C(0x100000001b3);
-    const unsigned char *at = data;
-    for (; bytes >= 8; bytes -= 8, at += 8) {
-        uint64_t word;
-        memcpy(&word, at, 8);
-        h = (h ^ word) * PRIME;
-        h ^= h >> 32;            /* mixes high bits of a word into the low bits of the hash */
-    }
-    for (; bytes > 0; bytes--, at++) h = (h ^ *at) * PRIME;
-    return h;
-}
 
 static uint64_t key_of(const tissue *t, int count, const int *nodes, bool single) {
     const int facts[] = {CONDENSED_CACHE_VERSION, (int)t->volumetric, single};
     const mesh *m = t->mesh;
     size_t node_count = (size_t)m->node_count, tets = (size_t)m->tet_count;
-    uint64_t h = hash(BASIS, facts, sizeof facts);
-    h = hash(h, m->nodes, node_count * sizeof *m->nodes);
-    h = hash(h, m->tets, tets * sizeof *m->tets);
-    h = hash(h, m->region, tets * sizeof *m->region);
+    uint64_t h = hash_bytes(HASH_BASIS, facts, sizeof facts);
+    h = hash_bytes(h, m->nodes, node_count * sizeof *m->nodes);
+    h = hash_bytes(h, m->tets, tets * sizeof *m->tets);
+    h = hash_bytes(h, m->region, tets * sizeof *m->region);
     for (int g = 0; g < m->group_count; g++) {
         if (m->groups[g].dimension != 3) continue;
-        h = hash(h, &t->materials[g].youngs_modulus, sizeof(double));
-        h = hash(h, &t->materials[g].poisson_ratio, sizeof(double));
+        h = hash_bytes(h, &t->materials[g].youngs_modulus, sizeof(double));
+        h = hash_bytes(h, &t->materials[g].poisson_ratio, sizeof(double));
     }
-    if (t->patch) h = hash(h, t->patch, tets * sizeof *t->patch);
-    h = hash(h, t->dof, node_count * sizeof *t->dof);
-    return hash(h, nodes, (size_t)count * sizeof *nodes);
+    if (t->patch) h = hash_bytes(h, t->patch, tets * sizeof *t->patch);
+    h = hash_bytes(h, t->dof, node_count * sizeof *t->dof);
+    return hash_bytes(h, nodes, (size_t)count * sizeof *nodes);
 }
 
 condensed_cache condensed_cache_find(const char *directory, const tissue *t, int count, const int *nodes, bool single) {
@@ -113,7 +100,7 @@ cache_state condensed_cache_map(const condensed_cache *cache, int *order, symmet
     H5Fclose(file);
     if (!good || !map_file(cache->path, (size_t)offset + bytes, mapping)) return CACHE_DAMAGED;
     matrix->numbers = (char *)mapping->at + offset;
-    if (hash(BASIS, matrix->numbers, bytes) != checksum) {
+    if (hash_bytes(HASH_BASIS, matrix->numbers, bytes) != checksum) {
         munmap(mapping->at, mapping->bytes);
         *mapping = (file_mapping){0};
         matrix->numbers = NULL;
@@ -164,7 +151,7 @@ static bool write_file(const char *path, uint64_t key, const int *order, const s
     hid_t file = H5Fcreate(path, H5F_ACC_EXCL, H5P_DEFAULT, access);
     H5Pclose(access);
     if (file < 0) return false;
-    uint64_t checksum = hash(BASIS, matrix->numbers, symmetric_blocks_bytes(matrix->count, matrix->single));
+    uint64_t checksum = hash_bytes(HASH_BASIS, matrix->numbers, symmetric_blocks_bytes(matrix->count, matrix->single));
     hid_t type = matrix->single ? H5T_NATIVE_FLOAT : H5T_NATIVE_DOUBLE;
     bool good = write_dataset(file, &(dataset){"key", H5T_NATIVE_UINT64, 1, &key}, false)
              && write_dataset(file, &(dataset){"nodes", H5T_NATIVE_INT, (hsize_t)matrix->count, order}, false)

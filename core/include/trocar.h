@@ -41,6 +41,7 @@
 #include "trocar/view.h"
 #include "trocar/picture.h"
 #include "trocar/rollout.h"
+#include "trocar/batch.h"
 #include "trocar/dose.h"
 
 #endif

@@ -27,7 +27,6 @@ typedef struct {
     int extra_count, extra[MAX_EXTRA];  /* extra nodes needed for the present addition */
     double (*nominal)[NESTED_LD];         /* NESTED_LD rows, m/N: K^-1 between the places in use, [3 i + a][3 j + b] */
     double (*factors)[3][NESTED_LD];      /* MAX_CONTACTS entries, m/N times N/m: F_j^T, where F_j(i) is at [j][b][3 i + a] */
-    void *nominal_memory, *factors_memory; /* memory of `nominal` and `factors` */
 } nested_remesher;
 
 /* nested_place: place of a coded node, or -1; the other function returns F_j at a place. */

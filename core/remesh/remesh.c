@@ -66,11 +66,13 @@ static mat3 nominal_between(remesher *r, const added_node *node, const added_nod
     return sum;
 }
 
-static trocar_status add_node(remesher *r, int slot, const added_node *node, report *why) {
+/* `known`: the mesh's resolution at the node; NULL if it has to be measured. */
+static trocar_status add_node(remesher *r, int slot, const added_node *node, const resolved_field *known, report *why) {
     refinement *refined = &r->refined;
     refined->order[refined->count] = slot;
     refined->nodes[slot] = *node;
-    trocar_status status = resolve_contact(r, slot, why);
+    if (known) r->resolved[slot] = *known;
+    trocar_status status = known ? TROCAR_OK : resolve_contact(r, slot, why);
     if (status == TROCAR_OK) status = r->operations->add(r, slot, why);
     if (status != TROCAR_OK) return status;
     for (int i = 0; i <= refined->count && !r->operations->finds_between_contacts; i++) {
@@ -137,7 +139,8 @@ static uint64_t slots_to_clear(const remesher *r, const refinement *wanted) {
     return clear;
 }
 
-static trocar_status update_nodes(remesher *r, const refinement *wanted, report *why) {
+/* `known`: the mesh's resolution at each wanted node, by slot; NULL if it has to be measured. */
+static trocar_status update_nodes(remesher *r, const refinement *wanted, const resolved_field *known, report *why) {
     uint64_t clear = slots_to_clear(r, wanted), kept = 0;
     for (int i = r->refined.count - 1; i >= 0; i--)
         if (clear >> r->refined.order[i] & 1) remove_node(r, i);
@@ -145,20 +148,20 @@ static trocar_status update_nodes(remesher *r, const refinement *wanted, report 
     for (int i = 0; i < wanted->count; i++) {
         int slot = wanted->order[i];
         if (kept >> slot & 1) continue;
-        trocar_status status = add_node(r, slot, &wanted->nodes[slot], why);
+        trocar_status status = add_node(r, slot, &wanted->nodes[slot], known ? &known[slot] : NULL, why);
         if (status != TROCAR_OK) return status;
     }
     return TROCAR_OK;
 }
 
-/* Copies only the rows and columns in use, because a snapshot is large. */
-static void copy_rows(remesher *r, compliance_snapshot *snapshot) {
+/* Copies the rows and columns in use between the remesher's matrix and a snapshot's, which are large. */
+static void copy_rows(const remesher *r, const double *from, double *to) {
     int handles[MAX_HANDLES], count = handles_in_use(r, handles);
     size_t contacts = 3 * (size_t)refinement_span(&r->refined), window = 3 * (size_t)MAX_CONTACTS, end = 3 * (size_t)(count > 0 ? handles[count - 1] + 1 : 0);
     for (int i = 0; i < 3 * count; i++) {
         size_t row = (size_t)(3 * handles[i / 3] + i % 3) * SNAPSHOT_LD;
-        memcpy(snapshot->compliance + row, r->handles + row, contacts * sizeof(double));
-        if (end > window) memcpy(snapshot->compliance + row + window, r->handles + row + window, (end - window) * sizeof(double));
+        memcpy(to + row, from + row, contacts * sizeof(double));
+        if (end > window) memcpy(to + row + window, from + row + window, (end - window) * sizeof(double));
     }
 }
 
@@ -238,7 +241,7 @@ static void fill(remesher *r, const remesh_request *request, compliance_snapshot
     copy_contact_rows(r, r->between_contacts, snapshot->between_contacts);
     snapshot->piece_count = r->piece_count;
     memcpy(snapshot->pieces, r->pieces, (size_t)r->piece_count * sizeof *r->pieces);
-    copy_rows(r, snapshot);
+    copy_rows(r, r->handles, snapshot->compliance);
     r->line_tip = request->tip;
     r->line_direction = request->direction;
     r->line_new = true;
@@ -257,7 +260,7 @@ static trocar_status check_counts(const remesh_request *request, report *why) {
 static trocar_status update(remesher *r, const remesh_request *request, report *why) {
     trocar_status status = check_counts(request, why);
     if (status == TROCAR_OK) status = move_window(r, request, why);
-    if (status == TROCAR_OK) status = update_nodes(r, &request->wanted, why);
+    if (status == TROCAR_OK) status = update_nodes(r, &request->wanted, NULL, why);
     if (status == TROCAR_OK && r->operations->gather) status = r->operations->gather(r, why);
     return status == TROCAR_OK ? residual_displacement_find(r->inverse, request, r->window, &r->residual, why) : status;
 }
@@ -284,7 +287,7 @@ trocar_status remesher_answer(remesher *r, const remesh_request *request, compli
 trocar_status remesher_forget(remesher *r, report *why) {
     static const refinement nothing = {.count = 0};
     for (int k = 0; k < MAX_WINDOW; k++) window_put(r, k, -1);
-    return update_nodes(r, &nothing, why);
+    return update_nodes(r, &nothing, NULL, why);
 }
 
 trocar_status remesher_resume(remesher *r, const remesh_request *request, const compliance_snapshot *snapshot, report *why) {
@@ -300,12 +303,11 @@ trocar_status remesher_resume(remesher *r, const remesh_request *request, const 
     if (status != TROCAR_OK || !answered) return status;
     int handles[MAX_HANDLES], count = handles_in_use(r, handles);
     status = take_nodes(r, count, handles, why);
-    if (status == TROCAR_OK) status = update_nodes(r, &request->wanted, why);
-    memcpy(r->resolved, snapshot->resolved, sizeof r->resolved);
+    if (status == TROCAR_OK) status = update_nodes(r, &request->wanted, snapshot->resolved, why);
     copy_contact_rows(r, snapshot->between_contacts, r->between_contacts);
     r->residual.any = snapshot->has_residuals;
     r->residual.time = snapshot->residual_time;
-    memcpy(r->residual.u, snapshot->u_residual, sizeof r->residual.u);
-    memcpy(r->handles, snapshot->compliance, sizeof snapshot->compliance); /* rows computed in another order would differ in the last bits */
+    if (r->residual.any) memcpy(r->residual.u, snapshot->u_residual, sizeof r->residual.u);
+    if (status == TROCAR_OK) copy_rows(r, snapshot->compliance, r->handles); /* rows computed in another order would differ in the last bits */
     return status;
 }

@@ -5,7 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/cache_line.h"
+#include "base/sparse_memory.h"
 
 /* ---- handles ----------------------------------------------------------------------------------------------------- */
 
@@ -109,10 +109,12 @@ trocar_status change_middle(int n, strided_matrix change, strided_matrix block, 
 
 /* ---- creation ------------------------------------------------------------------------------------------------------ */
 
+static const size_t BLOCKS_BYTES = (size_t)9 * MAX_ROWS * MAX_COLUMNS * sizeof(double), HANDLES_BYTES = (size_t)SNAPSHOT_LD * SNAPSHOT_LD * sizeof(double);
+
 static bool gathered_create(gathered_blocks *g, int nodes) {
     g->row_of = malloc((size_t)nodes * sizeof *g->row_of);
     g->column_of = malloc((size_t)nodes * sizeof *g->column_of);
-    g->blocks = calloc((size_t)9 * MAX_ROWS * MAX_COLUMNS, sizeof *g->blocks); /* pages that are not needed are never touched */
+    g->blocks = sparse_zeros(BLOCKS_BYTES);
     for (int i = 0; g->row_of && g->column_of && i < nodes; i++) g->row_of[i] = g->column_of[i] = -1;
     return g->row_of && g->column_of && g->blocks;
 }
@@ -120,7 +122,7 @@ static bool gathered_create(gathered_blocks *g, int nodes) {
 static void gathered_free(gathered_blocks *g) {
     free(g->row_of);
     free(g->column_of);
-    free(g->blocks);
+    sparse_free(g->blocks, BLOCKS_BYTES);
 }
 
 trocar_status remesher_init(remesher *r, const remesh_operations *operations, inverse *inv, report *why) {
@@ -128,7 +130,7 @@ trocar_status remesher_init(remesher *r, const remesh_operations *operations, in
     r->inverse = inv;
     r->tissue = inverse_tissue(inv);
     for (int k = 0; k < MAX_WINDOW; k++) r->window[k] = -1;
-    r->handles = zeros_on_cache_lines((size_t)SNAPSHOT_LD * SNAPSHOT_LD * sizeof *r->handles, &r->handles_memory);
+    r->handles = sparse_zeros(HANDLES_BYTES);
     r->place_of = malloc((size_t)r->tissue->mesh->node_count * sizeof *r->place_of);
     for (int i = 0; r->place_of && i < r->tissue->mesh->node_count; i++) r->place_of[i] = -1;
     trocar_status status = resolver_create(r->tissue, &r->resolver, why);
@@ -141,5 +143,5 @@ void remesher_release(remesher *r) {
     gathered_free(&r->gathered);
     resolver_free(r->resolver);
     free(r->place_of);
-    free(r->handles_memory);
+    sparse_free(r->handles, HANDLES_BYTES);
 }

@@ -43,7 +43,6 @@ struct remesher {
     int window[MAX_WINDOW];          /* nominal node at each place of the window, or -1; changed only by window_put */
     int *place_of;                   /* node_count: place of each nominal node in the window, or -1 */
     double *handles;                 /* m/N, laid out like compliance_snapshot.compliance */
-    void *handles_memory;            /* memory of `handles` */
     vec3 line_tip, line_direction;   /* line of the last request */
     bool line_new;                   /* true if the line has not been followed yet */
     int ahead_count, ahead_done, ahead[MAX_AHEAD]; /* nominal nodes along the line, and number of those prefetched so far */

@@ -8,7 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/cache_line.h"
+#include "base/sparse_memory.h"
 #include "refinement/refined_field.h"
 
 static const double ROUNDING = 1e-12; /* 1: barycentric weight below which a node counts as on the face opposite that corner. Rounding tolerance */
@@ -250,8 +250,8 @@ static trocar_status nested_take_nodes(remesher *shared, int count, const int *p
 
 static void nested_release(remesher *shared) {
     nested_remesher *r = (nested_remesher *)shared;
-    free(r->nominal_memory);
-    free(r->factors_memory);
+    sparse_free(r->nominal, NESTED_LD * sizeof *r->nominal);
+    sparse_free(r->factors, MAX_CONTACTS * sizeof *r->factors);
 }
 
 static const remesh_operations nested = {nested_add, nested_remove, true, nested_take_nodes, NULL, nested_release, true};
@@ -261,7 +261,7 @@ trocar_status remesher_create_nested(inverse *inv, remesher **created, report *w
     *created = r ? &r->shared : NULL;
     if (!r) return fail(why, TROCAR_NO_MEMORY, "no memory");
     trocar_status status = remesher_init(*created, &nested, inv, why);
-    r->nominal = zeros_on_cache_lines(NESTED_LD * sizeof *r->nominal, &r->nominal_memory);
-    r->factors = zeros_on_cache_lines(MAX_CONTACTS * sizeof *r->factors, &r->factors_memory);
+    r->nominal = sparse_zeros(NESTED_LD * sizeof *r->nominal);
+    r->factors = sparse_zeros(MAX_CONTACTS * sizeof *r->factors);
     return status != TROCAR_OK || (r->nominal && r->factors) ? status : fail(why, TROCAR_NO_MEMORY, "no memory");
 }

@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "base/lame.h"
+#include "base/sparse_memory.h"
 #include "tissue/exact_fields.h"
 #include "tissue/neighbourhood.h"
 
@@ -30,7 +31,7 @@ struct resolver {
 };
 
 trocar_status resolver_create(const tissue *t, resolver **created, report *why) {
-    resolver *r = *created = calloc(1, sizeof *r);
+    resolver *r = *created = sparse_zeros(sizeof *r);
     if (!r) return fail(why, TROCAR_NO_MEMORY, "no memory to measure the mesh's resolution");
     trocar_status status = neighbourhood_create(t, &r->around, why);
     if (status == TROCAR_OK) return TROCAR_OK;
@@ -42,7 +43,7 @@ trocar_status resolver_create(const tissue *t, resolver **created, report *why) 
 void resolver_free(resolver *r) {
     if (!r) return;
     neighbourhood_free(&r->around);
-    free(r);
+    sparse_free(r, sizeof *r);
 }
 
 /* ---- solving ------------------------------------------------------------------------------------------------------- */

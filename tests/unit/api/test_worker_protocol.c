@@ -45,7 +45,7 @@ static void open_single(single *s) {
     memset(s, 0, sizeof *s);
     s->state = calloc(1, sizeof *s->state);
     assert_non_null(s->state);
-    OK(link_create(&s->link, &why));
+    OK(link_create(&s->link, false, &why));
 }
 
 static void close_single(single *s) {
@@ -243,7 +243,7 @@ static void both_threads_agree_on_who_has_the_needle(void **unused) {
     int met[PHASES] = {0}, done[NEEDLE_EVENTS] = {0};
     assert_true(t && state);
     memset(t, 0, sizeof *t);
-    OK(link_create(&t->link, &why));
+    OK(link_create(&t->link, false, &why));
     assert_int_equal(pthread_create(&thread, NULL, work_at_random, t), 0);
     for (int i = 0; i < EVENTS || !all_happened(met, PHASES) || !all_happened(done, ON_ADOPT + 1); i++) {
         needle_event event = (needle_event)random_below(&seed, ON_ADOPT + 1);

@@ -1,0 +1,253 @@
+#define _GNU_SOURCE /* sched_getaffinity */
+#include "batch/batch.h"
+
+#include <sched.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "base/cache_line.h"
+#include "base/host_log.h"
+#include "tissue/blas.h"
+
+enum { MAX_THREADS = 256 };
+
+/* ---- loops over rows ------------------------------------------------------------------------------------------------------------- */
+
+typedef struct {
+    trocar_batch *batch;
+    row_task task;
+    void *context;
+} row_loop;
+
+static void note_failure(trocar_batch *batch, int row, trocar_status status, const report *why) {
+    pthread_mutex_lock(&batch->lock);
+    if (row < batch->failed) {
+        batch->failed = row;
+        batch->status = status;
+        batch->why = *why;
+    }
+    pthread_mutex_unlock(&batch->lock);
+}
+
+static void run_row(void *context, int i, int member) {
+    row_loop *loop = context;
+    trocar_batch *batch = loop->batch;
+    int row = batch->listed[i];
+    trocar_sim *sim = batch->rows[row].sim;
+    report why;
+    if (sim) {
+        sim->workspace = batch->workspaces[member];
+        sim->workspace->profile.clock = sim->clock;
+    }
+    trocar_status status = loop->task(batch, row, member, loop->context, &why);
+    if (status != TROCAR_OK) note_failure(batch, row, status, &why);
+}
+
+void batch_for_rows(trocar_batch *batch, const uint8_t *mask, row_task task, void *context) {
+    row_loop loop = {batch, task, context};
+    int count = 0;
+    for (int row = 0; row < batch->row_count; row++)
+        if (batch_has(mask, row)) batch->listed[count++] = row;
+    if (batch->process != getpid()) { /* the team's threads have stayed in the parent process; its memory is lost */
+        batch->process = getpid();
+        batch->team = team_create(batch->threads);
+    }
+    team_run(batch->team, count, run_row, &loop);
+}
+
+void batch_begin(trocar_batch *batch) {
+    batch->failed = batch->row_count;
+    batch->status = TROCAR_OK;
+}
+
+trocar_status batch_end(const trocar_batch *batch, report *why) {
+    if (batch->status != TROCAR_OK) fail(why, batch->status, "row %d: %.1000s", batch->failed, batch->why.text);
+    return batch->status;
+}
+
+/* ---- creation -------------------------------------------------------------------------------------------------------------------- */
+
+trocar_batch_options trocar_default_batch_options(void) { return (trocar_batch_options){.needles = 1}; }
+
+static int usable_processors(void) {
+    cpu_set_t set;
+    int count = sched_getaffinity(0, sizeof set, &set) == 0 ? CPU_COUNT(&set) : 1;
+    return count < 1 ? 1 : count > MAX_THREADS ? MAX_THREADS : count;
+}
+
+/* Replaces the simulation of a row. After a failure, the row is as before. */
+static trocar_status create_row(batch_row *row, trocar_model *model, insertion_workspace *workspace, report *why) {
+    batch_row created = {.sim = NULL};
+    trocar_status status = sim_create(model, workspace, &created.sim, why);
+    size_t most = status == TROCAR_OK ? trocar_sim_state_size(created.sim) : 0;
+    void *state = status == TROCAR_OK ? malloc(most) : NULL;
+    if (status == TROCAR_OK && !state) status = fail(why, TROCAR_NO_MEMORY, "no memory for a simulation's state");
+    if (status == TROCAR_OK) status = trocar_sim_save(created.sim, state, most, why);
+    created.fresh_bytes = status == TROCAR_OK ? trocar_state_bytes(state) : 0;
+    created.fresh = status == TROCAR_OK ? malloc(created.fresh_bytes) : NULL;
+    if (status == TROCAR_OK && !created.fresh) status = fail(why, TROCAR_NO_MEMORY, "no memory for a simulation's state");
+    if (status == TROCAR_OK) memcpy(created.fresh, state, created.fresh_bytes);
+    free(state);
+    batch_row freed = status == TROCAR_OK ? *row : created;
+    if (status == TROCAR_OK) *row = created;
+    trocar_sim_free(freed.sim);
+    free(freed.fresh);
+    return status;
+}
+
+static trocar_status create_task(trocar_batch *batch, int row, int member, void *context, report *why) {
+    trocar_model *const *models = context;
+    return create_row(&batch->rows[row], models[row], batch->workspaces[member], why);
+}
+
+static trocar_status check_model(const trocar_model *model, int needles, report *why) {
+    if (model->mesh_only) return fail(why, TROCAR_BAD_INPUT, "the model has only a mesh: create it without mesh_only");
+    if (model->parts.config.needle_count >= needles) return TROCAR_OK;
+    return fail(why, TROCAR_BAD_INPUT, "the batch drives %d needles and the model has %d; the scene's \"needles\" says how many", needles,
+                model->parts.config.needle_count);
+}
+
+static trocar_status check_options(trocar_model *const *models, int rows, const trocar_batch_options *o, report *why) {
+    if (rows < 1 || o->threads < 0 || o->threads > MAX_THREADS || o->needles < 1 || o->needles > MAX_NEEDLES)
+        return fail(why, TROCAR_BAD_INPUT, "a batch of %d rows with %d needles in %d threads: at least 1 row, 1 to %d needles, 0 to %d threads", rows, o->needles,
+                    o->threads, MAX_NEEDLES, MAX_THREADS);
+    for (int i = 0; i < rows; i++) {
+        report wrong;
+        trocar_status status = check_model(models[i], o->needles, &wrong);
+        if (status != TROCAR_OK) return fail(why, status, "row %d: %.1000s", i, wrong.text);
+    }
+    return TROCAR_OK;
+}
+
+/* Allocates what the threads need, and starts as many of the wanted ones as memory and the system allow. */
+static trocar_status start_threads(trocar_batch *batch, int wanted, report *why) {
+    report ignored;
+    while (wanted > 1 && blas_make_room(wanted, &ignored) != TROCAR_OK) wanted--;
+    batch->team = team_create(wanted);
+    batch->process = getpid();
+    batch->threads = team_members(batch->team);
+    batch->workspaces = calloc((size_t)batch->threads, sizeof *batch->workspaces);
+    for (int i = 0; batch->workspaces && i < batch->threads; i++) {
+        batch->workspaces[i] = allocate_on_cache_lines(sizeof **batch->workspaces);
+        if (!batch->workspaces[i]) return fail(why, TROCAR_NO_MEMORY, "no memory for the threads of a batch");
+    }
+    return batch->workspaces ? TROCAR_OK : fail(why, TROCAR_NO_MEMORY, "no memory for the threads of a batch");
+}
+
+trocar_status trocar_batch_create(trocar_model *const *models, int rows, const trocar_batch_options *given, trocar_batch **created, trocar_error *error) {
+    trocar_error ignored, *why = error ? error : &ignored;
+    trocar_batch_options options = given ? *given : trocar_default_batch_options();
+    *created = NULL;
+    trocar_status status = check_options(models, rows, &options, why);
+    if (status != TROCAR_OK) return status;
+    trocar_batch *batch = calloc(1, sizeof *batch);
+    if (!batch) return fail(why, TROCAR_NO_MEMORY, "no memory for a batch");
+    batch->row_count = rows;
+    batch->needles = options.needles;
+    pthread_mutex_init(&batch->lock, NULL);
+    batch->rows = calloc((size_t)rows, sizeof *batch->rows);
+    batch->listed = calloc((size_t)rows, sizeof *batch->listed);
+    batch->done = calloc((size_t)rows, sizeof *batch->done);
+    batch->row_failed = calloc((size_t)rows, sizeof *batch->row_failed);
+    bool allocated = batch->rows && batch->listed && batch->done && batch->row_failed;
+    int wanted = options.threads > 0 ? options.threads : usable_processors();
+    if (wanted > rows) wanted = rows;
+    status = allocated ? start_threads(batch, wanted, why) : fail(why, TROCAR_NO_MEMORY, "no memory for a batch of %d rows", rows);
+    if (status == TROCAR_OK && batch->threads < wanted)
+        host_log(&models[0]->log, TROCAR_LOG_WARNING, "the batch has %d of %d threads: no memory for more", batch->threads, wanted);
+    if (status == TROCAR_OK) {
+        batch_begin(batch);
+        batch_for_rows(batch, NULL, create_task, (void *)models);
+        status = batch_end(batch, why);
+    }
+    if (status == TROCAR_OK) *created = batch;
+    else trocar_batch_free(batch);
+    return status;
+}
+
+void trocar_batch_free(trocar_batch *batch) {
+    if (!batch) return;
+    if (batch->process == getpid()) team_free(batch->team);
+    for (int i = 0; batch->rows && i < batch->row_count; i++) {
+        trocar_sim_free(batch->rows[i].sim);
+        free(batch->rows[i].fresh);
+    }
+    for (int i = 0; batch->workspaces && i < batch->threads; i++) free(batch->workspaces[i]);
+    pthread_mutex_destroy(&batch->lock);
+    free(batch->workspaces);
+    free(batch->rows);
+    free(batch->listed);
+    free(batch->done);
+    free(batch->row_failed);
+    free(batch);
+}
+
+int trocar_batch_rows(const trocar_batch *batch) { return batch->row_count; }
+int trocar_batch_needles(const trocar_batch *batch) { return batch->needles; }
+int trocar_batch_threads(const trocar_batch *batch) { return batch->threads; }
+
+static bool has_row(const trocar_batch *batch, int row) { return row >= 0 && row < batch->row_count; }
+
+trocar_sim *trocar_batch_sim(trocar_batch *batch, int row) { return has_row(batch, row) ? batch->rows[row].sim : NULL; }
+
+trocar_status trocar_batch_set_model(trocar_batch *batch, int row, trocar_model *model, trocar_error *error) {
+    trocar_error ignored, *why = error ? error : &ignored;
+    if (!has_row(batch, row)) return fail(why, TROCAR_BAD_INPUT, "row %d: the batch has %d, numbers 0 to %d", row, batch->row_count, batch->row_count - 1);
+    trocar_status status = check_model(model, batch->needles, why);
+    return status == TROCAR_OK ? create_row(&batch->rows[row], model, batch->workspaces[0], why) : status;
+}
+
+/* ---- starting and continuing ----------------------------------------------------------------------------------------------------- */
+
+static trocar_status reset_task(trocar_batch *batch, int row, int member, void *context, report *why) {
+    (void)member;
+    const batch_row *r = &batch->rows[row];
+    const trocar_pose *poses = (const trocar_pose *)context + (size_t)row * (size_t)batch->needles;
+    trocar_status status = trocar_sim_restore(r->sim, r->fresh, r->fresh_bytes, why);
+    for (int n = 0; n < batch->needles && status == TROCAR_OK; n++) status = trocar_sim_reset(r->sim, n, &poses[n], why);
+    return status;
+}
+
+trocar_status trocar_batch_reset(trocar_batch *batch, const trocar_pose *poses, const uint8_t *mask, trocar_error *error) {
+    trocar_error ignored;
+    batch_begin(batch);
+    batch_for_rows(batch, mask, reset_task, (void *)poses);
+    return batch_end(batch, error ? error : &ignored);
+}
+
+typedef struct {
+    void *const *states;
+    size_t size;
+} save_call;
+
+static trocar_status save_task(trocar_batch *batch, int row, int member, void *context, report *why) {
+    (void)member;
+    const save_call *call = context;
+    return trocar_sim_save(batch->rows[row].sim, call->states[row], call->size, why);
+}
+
+trocar_status trocar_batch_save(trocar_batch *batch, void *const *states, size_t size, const uint8_t *mask, trocar_error *error) {
+    trocar_error ignored;
+    batch_begin(batch);
+    batch_for_rows(batch, mask, save_task, &(save_call){states, size});
+    return batch_end(batch, error ? error : &ignored);
+}
+
+typedef struct {
+    const void *const *states;
+    const size_t *sizes;
+} restore_call;
+
+static trocar_status restore_task(trocar_batch *batch, int row, int member, void *context, report *why) {
+    (void)member;
+    const restore_call *call = context;
+    return trocar_sim_restore(batch->rows[row].sim, call->states[row], call->sizes[row], why);
+}
+
+trocar_status trocar_batch_restore(trocar_batch *batch, const void *const *states, const size_t *sizes, const uint8_t *mask, trocar_error *error) {
+    trocar_error ignored;
+    batch_begin(batch);
+    batch_for_rows(batch, mask, restore_task, &(restore_call){states, sizes});
+    return batch_end(batch, error ? error : &ignored);
+}

@@ -1,0 +1,152 @@
+/* trocar/batch.h: stepping. */
+#include <stdatomic.h>
+#include <string.h>
+
+#include "api/ticking.h"
+#include "api/view.h"
+#include "batch/batch.h"
+
+enum { TICKS_BETWEEN = 64 }; /* steps of a row between two calls of the watch's functions */
+
+typedef struct {
+    const trocar_pose *poses;
+    int steps, from, to;     /* the steps of this call, and those of one pass over the rows */
+    double dt;
+    int row_count;           /* number of rows of the mask */
+    const trocar_watch *watch;
+    const trocar_batch_outputs *out;
+    int *done;               /* for each row, steps completed */
+    bool *failed;
+    atomic_bool cancelled;
+    atomic_llong completed;  /* steps completed in all rows */
+} step_call;
+
+/* ---- outputs --------------------------------------------------------------------------------------------------------------------- */
+
+static void write_tip(const trocar_sim *sim, int needle, trocar_pose *tip) {
+    const needle_state *shape = &state_of_needle(sim, needle, NULL)->needle;
+    int segments = sim->model->parts.needle.given.segments;
+    *tip = pose_out((pose){shape->joints[segments], shape->frames[segments - 1]});
+}
+
+/* `at`: index in arrays [R][S][N]. */
+static void write_outputs(const trocar_batch_outputs *out, const trocar_sim *sim, int needle, size_t at, const trocar_output *o) {
+    if (out->force) memcpy(out->force + 3 * at, o->force, sizeof o->force);
+    if (out->torque) memcpy(out->torque + 3 * at, o->torque, sizeof o->torque);
+    if (out->depth) out->depth[at] = o->depth;
+    if (out->tip) write_tip(sim, needle, &out->tip[at]);
+    if (out->contacts) out->contacts[at] = o->contacts;
+    if (out->events) out->events[at] = o->events;
+    if (out->membrane) out->membrane[at] = o->membrane;
+    if (out->passes) out->passes[at] = o->passes;
+    if (out->switches) out->switches[at] = o->switches;
+}
+
+/* Clears a row's outputs from one step on. */
+static void clear_outputs(const trocar_batch *batch, const step_call *call, int row, int from) {
+    const trocar_batch_outputs *out = call->out;
+    size_t step = (size_t)row * (size_t)call->steps + (size_t)from, at = step * (size_t)batch->needles, steps = (size_t)(call->steps - from);
+    size_t count = steps * (size_t)batch->needles;
+    if (out->force) memset(out->force + 3 * at, 0, 3 * count * sizeof *out->force);
+    if (out->torque) memset(out->torque + 3 * at, 0, 3 * count * sizeof *out->torque);
+    if (out->depth) memset(out->depth + at, 0, count * sizeof *out->depth);
+    if (out->tip) memset(out->tip + at, 0, count * sizeof *out->tip);
+    int32_t *const numbers[] = {out->contacts, (int32_t *)out->events, out->membrane, out->passes, out->switches};
+    for (size_t i = 0; i < sizeof numbers / sizeof *numbers; i++)
+        if (numbers[i]) memset(numbers[i] + at, 0, count * sizeof *numbers[i]);
+    if (out->seeds) memset(out->seeds + step, 0, steps * sizeof *out->seeds);
+}
+
+/* ---- a row ----------------------------------------------------------------------------------------------------------------------- */
+
+/* A needle that rests, or is about to: it is not ticked. One that is being taken is handed over in its step. */
+static bool rests(const trocar_sim *sim, int needle) {
+    trocar_needle_state state = trocar_sim_needle_state(sim, needle);
+    return state == TROCAR_NEEDLE_LEAVING || state == TROCAR_NEEDLE_RESTING;
+}
+
+static trocar_output output_at_rest(const trocar_sim *sim, int needle) {
+    const insertion_state *state = state_of_needle(sim, needle, NULL);
+    return (trocar_output){.depth = state->tip.place.phase == TIP_FREE ? 0.0 : state->tip.place.depth, .contacts = contacts_active(state), .membrane = NO_MEMBRANE};
+}
+
+static trocar_status step_row(const trocar_batch *batch, const step_call *call, int row, int step, report *why) {
+    trocar_sim *sim = batch->rows[row].sim;
+    size_t at = ((size_t)row * (size_t)call->steps + (size_t)step) * (size_t)batch->needles;
+    int ticked = 0, leaving = 0;
+    for (int n = 0; n < batch->needles; n++) {
+        trocar_output output;
+        if (rests(sim, n)) {
+            leaving += trocar_sim_needle_state(sim, n) == TROCAR_NEEDLE_LEAVING;
+            output = output_at_rest(sim, n);
+        } else {
+            trocar_status status = trocar_sim_step(sim, n, &call->poses[at + (size_t)n], call->dt, &output, why);
+            if (status != TROCAR_OK) return status;
+            ticked++;
+        }
+        write_outputs(call->out, sim, n, at + (size_t)n, &output);
+    }
+    if (call->out->seeds) call->out->seeds[(size_t)row * (size_t)call->steps + (size_t)step] = sim->seeds.count;
+    return leaving > 0 && ticked == 0 ? trocar_sim_work(sim, NULL, why) : TROCAR_OK; /* no tick has let the worker attach them */
+}
+
+static void look(step_call *call) {
+    const trocar_watch *watch = call->watch;
+    double all = (double)call->row_count * call->steps;
+    if (watch && watch->progress) watch->progress("batch", (double)atomic_load(&call->completed) / all, watch->context);
+    if (watch && watch->cancelled && watch->cancelled(watch->context)) atomic_store(&call->cancelled, true);
+}
+
+static trocar_status step_task(trocar_batch *batch, int row, int member, void *context, report *why) {
+    step_call *call = context;
+    trocar_status status = TROCAR_OK;
+    if (call->failed[row] || atomic_load(&call->cancelled)) return TROCAR_OK;
+    while (call->done[row] < call->to && status == TROCAR_OK) {
+        report reason;
+        status = step_row(batch, call, row, call->done[row], &reason);
+        if (status == TROCAR_OK) call->done[row]++;
+        else fail(why, status, "step %d: %.900s", call->done[row], reason.text);
+    }
+    call->failed[row] = status != TROCAR_OK;
+    if (call->out->status) call->out->status[row] = (int32_t)status;
+    atomic_fetch_add(&call->completed, call->done[row] - call->from);
+    if (member == 0) look(call);
+    return status;
+}
+
+/* ---- all rows -------------------------------------------------------------------------------------------------------------------- */
+
+static void begin_rows(const trocar_batch *batch, step_call *call, const uint8_t *mask) {
+    for (int row = 0; row < batch->row_count; row++) {
+        if (!batch_has(mask, row)) continue;
+        call->row_count++;
+        call->done[row] = 0;
+        call->failed[row] = false;
+        if (call->out->status) call->out->status[row] = TROCAR_OK;
+    }
+}
+
+static void end_rows(const trocar_batch *batch, step_call *call, const uint8_t *mask) {
+    for (int row = 0; row < batch->row_count; row++) {
+        if (!batch_has(mask, row)) continue;
+        if (call->done[row] < call->steps) clear_outputs(batch, call, row, call->done[row]);
+        if (call->out->done) call->out->done[row] = call->done[row];
+    }
+}
+
+trocar_status trocar_batch_step(trocar_batch *batch, const trocar_pose *poses, int steps, double dt, const uint8_t *mask, const trocar_watch *watch,
+                                const trocar_batch_outputs *outputs, trocar_error *error) {
+    trocar_error ignored, *why = error ? error : &ignored;
+    if (steps < 0) return fail(why, TROCAR_BAD_INPUT, "%d steps: expected 0 or more", steps);
+    if (!(dt > 0.0 && dt <= 1.0)) return fail(why, TROCAR_BAD_INPUT, "dt of %g s: above 0 and at most 1 s", dt);
+    step_call call = {.poses = poses, .steps = steps, .dt = dt, .watch = watch, .out = outputs, .done = batch->done, .failed = batch->row_failed};
+    begin_rows(batch, &call, mask);
+    batch_begin(batch);
+    for (call.from = 0; call.from < steps && !atomic_load(&call.cancelled); call.from = call.to) {
+        call.to = steps - call.from < TICKS_BETWEEN ? steps : call.from + TICKS_BETWEEN;
+        batch_for_rows(batch, mask, step_task, &call);
+    }
+    end_rows(batch, &call, mask);
+    if (atomic_load(&call.cancelled) && batch->status == TROCAR_OK) return fail(why, TROCAR_CANCELLED, "cancelled");
+    return batch_end(batch, why);
+}

@@ -1,0 +1,27 @@
+/* Writes a saved state to memory, or reads it. The same functions describe the format in both directions: each of them passes the members of a struct that
+   are in use, in order. */
+#ifndef TROCAR_STATE_STREAM_H
+#define TROCAR_STATE_STREAM_H
+
+#include <stdbool.h>
+#include <stddef.h>
+
+typedef struct {
+    bool reading;            /* members are filled from the memory; otherwise they are copied to it and do not change */
+    bool failed;             /* the memory is too small or, when reading, a count is out of range; nothing more is passed */
+    char *at, *end;          /* the rest of the memory; it does not change when reading */
+} state_stream;
+
+state_stream stream_to(void *memory, size_t bytes);
+state_stream stream_from(const void *memory, size_t bytes);
+
+/* Passes `bytes` bytes. When reading fails, they become zero. */
+void stream_pass(state_stream *s, void *data, size_t bytes);
+
+/* Passes a number of entries from 0 to `most`. When reading fails, it becomes 0. */
+void stream_count(state_stream *s, int *count, int most);
+
+#define STREAM(s, value) stream_pass(s, &(value), sizeof(value))                             /* passes a variable */
+#define STREAM_ENTRIES(s, array, count) stream_pass(s, array, (size_t)(count) * sizeof *(array)) /* passes the first entries of an array */
+
+#endif

@@ -1,7 +1,8 @@
 """trocar: a flexible needle in soft tissue, from Python.
 
 A thin layer over libtrocar (see trocar.h): arrays are NumPy arrays, units are SI, and the world frame is the frame of the mesh. A `Scene` describes
-the simulation; a `Model` is built from it once and is constant; a `Sim` holds everything that changes. `rollout` runs many insertions on one model.
+the simulation; a `Model` is built from it once and is constant; a `Sim` holds everything that changes. `rollout` runs many insertions on one model,
+and a `Batch` steps many simulations together.
 
     >>> import trocar
     >>> model = trocar.Model(trocar.Scene.load("figure8.yaml"))
@@ -27,7 +28,7 @@ import numpy.typing as npt
 
 from ._library import Error, _check, _Turn, _Watch, _write_log, ffi, lib
 
-__all__ = ["Contact", "Error", "Event", "Guide", "Key", "Mesh", "Model", "Output", "Probe", "Scene", "Seed", "SeedSize", "Sim", "Track", "keys", "rollout"]
+__all__ = ["Batch", "Contact", "Error", "Event", "Guide", "Key", "Mesh", "Model", "Output", "Probe", "Scene", "Seed", "SeedSize", "Sim", "Track", "keys", "rollout"]
 __version__ = "%d.%d.%d" % (lib.trocar_version() // 10000, lib.trocar_version() // 100 % 100, lib.trocar_version() % 100)
 
 
@@ -249,6 +250,10 @@ class Scene:
     def __deepcopy__(self, _: Any) -> Scene:
         return self.__copy__()
 
+    def copy(self) -> Scene:
+        """Returns a copy, which can be changed independently."""
+        return self.__copy__()
+
     def __contains__(self, key: object) -> bool:
         return isinstance(key, str) and self._text(key) not in (None, "", "[]")
 
@@ -353,6 +358,7 @@ class Model:
         if handle[0]:
             self._handle = ffi.gc(handle[0], lib.trocar_model_free)
         watch.check(status, why)
+        self._scene = scene.copy()
         self._guide_names = scene.names("guides")
 
     def __copy__(self) -> Model:
@@ -361,16 +367,24 @@ class Model:
     def __deepcopy__(self, _: Any) -> Model:
         return self
 
-    def derive(self, scene: Scene) -> Model:
-        """Makes a model of another scene that shares the mesh, stiffness and inverse of this model, which takes only milliseconds. The two scenes may
+    @property
+    def scene(self) -> Scene:
+        """A copy of the scene from which the model was made."""
+        return self._scene.copy()
+
+    def derive(self, scene: Scene | None = None, **changes: float | str | Sequence[str] | Sequence[float]) -> Model:
+        """Makes a model of another scene that shares the mesh, stiffness and inverse of this model, which takes only milliseconds. The other scene is
+        `scene`, by default this model's, with `changes` of its keys: model.derive(**{"needle.outer_diameter": 1e-3}). The two scenes may
         differ in needle, friction, cutting, puncture forces, relaxation, guides and seeds. Raises Error, which names the key, if the stiffness would
         differ."""
         why, handle = ffi.new("trocar_error *"), ffi.new("trocar_model **")
-        with scene._turn.to_read():
-            _check(lib.trocar_model_derive(self._handle, scene._handle, handle, why), why)
+        changed = (scene or self._scene).copy()
+        for key, value in changes.items():
+            changed[key] = value
+        _check(lib.trocar_model_derive(self._handle, changed._handle, handle, why), why)
         model = Model.__new__(Model)
         model._handle = ffi.gc(handle[0], lib.trocar_model_free)
-        model._guide_names = scene.names("guides")
+        model._scene, model._guide_names = changed, changed.names("guides")
         return model
 
     @property
@@ -608,15 +622,18 @@ class Sim:
         return np.array([*pose.position, *pose.orientation])
 
     def save(self) -> bytes:
-        """Returns the complete state, for `restore` of any simulation of the same model."""
+        """Returns the complete state, some 10 to 300 kB, for `restore` of any simulation of the same model, or of a model made from an equal scene and
+        mesh, also in another process: the bytes may be kept in a file."""
         why, size = ffi.new("trocar_error *"), lib.trocar_sim_state_size(self._handle)
-        state = bytearray(size)
+        state = np.empty(size, np.uint8)  # much larger than the state; pages that are not written are not touched
+        buffer = ffi.from_buffer(state, require_writable=True)
         with self._turn:
-            _check(lib.trocar_sim_save(self._handle, ffi.from_buffer(state), size, why), why)
-        return bytes(state)
+            _check(lib.trocar_sim_save(self._handle, buffer, size, why), why)
+        return state[:lib.trocar_state_bytes(buffer)].tobytes()
 
     def restore(self, state: bytes) -> None:
-        """Restores a state saved by `save`."""
+        """Restores a state saved by `save`. Raises Error with the cause if the model differs, or if the state is damaged or was saved by another version
+        of the library."""
         why = ffi.new("trocar_error *")
         with self._turn:
             _check(lib.trocar_sim_restore(self._handle, ffi.from_buffer(state), len(state), why), why)
@@ -746,3 +763,203 @@ def rollout(model: Model, poses: npt.ArrayLike, dt: float = 0.001, threads: int 
                                 ffi.cast("trocar_output *", ffi.from_buffer("char[]", outputs, require_writable=True)), why)
     watch.check(status, why)
     return outputs
+
+
+# For each output of a batch: NumPy's and C's type, the shape of an entry, and whether each needle has one.
+_BATCH_OUTPUTS = {"force": ("f8", "double *", (3,), True), "torque": ("f8", "double *", (3,), True), "depth": ("f8", "double *", (), True),
+                  "tip": ("f8", "trocar_pose *", (7,), True), "contacts": ("i4", "int32_t *", (), True), "events": ("u4", "uint32_t *", (), True),
+                  "membrane": ("i4", "int32_t *", (), True), "passes": ("i4", "int32_t *", (), True), "switches": ("i4", "int32_t *", (), True),
+                  "seeds": ("i4", "int32_t *", (), False)}
+
+
+class Batch:
+    """Several simulations, called rows, that are stepped together in the library's threads; the GIL is released. The results do not depend on the number
+    of threads, and are equal to the bit to those of single simulations with the same poses.
+
+    `batch[row]` is the `Sim` of a row, for use between the calls of the batch: contacts, centreline, drop_seeds, leave, take, save and so on. Only one
+    thread at a time may use a batch and its rows; a concurrent call raises Error. `len(batch)` is the number of rows.
+
+    Outputs, with their shape for each row, step and needle: force (3,) N and torque (3,) N m, world frame, on the hand; depth, m; tip (7,): pose of the
+    needle's end, whose +z is along the needle and +y to the bevel's side; contacts; events: bits of `Event`; membrane; passes; switches, as in `Output`;
+    and, for each row and step, seeds: number of seeds in the tissue. A needle that rests is not ticked: its pose is not read, and its force, torque and
+    events are 0.
+    """
+
+    def __init__(self, models: Model | Sequence[Model], count: int | None = None, threads: int = 0,
+                 outputs: Sequence[str] = ("force", "torque", "depth", "tip", "contacts", "events", "membrane"), needles: int = 1) -> None:
+        """models: one model for all rows, or several: row i simulates models[i % len(models)]. count: number of rows, by default one for each model.
+        threads: 0: one for each processor that the process may use. outputs: names of the arrays that `step` and `run` return; the others are
+        not computed. needles: number of needles that are driven in each row: needle 0 to needles - 1. A row takes up some 5 to 10 MB."""
+        given = [models] if isinstance(models, Model) else list(models)
+        rows = len(given) if count is None else count
+        if not given or rows < 1:
+            raise ValueError("a batch has at least one model and one row; got %d models and %d rows" % (len(given), rows))
+        unknown = [name for name in outputs if name not in _BATCH_OUTPUTS]
+        if unknown:
+            raise ValueError("outputs: there is no \"%s\": choose from %s" % (unknown[0], ", ".join(_BATCH_OUTPUTS)))
+        self._models = [given[i % len(given)] for i in range(rows)]
+        why, handle = ffi.new("trocar_error *"), ffi.new("trocar_batch **")
+        options = ffi.new("trocar_batch_options *", {"threads": threads, "needles": needles})
+        _check(lib.trocar_batch_create([model._handle for model in self._models], rows, options, handle, why), why)
+        self._handle, self._turn = ffi.gc(handle[0], lib.trocar_batch_free), _Turn("Batch")
+        self._needles, self._names = needles, tuple(outputs)
+        self._sims: dict[int, Sim] = {}
+        self._status, self._done = np.zeros(rows, np.int32), np.zeros(rows, np.int32)
+        self._arrays = self._new_arrays(1)
+
+    def __len__(self) -> int:
+        return len(self._models)
+
+    def __getitem__(self, row: int) -> Sim:
+        if not -len(self) <= row < len(self):
+            raise IndexError("row %d: the batch has %d" % (row, len(self)))
+        row %= len(self)
+        if row not in self._sims:
+            self._sims[row] = Sim.__new__(Sim)
+            self._bind(row)
+        return self._sims[row]
+
+    def _bind(self, row: int) -> None:
+        """Lets the `Sim` of a row stand for the row's present simulation. It keeps the batch alive."""
+        sim = self._sims[row]
+        sim._handle = ffi.gc(lib.trocar_batch_sim(self._handle, row), lambda _, batch=self._handle: None)
+        sim.model, sim._turn, sim._out = self._models[row], self._turn, ffi.new("trocar_output *")
+        sim._view = lib.trocar_sim_view(sim._handle)
+
+    @property
+    def threads(self) -> int:
+        """Number of threads."""
+        return lib.trocar_batch_threads(self._handle)
+
+    @property
+    def needles(self) -> int:
+        """Number of needles that are driven in each row."""
+        return self._needles
+
+    @property
+    def models(self) -> tuple[Model, ...]:
+        """The model of each row."""
+        return tuple(self._models)
+
+    @property
+    def status(self) -> npt.NDArray[np.int32]:
+        """For each row, 0 if its last step succeeded, and otherwise a number above 0; (rows,), overwritten by `step` and `run`."""
+        return self._status
+
+    @property
+    def done(self) -> npt.NDArray[np.int32]:
+        """For each row, the number of steps that it completed in the last call; (rows,), overwritten by `step` and `run`."""
+        return self._done
+
+    def set_model(self, row: int, model: Model) -> None:
+        """Makes a row a new simulation of another model, in a few milliseconds; its needles are at the origin until `reset` is called."""
+        row = range(len(self))[row]
+        why = ffi.new("trocar_error *")
+        with self._turn:
+            _check(lib.trocar_batch_set_model(self._handle, row, model._handle, why), why)
+            self._models[row] = model
+            if row in self._sims:
+                self._bind(row)
+
+    def _mask(self, mask: npt.ArrayLike | None) -> tuple[Any, Any]:
+        """Returns the mask for C, and the array that it points to."""
+        if mask is None:
+            return ffi.NULL, None
+        array = np.ascontiguousarray(mask, np.bool_)
+        if array.shape != (len(self),):
+            raise ValueError("a mask is (%d,): one entry for each row; got shape %s" % (len(self), array.shape))
+        return ffi.from_buffer("uint8_t[]", array), array
+
+    def reset(self, poses: npt.ArrayLike, mask: npt.ArrayLike | None = None) -> None:
+        """Makes the rows of the mask (rows,), by default all, as if they had just been created: tissue at rest, without seeds, tracks and resting
+        needles, at time 0. Their needles are straight at `poses`: (7,) for all, (rows, 7), or (rows, needles, 7); poses of other rows are not read."""
+        given = np.asarray(poses, np.float64)
+        if given.ndim == 2 and given.shape[0] == len(self):
+            given = given[:, None]
+        given = np.ascontiguousarray(np.broadcast_to(given, (len(self), self._needles, 7)))
+        why = ffi.new("trocar_error *")
+        chosen, _kept = self._mask(mask)
+        with self._turn:
+            _check(lib.trocar_batch_reset(self._handle, ffi.cast("trocar_pose const *", ffi.from_buffer("double[]", given)), chosen, why), why)
+
+    def _new_arrays(self, steps: int) -> dict[str, npt.NDArray[Any]]:
+        arrays = {}
+        for name in self._names:
+            kind, _, entry, of_needles = _BATCH_OUTPUTS[name]
+            arrays[name] = np.zeros((len(self), steps, *((self._needles,) if of_needles else ()), *entry), kind)
+        return arrays
+
+    def _step(self, poses: npt.NDArray[np.float64], dt: float, mask: npt.ArrayLike | None, arrays: dict[str, npt.NDArray[Any]], watch: _Watch | None) -> None:
+        """poses: (rows, steps, needles, 7)."""
+        why, outputs = ffi.new("trocar_error *"), ffi.new("trocar_batch_outputs *")
+        chosen, _kept = self._mask(mask)
+        for name, array in arrays.items():
+            setattr(outputs, name, ffi.cast(_BATCH_OUTPUTS[name][1], ffi.from_buffer("char[]", array, require_writable=True)))
+        outputs.status = ffi.cast("int32_t *", ffi.from_buffer("char[]", self._status, require_writable=True))
+        outputs.done = ffi.cast("int32_t *", ffi.from_buffer("char[]", self._done, require_writable=True))
+        given = ffi.cast("trocar_pose const *", ffi.from_buffer("double[]", poses))
+        with self._turn:
+            status = lib.trocar_batch_step(self._handle, given, poses.shape[1], dt, chosen, watch.pointer if watch else ffi.NULL, outputs, why)
+        if watch:
+            watch.check(status, why)
+        else:
+            _check(status, why)
+
+    def _given(self, poses: npt.ArrayLike, axes: str, many: bool) -> tuple[npt.NDArray[np.float64], bool]:
+        """Returns poses as (rows, steps, needles, 7), and whether they were given with an axis of needles."""
+        given = np.ascontiguousarray(poses, np.float64)
+        with_needles = given.ndim == (4 if many else 3)
+        if not many:
+            given = given[:, None] if given.ndim > 1 else given
+        if not with_needles and given.ndim == 3 and self._needles == 1:
+            given = given[:, :, None]
+        if given.ndim != 4 or (given.shape[0], *given.shape[2:]) != (len(self), self._needles, 7):
+            raise ValueError("poses are (%d%s%s, 7)%s; got shape %s" % (len(self), axes, ", %d" % self._needles if self._needles > 1 else "",
+                                                                       " or (%d%s, 1, 7)" % (len(self), axes) if self._needles == 1 else "", np.shape(poses)))
+        return given, with_needles
+
+    def step(self, poses: npt.ArrayLike, dt: float = 0.001, mask: npt.ArrayLike | None = None) -> dict[str, npt.NDArray[Any]]:
+        """Runs a tick of `dt` seconds in each row of the mask (rows,), by default all, and the mesh update that it requests. poses: (rows, 7), or
+        (rows, needles, 7).
+
+        Returns the chosen outputs: (rows, ...), or (rows, needles, ...) if the poses had such an axis. The arrays belong to the batch and are
+        overwritten by the next call; rows outside the mask keep their last values. An error in a row does not stop the others: when all are done, Error
+        is raised with the message of the first row that failed, and `status` and the arrays of the previous call tell the rest."""
+        given, with_needles = self._given(poses, "", False)
+        self._step(given, dt, mask, self._arrays, None)
+        shown = {name: array[:, 0] for name, array in self._arrays.items()}
+        return shown if with_needles else {name: array[:, 0] if _BATCH_OUTPUTS[name][3] else array for name, array in shown.items()}
+
+    def run(self, poses: npt.ArrayLike, dt: float = 0.001, mask: npt.ArrayLike | None = None,
+            progress: Callable[[str, float], Any] | None = None) -> dict[str, npt.NDArray[Any]]:
+        """Runs several ticks: poses (rows, steps, 7), or (rows, steps, needles, 7). This is faster than as many calls of `step`.
+
+        Returns the chosen outputs in new arrays, (rows, steps, ...) or (rows, steps, needles, ...); rows outside the mask are zero. Errors as in `step`.
+        progress("batch", fraction) is called after at most 64 steps of a row. An exception raised in it ends the call, and so does Ctrl-C;
+        `done` then tells how many steps each row has completed."""
+        given, with_needles = self._given(poses, ", steps", True)
+        arrays = self._new_arrays(given.shape[1])
+        self._step(given, dt, mask, arrays, _Watch(progress))
+        return arrays if with_needles else {name: array[:, :, 0] if _BATCH_OUTPUTS[name][3] else array for name, array in arrays.items()}
+
+    def save(self, mask: npt.ArrayLike | None = None) -> list[bytes]:
+        """Returns the states of the rows of the mask (rows,), by default all, in the order of the rows; see `Sim.save`."""
+        return [self[int(row)].save() for row in self._rows(mask)]
+
+    def restore(self, states: bytes | Sequence[bytes], mask: npt.ArrayLike | None = None) -> None:
+        """Restores the rows of the mask (rows,), by default all, in several threads: all of them to one state, or each to its own, in the order of the
+        rows. See `Sim.restore`."""
+        rows = self._rows(mask)
+        given = [states] * len(rows) if isinstance(states, bytes) else list(states)
+        if len(given) != len(rows):
+            raise ValueError("%d states for %d rows" % (len(given), len(rows)))
+        why, pointers, sizes = ffi.new("trocar_error *"), ffi.new("void const *[]", len(self)), ffi.new("size_t[]", len(self))
+        kept = [ffi.from_buffer(state) for state in given]
+        for row, buffer, state in zip(rows, kept, given):
+            pointers[int(row)], sizes[int(row)] = buffer, len(state)
+        chosen, _kept = self._mask(mask)
+        with self._turn:
+            _check(lib.trocar_batch_restore(self._handle, pointers, sizes, chosen, why), why)
+
+    def _rows(self, mask: npt.ArrayLike | None) -> npt.NDArray[np.intp]:
+        return np.arange(len(self)) if mask is None else np.flatnonzero(np.asarray(mask, np.bool_))

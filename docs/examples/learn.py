@@ -24,7 +24,7 @@ TEST = 1_000_000                           # first seed of the test's episodes, 
 
 
 def linear(weights, observations):
-    """Actions (rows, 2) of controllers with weights (rows, 8)."""
+    """Actions (rows, 2) of controllers with weights (8,) or (rows, 8)."""
     features = np.concatenate([SCALES * observations, np.ones((len(observations), 1))], axis=1)
     return np.stack([np.ones(len(observations)), np.tanh(np.sum(weights * features, axis=1))], axis=1)
 
@@ -38,7 +38,7 @@ def turned(_, observations):
 
 
 def run(env, policy, weights, seeds):
-    """Returns the sum of rewards and the last error (mm) of an episode in each row; weights (rows, 8)."""
+    """Returns the sum of rewards and the last error (mm) of an episode in each row; weights (8,) or (rows, 8)."""
     observations, info = env.reset(seed=seeds)
     running = np.ones(env.num_envs, bool)
     total, error = np.zeros(env.num_envs), np.zeros(env.num_envs)
@@ -50,45 +50,38 @@ def run(env, policy, weights, seeds):
     return total, error
 
 
-def test(env, policy, weights=None):
-    """Returns the errors (mm) in the test's episodes, of one controller."""
-    rows = None if weights is None else np.repeat(weights[None], ROWS, axis=0)
-    return run(env, policy, rows, [TEST + i for i in range(ROWS)])[1]
-
-
 def learn(env, random, report):
     """Returns the weights (8,) that have been learned."""
-    mean, deviation = np.zeros(len(SCALES) + 1), np.full(len(SCALES) + 1, START)
+    mean, deviation, each = np.zeros(len(SCALES) + 1), np.full(len(SCALES) + 1, START), ROWS // CANDIDATES
     for generation in range(GENERATIONS):
         candidates = mean + deviation * random.standard_normal((CANDIDATES, len(mean)))
-        each = ROWS // CANDIDATES          # rows 0 and 1 belong to candidate 0, rows 2 and 3 to candidate 1, ...
-        total, _ = run(env, linear, np.repeat(candidates, each, axis=0), [generation * each + i for i in range(each)] * CANDIDATES)
-        score = total.reshape(CANDIDATES, each).sum(axis=1)
-        best = candidates[np.argsort(score)[-ELITE:]]
-        mean = best.mean(axis=0)
-        deviation = np.sqrt(best.var(axis=0) + (EXTRA * max(0.0, 1.0 - 1.5 * generation / GENERATIONS)) ** 2)
-        report((generation + 1) * ROWS, test(env, linear, mean))
+        seeds = [generation * each + i for i in range(each)] * CANDIDATES    # rows 0 and 1 belong to candidate 0, rows 2 and 3 to candidate 1, ...
+        total, error = run(env, linear, np.repeat(candidates, each, axis=0), seeds)
+        best = np.argsort(total.reshape(CANDIDATES, each).sum(axis=1))[-ELITE:]
+        report("tried", (generation + 1) * ROWS, error)
+        report("best four", (generation + 1) * ROWS, error.reshape(CANDIDATES, each)[best])
+        mean = candidates[best].mean(axis=0)
+        deviation = np.sqrt(candidates[best].var(axis=0) + (EXTRA * max(0.0, 1.0 - 1.5 * generation / GENERATIONS)) ** 2)
     return mean
 
 
 def main(path=None):
     env = gymnasium.make_vec("trocar/Reach-v0", num_envs=ROWS)
     begun, rows = time.monotonic(), []
-    for name, policy in (("pushed without turning", pushed), ("turned all the time", turned)):
-        error = test(env, policy)
-        rows.append((name, 0, error.mean(), np.quantile(error, 0.9)))
-        print(f"{name}: error {error.mean():.2f} mm, 90 % below {np.quantile(error, 0.9):.2f} mm", flush=True)
 
-    def report(episodes, error):
-        rows.append(("learned", episodes, error.mean(), np.quantile(error, 0.9)))
-        print(f"{episodes} episodes, {time.monotonic() - begun:.0f} s: error {error.mean():.2f} mm, 90 % below {np.quantile(error, 0.9):.2f} mm", flush=True)
+    def report(controller, episodes, error):
+        rows.append((controller, episodes, f"{error.mean():.3f}", f"{np.quantile(error, 0.9):.3f}"))
+        print(f"{time.monotonic() - begun:.0f} s, {episodes} episodes, {controller}: error {error.mean():.2f} mm, 90 % below {np.quantile(error, 0.9):.2f} mm", flush=True)
 
-    print("learned:", np.array2string(learn(env, np.random.default_rng(1), report), precision=3, separator=", "))
+    weights = learn(env, np.random.default_rng(1), report)
+    print("learned:", np.array2string(weights, precision=3, separator=", "), flush=True)
+    for name, policy in (("learned", linear), ("pushed without turning", pushed), ("turned all the time", turned)):
+        report(name, GENERATIONS * ROWS, run(env, policy, weights, [TEST + i for i in range(ROWS)])[1])
     if path:
         with open(path, "w", newline="", encoding="utf-8") as file:
             table = csv.writer(file, lineterminator="\n")
             table.writerow(["controller", "episodes", "mean error [mm]", "90 % quantile [mm]"])
-            table.writerows((name, count, f"{mean:.3f}", f"{most:.3f}") for name, count, mean, most in rows)
+            table.writerows(rows)
 
 
 if __name__ == "__main__":

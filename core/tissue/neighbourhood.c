@@ -66,20 +66,25 @@ static bool grow(neighbourhood *n, int tet, double radius, double half_length) {
     return true;
 }
 
-bool neighbourhood_free_face(const neighbourhood *n, int tet, int face) {
+static bool is_free(const neighbourhood *n, int tet, int face) {
     const mesh *m = n->tissue->mesh;
     bool held = true;
     for (int k = 1; k < 4; k++) held = held && n->tissue->fixed[m->tets[tet][(face + k) % 4]];
     return m->neighbours[tet][face] < 0 && !held;
 }
 
+/* Lists the free faces, and marks the nodes of all other faces on the boundary. */
 static void mark_cut(neighbourhood *n) {
     const mesh *m = n->tissue->mesh;
+    n->free_count = 0;
     for (int i = 0; i < n->tet_count; i++)
         for (int f = 0; f < 4; f++) {
             int next = m->neighbours[n->tets[i]][f];
             if (next >= 0 && n->taken[next]) continue;
-            if (neighbourhood_free_face(n, n->tets[i], f)) continue;
+            if (is_free(n, n->tets[i], f)) {
+                n->free[n->free_count++] = (tet_face){n->tets[i], f};
+                continue;
+            }
             for (int k = 1; k < 4; k++) n->cut[n->local[m->tets[n->tets[i]][(f + k) % 4]]] = true;
         }
 }
@@ -165,9 +170,11 @@ static bool shares_strain(const neighbourhood *n, int tet, const strain_group *g
 
 static void add_mean_strain(neighbourhood *n, const strain_group *group, double lambda) {
     int count = 0, touched[AROUND_NODES];
-    vec3 mean[AROUND_NODES] = {{0}};
-    bool listed[AROUND_NODES] = {false};
+    vec3 mean[AROUND_NODES];
+    bool listed[AROUND_NODES];
     double sum = 0.0;
+    memset(mean, 0, (size_t)n->node_count * sizeof *mean);
+    memset(listed, 0, (size_t)n->node_count * sizeof *listed);
     for (int i = 0; i < n->tet_count; i++) {
         if (!shares_strain(n, n->tets[i], group)) continue;
         vec3 g[4];

@@ -12,6 +12,8 @@ typedef struct {
     double from, to;         /* m along the line */
 } chord;
 
+typedef struct { int tet, face; } tet_face;
+
 /* All positions are in the line's frame: z along it, the origin at its point. */
 typedef struct {
     const tissue *tissue;
@@ -20,6 +22,9 @@ typedef struct {
     int node_count, nodes[AROUND_NODES], tet_count, tets[AROUND_TETS];
     vec3 position[AROUND_NODES];
     bool cut[AROUND_NODES];  /* true if the node is on the boundary with the rest of the mesh */
+    int free_count;
+    tet_face free[4 * AROUND_TETS]; /* the elements' faces on the outer surface that are not fixed. A fixed face counts as a boundary with the rest of the mesh,
+                                       because the nominal mesh already includes the support */
     mat3 frame;              /* its columns are the axes of the line's frame */
     vec3 origin;
     double size;             /* m, edge length of the mesh at the point */
@@ -42,10 +47,6 @@ typedef struct {
 /* Collects the elements within reach of `x` (in element `tet`) and of the line through x, as far as there is room, and computes their stiffness. Does not
    allocate memory. */
 void neighbourhood_take(neighbourhood *n, int tet, vec3 x, vec3 direction, patch_reach reach);
-
-/* True if a face is on the outer surface and not fixed. A fixed face counts as a boundary with the rest of the mesh, because the nominal mesh already
-   includes the support. */
-bool neighbourhood_free_face(const neighbourhood *n, int tet, int face);
 
 /* Direction of the line, as a unit vector in the mesh's coordinates. */
 vec3 neighbourhood_direction(const neighbourhood *n);

@@ -118,27 +118,25 @@ static int parts_of_face(const line_segment *line, vec3 a, vec3 b, vec3 c) {
    of the surface itself would be attributed to the mesh. */
 static void load_surface(resolver *r, const line_segment *line) {
     const mesh *m = r->around.tissue->mesh;
-    for (int i = 0; i < r->around.tet_count; i++)
-        for (int f = 0; f < 4; f++) {
-            if (!neighbourhood_free_face(&r->around, r->around.tets[i], f)) continue;
-            int nodes[3];
-            for (int k = 0; k < 3; k++) nodes[k] = r->around.local[m->tets[r->around.tets[i]][(f + k + 1) % 4]];
-            vec3 a = r->around.position[nodes[0]], b = v3_sub(r->around.position[nodes[1]], a), c = v3_sub(r->around.position[nodes[2]], a);
-            int parts = parts_of_face(line, a, b, c);
-            vec3 outward = v3_scale(0.5 / (parts * parts), v3_cross(b, c));
-            if (v3_dot(outward, v3_sub(r->around.position[r->around.local[m->tets[r->around.tets[i]][f]]], a)) > 0.0) outward = v3_scale(-1.0, outward);
-            for (int p = 0; p < parts; p++)
-                for (int q = 0; q < 2 * (parts - p) - 1; q++) { /* sub-triangles in row p, alternately upright and upside down */
-                    double s = (p + (q % 2 ? 2.0 : 1.0) / 3.0) / parts, t = (q / 2 + (q % 2 ? 2.0 : 1.0) / 3.0) / parts;
-                    vec3 traction = traction_of(r, line, v3_axpy(t, c, v3_axpy(s, b, a)), outward);
-                    const double weights[] = {1.0 - s - t, s, t};
-                    for (int k = 0; k < 3; k++) {
-                        r->load[3 * nodes[k]] += weights[k] * traction.x;
-                        r->load[3 * nodes[k] + 1] += weights[k] * traction.y;
-                        r->load[3 * nodes[k] + 2] += weights[k] * traction.z;
-                    }
+    for (int i = 0; i < r->around.free_count; i++) {
+        int tet = r->around.free[i].tet, f = r->around.free[i].face, nodes[3];
+        for (int k = 0; k < 3; k++) nodes[k] = r->around.local[m->tets[tet][(f + k + 1) % 4]];
+        vec3 a = r->around.position[nodes[0]], b = v3_sub(r->around.position[nodes[1]], a), c = v3_sub(r->around.position[nodes[2]], a);
+        int parts = parts_of_face(line, a, b, c);
+        vec3 outward = v3_scale(0.5 / (parts * parts), v3_cross(b, c));
+        if (v3_dot(outward, v3_sub(r->around.position[r->around.local[m->tets[tet][f]]], a)) > 0.0) outward = v3_scale(-1.0, outward);
+        for (int p = 0; p < parts; p++)
+            for (int q = 0; q < 2 * (parts - p) - 1; q++) { /* sub-triangles in row p, alternately upright and upside down */
+                double s = (p + (q % 2 ? 2.0 : 1.0) / 3.0) / parts, t = (q / 2 + (q % 2 ? 2.0 : 1.0) / 3.0) / parts;
+                vec3 traction = traction_of(r, line, v3_axpy(t, c, v3_axpy(s, b, a)), outward);
+                const double weights[] = {1.0 - s - t, s, t};
+                for (int k = 0; k < 3; k++) {
+                    r->load[3 * nodes[k]] += weights[k] * traction.x;
+                    r->load[3 * nodes[k] + 1] += weights[k] * traction.y;
+                    r->load[3 * nodes[k] + 2] += weights[k] * traction.z;
                 }
-        }
+            }
+    }
 }
 
 static void load_line(resolver *r, const line_segment *line) {
@@ -264,16 +262,15 @@ static plane surface_near(const resolver *r, vec3 x) {
     const mesh *m = r->around.tissue->mesh;
     double closest = INFINITY;
     plane found = {.there = false};
-    for (int i = 0; i < r->around.tet_count; i++)
-        for (int f = 0; f < 4; f++) {
-            if (!neighbourhood_free_face(&r->around, r->around.tets[i], f)) continue;
-            vec3 middle = v3(0, 0, 0);
-            for (int k = 1; k < 4; k++) middle = v3_axpy(1.0 / 3.0, m->nodes[m->tets[r->around.tets[i]][(f + k) % 4]], middle);
-            double distance = v3_norm(v3_sub(middle, x));
-            if (distance >= closest) continue;
-            closest = distance;
-            found = (plane){true, middle, frame_along(mesh_face_normal(m, r->around.tets[i], f))};
-        }
+    for (int i = 0; i < r->around.free_count; i++) {
+        int tet = r->around.free[i].tet, f = r->around.free[i].face;
+        vec3 middle = v3(0, 0, 0);
+        for (int k = 1; k < 4; k++) middle = v3_axpy(1.0 / 3.0, m->nodes[m->tets[tet][(f + k) % 4]], middle);
+        double distance = v3_norm(v3_sub(middle, x));
+        if (distance >= closest) continue;
+        closest = distance;
+        found = (plane){true, middle, frame_along(mesh_face_normal(m, tet, f))};
+    }
     return found;
 }
 

@@ -391,6 +391,9 @@ if out.events & trocar.Event.PUNCTURED:
     print(trocar.Event(out.events).name, longer, fixed, "key" in scene, list(scene))
 outputs = trocar.rollout(model, np.zeros((1, 1, 7)), progress=lambda what, fraction: None)
 print(outputs["force"], model.probe_start)
+batch = trocar.Batch([model, model.derive(**{"needle.bevel_slope": 0.05})], 4, outputs=("force",))
+batch.reset([0.0, 0.0, -0.2, 1, 0, 0, 0], mask=[True, False, True, False])
+print(batch.step(np.zeros((4, 7)))["force"][0], batch[1].time, batch.done, scene.copy()["needle.length"])
 '''
         if subprocess.run([sys.executable, "-m", "mypy", "--version"], capture_output=True).returncode:
             self.skipTest("mypy is not installed")

@@ -1,7 +1,6 @@
 """The definition of a task, read from its file, and the models of its episodes."""
 from __future__ import annotations
 
-import copy
 from dataclasses import dataclass, field
 from os import PathLike, fspath
 from pathlib import Path
@@ -31,7 +30,6 @@ class BadTask(Exception):
 class Stiffness:
     """A model of the task, with what depends on its mesh and stiffness only."""
 
-    scene: Scene
     model: Model
     embedding: Embedding
     borders: npt.NDArray[np.int32]        # (n, 3) faces between regions, and those of the tissue's surface
@@ -40,7 +38,7 @@ class Stiffness:
     def of(cls, scene: Scene) -> Stiffness:
         """Builds the model of a scene."""
         model = Model(scene)
-        return cls(scene, model, Embedding(model), _borders(model))
+        return cls(model, Embedding(model), _borders(model))
 
 
 @dataclass(frozen=True)
@@ -86,10 +84,7 @@ class Task:
         chosen = self._stiffnesses[random.integers(len(self._stiffnesses))]
         model = chosen.model
         if self._cheap:
-            scene = copy.copy(chosen.scene)
-            for key in self._cheap:
-                scene[key] = random.uniform(*self.randomise[key])
-            model = model.derive(scene)
+            model = model.derive(**{key: random.uniform(*self.randomise[key]) for key in self._cheap})
         x, y, depth = (random.uniform(*self.target[key]) for key in ("x", "y", "depth"))
         target = self.entry + np.array([x, y, depth]) @ self.axes
         obstacle, radius = target, 0.0
@@ -178,7 +173,7 @@ def read(name: str, path: str | PathLike[str] | None = None) -> Task:
         if key.startswith("needle.start.") or key in ("needle.length", "needles"):
             raise reader.fail(node, f"{place}: write keys of the tissue, or of the needle except for its start and length")
         for end in task.randomise[key]:
-            reader.try_key(node, copy.copy(scene), key, end, place)
+            reader.try_key(node, scene.copy(), key, end, place)
     _build(task, reader, given)
     return task
 
@@ -189,10 +184,8 @@ def _build(task: Task, reader: _TaskReader, given: dict[str, Any]) -> None:
         nominal = Stiffness.of(task.scene)
         model, stiff = nominal.model, []
         for key, (low, high) in task.randomise.items():
-            scene = copy.copy(task.scene)
-            scene[key] = high if float(scene[key]) != high else low
             try:
-                model.derive(scene)
+                model.derive(**{key: high if float(task.scene[key]) != high else low})
                 task._cheap.append(key)
             except Error:
                 stiff.append(key)
@@ -201,7 +194,7 @@ def _build(task: Task, reader: _TaskReader, given: dict[str, Any]) -> None:
             random = np.random.default_rng(0)    # the models belong to the task; episodes choose between them
             task._stiffnesses.clear()
             for _ in range(task.stiffnesses):
-                scene = copy.copy(task.scene)
+                scene = task.scene.copy()
                 for key in stiff:
                     scene[key] = random.uniform(*task.randomise[key])
                 task._stiffnesses.append(Stiffness.of(scene))

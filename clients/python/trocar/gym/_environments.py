@@ -57,7 +57,7 @@ class NeedleEnv(gymnasium.Env[Observation, Action]):
         result = self._episodes.step(np.asarray(action)[None], np.ones(1, bool))
         return self._episodes.observe()[0], float(result.reward[0]), bool(result.terminated[0]), False, _first(result.info)
 
-    def render(self) -> npt.NDArray[np.uint8] | None:    # type: ignore[override]
+    def render(self) -> npt.NDArray[np.uint8] | None:
         """Returns a picture (height, width, 3), or None without a render_mode."""
         return _picture.draw(self._episodes, 0) if self.render_mode else None
 
@@ -88,14 +88,18 @@ class VectorNeedleEnv(VectorEnv[Observation, Action, npt.NDArray[Any]]):
         self._steps = np.zeros(num_envs, int)
         self._ended = np.zeros(num_envs, bool)
 
-    def reset(self, *, seed: int | Sequence[int | None] | None = None,    # type: ignore[override]
+    def reset(self, *, seed: int | Sequence[int | None] | None = None,
               options: dict[str, Any] | None = None) -> tuple[Observation, dict[str, Any]]:
         """Starts an episode in each row. seed: row i is seeded with seed + i, or with seed[i]; None: the rows' generators go on. options["reset_mask"]
         (num_envs,) bool selects rows; observations of the others stay."""
         mask = np.ones(self.num_envs, bool) if options is None or "reset_mask" not in options else np.asarray(options["reset_mask"])
         if mask.shape != (self.num_envs,) or mask.dtype != np.bool_ or not mask.any():
             raise ValueError(f"reset_mask: write an array of {self.num_envs} booleans, at least one of them true")
-        seeds = [seed + i for i in range(self.num_envs)] if isinstance(seed, (int, np.integer)) else [None] * self.num_envs if seed is None else list(seed)
+        seeds: list[int | None] = [None] * self.num_envs
+        if isinstance(seed, (int, np.integer)):
+            seeds = [int(seed) + i for i in range(self.num_envs)]
+        elif seed is not None:
+            seeds = list(seed)
         if len(seeds) != self.num_envs:
             raise ValueError(f"{len(seeds)} seeds: write one, or {self.num_envs}")
         for row in np.flatnonzero(mask):
@@ -126,7 +130,7 @@ class VectorNeedleEnv(VectorEnv[Observation, Action, npt.NDArray[Any]]):
         info.update(_with_masks(self._episodes.info(), np.ones(self.num_envs, bool)))
         return self._episodes.observe(), result.reward, terminated, truncated, info
 
-    def render(self) -> tuple[npt.NDArray[np.uint8], ...] | None:    # type: ignore[override]
+    def render(self) -> tuple[npt.NDArray[np.uint8], ...] | None:
         """Returns a picture (height, width, 3) of each row, or None without a render_mode."""
         return tuple(_picture.draw(self._episodes, row) for row in range(self.num_envs)) if self.render_mode else None
 

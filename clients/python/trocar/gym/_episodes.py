@@ -53,7 +53,8 @@ class Episodes:
         self.needle_length = task._stiffnesses[0].model.needle_length
         self.seed_length = float(task.scene["seeds.length"])    # m
         self.needle_radius = 0.5 * float(task.scene["needle.outer_diameter"])    # m
-        self.episodes: list[Episode | None] = [None] * count
+        self.episodes: dict[int, Episode] = {}    # by row
+        self.radius = np.zeros(count)             # m, of the obstacle
         self.travel, self.roll = np.zeros(count), np.zeros(count)    # m and rad, of the base since the start
         self.tip, self.force, self.depth = np.zeros((count, 7)), np.zeros((count, 3)), np.zeros(count)
         self.target, self.obstacle = np.zeros((count, 3)), np.zeros((count, 3))    # m, in the displaced tissue
@@ -63,12 +64,12 @@ class Episodes:
 
     def begin(self, mask: Mask, randoms: Sequence[np.random.Generator]) -> None:
         """Starts new episodes in the rows of the mask, drawn with the generators of these rows."""
-        rows = np.flatnonzero(mask)
+        rows = [int(row) for row in np.flatnonzero(mask)]
         for row in rows:
             episode = self.task.draw(randoms[row])
             if self.batch[row].model is not episode.model:
-                self.batch.set_model(int(row), episode.model)
-            self.episodes[row] = episode
+                self.batch.set_model(row, episode.model)
+            self.episodes[row], self.radius[row] = episode, episode.radius
         self.batch.reset(self.task.start, mask)
         for state in (self.travel, self.roll, self.force, self.depth, self.hit, self.released, self.unstable):
             state[mask] = 0
@@ -86,9 +87,9 @@ class Episodes:
         self.unstable[mask] = (np.bitwise_or.reduce(out["events"][mask], axis=1) & Event.UNSTABLE) != 0
         for row in np.flatnonzero(mask):
             sim = self.batch[int(row)]
-            self._look_at_tissue(row, sim.displacements())
-            if self.episodes[row].radius > 0.0:
-                self.hit[row] = _distance(sim.centreline(), self.obstacle[row]) < self.episodes[row].radius + self.needle_radius
+            self._look_at_tissue(int(row), sim.displacements())
+            if self.radius[row] > 0.0:
+                self.hit[row] = _distance(sim.centreline(), self.obstacle[row]) < self.radius[row] + self.needle_radius
         self._measure(mask)
         terminated = self.hit | self.unstable
         reward = np.where(mask, MM * (before - self.error) - HIT_COST * self.hit, 0.0)
@@ -109,7 +110,7 @@ class Episodes:
         within = lambda axes, vectors: np.einsum("nij,nj->ni", axes, vectors)
         values = {"target": MM * within(tip, self.target - position), "force": within(base, self.force), "depth": MM * self.depth[:, None],
                   "obstacle": MM * within(tip, self.obstacle - position), "displacement": MM * self.displacement[:, None],
-                  "radius": MM * np.array([[episode.radius if episode else 0.0] for episode in self.episodes])}
+                  "radius": MM * self.radius[:, None]}
         observed = np.concatenate([values[name] for name in OBSERVED[self.task.name]], axis=1)
         limit = limits(self.task.name)
         return np.clip(observed, -limit, limit).astype(np.float32)
@@ -168,7 +169,7 @@ class Episodes:
         self.batch.run(self._bases(self.travel[:, None] - back, np.repeat(self.roll[:, None], len(back), axis=1)), DT, mask)
         for row in np.flatnonzero(mask):
             self.released[row] = True
-            self.error[row] = np.linalg.norm(self.batch[int(row)].seeds()[-1].position - self.episodes[row].target)
+            self.error[row] = np.linalg.norm(self.batch[int(row)].seeds()[-1].position - self.episodes[int(row)].target)
 
 
 def _axes(quaternions: Array) -> Array:

@@ -17,7 +17,7 @@ Picture = npt.NDArray[np.uint8]
 
 def draw(episodes: Episodes, row: int) -> Picture:
     """Returns the picture (HEIGHT, 2 WIDTH, 3) of a row. The needle points to the right; its y axis points up on the left, its x axis on the right."""
-    task, sim, episode = episodes.task, episodes.sim(row), episodes.episodes[row]
+    task, sim, episode = episodes.task, episodes.sim(row), episodes.episodes.get(row)
     if episode is None:
         raise ValueError("no episode has begun: call reset first")
     place = lambda points: (np.atleast_2d(points) - task.entry) @ task.axes.T    # from the needle's entry, along its axes

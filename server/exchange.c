@@ -24,7 +24,7 @@ static trocar_status create_eventfd(int *descriptor, report *why) {
 static view_sample *view_at(const triple_buffer *views, size_t index) { return (view_sample *)(void *)(views->slots + index * views->size); }
 
 trocar_status views_create(triple_buffer *views, trocar_model *model, report *why) {
-    trocar_status status = triple_buffer_create(views, sizeof(view_sample), true, why);
+    trocar_status status = triple_buffer_create(views, sizeof(view_sample), why);
     for (size_t i = 0; i < 3 && model != NULL && status == TROCAR_OK; i++) status = trocar_picture_create(model, &view_at(views, i)->picture, why);
     if (status != TROCAR_OK) views_free(views);
     return status;
@@ -46,13 +46,13 @@ static trocar_status create_all(exchange *x, trocar_model *model, report *why) {
     trocar_status status;
     if ((status = create_eventfd(&x->io_wake, why)) != TROCAR_OK) return status;
     if ((status = create_eventfd(&x->worker_wake, why)) != TROCAR_OK) return status;
-    if ((status = triple_buffer_create(&x->poses, sizeof(newest_poses), true, why)) != TROCAR_OK) return status;
-    if ((status = triple_buffer_create(&x->probe_poses, sizeof(probe_sample), true, why)) != TROCAR_OK) return status;
+    if ((status = triple_buffer_create(&x->poses, sizeof(newest_poses), why)) != TROCAR_OK) return status;
+    if ((status = triple_buffer_create(&x->probe_poses, sizeof(probe_sample), why)) != TROCAR_OK) return status;
     if ((status = spsc_ring_create(&x->probe_wrenches, sizeof(trocar_probe_wrench_t), PROBE_WRENCHES, why)) != TROCAR_OK) return status;
     if ((status = views_create(&x->views, model, why)) != TROCAR_OK) return status;
-    if ((status = triple_buffer_create(&x->loops, sizeof(loop_record), true, why)) != TROCAR_OK) return status;
-    if ((status = triple_buffer_create(&x->intakes, sizeof(arbiter_record), true, why)) != TROCAR_OK) return status;
-    if ((status = triple_buffer_create(&x->faults, sizeof(worker_fault), true, why)) != TROCAR_OK) return status;
+    if ((status = triple_buffer_create(&x->loops, sizeof(loop_record), why)) != TROCAR_OK) return status;
+    if ((status = triple_buffer_create(&x->intakes, sizeof(arbiter_record), why)) != TROCAR_OK) return status;
+    if ((status = triple_buffer_create(&x->faults, sizeof(worker_fault), why)) != TROCAR_OK) return status;
     size_t wrenches = WRENCHES * (size_t)(model != NULL ? trocar_model_needles(model) : 1);
     if ((status = spsc_ring_create(&x->wrenches, sizeof(trocar_needle_wrench_t), wrenches, why)) != TROCAR_OK) return status;
     if ((status = spsc_ring_create(&x->commands, sizeof(needle_command), COMMANDS, why)) != TROCAR_OK) return status;

@@ -57,12 +57,15 @@ uint64_t next_stamp(void) {
 
 /* ---- one needle ------------------------------------------------------------------------------------------------------------------ */
 
+typedef trocar_status (*buffer_creator)(triple_buffer *, size_t, report *);
+
 trocar_status link_create(needle_link *link, bool lockstep, report *why) {
-    trocar_status status = triple_buffer_create(&link->requests, sizeof(posted_request), !lockstep, why);
-    if (status == TROCAR_OK) status = triple_buffer_create(&link->answers, sizeof(compliance_snapshot), !lockstep, why);
-    if (status == TROCAR_OK) status = triple_buffer_create(&link->loads, sizeof(tissue_loads), !lockstep, why);
-    if (status == TROCAR_OK) status = triple_buffer_create(&link->left, sizeof(left_needle), !lockstep, why);
-    if (status == TROCAR_OK) status = triple_buffer_create(&link->shown, sizeof(shown_needle), !lockstep, why);
+    buffer_creator create = lockstep ? triple_buffer_create_sparse : triple_buffer_create;
+    trocar_status status = create(&link->requests, sizeof(posted_request), why);
+    if (status == TROCAR_OK) status = create(&link->answers, sizeof(compliance_snapshot), why);
+    if (status == TROCAR_OK) status = create(&link->loads, sizeof(tissue_loads), why);
+    if (status == TROCAR_OK) status = create(&link->left, sizeof(left_needle), why);
+    if (status == TROCAR_OK) status = create(&link->shown, sizeof(shown_needle), why);
     return status;
 }
 
@@ -213,8 +216,8 @@ trocar_status sim_link_create(sim_link *link, bool probe, bool lockstep, report 
     link->work_event = lockstep ? -1 : eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC);
     if (!lockstep && link->work_event < 0) return fail(why, TROCAR_SYSTEM, "cannot create an eventfd: %s", strerror(errno));
     if (!probe) return TROCAR_OK;
-    trocar_status status = triple_buffer_create(&link->probe.poses, sizeof(pose), !lockstep, why);
-    return status == TROCAR_OK ? triple_buffer_create(&link->probe.shown, sizeof(shown_probe), !lockstep, why) : status;
+    trocar_status status = triple_buffer_create(&link->probe.poses, sizeof(pose), why);
+    return status == TROCAR_OK ? triple_buffer_create(&link->probe.shown, sizeof(shown_probe), why) : status;
 }
 
 void sim_link_free(sim_link *link) {

@@ -4,15 +4,20 @@
 
 enum { FRESH = 4u, INDEX = 3u };
 
-trocar_status triple_buffer_create(triple_buffer *n, size_t size, bool touch, report *why) {
+trocar_status triple_buffer_create_sparse(triple_buffer *n, size_t size, report *why) {
     n->size = (size + CACHE_LINE - 1) / CACHE_LINE * CACHE_LINE;
     n->back = 0;
     n->front = 1;
     atomic_init(&n->middle, 2u);
     n->slots = sparse_zeros(3 * n->size);
     if (!n->slots) return fail(why, TROCAR_NO_MEMORY, "cannot allocate %zu bytes of memory shared by two threads", 3 * n->size);
-    if (touch) memset(n->slots, 0, 3 * n->size);
     return TROCAR_OK;
+}
+
+trocar_status triple_buffer_create(triple_buffer *n, size_t size, report *why) {
+    trocar_status status = triple_buffer_create_sparse(n, size, why);
+    if (status == TROCAR_OK) memset(n->slots, 0, 3 * n->size);
+    return status;
 }
 
 void triple_buffer_free(triple_buffer *n) {

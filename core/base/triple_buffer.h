@@ -20,8 +20,10 @@ typedef struct {
     alignas(CACHE_LINE) unsigned front;        /* reader's slot */
 } triple_buffer;
 
-/* `touch`: also writes to the memory, so that later accesses cause no page faults; without it, pages that are never written take up no memory. */
-trocar_status triple_buffer_create(triple_buffer *n, size_t size, bool touch, report *why);
+/* triple_buffer_create also writes to the memory, so that later accesses cause no page faults; with triple_buffer_create_sparse, pages that are never written
+   take up no memory. */
+trocar_status triple_buffer_create(triple_buffer *n, size_t size, report *why);
+trocar_status triple_buffer_create_sparse(triple_buffer *n, size_t size, report *why);
 void triple_buffer_free(triple_buffer *n);
 
 /* Returns the slot to be filled next, which contains an older value. Writer only. RT */

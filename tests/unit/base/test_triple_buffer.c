@@ -33,7 +33,7 @@ static void newest_value_is_never_torn_and_never_older(void **unused) {
     triple_buffer n;
     report why;
     pthread_t writer;
-    assert_int_equal(triple_buffer_create(&n, sizeof(block), true, &why), TROCAR_OK);
+    assert_int_equal(triple_buffer_create(&n, sizeof(block), &why), TROCAR_OK);
     assert_int_equal(pthread_create(&writer, NULL, write_blocks, &n), 0);
     uint64_t last = 0, seen = 0;
     while (last < ROUNDS) {
@@ -56,7 +56,7 @@ static void newest_value_is_fresh_once(void **unused) {
     triple_buffer n;
     report why;
     bool fresh;
-    assert_int_equal(triple_buffer_create(&n, sizeof(int), true, &why), TROCAR_OK);
+    assert_int_equal(triple_buffer_create(&n, sizeof(int), &why), TROCAR_OK);
     assert_int_equal(*(const int *)triple_buffer_read(&n, &fresh), 0);
     assert_false(fresh);
     for (int i = 1; i <= 5; i++) {
@@ -75,7 +75,7 @@ static void a_slot_that_is_read_does_not_change(void **unused) {
     (void)unused;
     triple_buffer n;
     report why;
-    assert_int_equal(triple_buffer_create(&n, sizeof(int), true, &why), TROCAR_OK);
+    assert_int_equal(triple_buffer_create(&n, sizeof(int), &why), TROCAR_OK);
     *(int *)triple_buffer_slot(&n) = 7;
     triple_buffer_publish(&n);
     const int *held = triple_buffer_read(&n, NULL);

@@ -42,7 +42,7 @@ static void missed_periods_are_skipped_and_counted(void **unused) {
     static loop l;
     triple_buffer records;
     report why;
-    assert_int_equal(triple_buffer_create(&records, sizeof(loop_record), true, &why), TROCAR_OK);
+    assert_int_equal(triple_buffer_create(&records, sizeof(loop_record), &why), TROCAR_OK);
     l = (loop){.rate_hz = 1000, .tick = keep_diary, .context = &d, .records = &records};
     loop_run(&l);
 

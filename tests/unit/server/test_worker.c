@@ -85,7 +85,7 @@ static int open_fixture(void **state) {
     report why;
     memset(f, 0, sizeof *f);
     f->requested = eventfd(0, EFD_NONBLOCK);
-    assert_int_equal(triple_buffer_create(&f->requests, sizeof(request), true, &why), TROCAR_OK);
+    assert_int_equal(triple_buffer_create(&f->requests, sizeof(request), &why), TROCAR_OK);
     assert_int_equal(exchange_create(&f->exchange, NULL, &why), TROCAR_OK);
     f->worker = (worker){.exchange = &f->exchange};
     assert_int_equal(pthread_create(&f->thread, NULL, worker_run, &f->worker), 0);

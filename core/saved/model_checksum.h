@@ -2,6 +2,7 @@
 #ifndef TROCAR_MODEL_CHECKSUM_H
 #define TROCAR_MODEL_CHECKSUM_H
 
+#include "model/model_parts.h"
 #include "scene/scene_struct.h"
 
 /* The mesh and the nodes that are fixed; the same for derived models. */

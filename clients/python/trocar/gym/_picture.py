@@ -1,0 +1,72 @@
+"""Pictures of an episode: two sections of the tissue through the needle's line, with needle, target and obstacle projected onto them."""
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from ._episodes import Episodes
+from ._task import Array
+
+HEIGHT, WIDTH = 240, 400           # pixels, of each section
+FRONT, BEYOND = 0.010, 0.020       # m, shown in front of the skin, and beyond the deepest target
+WHITE, BORDER, NEEDLE, TARGET, OBSTACLE = ((255, 255, 255), (138, 146, 155), (36, 41, 47), (0, 127, 95), (213, 94, 0))
+FAINT = 0.5                        # share of white in the discs of target and obstacle
+
+Picture = npt.NDArray[np.uint8]
+
+
+def draw(episodes: Episodes, row: int) -> Picture:
+    """Returns the picture (HEIGHT, 2 WIDTH, 3) of a row. The needle points to the right; its y axis points up on the left, its x axis on the right."""
+    task, sim, episode = episodes.task, episodes.sim(row), episodes.episodes.get(row)
+    if episode is None:
+        raise ValueError("no episode has begun: call reset first")
+    place = lambda points: (np.atleast_2d(points) - task.entry) @ task.axes.T    # from the needle's entry, along its axes
+    borders = place(episode.model.nodes + sim.displacements())[episode.borders]
+    needle = place(sim.centreline())
+    scale = WIDTH / (FRONT + task.target["depth"][1] + BEYOND)    # pixels in a metre
+    views = []
+    for up, across in ((1, 0), (0, 1)):
+        view = np.full((HEIGHT, WIDTH, 3), WHITE, np.uint8)
+        pixels = lambda points: np.stack([scale * (points[..., 2] + FRONT), 0.5 * HEIGHT - scale * points[..., up]], axis=-1)
+        if episode.radius > 0.0:
+            _disc(view, pixels(place(episodes.obstacle[row]))[0], scale * episode.radius, OBSTACLE)
+        _disc(view, pixels(place(episodes.target[row]))[0], scale * task.tolerance, TARGET)
+        _lines(view, pixels(_section(borders, across)), 0, BORDER)
+        _lines(view, pixels(np.stack([needle[:-1], needle[1:]], axis=1)), 1, NEEDLE)
+        views.append(view)
+    return np.concatenate(views, axis=1)
+
+
+def _section(triangles: Array, axis: int) -> Array:
+    """Returns the segments (m, 2, 3) in which triangles (n, 3, 3) meet the plane where this coordinate is 0."""
+    side = triangles[:, :, axis] > 0.0
+    cut = triangles[side.any(axis=1) & ~side.all(axis=1)]
+    side = cut[:, :, axis] > 0.0
+    alone = np.where(side.sum(axis=1) == 1, side.argmax(axis=1), (~side).argmax(axis=1))    # the corner on a side of its own
+    rows = np.arange(len(cut))
+    corner = cut[rows, alone]
+    ends = []
+    for step in (1, 2):
+        other = cut[rows, (alone + step) % 3]
+        share = corner[:, axis] / (corner[:, axis] - other[:, axis])
+        ends.append(corner + share[:, None] * (other - corner))
+    return np.stack(ends, axis=1)
+
+
+def _lines(view: Picture, segments: Array, radius: int, colour: tuple[int, int, int]) -> None:
+    """Draws segments (n, 2, 2) in pixels; a line is 2 radius + 1 pixels wide."""
+    longest = np.abs(np.diff(segments, axis=1)).max(initial=0.0)
+    share = np.linspace(0.0, 1.0, int(longest) + 2)[:, None, None]
+    points = np.rint(segments[:, 0] + share * (segments[:, 1] - segments[:, 0])).astype(int).reshape(-1, 2)
+    for shift in np.ndindex(2 * radius + 1, 2 * radius + 1):
+        column, line = (points + np.array(shift) - radius).T
+        inside = (column >= 0) & (column < view.shape[1]) & (line >= 0) & (line < view.shape[0])
+        view[line[inside], column[inside]] = colour
+
+
+def _disc(view: Picture, centre: Array, radius: float, colour: tuple[int, int, int]) -> None:
+    """Fills a disc, in pixels, with a faint colour, and marks its centre."""
+    lines, columns = np.mgrid[:view.shape[0], :view.shape[1]]
+    distance = np.hypot(columns - centre[0], lines - centre[1])
+    view[distance <= radius] = (FAINT * np.array(WHITE) + (1.0 - FAINT) * np.array(colour)).astype(np.uint8)
+    view[distance <= 1.5] = colour

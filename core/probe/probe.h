@@ -4,7 +4,7 @@
 #define TROCAR_PROBE_H
 
 #include "probe/probe_shape.h"
-#include "snapshot/snapshot.h"
+#include "probe/support.h"
 
 enum { MAX_PRESSED = 256 };  /* largest number of nodes, and of points, that can be pressed; on a larger surface, those closest to the probe */
 
@@ -55,9 +55,8 @@ typedef struct {
     bool compliance_known;
     int candidate_count, candidates[MAX_PRESSED]; /* points that can be pressed, in ascending order; all their ends are in `near` */
     nodal_forces now, unloaded; /* nodal forces of the pressed points, from `force` and from `free_force` */
+    support support;         /* of the tissue by held needles, while the contact is solved */
     struct probe_scratch *scratch;
-    int load_room, *load_nodes; /* scratch memory for the loads of others */
-    vec3 *load_forces;
 } probe;
 
 /* Creates a probe that presses surface number `surface` of the mesh. `max_force` (N): force at which the probe is stopped. `beneath` must outlive the

@@ -1,0 +1,57 @@
+/* How held needles support the tissue while the probe's contact is solved. Their forces are those of their last ticks. Where the probe displaces the tissue
+   at their contacts by d, they change by df = -(C + G)^-1 d, with C the tissue's compliance between these contacts and G that of the needle and of the
+   tissue close to it. See docs/mechanics.md, "Probe". Called by the worker; not thread-safe. */
+#ifndef TROCAR_PROBE_SUPPORT_H
+#define TROCAR_PROBE_SUPPORT_H
+
+#include "inverse/inverse_attached.h"
+#include "snapshot/snapshot.h"
+
+typedef struct {
+    int corners[4];          /* indices in `nodes` of the corners of the element that contains the contact */
+    double weights[4];       /* barycentric */
+} supporting_contact;
+
+typedef struct {
+    inverse *tissue;         /* the inverse without probe and held needles; owned by the caller */
+    int most;                /* largest number of nodes that the probe reaches, and of its points */
+    int node_count, *nodes;  /* nodes on which held needles exert forces, without duplicates */
+    vec3 *force;             /* N, on these nodes, at the last ticks */
+    vec3 *force_now;         /* N, on these nodes, as changed by the supports */
+    int row_count;           /* three per contact */
+    supporting_contact *contacts;
+    double *factor;          /* row_count square, column-major: L, L L^T = C + G */
+    double *before;          /* row_count: L^-1 of the displacement (m) of the contacts under the probe's forces at the last ticks */
+    int reach_count;
+    double *reached;         /* row_count x 3 reach_count, column-major: L^-1 of the compliance between the contacts and the nodes that the probe reaches */
+    double *blocks, *columns, *response; /* scratch: blocks between `nodes` and other nodes; `most` columns, and one column, of row_count entries */
+    int node_room, row_room;
+} support;
+
+void support_free(support *s);
+
+/* Lists the forces of held needles on nodes, in `nodes` and `force`. */
+trocar_status support_list(support *s, const other_loads *others, report *why);
+
+/* Prepares the supports. `pressed`: the probe's forces at the last ticks. To be called after support_list. */
+trocar_status support_prepare(support *s, const other_loads *others, const nodal_forces *pressed, report *why);
+
+/* Prepares for forces on these nodes, and adds to their displacements `u` (m) those that would remain without the probe. */
+trocar_status support_reach(support *s, int count, const int *nodes, vec3 *u, report *why);
+
+/* Subtracts from the displacements `u` (m) of the reached nodes what the supports take up of the probe's forces `load` (N) on them. */
+void support_displace(const support *s, const vec3 *load, vec3 *u);
+
+/* A unit force of the probe at a point: it acts along `along` on the reached nodes `ends`, -1 if there is none. */
+typedef struct {
+    int ends[2];
+    vec3 along;              /* of the length of each end's weight */
+} unit_force;
+
+/* Subtracts from the compliance (m/N) between these points, an array of `count` square, what the supports take up. */
+void support_stiffen(const support *s, int count, const unit_force *points, double *compliance, int ld);
+
+/* Returns the forces of held needles on nodes, as changed by the probe's forces `load` (N) on the reached nodes. */
+nodal_forces support_forces(const support *s, const vec3 *load);
+
+#endif

@@ -156,8 +156,9 @@ static void post_loads(trocar_sim *sim, needle_track *needle, double dt) {
     const shown_probe *probe = shown_probe_of(sim);
     double period = response_period(probe ? probe->output.contacts : 0);
     bool fades = rest && atomic_load_explicit(&needle->link.since_release, memory_order_relaxed) < RELEASE_TIME + (int64_t)(1e9 * period);
+    bool catches_up = probe && probe->output.stopped;
     needle->since_loads += dt;
-    if ((!rest && sim->needle_count == 1) || (rest && needle->since_loads < period) || !(fades || loads_changed(needle))) return;
+    if ((!rest && sim->needle_count == 1) || (rest && needle->since_loads < period) || !(fades || catches_up || loads_changed(needle))) return;
     link_post_loads(&needle->link, &needle->loads);
     needle->since_loads = 0.0;
     wake_worker(&sim->link);

@@ -560,11 +560,13 @@ static trocar_status press(probe *p, pose base, const other_loads *others, bool 
     if (status != TROCAR_OK) return status;
     pose from = p->state.base;
     double steps = 1.0 + floor(fmin(probe_way(&p->shape, from, base) / (STEP * p->shape.radius), MOST_STEPS));
-    if (!p->state.placed || steps > MOST_STEPS) status = put_in(p, base, attached, &free, &changed, why);
+    bool direct = !p->state.placed || steps > MOST_STEPS;
+    int last = p->state.stopped && !direct ? 1 : (int)steps; /* a stopped probe catches up by one step per solution, so that its force does not jump */
+    if (direct) status = put_in(p, base, attached, &free, &changed, why);
     else
-        for (int i = 1; i <= (int)steps && status == TROCAR_OK && free; i++)
+        for (int i = 1; i <= last && status == TROCAR_OK && free; i++)
             status = press_at(p, i < (int)steps ? pose_between(from, base, i / steps) : base, attached, &free, &changed, why);
-    p->state.stopped = !free;
+    p->state.stopped = !free || last < (int)steps;
     if (status == TROCAR_OK && changed) status = attach(p, why);
     return status == TROCAR_OK ? find_free_forces(p, changed, why) : status;
 }

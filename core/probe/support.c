@@ -7,7 +7,7 @@
 
 #include "snapshot/free_displacement.h"
 
-static const double GIVE = 1.0; /* fraction: compliance of the needle and of the tissue close to it at a contact, as a fraction of the mesh's compliance
+static const double GIVE = 0.3; /* fraction: compliance of the needle and of the tissue close to it at a contact, as a fraction of the mesh's compliance
                                    there. A smaller one only slows the needles' response down; one that is much too large lets the contacts of probe and
                                    needle alternate. Chosen by judgement */
 

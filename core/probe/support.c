@@ -7,9 +7,11 @@
 
 #include "snapshot/free_displacement.h"
 
-static const double GIVE = 0.3; /* fraction: compliance of the needle and of the tissue close to it at a contact, as a fraction of the mesh's compliance
-                                   there. A smaller one only slows the needles' response down; one that is much too large lets the contacts of probe and
-                                   needle alternate. Chosen by judgement */
+static const double GIVE = 3.0; /* fraction: compliance across the needle, of the needle and of the tissue close to it at a contact, as a fraction of the
+                                   mesh's compliance there. If it is too small, the tissue lags behind the probe by the needle's motion until the next
+                                   solution; if it is much too large, the contacts of probe and needle alternate. Fitted to both: a lag of 20 um
+                                   (tests/unit/api/test_probe.c) and the jumps in random motions (verify_probe_motions) */
+static const double SLIDING = 100.0; /* fraction: the same along the needle, where the tissue slides. Chosen so large that the friction hardly changes */
 
 void support_free(support *s) {
     free(s->nodes);
@@ -71,6 +73,7 @@ static void list_contacts(support *s, const other_loads *others) {
             const tissue_load *load = &others->of[n]->loads[i];
             if (!supports(load)) continue;
             supporting_contact *contact = &s->contacts[count++];
+            contact->along = load->shaft.direction;
             memcpy(contact->weights, load->weights, sizeof contact->weights);
             for (int c = 0; c < 4; c++) {
                 int k = 0;
@@ -110,6 +113,13 @@ static trocar_status factorise(support *s, report *why) {
         }
         double *own = &s->factor[(size_t)j * n + (size_t)j];
         *own = *own > 0.0 ? (1.0 + GIVE) * *own : 1.0; /* not positive: the whole element is fixed */
+    }
+    for (int i = 0; i < s->row_count / 3 && status == TROCAR_OK; i++) {
+        vec3 d = s->contacts[i].along;
+        const double along[3] = {d.x, d.y, d.z};
+        double size = s->factor[(size_t)(3 * i) * (n + 1)];
+        for (int a = 0; a < 3; a++)
+            for (int b = 0; b < 3; b++) s->factor[(size_t)(3 * i + a) * n + (size_t)(3 * i + b)] += SLIDING * size * along[a] * along[b];
     }
     if (status == TROCAR_OK && LAPACKE_dpotrf(LAPACK_COL_MAJOR, 'L', s->row_count, s->factor, s->row_count) != 0)
         status = fail(why, TROCAR_NUMERIC, "the tissue's compliance at the needles is not positive definite");

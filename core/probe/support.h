@@ -1,6 +1,6 @@
 /* How held needles support the tissue while the probe's contact is solved. Their forces are those of their last ticks. Where the probe displaces the tissue
    at their contacts by d, they change by df = -(C + G)^-1 d, with C the tissue's compliance between these contacts and G that of the needle and of the
-   tissue close to it. See docs/mechanics.md, "Probe". Called by the worker; not thread-safe. */
+   tissue close to it, which is large along the needle, where the tissue slides. See docs/mechanics.md, "Probe". Called by the worker; not thread-safe. */
 #ifndef TROCAR_PROBE_SUPPORT_H
 #define TROCAR_PROBE_SUPPORT_H
 
@@ -10,6 +10,7 @@
 typedef struct {
     int corners[4];          /* indices in `nodes` of the corners of the element that contains the contact */
     double weights[4];       /* barycentric */
+    vec3 along;              /* unit vector along the needle */
 } supporting_contact;
 
 typedef struct {

@@ -40,10 +40,15 @@ static void show(trocar_sim *sim) {
 trocar_status press_probe(trocar_sim *sim, report *why) {
     probe *p = sim->probe;
     other_loads others;
+    needle_holds holds = {0};
     if (!p || !sim->probe_posed) return TROCAR_OK;
     uint64_t changes = attached_changes(sim), shifts = attached_shifts(sim);
     list_others(sim, BESIDE_PROBE, &others);
-    trocar_status status = probe_press(p, sim->probe_pose, &others, sim->probe_beneath != sim->resting.changes, why);
+    for (int i = 0; i < sim->needle_count; i++)
+        if (!sim->needles[i].attached && sim->needles[i].held.count > 0) holds.of[holds.count++] = link_hold(&sim->needles[i].link);
+    int64_t now = atomic_load_explicit(&sim->link.probe.time, memory_order_relaxed);
+    trocar_status status = probe_press(p, sim->probe_pose, 1e-9 * (double)(now - sim->probe_time), &others, &holds, sim->probe_beneath != sim->resting.changes, why);
+    sim->probe_time = now;
     sim->probe_beneath = sim->resting.changes;
     if (attached_changes(sim) != changes || attached_shifts(sim) != shifts) mark_stale(sim, NULL);
     show(sim);
@@ -55,10 +60,11 @@ trocar_status press_probe(trocar_sim *sim, report *why) {
 typedef struct {
     bool placed, posed, waits; /* waits: `asked` is a pose that the worker has not read yet */
     pose pose, asked;
+    int64_t time;
     probe_state state;
-} saved_probe;
+} saved_probe; /* followed by the hold of each needle */
 
-size_t saved_probe_size(const trocar_sim *sim) { return sim->probe ? sizeof(saved_probe) : 0; }
+size_t saved_probe_size(const trocar_sim *sim) { return sim->probe ? sizeof(saved_probe) + (size_t)sim->needle_count * sizeof(needle_hold) : 0; }
 
 void save_probe(trocar_sim *sim, void *to) {
     if (!sim->probe) return;
@@ -68,14 +74,23 @@ void save_probe(trocar_sim *sim, void *to) {
     saved.waits = probe_link_waiting(&sim->link.probe, &saved.asked);
     saved.posed = sim->probe_posed;
     saved.pose = sim->probe_pose;
+    saved.time = sim->probe_time;
     saved.state = sim->probe->state;
     memcpy(to, &saved, sizeof saved);
+    for (int i = 0; i < sim->needle_count; i++)
+        memcpy((char *)to + sizeof saved + (size_t)i * sizeof(needle_hold), link_hold(&sim->needles[i].link), sizeof(needle_hold));
 }
 
 trocar_status restore_probe(trocar_sim *sim, const void *from, report *why) {
     saved_probe saved;
     if (!sim->probe) return TROCAR_OK;
     memcpy(&saved, from, sizeof saved);
+    for (int i = 0; i < sim->needle_count; i++) {
+        memcpy(link_hold_slot(&sim->needles[i].link), (const char *)from + sizeof saved + (size_t)i * sizeof(needle_hold), sizeof(needle_hold));
+        link_publish_hold(&sim->needles[i].link);
+    }
+    atomic_store(&sim->link.probe.time, llround(1e9 * sim->rounds.time));
+    sim->probe_time = saved.time;
     probe_link_restore(&sim->link.probe, saved.placed, saved.waits ? &saved.asked : NULL);
     sim->probe_posed = saved.posed;
     sim->probe_pose = saved.pose;

@@ -21,6 +21,8 @@ static const double BRIDGE = 1.0 - M_SQRT1_2; /* probe radii, below 1: depth ins
 static const double LONG_EDGE = 0.5; /* probe radii: length of edges below which their midpoints are never pressed, because such edges would have to
                                         stretch to nearly three times their length to reach the depth BRIDGE. Derived for that depth */
 static const double STEP = 0.25; /* probe radii: largest step of the probe, so that the closest points on its surface move little. Chosen by judgement */
+static const double CATCHING_UP = 0.3; /* m/s: speed at which a stopped probe follows the newest pose once the tissue yields; a jump would be a jolt to the
+                                          needles. Chosen: as fast as a hand moves */
 static const double CONVERGED = 1e-9; /* m: largest change of a node's position in an iteration that counts as converged. Rounding tolerance */
 static const double PENETRATION = 1e-12; /* m: penetration up to which a node still counts as outside. Rounding tolerance */
 static const double TURNED = 0.02; /* rad: change of a normal above which the node is attached again, along the new normal. Effort limit */
@@ -475,7 +477,7 @@ static trocar_status find_free_forces(probe *p, bool changed, report *why) {
 
 /* Prepares the supports. In its last tick, a needle met the probe's points as attached, so their forces then were the free forces plus the response to the
    needle. */
-static trocar_status prepare_support(probe *p, const other_loads *others, bool stale, report *why) {
+static trocar_status prepare_support(probe *p, const needle_holds *holds, bool stale, report *why) {
     probe_scratch *s = p->scratch;
     const nodal_forces loads = {p->support.node_count, p->support.nodes, p->support.force};
     if (loads.count == 0) return TROCAR_OK;
@@ -485,7 +487,7 @@ static trocar_status prepare_support(probe *p, const other_loads *others, bool s
         s->point_force[i] = stale ? v3_scale(n->force, n->normal) : v3_axpy(s->response[i], n->row, n->free_force);
     }
     distribute(p, s->point_force, s->pressed);
-    return status == TROCAR_OK ? support_prepare(&p->support, others, &(nodal_forces){p->now.count, p->now.nodes, s->pressed}, why) : status;
+    return status == TROCAR_OK ? support_prepare(&p->support, holds, &(nodal_forces){p->now.count, p->now.nodes, s->pressed}, why) : status;
 }
 
 /* ---- pressing ------------------------------------------------------------------------------------------------------------------------ */
@@ -551,28 +553,32 @@ static trocar_status put_in(probe *p, pose base, const double *attached, bool *f
     return status;
 }
 
-static trocar_status press(probe *p, pose base, const other_loads *others, bool beneath_changed, report *why) {
+/* Number of steps for a way of this length (m), limited to just above MOST_STEPS. */
+static int steps_of(const probe *p, double way) { return 1 + (int)fmin(way / (STEP * p->shape.radius), MOST_STEPS); }
+
+static trocar_status press(probe *p, pose base, double elapsed, const other_loads *others, const needle_holds *holds, bool beneath_changed, report *why) {
     const double *attached = others->attached;
     bool changed = beneath_changed || p->attached_count != p->state.count, free = true;
     if (beneath_changed) p->compliance_known = false;
-    trocar_status status = support_list(&p->support, others, why);
-    if (status == TROCAR_OK) status = prepare_support(p, others, changed, why);
+    trocar_status status = support_list(&p->support, others, holds, why);
+    if (status == TROCAR_OK) status = prepare_support(p, holds, changed, why);
     if (status != TROCAR_OK) return status;
     pose from = p->state.base;
-    double steps = 1.0 + floor(fmin(probe_way(&p->shape, from, base) / (STEP * p->shape.radius), MOST_STEPS));
-    bool direct = !p->state.placed || steps > MOST_STEPS;
-    int last = p->state.stopped && !direct ? 1 : (int)steps; /* a stopped probe catches up by one step per solution, so that its force does not jump */
+    double way = probe_way(&p->shape, from, base), reach = p->state.stopped ? CATCHING_UP * elapsed : INFINITY;
+    bool direct = !p->state.placed || steps_of(p, way) > MOST_STEPS, catches_up = !direct && way > reach;
+    if (catches_up) base = pose_between(from, base, reach / way);
+    int steps = steps_of(p, fmin(way, reach));
     if (direct) status = put_in(p, base, attached, &free, &changed, why);
     else
-        for (int i = 1; i <= last && status == TROCAR_OK && free; i++)
-            status = press_at(p, i < (int)steps ? pose_between(from, base, i / steps) : base, attached, &free, &changed, why);
-    p->state.stopped = !free || last < (int)steps;
+        for (int i = 1; i <= steps && status == TROCAR_OK && free; i++)
+            status = press_at(p, i < steps ? pose_between(from, base, (double)i / steps) : base, attached, &free, &changed, why);
+    p->state.stopped = !free || catches_up;
     if (status == TROCAR_OK && changed) status = attach(p, why);
     return status == TROCAR_OK ? find_free_forces(p, changed, why) : status;
 }
 
-trocar_status probe_press(probe *p, pose base, const other_loads *others, bool beneath_changed, report *why) {
-    trocar_status status = press(p, base, others, beneath_changed, why);
+trocar_status probe_press(probe *p, pose base, double elapsed, const other_loads *others, const needle_holds *holds, bool beneath_changed, report *why) {
+    trocar_status status = press(p, base, elapsed, others, holds, beneath_changed, why);
     if (status != TROCAR_OK) {
         report ignored;
         p->state.count = 0;

@@ -64,13 +64,15 @@ typedef struct {
 trocar_status probe_create(inverse *beneath, const probe_shape *shape, int surface, double max_force, probe **created, report *why);
 void probe_free(probe *p);
 
-/* Presses the probe on the tissue at this pose, with the loads `others` on the tissue. `beneath_changed`: the attachments of `beneath` have changed.
+/* Presses the probe on the tissue at this pose, with the loads `others` on the tissue, of which those of held needles respond to the probe as in `holds`.
+   `elapsed`: s since the last call, during which a stopped probe can catch up. `beneath_changed`: the attachments of `beneath` have changed.
    Motions longer than a quarter of the radius are divided into steps. If the force would exceed max_force, the probe stops on its path. If the motion
    would take more than MOST_STEPS steps, or if the probe has no pose yet, it is placed directly at the pose. If in this case its axis would intersect the
    tissue at rest, or its force would exceed max_force, it stays where it was and counts as stopped. After a failure, nothing is pressed. Allocates when
    the set of pressed points changes. */
 enum { MOST_STEPS = 16 };
-trocar_status probe_press(probe *p, pose base, const other_loads *others, bool beneath_changed, report *why);
+trocar_status probe_press(probe *p, pose base, double elapsed, const other_loads *others, const needle_holds *holds, bool beneath_changed,
+                          report *why);
 
 /* True if the axis of a probe at this pose, from its base to its tip, intersects the undeformed tissue. */
 bool probe_axis_in_tissue(const mesh *m, const probe_shape *shape, pose base);

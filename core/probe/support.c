@@ -7,17 +7,11 @@
 
 #include "snapshot/free_displacement.h"
 
-static const double GIVE = 3.0; /* fraction: compliance across the needle, of the needle and of the tissue close to it at a contact, as a fraction of the
-                                   mesh's compliance there. If it is too small, the tissue lags behind the probe by the needle's motion until the next
-                                   solution; if it is much too large, the contacts of probe and needle alternate. Fitted to both: a lag of 20 um
-                                   (tests/unit/api/test_probe.c) and the jumps in random motions (verify_probe_motions) */
-static const double SLIDING = 100.0; /* fraction: the same along the needle, where the tissue slides. Chosen so large that the friction hardly changes */
-
 void support_free(support *s) {
     free(s->nodes);
     free(s->force);
     free(s->force_now);
-    free(s->contacts);
+    free(s->rows);
     free(s->factor);
     free(s->before);
     free(s->reached);
@@ -47,102 +41,122 @@ static bool make_room(support *s, int nodes) {
     return s->node_room > 0;
 }
 
-trocar_status support_list(support *s, const other_loads *others, report *why) {
-    if (!make_room(s, 1 + loads_most_nodes(others))) return fail(why, TROCAR_NO_MEMORY, "no memory for the probe's loads");
-    s->node_count = loads_on_nodes(mesh_of(s), others, s->nodes, s->force);
-    s->row_count = s->reach_count = 0;
-    return TROCAR_OK;
+static int place_of(const support *s, int node) {
+    int k = 0;
+    while (k < s->node_count && s->nodes[k] != node) k++;
+    return k;
 }
 
-/* ---- compliance of the contacts --------------------------------------------------------------------------------------------------- */
-
-/* A force that acts without a shaft, such as a residual load, supports nothing. */
-static bool supports(const tissue_load *load) { return load->shaft.to > load->shaft.from; }
-
-static int count_contacts(const other_loads *others) {
+static int count_rows(const needle_holds *holds) {
     int count = 0;
-    for (int n = 0; n < others->count; n++)
-        for (int i = 0; i < others->of[n]->count; i++) count += supports(&others->of[n]->loads[i]);
+    for (int n = 0; n < holds->count; n++) count += holds->of[n]->count;
     return count;
 }
 
-static void list_contacts(support *s, const other_loads *others) {
-    int count = 0;
-    for (int n = 0; n < others->count; n++)
-        for (int i = 0; i < others->of[n]->count; i++) {
-            const tissue_load *load = &others->of[n]->loads[i];
-            if (!supports(load)) continue;
-            supporting_contact *contact = &s->contacts[count++];
-            contact->along = load->shaft.direction;
-            memcpy(contact->weights, load->weights, sizeof contact->weights);
-            for (int c = 0; c < 4; c++) {
-                int k = 0;
-                while (s->nodes[k] != mesh_of(s)->tets[load->tet][c]) k++;
-                contact->corners[c] = k;
+trocar_status support_list(support *s, const other_loads *others, const needle_holds *holds, report *why) {
+    if (!make_room(s, 1 + loads_most_nodes(others) + 4 * count_rows(holds))) return fail(why, TROCAR_NO_MEMORY, "no memory for the probe's loads");
+    s->node_count = loads_on_nodes(mesh_of(s), others, s->nodes, s->force);
+    s->row_count = s->reach_count = 0;
+    for (int n = 0; n < holds->count; n++)
+        for (int i = 0; i < holds->of[n]->count; i++) {
+            int tet = holds->of[n]->rows[i].tet;
+            for (int c = 0; c < 4 && tet >= 0; c++) {
+                int node = mesh_of(s)->tets[tet][c], k = place_of(s, node);
+                if (k == s->node_count) s->nodes[s->node_count++] = node, s->force[k] = v3(0, 0, 0);
+            }
+        }
+    return TROCAR_OK;
+}
+
+/* ---- compliance of the rows ------------------------------------------------------------------------------------------------------- */
+
+static void list_rows(support *s, const needle_holds *holds) {
+    s->row_count = 0;
+    for (int n = 0; n < holds->count; n++)
+        for (int i = 0; i < holds->of[n]->count; i++) {
+            const attached_row *given = &holds->of[n]->rows[i];
+            supporting_row *row = &s->rows[s->row_count++];
+            *row = (supporting_row){.direction = given->direction};
+            for (int c = 0; c < 4 && given->tet >= 0; c++) {
+                row->corners[c] = place_of(s, mesh_of(s)->tets[given->tet][c]);
+                row->weights[c] = given->weights[c];
             }
         }
 }
 
-/* Interpolates the blocks between `nodes` and `columns` other nodes at the contacts: row_count x 3 columns, column-major. */
+/* Interpolates the blocks between `nodes` and `columns` other nodes at the rows: row_count x 3 columns, column-major. */
 static void interpolate(const support *s, int columns, double *out) {
-    for (int j = 0; j < 3 * columns; j++)
-        for (int i = 0; i < s->row_count; i++) {
-            const supporting_contact *contact = &s->contacts[i / 3];
+    size_t ld = 3 * (size_t)columns;
+    for (int i = 0; i < s->row_count; i++) {
+        const supporting_row *row = &s->rows[i];
+        for (size_t j = 0; j < ld; j++) {
             double sum = 0.0;
-            for (int c = 0; c < 4; c++) sum += contact->weights[c] * s->blocks[(size_t)(3 * contact->corners[c] + i % 3) * (size_t)(3 * columns) + (size_t)j];
-            out[(size_t)j * (size_t)s->row_count + (size_t)i] = sum;
+            for (int c = 0; c < 4; c++) {
+                const double *block = &s->blocks[3 * (size_t)row->corners[c] * ld + j];
+                sum += row->weights[c] * (row->direction.x * block[0] + row->direction.y * block[ld] + row->direction.z * block[2 * ld]);
+            }
+            out[j * (size_t)s->row_count + (size_t)i] = sum;
         }
+    }
 }
 
-/* Computes the compliance between the contacts and these nodes, row_count x 3 count, column-major; leaves the blocks of `nodes` in the scratch memory. */
+/* Computes the compliance between the rows and these nodes, row_count x 3 count, column-major; leaves the blocks of `nodes` in the scratch memory. */
 static trocar_status find_compliance(support *s, int count, const int *nodes, double *out, report *why) {
     trocar_status status = inverse_gather(s->tissue, &(inverse_blocks){s->node_count, s->nodes, count, nodes, s->blocks, 3 * count}, why);
     if (status == TROCAR_OK) interpolate(s, count, out);
     return status;
 }
 
-static trocar_status factorise(support *s, report *why) {
-    size_t n = (size_t)s->row_count;
-    trocar_status status = find_compliance(s, s->node_count, s->nodes, s->reached, why);
-    for (int j = 0; j < s->row_count && status == TROCAR_OK; j++) {
-        const supporting_contact *contact = &s->contacts[j / 3];
-        for (int i = 0; i < s->row_count; i++) {
-            double sum = 0.0;
-            for (int c = 0; c < 4; c++) sum += contact->weights[c] * s->reached[(size_t)(3 * contact->corners[c] + j % 3) * n + (size_t)i];
-            s->factor[(size_t)j * n + (size_t)i] = sum;
-        }
-        double *own = &s->factor[(size_t)j * n + (size_t)j];
-        *own = *own > 0.0 ? (1.0 + GIVE) * *own : 1.0; /* not positive: the whole element is fixed */
+/* Adds the compliances of the needles, which are coupled only through the tissue. */
+static void add_needles(support *s, const needle_holds *holds) {
+    size_t ld = (size_t)s->row_count, first = 0;
+    for (int n = 0; n < holds->count; n++) {
+        const double *own = holds->of[n]->compliance;
+        size_t count = (size_t)holds->of[n]->count;
+        for (size_t i = 0; i < count; i++)
+            for (size_t j = 0; j <= i; j++) s->factor[(first + j) * ld + first + i] += *own++;
+        first += count;
     }
-    for (int i = 0; i < s->row_count / 3 && status == TROCAR_OK; i++) {
-        vec3 d = s->contacts[i].along;
-        const double along[3] = {d.x, d.y, d.z};
-        double size = s->factor[(size_t)(3 * i) * (n + 1)];
-        for (int a = 0; a < 3; a++)
-            for (int b = 0; b < 3; b++) s->factor[(size_t)(3 * i + a) * n + (size_t)(3 * i + b)] += SLIDING * size * along[a] * along[b];
-    }
-    if (status == TROCAR_OK && LAPACKE_dpotrf(LAPACK_COL_MAJOR, 'L', s->row_count, s->factor, s->row_count) != 0)
-        status = fail(why, TROCAR_NUMERIC, "the tissue's compliance at the needles is not positive definite");
-    return status;
 }
 
-static bool make_room_for_contacts(support *s, int contacts) {
-    size_t rows = 3 * (size_t)contacts, wide = 3 * (size_t)(s->node_room > s->most ? s->node_room : s->most);
-    if ((int)rows <= s->row_room) return true;
-    free(s->contacts);
+/* Sets `stable` to false if needles and tissue are not stable without the probe: until the next tick, their forces then count as constant. */
+static trocar_status factorise(support *s, const needle_holds *holds, bool *stable, report *why) {
+    size_t n = (size_t)s->row_count;
+    trocar_status status = find_compliance(s, s->node_count, s->nodes, s->reached, why);
+    if (status != TROCAR_OK) return status;
+    for (size_t j = 0; j < n; j++) {
+        const supporting_row *row = &s->rows[j];
+        for (size_t i = 0; i < n; i++) {
+            double sum = 0.0;
+            for (int c = 0; c < 4; c++) {
+                const double *column = &s->reached[3 * (size_t)row->corners[c] * n + i];
+                sum += row->weights[c] * (row->direction.x * column[0] + row->direction.y * column[n] + row->direction.z * column[2 * n]);
+            }
+            s->factor[j * n + i] = sum;
+        }
+    }
+    add_needles(s, holds);
+    *stable = LAPACKE_dpotrf(LAPACK_COL_MAJOR, 'L', s->row_count, s->factor, s->row_count) == 0;
+    return TROCAR_OK;
+}
+
+static bool make_room_for_rows(support *s, int count) {
+    size_t rows = (size_t)count, wide = 3 * (size_t)(s->node_room > s->most ? s->node_room : s->most);
+    if (count <= s->row_room) return true;
+    free(s->rows);
     free(s->factor);
     free(s->before);
     free(s->reached);
     free(s->columns);
     free(s->response);
-    s->contacts = malloc((size_t)contacts * sizeof *s->contacts);
+    s->rows = malloc(rows * sizeof *s->rows);
     s->factor = malloc(rows * rows * sizeof *s->factor);
     s->before = malloc(rows * sizeof *s->before);
     s->reached = malloc(rows * wide * sizeof *s->reached);
     s->columns = malloc(rows * (size_t)s->most * sizeof *s->columns);
     s->response = malloc(rows * sizeof *s->response);
-    bool room = s->contacts && s->factor && s->before && s->reached && s->columns && s->response;
-    s->row_room = room ? (int)rows : 0;
+    bool room = s->rows && s->factor && s->before && s->reached && s->columns && s->response;
+    s->row_room = room ? count : 0;
     return room;
 }
 
@@ -150,20 +164,20 @@ static void divide_by_factor(const support *s, int columns, double *rows) {
     cblas_dtrsm(CblasColMajor, CblasLeft, CblasLower, CblasNoTrans, CblasNonUnit, s->row_count, columns, 1.0, s->factor, s->row_count, rows, s->row_count);
 }
 
-trocar_status support_prepare(support *s, const other_loads *others, const nodal_forces *pressed, report *why) {
-    int contacts = count_contacts(others);
-    if (contacts == 0) return TROCAR_OK;
-    if (!make_room_for_contacts(s, contacts)) return fail(why, TROCAR_NO_MEMORY, "no memory for the needles beside the probe");
-    s->row_count = 3 * contacts;
-    list_contacts(s, others);
-    trocar_status status = factorise(s, why);
+trocar_status support_prepare(support *s, const needle_holds *holds, const nodal_forces *pressed, report *why) {
+    int count = count_rows(holds);
+    bool stable = true;
+    if (count == 0) return TROCAR_OK;
+    if (!make_room_for_rows(s, count)) return fail(why, TROCAR_NO_MEMORY, "no memory for the needles beside the probe");
+    list_rows(s, holds);
+    trocar_status status = factorise(s, holds, &stable, why);
     memset(s->before, 0, (size_t)s->row_count * sizeof *s->before);
-    if (status == TROCAR_OK && pressed->count > 0) {
+    if (status == TROCAR_OK && stable && pressed->count > 0) {
         status = find_compliance(s, pressed->count, pressed->nodes, s->reached, why);
         if (status == TROCAR_OK) cblas_dgemv(CblasColMajor, CblasNoTrans, s->row_count, 3 * pressed->count, 1.0, s->reached, s->row_count, &pressed->force->x, 1, 0.0, s->before, 1);
         if (status == TROCAR_OK) divide_by_factor(s, 1, s->before);
     }
-    if (status != TROCAR_OK) s->row_count = 0;
+    if (status != TROCAR_OK || !stable) s->row_count = 0;
     return status;
 }
 
@@ -208,10 +222,9 @@ nodal_forces support_forces(const support *s, const vec3 *load) {
     memcpy(s->response, s->before, (size_t)s->row_count * sizeof *s->response);
     cblas_dgemv(CblasColMajor, CblasNoTrans, s->row_count, 3 * s->reach_count, -1.0, s->reached, s->row_count, &load->x, 1, 1.0, s->response, 1);
     cblas_dtrsv(CblasColMajor, CblasLower, CblasTrans, CblasNonUnit, s->row_count, s->factor, s->row_count, s->response, 1);
-    for (int k = 0; k < s->row_count / 3; k++) {
-        const supporting_contact *contact = &s->contacts[k];
-        vec3 change = v3(s->response[3 * k], s->response[3 * k + 1], s->response[3 * k + 2]);
-        for (int c = 0; c < 4; c++) s->force_now[contact->corners[c]] = v3_axpy(contact->weights[c], change, s->force_now[contact->corners[c]]);
+    for (int k = 0; k < s->row_count; k++) {
+        const supporting_row *row = &s->rows[k];
+        for (int c = 0; c < 4; c++) s->force_now[row->corners[c]] = v3_axpy(row->weights[c] * s->response[k], row->direction, s->force_now[row->corners[c]]);
     }
     return (nodal_forces){s->node_count, s->nodes, s->force_now};
 }

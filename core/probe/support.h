@@ -1,17 +1,17 @@
 /* How held needles support the tissue while the probe's contact is solved. Their forces are those of their last ticks. Where the probe displaces the tissue
-   at their contacts by d, they change by df = -(C + G)^-1 d, with C the tissue's compliance between these contacts and G that of the needle and of the
-   tissue close to it, which is large along the needle, where the tissue slides. See docs/mechanics.md, "Probe". Called by the worker; not thread-safe. */
+   at their contacts by d, they change by df = -(C + G)^-1 d, with C the tissue's compliance between these contacts and G that of the needle's side of the
+   contact problem (needle_hold). See docs/mechanics.md, "Probe". Called by the worker; not thread-safe. */
 #ifndef TROCAR_PROBE_SUPPORT_H
 #define TROCAR_PROBE_SUPPORT_H
 
 #include "inverse/inverse_attached.h"
-#include "snapshot/snapshot.h"
+#include "snapshot/needle_hold.h"
 
 typedef struct {
-    int corners[4];          /* indices in `nodes` of the corners of the element that contains the contact */
-    double weights[4];       /* barycentric */
-    vec3 along;              /* unit vector along the needle */
-} supporting_contact;
+    int corners[4];          /* indices in `nodes` of the corners of the element in which the force acts */
+    double weights[4];       /* barycentric; 0 if the force does not act on the tissue */
+    vec3 direction;          /* unit vector */
+} supporting_row;
 
 typedef struct {
     inverse *tissue;         /* the inverse without probe and held needles; owned by the caller */
@@ -19,23 +19,23 @@ typedef struct {
     int node_count, *nodes;  /* nodes on which held needles exert forces, without duplicates */
     vec3 *force;             /* N, on these nodes, at the last ticks */
     vec3 *force_now;         /* N, on these nodes, as changed by the supports */
-    int row_count;           /* three per contact */
-    supporting_contact *contacts;
+    int row_count;           /* of all needles */
+    supporting_row *rows;
     double *factor;          /* row_count square, column-major: L, L L^T = C + G */
-    double *before;          /* row_count: L^-1 of the displacement (m) of the contacts under the probe's forces at the last ticks */
+    double *before;          /* row_count: L^-1 of the displacement (m) of the rows under the probe's forces at the last ticks */
     int reach_count;
-    double *reached;         /* row_count x 3 reach_count, column-major: L^-1 of the compliance between the contacts and the nodes that the probe reaches */
+    double *reached;         /* row_count x 3 reach_count, column-major: L^-1 of the compliance between the rows and the nodes that the probe reaches */
     double *blocks, *columns, *response; /* scratch: blocks between `nodes` and other nodes; `most` columns, and one column, of row_count entries */
     int node_room, row_room;
 } support;
 
 void support_free(support *s);
 
-/* Lists the forces of held needles on nodes, in `nodes` and `force`. */
-trocar_status support_list(support *s, const other_loads *others, report *why);
+/* Lists the forces of held needles on nodes, in `nodes` and `force`; also lists nodes without forces at which the needles hold the tissue. */
+trocar_status support_list(support *s, const other_loads *others, const needle_holds *holds, report *why);
 
 /* Prepares the supports. `pressed`: the probe's forces at the last ticks. To be called after support_list. */
-trocar_status support_prepare(support *s, const other_loads *others, const nodal_forces *pressed, report *why);
+trocar_status support_prepare(support *s, const needle_holds *holds, const nodal_forces *pressed, report *why);
 
 /* Prepares for forces on these nodes, and adds to their displacements `u` (m) those that would remain without the probe. */
 trocar_status support_reach(support *s, int count, const int *nodes, vec3 *u, report *why);

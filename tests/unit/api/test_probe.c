@@ -188,6 +188,8 @@ static tissue_loads some_loads(double size) {
     return loads;
 }
 
+static const needle_holds no_holds;
+
 static void contact_against_sweeps(void **state) {
     (void)state;
     static vec3 others[CUBE_NODES], forces[CUBE_NODES];
@@ -199,7 +201,7 @@ static void contact_against_sweeps(void **state) {
         other_loads held = {.count = 1, .of = {&loads}, .beneath = beneath};
         memset(others, 0, sizeof others);
         loads_spread(&body.mesh, &loads, others);
-        OK(probe_press(p, lying(depth), &held, false, &why));
+        OK(probe_press(p, lying(depth), 0.0, &held, &no_holds, false, &why));
         int expected = press_by_sweeps(lying(depth), others, forces);
         vec3 total = v3(0, 0, 0), torque = v3(0, 0, 0);
         double worst = 0.0;
@@ -234,7 +236,7 @@ static void needles_feel_it(void **state) {
     tissue_loads loads = some_loads(3.0);
     other_loads held = {.count = 1, .of = {&loads}, .beneath = beneath};
     OK(probe_create(beneath, &CAPSULE, 2, INFINITY, &p, &why));
-    OK(probe_press(p, lying(0.006), &held, false, &why));
+    OK(probe_press(p, lying(0.006), 0.0, &held, &no_holds, false, &why));
     int n = p->state.count;
     assert_true(n > 3);
     for (int k = 0; k < n; k++)

@@ -13,8 +13,10 @@ void support_free(support *s) {
     free(s->force_now);
     free(s->rows);
     free(s->factor);
+    free(s->pivots);
     free(s->before);
     free(s->reached);
+    free(s->responses);
     free(s->blocks);
     free(s->columns);
     free(s->response);
@@ -119,6 +121,23 @@ static void add_needles(support *s, const needle_holds *holds) {
     }
 }
 
+static int count_unstable(const needle_holds *holds) {
+    int count = 0;
+    for (int n = 0; n < holds->count; n++) count += holds->of[n]->unstable;
+    return count;
+}
+
+/* Number of negative eigenvalues of the factorised matrix, by Sylvester's law of inertia: a pivot of two rows has one. */
+static int count_negative(const support *s) {
+    int count = 0;
+    for (int k = 0; k < s->row_count; k++) {
+        bool pair = s->pivots[k] < 0;
+        count += pair || s->factor[(size_t)k * ((size_t)s->row_count + 1)] < 0.0;
+        k += pair;
+    }
+    return count;
+}
+
 /* Sets `stable` to false if needles and tissue are not stable without the probe: until the next tick, their forces then count as constant. */
 static trocar_status factorise(support *s, const needle_holds *holds, bool *stable, report *why) {
     size_t n = (size_t)s->row_count;
@@ -136,7 +155,7 @@ static trocar_status factorise(support *s, const needle_holds *holds, bool *stab
         }
     }
     add_needles(s, holds);
-    *stable = LAPACKE_dpotrf(LAPACK_COL_MAJOR, 'L', s->row_count, s->factor, s->row_count) == 0;
+    *stable = LAPACKE_dsytrf(LAPACK_COL_MAJOR, 'L', s->row_count, s->factor, s->row_count, s->pivots) == 0 && count_negative(s) == count_unstable(holds);
     return TROCAR_OK;
 }
 
@@ -145,23 +164,27 @@ static bool make_room_for_rows(support *s, int count) {
     if (count <= s->row_room) return true;
     free(s->rows);
     free(s->factor);
+    free(s->pivots);
     free(s->before);
     free(s->reached);
+    free(s->responses);
     free(s->columns);
     free(s->response);
     s->rows = malloc(rows * sizeof *s->rows);
     s->factor = malloc(rows * rows * sizeof *s->factor);
+    s->pivots = malloc(rows * sizeof *s->pivots);
     s->before = malloc(rows * sizeof *s->before);
     s->reached = malloc(rows * wide * sizeof *s->reached);
-    s->columns = malloc(rows * (size_t)s->most * sizeof *s->columns);
+    s->responses = malloc(rows * wide * sizeof *s->responses);
+    s->columns = malloc(2 * rows * (size_t)s->most * sizeof *s->columns);
     s->response = malloc(rows * sizeof *s->response);
-    bool room = s->rows && s->factor && s->before && s->reached && s->columns && s->response;
+    bool room = s->rows && s->factor && s->pivots && s->before && s->reached && s->responses && s->columns && s->response;
     s->row_room = room ? count : 0;
     return room;
 }
 
-static void divide_by_factor(const support *s, int columns, double *rows) {
-    cblas_dtrsm(CblasColMajor, CblasLeft, CblasLower, CblasNoTrans, CblasNonUnit, s->row_count, columns, 1.0, s->factor, s->row_count, rows, s->row_count);
+static void respond(const support *s, int columns, double *displacements) {
+    LAPACKE_dsytrs(LAPACK_COL_MAJOR, 'L', s->row_count, columns, s->factor, s->row_count, s->pivots, displacements, s->row_count);
 }
 
 trocar_status support_prepare(support *s, const needle_holds *holds, const nodal_forces *pressed, report *why) {
@@ -175,7 +198,7 @@ trocar_status support_prepare(support *s, const needle_holds *holds, const nodal
     if (status == TROCAR_OK && stable && pressed->count > 0) {
         status = find_compliance(s, pressed->count, pressed->nodes, s->reached, why);
         if (status == TROCAR_OK) cblas_dgemv(CblasColMajor, CblasNoTrans, s->row_count, 3 * pressed->count, 1.0, s->reached, s->row_count, &pressed->force->x, 1, 0.0, s->before, 1);
-        if (status == TROCAR_OK) divide_by_factor(s, 1, s->before);
+        if (status == TROCAR_OK) respond(s, 1, s->before);
     }
     if (status != TROCAR_OK || !stable) s->row_count = 0;
     return status;
@@ -188,7 +211,8 @@ trocar_status support_reach(support *s, int count, const int *nodes, vec3 *u, re
     if (s->row_count == 0) return nodal_displacement_add(s->tissue, &(nodal_forces){s->node_count, s->nodes, s->force}, count, nodes, u, why);
     trocar_status status = find_compliance(s, count, nodes, s->reached, why);
     if (status != TROCAR_OK) return status;
-    divide_by_factor(s, 3 * count, s->reached);
+    memcpy(s->responses, s->reached, 3 * (size_t)count * (size_t)s->row_count * sizeof *s->responses);
+    respond(s, 3 * count, s->responses);
     cblas_dgemv(CblasRowMajor, CblasTrans, 3 * s->node_count, 3 * count, 1.0, s->blocks, 3 * count, &s->force->x, 1, 1.0, &u->x, 1);
     cblas_dgemv(CblasColMajor, CblasTrans, s->row_count, 3 * count, 1.0, s->reached, s->row_count, s->before, 1, 1.0, &u->x, 1);
     return TROCAR_OK;
@@ -196,22 +220,30 @@ trocar_status support_reach(support *s, int count, const int *nodes, vec3 *u, re
 
 void support_displace(const support *s, const vec3 *load, vec3 *u) {
     if (s->row_count == 0) return;
-    cblas_dgemv(CblasColMajor, CblasNoTrans, s->row_count, 3 * s->reach_count, 1.0, s->reached, s->row_count, &load->x, 1, 0.0, s->response, 1);
+    cblas_dgemv(CblasColMajor, CblasNoTrans, s->row_count, 3 * s->reach_count, 1.0, s->responses, s->row_count, &load->x, 1, 0.0, s->response, 1);
     cblas_dgemv(CblasColMajor, CblasTrans, s->row_count, 3 * s->reach_count, -1.0, s->reached, s->row_count, s->response, 1, 1.0, &u->x, 1);
 }
 
-void support_stiffen(const support *s, int count, const unit_force *points, double *compliance, int ld) {
+/* Combines columns of a matrix for the nodes to columns for the points. */
+static void combine(const support *s, int count, const unit_force *points, const double *nodal, double *columns) {
     size_t rows = (size_t)s->row_count;
-    if (rows == 0) return;
-    memset(s->columns, 0, rows * (size_t)count * sizeof *s->columns);
+    memset(columns, 0, rows * (size_t)count * sizeof *columns);
     for (int i = 0; i < count; i++)
         for (int e = 0; e < 2; e++) {
             if (points[i].ends[e] < 0) continue;
             vec3 f = points[i].along;
-            const double *reached = s->reached + 3 * (size_t)points[i].ends[e] * rows;
-            for (size_t k = 0; k < rows; k++) s->columns[(size_t)i * rows + k] += f.x * reached[k] + f.y * reached[rows + k] + f.z * reached[2 * rows + k];
+            const double *of = nodal + 3 * (size_t)points[i].ends[e] * rows;
+            for (size_t k = 0; k < rows; k++) columns[(size_t)i * rows + k] += f.x * of[k] + f.y * of[rows + k] + f.z * of[2 * rows + k];
         }
-    cblas_dsyrk(CblasRowMajor, CblasLower, CblasNoTrans, count, (int)rows, -1.0, s->columns, (int)rows, 1.0, compliance, ld);
+}
+
+void support_stiffen(const support *s, int count, const unit_force *points, double *compliance, int ld) {
+    int rows = s->row_count;
+    if (rows == 0) return;
+    double *moved = s->columns, *taken = s->columns + (size_t)rows * (size_t)s->most;
+    combine(s, count, points, s->reached, moved);
+    combine(s, count, points, s->responses, taken);
+    cblas_dsyr2k(CblasRowMajor, CblasLower, CblasNoTrans, count, rows, -0.5, moved, rows, taken, rows, 1.0, compliance, ld);
     for (int i = 0; i < count; i++)
         for (int j = 0; j < i; j++) compliance[j * ld + i] = compliance[i * ld + j];
 }
@@ -220,8 +252,7 @@ nodal_forces support_forces(const support *s, const vec3 *load) {
     if (s->row_count == 0 || s->reach_count == 0) return (nodal_forces){s->node_count, s->nodes, s->force};
     memcpy(s->force_now, s->force, (size_t)s->node_count * sizeof *s->force);
     memcpy(s->response, s->before, (size_t)s->row_count * sizeof *s->response);
-    cblas_dgemv(CblasColMajor, CblasNoTrans, s->row_count, 3 * s->reach_count, -1.0, s->reached, s->row_count, &load->x, 1, 1.0, s->response, 1);
-    cblas_dtrsv(CblasColMajor, CblasLower, CblasTrans, CblasNonUnit, s->row_count, s->factor, s->row_count, s->response, 1);
+    cblas_dgemv(CblasColMajor, CblasNoTrans, s->row_count, 3 * s->reach_count, -1.0, s->responses, s->row_count, &load->x, 1, 1.0, s->response, 1);
     for (int k = 0; k < s->row_count; k++) {
         const supporting_row *row = &s->rows[k];
         for (int c = 0; c < 4; c++) s->force_now[row->corners[c]] = v3_axpy(row->weights[c] * s->response[k], row->direction, s->force_now[row->corners[c]]);

@@ -21,11 +21,13 @@ typedef struct {
     vec3 *force_now;         /* N, on these nodes, as changed by the supports */
     int row_count;           /* of all needles */
     supporting_row *rows;
-    double *factor;          /* row_count square, column-major: L, L L^T = C + G */
-    double *before;          /* row_count: L^-1 of the displacement (m) of the rows under the probe's forces at the last ticks */
+    double *factor;          /* row_count square, column-major: factors of C + G, which is indefinite if a needle would buckle without the tissue */
+    int *pivots;
+    double *before;          /* N, row_count: (C + G)^-1 d for the displacements d under the probe's forces at the last ticks */
     int reach_count;
-    double *reached;         /* row_count x 3 reach_count, column-major: L^-1 of the compliance between the rows and the nodes that the probe reaches */
-    double *blocks, *columns, *response; /* scratch: blocks between `nodes` and other nodes; `most` columns, and one column, of row_count entries */
+    double *reached;         /* m/N, row_count x 3 reach_count, column-major: compliance between the rows and the nodes that the probe reaches */
+    double *responses;       /* (C + G)^-1 times `reached`: what the rows take up of a unit force on each of these nodes */
+    double *blocks, *columns, *response; /* scratch: blocks between `nodes` and other nodes; 2 `most` columns, and one column, of row_count entries */
     int node_room, row_room;
 } support;
 

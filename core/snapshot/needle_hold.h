@@ -10,6 +10,8 @@ enum { MAX_HOLD_ROWS = 256 };
    the rows. Rows that slide at constant force are left out. */
 typedef struct {
     int count;               /* number of rows; 0 if the needle holds no tissue */
+    int unstable;            /* number of negative eigenvalues that C + G has if needle and tissue are stable: the number of buckling modes of the needle without
+                                tissue and guides */
     attached_row rows[MAX_HOLD_ROWS];
     double compliance[MAX_HOLD_ROWS * (MAX_HOLD_ROWS + 1) / 2]; /* m/N, G, lower triangle in rows: [i (i + 1) / 2 + j], j <= i: compliance of needle, mount
                                                                    and guides, and of the tissue that the mesh does not resolve */

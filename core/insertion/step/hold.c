@@ -39,8 +39,9 @@ static attached_row row_of(const tick_input *tick, const insertion_state *state,
 void insertion_hold(const tick_input *tick, const insertion_state *state, insertion_workspace *w, needle_hold *hold) {
     const contact_problem *p = &w->problem;
     int held[MAX_HOLD_ROWS];
-    hold->count = 0;
+    hold->count = hold->unstable = 0;
     if (w->points.count == 0 || !touches_tissue(state)) return;
+    hold->unstable = w->response.tangent.unstable;
     double yield = w->creep.yield; /* the loads are those that displace elastic tissue as much as the forces displace relaxing tissue: yield times the forces */
     w->creep.yield = 0.0;
     memset(w->tissue.tip_row, 0, sizeof w->tissue.tip_row);

@@ -46,8 +46,11 @@ trocar_status press_probe(trocar_sim *sim, report *why) {
     list_others(sim, BESIDE_PROBE, &others);
     for (int i = 0; i < sim->needle_count; i++)
         if (!sim->needles[i].attached && sim->needles[i].held.count > 0) holds.of[holds.count++] = link_hold(&sim->needles[i].link);
+    bool held = false; /* otherwise nothing is ticked, and simulated time stands still */
+    for (int i = 0; i < sim->needle_count; i++) held = held || !sim->needles[i].attached;
     int64_t now = atomic_load_explicit(&sim->link.probe.time, memory_order_relaxed);
-    trocar_status status = probe_press(p, sim->probe_pose, 1e-9 * (double)(now - sim->probe_time), &others, &holds, sim->probe_beneath != sim->resting.changes, why);
+    double elapsed = held ? 1e-9 * (double)(now - sim->probe_time) : INFINITY;
+    trocar_status status = probe_press(p, sim->probe_pose, elapsed, &others, &holds, sim->probe_beneath != sim->resting.changes, why);
     sim->probe_time = now;
     sim->probe_beneath = sim->resting.changes;
     if (attached_changes(sim) != changes || attached_shifts(sim) != shifts) mark_stale(sim, NULL);

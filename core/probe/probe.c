@@ -21,8 +21,8 @@ static const double BRIDGE = 1.0 - M_SQRT1_2; /* probe radii, below 1: depth ins
 static const double LONG_EDGE = 0.5; /* probe radii: length of edges below which their midpoints are never pressed, because such edges would have to
                                         stretch to nearly three times their length to reach the depth BRIDGE. Derived for that depth */
 static const double STEP = 0.25; /* probe radii: largest step of the probe, so that the closest points on its surface move little. Chosen by judgement */
-static const double CATCHING_UP = 0.3; /* m/s: speed at which a stopped probe follows the newest pose once the tissue yields; a jump would be a jolt to the
-                                          needles. Chosen: as fast as a hand moves */
+static const double CATCHING_UP = 0.3; /* m/s: speed at which a stopped probe follows the newest pose once the tissue yields; a jump would be a jolt to the hands.
+                                          Chosen: as fast as a hand inserts a needle */
 static const double CONVERGED = 1e-9; /* m: largest change of a node's position in an iteration that counts as converged. Rounding tolerance */
 static const double PENETRATION = 1e-12; /* m: penetration up to which a node still counts as outside. Rounding tolerance */
 static const double TURNED = 0.02; /* rad: change of a normal above which the node is attached again, along the new normal. Effort limit */

@@ -30,7 +30,7 @@ typedef struct {
 /* The mutable state. Plain data. */
 typedef struct {
     bool placed;             /* false if the probe has no pose yet */
-    bool stopped;            /* true if the tissue stopped the probe before the requested pose */
+    bool stopped;            /* true if the tissue stopped the probe before the requested pose, and until the probe has caught up with that pose */
     pose base;               /* present pose */
     vec3 wrench_force, wrench_torque; /* N, and N m about the base: exerted on the hand that holds the probe */
     int count;
@@ -65,11 +65,11 @@ trocar_status probe_create(inverse *beneath, const probe_shape *shape, int surfa
 void probe_free(probe *p);
 
 /* Presses the probe on the tissue at this pose, with the loads `others` on the tissue, of which those of held needles respond to the probe as in `holds`.
-   `elapsed`: s since the last call, during which a stopped probe can catch up. `beneath_changed`: the attachments of `beneath` have changed.
-   Motions longer than a quarter of the radius are divided into steps. If the force would exceed max_force, the probe stops on its path. If the motion
-   would take more than MOST_STEPS steps, or if the probe has no pose yet, it is placed directly at the pose. If in this case its axis would intersect the
-   tissue at rest, or its force would exceed max_force, it stays where it was and counts as stopped. After a failure, nothing is pressed. Allocates when
-   the set of pressed points changes. */
+   `elapsed`: s since the last call, in which a stopped probe can catch up; INFINITY if time stands still. `beneath_changed`: the attachments of `beneath` have changed.
+   Motions longer than a quarter of the radius are divided into steps. If the force would exceed max_force, the probe stops on its path, and then
+   catches up at a limited speed. If the motion would take more than MOST_STEPS steps, or if the probe has no pose yet, it is placed directly
+   at the pose. If in this case its axis would intersect the tissue at rest, or its force would exceed max_force, it stays where it was and counts as
+   stopped. After a failure, nothing is pressed. Allocates when the set of pressed points changes. */
 enum { MOST_STEPS = 16 };
 trocar_status probe_press(probe *p, pose base, double elapsed, const other_loads *others, const needle_holds *holds, bool beneath_changed,
                           report *why);

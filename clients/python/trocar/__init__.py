@@ -157,7 +157,7 @@ class Probe(NamedTuple):
 
     pose (7,): pose of the probe's base; force (3,) N and torque (3,) N m, world frame: exerted on the hand that holds the probe, torque about the
     base point; contacts: number of surface points of the tissue on which the probe presses; stopped: true if the tissue stops the probe short of the
-    last pose given.
+    last pose given, and until it has caught up with that pose.
     """
 
     pose: npt.NDArray[np.float64]

@@ -572,7 +572,7 @@ static trocar_status press(probe *p, pose base, double elapsed, const other_load
     else
         for (int i = 1; i <= steps && status == TROCAR_OK && free; i++)
             status = press_at(p, i < steps ? pose_between(from, base, (double)i / steps) : base, attached, &free, &changed, why);
-    p->state.stopped = !free || catches_up;
+    p->state.stopped = (!free && (direct || way > 0.0)) || catches_up; /* a needle may raise the force of a probe that is at its pose */
     if (status == TROCAR_OK && changed) status = attach(p, why);
     return status == TROCAR_OK ? find_free_forces(p, changed, why) : status;
 }

@@ -204,7 +204,7 @@ typedef struct {
     double kept_open;                /* fraction of that difference that still remains */
 } continuation_step;
 
-/* Scratch of one tick, grouped by the stage that writes it. Only the profile is used after the call. */
+/* Scratch of one tick, grouped by the stage that writes it. After the call, only the profile and insertion_hold use it. */
 typedef struct {
     hand_advance hand;
     path_step path;

@@ -22,6 +22,7 @@ _Static_assert(TROCAR_STAGES == (int)TIMED_PARTS && TROCAR_STAGE_WRENCH == (int)
 
 static trocar_status create_needle(const trocar_sim *sim, sim_needle *needle, report *why) {
     trocar_status status = link_create(&needle->link, sim->borrows_workspace, why);
+    if (status == TROCAR_OK && sim->probe) status = link_create_holds(&needle->link, why);
     if (status != TROCAR_OK) return status;
     return remesher_create(sim->inverse, sim->model->parts.config.remeshing, &needle->remesher, why);
 }
@@ -120,6 +121,7 @@ trocar_status trocar_sim_step(trocar_sim *sim, int needle, const trocar_pose *ba
     if (status == TROCAR_OK) {
         const compliance_snapshot *answer = link_answer(&n->link);
         finite = run_tick(sim, needle, answer, at, dt, output) == TROCAR_OK; /* if a non-finite result restarted the insertion, the step continues normally */
+        post_hold(sim, n, answer);
         status = worker_after_tick(sim, needle, answer, dt, why);
     }
     restore_floating_mode(before);

@@ -31,7 +31,7 @@ typedef struct {
 enum { MOST_OTHER = 4096 };  /* bytes, more than everything that trocar_sim_state_size does not name */
 
 size_t trocar_sim_state_size(const trocar_sim *sim) {
-    size_t of_needle = sizeof(saved_needle) + sizeof(insertion_state) + sizeof(compliance_snapshot) + sizeof(resting_needle);
+    size_t of_needle = sizeof(saved_needle) + sizeof(insertion_state) + sizeof(compliance_snapshot) + sizeof(resting_needle) + (sim->probe ? sizeof(needle_hold) : 0);
     return sizeof(state_header) + sizeof(seed_list) + (size_t)sim->needle_count * of_needle + sizeof(probe_state) + MOST_OTHER;
 }
 

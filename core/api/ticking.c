@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "base/flush_denormals.h"
+#include "insertion/step/hold.h"
 
 trocar_status check_needle(const trocar_sim *sim, int needle, report *why) {
     if (has_needle(sim->model, needle)) return TROCAR_OK;
@@ -76,6 +77,13 @@ static trocar_status refuse(report *why, int needle, const char *reason) {
     return TROCAR_BAD_INPUT;
 }
 
+/* Tells the worker that the needle does not hold the tissue until its next tick. RT */
+static void post_no_hold(const trocar_sim *sim, needle_link *link) {
+    if (!sim->probe) return;
+    link_hold_slot(link)->count = 0;
+    link_publish_hold(link);
+}
+
 trocar_status trocar_sim_leave(trocar_sim *sim, int needle, trocar_error *error) {
     trocar_status status = check_needle(sim, needle, error);
     if (status != TROCAR_OK) return status;
@@ -86,6 +94,7 @@ trocar_status trocar_sim_leave(trocar_sim *sim, int needle, trocar_error *error)
     if (n->state.tip.place.phase == TIP_FREE) return refuse(error, needle, "it is not in the tissue: insert it before leaving it");
     if (n->state.moving_on) return refuse(error, needle, "it is on its way to another shape: hold it still first");
     fill_message_of_left_needle(sim, needle);
+    post_no_hold(sim, &n->link);
     link_leave(&n->link, &n->state);
     wake_worker(&sim->link);
     return TROCAR_OK;
@@ -122,6 +131,7 @@ trocar_status trocar_sim_reset(trocar_sim *sim, int needle, const trocar_pose *b
     seeds_keep(needle, &sim->seeds);
     n->stamp = next_stamp();
     n->loads.count = 0;
+    post_no_hold(sim, &n->link);
     if (link_reset(&n->link, n->state.request.serial) || n->link.posted_loads.count > 0) { /* tells the worker, so that the other needles stop feeling this
                                                                                               one */
         link_post_loads(&n->link, &(tissue_loads){.count = 0});
@@ -150,14 +160,25 @@ static bool loads_changed(const sim_needle *needle) {
     return false;
 }
 
+void post_hold(trocar_sim *sim, sim_needle *needle, const compliance_snapshot *snapshot) {
+    if (!sim->probe || !atomic_load_explicit(&sim->link.probe.placed, memory_order_relaxed)) return;
+    tick_input tick = {.model = &sim->model->parts.insertion, .snapshot = snapshot, .base = {needle->given, needle->base_compliance}};
+    floating_mode before = flush_denormals();
+    insertion_hold(&tick, &needle->state, sim->workspace, link_hold_slot(&needle->link));
+    restore_floating_mode(before);
+    link_publish_hold(&needle->link);
+}
+
 /* Posts the needle's forces to the worker, which passes them on to the other needles. Resting needles and the probe respond at intervals of their own. RT */
-static void post_loads(trocar_sim *sim, sim_needle *needle, double dt) {
+static void post_loads(trocar_sim *sim, sim_needle *needle, const compliance_snapshot *snapshot, double dt) {
     bool rest = atomic_load_explicit(&sim->link.resting, memory_order_relaxed) > 0 || atomic_load_explicit(&sim->link.probe.placed, memory_order_relaxed);
     const shown_probe *probe = shown_probe_of(sim);
     double period = response_period(probe ? probe->output.contacts : 0);
     bool fades = rest && atomic_load_explicit(&needle->link.since_release, memory_order_relaxed) < RELEASE_TIME + (int64_t)(1e9 * period);
+    bool catches_up = probe && probe->output.stopped;
     needle->since_loads += dt;
-    if ((!rest && sim->needle_count == 1) || (rest && needle->since_loads < period) || !(fades || loads_changed(needle))) return;
+    if ((!rest && sim->needle_count == 1) || (rest && needle->since_loads < period) || !(fades || catches_up || loads_changed(needle))) return;
+    post_hold(sim, needle, snapshot);
     link_post_loads(&needle->link, &needle->loads);
     needle->since_loads = 0.0;
     wake_worker(&sim->link);
@@ -181,6 +202,7 @@ trocar_status run_tick(trocar_sim *sim, int index, const compliance_snapshot *sn
     floating_mode before = flush_denormals();
     needle->given = base;
     advance_time(&sim->rounds, index, dt);
+    atomic_store_explicit(&sim->link.probe.time, llround(1e9 * sim->rounds.time), memory_order_relaxed);
     atomic_fetch_add_explicit(&needle->link.since_release, llround(1e9 * dt), memory_order_relaxed);
     tick_input tick = {.model = model, .snapshot = snapshot, .base = {base, needle->base_compliance}, .dt = dt};
     for (int i = 0; i < sim->needle_count; i++)
@@ -208,8 +230,9 @@ trocar_status trocar_sim_tick(trocar_sim *sim, int needle, const trocar_pose *ba
     sim_needle *n = &sim->needles[needle];
     adopt_needle(sim, n);
     if (link_refuses(&n->link, ON_TICK)) return TROCAR_BAD_INPUT;
-    trocar_status status = run_tick(sim, needle, link_answer(&n->link), at, dt, output);
-    post_loads(sim, n, dt);
+    const compliance_snapshot *snapshot = link_answer(&n->link);
+    trocar_status status = run_tick(sim, needle, snapshot, at, dt, output);
+    post_loads(sim, n, snapshot, dt);
     if (link_post_request(&n->link, &n->state.request, sim->clock ? sim->clock() : 0)) wake_worker(&sim->link);
     return status;
 }

@@ -29,4 +29,7 @@ void fill_message_of_left_needle(trocar_sim *sim, int needle);
    state; the status is then NUMERIC. RT */
 trocar_status run_tick(trocar_sim *sim, int needle, const compliance_snapshot *answer, pose base, double dt, trocar_output *output);
 
+/* Posts to the worker how the needle holds the tissue beside the probe. To be called after run_tick, with the same answer. RT */
+void post_hold(trocar_sim *sim, sim_needle *needle, const compliance_snapshot *answer);
+
 #endif

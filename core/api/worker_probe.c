@@ -41,10 +41,18 @@ static void show(trocar_sim *sim) {
 trocar_status press_probe(trocar_sim *sim, report *why) {
     probe *p = sim->probe;
     other_loads others;
+    needle_holds holds = {0};
     if (!p || !sim->probe_posed) return TROCAR_OK;
     uint64_t changes = attached_changes(sim), shifts = attached_shifts(sim);
     list_others(sim, BESIDE_PROBE, &others);
-    trocar_status status = probe_press(p, sim->probe_pose, &others, sim->probe_beneath != sim->resting.changes, why);
+    for (int i = 0; i < sim->needle_count; i++)
+        if (!sim->needles[i].attached && sim->needles[i].held.count > 0) holds.of[holds.count++] = link_hold(&sim->needles[i].link);
+    bool held = false; /* otherwise nothing is ticked, and simulated time stands still */
+    for (int i = 0; i < sim->needle_count; i++) held = held || !sim->needles[i].attached;
+    int64_t now = atomic_load_explicit(&sim->link.probe.time, memory_order_relaxed);
+    double elapsed = held ? 1e-9 * (double)(now - sim->probe_time) : INFINITY;
+    trocar_status status = probe_press(p, sim->probe_pose, elapsed, &others, &holds, sim->probe_beneath != sim->resting.changes, why);
+    sim->probe_time = now;
     sim->probe_beneath = sim->resting.changes;
     if (attached_changes(sim) != changes || attached_shifts(sim) != shifts) mark_stale(sim, NULL);
     show(sim);
@@ -56,14 +64,17 @@ trocar_status press_probe(trocar_sim *sim, report *why) {
 typedef struct {
     bool placed, posed, waits; /* waits: `asked` is a pose that the worker has not read yet */
     pose pose, asked;
+    int64_t time;            /* ns */
 } saved_poses;
 
 void save_probe(state_stream *to, trocar_sim *sim) {
     if (!sim->probe) return;
     saved_poses saved = {.placed = atomic_load(&sim->link.probe.placed), .posed = sim->probe_posed, .pose = sim->probe_pose};
     saved.waits = probe_link_waiting(&sim->link.probe, &saved.asked);
+    saved.time = sim->probe_time;
     STREAM(to, saved);
     saved_probe(to, &sim->probe->state);
+    for (int i = 0; i < sim->needle_count; i++) saved_hold(to, (needle_hold *)link_hold(&sim->needles[i].link));
 }
 
 trocar_status restore_probe(state_stream *from, trocar_sim *sim, report *why) {
@@ -72,6 +83,12 @@ trocar_status restore_probe(state_stream *from, trocar_sim *sim, report *why) {
     if (!sim->probe) return TROCAR_OK;
     STREAM(from, saved);
     saved_probe(from, &state);
+    for (int i = 0; i < sim->needle_count; i++) {
+        saved_hold(from, link_hold_slot(&sim->needles[i].link));
+        link_publish_hold(&sim->needles[i].link);
+    }
+    atomic_store(&sim->link.probe.time, llround(1e9 * sim->rounds.time));
+    sim->probe_time = saved.time;
     probe_link_restore(&sim->link.probe, saved.placed, saved.waits ? &saved.asked : NULL);
     sim->probe_posed = saved.posed;
     sim->probe_pose = saved.pose;

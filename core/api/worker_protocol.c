@@ -69,7 +69,10 @@ trocar_status link_create(needle_link *link, bool lockstep, report *why) {
     return status;
 }
 
+trocar_status link_create_holds(needle_link *link, report *why) { return triple_buffer_create(&link->holds, sizeof(needle_hold), why); }
+
 void link_free(needle_link *link) {
+    triple_buffer_free(&link->holds);
     triple_buffer_free(&link->requests);
     triple_buffer_free(&link->answers);
     triple_buffer_free(&link->loads);
@@ -118,6 +121,9 @@ void link_post_loads(needle_link *link, const tissue_loads *loads) {
     triple_buffer_publish(&link->loads);
     copy_loads(loads, &link->posted_loads);
 }
+
+needle_hold *link_hold_slot(needle_link *link) { return triple_buffer_slot(&link->holds); }
+void link_publish_hold(needle_link *link) { triple_buffer_publish(&link->holds); }
 
 left_needle *link_left_slot(needle_link *link) { return triple_buffer_slot(&link->left); }
 
@@ -168,6 +174,7 @@ bool link_complete(needle_link *link, unsigned seen, needle_event event) {
 const posted_request *link_request(needle_link *link, bool *fresh) { return triple_buffer_read(&link->requests, fresh); }
 bool link_request_waits(needle_link *link) { return triple_buffer_waits(&link->requests); }
 const tissue_loads *link_loads(needle_link *link, bool *fresh) { return triple_buffer_read(&link->loads, fresh); }
+const needle_hold *link_hold(needle_link *link) { return triple_buffer_read(&link->holds, NULL); }
 const left_needle *link_left(needle_link *link) { return triple_buffer_read(&link->left, NULL); }
 compliance_snapshot *link_answer_slot(needle_link *link) { return triple_buffer_slot(&link->answers); }
 void link_publish_answer(needle_link *link) { triple_buffer_publish(&link->answers); }

@@ -111,6 +111,7 @@ typedef struct {
                                 reset and left again while the worker was attaching it */
     triple_buffer requests;  /* posted_request: ticking thread -> worker */
     triple_buffer loads;     /* tissue_loads: ticking thread -> worker */
+    triple_buffer holds;     /* needle_hold: ticking thread -> worker; only in scenes with a probe */
     triple_buffer left;      /* left_needle: ticking thread -> worker */
     triple_buffer answers;   /* compliance_snapshot: worker -> ticking thread */
     triple_buffer shown;     /* shown_needle: worker -> ticking thread */
@@ -126,6 +127,9 @@ typedef struct {
 
 /* `lockstep`: one thread is both ticking thread and worker, so that nothing has to be ready in advance. */
 trocar_status link_create(needle_link *link, bool lockstep, report *why);
+
+/* In scenes with a probe, also to be called. */
+trocar_status link_create_holds(needle_link *link, report *why);
 void link_free(needle_link *link);
 
 /* Copies only the entries in use, because the arrays are large. RT */
@@ -148,6 +152,10 @@ const shown_needle *link_shown(const needle_link *link);
 bool link_post_request(needle_link *link, const remesh_request *request, int64_t now);
 
 void link_post_loads(needle_link *link, const tissue_loads *loads);
+
+/* Returns the slot for a hold, to be filled before link_publish_hold. */
+needle_hold *link_hold_slot(needle_link *link);
+void link_publish_hold(needle_link *link);
 
 /* Returns the slot for the message about a needle that is being left, to be filled before link_leave. Valid in phase HELD. */
 left_needle *link_left_slot(needle_link *link);
@@ -180,6 +188,9 @@ bool link_request_waits(needle_link *link); /* true if there is a newer request 
 /* Returns the newest loads; sets *fresh, unless NULL, if they have not been read before. */
 const tissue_loads *link_loads(needle_link *link, bool *fresh);
 
+/* Returns the newest hold, which is valid until the next call. */
+const needle_hold *link_hold(needle_link *link);
+
 const left_needle *link_left(needle_link *link);
 
 /* Return slots that the worker fills and then publishes. */
@@ -201,6 +212,7 @@ typedef struct {
     triple_buffer poses;     /* pose: ticking thread -> worker */
     triple_buffer shown;     /* shown_probe: worker -> ticking thread */
     atomic_bool placed;      /* a pose has been posted */
+    atomic_llong time;       /* ns, simulated time; set by the ticking thread */
 } probe_link;
 
 void probe_link_post(probe_link *link, pose at);             /* ticking thread. RT */

@@ -21,6 +21,8 @@ static const double BRIDGE = 1.0 - M_SQRT1_2; /* probe radii, below 1: depth ins
 static const double LONG_EDGE = 0.5; /* probe radii: length of edges below which their midpoints are never pressed, because such edges would have to
                                         stretch to nearly three times their length to reach the depth BRIDGE. Derived for that depth */
 static const double STEP = 0.25; /* probe radii: largest step of the probe, so that the closest points on its surface move little. Chosen by judgement */
+static const double CATCHING_UP = 0.3; /* m/s: speed at which a stopped probe follows the newest pose once the tissue yields; a jump would be a jolt to the hands.
+                                          Chosen: as fast as a hand inserts a needle */
 static const double CONVERGED = 1e-9; /* m: largest change of a node's position in an iteration that counts as converged. Rounding tolerance */
 static const double PENETRATION = 1e-12; /* m: penetration up to which a node still counts as outside. Rounding tolerance */
 static const double TURNED = 0.02; /* rad: change of a normal above which the node is attached again, along the new normal. Effort limit */
@@ -37,7 +39,9 @@ typedef struct probe_scratch {
     int chosen[MAX_PRESSED];                                     /* candidates that are part of the complementarity problem */
     double matrix[MAX_PRESSED * MAX_PRESSED], right[MAX_PRESSED], z[MAX_PRESSED], pivoting[MAX_PRESSED * (MAX_PRESSED + 2)];
     int nodes[2 * MAX_PRESSED];
-    vec3 now[MAX_PRESSED], unloaded[MAX_PRESSED];
+    vec3 now[MAX_PRESSED], unloaded[MAX_PRESSED], pressed[MAX_PRESSED]; /* N, on `nodes` */
+    vec3 point_force[MAX_PRESSED];                                      /* N, on the pressed points */
+    unit_force unit[MAX_PRESSED];                                       /* of the chosen candidates */
     double response[MAX_PRESSED], none[1], attached[MAX_PRESSED * MAX_PRESSED];
     probe_state before;
 } probe_scratch;
@@ -128,6 +132,7 @@ trocar_status probe_create(inverse *beneath, const probe_shape *shape, int surfa
     p->shape = *shape;
     p->max_force = max_force;
     p->beneath = beneath;
+    p->support = (support){.tissue = beneath, .most = MAX_PRESSED};
     p->state.base.orientation.w = 1.0;
     trocar_status status = take_surface(p, surface, why);
     if (status == TROCAR_OK) status = inverse_create_attached(beneath, &p->inverse, why);
@@ -148,8 +153,7 @@ void probe_free(probe *p) {
     free(p->points);
     free(p->compliance);
     free(p->scratch);
-    free(p->load_nodes);
-    free(p->load_forces);
+    support_free(&p->support);
     free(p);
 }
 
@@ -197,11 +201,23 @@ static void choose_closest(probe *p, double (*gaps)[2]) {
         }
 }
 
-/* Chooses the points again, unless all points that matter are already listed. */
-static trocar_status list_near(probe *p, pose base, report *why) {
+/* True if the probe may touch this point, which other loads may push toward it. */
+static bool in_reach(const probe *p, pose base, int point, const double *attached) {
+    double reach = p->support.node_count > 0 || attached ? LOADED_REACH : REACH;
+    return gap_at_rest(p, base, point) < reach * p->shape.radius;
+}
+
+/* True if the probe can touch no point. */
+static bool is_far(const probe *p, pose base, const double *attached) {
+    for (int i = 0; i < p->point_count; i++)
+        if (in_reach(p, base, i, attached)) return false;
+    return true;
+}
+
+/* Chooses the points again, unless all points that the probe may touch are already listed. */
+static trocar_status list_near(probe *p, pose base, const double *attached, report *why) {
     bool listed = p->near_count > 0;
-    for (int i = 0; i < p->point_count && listed; i++)
-        listed = gap_at_rest(p, base, i) > REACH * p->shape.radius || find(i, p->candidate_count, p->candidates) >= 0;
+    for (int i = 0; i < p->point_count && listed; i++) listed = !in_reach(p, base, i, attached) || find(i, p->candidate_count, p->candidates) >= 0;
     for (int i = 0; i < p->state.count && listed; i++) listed = find(p->state.points[i].point, p->candidate_count, p->candidates) >= 0;
     if (listed) return TROCAR_OK;
     double (*gaps)[2] = malloc((size_t)p->point_count * sizeof *gaps); /* gap, and index of the point */
@@ -253,26 +269,11 @@ static double own_compliance(const probe *p, int i) {
     return EDGE_COMPLIANCE * v3_dot(normal, candidate_yields(p, i, i, normal));
 }
 
-/* ---- others' loads -------------------------------------------------------------------------------------------------------------- */
-
-static trocar_status collect_loads(probe *p, const other_loads *others, nodal_forces *loads, report *why) {
-    int most = 1 + loads_most_nodes(others);
-    if (most > p->load_room) {
-        free(p->load_nodes);
-        free(p->load_forces);
-        p->load_nodes = malloc((size_t)most * sizeof *p->load_nodes);
-        p->load_forces = malloc((size_t)most * sizeof *p->load_forces);
-        p->load_room = p->load_nodes && p->load_forces ? most : 0;
-        if (p->load_room == 0) return fail(why, TROCAR_NO_MEMORY, "no memory for the probe's loads");
-    }
-    *loads = (nodal_forces){loads_on_nodes(mesh_of(p), others, p->load_nodes, p->load_forces), p->load_nodes, p->load_forces};
-    return TROCAR_OK;
-}
-
-static trocar_status find_free(probe *p, const nodal_forces *loads, const double *attached, report *why) {
+/* Finds the displacement of the near nodes without the probe. */
+static trocar_status find_free(probe *p, const double *attached, report *why) {
     vec3 *u = p->scratch->free_u;
     memset(u, 0, sizeof p->scratch->free_u);
-    trocar_status status = nodal_displacement_add(p->beneath, loads, p->near_count, p->near, u, why);
+    trocar_status status = support_reach(&p->support, p->near_count, p->near, u, why);
     if (status == TROCAR_OK && attached) status = inverse_attached_displace(p->beneath, attached, p->near_count, p->near, u, why);
     return status;
 }
@@ -289,13 +290,15 @@ static double displace(probe *p) {
             int end = s->near_ends[i][e];
             if (end >= 0) s->load[end] = v3_axpy(p->points[p->candidates[i]].weight * s->force[i], s->normal[i], s->load[end]);
         }
+    vec3 before[MAX_PRESSED];
+    memcpy(before, s->u, (size_t)p->near_count * sizeof *before);
     for (int i = 0; i < p->near_count; i++) {
-        vec3 u = s->free_u[i];
+        s->u[i] = s->free_u[i];
         for (int j = 0; j < p->near_count; j++)
-            if (v3_dot(s->load[j], s->load[j]) > 0.0) u = v3_add(u, yields(p, i, j, s->load[j]));
-        longest = fmax(longest, v3_norm(v3_sub(u, s->u[i])));
-        s->u[i] = u;
+            if (v3_dot(s->load[j], s->load[j]) > 0.0) s->u[i] = v3_add(s->u[i], yields(p, i, j, s->load[j]));
     }
+    support_displace(&p->support, s->load, s->u);
+    for (int i = 0; i < p->near_count; i++) longest = fmax(longest, v3_norm(v3_sub(s->u[i], before[i])));
     return longest;
 }
 
@@ -320,7 +323,9 @@ static bool solve_linearised(probe *p, pose base) {
             s->matrix[a * MAX_PRESSED + b] = s->matrix[b * MAX_PRESSED + a] = v3_dot(s->normal[i], candidate_yields(p, i, j, s->normal[j]));
         }
         s->matrix[a * MAX_PRESSED + a] += own_compliance(p, i);
+        s->unit[a] = (unit_force){{s->near_ends[i][0], s->near_ends[i][1]}, v3_scale(p->points[p->candidates[i]].weight, s->normal[i])};
     }
+    support_stiffen(&p->support, count, s->unit, s->matrix, MAX_PRESSED);
     if (!complementarity_solve(count, s->matrix, MAX_PRESSED, s->right, PENETRATION, s->z, s->pivoting)) return false;
     memset(s->force, 0, sizeof s->force);
     for (int a = 0; a < count; a++) s->force[s->chosen[a]] = s->z[a];
@@ -340,10 +345,10 @@ static void start_from_state(probe *p) {
     displace(p);
 }
 
-static trocar_status solve_at(probe *p, pose base, const nodal_forces *loads, const double *attached, report *why) {
-    trocar_status status = list_near(p, base, why);
+static trocar_status solve_at(probe *p, pose base, const double *attached, report *why) {
+    trocar_status status = list_near(p, base, attached, why);
     if (status == TROCAR_OK) status = find_compliance(p, why);
-    if (status == TROCAR_OK) status = find_free(p, loads, attached, why);
+    if (status == TROCAR_OK) status = find_free(p, attached, why);
     if (status != TROCAR_OK) return status;
     start_from_state(p);
     for (int k = 0; k < MOST_ITERATIONS; k++) {
@@ -419,7 +424,20 @@ static bool take_solution(probe *p, pose base) {
     return changed;
 }
 
-/* Distributes the forces on points to nodes, without duplicate nodes. */
+/* Distributes forces on the pressed points to the published nodes. */
+static void distribute(const probe *p, const vec3 *point_force, vec3 *nodal) {
+    memset(nodal, 0, MAX_PRESSED * sizeof *nodal);
+    for (int i = 0; i < p->state.count; i++) {
+        const surface_point *point = &p->points[p->state.points[i].point];
+        for (int e = 0; e < 2; e++) {
+            if (point->ends[e] < 0) continue;
+            int at = find(p->surface[point->ends[e]], p->now.count, p->now.nodes);
+            nodal[at] = v3_axpy(point->weight, point_force[i], nodal[at]);
+        }
+    }
+}
+
+/* Lists the nodes of the pressed points, without duplicates, and their forces. */
 static void publish(probe *p) {
     probe_scratch *s = p->scratch;
     int count = 0;
@@ -432,26 +450,19 @@ static void publish(probe *p) {
     int distinct = 0;
     for (int i = 0; i < count; i++)
         if (distinct == 0 || s->nodes[distinct - 1] != s->nodes[i]) s->nodes[distinct++] = s->nodes[i];
-    memset(s->now, 0, sizeof s->now);
-    memset(s->unloaded, 0, sizeof s->unloaded);
-    for (int i = 0; i < p->state.count; i++) {
-        const pressed_point *n = &p->state.points[i];
-        const surface_point *point = &p->points[n->point];
-        for (int e = 0; e < 2; e++) {
-            if (point->ends[e] < 0) continue;
-            int at = find(p->surface[point->ends[e]], distinct, s->nodes);
-            s->now[at] = v3_axpy(point->weight * n->force, n->normal, s->now[at]);
-            s->unloaded[at] = v3_axpy(point->weight, n->free_force, s->unloaded[at]);
-        }
-    }
     p->now.count = p->unloaded.count = distinct;
+    for (int i = 0; i < p->state.count; i++) s->point_force[i] = v3_scale(p->state.points[i].force, p->state.points[i].normal);
+    distribute(p, s->point_force, s->now);
+    for (int i = 0; i < p->state.count; i++) s->point_force[i] = p->state.points[i].free_force;
+    distribute(p, s->point_force, s->unloaded);
 }
 
 /* Computes the free forces: subtracts the response of the attached points to held needles from the forces. */
-static trocar_status find_free_forces(probe *p, const nodal_forces *loads, bool changed, report *why) {
+static trocar_status find_free_forces(probe *p, bool changed, report *why) {
     double *response = p->scratch->response, most = 0.0;
-    vec3 *unloaded = p->scratch->unloaded;
-    trocar_status status = inverse_attached_response(p->inverse, loads, response, p->scratch->none, why);
+    vec3 *unloaded = p->scratch->point_force;
+    nodal_forces loads = support_forces(&p->support, p->scratch->load);
+    trocar_status status = inverse_attached_response(p->inverse, &loads, response, p->scratch->none, why);
     if (status != TROCAR_OK) return status;
     for (int i = 0; i < p->state.count; i++) {
         const pressed_point *n = &p->state.points[i];
@@ -464,102 +475,110 @@ static trocar_status find_free_forces(probe *p, const nodal_forces *loads, bool 
     return TROCAR_OK;
 }
 
-/* ---- pressing ------------------------------------------------------------------------------------------------------------------------ */
-
-/* The other loads on the tissue, which displace the surface without the probe. */
-typedef struct {
-    nodal_forces forces;
-    const double *attached;
-} probe_loads;
-
-/* True if the probe is too far away to touch the surface, which other loads may push toward it. */
-static bool is_far(const probe *p, pose base, const probe_loads *loads) {
-    double reach = loads->forces.count > 0 || loads->attached ? LOADED_REACH : REACH;
-    for (int i = 0; i < p->point_count; i++)
-        if (gap_at_rest(p, base, i) < reach * p->shape.radius) return false;
-    return true;
+/* Prepares the supports. In its last tick, a needle met the probe's points as attached, so their forces then were the free forces plus the response to the
+   needle. */
+static trocar_status prepare_support(probe *p, const needle_holds *holds, bool stale, report *why) {
+    probe_scratch *s = p->scratch;
+    const nodal_forces loads = {p->support.node_count, p->support.nodes, p->support.force};
+    if (loads.count == 0) return TROCAR_OK;
+    trocar_status status = stale ? TROCAR_OK : inverse_attached_response(p->inverse, &loads, s->response, s->none, why);
+    for (int i = 0; i < p->state.count; i++) {
+        const pressed_point *n = &p->state.points[i];
+        s->point_force[i] = stale ? v3_scale(n->force, n->normal) : v3_axpy(s->response[i], n->row, n->free_force);
+    }
+    distribute(p, s->point_force, s->pressed);
+    return status == TROCAR_OK ? support_prepare(&p->support, holds, &(nodal_forces){p->now.count, p->now.nodes, s->pressed}, why) : status;
 }
+
+/* ---- pressing ------------------------------------------------------------------------------------------------------------------------ */
 
 bool probe_axis_in_tissue(const mesh *m, const probe_shape *shape, pose base) {
     vec3 tip = v3_add(base.position, q_rotate(base.orientation, v3(0, 0, shape->length - shape->tip_radius)));
     return mesh_locate(m, tip, -1) >= 0 || mesh_locate(m, base.position, -1) >= 0 || mesh_enter(m, base.position, tip).hit;
 }
 
-static trocar_status solve_force(probe *p, pose at, const probe_loads *loads, double *force, report *why) {
+static trocar_status solve_force(probe *p, pose at, const double *attached, double *force, report *why) {
     vec3 ignored;
-    trocar_status status = solve_at(p, at, &loads->forces, loads->attached, why);
+    trocar_status status = solve_at(p, at, attached, why);
     *force = status == TROCAR_OK ? v3_norm(wrench_of_solution(p, at, &ignored)) : 0.0;
     return status;
 }
 
 /* Finds, by the secant method, the pose between the current pose and `to` at which the force is just below the limit. `beyond`: the force at `to`. The
    solution for the returned pose is left in the scratch memory. */
-static trocar_status solve_short_of(probe *p, pose *to, double beyond, const probe_loads *loads, report *why) {
+static trocar_status solve_short_of(probe *p, pose *to, double beyond, const double *attached, report *why) {
     pose from = p->state.base, end = *to;
     double force = v3_norm(p->state.wrench_force), part = 1.0, target = (1.0 - STOPPED) * p->max_force;
     for (int i = 0; i < MOST_STOPS; i++) {
         part = i + 1 < MOST_STOPS ? part * fmax(0.0, (target - force) / (beyond - force)) : 0.0;
         *to = part > 0.0 ? pose_between(from, end, part) : from;
-        trocar_status status = solve_force(p, *to, loads, &beyond, why);
+        trocar_status status = solve_force(p, *to, attached, &beyond, why);
         if (status != TROCAR_OK || part == 0.0 || beyond <= p->max_force) return status;
     }
     return TROCAR_OK;
 }
 
 /* Moves to the next pose along the probe's path. Sets `free` to false if the tissue stops the probe before it reaches that pose. */
-static trocar_status press_at(probe *p, pose at, const probe_loads *loads, bool *free, bool *changed, report *why) {
+static trocar_status press_at(probe *p, pose at, const double *attached, bool *free, bool *changed, report *why) {
     double force;
-    if (p->state.count == 0 && is_far(p, at, loads)) {
+    if (p->state.count == 0 && is_far(p, at, attached)) {
         p->state.placed = true;
         p->state.base = at;
         p->state.wrench_force = p->state.wrench_torque = v3(0, 0, 0);
         return TROCAR_OK;
     }
-    trocar_status status = solve_force(p, at, loads, &force, why);
+    trocar_status status = solve_force(p, at, attached, &force, why);
     *free = force <= fmax(p->max_force, v3_norm(p->state.wrench_force));
-    if (status == TROCAR_OK && !*free) status = solve_short_of(p, &at, force, loads, why);
+    if (status == TROCAR_OK && !*free) status = solve_short_of(p, &at, force, attached, why);
     if (status == TROCAR_OK) *changed = take_solution(p, at) || *changed;
     return status;
 }
 
 /* Places the probe directly at a pose that it has not reached in steps, unless its axis or its force would not allow this; in that case, the probe stays
    where it was. */
-static trocar_status put_in(probe *p, pose base, const probe_loads *loads, bool *free, bool *changed, report *why) {
+static trocar_status put_in(probe *p, pose base, const double *attached, bool *free, bool *changed, report *why) {
     double force = 0.0;
     trocar_status status = TROCAR_OK;
     p->scratch->before = p->state;
     p->state.count = 0;
     *free = !probe_axis_in_tissue(mesh_of(p), &p->shape, base);
-    if (*free && !is_far(p, base, loads)) status = solve_force(p, base, loads, &force, why);
+    if (*free && !is_far(p, base, attached)) status = solve_force(p, base, attached, &force, why);
     if (status == TROCAR_OK && *free && force <= p->max_force) {
         *changed = p->scratch->before.count > 0;
-        return press_at(p, base, loads, free, changed, why);
+        return press_at(p, base, attached, free, changed, why);
     }
     p->state = p->scratch->before;
-    if (status == TROCAR_OK && p->state.placed) status = press_at(p, p->state.base, loads, free, changed, why);
+    if (status == TROCAR_OK && p->state.placed) status = press_at(p, p->state.base, attached, free, changed, why);
     *free = false;
     return status;
 }
 
-static trocar_status press(probe *p, pose base, const other_loads *others, bool beneath_changed, report *why) {
-    probe_loads loads = {.attached = others->attached};
+/* Number of steps for a way of this length (m), limited to just above MOST_STEPS. */
+static int steps_of(const probe *p, double way) { return 1 + (int)fmin(way / (STEP * p->shape.radius), MOST_STEPS); }
+
+static trocar_status press(probe *p, pose base, double elapsed, const other_loads *others, const needle_holds *holds, bool beneath_changed, report *why) {
+    const double *attached = others->attached;
+    bool changed = beneath_changed || p->attached_count != p->state.count, free = true;
     if (beneath_changed) p->compliance_known = false;
-    trocar_status status = collect_loads(p, others, &loads.forces, why);
+    trocar_status status = support_list(&p->support, others, holds, why);
+    if (status == TROCAR_OK) status = prepare_support(p, holds, changed, why);
     if (status != TROCAR_OK) return status;
     pose from = p->state.base;
-    double steps = 1.0 + floor(fmin(probe_way(&p->shape, from, base) / (STEP * p->shape.radius), MOST_STEPS));
-    bool changed = beneath_changed || p->attached_count != p->state.count, free = true;
-    if (!p->state.placed || steps > MOST_STEPS) status = put_in(p, base, &loads, &free, &changed, why);
+    double way = probe_way(&p->shape, from, base), reach = p->state.stopped ? CATCHING_UP * elapsed : INFINITY;
+    bool direct = !p->state.placed || steps_of(p, way) > MOST_STEPS, catches_up = !direct && way > reach;
+    if (catches_up) base = pose_between(from, base, reach / way);
+    int steps = steps_of(p, fmin(way, reach));
+    if (direct) status = put_in(p, base, attached, &free, &changed, why);
     else
-        for (int i = 1; i <= (int)steps && status == TROCAR_OK && free; i++)
-            status = press_at(p, i < (int)steps ? pose_between(from, base, i / steps) : base, &loads, &free, &changed, why);
-    p->state.stopped = !free;
+        for (int i = 1; i <= steps && status == TROCAR_OK && free; i++)
+            status = press_at(p, i < steps ? pose_between(from, base, (double)i / steps) : base, attached, &free, &changed, why);
+    p->state.stopped = (!free && (direct || way > 0.0)) || catches_up; /* a needle may raise the force of a probe that is at its pose */
     if (status == TROCAR_OK && changed) status = attach(p, why);
-    return status == TROCAR_OK ? find_free_forces(p, &loads.forces, changed, why) : status;
+    return status == TROCAR_OK ? find_free_forces(p, changed, why) : status;
 }
 
-trocar_status probe_press(probe *p, pose base, const other_loads *others, bool beneath_changed, report *why) {
-    trocar_status status = press(p, base, others, beneath_changed, why);
+trocar_status probe_press(probe *p, pose base, double elapsed, const other_loads *others, const needle_holds *holds, bool beneath_changed, report *why) {
+    trocar_status status = press(p, base, elapsed, others, holds, beneath_changed, why);
     if (status != TROCAR_OK) {
         report ignored;
         p->state.count = 0;

@@ -4,7 +4,7 @@
 #define TROCAR_PROBE_H
 
 #include "probe/probe_shape.h"
-#include "snapshot/snapshot.h"
+#include "probe/support.h"
 
 enum { MAX_PRESSED = 256 };  /* maximum number of nodes, and of points, that can be pressed; on a larger surface, only those closest to the probe */
 
@@ -30,7 +30,7 @@ typedef struct {
 /* The mutable state. Plain data. */
 typedef struct {
     bool placed;             /* false if the probe has no pose yet */
-    bool stopped;            /* true if the tissue stopped the probe before the requested pose */
+    bool stopped;            /* true if the tissue stopped the probe before the requested pose, and until the probe has caught up with that pose */
     pose base;               /* current pose */
     vec3 wrench_force, wrench_torque; /* force (N) and torque (N m) about the base, exerted on the hand that holds the probe */
     int count;
@@ -55,9 +55,8 @@ typedef struct {
     bool compliance_known;
     int candidate_count, candidates[MAX_PRESSED]; /* points that can be pressed, in ascending order; all their ends are in `near` */
     nodal_forces now, unloaded; /* nodal forces of the pressed points, from `force` and from `free_force` */
+    support support;         /* of the tissue by held needles, while the contact is solved */
     struct probe_scratch *scratch;
-    int load_room, *load_nodes; /* scratch memory for the loads of others */
-    vec3 *load_forces;
 } probe;
 
 /* Creates a probe that presses surface number `surface` of the mesh. `max_force` (N): force at which the probe is stopped. `beneath` must outlive the
@@ -65,13 +64,15 @@ typedef struct {
 trocar_status probe_create(inverse *beneath, const probe_shape *shape, int surface, double max_force, probe **created, report *why);
 void probe_free(probe *p);
 
-/* Presses the probe on the tissue at this pose, with the loads `others` on the tissue. `beneath_changed`: the attachments of `beneath` have changed.
-   Motions longer than a quarter of the radius are divided into steps. If the force would exceed max_force, the probe stops on its path. If the motion
-   would take more than MOST_STEPS steps, or if the probe has no pose yet, it is placed directly at the pose. If in this case its axis would intersect the
-   tissue at rest, or its force would exceed max_force, it stays where it was and counts as stopped. After a failure, nothing is pressed. Allocates when
-   the set of pressed points changes. */
+/* Presses the probe on the tissue at this pose, with the loads `others` on the tissue, of which those of held needles respond to the probe as in `holds`.
+   `elapsed`: s since the last call, in which a stopped probe can catch up; INFINITY if time stands still. `beneath_changed`: the attachments of `beneath` have changed.
+   Motions longer than a quarter of the radius are divided into steps. If the force would exceed max_force, the probe stops on its path, and then
+   catches up at a limited speed. If the motion would take more than MOST_STEPS steps, or if the probe has no pose yet, it is placed directly
+   at the pose. If in this case its axis would intersect the tissue at rest, or its force would exceed max_force, it stays where it was and counts as
+   stopped. After a failure, nothing is pressed. Allocates when the set of pressed points changes. */
 enum { MOST_STEPS = 16 };
-trocar_status probe_press(probe *p, pose base, const other_loads *others, bool beneath_changed, report *why);
+trocar_status probe_press(probe *p, pose base, double elapsed, const other_loads *others, const needle_holds *holds, bool beneath_changed,
+                          report *why);
 
 /* True if the axis of a probe at this pose, from its base to its tip, intersects the undeformed tissue. */
 bool probe_axis_in_tissue(const mesh *m, const probe_shape *shape, pose base);

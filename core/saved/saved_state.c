@@ -6,7 +6,7 @@ uint64_t saved_layout(void) {
     static const size_t facts[] = {
         SAVED_FORMAT, sizeof(insertion_state), sizeof(needle_tip), sizeof(shaft_contact), sizeof(added_node), sizeof(share_memory), sizeof(residual_load), sizeof(stratum),
         sizeof(track_point), sizeof(line_in_tet), sizeof(compliance_snapshot), sizeof(line_piece), sizeof(resolved_field), sizeof(resting_needle), sizeof(contact_point),
-        sizeof(attached_row), sizeof(tissue_load), sizeof(shaft_steps), sizeof(seed_list), sizeof(seed), sizeof(probe_state), sizeof(pressed_point)};
+        sizeof(attached_row), sizeof(tissue_load), sizeof(shaft_steps), sizeof(seed_list), sizeof(seed), sizeof(probe_state), sizeof(pressed_point), sizeof(needle_hold)};
     return hash_bytes(HASH_BASIS, facts, sizeof facts);
 }
 
@@ -231,4 +231,11 @@ void saved_probe(state_stream *s, probe_state *probe) {
     STREAM(s, probe->wrench_torque);
     stream_count(s, &probe->count, MAX_PRESSED);
     STREAM_ENTRIES(s, probe->points, probe->count);
+}
+
+void saved_hold(state_stream *s, needle_hold *hold) {
+    stream_count(s, &hold->count, MAX_HOLD_ROWS);
+    STREAM(s, hold->unstable);
+    STREAM_ENTRIES(s, hold->rows, hold->count);
+    STREAM_ENTRIES(s, hold->compliance, hold->count * (hold->count + 1) / 2);
 }

@@ -158,7 +158,7 @@ class Probe(NamedTuple):
 
     pose (7,): pose of the probe's base; force (3,) N and torque (3,) N m, world frame: exerted on the hand that holds the probe, torque about the
     base point; contacts: number of surface points of the tissue on which the probe presses; stopped: true if the tissue stops the probe short of the last
-    commanded pose.
+    commanded pose, and until the probe has caught up with that pose.
     """
 
     pose: npt.NDArray[np.float64]

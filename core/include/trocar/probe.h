@@ -34,7 +34,7 @@ typedef struct trocar_probe {
     int32_t contacts;        /* number of points of the surface (nodes and midpoints of edges) that the probe presses; at most TROCAR_MAX_PRESSED */
     int32_t placed;          /* 0 if the scene has no probe, or no acceptable pose has been given yet; everything except `stopped` is then 0 */
     int32_t stopped;         /* 1 if the probe stays at `base` instead of moving to the last commanded pose, because its force would exceed the scene's
-                                probe.max_force, or because it jumped and its axis would be in the tissue */
+                                probe.max_force, or because it jumped and its axis would be in the tissue; also while it then catches up with that pose */
     int32_t reserved;        /* 0 */
 } trocar_probe;
 

@@ -206,7 +206,7 @@ typedef struct {
     double kept_open;                /* fraction of that difference that still remains */
 } continuation_step;
 
-/* Scratch of one step, grouped by the stage that writes it. Only the profile spans the steps of a tick, and is read after it. */
+/* Scratch of one step, grouped by the stage that writes it. After a tick, only the profile, which spans the steps of a tick, and insertion_hold use it. */
 typedef struct {
     hand_advance hand;
     path_step path;

@@ -1,0 +1,56 @@
+#include "insertion/step/hold.h"
+
+#include <string.h>
+
+#include "insertion/contact/contact_assembly.h"
+#include "insertion/contact/tissue_stage.h"
+#include "insertion/guide/guides.h"
+
+_Static_assert((int)MAX_HOLD_ROWS >= (int)MAX_UNKNOWNS, "a needle may stick at all points");
+
+static int point_of(const contact_problem *p, int u) {
+    int along = u - 2 * p->count;
+    return along < 0 ? u / 2 : along < p->count ? along : p->count - 1;
+}
+
+/* True if the force of this unknown responds to a displacement. Open guides have no force, and sliding points have a constant one. */
+static bool holds(const insertion_workspace *w, int u) {
+    const contact_problem *p = &w->problem;
+    int along = u - 2 * p->count;
+    if (guides_is_open(&w->points, w->edges, point_of(p, u))) return false;
+    return along < 0 || (p->state[along] == STICK && p->upper[along] > p->lower[along]);
+}
+
+static attached_row row_of(const tick_input *tick, const insertion_state *state, const insertion_workspace *w, int u) {
+    const contact_point *point = &w->points.list[point_of(&w->problem, u)];
+    int axis = u < 2 * w->problem.count ? u % 2 : 2;
+    attached_row row = {.tet = -1, .direction = {point->at.frame.m[0][axis], point->at.frame.m[1][axis], point->at.frame.m[2][axis]}};
+    if (point->kind == POINT_TIP && state->tip.known.tet >= 0) {
+        row.tet = state->tip.known.tet;
+        memcpy(row.weights, state->tip.known.weights, sizeof row.weights);
+    } else if (point->kind == POINT_TISSUE) {
+        const added_node *node = &state->refined.nodes[point->handle];
+        row.tet = node->tet;
+        mesh_barycentric(tick->model->mesh, node->tet, node->position, row.weights);
+    }
+    return row;
+}
+
+void insertion_hold(const tick_input *tick, const insertion_state *state, insertion_workspace *w, needle_hold *hold) {
+    const contact_problem *p = &w->problem;
+    int held[MAX_HOLD_ROWS];
+    hold->count = hold->unstable = 0;
+    if (w->points.count == 0 || !touches_tissue(state)) return;
+    hold->unstable = w->response.tangent.unstable;
+    double yield = w->creep.yield; /* the loads are those that displace elastic tissue as much as the forces displace relaxing tissue: yield times the forces */
+    w->creep.yield = 0.0;
+    memset(w->tissue.tip_row, 0, sizeof w->tissue.tip_row);
+    assemble_compliance(tick, state, w); /* of the needle's side alone */
+    for (int u = 0; u < 2 * p->count + p->axial_count; u++) {
+        if (!holds(w, u)) continue;
+        int i = hold->count++;
+        held[i] = u;
+        hold->rows[i] = row_of(tick, state, w, u);
+        for (int j = 0; j <= i; j++) hold->compliance[i * (i + 1) / 2 + j] = p->compliance[held[j]][u] / yield;
+    }
+}

@@ -1,4 +1,4 @@
-/* A checksum against damage and mix-ups; not secure against an attacker. */
+/* A checksum that detects damage and mix-ups. It does not protect against deliberate changes. */
 #ifndef TROCAR_HASH_H
 #define TROCAR_HASH_H
 
@@ -8,8 +8,8 @@
 
 static const uint64_t HASH_BASIS = UINT64_C(0xcbf29ce484222325);
 
-/* Continues the hash `h`, which begins as HASH_BASIS, with these bytes. Fowler-Noll-Vo hash (FNV-1a) over eight bytes at a time; the remaining bytes are
-   hashed one by one. RT */
+/* Returns the hash `h` continued with these bytes; start with HASH_BASIS. A variant of the Fowler-Noll-Vo hash (FNV-1a) that processes eight bytes at a time,
+   and the remaining bytes one by one. RT */
 static inline uint64_t hash_bytes(uint64_t h, const void *data, size_t bytes) {
     static const uint64_t PRIME = UINT64_C(0x100000001b3);
     const unsigned char *at = data;
@@ -17,7 +17,7 @@ static inline uint64_t hash_bytes(uint64_t h, const void *data, size_t bytes) {
         uint64_t word;
         memcpy(&word, at, 8);
         h = (h ^ word) * PRIME;
-        h ^= h >> 32;            /* mixes high bits of a word into the low bits of the hash */
+        h ^= h >> 32;            /* mixes the high bits into the low bits, which a multiplication does not do */
     }
     for (; bytes > 0; bytes--, at++) h = (h ^ *at) * PRIME;
     return h;

@@ -1,12 +1,12 @@
-/* Large zeroed arrays of which only parts are used: a page takes up memory once it is written. calloc() gives no such promise, because it clears memory that
-   it reuses. */
+/* Large arrays of zeros of which only parts are used: a page takes up physical memory only once it has been written. calloc() does not guarantee this, because
+   it clears memory that it reuses. */
 #ifndef TROCAR_SPARSE_MEMORY_H
 #define TROCAR_SPARSE_MEMORY_H
 
 #include <stddef.h>
 #include <sys/mman.h>
 
-/* Returns memory that starts on a page; NULL if there is none. To be released with sparse_free() and the same size. */
+/* Returns page-aligned memory filled with zeros, or NULL if there is not enough memory. Release it with sparse_free() and the same size. */
 static inline void *sparse_zeros(size_t bytes) {
     void *memory = mmap(NULL, bytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
     return memory == MAP_FAILED ? NULL : memory;

@@ -49,7 +49,7 @@ void batch_for_rows(trocar_batch *batch, const uint8_t *mask, row_task task, voi
     int count = 0;
     for (int row = 0; row < batch->row_count; row++)
         if (batch_has(mask, row)) batch->listed[count++] = row;
-    if (batch->process != getpid()) { /* the team's threads have stayed in the parent process; its memory is lost */
+    if (batch->process != getpid()) { /* the team's threads exist only in the parent process; the team's memory is not freed */
         batch->process = getpid();
         batch->team = team_create(batch->threads);
     }
@@ -76,7 +76,7 @@ static int usable_processors(void) {
     return count < 1 ? 1 : count > MAX_THREADS ? MAX_THREADS : count;
 }
 
-/* Replaces the simulation of a row. After a failure, the row is as before. */
+/* Replaces the simulation of a row. After a failure, the row is unchanged. */
 static trocar_status create_row(batch_row *row, trocar_model *model, insertion_workspace *workspace, report *why) {
     batch_row created = {.sim = NULL};
     trocar_status status = sim_create(model, workspace, &created.sim, why);
@@ -120,7 +120,7 @@ static trocar_status check_options(trocar_model *const *models, int rows, const 
     return TROCAR_OK;
 }
 
-/* Allocates what the threads need, and starts as many of the wanted ones as memory and the system allow. */
+/* Starts `wanted` threads, or as many as memory and the system allow, and allocates their workspaces. */
 static trocar_status start_threads(trocar_batch *batch, int wanted, report *why) {
     report ignored;
     while (wanted > 1 && blas_make_room(wanted, &ignored) != TROCAR_OK) wanted--;

@@ -19,24 +19,25 @@ struct trocar_batch {
     int row_count, needles, threads;
     batch_row *rows;
     team *team;              /* NULL for a single thread */
-    pid_t process;           /* process that started the team's threads: after a fork, the child has none of them */
+    pid_t process;           /* process in which the team's threads run; a child process does not inherit them */
     insertion_workspace **workspaces; /* one for each thread */
-    int *listed;             /* scratch: the rows of a call */
-    int *done;               /* scratch: steps that each row has completed in a call */
-    bool *row_failed;        /* scratch: rows that have failed in a call */
+    int *listed;             /* scratch: indices of the rows that take part in a call */
+    int *done;               /* scratch: number of steps that each row has completed in a call */
+    bool *row_failed;        /* scratch: true for rows that have failed in a call */
     pthread_mutex_t lock;    /* protects the members below during a call */
-    int failed;              /* first row that failed; row_count if none has */
-    trocar_status status;    /* its status and message */
-    report why;
+    int failed;              /* lowest index of a row that has failed; row_count if none has */
+    trocar_status status;    /* status of that row */
+    report why;              /* message of that row */
 };
 
-/* What a call does with one row. `member`: number of the thread; 0 is the calling thread. */
+/* What a call does with one row. `member`: index of the thread; 0 is the calling thread. */
 typedef trocar_status (*row_task)(trocar_batch *batch, int row, int member, void *context, report *why);
 
-/* Calls `task` for each row of the mask (NULL: all rows), shared among the threads; the row's simulation uses the workspace of the thread. */
+/* Calls `task` for each row of the mask (NULL: all rows); the rows are distributed among the threads. During the task, the row's simulation uses the workspace
+   of its thread. */
 void batch_for_rows(trocar_batch *batch, const uint8_t *mask, row_task task, void *context);
 
-/* batch_end: returns the error of the first row that has failed since batch_begin. */
+/* batch_begin clears the error. batch_end returns the error since then; if several rows have failed, that of the row with the lowest index. */
 void batch_begin(trocar_batch *batch);
 trocar_status batch_end(const trocar_batch *batch, report *why);
 

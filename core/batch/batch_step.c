@@ -6,19 +6,19 @@
 #include "api/view.h"
 #include "batch/batch.h"
 
-enum { TICKS_BETWEEN = 64 }; /* steps of a row between two calls of the watch's functions */
+enum { TICKS_BETWEEN = 64 }; /* maximum number of steps of a row between two calls of the watch's functions */
 
 typedef struct {
     const trocar_pose *poses;
-    int steps, from, to;     /* the steps of this call, and those of one pass over the rows */
+    int steps, from, to;     /* number of steps of this call; the current pass over the rows computes the steps from `from` to `to` - 1 */
     double dt;
     int row_count;           /* number of rows of the mask */
     const trocar_watch *watch;
     const trocar_batch_outputs *out;
-    int *done;               /* for each row, steps completed */
-    bool *failed;
+    int *done;               /* for each row, number of completed steps */
+    bool *failed;            /* for each row, true if a step has failed */
     atomic_bool cancelled;
-    atomic_llong completed;  /* steps completed in all rows */
+    atomic_llong completed;  /* total number of steps completed in all rows */
 } step_call;
 
 /* ---- outputs --------------------------------------------------------------------------------------------------------------------- */
@@ -42,7 +42,7 @@ static void write_outputs(const trocar_batch_outputs *out, const trocar_sim *sim
     if (out->switches) out->switches[at] = o->switches;
 }
 
-/* Clears a row's outputs from one step on. */
+/* Sets a row's outputs to zero from step `from` on. */
 static void clear_outputs(const trocar_batch *batch, const step_call *call, int row, int from) {
     const trocar_batch_outputs *out = call->out;
     size_t step = (size_t)row * (size_t)call->steps + (size_t)from, at = step * (size_t)batch->needles, steps = (size_t)(call->steps - from);
@@ -59,7 +59,8 @@ static void clear_outputs(const trocar_batch *batch, const step_call *call, int 
 
 /* ---- a row ----------------------------------------------------------------------------------------------------------------------- */
 
-/* A needle that rests, or is about to: it is not ticked. One that is being taken is handed over in its step. */
+/* True if the needle rests or is about to rest, and is therefore not ticked. A needle that is being taken is ticked, because its step completes the
+   handover. */
 static bool rests(const trocar_sim *sim, int needle) {
     trocar_needle_state state = trocar_sim_needle_state(sim, needle);
     return state == TROCAR_NEEDLE_LEAVING || state == TROCAR_NEEDLE_RESTING;
@@ -87,7 +88,7 @@ static trocar_status step_row(const trocar_batch *batch, const step_call *call, 
         write_outputs(call->out, sim, n, at + (size_t)n, &output);
     }
     if (call->out->seeds) call->out->seeds[(size_t)row * (size_t)call->steps + (size_t)step] = sim->seeds.count;
-    return leaving > 0 && ticked == 0 ? trocar_sim_work(sim, NULL, why) : TROCAR_OK; /* no tick has let the worker attach them */
+    return leaving > 0 && ticked == 0 ? trocar_sim_work(sim, NULL, why) : TROCAR_OK; /* without a tick, the worker would not attach the leaving needles */
 }
 
 static void look(step_call *call) {

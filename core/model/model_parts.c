@@ -141,9 +141,10 @@ static trocar_status build_tissue(model_parts *s, report *why) {
     return status;
 }
 
-/* ---- who owns the inverse --------------------------------------------------------------------------------------------- */
+/* ---- kind of the inverse ---------------------------------------------------------------------------------------------- */
 
-/* BLAS uses one thread, except to factorise or invert a large mesh as a whole, where several threads save minutes. Condensation has its own threads. */
+/* BLAS uses one thread, except when the whole matrix of a large mesh is factorised or inverted, where several threads save minutes. Condensation has its own
+   threads. */
 enum { SEVERAL_THREADS = 30000 }; /* number of unknowns above which BLAS uses several threads */
 
 static bool is_large(const model_parts *s) { return s->tissue.dof_count > SEVERAL_THREADS; }
@@ -277,8 +278,8 @@ static bool same_roi(const roi_config *a, const roi_config *b) {
 
 static const char *first_membrane(const simulation_config *c) { return c->membrane_count > 0 ? c->membranes[0].name : ""; }
 
-/* Returns the first key that differs among those on which mesh, stiffness or inverse depend; NULL if none differs. `text` has room for a key. The nodes of
-   a condensed inverse are around the first membrane and the probe, unless the scene lists them. */
+/* Returns the first key that differs among those on which mesh, stiffness or inverse depend; NULL if none differs. `text` has room for a key. A condensed
+   inverse covers the nodes near the first membrane and the probe, unless the scene specifies a region. */
 static const char *stiffness_key_that_differs(const simulation_config *a, const simulation_config *b, char *text, size_t size) {
     const char *of_region = region_key_that_differs(a, b, text, size);
     const struct { bool same; const char *key; } keys[] = {

@@ -7,7 +7,7 @@
 
 typedef struct {
     simulation_config config;
-    bool shares;                        /* mesh, tissue and inverse belong to another simulation, which frees them */
+    bool shares;                        /* mesh, tissue and inverse belong to another model, which frees them */
     mesh mesh;
     region_material materials[MESH_MAX_GROUPS];
     membrane membranes[MAX_MEMBRANES];
@@ -15,7 +15,7 @@ typedef struct {
     int probe_surface;                  /* index of the probe's surface among the groups; -1 if there is no probe */
     tissue tissue;
     inverse *inverse;
-    report about_inverse;               /* name of the chosen owner of the inverse, and the reason for the choice */
+    report about_inverse;               /* the kind of inverse that was chosen, and the reason for the choice */
     needle_model needle;
     insertion_model insertion;
 } model_parts;

@@ -475,8 +475,8 @@ static trocar_status find_free_forces(probe *p, bool changed, report *why) {
     return TROCAR_OK;
 }
 
-/* Prepares the supports. In its last tick, a needle met the probe's points as attached, so their forces then were the free forces plus the response to the
-   needle. */
+/* Prepares the supports. In a needle's last tick, the pressed points were attached to the probe, so their forces were the free forces plus the response of the
+   attached points to the needle. */
 static trocar_status prepare_support(probe *p, const needle_holds *holds, bool stale, report *why) {
     probe_scratch *s = p->scratch;
     const nodal_forces loads = {p->support.node_count, p->support.nodes, p->support.force};
@@ -553,7 +553,7 @@ static trocar_status put_in(probe *p, pose base, const double *attached, bool *f
     return status;
 }
 
-/* Number of steps for a way of this length (m), limited to just above MOST_STEPS. */
+/* Returns the number of steps for a path of this length (m), at most MOST_STEPS + 1. */
 static int steps_of(const probe *p, double way) { return 1 + (int)fmin(way / (STEP * p->shape.radius), MOST_STEPS); }
 
 static trocar_status press(probe *p, pose base, double elapsed, const other_loads *others, const needle_holds *holds, bool beneath_changed, report *why) {
@@ -572,7 +572,8 @@ static trocar_status press(probe *p, pose base, double elapsed, const other_load
     else
         for (int i = 1; i <= steps && status == TROCAR_OK && free; i++)
             status = press_at(p, i < steps ? pose_between(from, base, (double)i / steps) : base, attached, &free, &changed, why);
-    p->state.stopped = (!free && (direct || way > 0.0)) || catches_up; /* a needle may raise the force of a probe that is at its pose */
+    p->state.stopped = (!free && (direct || way > 0.0)) || catches_up; /* a probe that has reached its pose does not count as stopped if a needle raises its
+                                                                          force */
     if (status == TROCAR_OK && changed) status = attach(p, why);
     return status == TROCAR_OK ? find_free_forces(p, changed, why) : status;
 }

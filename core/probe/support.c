@@ -86,7 +86,7 @@ static void list_rows(support *s, const needle_holds *holds) {
         }
 }
 
-/* Interpolates the blocks between `nodes` and `columns` other nodes at the rows: row_count x 3 columns, column-major. */
+/* Interpolates `blocks`, the compliance between `nodes` and `columns` other nodes, at the rows. `out`: row_count x 3 `columns`, column-major. */
 static void interpolate(const support *s, int columns, double *out) {
     size_t ld = 3 * (size_t)columns;
     for (int i = 0; i < s->row_count; i++) {
@@ -102,14 +102,15 @@ static void interpolate(const support *s, int columns, double *out) {
     }
 }
 
-/* Computes the compliance between the rows and these nodes, row_count x 3 count, column-major; leaves the blocks of `nodes` in the scratch memory. */
+/* Computes the compliance between the rows and these nodes, row_count x 3 count, column-major. Leaves the compliance between `nodes` and these nodes in
+   `blocks`. */
 static trocar_status find_compliance(support *s, int count, const int *nodes, double *out, report *why) {
     trocar_status status = inverse_gather(s->tissue, &(inverse_blocks){s->node_count, s->nodes, count, nodes, s->blocks, 3 * count}, why);
     if (status == TROCAR_OK) interpolate(s, count, out);
     return status;
 }
 
-/* Adds the compliances of the needles, which are coupled only through the tissue. */
+/* Adds the needles' own compliances, which form diagonal blocks, because needles are coupled only through the tissue. */
 static void add_needles(support *s, const needle_holds *holds) {
     size_t ld = (size_t)s->row_count, first = 0;
     for (int n = 0; n < holds->count; n++) {
@@ -127,7 +128,7 @@ static int count_unstable(const needle_holds *holds) {
     return count;
 }
 
-/* Number of negative eigenvalues of the factorised matrix, by Sylvester's law of inertia: a pivot of two rows has one. */
+/* Returns the number of negative eigenvalues of the factorised matrix, by Sylvester's law of inertia: each 2 x 2 pivot contributes one. */
 static int count_negative(const support *s) {
     int count = 0;
     for (int k = 0; k < s->row_count; k++) {
@@ -138,7 +139,8 @@ static int count_negative(const support *s) {
     return count;
 }
 
-/* Sets `stable` to false if needles and tissue are not stable without the probe: until the next tick, their forces then count as constant. */
+/* Factorises C + G. Sets `stable` to false if needles and tissue are not stable without the probe; the needles' forces are then treated as constant until the
+   next tick. */
 static trocar_status factorise(support *s, const needle_holds *holds, bool *stable, report *why) {
     size_t n = (size_t)s->row_count;
     trocar_status status = find_compliance(s, s->node_count, s->nodes, s->reached, why);
@@ -224,7 +226,7 @@ void support_displace(const support *s, const vec3 *load, vec3 *u) {
     cblas_dgemv(CblasColMajor, CblasTrans, s->row_count, 3 * s->reach_count, -1.0, s->reached, s->row_count, s->response, 1, 1.0, &u->x, 1);
 }
 
-/* Combines columns of a matrix for the nodes to columns for the points. */
+/* Combines the columns of a matrix for the reached nodes into columns for the points. */
 static void combine(const support *s, int count, const unit_force *points, const double *nodal, double *columns) {
     size_t rows = (size_t)s->row_count;
     memset(columns, 0, rows * (size_t)count * sizeof *columns);

@@ -1,6 +1,7 @@
-/* How held needles support the tissue while the probe's contact is solved. Their forces are those of their last ticks. Where the probe displaces the tissue
-   at their contacts by d, they change by df = -(C + G)^-1 d, with C the tissue's compliance between these contacts and G that of the needle's side of the
-   contact problem (needle_hold). See docs/mechanics.md, "Probe". Called by the worker; not thread-safe. */
+/* How held needles support the tissue while the probe's contact is solved. The needles exert the forces of their last ticks, plus their response to the probe:
+   if the probe has displaced the tissue at their contacts by d since then, the forces change by df = -(C + G)^-1 d, where C is the tissue's compliance between
+   these contacts and G that of the needle's side of the contact problem (needle_hold). See docs/mechanics.md, "Probe". Called by the worker; not
+   thread-safe. */
 #ifndef TROCAR_PROBE_SUPPORT_H
 #define TROCAR_PROBE_SUPPORT_H
 
@@ -15,46 +16,49 @@ typedef struct {
 
 typedef struct {
     inverse *tissue;         /* the inverse without probe and held needles; owned by the caller */
-    int most;                /* largest number of nodes that the probe reaches, and of its points */
+    int most;                /* maximum number of nodes passed to support_reach, and of points passed to support_stiffen */
     int node_count, *nodes;  /* nodes on which held needles exert forces, without duplicates */
-    vec3 *force;             /* N, on these nodes, at the last ticks */
-    vec3 *force_now;         /* N, on these nodes, as changed by the supports */
-    int row_count;           /* of all needles */
+    vec3 *force;             /* N, forces on these nodes at the last ticks */
+    vec3 *force_now;         /* N, forces on these nodes, including the response to the probe */
+    int row_count;           /* number of rows of all needles */
     supporting_row *rows;
     double *factor;          /* row_count square, column-major: factors of C + G, which is indefinite if a needle would buckle without the tissue */
     int *pivots;
     double *before;          /* N, row_count: (C + G)^-1 d for the displacements d under the probe's forces at the last ticks */
     int reach_count;
     double *reached;         /* m/N, row_count x 3 reach_count, column-major: compliance between the rows and the nodes that the probe reaches */
-    double *responses;       /* (C + G)^-1 times `reached`: what the rows take up of a unit force on each of these nodes */
-    double *blocks, *columns, *response; /* scratch: blocks between `nodes` and other nodes; 2 `most` columns, and one column, of row_count entries */
-    int node_room, row_room;
+    double *responses;       /* (C + G)^-1 times `reached`: reaction of the rows to a unit force on each of these nodes */
+    double *blocks, *columns, *response; /* scratch. `blocks`: compliance between `nodes` and other nodes; `columns`: 2 `most` columns of row_count entries;
+                                            `response`: one such column */
+    int node_room, row_room; /* numbers of nodes and of rows for which memory has been allocated */
 } support;
 
 void support_free(support *s);
 
-/* Lists the forces of held needles on nodes, in `nodes` and `force`; also lists nodes without forces at which the needles hold the tissue. */
+/* Lists the nodes on which held needles exert forces in `nodes`, and these forces in `force`. Nodes without a force at which the needles support the tissue are
+   listed as well. */
 trocar_status support_list(support *s, const other_loads *others, const needle_holds *holds, report *why);
 
-/* Prepares the supports. `pressed`: the probe's forces at the last ticks. To be called after support_list. */
+/* Prepares the needles' response to the probe. `pressed`: the probe's forces at the needles' last ticks. Call support_list first. */
 trocar_status support_prepare(support *s, const needle_holds *holds, const nodal_forces *pressed, report *why);
 
-/* Prepares for forces on these nodes, and adds to their displacements `u` (m) those that would remain without the probe. */
+/* Prepares for forces of the probe on these nodes, the reached nodes, and adds to `u` the displacements (m) that the needles would cause at these nodes without
+   the probe. */
 trocar_status support_reach(support *s, int count, const int *nodes, vec3 *u, report *why);
 
-/* Subtracts from the displacements `u` (m) of the reached nodes what the supports take up of the probe's forces `load` (N) on them. */
+/* Adds to the displacements `u` (m) of the reached nodes the effect of the needles' response to the probe's forces `load` (N) on these nodes. */
 void support_displace(const support *s, const vec3 *load, vec3 *u);
 
-/* A unit force of the probe at a point: it acts along `along` on the reached nodes `ends`, -1 if there is none. */
+/* A unit force of the probe on a point, divided between reached nodes. */
 typedef struct {
-    int ends[2];
-    vec3 along;              /* of the length of each end's weight */
+    int ends[2];             /* indices among the reached nodes; -1 if there is none */
+    vec3 along;              /* force on each end: the direction of the unit force, times the weight of an end */
 } unit_force;
 
-/* Subtracts from the compliance (m/N) between these points, an array of `count` square, what the supports take up. */
+/* Reduces the compliance (m/N) between these points, `count` square with leading dimension `ld`, by the effect of the needles' response. */
 void support_stiffen(const support *s, int count, const unit_force *points, double *compliance, int ld);
 
-/* Returns the forces of held needles on nodes, as changed by the probe's forces `load` (N) on the reached nodes. */
+/* Returns the held needles' forces on nodes, including their response to the probe's forces `load` (N) on the reached nodes. */
 nodal_forces support_forces(const support *s, const vec3 *load);
 
 #endif

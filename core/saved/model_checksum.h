@@ -1,15 +1,15 @@
-/* A checksum of what results depend on: two models with the same checksum continue a saved state in the same way. */
+/* A checksum of everything that results depend on: two models with the same checksum continue a saved state in the same way. */
 #ifndef TROCAR_MODEL_CHECKSUM_H
 #define TROCAR_MODEL_CHECKSUM_H
 
 #include "model/model_parts.h"
 #include "scene/scene_struct.h"
 
-/* The mesh and the nodes that are fixed; the same for derived models. */
+/* Returns a checksum of the mesh and its fixed nodes, which is the same for derived models. */
 uint64_t mesh_checksum(const model_parts *parts);
 
-/* The mesh, the kind of inverse, and all keys of the scene that describe the simulation: not paths, the rate of the haptic loop, the device, and the
-   needle's start. `mesh`: mesh_checksum of the model. */
+/* Returns a checksum of the mesh, the kind of inverse, and all keys of the scene that describe the simulation. It does not include paths, the rate of the
+   haptic loop, the device and the needle's start. `mesh`: mesh_checksum of the model. */
 uint64_t model_checksum(uint64_t mesh, const scene *s, const model_parts *parts);
 
 #endif

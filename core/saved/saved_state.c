@@ -95,7 +95,7 @@ void saved_insertion(state_stream *s, int segments, insertion_state *state) {
 
 static int list_handles(const compliance_snapshot *snapshot, int handles[MAX_HANDLES]) {
     int count = 0;
-    if (snapshot->serial == 0) return 0; /* there has been no answer */
+    if (snapshot->serial == 0) return 0; /* the worker has not answered yet */
     for (int i = 0; i < MAX_CONTACTS; i++)
         if (snapshot->ids[i] != 0) handles[count++] = i;
     for (int k = 0; k < MAX_WINDOW; k++)
@@ -127,7 +127,7 @@ static void mirror(compliance_snapshot *snapshot, int count, const int *handles)
         }
 }
 
-/* Passes the rows between these handles; of a matrix that is symmetric to the bit, only blocks on and above the diagonal. */
+/* Passes the compliance between these handles; if the matrix is exactly symmetric, only the blocks on and above the diagonal. */
 static void pass_compliance(state_stream *s, int count, const int *handles, compliance_snapshot *snapshot) {
     bool symmetric = !s->reading && is_symmetric(snapshot, count, handles);
     STREAM(s, symmetric);

@@ -1,4 +1,5 @@
-/* The members of the mutable structs that are in use, for saved states. What is not in use becomes zero when it is read, except in snapshots. */
+/* Writes and reads the members of the mutable structs that are in use, for saved states. When a state is read, members that are not in use become zero, except
+   in snapshots. */
 #ifndef TROCAR_SAVED_STATE_H
 #define TROCAR_SAVED_STATE_H
 
@@ -8,14 +9,14 @@
 #include "saved/state_stream.h"
 #include "snapshot/needle_hold.h"
 
-/* A number that changes whenever one of these structs changes its size or SAVED_FORMAT is increased. */
+/* saved_layout returns a number that changes whenever the size of one of these structs changes or SAVED_FORMAT is increased. */
 enum { SAVED_FORMAT = 1 };   /* to be increased when the meaning of a member changes, or the order in which members are passed */
 uint64_t saved_layout(void);
 
 /* `segments`: number of the needle's segments. */
 void saved_insertion(state_stream *s, int segments, insertion_state *state);
 
-/* The rows of unused handles keep their old values, which are finite and meaningless. */
+/* When a state is read, the rows of unused handles keep their previous values, which are finite but meaningless. */
 void saved_snapshot(state_stream *s, compliance_snapshot *snapshot);
 
 void saved_resting(state_stream *s, int segments, resting_needle *needle);

@@ -1,4 +1,4 @@
-/* How a held needle holds the tissue at its contacts: the message from tick to worker about the needle's side of the contact problem. */
+/* How a held needle supports the tissue at its contacts: a message from tick to worker with the needle's side of the contact problem. */
 #ifndef TROCAR_NEEDLE_HOLD_H
 #define TROCAR_NEEDLE_HOLD_H
 
@@ -6,21 +6,21 @@
 
 enum { MAX_HOLD_ROWS = 256 };
 
-/* When other loads displace its rows by d, the needle's loads on the tissue change by df, where (C + G) df = -d and C is the tissue's compliance between
-   the rows. Rows that slide at constant force are left out. */
+/* Each row is a direction at a contact. If other loads displace the tissue by d along the rows, the needle's loads on the tissue change by df. They satisfy (C
+   + G) df = -d, where C is the tissue's compliance between the rows. Directions in which a contact slides at constant force have no row. */
 typedef struct {
-    int count;               /* number of rows; 0 if the needle holds no tissue */
-    int unstable;            /* number of negative eigenvalues that C + G has if needle and tissue are stable: the number of buckling modes of the needle without
-                                tissue and guides */
+    int count;               /* number of rows; 0 if the needle does not support the tissue */
+    int unstable;            /* number of negative eigenvalues of C + G if needle and tissue are stable: the number of buckling modes that the needle would have
+                                without tissue and guides */
     attached_row rows[MAX_HOLD_ROWS];
-    double compliance[MAX_HOLD_ROWS * (MAX_HOLD_ROWS + 1) / 2]; /* m/N, G, lower triangle in rows: [i (i + 1) / 2 + j], j <= i: compliance of needle, mount
-                                                                   and guides, and of the tissue that the mesh does not resolve */
+    double compliance[MAX_HOLD_ROWS * (MAX_HOLD_ROWS + 1) / 2]; /* m/N, G: compliance of needle, mount and guides, and the part of the tissue's compliance that
+                                                                   the mesh does not resolve. Lower triangle, row by row: [i (i + 1) / 2 + j], j <= i */
 } needle_hold;
 
 /* Copies only the entries in use, because the arrays are large. RT */
 void needle_hold_copy(const needle_hold *from, needle_hold *to);
 
-/* The held needles beside the probe. */
+/* The held needles that support the tissue against the probe. */
 typedef struct {
     int count;
     const needle_hold *of[MAX_NEEDLES];

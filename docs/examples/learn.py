@@ -3,9 +3,10 @@
 
 usage: learn.py [CURVE.csv]    also writes the learning curve
 
-The needle is pushed at full speed, and its roll rate is tanh(w o), where o is the observation with fixed scales and a 1. A generation draws 16 vectors
-w from a normal distribution, tries each in the same episodes, and fits the distribution to the best four (Rubinstein 1999, Methodology and Computing in
-Applied Probability 1:127-190), with added variance against early convergence (Szita and Lorincz 2006, Neural Computation 18:2936-2941).
+The needle is pushed at full speed, and its roll rate is tanh(w o), where o consists of the observation, multiplied by fixed scales, and a 1. A
+generation draws 16 vectors w from a normal distribution, tries each in the same episodes, and fits the distribution to the best four (Rubinstein 1999,
+Methodology and Computing in Applied Probability 1:127-190), with added variance against early convergence (Szita and Lorincz 2006, Neural Computation
+18:2936-2941).
 """
 import csv
 import sys
@@ -17,14 +18,14 @@ import numpy as np
 import trocar.gym
 
 CANDIDATES, ELITE, GENERATIONS = 16, 4, 8
-ROWS = 32                                  # episodes side by side, ROWS / CANDIDATES for each candidate
+ROWS = 32                                  # episodes that run side by side, ROWS / CANDIDATES for each candidate
 SCALES = np.array([1.0, 1.0, 0.02, 0.2, 0.2, 0.2, 0.02])    # per mm (target in the tip's frame), N (force) and mm (depth)
-START, EXTRA = 1.0, 0.3                    # standard deviation at the start; the one that is added, less in each generation
-TEST = 1_000_000                           # first seed of the test's episodes, which training never sees
+START, EXTRA = 1.0, 0.3                    # standard deviations: initial, and added in the first generation; less is added in later ones
+TEST = 1_000_000                           # first seed of the test episodes, which are not used for training
 
 
 def linear(weights, observations):
-    """Actions (rows, 2) of controllers with weights (8,) or (rows, 8)."""
+    """Returns the actions (rows, 2) of controllers with weights (8,) or (rows, 8)."""
     features = np.concatenate([SCALES * observations, np.ones((len(observations), 1))], axis=1)
     return np.stack([np.ones(len(observations)), np.tanh(np.sum(weights * features, axis=1))], axis=1)
 

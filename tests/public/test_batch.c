@@ -98,7 +98,7 @@ static trocar_batch_outputs arrays_of(results *r) {
     return (trocar_batch_outputs){r->force[0], r->torque[0], r->depth, r->tip, r->contacts, r->events, r->membrane, r->passes, r->switches, r->seeds, r->status, r->done};
 }
 
-/* What single simulations compute for these poses, alone and one after another. */
+/* Computes the same steps with single simulations, one after another. */
 static void compute_singly(const models *m, results *r) {
     memset(r, 0, sizeof *r);
     for (int row = 0; row < ROWS; row++) {
@@ -173,7 +173,8 @@ static void rows_equal_single_simulations(void **state) {
             const double *q = together->tip[i].orientation;
             assert_true(1.0 - 2.0 * (q[1] * q[1] + q[2] * q[2]) > 0.99);
         }
-        OK(trocar_batch_reset(batch, starts[0], NULL, &why)); /* a used row is as new; one call for each step gives the same */
+        OK(trocar_batch_reset(batch, starts[0], NULL, &why)); /* nothing that happened before the reset affects the results, and one call per step gives the
+                                                                 same results */
         for (int s = 0; s < STEPS; s++) {
             static trocar_pose now[ROWS][NEEDLES];
             static double force[ROWS][NEEDLES][3];
@@ -275,7 +276,7 @@ static void a_row_takes_another_model(void **state) {
     models_free(&m);
 }
 
-/* A resting needle is not ticked; the other one feels it as in a single simulation. */
+/* A resting needle is not ticked, but it affects the other needle as in a single simulation. */
 static void a_needle_rests_in_a_row(void **state) {
     (void)state;
     models m = models_made();
@@ -382,7 +383,7 @@ static void a_call_is_watched_and_cancelled(void **state) {
     OK(trocar_batch_step(batch, poses[0][0], STEPS, 1e-3, NULL, &watch, &out, &why));
     assert_true(w.calls == ROWS * ((STEPS + 63) / 64) && w.fraction == 1.0);
     OK(trocar_batch_reset(batch, starts[0], NULL, &why));
-    w = (watcher){.until = ROWS + 1}; /* in the second round */
+    w = (watcher){.until = ROWS + 1}; /* cancels in the second pass over the rows */
     assert_int_equal(trocar_batch_step(batch, poses[0][0], STEPS, 1e-3, NULL, &watch, &out, &why), TROCAR_CANCELLED);
     for (int row = 0; row < ROWS; row++) {
         int done = row < 2 ? 128 : 64;
@@ -433,7 +434,7 @@ static void too_little_memory_is_told(void **state) {
     models m = models_made();
     fill_poses();
     trocar_batch *batch = batch_of(&m, 2);
-    trocar_batch_free(batch); /* BLAS has allocated its memory for two threads */
+    trocar_batch_free(batch); /* creating it has made BLAS allocate its memory for two threads */
     int told = 0, made = 0;
     for (double room = 5e6; room < 600e6; room *= 1.3) {
         limit(mapped() + (size_t)room);

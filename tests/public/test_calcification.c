@@ -1,4 +1,4 @@
-/* Tests calcifications through trocar.h: a ball in the tissue that is harder to cut. */
+/* Tests calcifications through trocar.h: balls in the tissue that are harder to cut. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -20,8 +20,8 @@ static trocar_error why;
 static const double X = 0.005, Y = 0.003, LENGTH = 0.2, DT = 1e-3, SPEED = 0.05; /* m, s, m/s */
 static const double CUTTING = 0.2; /* N */
 
-/* Balls on the needle's path. Behind the first, the tissue springs back over the tip by more than the second ball's thickness. The first has the default
-   factor; the forces do not buckle the needle. */
+/* Balls on the needle's path. Behind the first ball, the tissue springs back over the tip by more than the second ball's thickness. The first ball has the
+   default factor. The forces are too small to buckle the needle. */
 static const struct { const char *centre; double depth, radius, factor; } BALLS[] = {
     {"[0.005, 0.003, 0.03]", 0.03, 4e-3, 5.0}, {"[0.005, 0.003, 0.0365]", 0.0365, 1e-3, 8.0}};
 
@@ -53,11 +53,11 @@ static trocar_scene *load_scene(void) {
 
 static trocar_pose base_at(double depth) { return (trocar_pose){{X, Y, depth - LENGTH}, {1, 0, 0, 0}}; }
 
-/* In a ball the force on the hand is the cutting force times the factor, before and behind the balls it is the cutting force. The tip waits at a boundary until
-   the tissue is dented enough for it. Tolerance of 1 %: the needle is not quite straight. */
+/* In a ball, the force on the hand is the cutting force times the factor; in front of and behind the balls, it is the cutting force. At the boundary of a ball,
+   the tip stops until it has dented the tissue far enough to cut it. Tolerance of 1 %, because the needle is not quite straight. */
 static void cutting_a_calcification_takes_its_factor(void **state) {
     (void)state;
-    static const double NEAR = 1e-4; /* m, more than the tip advances in a tick before and in the balls */
+    static const double NEAR = 1e-4; /* m, more than the tip advances in a tick in front of or in a ball */
     trocar_scene *scene = load_scene();
     trocar_model *model;
     trocar_sim *sim;
@@ -92,7 +92,7 @@ static void cutting_a_calcification_takes_its_factor(void **state) {
     trocar_model_free(model);
 }
 
-/* The centre of a ball must be in the tissue, which is known only once the mesh has been read: the message names the line all the same. */
+/* The centre of a ball must be in the tissue. This can be checked only once the mesh has been read, but the message still names the line in the scene. */
 static void a_centre_outside_the_tissue_is_refused_with_its_line(void **state) {
     (void)state;
     char path[] = "/tmp/calcification_XXXXXX", expected[128];

@@ -1,4 +1,4 @@
-/* Tests saved states as files: their size, what they refuse, and that another process continues them. */
+/* Tests saved states in files: their size, which states are refused, and that another process can continue them. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -22,7 +22,7 @@ static trocar_error why;
 
 enum { TICKS = 400, HALF = TICKS / 2, NEEDLES = 2 };
 
-/* Two needles in relaxing tissue: the first is inserted and rests while the second goes in beside it. */
+/* Two needles in relaxing tissue: the first is inserted and rests while the second is inserted beside it. */
 static trocar_model *model_with(const char *key, const char *value) {
     cube_mesh *cube = malloc(sizeof *cube);
     trocar_scene *scene;
@@ -81,7 +81,7 @@ static size_t save(const trocar_sim *sim, void **state) {
     return trocar_state_bytes(*state);
 }
 
-/* In a new process of this program: reads the state of the file and continues it; the outputs replace the state in the file. */
+/* Runs in a new process of this program: reads the state from the file and continues it. The outputs replace the state in the file. */
 static int go_on(const char *path) {
     static trocar_output outputs[TICKS];
     static char state[1 << 23];
@@ -151,7 +151,7 @@ static void a_wrong_state_is_refused_and_changes_nothing(void **unused) {
     char *damaged = malloc(bytes);
     assert_refused(sim, state, 5, "5 bytes");
     assert_refused(sim, state, bytes - 1, "are given");
-    for (size_t at = 0; at < bytes; at += at < 64 ? 1 : 997) { /* a changed bit anywhere is noticed */
+    for (size_t at = 0; at < bytes; at += at < 64 ? 1 : 997) { /* a changed bit is detected wherever it is */
         memcpy(damaged, state, bytes);
         damaged[at] ^= 4;
         assert_int_equal(trocar_sim_restore(sim, damaged, bytes, &why), TROCAR_BAD_INPUT);

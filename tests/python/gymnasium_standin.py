@@ -1,5 +1,5 @@
-"""The few names of the package gymnasium that trocar.gym uses, for machines on which the package cannot be installed. Only for tests: seeds and spaces
-behave as in Gymnasium 1.x, and nothing else is there."""
+"""A stand-in for the package gymnasium with the few names that trocar.gym uses, for tests on machines on which the package cannot be installed. Seeds
+and spaces behave as in Gymnasium 1.x; nothing else is implemented."""
 import enum
 import sys
 import types
@@ -36,7 +36,7 @@ class VectorEnv(Env):
 
 
 def install():
-    """Makes `import gymnasium` find these names."""
+    """Makes `import gymnasium` return this stand-in."""
     modules = {name: types.ModuleType(name) for name in ("gymnasium", *("gymnasium." + part for part in ("spaces", "error", "utils", "utils.seeding", "vector",
                                                                                                         "vector.utils")))}
     sys.modules.update(modules)

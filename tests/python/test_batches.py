@@ -26,7 +26,7 @@ EVERY = ("force", "torque", "depth", "tip", "contacts", "events", "membrane", "p
 
 
 def straight(rows=ROWS, steps=STEPS):
-    """Returns poses (rows, steps, 7) that push needles in at different places, by 30 mm."""
+    """Returns poses (rows, steps, 7) that insert the needles by 30 mm at different places."""
     poses = np.zeros((rows, steps, 7))
     poses[..., 0] = np.linspace(-0.006, 0.006, rows)[:, None]
     poses[..., 2] = -0.201 + 2e-4 * np.arange(steps)

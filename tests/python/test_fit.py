@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""trocar-fit: least squares against scipy, recordings in CSV and LCM logs, parameters of a simulated insertion, warnings, files, and bad input.
+"""Tests trocar-fit: least squares against scipy, recordings in CSV and LCM logs, parameters of a simulated insertion, warnings, files, and bad input.
 tests/verification/verify_fit.py checks the confidence intervals.
 
 usage: test_fit.py BUILD_DIR SOURCE_DIR
@@ -110,7 +110,7 @@ class Case(unittest.TestCase):
 
 
 class SolverTest(unittest.TestCase):
-    """A sum of two exponentials with noise, with scipy's solution as reference."""
+    """Fits an exponential and a constant to noisy data; the reference is scipy's solution."""
 
     def setUp(self):
         self.time = np.linspace(0.0, 2.0, 400)
@@ -129,7 +129,7 @@ class SolverTest(unittest.TestCase):
         expected = np.linalg.inv(reference.jac.T @ reference.jac)
         deviation = np.sqrt(np.diag(expected))
         self.assertTrue(found.converged)
-        np.testing.assert_array_less(np.abs(found.point - reference.x) / deviation, 0.15)    # the search ends a seventh of a standard error off at most
+        np.testing.assert_array_less(np.abs(found.point - reference.x) / deviation, 0.15)    # the search ends within a seventh of a standard error
         np.testing.assert_allclose(solver.covariance(found.jacobian).matrix, expected, rtol=0.05, atol=0.02 * deviation.max() ** 2)
         self.assertLess(found.evaluations, 40)
 
@@ -141,7 +141,7 @@ class SolverTest(unittest.TestCase):
         self.assertLess(found.residuals @ found.residuals, 1.001 * 2 * reference.cost)
 
     def test_goes_round_points_that_cannot_be_computed(self):
-        """As where kinetic friction would exceed static friction."""
+        """Such points occur in a fit where kinetic friction would exceed static friction."""
         evaluate = lambda points: [self.residuals(p) if p[0] + p[1] < 1.05 else None for p in points]
         found = solver.minimise(evaluate, np.array([0.2, 0.8, 0.2]))
         self.assertTrue(found.converged)
@@ -230,7 +230,7 @@ class FitTest(Case):
         self.assertTrue((self.out / "fit/residuals.svg").read_text().startswith("<?xml"))
         self.assertLess(found["chi2"], 1.3 * found["degrees_of_freedom"])
 
-        # The fragment is part of a scene.
+        # The fragment, merged with a mesh and a fixed surface, is a scene.
         merged = self.out / "merged.yaml"
         merged.write_text(f"mesh: {SOURCE / 'meshes/prostate-570.msh'}\nfixed: [fixed]\n" + (self.out / "fit/fitted.yaml").read_text())
         scene = trocar.Scene.load(merged)
@@ -238,7 +238,7 @@ class FitTest(Case):
             self.assertEqual(scene[key], found["parameters"][key]["value"])
 
     def test_check_names_what_the_motion_does_not_determine(self):
-        """The needle does not reach the prostate; and the skin is broken by the sum of nothing else than its own force."""
+        """The needle does not reach the prostate, so the data do not determine its cutting force; they do determine the friction outside it."""
         self.measure()
         text = FIT + "  regions[prostate].cutting_force: {within: [0.1, 2]}\n"
         status, out, err = self.run_program("check", self.problem(text))

@@ -1,6 +1,6 @@
 #!/usr/bin/python3
-"""Gymnasium environments: compared with simulations that are stepped here, with each other, and with Gymnasium's checker if gymnasium is installed;
-otherwise with a stand-in for it (gymnasium_standin.py), without the checker.
+"""Tests the Gymnasium environments: compares them with simulations that are stepped here and with each other, and runs Gymnasium's checker. If
+gymnasium is not installed, a stand-in is used (gymnasium_standin.py), and the checker is not run.
 
 usage: test_gym.py BUILD_DIR SOURCE_DIR
 """
@@ -61,7 +61,7 @@ class Case(unittest.TestCase):
         return self.folder / "task.yaml"
 
     def episode(self, env, actions, seed=1):
-        """Returns (observations, rewards, terminated, infos) of an episode, which ends with the actions or before."""
+        """Returns (observations, rewards, terminated, infos) of an episode, which ends after the last action at the latest."""
         observation, info = env.reset(seed=seed)
         found, ends = [(observation, 0.0, info)], False
         for action in actions:
@@ -74,7 +74,7 @@ class Case(unittest.TestCase):
 
 
 def place_in(model, point):
-    """Nodes (4,) of the tetrahedron that contains a point of the tissue at rest, and their weights."""
+    """Returns the nodes (4,) of the tetrahedron that contains a point of the tissue at rest, and the point's weights."""
     corners = model.nodes[model.tets]
     inner = np.linalg.solve((corners[:, 1:] - corners[:, :1]).transpose(0, 2, 1), point - corners[:, 0])
     weights = np.concatenate([1.0 - inner.sum(axis=1, keepdims=True), inner], axis=1)
@@ -85,7 +85,8 @@ def place_in(model, point):
 
 class MechanicsTest(Case):
     def test_steps_are_those_of_a_simulation(self):
-        """Depth, force, error and the observed target, against `Sim` with the poses of the definition: 50 mm/s and 12 rad/s for 20 ticks of 1 ms."""
+        """Compares depth, force, error and the observed target with a `Sim` that is given the specified poses: 50 mm/s and 12 rad/s for 20 ticks of 1
+        ms."""
         env = NeedleEnv("reach", self.file())
         actions = [HALF] * 30 + [np.array([1.0, -0.5], np.float32)] * 20
         observations, _, _, infos = self.episode(env, actions)
@@ -109,8 +110,8 @@ class MechanicsTest(Case):
         self.assertGreater(out.depth, 0.02)
 
     def test_target_is_observed_in_the_frame_of_the_tip(self):
-        """Before the insertion the needle is straight: the target's coordinates are those of the file, 1 mm farther ahead. After a roll by a right angle
-        in the air, what was on the bevel's side (+y) is on the side (+x)."""
+        """Before the insertion, the needle is straight, so the target's coordinates are those of the file, plus 1 mm along the needle. After a roll by
+        a right angle in the air, the direction that was +y (the bevel's side) is +x."""
         env = NeedleEnv("reach", self.file())
         observation, _ = env.reset(seed=1)
         np.testing.assert_allclose(observation[:3], 1e3 * (TARGET + [0, 0, 1e-3]), atol=1e-4)
@@ -130,7 +131,8 @@ class MechanicsTest(Case):
         self.assertFalse(infos[-1]["is_success"])
 
     def test_episode_ends_when_the_tip_passes_the_target(self):
-        """The distance ahead, along z, is positive until the last step, and at most the 1 mm of a step and the tissue's displacement behind it then."""
+        """The distance from the tip to the target along z is positive until the last step. After this step, the tip is beyond the target by at most the
+        1 mm of a step plus the tissue's displacement."""
         straight = TASK.replace("needle.bevel_slope: 0.1", "needle.bevel_slope: 0").replace(str(TARGET[0]), "0").replace(str(TARGET[1]), "0")
         observations, _, ends, infos = self.episode(NeedleEnv("reach", self.file(straight)), [PUSH] * 60)
         self.assertTrue(ends)
@@ -146,7 +148,8 @@ class MechanicsTest(Case):
         np.testing.assert_array_equal(observation, first)
 
     def test_obstacle_on_the_line_is_hit(self):
-        """A straight needle of 1.27 mm meets a sphere of 1 mm in its way, which costs 20 mm, and passes one whose border is 0.4 mm from it."""
+        """A straight needle with a diameter of 1.27 mm hits a sphere with a radius of 1 mm in its path, which costs 20 mm, and misses one whose surface
+        is 0.4 mm from the needle or more."""
         straight = TASK.replace("needle.bevel_slope: 0.1", "needle.bevel_slope: 0").replace(str(TARGET[0]), "0").replace(str(TARGET[1]), "0")
         observations, rewards, ends, infos = self.episode(NeedleEnv("avoid", self.file(straight + OBSTACLE % (0, 0))), [PUSH] * 60)
         self.assertTrue(ends and infos[-1]["hit"] and not infos[-1]["is_success"])
@@ -206,7 +209,7 @@ class RandomTest(Case):
         self.assertTrue(-2.0 <= min(x) < -1.5 and 1.5 < max(x) <= 2.0, x)
 
     def test_bevel_varies(self):
-        """Slopes from 0.05 to 0.15: the deflection in front of the same target differs by a factor of up to three."""
+        """Slopes from 0.05 to 0.15: near the same target, deflections differ by a factor of up to three."""
         env = NeedleEnv("reach", self.file(QUICK.replace("x: [-2e-3, 2e-3]", "x: [0, 0]").replace(str(TARGET[1]), "0")))
         deflections = [self.episode(env, [PUSH] * 27, seed)[0][-1][1] for seed in range(12)]
         self.assertTrue(1.5 < max(deflections) / min(deflections) < 3.5, deflections)
@@ -218,7 +221,7 @@ class RandomTest(Case):
 
 class VectorTest(Case):
     def test_rows_are_single_environments(self):
-        """All three ways to start again after an episode: the rows' episodes follow each other as those of single environments with seeds 5, 6 and 7."""
+        """Tests all three autoreset modes: the sequences of episodes in the rows are those of single environments with seeds 5, 6 and 7."""
         random = np.random.default_rng(0)
         actions = random.uniform([-0.2, -1.0], 1.0, (130, 3, 2)).astype(np.float32)
         for mode in ("NextStep", "SameStep", "Disabled"):
@@ -276,7 +279,8 @@ class VectorTest(Case):
 
 class PictureTest(Case):
     def test_target_and_needle_are_where_they_should_be(self):
-        """The picture shows 80 mm: 10 mm before the skin to 20 mm beyond the target's range. The target is 30 mm deep, 1 mm along x and -2 mm along y."""
+        """The picture shows 80 mm, from 10 mm in front of the skin to 20 mm beyond the target's range. The target is 30 mm deep, 1 mm along x and -2 mm
+        along y."""
         env = NeedleEnv("reach", self.file(TASK.replace("depth: [0.03, 0.03]", "depth: [0.03, 0.05]")), render_mode="rgb_array")
         env.reset(seed=1)
         picture = env.render()
@@ -345,7 +349,8 @@ class CheckerTest(Case):
             self.assertTrue(30.0 < observation[2] < 70.0 and not info["is_success"])
 
     def test_vector_environment_is_that_of_gymnasium(self):
-        """Observations, rewards, ends and infos of every step equal those of Gymnasium's SyncVectorEnv with the time limit of its wrapper."""
+        """Observations, rewards, termination, truncation and infos of every step equal those of Gymnasium's SyncVectorEnv with the time limit of its
+        wrapper."""
         from gymnasium.vector import SyncVectorEnv
         for task, text, mode in (("reach", QUICK, "NextStep"), ("avoid", QUICK + OBSTACLE % (0, 0), "SameStep"), ("implant", QUICK, "NextStep")):
             with self.subTest(task):
@@ -359,7 +364,7 @@ class CheckerTest(Case):
                 for _ in range(110):
                     action = own.action_space.sample()
                     action[:, 0] = np.abs(action[:, 0])
-                    action[:, 2:] -= 0.95    # seldom releases a seed
+                    action[:, 2:] -= 0.95    # so that seeds are seldom released
                     found, expected = own.step(action), other.step(action)
                     self.assertIn(found[0], own.observation_space)
                     self.equal(found, expected)

@@ -1,10 +1,10 @@
 #!/usr/bin/python3
-"""Confidence intervals of trocar-fit: synthetic recordings with noise, whose parameters are known.
+"""Verifies the confidence intervals of trocar-fit with synthetic noisy recordings whose parameters are known.
 
 Each data set is an insertion into a block of two layers by a hand that pauses (relaxation), turns the bevel by half a turn, moves sideways and draws
 back. Its parameters are drawn at random between the limits of TRUTH; the fit starts at the scene's own values, the same for all sets, and has bounds
-beyond those limits. Noise is normal: NOISE for each sample of force, torque and the position of tracked points. Of 95 % intervals, 95 of 100 must
-contain the true value, and errors divided by their computed standard deviation must have a root mean square of 1. The full form also writes
+beyond those limits. Noise is normal: NOISE for each sample of force, torque and the position of tracked points. About 95 % of the 95 % intervals must
+contain the true value, and the errors divided by their computed standard deviations must have a root mean square of about 1. The full form also writes
 docs/results/fit.csv.
 """
 import csv
@@ -35,13 +35,13 @@ SETS = 5 if rows.short_form else 100
 RATE = 500                                                            # Hz
 NOISE = {"force": 0.03, "torque": 2e-3, "position": 0.3e-3}           # N, N m, m
 POINTS = {"shallow": (0.008, 0.0, 0.080), "middle": (0.0, 0.010, 0.060), "below": (-0.008, 0.0, 0.040), "deep": (0.0, -0.006, 0.025)}    # m
-FORCE_PERIOD, POINT_PERIOD = 0.005, 0.05                              # s, between two samples
+FORCE_PERIOD, POINT_PERIOD = 0.005, 0.05                              # s, time between two samples
 START = (0.0031, -0.0027, 0.301, 0.0, 1.0, 0.0, 0.0)                  # the tip 1 mm above the skin, pointing down
 HALF_TURN = (0.0, 0.0, np.pi)
 LEGS = [(0.0, 0.45, (0, 0, 0.045)), (0.7, 0.9, (0, 0, 0), HALF_TURN), (0.9, 1.2, (0, 0, 0.030)), (1.25, 1.32, (0, 0.003, 0)), (1.55, 1.85, (0, 0, -0.040))]
 SECONDS = 1.85
 
-# key: value in the scene, where the fit starts; limits between which the true value is drawn; bounds of the fit
+# For each key: value in the scene, at which the fit starts; limits between which the true value is drawn; bounds of the fit.
 TRUTH = {
     "regions[upper].youngs_modulus": (20e3, (14e3, 28e3), (4e3, 100e3)),
     "regions[lower].youngs_modulus": (40e3, (28e3, 56e3), (8e3, 200e3)),
@@ -89,7 +89,8 @@ def write_problem(folder):
 
 
 class Set(NamedTuple):
-    """A data set: true values, estimates, the limits of their intervals and whether the search converged; s of processor time and number of simulations."""
+    """A data set: true values, estimates, the limits of their intervals, whether the search converged, the processor time in s, and the number of
+    simulations."""
 
     truth: list[float]
     value: list[float]
@@ -101,7 +102,7 @@ class Set(NamedTuple):
 
 
 def one_set(path, number):
-    """Makes and fits data set `number`, which is also its seed."""
+    """Creates and fits data set `number`; the number is also its random seed."""
     begin = time.process_time()
     problem = fit.read(path)
     random = np.random.default_rng(number)
@@ -115,7 +116,7 @@ def one_set(path, number):
 
 
 def report(sets):
-    """Adds the rows, and writes the table of the full form."""
+    """Adds the rows of the report and, in the full form, writes the table."""
     truth, value, low, high = (np.array([getattr(each, part) for each in sets]) for part in ("truth", "value", "low", "high"))
     inside, keys = (low <= truth) & (truth <= high), list(TRUTH)
     log = np.array([bounds[0] > 0.0 for _, _, bounds in TRUTH.values()])

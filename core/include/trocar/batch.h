@@ -8,9 +8,9 @@
 extern "C" {
 #endif
 
-/* Simulations, called rows, of one or several models. They run in lockstep, each exactly as with trocar_sim_step: the results depend neither on the number
-   of threads nor on the other rows. In the shapes below, R is the number of rows, S the number of steps of a call, and N the number of needles that are
-   driven in each row. A mask has R entries, nonzero for the rows concerned; NULL stands for all rows. */
+/* A set of simulations, called rows, of one or several models. Each row runs in lockstep, with exactly the results of trocar_sim_step: they depend neither on
+   the number of threads nor on the other rows. In the shapes below, R is the number of rows, S the number of steps of a call, and N the number of needles that
+   are driven in each row. A mask has R entries, which are nonzero for the rows that a call applies to; NULL stands for all rows. */
 typedef struct trocar_batch trocar_batch;
 
 typedef struct trocar_batch_options {
@@ -21,9 +21,9 @@ typedef struct trocar_batch_options {
 /* Returns the defaults: one thread for each processor, one needle. [any, RT] */
 TROCAR_API trocar_batch_options trocar_default_batch_options(void);
 
-/* Creates `rows` simulations, of the models models[0] to models[rows - 1], which may be the same. Every needle is straight, with its base at the origin, until
-   the row is reset. `options` may be NULL. A row takes up some 5 MB (docs/library.md). If memory does not suffice for all threads, there are fewer. BAD_INPUT
-   for options out of range, for a model with fewer than N needles or with mesh_only; NO_MEMORY. [any, allocates] */
+/* Creates `rows` simulations. Row i is a simulation of models[i]; several rows may have the same model. Every needle is straight, with its base at the origin,
+   until the row is reset. `options`: NULL for the defaults. A row takes up about 5 MB (docs/library.md). If there is not enough memory for all threads, fewer
+   are started. BAD_INPUT for options out of range, or for a model that has fewer than N needles or was created with mesh_only; NO_MEMORY. [any, allocates] */
 TROCAR_API trocar_status trocar_batch_create(trocar_model *const *models, int rows, const trocar_batch_options *options, trocar_batch **batch,
                                              trocar_error *error);
 TROCAR_API void trocar_batch_free(trocar_batch *batch); /* [alone] */
@@ -32,25 +32,25 @@ TROCAR_API int trocar_batch_rows(const trocar_batch *batch);    /* R. [any, RT] 
 TROCAR_API int trocar_batch_needles(const trocar_batch *batch); /* N. [any, RT] */
 TROCAR_API int trocar_batch_threads(const trocar_batch *batch); /* number of threads that were started, including the caller's. [any, RT] */
 
-/* Returns the simulation of a row, for all that trocar.h can do with one between the calls of this header: views, seeds, needles that are left and taken,
-   the probe, saving. It belongs to the batch, until trocar_batch_set_model replaces it. It is for lockstep: it has no descriptor for a worker thread, and only
-   one thread at a time may use the batch and its rows. NULL if `row` is out of range. [one] */
+/* Returns the simulation of a row. Between calls of functions of this header, it can be used like any other simulation in lockstep: for views, seeds, leaving
+   and taking needles, the probe, and saving. The simulation belongs to the batch, and is valid until trocar_batch_set_model replaces it or the batch is freed.
+   It has no descriptor for a worker thread, and only one thread at a time may use the batch and its rows. Returns NULL if `row` is out of range. [one] */
 TROCAR_API trocar_sim *trocar_batch_sim(trocar_batch *batch, int row);
 
-/* Replaces the simulation of a row by a new one of another model, such as a derived one. After an error, the row is as before. BAD_INPUT as in
+/* Replaces the simulation of a row by a new one of another model, such as a derived one. After an error, the row is unchanged. BAD_INPUT as in
    trocar_batch_create, or if `row` is out of range; NO_MEMORY. [one, allocates] */
 TROCAR_API trocar_status trocar_batch_set_model(trocar_batch *batch, int row, trocar_model *model, trocar_error *error);
 
 /* ---- starting and continuing ---- */
 
-/* Makes the rows of the mask as if they had just been created, without seeds, tracks and resting needles, at time 0, and their driven needles straight at
-   `poses`, [R][N]. Poses of other rows are not read. The rows of the mask are all done; then the error of the first row that failed is returned: BAD_INPUT as
-   in trocar_sim_reset, NO_MEMORY. [one, allocates] */
+/* Returns the rows of the mask to the state in which they were created, at time 0 and without seeds, tracks or resting needles, and places their driven
+   needles, straight, at `poses`, [R][N]. Poses of other rows are not read. An error in one row does not stop the others; if several rows fail, the error of the
+   row with the lowest index is returned: BAD_INPUT as in trocar_sim_reset, NO_MEMORY. [one, allocates] */
 TROCAR_API trocar_status trocar_batch_reset(trocar_batch *batch, const trocar_pose *poses, const uint8_t *mask, trocar_error *error);
 
-/* Save the rows of the mask, each to states[row], with `size` bytes, as trocar_sim_save does; restore each from states[row], with sizes[row] bytes, as
-   trocar_sim_restore does: rows may share a state. Entries of other rows are not read. All rows of the mask are done; then the error of the first row that
-   failed is returned. [one, allocates] */
+/* Save each row of the mask to states[row], which has `size` bytes, as trocar_sim_save does, or restore it from states[row], which has sizes[row] bytes, as
+   trocar_sim_restore does. Several rows may be restored from the same state. Entries of other rows are not read. An error in one row does not stop the others;
+   if several rows fail, the error of the row with the lowest index is returned. [one, allocates] */
 TROCAR_API trocar_status trocar_batch_save(trocar_batch *batch, void *const *states, size_t size, const uint8_t *mask, trocar_error *error);
 TROCAR_API trocar_status trocar_batch_restore(trocar_batch *batch, const void *const *states, const size_t *sizes, const uint8_t *mask, trocar_error *error);
 
@@ -61,7 +61,7 @@ typedef struct trocar_batch_outputs {
     double *force;           /* [R][S][N][3], N */
     double *torque;          /* [R][S][N][3], N m */
     double *depth;           /* [R][S][N], m */
-    trocar_pose *tip;        /* [R][S][N], the needle's end: position (m), and orientation, whose +z is along the needle and +y to the bevel's side */
+    trocar_pose *tip;        /* [R][S][N], pose of the needle's end: position (m), and orientation, with +z along the needle and +y towards the bevel's side */
     int32_t *contacts;       /* [R][S][N] */
     uint32_t *events;        /* [R][S][N] */
     int32_t *membrane;       /* [R][S][N] */
@@ -72,12 +72,13 @@ typedef struct trocar_batch_outputs {
     int32_t *done;           /* [R], number of steps that were completed */
 } trocar_batch_outputs;
 
-/* Computes `steps` ticks of `dt` seconds for the rows of the mask, with the bases at `poses`, [R][S][N]; several steps in a call are faster, because each row's
-   data stay in the processor's cache. A needle that rests is not ticked: its pose is not read, and its force, torque and events are 0. Entries of rows outside
-   the mask are neither read nor written. A row that fails keeps its state before the step that failed as far as the error permits; its outputs are zero from
-   that step on, the other rows are finished, and the error of the first row that failed is returned, with row and step. `watch` may be NULL; its functions are
-   called in the calling thread, after at most 64 steps of a row; a cancelled call leaves rows at different steps (`done`). BAD_INPUT as in trocar_sim_step, and,
-   before anything is computed, for steps < 0 or dt outside (0, 1]; NUMERIC, NO_MEMORY, CANCELLED. [one, allocates] */
+/* Computes `steps` ticks of `dt` seconds for the rows of the mask, with the bases at `poses`, [R][S][N]. Several steps in one call are faster than separate
+   calls, because each row's data stay in the processor's cache. A needle that rests is not ticked: its pose is not read, and its force, torque and events are
+   0. Entries of rows outside the mask are neither read nor written. If a step of a row fails, the row keeps its state before that step, as far as the error
+   permits, and its outputs are zero from that step on. The other rows are computed to the end. If several rows fail, the error of the row with the lowest index
+   is returned; its message names the row and the step. `watch` may be NULL; its functions are called in the calling thread, after at most 64 steps of a row.
+   After a cancelled call, rows may be at different steps, as listed in `done`. BAD_INPUT as in trocar_sim_step, and, before anything is computed, for steps < 0
+   or dt outside (0, 1]; NUMERIC, NO_MEMORY, CANCELLED. [one, allocates] */
 TROCAR_API trocar_status trocar_batch_step(trocar_batch *batch, const trocar_pose *poses, int steps, double dt, const uint8_t *mask,
                                            const trocar_watch *watch, const trocar_batch_outputs *outputs, trocar_error *error);
 

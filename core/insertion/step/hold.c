@@ -13,7 +13,7 @@ static int point_of(const contact_problem *p, int u) {
     return along < 0 ? u / 2 : along < p->count ? along : p->count - 1;
 }
 
-/* True if the force of this unknown responds to a displacement. Open guides have no force, and sliding points have a constant one. */
+/* True if the force of this unknown changes when the tissue is displaced. Open guides exert no force, and sliding points exert a constant one. */
 static bool holds(const insertion_workspace *w, int u) {
     const contact_problem *p = &w->problem;
     int along = u - 2 * p->count;
@@ -42,10 +42,10 @@ void insertion_hold(const tick_input *tick, const insertion_state *state, insert
     hold->count = hold->unstable = 0;
     if (w->points.count == 0 || !touches_tissue(state)) return;
     hold->unstable = w->response.tangent.unstable;
-    double yield = w->creep.yield; /* the loads are those that displace elastic tissue as much as the forces displace relaxing tissue: yield times the forces */
+    double yield = w->creep.yield; /* the loads are yield times the forces: loads that displace elastic tissue as much as the forces displace relaxing tissue */
     w->creep.yield = 0.0;
     memset(w->tissue.tip_row, 0, sizeof w->tissue.tip_row);
-    assemble_compliance(tick, state, w); /* of the needle's side alone */
+    assemble_compliance(tick, state, w); /* the compliance of the needle's side alone */
     for (int u = 0; u < 2 * p->count + p->axial_count; u++) {
         if (!holds(w, u)) continue;
         int i = hold->count++;

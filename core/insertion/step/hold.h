@@ -5,7 +5,7 @@
 #include "insertion/state/tick_data.h"
 #include "snapshot/needle_hold.h"
 
-/* Writes how the needle holds the tissue. To be called after insertion_tick, with the same workspace, whose contact problem it overwrites. RT */
+/* Writes how the needle supports the tissue. Call it after insertion_tick, with the same workspace; it overwrites the workspace's contact problem. RT */
 void insertion_hold(const tick_input *tick, const insertion_state *state, insertion_workspace *w, needle_hold *hold);
 
 #endif

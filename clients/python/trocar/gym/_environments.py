@@ -32,9 +32,9 @@ def _checked(render_mode: str | None) -> str | None:
 
 
 class NeedleEnv(gymnasium.Env[Observation, Action]):
-    """One needle in one tissue. `task` is one of TASKS, `file` a task's file (None: the one in the package).
+    """An environment with one needle in one tissue. `task`: one of TASKS. `file`: the task's file; None: the one in the package.
 
-    The time limit is that of `gymnasium.make`, whose wrapper truncates episodes; here, episodes only terminate.
+    This class only terminates episodes. The time limit is applied by the wrapper of `gymnasium.make`, which truncates them.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 50}
@@ -47,13 +47,13 @@ class NeedleEnv(gymnasium.Env[Observation, Action]):
         self._episodes = Episodes(self.task, 1, 1)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Observation, dict[str, Any]]:
-        """Starts an episode: the needle in front of tissue at rest. `options` are not used."""
+        """Starts an episode, with the needle in front of tissue at rest. `options` is ignored."""
         super().reset(seed=seed)
         self._episodes.begin(np.ones(1, bool), [self.np_random])
         return self._episodes.observe()[0], _first(self._episodes.info())
 
     def step(self, action: Action) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Moves the needle for the task's interval."""
+        """Carries out an action for the task's interval."""
         result = self._episodes.step(np.asarray(action)[None], np.ones(1, bool))
         return self._episodes.observe()[0], float(result.reward[0]), bool(result.terminated[0]), False, _first(result.info)
 
@@ -69,8 +69,8 @@ def _first(info: dict[str, npt.NDArray[Any]]) -> dict[str, Any]:
 class VectorNeedleEnv(VectorEnv[Observation, Action, npt.NDArray[Any]]):
     """Many needles, each in its own tissue, which the threads of one `trocar.Batch` move together.
 
-    Row i of a reset with `seed` gives the same episodes as a single environment with seed + i. `threads`: 0 for all processors that this process may use.
-    Episodes are truncated after `max_episode_steps`.
+    After a reset with `seed`, row i has the same episodes as a single environment with seed + i. `threads`: number of threads; 0: one for each
+    processor that this process may use. Episodes are truncated after `max_episode_steps`; None: no limit.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 50, "autoreset_mode": AutoresetMode.NEXT_STEP}
@@ -90,8 +90,8 @@ class VectorNeedleEnv(VectorEnv[Observation, Action, npt.NDArray[Any]]):
 
     def reset(self, *, seed: int | Sequence[int | None] | None = None,
               options: dict[str, Any] | None = None) -> tuple[Observation, dict[str, Any]]:
-        """Starts an episode in each row. seed: row i is seeded with seed + i, or with seed[i]; None: the rows' generators go on. options["reset_mask"]
-        (num_envs,) bool selects rows; observations of the others stay."""
+        """Starts an episode in each row. `seed`: a number seeds row i with seed + i, and a sequence seeds it with seed[i]; None continues the rows'
+        generators. options["reset_mask"], (num_envs,) bool, selects rows; the observations of the other rows do not change."""
         mask = np.ones(self.num_envs, bool) if options is None or "reset_mask" not in options else np.asarray(options["reset_mask"])
         if mask.shape != (self.num_envs,) or mask.dtype != np.bool_ or not mask.any():
             raise ValueError(f"reset_mask: write an array of {self.num_envs} booleans, at least one of them true")
@@ -109,7 +109,7 @@ class VectorNeedleEnv(VectorEnv[Observation, Action, npt.NDArray[Any]]):
         return self._episodes.observe(), _with_masks(self._episodes.info(), mask)
 
     def step(self, actions: Action) -> tuple[Observation, npt.NDArray[np.float64], npt.NDArray[np.bool_], npt.NDArray[np.bool_], dict[str, Any]]:
-        """Moves all needles for the task's interval. Rows whose episode has ended start a new one, as the autoreset mode says."""
+        """Carries out an action in each row for the task's interval. Rows whose episode has ended start a new one according to the autoreset mode."""
         again = self._ended if self.autoreset_mode == AutoresetMode.NEXT_STEP else np.zeros(self.num_envs, bool)
         if self.autoreset_mode == AutoresetMode.DISABLED and self._ended.any():
             raise gymnasium.error.ResetNeeded("rows %s have ended: call reset with options={\"reset_mask\": ...}" % np.flatnonzero(self._ended))
@@ -141,5 +141,5 @@ class VectorNeedleEnv(VectorEnv[Observation, Action, npt.NDArray[Any]]):
 
 
 def _with_masks(info: dict[str, npt.NDArray[Any]], mask: npt.NDArray[np.bool_]) -> dict[str, Any]:
-    """Adds to each key "k" the key "_k", an array that is true for rows in which "k" is valid, as in Gymnasium's vector environments."""
+    """Adds, for each key "k", a key "_k": an array that is true for rows in which "k" is valid, as in Gymnasium's vector environments."""
     return {**info, **{"_" + key: mask.copy() for key in info}}

@@ -1,6 +1,7 @@
-"""Episodes of a task that run side by side, one in each row of a batch: motions, observations, rewards and ends.
+"""Episodes of a task that run side by side, one in each row of a batch: motion, observations, rewards and termination.
 
-The single and the vector environment both use this class, so a row of a vector environment equals a single environment with the same seed.
+The single and the vector environment both use this class, so a row of a vector environment behaves exactly like a single environment with the same
+seed.
 """
 from __future__ import annotations
 
@@ -13,9 +14,9 @@ from .. import Batch, Event, Sim
 from .. import motion
 from ._task import Array, Episode, Task
 
-DT = 1e-3                  # s, of a tick
-MM = 1e3                   # mm in a metre
-WITHDRAWAL = 0.015         # m, by which the needle is drawn back from a seed, which then lies free in the tissue
+DT = 1e-3                  # s, length of a tick
+MM = 1e3                   # mm per m
+WITHDRAWAL = 0.015         # m, distance by which the needle is drawn back from a released seed, which then lies free in the tissue
 HIT_COST = 20.0            # mm, subtracted from the reward when the needle touches the obstacle
 LENGTH_LIMIT, FORCE_LIMIT = 500.0, 100.0     # mm and N, limits of the observation space
 
@@ -30,7 +31,7 @@ Mask = npt.NDArray[np.bool_]
 
 
 class Step(NamedTuple):
-    """Result of a step, for all rows; rows that were not stepped have zeros."""
+    """The result of a step for all rows. Rows that were not stepped have a reward of 0 and are not terminated."""
 
     reward: Array      # (count,) mm
     terminated: Mask   # (count,)
@@ -38,12 +39,12 @@ class Step(NamedTuple):
 
 
 def limits(task: str) -> npt.NDArray[np.float32]:
-    """Returns the largest absolute values of an observation."""
+    """Returns the largest absolute value of each entry of an observation."""
     return np.concatenate([np.full(*OBSERVATIONS[name]) for name in OBSERVED[task]]).astype(np.float32)
 
 
 class Episodes:
-    """Rows of a batch, each with its own episode. All arrays have one entry, or one row, for each row of the batch."""
+    """Rows of a batch, each with its own episode. The first index of each array is the row of the batch."""
 
     def __init__(self, task: Task, count: int, threads: int):
         self.task, self.ticks = task, max(1, round(task.interval / DT))
@@ -55,11 +56,11 @@ class Episodes:
         self.needle_radius = 0.5 * float(task.scene["needle.outer_diameter"])    # m
         self.episodes: dict[int, Episode] = {}    # by row
         self.radius = np.zeros(count)             # m, of the obstacle
-        self.travel, self.roll = np.zeros(count), np.zeros(count)    # m and rad, of the base since the start
+        self.travel, self.roll = np.zeros(count), np.zeros(count)    # m and rad, motion of the base since the start: along the needle, and roll
         self.tip, self.force, self.depth = np.zeros((count, 7)), np.zeros((count, 3)), np.zeros(count)
-        self.target, self.obstacle = np.zeros((count, 3)), np.zeros((count, 3))    # m, in the displaced tissue
+        self.target, self.obstacle = np.zeros((count, 3)), np.zeros((count, 3))    # m, positions in the displaced tissue
         self.displacement = np.zeros(count)    # m, mean over the nodes of the target's region
-        self.error = np.zeros(count)           # m, from the tip, or from the seed that would be left there, to the target
+        self.error = np.zeros(count)           # m, distance from the tip, or from a seed released there, to the target
         self.hit, self.released, self.unstable = (np.zeros(count, bool) for _ in range(3))
 
     def begin(self, mask: Mask, randoms: Sequence[np.random.Generator]) -> None:
@@ -79,7 +80,7 @@ class Episodes:
         self._measure(mask)
 
     def step(self, actions: npt.ArrayLike, mask: Mask) -> Step:
-        """Carries out an action (count, actions), clipped to -1 to 1, in each row of the mask."""
+        """Carries out the actions (count, number of actions), clipped to [-1, 1], in the rows of the mask."""
         given = np.clip(np.asarray(actions, np.float64), -1.0, 1.0)
         before = self.error.copy()
         out = self.batch.run(self._poses(given), DT, mask)
@@ -105,7 +106,7 @@ class Episodes:
         return Step(reward, terminated & mask, self.info())
 
     def observe(self) -> npt.NDArray[np.float32]:
-        """Returns the observations (count, values): mm and N, vectors in the frame of the tip (forces: in that of the base)."""
+        """Returns the observations (count, values) in mm and N. Vectors are in the frame of the tip, but forces are in the frame of the base."""
         tip, base, position = _axes(self.tip[:, 3:]), _axes(self._orientation(self.roll)), self.tip[:, :3]
         within = lambda axes, vectors: np.einsum("nij,nj->ni", axes, vectors)
         values = {"target": MM * within(tip, self.target - position), "force": within(base, self.force), "depth": MM * self.depth[:, None],
@@ -116,7 +117,8 @@ class Episodes:
         return np.clip(observed, -limit, limit).astype(np.float32)
 
     def info(self) -> dict[str, npt.NDArray[Any]]:
-        """Returns error (m), displacement (m), and whether the needle has hit the obstacle and whether the error is within the tolerance."""
+        """Returns `error` (m), `displacement` (m), `hit` (true if the needle has hit the obstacle) and `is_success` (true if the error is within the
+        tolerance, the needle has hit nothing and is stable, and in the task implant the seed has been released)."""
         success = (self.error <= self.task.tolerance) & ~self.hit & ~self.unstable
         if self.task.name == "implant":
             success &= self.released
@@ -130,7 +132,8 @@ class Episodes:
         return np.cos(0.5 * roll)[..., None] * self.task.start[3:] + np.sin(0.5 * roll)[..., None] * self._turned
 
     def _poses(self, actions: Array) -> Array:
-        """Returns the poses (count, ticks, 7) of an action, and advances the bases to the last one. The base cannot go back beyond its start."""
+        """Returns the poses (count, ticks, 7) of the bases during these actions, and advances `travel` and `roll` to the last of them. A base cannot
+        move back beyond its start."""
         times = DT * np.arange(1, self.ticks + 1)
         travel = np.clip(self.travel[:, None] + times * self.task.speed * actions[:, :1], 0.0, self.needle_length)
         roll = self.roll[:, None] + times * self.task.roll_rate * actions[:, 1:2]
@@ -138,29 +141,30 @@ class Episodes:
         return self._bases(travel, roll)
 
     def _bases(self, travel: Array, roll: Array) -> Array:
-        """Returns the poses (count, ticks, 7) of bases that have been moved along the needle (m) and rolled (rad), (count, ticks) each."""
+        """Returns the poses (count, ticks, 7) of bases that have been moved along the needle by `travel` (m) and rolled by `roll` (rad), each (count,
+        ticks)."""
         return np.concatenate([self.task.start[:3] + travel[:, :, None] * self.axis, self._orientation(roll)], axis=2)
 
     def _look_at_tissue(self, row: int, field: Array) -> None:
-        """Finds target and obstacle in tissue displaced by `field` (nodes, 3) m."""
+        """Computes the positions of target and obstacle, and the mean displacement, in tissue displaced by `field`, (nodes, 3) m."""
         episode = self.episodes[row]
         self.target[row] = episode.target + episode.target_weights @ field[episode.target_nodes]
         self.obstacle[row] = episode.obstacle + episode.obstacle_weights @ field[episode.obstacle_nodes]
         self.displacement[row] = np.linalg.norm(field[episode.region_nodes], axis=1).mean()
 
     def _measure(self, mask: Mask) -> None:
-        """Computes the errors."""
+        """Computes the errors in the rows of the mask."""
         point = self.tip[:, :3]
-        if self.task.name == "implant":    # a seed lies with its distal end at the tip
+        if self.task.name == "implant":    # the distal end of a released seed is at the tip; `point` is the seed's centre
             point = point - 0.5 * self.seed_length * _axes(self.tip[:, 3:])[:, 2]
         self.error[mask] = np.linalg.norm(self.target - point, axis=1)[mask]
 
     def _ahead(self) -> Array:
-        """Returns the distances (count,) m that the tips still have to go along the needle's axis before the insertion."""
+        """Returns the distances (count,) m from the tips to the targets, along the needle's axis before the insertion; negative beyond the target."""
         return (self.target - self.tip[:, :3]) @ self.axis
 
     def _release(self, mask: Mask) -> None:
-        """Leaves a seed at the tip, draws the needle back, and takes the seed's place in the tissue at rest as the result."""
+        """Releases a seed at the tip, draws the needle back, and computes the error from the seed's position in the tissue at rest."""
         if not mask.any():
             return
         for row in np.flatnonzero(mask):

@@ -7,8 +7,8 @@ import numpy.typing as npt
 from ._episodes import Episodes
 from ._task import Array
 
-HEIGHT, WIDTH = 240, 400           # pixels, of each section
-FRONT, BEYOND = 0.010, 0.020       # m, shown in front of the skin, and beyond the deepest target
+HEIGHT, WIDTH = 240, 400           # pixels, size of each section
+FRONT, BEYOND = 0.010, 0.020       # m, lengths shown in front of the skin and beyond the deepest target
 WHITE, BORDER, NEEDLE, TARGET, OBSTACLE = ((255, 255, 255), (138, 146, 155), (36, 41, 47), (0, 127, 95), (213, 94, 0))
 FAINT = 0.5                        # share of white in the discs of target and obstacle
 
@@ -16,14 +16,15 @@ Picture = npt.NDArray[np.uint8]
 
 
 def draw(episodes: Episodes, row: int) -> Picture:
-    """Returns the picture (HEIGHT, 2 WIDTH, 3) of a row. The needle points to the right; its y axis points up on the left, its x axis on the right."""
+    """Returns the picture (HEIGHT, 2 WIDTH, 3) of a row. The needle points to the right; its y axis points up in the left section, and its x axis in
+    the right one."""
     task, sim, episode = episodes.task, episodes.sim(row), episodes.episodes.get(row)
     if episode is None:
         raise ValueError("no episode has begun: call reset first")
-    place = lambda points: (np.atleast_2d(points) - task.entry) @ task.axes.T    # from the needle's entry, along its axes
+    place = lambda points: (np.atleast_2d(points) - task.entry) @ task.axes.T    # coordinates along the needle's axes, from its entry
     borders = place(episode.model.nodes + sim.displacements())[episode.borders]
     needle = place(sim.centreline())
-    scale = WIDTH / (FRONT + task.target["depth"][1] + BEYOND)    # pixels in a metre
+    scale = WIDTH / (FRONT + task.target["depth"][1] + BEYOND)    # pixels per m
     views = []
     for up, across in ((1, 0), (0, 1)):
         view = np.full((HEIGHT, WIDTH, 3), WHITE, np.uint8)
@@ -42,7 +43,7 @@ def _section(triangles: Array, axis: int) -> Array:
     side = triangles[:, :, axis] > 0.0
     cut = triangles[side.any(axis=1) & ~side.all(axis=1)]
     side = cut[:, :, axis] > 0.0
-    alone = np.where(side.sum(axis=1) == 1, side.argmax(axis=1), (~side).argmax(axis=1))    # the corner on a side of its own
+    alone = np.where(side.sum(axis=1) == 1, side.argmax(axis=1), (~side).argmax(axis=1))    # the corner that is alone on its side of the plane
     rows = np.arange(len(cut))
     corner = cut[rows, alone]
     ends = []

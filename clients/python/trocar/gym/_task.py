@@ -18,8 +18,8 @@ Array = npt.NDArray[np.float64]
 Range = tuple[float, float]
 
 TASKS = ("reach", "avoid", "implant")
-MOST_STIFFNESSES = 64    # each keeps a model in memory
-FARTHEST = 1.0           # m, by which the line of a needle is extended to find the tissue
+MOST_STIFFNESSES = 64    # maximum number; each keeps a model in memory
+FARTHEST = 1.0           # m, distance ahead of the tip within which the needle's line must enter the tissue
 
 
 class BadTask(Exception):
@@ -28,7 +28,7 @@ class BadTask(Exception):
 
 @dataclass(frozen=True)
 class Stiffness:
-    """A model of the task, with what depends on its mesh and stiffness only."""
+    """A model of the task, and the data that depend only on its mesh and stiffness."""
 
     model: Model
     embedding: Embedding
@@ -47,40 +47,40 @@ class Episode:
 
     model: Model
     target: Array                         # (3,) m, in the tissue at rest
-    target_nodes: npt.NDArray[np.int32]   # (4,) nodes between which the target lies
-    target_weights: Array                 # (4,) their weights
+    target_nodes: npt.NDArray[np.int32]   # (4,) corners of the tetrahedron that contains the target
+    target_weights: Array                 # (4,) barycentric weights of the target
     borders: npt.NDArray[np.int32]        # (n, 3) faces between regions, and those of the tissue's surface
     region_nodes: npt.NDArray[np.int32]   # nodes of the region that contains the target
-    obstacle_nodes: npt.NDArray[np.int32] # (4,)
-    obstacle_weights: Array               # (4,)
+    obstacle_nodes: npt.NDArray[np.int32] # (4,) corners of the tetrahedron that contains the obstacle's centre
+    obstacle_weights: Array               # (4,) barycentric weights of this centre
     obstacle: Array                       # (3,) m, centre of the sphere in the tissue at rest
-    radius: float                         # m; 0 if the task has no obstacle
+    radius: float                         # m, of the sphere; 0 if the task has no obstacle
 
 
 @dataclass
 class Task:
-    """A task, with the contents of its file. Ranges are [lowest, highest], of uniform distributions."""
+    """A task, as described in its file. A range is [lowest, highest], of a uniform distribution."""
 
     name: str                                                     # one of TASKS
     path: str
     scene: Scene
-    target: dict[str, Range]                                      # x, y, depth: m, along the needle's axes before the insertion, from its entry
-    obstacle: dict[str, Range] = field(default_factory=dict)      # along: share of the target's depth; x, y: m from the line to the target; radius: m
+    target: dict[str, Range]                                      # x, y, depth: m from the entry, along the needle's axes before the insertion
+    obstacle: dict[str, Range] = field(default_factory=dict)      # along: fraction of the way to the target; x, y: m from the line to it; radius: m
     randomise: dict[str, Range] = field(default_factory=dict)     # keys of the scene
     stiffnesses: int = 8          # number of models with different elastic moduli
     speed: float = 0.05           # m/s, largest speed of the base along the needle
-    roll_rate: float = 12.0       # rad/s, largest rate of its roll
+    roll_rate: float = 12.0       # rad/s, largest roll rate of the base
     interval: float = 0.02        # s, between two actions
     tolerance: float = 1e-3       # m, largest error of a success
     displacement_cost: float = 5.0    # 1/s, weight of the tissue's displacement in the reward
     start: Array = field(default_factory=lambda: np.zeros(7))     # (7,) pose of the base before the insertion
-    axes: Array = field(default_factory=lambda: np.eye(3))        # (3, 3) unit vectors in the rows: its axes there; the last one points from base to tip
-    entry: Array = field(default_factory=lambda: np.zeros(3))     # (3,) m, point at which its line enters the tissue
+    axes: Array = field(default_factory=lambda: np.eye(3))        # (3, 3) the needle's axes at `start`, one unit vector per row; +z points from base to tip
+    entry: Array = field(default_factory=lambda: np.zeros(3))     # (3,) m, point at which the needle's line enters the tissue
     _stiffnesses: list[Stiffness] = field(default_factory=list)
-    _cheap: list[str] = field(default_factory=list)               # keys of `randomise` with which a model can be derived
+    _cheap: list[str] = field(default_factory=list)               # keys of `randomise` that do not require a new inverse
 
     def draw(self, random: np.random.Generator) -> Episode:
-        """Draws an episode. The order in which numbers are drawn is part of the contract: equal seeds give equal episodes."""
+        """Draws an episode. The order in which numbers are drawn must not change, so that a seed always gives the same episode."""
         chosen = self._stiffnesses[random.integers(len(self._stiffnesses))]
         model = chosen.model
         if self._cheap:
@@ -105,7 +105,7 @@ def _borders(model: Model) -> npt.NDArray[np.int32]:
     which = which.reshape(-1)    # NumPy 2.0 returns a column
     count, total = np.bincount(which), np.bincount(which, regions)
     square = np.bincount(which, regions.astype(float) ** 2)
-    return unique[(count == 1) | (2.0 * square > total ** 2)].astype(np.int32)    # two equal numbers a: 2 (a^2 + a^2) = (a + a)^2
+    return unique[(count == 1) | (2.0 * square > total ** 2)].astype(np.int32)    # for two equal regions a: 2 (a^2 + a^2) = (a + a)^2
 
 
 # ---- reading ------------------------------------------------------------------------------------------------------------------------------
@@ -136,7 +136,7 @@ class _TaskReader(Reader):
 
     def try_key(self, node: Any, scene: Scene, key: str, value: float | str, place: str) -> None:
         try:
-            scene[key]    # an unknown name in a list would be appended
+            scene[key]    # raises Error for an unknown name in a list, which an assignment would append
             scene[key] = value
         except Error as error:
             raise self.fail(node, f"{place}: {error}") from error
@@ -146,8 +146,8 @@ _NUMBERS = ("speed", "roll_rate", "interval", "tolerance", "displacement_cost")
 
 
 def read(name: str, path: str | PathLike[str] | None = None) -> Task:
-    """Reads the file of a task, one of TASKS, and builds its models, which takes tenths of a second for each stiffness. None: the file in the package.
-    Raises BadTask with file, line and remedy."""
+    """Reads the file of a task, one of TASKS, and builds its models, which takes a few tenths of a second for each stiffness. `path`: None for the file
+    in the package. Raises BadTask, with file, line and remedy."""
     if name not in TASKS:
         raise BadTask(f"no task \"{name}\": there are {', '.join(TASKS)}")
     where = fspath(path) if path is not None else str(Path(__file__).with_name(name + ".yaml"))
@@ -179,7 +179,7 @@ def read(name: str, path: str | PathLike[str] | None = None) -> Task:
 
 
 def _build(task: Task, reader: _TaskReader, given: dict[str, Any]) -> None:
-    """Makes the models, and finds the pose before the insertion."""
+    """Builds the models, and finds the pose before the insertion."""
     try:
         nominal = Stiffness.of(task.scene)
         model, stiff = nominal.model, []
@@ -191,7 +191,7 @@ def _build(task: Task, reader: _TaskReader, given: dict[str, Any]) -> None:
                 stiff.append(key)
         task._stiffnesses.append(nominal)
         if stiff:
-            random = np.random.default_rng(0)    # the models belong to the task; episodes choose between them
+            random = np.random.default_rng(0)    # always the same models: they belong to the task, and each episode uses one of them
             task._stiffnesses.clear()
             for _ in range(task.stiffnesses):
                 scene = task.scene.copy()

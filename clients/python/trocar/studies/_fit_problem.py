@@ -28,7 +28,7 @@ class BadFit(BadStudy):
 
 @dataclass(frozen=True)
 class Unknown:
-    """A parameter to be found: a key of the scene. If its lower bound is above 0, its logarithm is fitted."""
+    """A parameter to be estimated, a key of the scene. If its lower bound is above 0, its logarithm is fitted."""
 
     key: str
     unit: str
@@ -42,7 +42,7 @@ class Unknown:
         return self.low > 0.0
 
     def value(self, scaled: float) -> float:
-        """Returns the value at a point of the range, which goes from 0 to 1."""
+        """Returns the value at a point of the range between the bounds, from 0 (lower) to 1 (upper)."""
         return self.low * (self.high / self.low) ** scaled if self.logarithmic else self.low + (self.high - self.low) * scaled
 
     def scaled(self, value: float) -> float:
@@ -59,7 +59,7 @@ class Unknown:
 
 @dataclass
 class FitProblem:
-    """A fit, with the contents of its file."""
+    """A fit, as described in its file."""
 
     path: str
     study: Study                        # the scene and its settings
@@ -68,7 +68,7 @@ class FitProblem:
     noise: dict[str, float] = field(default_factory=dict)     # standard deviation of one sample, by kind: N, N m, m; and "time", s
     every: float = EVERY                # s
     unknowns: list[Unknown] = field(default_factory=list)
-    tets: npt.NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, np.intp))    # (points,) tetrahedra that contain the points
+    tets: npt.NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, np.intp))    # (points,) indices of the tetrahedra that contain the points
     weights: Array = field(default_factory=lambda: np.zeros((0, 4)))                    # (points, 4) barycentric weights in them
 
     def is_stiffness(self, index: int) -> bool:
@@ -189,7 +189,7 @@ class _FitReader(_StudyReader):
         if not problem.unknowns:
             raise reader.fail(given["parameters"], "parameters: empty: write at least one")
         if study.inverse == "auto" and any(problem.is_stiffness(i) for i in range(len(problem.unknowns))):
-            scene["inverse"] = "sparse"    # few simulations share a stiffness, and this inverse is built faster
+            scene["inverse"] = "sparse"    # few simulations share a stiffness, and a sparse inverse is built faster
         return problem
 
 

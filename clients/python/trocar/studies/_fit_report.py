@@ -71,7 +71,7 @@ def scene_keys(scene: Scene, result: Fitted) -> str:
 
 
 def _nested(parts: dict[str, str]) -> list[str]:
-    """Returns lines of YAML: "friction.static" is below "friction"."""
+    """Returns lines of YAML, in which "friction.static" is nested below "friction"."""
     lines, last = [], ""
     for part in sorted(parts, key=lambda name: (name.rpartition(".")[0], list(parts).index(name))):
         group, dot, name = part.rpartition(".")

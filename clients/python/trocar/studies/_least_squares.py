@@ -11,22 +11,23 @@ Array = npt.NDArray[np.float64]
 # Returns the residuals (n,) at each of several points (p,), or None where they cannot be computed.
 Evaluate = Callable[[Sequence[Array]], list[Array | None]]
 
-# Simulations are not perfectly smooth: an event, such as the tip's entry into the next element, can fall into another tick, and some residuals jump.
-# Differences must therefore be taken over steps that are large compared with such jumps, and the search must be able to cross them.
-FIRST_STEP = 0.01     # first finite difference, as a fraction of the range of a parameter
-STEPS = (0.002, 0.1)     # smallest and largest finite difference
-CHANGE = 10.0         # norm of the change of the residuals that a finite difference should cause
-JUMP = 10.0           # largest jump of chi squared that the search crosses
-MOST_RISES = 5        # how often it does
-SMALL = 0.02          # decrease of chi squared, as predicted, that is not worth a step: a seventh of a standard error
+# Simulations are not perfectly smooth: a small change of a parameter can shift an event, such as the tip's entry into the next element, to a different
+# tick, which makes some residuals jump. Finite differences therefore need steps that change the residuals by much more than such jumps do, and the search
+# must be able to cross the jumps.
+FIRST_STEP = 0.01     # initial step of the finite differences, as a fraction of a parameter's range
+STEPS = (0.002, 0.1)     # smallest and largest step
+CHANGE = 10.0         # norm of the change of the residuals that a step of the finite differences should cause
+JUMP = 10.0           # largest increase of chi squared that the search accepts, to cross a jump
+MOST_RISES = 5        # maximum number of such increases
+SMALL = 0.02          # predicted decrease of chi squared below which a step is not worthwhile: a seventh of a standard error
 WORTH = 0.25          # decrease of chi squared that counts as progress: half a standard error
-IDLE = 5              # number of steps without progress after which the search ends: the residuals jump, and no Jacobian describes them
+IDLE = 5              # number of steps without progress after which the search ends, because the residuals jump and no Jacobian describes them
 MOST_STEPS = 60
 
 
 @dataclass
 class Solution:
-    """The point at which the search ended. Points are scaled: each parameter goes from 0 to 1 between its bounds."""
+    """The point at which the search ended. Points are scaled: each parameter is 0 at its lower bound and 1 at its upper bound."""
 
     point: Array          # (p,)
     residuals: Array      # (n,)
@@ -59,8 +60,8 @@ class _Differences:
         return self.evaluate(points) if points else []
 
     def one_sided(self, point: Array, residuals: Array) -> Array:
-        """Returns the Jacobian (n, p) by differences towards the middle of the range, or away from it where the residuals cannot be computed. A column is
-        0 if they can be computed on neither side."""
+        """Returns the Jacobian (n, p) by one-sided differences: towards the middle of the range or, where the residuals cannot be computed there, away
+        from it. A column is 0 if they can be computed on neither side. Adapts the steps."""
         every, signs = range(len(point)), np.where(point < 0.5, 1.0, -1.0)
         there = self._at(point, signs, every)
         failed = [i for i in every if there[i] is None]
@@ -93,12 +94,12 @@ class _Differences:
 
 
 def _bounded_step(jacobian: Array, residuals: Array, point: Array, damping: float) -> Array:
-    """Returns the step of Levenberg and Marquardt (Marquardt 1963) within the bounds: a linear least-squares problem with bounds, by an active set
-    of parameters at their bound (Nocedal and Wright 2006, section 16.5)."""
+    """Returns the Levenberg-Marquardt step (Marquardt 1963) within the bounds. It solves a linear least-squares problem with bounds, by an active-set
+    method: the active set is that of the parameters at a bound (Nocedal and Wright 2006, section 16.5)."""
     size, low, high = np.sum(jacobian ** 2, axis=0), -point, 1.0 - point
     matrix = np.concatenate([jacobian, np.diag(np.sqrt(damping * np.maximum(size, 1e-9 * size.max() + 1e-300)))])
     target = np.concatenate([-residuals, np.zeros(len(point))])
-    side = np.zeros(len(point))    # -1 or 1: at its lower or upper bound
+    side = np.zeros(len(point))    # -1 or 1 for a parameter at its lower or upper bound
     step = np.zeros(len(point))
     for _ in range(4 * len(point)):
         free = side == 0.0
@@ -109,7 +110,7 @@ def _bounded_step(jacobian: Array, residuals: Array, point: Array, damping: floa
         if outside.any():
             side[outside] = np.where(step < low, -1.0, 1.0)[outside]
             continue
-        inward = -side * (matrix.T @ (target - matrix @ step))    # decrease of the sum when a parameter leaves its bound
+        inward = -side * (matrix.T @ (target - matrix @ step))    # rate at which the sum of squares decreases when a parameter leaves its bound
         if inward.max() <= 0.0:
             break
         side[np.argmax(inward)] = 0.0
@@ -122,10 +123,10 @@ def _fall(jacobian: Array, residuals: Array, step: Array) -> float:
 
 
 def minimise(evaluate: Evaluate, start: Array) -> Solution:
-    """Minimises the sum of squares of the residuals over points (p,) between 0 and 1, by the method of Levenberg and Marquardt. Between Jacobians by
-    finite differences, the Jacobian is updated by Broyden's formula (Broyden 1965), because each column costs a simulation. Residuals must be
-    divided by their standard deviation: the search ends when a step would change chi squared by less than SMALL. Raises ValueError if the residuals
-    cannot be computed at the start."""
+    """Minimises the sum of squares of the residuals over points (p,) between 0 and 1, by the Levenberg-Marquardt method. Between evaluations by finite
+    differences, the Jacobian is updated by Broyden's formula (Broyden 1965), because each column of finite differences costs a simulation. Residuals
+    must be divided by their standard deviations: the search ends when a step would change chi squared by less than SMALL. Raises ValueError if the
+    residuals cannot be computed at the start."""
     counted = _Counted(evaluate)
     differences = _Differences(counted, len(start))
     point = np.array(start, np.float64)
@@ -133,13 +134,13 @@ def minimise(evaluate: Evaluate, start: Array) -> Solution:
     if residuals is None:
         raise ValueError("no residuals at the start")
     jacobian, damping, rises, converged = differences.one_sided(point, residuals), 1e-3, 0, False
-    moved, idle, renewed = np.zeros(len(point)), 0, False    # moved: since the last Jacobian by finite differences
+    moved, idle, renewed = np.zeros(len(point)), 0, False    # moved: change of `point` since the last Jacobian by finite differences
     best = point, residuals
     for _ in range(MOST_STEPS):
         chi2, lowest = float(residuals @ residuals), float(best[1] @ best[1])
         scale = max(1.0, chi2 / max(len(residuals) - len(point), 1))
         fresh = float(np.linalg.norm(jacobian @ moved)) < CHANGE * np.sqrt(scale)
-        left = _fall(jacobian, residuals, _bounded_step(jacobian, residuals, point, 0.0))    # decrease that is still to be expected
+        left = _fall(jacobian, residuals, _bounded_step(jacobian, residuals, point, 0.0))    # decrease of chi squared that can still be expected
         if (fresh and left < SMALL * scale) or (renewed and idle >= IDLE):
             converged = True
             break
@@ -178,7 +179,7 @@ def jacobian_at(evaluate: Evaluate, point: Array) -> Array:
     residuals = counted([point])[0]
     if residuals is None:
         raise ValueError("no residuals")
-    differences.one_sided(point, residuals)    # finds the steps
+    differences.one_sided(point, residuals)    # adapts the steps
     return differences.central(point, residuals)
 
 
@@ -187,9 +188,9 @@ def jacobian_at(evaluate: Evaluate, point: Array) -> Array:
 
 @dataclass
 class Covariance:
-    """Of a solution, in scaled parameters."""
+    """The covariance of a solution, in scaled parameters."""
 
-    matrix: Array                      # (p, p); directions that the data do not determine have the spread of the range
+    matrix: Array                      # (p, p); the variance is large in directions that the data do not determine
     directions: list[tuple[float, Array]]    # (standard deviation as a fraction of the range, unit vector (p,)), worst first
 
 

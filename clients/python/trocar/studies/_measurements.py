@@ -28,17 +28,17 @@ class BadRecording(Exception):
 
 @dataclass(frozen=True)
 class Channel:
-    """One measured number over time, and its means over intervals of equal length."""
+    """A measured scalar over time, and its means over intervals of equal length."""
 
     kind: str                 # "force", "torque" or "position"
     component: int            # 0, 1 or 2: x, y or z of the world frame
-    point: str                # name of the tracked point, of a position
+    point: str                # name of the tracked point; empty for forces and torques
     times: Array              # (n,) s after the first pose, increasing
     values: Array             # (n,) N, N m or m
     every: float              # s, length of an interval
     # computed
-    first: npt.NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, np.intp))    # (b,) first sample of each interval that has one
-    counts: npt.NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, np.intp))   # (b,) number of samples
+    first: npt.NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, np.intp))    # (b,) index of the first sample in each interval that has samples
+    counts: npt.NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, np.intp))   # (b,) number of samples in these intervals
 
     def __post_init__(self) -> None:
         index = np.floor(self.times / self.every + 1e-9).astype(np.intp)
@@ -59,8 +59,8 @@ class Channel:
         return self.means(self.times)
 
     def spreads(self, sample: float, time: float) -> Array:
-        """Returns the standard deviations (b,) of the means, for the standard deviation `sample` of a single sample and `time` (s) of the clocks
-        against each other, which matters where the force changes fast, as when a membrane breaks."""
+        """Returns the standard deviations (b,) of the means. `sample`: standard deviation of a single sample. `time`: standard deviation (s) of the
+        difference between the clocks, which matters where the force changes quickly, as at a puncture."""
         change = np.abs(np.diff(self.means(self.values)) / np.maximum(np.diff(self.at()), 1e-9)) if len(self.first) > 1 else np.zeros(0)
         slope = np.maximum(np.append(change, 0.0), np.insert(change, 0, 0.0))
         return np.sqrt(sample ** 2 / self.counts + (slope * time) ** 2)
@@ -70,7 +70,7 @@ class Channel:
 class Recording:
     """An insertion that begins in tissue at rest."""
 
-    name: str                 # of its file, for messages and pictures
+    name: str                 # name of the file, for messages and pictures
     motion: Table             # poses of the base
     channels: list[Channel]
 
@@ -181,8 +181,8 @@ def _events(path: Path) -> list[tuple[str, bytes]]:
 
 
 def read_log(path: Path, every: float, kinds: Sequence[str]) -> Recording:
-    """Reads the poses of the log's first needle and session, and the wrenches that answer them, before limits and ramps; without wrenches, there are no
-    channels. Raises BadRecording."""
+    """Reads the poses of the first needle and session in the log, and the wrenches that were computed for these poses, before limits and ramps are
+    applied. Without wrenches in the log, the recording has no channels. Raises BadRecording."""
     from . import _messages
     poses: list[list[float]] = []
     wrenches: list[list[float]] = []

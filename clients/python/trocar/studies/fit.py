@@ -3,10 +3,10 @@
 A fit is a YAML file:
 
     scene: prostate.yaml                # relative to this file
-    set: {inverse: sparse}              # keys of the scene; may be left out
+    set: {inverse: sparse}              # keys of the scene; optional
     recordings:                         # each begins in tissue at rest
       - {poses: poses.csv, forces: forces.csv, points: markers.csv}
-      - {log: recording.lcm}            # of LCM: poses, and wrenches unless there are forces
+      - {log: recording.lcm}            # LCM log: poses, and wrenches unless `forces` is given
     points:                             # of markers.csv, in the tissue at rest (m)
       apex: [0.0, 0.0, 0.07]
     noise: {force: 0.02, torque: 1e-3, position: 0.2e-3}    # standard deviation of one sample: N, N m, m
@@ -46,15 +46,15 @@ Array = npt.NDArray[np.float64]
 
 Z95 = 1.959964          # 97.5 % quantile of the normal distribution
 WIDE = 0.5 / Z95        # standard deviation, as a fraction of the range, whose 95 % interval is as wide as the range
-CORRELATED = 0.9
+CORRELATED = 0.9        # absolute correlation above which two parameters are hard to tell apart
 FROM_PRIOR = 0.8        # ratio of a parameter's standard deviation to that of its prior, above which the data have added little
 MISFIT = 1.5            # chi squared per degree of freedom above which the scene does not describe the data within the noise
-KEPT_MODELS = 4         # models whose inverse is kept for the next simulations
+KEPT_MODELS = 4         # number of models whose inverse is kept for later simulations
 
 
 @dataclass
 class Estimate:
-    """A parameter that was found, with its 95 % confidence interval."""
+    """An estimated parameter, with its 95 % confidence interval."""
 
     key: str
     unit: str
@@ -107,7 +107,7 @@ class _Models:
 
 
 def _run(problem: FitProblem, model: Model, recording: Recording) -> list[Array]:
-    """Simulates a recording, and returns the value of each channel at each of its samples. Positions of points are taken once per interval. Raises
+    """Simulates a recording, and returns the value of each channel at each of its samples. Positions of points are computed once per interval. Raises
     Error."""
     sim, dt = Sim(model), 1.0 / model.rate_hz
     poses = next(iter(recording.motion.play(sim, dt)))
@@ -143,7 +143,8 @@ def _channels(problem: FitProblem) -> list[tuple[Recording, Channel]]:
 
 
 class _Residuals:
-    """Evaluates residuals at scaled points, in several processes: data (predicted minus measured, over the standard deviation), then priors."""
+    """Evaluates the residuals at scaled points, in several processes: those of the data (predicted minus measured, divided by the standard deviation),
+    followed by those of the priors."""
 
     def __init__(self, problem: FitProblem, workers: int, progress: Callable[[int], None]):
         self.problem, self.workers, self.progress = problem, workers, progress
@@ -263,10 +264,10 @@ def _split(problem: FitProblem, residuals: Array) -> list[Array]:
 
 
 def fit(problem: FitProblem, workers: int = 1, progress: Callable[[int], None] = lambda simulations: None) -> Fitted:
-    """Finds the parameters by least squares, with 95 % confidence intervals from the Jacobian at the solution: value +- 1.96 standard deviations, for
-    the logarithm if the lower bound is above 0. If chi squared exceeds its expectation, the intervals are widened by the root of their ratio.
-    `workers` processes simulate at the same time. Reports progress (number of simulations). Raises BadFit if the scene cannot be simulated at the
-    start, Error for lack of memory."""
+    """Finds the parameters by least squares, with 95 % confidence intervals from the Jacobian at the solution: value +- 1.96 standard deviations, of
+    the logarithm if the lower bound is above 0. If chi squared exceeds its expectation, the intervals are widened by the square root of the ratio of
+    the two. `workers`: number of processes that simulate at the same time. `progress` is called with the number of simulations so far. Raises BadFit if
+    the scene cannot be simulated at the start values, and Error for lack of memory."""
     evaluate = _Residuals(problem, workers, progress)
     try:
         solution = minimise(evaluate, problem.scaled(problem.start()))
@@ -292,8 +293,8 @@ def fit(problem: FitProblem, workers: int = 1, progress: Callable[[int], None] =
 
 
 def expected(problem: FitProblem, workers: int = 1) -> Fitted:
-    """Returns the intervals to expect if the start values are true, and warnings about what the recorded motions cannot tell apart. The measured
-    values are not used, so that an experiment can be planned. Raises BadFit, Error."""
+    """Returns the intervals to expect if the start values are true, and warnings about parameters that the recorded motions cannot tell apart. The
+    measured values are not used, so the function can help to plan an experiment. Raises BadFit, Error."""
     evaluate = _Residuals(problem, workers, lambda simulations: None)
     point = problem.scaled(problem.start())
     try:

@@ -6,8 +6,8 @@
 
 enum { MAX_HOLD_ROWS = 256 };
 
-/* Each row is a direction at a contact. If other loads displace the tissue by d along the rows, the needle's loads on the tissue change by df. They satisfy (C
-   + G) df = -d, where C is the tissue's compliance between the rows. Directions in which a contact slides at constant force have no row. */
+/* Each row is a direction at a contact. If other loads displace the tissue by d along the rows, the needle's loads on the tissue change by df = -(C + G)^-1 d,
+   where C is the tissue's compliance between the rows. Directions in which a contact slides at constant force have no row. */
 typedef struct {
     int count;               /* number of rows; 0 if the needle does not support the tissue */
     int unstable;            /* number of negative eigenvalues of C + G if needle and tissue are stable: the number of buckling modes that the needle would have

@@ -373,8 +373,8 @@ class Model:
         return self._scene.copy()
 
     def derive(self, scene: Scene | None = None, **changes: float | str | Sequence[str] | Sequence[float]) -> Model:
-        """Makes a model of another scene that shares the mesh, stiffness and inverse of this model, which takes only milliseconds. The other scene is
-        `scene`, by default this model's, with `changes` of its keys: model.derive(**{"needle.outer_diameter": 1e-3}). The two scenes may
+        """Creates a model of another scene that shares the mesh, stiffness and inverse of this model, which takes only milliseconds. The other scene is
+        `scene` (default: this model's scene), with the keys in `changes` changed: model.derive(**{"needle.outer_diameter": 1e-3}). The two scenes may
         differ in needle, friction, cutting, puncture forces, relaxation, guides and seeds. Raises Error, which names the key, if the stiffness would
         differ."""
         why, handle = ffi.new("trocar_error *"), ffi.new("trocar_model **")
@@ -622,10 +622,10 @@ class Sim:
         return np.array([*pose.position, *pose.orientation])
 
     def save(self) -> bytes:
-        """Returns the complete state, some 10 to 300 kB, for `restore` of any simulation of the same model, or of a model made from an equal scene and
-        mesh, also in another process: the bytes may be kept in a file."""
+        """Returns the complete state, about 10 to 300 kB. Any simulation of the same model, or of a model built from an equal scene and mesh, can
+        `restore` it, even in another process, so the bytes may be stored in a file."""
         why, size = ffi.new("trocar_error *"), lib.trocar_sim_state_size(self._handle)
-        state = np.empty(size, np.uint8)  # much larger than the state; pages that are not written are not touched
+        state = np.empty(size, np.uint8)  # much larger than the state; pages that are not written take up no memory
         buffer = ffi.from_buffer(state, require_writable=True)
         with self._turn:
             _check(lib.trocar_sim_save(self._handle, buffer, size, why), why)
@@ -773,23 +773,24 @@ _BATCH_OUTPUTS = {"force": ("f8", "double *", (3,), True), "torque": ("f8", "dou
 
 
 class Batch:
-    """Several simulations, called rows, that are stepped together in the library's threads; the GIL is released. The results do not depend on the number
-    of threads, and are equal to the bit to those of single simulations with the same poses.
+    """Several simulations, called rows, that are stepped together in the library's threads, with the GIL released. The results do not depend on the
+    number of threads, and are bit-identical to those of single simulations with the same poses.
 
     `batch[row]` is the `Sim` of a row, for use between the calls of the batch: contacts, centreline, drop_seeds, leave, take, save and so on. Only one
     thread at a time may use a batch and its rows; a concurrent call raises Error. `len(batch)` is the number of rows.
 
     Outputs, with their shape for each row, step and needle: force (3,) N and torque (3,) N m, world frame, on the hand; depth, m; tip (7,): pose of the
-    needle's end, whose +z is along the needle and +y to the bevel's side; contacts; events: bits of `Event`; membrane; passes; switches, as in `Output`;
-    and, for each row and step, seeds: number of seeds in the tissue. A needle that rests is not ticked: its pose is not read, and its force, torque and
-    events are 0.
+    needle's end, with +z along the needle and +y towards the bevel's side; contacts; events: bits of `Event`; membrane; passes; switches, as in
+    `Output`; and, for each row and step, seeds: number of seeds in the tissue. A needle that rests is not ticked: its pose is not read, and its force,
+    torque and events are 0.
     """
 
     def __init__(self, models: Model | Sequence[Model], count: int | None = None, threads: int = 0,
                  outputs: Sequence[str] = ("force", "torque", "depth", "tip", "contacts", "events", "membrane"), needles: int = 1) -> None:
-        """models: one model for all rows, or several: row i simulates models[i % len(models)]. count: number of rows, by default one for each model.
-        threads: 0: one for each processor that the process may use. outputs: names of the arrays that `step` and `run` return; the others are
-        not computed. needles: number of needles that are driven in each row: needle 0 to needles - 1. A row takes up some 5 to 10 MB."""
+        """models: one model for all rows, or several: row i simulates models[i % len(models)]. count: number of rows (default: one for each model).
+        threads: number of threads; 0: one for each processor that the process may use. outputs: names of the arrays that `step` and `run` return; the
+        others are not computed. needles: number of needles that are driven in each row, with the indices 0 to needles - 1. A row takes up about 5 to 10
+        MB."""
         given = [models] if isinstance(models, Model) else list(models)
         rows = len(given) if count is None else count
         if not given or rows < 1:
@@ -820,7 +821,7 @@ class Batch:
         return self._sims[row]
 
     def _bind(self, row: int) -> None:
-        """Lets the `Sim` of a row stand for the row's present simulation. It keeps the batch alive."""
+        """Makes the `Sim` of a row refer to the row's current simulation. The `Sim` keeps the batch alive."""
         sim = self._sims[row]
         sim._handle = ffi.gc(lib.trocar_batch_sim(self._handle, row), lambda _, batch=self._handle: None)
         sim.model, sim._turn, sim._out = self._models[row], self._turn, ffi.new("trocar_output *")
@@ -852,7 +853,8 @@ class Batch:
         return self._done
 
     def set_model(self, row: int, model: Model) -> None:
-        """Makes a row a new simulation of another model, in a few milliseconds; its needles are at the origin until `reset` is called."""
+        """Replaces the simulation of a row by a new one of another model, which takes a few milliseconds; its needles are at the origin until `reset`
+        is called."""
         row = range(len(self))[row]
         why = ffi.new("trocar_error *")
         with self._turn:
@@ -871,8 +873,9 @@ class Batch:
         return ffi.from_buffer("uint8_t[]", array), array
 
     def reset(self, poses: npt.ArrayLike, mask: npt.ArrayLike | None = None) -> None:
-        """Makes the rows of the mask (rows,), by default all, as if they had just been created: tissue at rest, without seeds, tracks and resting
-        needles, at time 0. Their needles are straight at `poses`: (7,) for all, (rows, 7), or (rows, needles, 7); poses of other rows are not read."""
+        """Returns the rows of the mask (rows,), or all rows if it is None, to the state in which they were created: at time 0, with the tissue at rest
+        and without seeds, tracks or resting needles. Their needles are straight at `poses`: (7,) for all, (rows, 7), or (rows, needles, 7); poses of
+        other rows are not read."""
         given = np.asarray(poses, np.float64)
         if given.ndim == 2 and given.shape[0] == len(self):
             given = given[:, None]
@@ -919,12 +922,13 @@ class Batch:
         return given, with_needles
 
     def step(self, poses: npt.ArrayLike, dt: float = 0.001, mask: npt.ArrayLike | None = None) -> dict[str, npt.NDArray[Any]]:
-        """Runs a tick of `dt` seconds in each row of the mask (rows,), by default all, and the mesh update that it requests. poses: (rows, 7), or
-        (rows, needles, 7).
+        """Runs a tick of `dt` seconds, and the mesh update that it requests, in each row of the mask (rows,), or in all rows if it is None. poses:
+        (rows, 7), or (rows, needles, 7).
 
         Returns the chosen outputs: (rows, ...), or (rows, needles, ...) if the poses had such an axis. The arrays belong to the batch and are
-        overwritten by the next call; rows outside the mask keep their last values. An error in a row does not stop the others: when all are done, Error
-        is raised with the message of the first row that failed, and `status` and the arrays of the previous call tell the rest."""
+        overwritten by the next call; rows outside the mask keep their last values. An error in a row does not stop the others: when all rows are done,
+        Error is raised with the message of the failed row with the lowest index. `status` then shows which rows failed, and the arrays returned by
+        earlier calls contain the results of the others."""
         given, with_needles = self._given(poses, "", False)
         self._step(given, dt, mask, self._arrays, None)
         shown = {name: array[:, 0] for name, array in self._arrays.items()}
@@ -932,11 +936,11 @@ class Batch:
 
     def run(self, poses: npt.ArrayLike, dt: float = 0.001, mask: npt.ArrayLike | None = None,
             progress: Callable[[str, float], Any] | None = None) -> dict[str, npt.NDArray[Any]]:
-        """Runs several ticks: poses (rows, steps, 7), or (rows, steps, needles, 7). This is faster than as many calls of `step`.
+        """Runs several ticks: poses (rows, steps, 7), or (rows, steps, needles, 7). This is faster than the same number of calls of `step`.
 
-        Returns the chosen outputs in new arrays, (rows, steps, ...) or (rows, steps, needles, ...); rows outside the mask are zero. Errors as in `step`.
-        progress("batch", fraction) is called after at most 64 steps of a row. An exception raised in it ends the call, and so does Ctrl-C;
-        `done` then tells how many steps each row has completed."""
+        Returns the chosen outputs in new arrays, (rows, steps, ...) or (rows, steps, needles, ...); rows outside the mask are zero. Errors as in
+        `step`. progress("batch", fraction) is called after at most 64 steps of a row. An exception raised in it ends the call, and so does Ctrl-C;
+        `done` then contains the number of steps that each row has completed."""
         given, with_needles = self._given(poses, ", steps", True)
         arrays = self._new_arrays(given.shape[1])
         self._step(given, dt, mask, arrays, _Watch(progress))
@@ -947,8 +951,8 @@ class Batch:
         return [self[int(row)].save() for row in self._rows(mask)]
 
     def restore(self, states: bytes | Sequence[bytes], mask: npt.ArrayLike | None = None) -> None:
-        """Restores the rows of the mask (rows,), by default all, in several threads: all of them to one state, or each to its own, in the order of the
-        rows. See `Sim.restore`."""
+        """Restores the rows of the mask (rows,), or all rows if it is None, in several threads: all of them from one state, or each from its own, in
+        the order of the rows. See `Sim.restore`."""
         rows = self._rows(mask)
         given = [states] * len(rows) if isinstance(states, bytes) else list(states)
         if len(given) != len(rows):

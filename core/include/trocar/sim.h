@@ -106,14 +106,14 @@ TROCAR_API int64_t trocar_sim_waiting(const trocar_sim *sim);
 
 /* ---- save and restore ---- */
 
-/* Save all mutable state to the caller's memory of `size` bytes, for which trocar_sim_state_size is always enough, and restore it in any simulation of the
-   same model or of one made from an equal mesh and scene, also in another process. Only what is in use is written: trocar_state_bytes returns the size of a
-   saved state, some 10 to 300 kB, which is what a file has to keep. To be called between lockstep steps. BAD_INPUT, with the cause, if `size` is too small,
-   if the model differs, or if the state is damaged or has the format of another version of the library; NO_MEMORY. [alone] */
+/* Save all mutable state to the caller's memory of `size` bytes, for which trocar_sim_state_size is always enough, and restore it in any simulation of the same
+   model, or of a model built from an equal mesh and scene, even in another process. Only the data in use are written: trocar_state_bytes returns the size of a
+   saved state, about 10 to 300 kB, which is the number of bytes to store in a file. Call these functions between lockstep steps. BAD_INPUT, with the cause, if
+   `size` is too small, if the model differs, or if the state is damaged or has the format of another version of the library; NO_MEMORY. [alone] */
 TROCAR_API size_t trocar_sim_state_size(const trocar_sim *sim);
 TROCAR_API trocar_status trocar_sim_save(const trocar_sim *sim, void *state, size_t size, trocar_error *error);
 TROCAR_API trocar_status trocar_sim_restore(trocar_sim *sim, const void *state, size_t size, trocar_error *error);
-TROCAR_API size_t trocar_state_bytes(const void *state); /* of a state written by trocar_sim_save. [any, RT] */
+TROCAR_API size_t trocar_state_bytes(const void *state); /* Returns the size of a state written by trocar_sim_save, in bytes. [any, RT] */
 
 /* ---- measuring ---- */
 

@@ -1,9 +1,9 @@
 /* D(r, theta) = S_K Lambda G(r, theta) / G(1 cm, 90 degrees) g(r) F(r, theta), with G = beta / (L r sin theta): AAPM TG-43U1 (Rivard et al., Med. Phys. 31,
    2004), equations 1 and 4. Interpolation and extrapolation follow TG-43U1S1 (Rivard et al., Med. Phys. 34, 2007): g is log-linear in r, also beyond the last
-   radius, and constant before the first one; F is bilinear, and outside the table equal to that at the nearest radius. A grid of a million points should take
-   some tens of milliseconds with the formula itself rather than an interpolation. Therefore points are processed in blocks, in loops without branches or
-   calls, which compilers vectorise; arctangent and exponential are polynomials. Only table cells are looked up point by point, because neighbouring points are
-   mostly in the same cell. */
+   radius, and constant before the first one; F is bilinear, and outside the table it has its value at the nearest tabulated radius. A grid of a million points
+   should take a few tens of milliseconds, although the formula is evaluated at each point. Therefore points are processed in blocks, in loops without branches
+   or calls, which compilers vectorise; arctangent and exponential are approximated by polynomials. Only table cells are looked up point by point, because
+   neighbouring points are mostly in the same cell. */
 #include "dose/tg43.h"
 
 #include <stdint.h>

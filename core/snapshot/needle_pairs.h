@@ -27,7 +27,7 @@ typedef struct {
    steps. */
 void shaft_steps_lay(const mesh *m, const tissue_loads *own, double ahead, double finest, shaft_steps *steps);
 
-/* Computes the mean displacement (m/N) of each step, under a unit force on the piece, that the mesh does not resolve. It is zero except for steps *from to
+/* For each step, computes the mean displacement per unit force on the piece (m/N) that the mesh does not resolve. It is zero except for steps *from to
    *to - 1; `lacks` has room for SHIFT_STEPS entries. NUMERIC if a patch has no stiffness; NO_MEMORY. */
 trocar_status needle_pairs_find(needle_pairs *p, const shaft_steps *steps, const shaft_piece *piece, int *from, int *to, mat3 *lacks, report *why);
 

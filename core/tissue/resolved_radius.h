@@ -11,7 +11,7 @@
    measured on a patch. */
 enum { LINE_ENDS = 4 };
 typedef struct {
-    double reach;            /* m ahead of the point, inside the body: a line that extends at least this far counts as endless */
+    double reach;            /* m, distance ahead of the point within the body: a line at least this long is treated as infinite */
     double more[LINE_ENDS];  /* correction for a line that ends at the fraction (k / LINE_ENDS)^2 of the reach ahead of the point */
 } line_end;
 

@@ -243,7 +243,7 @@ class Dicom(Case):
         self.assertIsNone(rtplan.read(self.out / "without.dcm", MODEL).prescription)
 
     def test_seeds_that_are_moved_to_their_axes_are_counted(self):
-        """The template is slightly displaced from that of the scene, and one seed is not on its axis."""
+        """The template is slightly offset from the scene's, and one seed lies off its needle's axis."""
         moved = rtplan.read(self.exported(), with_guide(origin=[0.0004, 0, -0.025]))
         self.assertEqual(len(moved.remarks), 1)
         self.assertRegex(moved.remarks[0], r"^60 of 60 seeds were off .* moved onto them, all by the same 0\.40 mm \([+-]0\.40 along columns, [+-]0\.00 along rows\): check the template's place$")

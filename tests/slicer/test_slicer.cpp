@@ -639,7 +639,7 @@ static void test_trackers() {
     }
     client->CloseSocket();
 
-    /* A tracker that acts as a server is connected to, disappears, and returns. */
+    /* Connects to a tracker that acts as a server; the tracker then disappears and returns. */
     EXPECT(soon([&] { return server.releases == 2; }, 5));
     EXPECT(plus->CreateServer(18945) == 0);
     for (int i = 0; i < 2; i++) {

@@ -40,8 +40,8 @@ weight = 0.34 if rows.short else fitted_weight()
 course = held(weight, 8)
 rows.add("force left 8 s after the needle stops", SOURCE, DOUBTFUL, (0.4, 0.6), course[-1], "of the peak", published="about 0.5 of the peak; judged within 0.1", kind=FITTED,
          fitted=f"two terms of weight {weight:.2f}, at the published times")
-# This fraction shows the share of the faster relaxation time: after five times this duration, its whole share has decayed, and 26 % of the share of the slower
-# time.
+# This fraction tells the two terms apart: 0.75 s is five times the faster relaxation time, so the faster term has decayed completely by then, and the slower one
+# by 26 %.
 early = (1 - course[750]) / (1 - course[-1])
 rows.trend("course of the decay", SOURCE, DOUBTFUL, "two time constants, near 0.15 and 2.5 s", 0.3 < early < 0.8,
            f"{100 * early:.0f} % of what is lost in 8 s is lost in the first 0.75 s", kind=CONSISTENT,

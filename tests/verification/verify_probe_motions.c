@@ -508,8 +508,8 @@ int main(int argc, char **argv) {
         return 0;
     }
     rows r = rows_begin(argc, argv, "Coupled: probe motions");
-    static const int SHORT[] = {5, 71, 137, 150}; /* these runs pass and cover block and rectum, side and end, a stop by the force limit, and every use of a
-                                                     needle */
+    static const int SHORT[] = {5, 71, 137, 150}; /* these runs pass; together they cover both scenes (block and rectum), the probe's side and end, a stop
+                                                     at the force limit, and all that a needle does beside the probe */
     int runs = r.short_form ? (int)(sizeof SHORT / sizeof *SHORT) : 200;
     for (int i = 0; i < runs; i++) run_trial(r.short_form ? SHORT[i] : i, false, &f);
     report(&r, &f);

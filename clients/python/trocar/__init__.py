@@ -947,7 +947,7 @@ class Batch:
         return arrays if with_needles else {name: array[:, :, 0] if _BATCH_OUTPUTS[name][3] else array for name, array in arrays.items()}
 
     def save(self, mask: npt.ArrayLike | None = None) -> list[bytes]:
-        """Returns the states of the rows of the mask (rows,), by default all, in the order of the rows; see `Sim.save`."""
+        """Returns the states of the rows of the mask (rows,), or of all rows if it is None, in the order of the rows. See `Sim.save`."""
         return [self[int(row)].save() for row in self._rows(mask)]
 
     def restore(self, states: bytes | Sequence[bytes], mask: npt.ArrayLike | None = None) -> None:

@@ -1,6 +1,6 @@
 /* A thread that drives a needle for a browser: publishes poses at 1 kHz like any other device. The needle stops if no orders arrive, and no poses
    are sent while there is no server. It also moves the ultrasound probe, at 100 Hz; poses of the probe are sent only while it moves, so that
-   another client can take it two seconds later. */
+   another client can take over the probe two seconds after it has stopped. */
 #ifndef TROCAR_POSE_PUBLISHER_H
 #define TROCAR_POSE_PUBLISHER_H
 
@@ -22,7 +22,7 @@ typedef enum {
     ORDER_UNDO,
     ORDER_LEAVE,             /* leaves the needle to rest; no poses are sent until GO_ON or RELEASE arrives, or for two seconds */
     ORDER_LAY,               /* leaves a needle that nobody holds to rest, so that it can be taken */
-    ORDER_GO_ON,             /* tells the thread that the server has handed over the resting needle, or has refused to leave it */
+    ORDER_GO_ON,             /* tells the thread that the server has handed over the resting needle, or has refused the request to leave the needle */
     ORDER_REMOVE,            /* pulls out a resting needle */
     ORDER_PROBE,
     ORDER_RELEASE,

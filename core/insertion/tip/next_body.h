@@ -18,8 +18,8 @@ void reenter_tissue(const tick_input *tick, insertion_state *state, const creep_
 /* Looks for other tissue ahead of a needle that has left the tissue on the far side. RT */
 void enter_body_ahead(const tick_input *tick, insertion_state *state, const creep_step *creep, tick_output *output);
 
-/* For a tip that has left the tissue in this tick: touching bodies have the same displacement, so a body between the nominal exit point and the tip's
-   position in space is entered at once. RT */
+/* If the tip has left the tissue in this tick, lets it enter a body that lies between the nominal exit point and the tip's position in space. It enters in the
+   same tick, because touching bodies have the same displacement. RT */
 void enter_touching_body(const tick_input *tick, insertion_state *state, tick_output *output, vec3 direction);
 
 /* Finds where the segment from the tip's exit point `left` to `to` enters the next body. Separately meshed bodies may overlap; the tip is then in the next

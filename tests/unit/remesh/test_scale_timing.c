@@ -89,8 +89,13 @@ static void worker_slower_than_the_needle_is_late(void **unused) {
 /* At 3 mm per tick, some elements are crossed within a single tick, and answers arrive two ticks after the request. */
 static void late_contact_nodes_are_counted(void **unused) {
     (void)unused;
-    const scale_timing *r = measured(ASIDE, NULL, 3.0, WHOLE, 1e-3, "dense");
-    check_counts(r);
+    enum { ATTEMPTS = 10 }; /* the motion takes 50 ms, in which a busy machine may not run the worker at all; no contact then becomes active */
+    const scale_timing *r;
+    int attempt = 0;
+    do {
+        r = measured(ASIDE, NULL, 3.0, WHOLE, 1e-3, "dense");
+        check_counts(r);
+    } while (!INSTRUMENTED && r->activation.max == 0 && ++attempt < ATTEMPTS);
     if (INSTRUMENTED) return;
     print_message("%d of %d late, by %.1f ms at most\n", r->late_crossings, r->contacts, 1e-6 * (double)r->activation.max);
     assert_in_range(r->late_crossings, 1, r->contacts);

@@ -18,7 +18,7 @@ export class PictureAge {
     this.picture = null   // the picture on the screen
   }
 
-  /** Returns the number for a move command that is sent at `now` (ms). */
+  /** Returns the sequence number of a move command that is sent at `now` (ms), and records that time. */
   count(now) {
     this.sent.set(++this.number, now)
     this.sent.delete(this.number - KEPT)

@@ -100,6 +100,8 @@ static int go_on(const char *path) {
     }
     file = fopen(path, "wb");
     bool written = file && fwrite(outputs + HALF, sizeof *outputs, TICKS - HALF, file) == TICKS - HALF;
+    trocar_sim_free(sim);
+    trocar_model_free(model);
     return file && fclose(file) == 0 && written ? 0 : 1;
 }
 

@@ -372,7 +372,7 @@ class Model:
         """A copy of the scene from which the model was made."""
         return self._scene.copy()
 
-    def derive(self, scene: Scene | None = None, **changes: float | str | Sequence[str] | Sequence[float]) -> Model:
+    def derive(self, scene: Scene | None = None, /, **changes: float | str | Sequence[str] | Sequence[float]) -> Model:
         """Creates a model of another scene that shares the mesh, stiffness and inverse of this model, which takes only milliseconds. The other scene is
         `scene` (default: this model's scene), with the keys in `changes` changed: model.derive(**{"needle.outer_diameter": 1e-3}). The two scenes may
         differ in needle, friction, cutting, puncture forces, relaxation, guides and seeds. Raises Error, which names the key, if the stiffness would

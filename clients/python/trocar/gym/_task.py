@@ -84,7 +84,7 @@ class Task:
         chosen = self._stiffnesses[random.integers(len(self._stiffnesses))]
         model = chosen.model
         if self._cheap:
-            model = model.derive(None, **{key: random.uniform(*self.randomise[key]) for key in self._cheap})
+            model = model.derive(**{key: random.uniform(*self.randomise[key]) for key in self._cheap})
         x, y, depth = (random.uniform(*self.target[key]) for key in ("x", "y", "depth"))
         target = self.entry + np.array([x, y, depth]) @ self.axes
         obstacle, radius = target, 0.0
@@ -185,7 +185,7 @@ def _build(task: Task, reader: _TaskReader, given: dict[str, Any]) -> None:
         model, stiff = nominal.model, []
         for key, (low, high) in task.randomise.items():
             try:
-                model.derive(None, **{key: high if float(task.scene[key]) != high else low})
+                model.derive(**{key: high if float(task.scene[key]) != high else low})
                 task._cheap.append(key)
             except Error:
                 stiff.append(key)

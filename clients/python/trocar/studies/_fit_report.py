@@ -11,7 +11,7 @@ import numpy as np
 
 from .. import Scene, __version__
 from ._fit_problem import FitProblem
-from ._summary import _table
+from ._summary import _start_plots, _table
 
 if TYPE_CHECKING:
     from .fit import Estimate, Fitted
@@ -91,10 +91,7 @@ def _json(problem: FitProblem, result: Fitted) -> dict[str, Any]:
 
 
 def _plot(problem: FitProblem, result: Fitted, path: Path) -> None:
-    import matplotlib
-    matplotlib.use("svg")
-    import matplotlib.pyplot as plt
-    matplotlib.rcParams.update({"svg.hashsalt": "trocar", "svg.fonttype": "none"})    # makes the file reproducible, and keeps text as text
+    plt = _start_plots()
     panels = [(k, kind) for k, recording in enumerate(problem.recordings) for kind in ("force", "torque", "position") if any(c.kind == kind for c in recording.channels)]
     figure, axes = plt.subplots(len(panels), 2, figsize=(9.5, 2.4 * len(panels) + 0.4), squeeze=False, layout="constrained", sharex="row")
     colours = ("#0072B2", "#D55E00", "#009E73")

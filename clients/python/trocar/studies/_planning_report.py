@@ -11,7 +11,7 @@ from .. import Model
 from .._locate import locate
 from ..brachy._obstacles import region_points
 from ._problem import Problem
-from ._summary import _table
+from ._summary import _start_plots, _table
 from ..brachy.plan import Frame, Needle
 
 COLOURS = {"without planning": "#D55E00", "rigid planning": "#E69F00", "nominal plan": "#56B4E9", "this plan": "#0072B2"}
@@ -120,14 +120,6 @@ def _write_csv(problem: Problem, results: Sequence[Any], path: Path) -> None:
         for result in results:
             cells = [number(getattr(getattr(result, kind), part)) for kind in kinds for part in ("error", "mean", "worst", "clearance")]
             writer.writerow([result.name, int(result.reached), *cells, result.runs])
-
-
-def _start_plots() -> Any:
-    import matplotlib
-    matplotlib.use("svg")
-    import matplotlib.pyplot as plt
-    matplotlib.rcParams.update({"svg.hashsalt": "trocar", "svg.fonttype": "none"})    # makes the file reproducible, and keeps text as text
-    return plt
 
 
 def _plot_errors(problem: Problem, results: Sequence[Any], path: Path) -> None:

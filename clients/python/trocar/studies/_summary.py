@@ -2,7 +2,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Sequence
+from typing import Any, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -16,6 +16,15 @@ _LEVELS = (5, 25, 50, 75, 95)
 
 def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     return "\n".join("| " + " | ".join(cells) + " |" for cells in (head, ["---"] * len(head), *rows)) + "\n"
+
+
+def _start_plots() -> Any:
+    """Returns matplotlib.pyplot, set up for SVG files."""
+    import matplotlib
+    matplotlib.use("svg")
+    import matplotlib.pyplot as plt
+    matplotlib.rcParams.update({"svg.hashsalt": "trocar", "svg.fonttype": "none"})    # makes the file reproducible, and keeps text as text
+    return plt
 
 
 def _percentiles(columns: Sequence[str], results: npt.NDArray[np.float64]) -> str:
@@ -55,10 +64,7 @@ def _index_rows(study: Study, found: dict[str, sensitivity.Indices]) -> list[lis
 
 
 def _plot_results(columns: Sequence[str], results: npt.NDArray[np.float64], path: Path) -> None:
-    import matplotlib
-    matplotlib.use("svg")
-    import matplotlib.pyplot as plt
-    matplotlib.rcParams.update({"svg.hashsalt": "trocar", "svg.fonttype": "none"})    # makes the file reproducible, and keeps text as text
+    plt = _start_plots()
     figure, axes = plt.subplots((len(columns) + 2) // 3, 3, figsize=(9.0, 2.2 * ((len(columns) + 2) // 3)), squeeze=False, layout="constrained")
     for axis, column, values in zip(axes.flat, columns, results.T):
         there = np.sort(values[np.isfinite(values)])
@@ -80,7 +86,7 @@ def _plot_results(columns: Sequence[str], results: npt.NDArray[np.float64], path
 
 
 def _plot_indices(study: Study, found: dict[str, sensitivity.Indices], path: Path) -> None:
-    import matplotlib.pyplot as plt
+    plt = _start_plots()
     names = [p.name for p in study.parameters]
     figure, axes = plt.subplots(len(found), 1, figsize=(7.0, (0.5 + 0.34 * len(names)) * len(found) + 0.6), squeeze=False, sharex=True, layout="constrained")
     for axis, (column, indices) in zip(axes.flat, found.items()):

@@ -789,8 +789,7 @@ class Batch:
                  outputs: Sequence[str] = ("force", "torque", "depth", "tip", "contacts", "events", "membrane"), needles: int = 1) -> None:
         """models: one model for all rows, or several: row i simulates models[i % len(models)]. count: number of rows (default: one for each model).
         threads: number of threads; 0: one for each processor that the process may use. outputs: names of the arrays that `step` and `run` return; the
-        others are not computed. needles: number of needles that are driven in each row, with the indices 0 to needles - 1. A row takes up about 5 to 10
-        MB."""
+        others are not computed. needles: number of needles that are driven in each row, with the indices 0 to needles - 1. A row takes up 5 to 7 MB."""
         given = [models] if isinstance(models, Model) else list(models)
         rows = len(given) if count is None else count
         if not given or rows < 1:

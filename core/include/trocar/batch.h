@@ -22,7 +22,7 @@ typedef struct trocar_batch_options {
 TROCAR_API trocar_batch_options trocar_default_batch_options(void);
 
 /* Creates `rows` simulations. Row i is a simulation of models[i]; several rows may have the same model. Every needle is straight, with its base at the origin,
-   until the row is reset. `options`: NULL for the defaults. A row takes up about 5 MB (docs/library.md). If there is not enough memory for all threads, fewer
+   until the row is reset. `options`: NULL for the defaults. A row takes up 5 to 7 MB (docs/library.md). If there is not enough memory for all threads, fewer
    are started. BAD_INPUT for options out of range, or for a model that has fewer than N needles or was created with mesh_only; NO_MEMORY. [any, allocates] */
 TROCAR_API trocar_status trocar_batch_create(trocar_model *const *models, int rows, const trocar_batch_options *options, trocar_batch **batch,
                                              trocar_error *error);

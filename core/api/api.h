@@ -123,6 +123,9 @@ static inline trocar_model *model_share(trocar_model *model) {
    another one, has no descriptor for a worker, and takes up only the memory that it uses. NO_MEMORY, SYSTEM. Allocates. */
 trocar_status sim_create(trocar_model *model, insertion_workspace *workspace, trocar_sim **sim, report *why);
 
+/* Allocates memory for the state and saves it; to be freed by the caller. NO_MEMORY. */
+trocar_status sim_save_new(const trocar_sim *sim, void **state, size_t *bytes, report *why);
+
 static inline bool has_needle(const trocar_model *model, int needle) { return needle >= 0 && needle < model->parts.config.needle_count; }
 
 #endif

@@ -7,21 +7,14 @@
 
 #include "api/api.h"
 #include "base/host_log.h"
+#include "base/host_watch.h"
 #include "tissue/blas.h"
-
-enum { TICKS_BETWEEN = 64 }; /* ticks between two calls of the watch's functions */
-
-static void report_progress(const trocar_watch *watch, const char *what, double fraction) {
-    if (watch && watch->progress) watch->progress(what, fraction, watch->context);
-}
-
-static bool is_cancelled(const trocar_watch *watch) { return watch && watch->cancelled && watch->cancelled(watch->context); }
 
 /* ---- one insertion ----------------------------------------------------------------------------------------------------- */
 
 /* Runs the next poses, beginning with number `*done`, until the watch has to be called again. */
 static trocar_status run_some(trocar_sim *sim, int needle, const trocar_pose *poses, int steps, double dt, int *done, trocar_output *outputs, report *why) {
-    int end = steps - *done < TICKS_BETWEEN ? steps : *done + TICKS_BETWEEN;
+    int end = steps - *done < TICKS_BETWEEN_LOOKS ? steps : *done + TICKS_BETWEEN_LOOKS;
     trocar_status status = TROCAR_OK;
     for (; *done < end && status == TROCAR_OK; *done += status == TROCAR_OK) status = trocar_sim_step(sim, needle, &poses[*done], dt, &outputs[*done], why);
     return status;
@@ -37,8 +30,8 @@ trocar_status trocar_sim_run(trocar_sim *sim, int needle, const trocar_pose *pos
     memset(outputs, 0, (size_t)steps * sizeof *outputs);
     while (done < steps && status == TROCAR_OK) {
         status = run_some(sim, needle, poses, steps, dt, &done, outputs, &reason);
-        report_progress(watch, "run", (double)done / steps);
-        if (status == TROCAR_OK && done < steps && is_cancelled(watch)) status = fail(&reason, TROCAR_CANCELLED, "cancelled");
+        watch_report(watch, "run", (double)done / steps);
+        if (status == TROCAR_OK && done < steps && watch_cancels(watch)) status = fail(&reason, TROCAR_CANCELLED, "cancelled");
     }
     if (status == TROCAR_OK) return status;
     memset(outputs + done, 0, (size_t)(steps - done) * sizeof *outputs);
@@ -77,8 +70,8 @@ static void note(rollout *r, trocar_status status, const report *reason, trocar_
 /* Reports progress; called by the calling thread without the lock. */
 static void look(rollout *r, int64_t ticks) {
     r->reported = ticks;
-    report_progress(r->watch, "rollout", (double)ticks / ((double)r->batch * r->steps));
-    if (is_cancelled(r->watch)) atomic_store(&r->cancelled, true);
+    watch_report(r->watch, "rollout", (double)ticks / ((double)r->batch * r->steps));
+    if (watch_cancels(r->watch)) atomic_store(&r->cancelled, true);
 }
 
 static void note_ticks(rollout *r, int count, bool caller) {
@@ -112,10 +105,9 @@ static void take_part(rollout *r, bool caller) {
     report why;
     trocar_sim *sim;
     trocar_status status = trocar_sim_create(r->model, &sim, &why);
-    size_t size = status == TROCAR_OK ? trocar_sim_state_size(sim) : 0;
-    void *fresh = status == TROCAR_OK ? malloc(size) : NULL;
-    if (status == TROCAR_OK && !fresh) status = fail(&why, TROCAR_NO_MEMORY, "no memory for a simulation's state");
-    if (status == TROCAR_OK) status = trocar_sim_save(sim, fresh, size, &why);
+    size_t size = 0;
+    void *fresh = NULL;
+    if (status == TROCAR_OK) status = sim_save_new(sim, &fresh, &size, &why);
     if (status != TROCAR_OK) note(r, status, &why, &r->unable, &r->why_unable);
     while (status == TROCAR_OK && !atomic_load(&r->cancelled)) {
         int index = atomic_fetch_add(&r->next, 1);

@@ -76,6 +76,22 @@ trocar_status trocar_sim_save(const trocar_sim *sim, void *state, size_t size, t
     return TROCAR_OK;
 }
 
+trocar_status sim_save_new(const trocar_sim *sim, void **state, size_t *bytes, report *why) {
+    size_t most = trocar_sim_state_size(sim);
+    void *saved = malloc(most);
+    *state = NULL;
+    if (!saved) return fail(why, TROCAR_NO_MEMORY, "no memory for a simulation's state");
+    trocar_status status = trocar_sim_save(sim, saved, most, why);
+    if (status != TROCAR_OK) {
+        free(saved);
+        return status;
+    }
+    *bytes = trocar_state_bytes(saved);
+    void *shrunk = realloc(saved, *bytes);
+    *state = shrunk ? shrunk : saved;
+    return TROCAR_OK;
+}
+
 /* ---- restoring -------------------------------------------------------------------------------------------------------------------- */
 
 static trocar_status check_state(const trocar_sim *sim, const void *state, size_t size, report *why) {

@@ -45,10 +45,12 @@ trocar_status press_probe(trocar_sim *sim, report *why) {
     if (!p || !sim->probe_posed) return TROCAR_OK;
     uint64_t changes = attached_changes(sim), shifts = attached_shifts(sim);
     list_others(sim, BESIDE_PROBE, &others);
-    for (int i = 0; i < sim->needle_count; i++)
-        if (!sim->needles[i].attached && sim->needles[i].held.count > 0) holds.of[holds.count++] = link_hold(&sim->needles[i].link);
     bool held = false; /* otherwise nothing is ticked, and simulated time stands still */
-    for (int i = 0; i < sim->needle_count; i++) held = held || !sim->needles[i].attached;
+    for (int i = 0; i < sim->needle_count; i++) {
+        if (sim->needles[i].attached) continue;
+        held = true;
+        if (sim->needles[i].held.count > 0) holds.of[holds.count++] = link_hold(&sim->needles[i].link);
+    }
     int64_t now = atomic_load_explicit(&sim->link.probe.time, memory_order_relaxed);
     double elapsed = held ? 1e-9 * (double)(now - sim->probe_time) : INFINITY;
     trocar_status status = probe_press(p, sim->probe_pose, elapsed, &others, &holds, sim->probe_beneath != sim->resting.changes, why);

@@ -3,7 +3,6 @@
 
 #include <sched.h>
 #include <stdlib.h>
-#include <string.h>
 #include <unistd.h>
 
 #include "base/cache_line.h"
@@ -80,15 +79,7 @@ static int usable_processors(void) {
 static trocar_status create_row(batch_row *row, trocar_model *model, insertion_workspace *workspace, report *why) {
     batch_row created = {.sim = NULL};
     trocar_status status = sim_create(model, workspace, &created.sim, why);
-    size_t most = status == TROCAR_OK ? trocar_sim_state_size(created.sim) : 0;
-    void *state = status == TROCAR_OK ? malloc(most) : NULL;
-    if (status == TROCAR_OK && !state) status = fail(why, TROCAR_NO_MEMORY, "no memory for a simulation's state");
-    if (status == TROCAR_OK) status = trocar_sim_save(created.sim, state, most, why);
-    created.fresh_bytes = status == TROCAR_OK ? trocar_state_bytes(state) : 0;
-    created.fresh = status == TROCAR_OK ? malloc(created.fresh_bytes) : NULL;
-    if (status == TROCAR_OK && !created.fresh) status = fail(why, TROCAR_NO_MEMORY, "no memory for a simulation's state");
-    if (status == TROCAR_OK) memcpy(created.fresh, state, created.fresh_bytes);
-    free(state);
+    if (status == TROCAR_OK) status = sim_save_new(created.sim, &created.fresh, &created.fresh_bytes, why);
     batch_row freed = status == TROCAR_OK ? *row : created;
     if (status == TROCAR_OK) *row = created;
     trocar_sim_free(freed.sim);

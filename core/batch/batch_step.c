@@ -4,9 +4,8 @@
 
 #include "api/ticking.h"
 #include "api/view.h"
+#include "base/host_watch.h"
 #include "batch/batch.h"
-
-enum { TICKS_BETWEEN = 64 }; /* maximum number of steps of a row between two calls of the watch's functions */
 
 typedef struct {
     const trocar_pose *poses;
@@ -92,10 +91,8 @@ static trocar_status step_row(const trocar_batch *batch, const step_call *call, 
 }
 
 static void look(step_call *call) {
-    const trocar_watch *watch = call->watch;
-    double all = (double)call->row_count * call->steps;
-    if (watch && watch->progress) watch->progress("batch", (double)atomic_load(&call->completed) / all, watch->context);
-    if (watch && watch->cancelled && watch->cancelled(watch->context)) atomic_store(&call->cancelled, true);
+    watch_report(call->watch, "batch", (double)atomic_load(&call->completed) / ((double)call->row_count * call->steps));
+    if (watch_cancels(call->watch)) atomic_store(&call->cancelled, true);
 }
 
 static trocar_status step_task(trocar_batch *batch, int row, int member, void *context, report *why) {
@@ -144,7 +141,7 @@ trocar_status trocar_batch_step(trocar_batch *batch, const trocar_pose *poses, i
     begin_rows(batch, &call, mask);
     batch_begin(batch);
     for (call.from = 0; call.from < steps && !atomic_load(&call.cancelled); call.from = call.to) {
-        call.to = steps - call.from < TICKS_BETWEEN ? steps : call.from + TICKS_BETWEEN;
+        call.to = steps - call.from < TICKS_BETWEEN_LOOKS ? steps : call.from + TICKS_BETWEEN_LOOKS;
         batch_for_rows(batch, mask, step_task, &call);
     }
     end_rows(batch, &call, mask);

@@ -25,18 +25,14 @@ enum { ALIGNMENT = 64 };     /* bytes, alignment of the matrix in the file */
 static uint64_t key_of(const tissue *t, int count, const int *nodes, bool single) {
     const int facts[] = {CONDENSED_CACHE_VERSION, (int)t->volumetric, single};
     const mesh *m = t->mesh;
-    size_t node_count = (size_t)m->node_count, tets = (size_t)m->tet_count;
-    uint64_t h = hash_bytes(HASH_BASIS, facts, sizeof facts);
-    h = hash_bytes(h, m->nodes, node_count * sizeof *m->nodes);
-    h = hash_bytes(h, m->tets, tets * sizeof *m->tets);
-    h = hash_bytes(h, m->region, tets * sizeof *m->region);
+    uint64_t h = mesh_hash(hash_bytes(HASH_BASIS, facts, sizeof facts), m);
     for (int g = 0; g < m->group_count; g++) {
         if (m->groups[g].dimension != 3) continue;
         h = hash_bytes(h, &t->materials[g].youngs_modulus, sizeof(double));
         h = hash_bytes(h, &t->materials[g].poisson_ratio, sizeof(double));
     }
-    if (t->patch) h = hash_bytes(h, t->patch, tets * sizeof *t->patch);
-    h = hash_bytes(h, t->dof, node_count * sizeof *t->dof);
+    if (t->patch) h = hash_bytes(h, t->patch, (size_t)m->tet_count * sizeof *t->patch);
+    h = hash_bytes(h, t->dof, (size_t)m->node_count * sizeof *t->dof);
     return hash_bytes(h, nodes, (size_t)count * sizeof *nodes);
 }
 

@@ -3,6 +3,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/hash.h"
+
 static const double INSIDE = -1e-12; /* dimensionless: smallest barycentric weight of a point that counts as inside. Rounding tolerance */
 
 /* ---- geometry of one tetrahedron ---- */
@@ -200,4 +202,10 @@ int mesh_find_group(const mesh *m, const char *name, int dimension) {
     for (int g = 0; g < m->group_count; g++)
         if (strcmp(m->groups[g].name, name) == 0 && (dimension < 0 || m->groups[g].dimension == dimension)) return g;
     return -1;
+}
+
+uint64_t mesh_hash(uint64_t h, const mesh *m) {
+    h = hash_bytes(h, m->nodes, (size_t)m->node_count * sizeof *m->nodes);
+    h = hash_bytes(h, m->tets, (size_t)m->tet_count * sizeof *m->tets);
+    return hash_bytes(h, m->region, (size_t)m->tet_count * sizeof *m->region);
 }

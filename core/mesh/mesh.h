@@ -57,6 +57,7 @@ static inline trocar_status mesh_read(const char *path, mesh *m, report *why) { 
 
 /* Creates a mesh from arrays, which are copied. BAD_INPUT for indices out of range, for duplicate names, and for the faults that mesh_finish detects. */
 trocar_status mesh_from_arrays(const trocar_mesh *given, mesh *m, report *why);
+uint64_t mesh_hash(uint64_t h, const mesh *m); /* continues a hash (base/hash.h) with nodes, tetrahedra and their regions */
 trocar_status mesh_arrays_check(const trocar_mesh *given, report *why); /* checks only indices and names */
 
 /* Completes a mesh in which node_count, tet_count, nodes, tets, region and groups have been set: orients the tetrahedra, finds neighbours and the

@@ -86,20 +86,22 @@ static void list_rows(support *s, const needle_holds *holds) {
         }
 }
 
+/* Interpolates nodal values at a row, along its direction. The three components at node k are values[3 k stride], and `stride` and 2 `stride` entries after
+   it. */
+static double at_row(const supporting_row *row, const double *values, size_t stride) {
+    double sum = 0.0;
+    for (int c = 0; c < 4; c++) {
+        const double *x = values + 3 * (size_t)row->corners[c] * stride;
+        sum += row->weights[c] * (row->direction.x * x[0] + row->direction.y * x[stride] + row->direction.z * x[2 * stride]);
+    }
+    return sum;
+}
+
 /* Interpolates `blocks`, the compliance between `nodes` and `columns` other nodes, at the rows. `out`: row_count x 3 `columns`, column-major. */
 static void interpolate(const support *s, int columns, double *out) {
     size_t ld = 3 * (size_t)columns;
-    for (int i = 0; i < s->row_count; i++) {
-        const supporting_row *row = &s->rows[i];
-        for (size_t j = 0; j < ld; j++) {
-            double sum = 0.0;
-            for (int c = 0; c < 4; c++) {
-                const double *block = &s->blocks[3 * (size_t)row->corners[c] * ld + j];
-                sum += row->weights[c] * (row->direction.x * block[0] + row->direction.y * block[ld] + row->direction.z * block[2 * ld]);
-            }
-            out[j * (size_t)s->row_count + (size_t)i] = sum;
-        }
-    }
+    for (int i = 0; i < s->row_count; i++)
+        for (size_t j = 0; j < ld; j++) out[j * (size_t)s->row_count + (size_t)i] = at_row(&s->rows[i], s->blocks + j, ld);
 }
 
 /* Computes the compliance between the rows and these nodes, row_count x 3 count, column-major. Leaves the compliance between `nodes` and these nodes in
@@ -145,17 +147,8 @@ static trocar_status factorise(support *s, const needle_holds *holds, bool *stab
     size_t n = (size_t)s->row_count;
     trocar_status status = find_compliance(s, s->node_count, s->nodes, s->reached, why);
     if (status != TROCAR_OK) return status;
-    for (size_t j = 0; j < n; j++) {
-        const supporting_row *row = &s->rows[j];
-        for (size_t i = 0; i < n; i++) {
-            double sum = 0.0;
-            for (int c = 0; c < 4; c++) {
-                const double *column = &s->reached[3 * (size_t)row->corners[c] * n + i];
-                sum += row->weights[c] * (row->direction.x * column[0] + row->direction.y * column[n] + row->direction.z * column[2 * n]);
-            }
-            s->factor[j * n + i] = sum;
-        }
-    }
+    for (size_t j = 0; j < n; j++)
+        for (size_t i = 0; i < n; i++) s->factor[j * n + i] = at_row(&s->rows[j], s->reached + i, n);
     add_needles(s, holds);
     *stable = LAPACKE_dsytrf(LAPACK_COL_MAJOR, 'L', s->row_count, s->factor, s->row_count, s->pivots) == 0 && count_negative(s) == count_unstable(holds);
     return TROCAR_OK;

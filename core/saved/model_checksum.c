@@ -8,13 +8,10 @@
 
 uint64_t mesh_checksum(const model_parts *parts) {
     const mesh *m = &parts->mesh;
-    size_t nodes = (size_t)m->node_count, tets = (size_t)m->tet_count;
-    uint64_t h = hash_bytes(HASH_BASIS, m->nodes, nodes * sizeof *m->nodes);
-    h = hash_bytes(h, m->tets, tets * sizeof *m->tets);
-    h = hash_bytes(h, m->region, tets * sizeof *m->region);
-    h = hash_bytes(h, m->face_groups, tets * sizeof *m->face_groups);
+    uint64_t h = mesh_hash(HASH_BASIS, m);
+    h = hash_bytes(h, m->face_groups, (size_t)m->tet_count * sizeof *m->face_groups);
     for (int g = 0; g < m->group_count; g++) h = hash_bytes(h, m->groups[g].name, strlen(m->groups[g].name) + 1);
-    return parts->tissue.dof ? hash_bytes(h, parts->tissue.dof, nodes * sizeof *parts->tissue.dof) : h;
+    return parts->tissue.dof ? hash_bytes(h, parts->tissue.dof, (size_t)m->node_count * sizeof *parts->tissue.dof) : h;
 }
 
 /* True for a key that describes the simulation, except for paths: the path of a file says nothing about its contents. */

@@ -185,9 +185,9 @@ const int SCENE_ROWS = ROWS;
 const list_spec LIST_TABLE[LISTS] = {
     [REGIONS] = {"regions", OF(simulation.regions), OF(simulation.region_count), sizeof(region_config), 1, MAX_REGIONS, .named = true},
     [MEMBRANES] = {"membranes", OF(simulation.membranes), OF(simulation.membrane_count), sizeof(membrane_config), 0, MAX_MEMBRANES, .named = true},
-    [CALCIFICATIONS] = {"calcifications", OF(simulation.calcifications), OF(simulation.calcification_count), sizeof(calcification), 0, MAX_CALCIFICATIONS},
+    [CALCIFICATIONS] = {"calcifications", OF(simulation.calcifications), OF(simulation.calcification_count), sizeof(calcification), 0, MAX_CALCIFICATIONS, .named = false},
     [GUIDES] = {"guides", OF(simulation.guides), OF(simulation.guide_count), sizeof(guide_config), 0, MAX_GUIDES, .named = true},
-    [RELAXATION] = {"relaxation", OF(simulation.relaxation), OF(simulation.relaxation_count), sizeof(relaxation_term), 0, MAX_RELAXATION},
+    [RELAXATION] = {"relaxation", OF(simulation.relaxation), OF(simulation.relaxation_count), sizeof(relaxation_term), 0, MAX_RELAXATION, .named = false},
 };
 
 void *entry_of(scene *s, list_kind list, int index) {

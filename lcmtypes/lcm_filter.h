@@ -47,8 +47,8 @@ void lcm_filter_restrict(const packet_wishes *wishes);
    whose source is an address of one of its interfaces. (The kernel drops datagrams from outside with such a source.) */
 lcm_t *lcm_filter_create(const char *url);
 
-/* True if the ttl of this URL is 0, so that LCM is for this machine alone; `port` receives the URL's port. NULL or "": $LCM_DEFAULT_URL, else LCM's
-   default. False and port 0 for providers other than udpm. */
+/* True if the ttl of this URL is 0, so that LCM is meant for this machine only; `port` receives the URL's port. NULL or "": $LCM_DEFAULT_URL, else
+   LCM's default. False and port 0 for providers other than udpm. */
 bool lcm_filter_is_local(const char *url, uint16_t *port);
 
 /* Returns the number of malformed packets dropped since the start of the process. */

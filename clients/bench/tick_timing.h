@@ -1,5 +1,5 @@
-/* Measures the time of one tick with a given number of contacts while the needle moves as in normal use. Server and worker run in lockstep, in one
-   thread. */
+/* Measures the time of one tick with a given number of contacts while the needle moves as in normal use. The server and the worker run in lockstep,
+   in one thread. */
 #ifndef TROCAR_TICK_TIMING_H
 #define TROCAR_TICK_TIMING_H
 

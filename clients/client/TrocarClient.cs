@@ -832,7 +832,7 @@ internal sealed class Lcm : IDisposable {
         if (!string.IsNullOrEmpty(channel)) take(channel, reader);
     }
 
-    // True if datagrams from this address are accepted. With ttl=0 LCM is for this machine alone, but its socket also gets other machines' datagrams.
+    // True if datagrams from this address are accepted. With ttl=0, LCM is meant for this machine only, but its socket also gets other machines' datagrams.
     bool IsWelcome(IPAddress address) {
         if (ttl > 0 || IPAddress.IsLoopback(address) || address.Equals(IPAddress.Any)) return true;
         double now = Clock.Now();

@@ -366,8 +366,8 @@ class Client:
             self._take_datagram(packet, sender)
 
     def _is_welcome(self, address):
-        """True if datagrams from this address are accepted. With ttl=0 LCM is for this machine alone, but its socket also receives datagrams from other
-        machines."""
+        """True if datagrams from this address are accepted. With ttl=0, LCM is meant for this machine only, but its socket also receives datagrams from
+        other machines."""
         if self._ttl > 0 or address == "0.0.0.0" or address.startswith("127."):
             return True
         now = time.monotonic()

@@ -92,8 +92,8 @@ struct trocar_sim {
     pose probe_pose;         /* the newest pose of the probe */
     int64_t probe_time;      /* ns, simulated time at which the probe was last pressed on the tissue */
     uint64_t probe_beneath;  /* value of resting.changes when the probe was last pressed on the tissue */
-    double since_response;   /* s of simulated time in lockstep since resting needles and probe last responded to the loads */
-    bool to_respond;         /* whether resting needles and probe still have to respond to the newest loads and pose */
+    double since_response;   /* s of simulated time in lockstep since resting needles and the probe last responded to the loads */
+    bool to_respond;         /* whether resting needles and the probe still have to respond to the newest loads and pose */
     int answers;             /* number of requests answered since the last response */
 };
 

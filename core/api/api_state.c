@@ -1,4 +1,4 @@
-/* trocar.h: saving and restoring a simulation. Called between lockstep steps, where one thread is both ticking thread and worker. */
+/* trocar.h: saving and restoring a simulation. Called between lockstep steps, where one thread is both the ticking thread and the worker. */
 #include <stdlib.h>
 #include <string.h>
 

@@ -6,7 +6,7 @@
 #include "api/worker_resting.h"
 #include "base/flush_denormals.h"
 
-enum { MOST_ANSWERS = 4 };             /* number of requests answered in a row before resting needles and probe respond */
+enum { MOST_ANSWERS = 4 };             /* number of requests answered in a row before other work gets its turn */
 
 /* ---- in its own thread ------------------------------------------------------------------------------------------------------ */
 

@@ -125,7 +125,7 @@ typedef struct {
     tissue_loads posted_loads; /* the needle's forces as last posted */
 } needle_link;
 
-/* `lockstep`: one thread is both ticking thread and worker, so that nothing has to be ready in advance. */
+/* `lockstep`: one thread is both the ticking thread and the worker, so that nothing has to be ready in advance. */
 trocar_status link_create(needle_link *link, bool lockstep, report *why);
 
 /* In scenes with a probe, also to be called. */

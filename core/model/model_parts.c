@@ -278,8 +278,8 @@ static bool same_roi(const roi_config *a, const roi_config *b) {
 
 static const char *first_membrane(const simulation_config *c) { return c->membrane_count > 0 ? c->membranes[0].name : ""; }
 
-/* Returns the first key that differs among those on which mesh, stiffness or inverse depend; NULL if none differs. `text` has room for a key. A condensed
-   inverse covers the nodes near the first membrane and the probe, unless the scene specifies a region. */
+/* Returns the first key that differs among those on which the mesh, stiffness or inverse depends; NULL if none differs. `text` has room for a key. A
+   condensed inverse covers the nodes near the first membrane and the probe, unless the scene specifies a region. */
 static const char *stiffness_key_that_differs(const simulation_config *a, const simulation_config *b, char *text, size_t size) {
     const char *of_region = region_key_that_differs(a, b, text, size);
     const struct { bool same; const char *key; } keys[] = {

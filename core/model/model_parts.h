@@ -27,7 +27,7 @@ trocar_status model_parts_create_mesh(const simulation_config *config, model_par
 trocar_status model_parts_create(const simulation_config *config, model_parts *s, report *why);
 
 /* Builds the constant data for a configuration with the same mesh and stiffness as `base`; shares the mesh, tissue and inverse of `base`, which must
-   outlive it. Returns BAD_INPUT, naming the key, if stiffness or inverse would differ, or if the mesh was given as arrays. */
+   outlive it. Returns BAD_INPUT, naming the key, if the stiffness or inverse would differ, or if the mesh was given as arrays. */
 trocar_status model_parts_derive(const model_parts *base, const simulation_config *config, model_parts *s, report *why);
 
 void model_parts_free(model_parts *s);

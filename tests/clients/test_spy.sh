@@ -1,6 +1,6 @@
 #!/bin/bash
-# Runs scripts/spy on a virtual screen while server and device are running: see CheckSpy.java. Exit status 77: network namespaces are not available. usage:
-# test_spy.sh BUILD_DIR SOURCE_DIR
+# Runs scripts/spy on a virtual screen while a server and a device are running: see CheckSpy.java. Exit status 77: network namespaces are not available.
+# usage: test_spy.sh BUILD_DIR SOURCE_DIR
 set -euo pipefail
 . "${0%/*}/../shared/in_namespace.sh"
 

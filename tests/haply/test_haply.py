@@ -15,7 +15,7 @@ import time
 
 BUILD, SOURCE = sys.argv[1:3]
 SLOW = "--slow" in sys.argv
-WATCHDOG = 0.02    # s, timeout of the watchdogs in server and bridge
+WATCHDOG = 0.02    # s, timeout of the watchdogs in the server and the bridge
 SLACK = 1.0 if SLOW else 0.012  # s, allowance for scheduling in addition to the watchdog's timeout
 LIMIT = 0.6        # N, --max-force
 HOME = (0.0, 0.1, 0.1)

@@ -224,7 +224,7 @@ static void a_restored_state_goes_on_as_before(void **state) {
     OK(trocar_sim_restore(other, saved, size, &why));
     run(other, TICKS / 2, TICKS, b);
     assert_same(a, b);
-    OK(trocar_sim_restore(sim, saved, size, &why)); /* restores the state into the same simulation, which has meanwhile continued */
+    OK(trocar_sim_restore(sim, saved, size, &why)); /* restores the state into the same simulation, which has continued in the meantime */
     run(sim, TICKS / 2, TICKS, b);
     assert_same(a, b);
 

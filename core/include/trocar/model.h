@@ -29,7 +29,7 @@ TROCAR_API trocar_model_options trocar_default_model_options(void);
 TROCAR_API trocar_status trocar_model_create(const trocar_scene *scene, const trocar_model_options *options, trocar_model **model,
                                              trocar_error *error);
 
-/* Builds a model that shares mesh, stiffness and inverse with `base`, within milliseconds. BAD_INPUT, naming the key, if the scenes differ in anything on
+/* Builds a model that shares the mesh, stiffness and inverse of `base`, within milliseconds. BAD_INPUT, naming the key, if the scenes differ in anything on
    which the shared parts depend, or if the mesh came from arrays; NO_MEMORY. [any, allocates] */
 TROCAR_API trocar_status trocar_model_derive(const trocar_model *base, const trocar_scene *scene, trocar_model **model, trocar_error *error);
 

@@ -73,8 +73,8 @@ typedef struct {
     double depth;            /* m along the nominal track, measured from the skin */
     vec3 graze_normal;       /* unit normal of the outer face that the tip grazes; zero if none */
     vec3 beside;             /* m, from `nominal` (just inside the grazed face) to the tip itself, which may be up to one radius outside */
-    vec3 end;                /* m, world frame: last position of the needle's end while the tip was beyond the tissue; meanwhile `nominal` is where the tip
-                                left the tissue */
+    vec3 end;                /* m, world frame: last position of the needle's end while the tip was beyond the tissue; during that time, `nominal` is where
+                                the tip left the tissue */
 } tip_place;
 
 /* Obstacle at the tip; written by the path stage. */

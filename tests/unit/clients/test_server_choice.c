@@ -30,7 +30,7 @@ static void another_server_is_forgotten_after_a_second(void **unused) {
     assert_false(server_choice_has_other(&c, 6.1));
 }
 
-/* A recorded server is followed while lcm-logplayer replays its log. */
+/* While lcm-logplayer replays a log, a client follows the server recorded in it. */
 static void replay_is_followed(void **unused) {
     (void)unused;
     server_choice c = {.patience = 0.1};

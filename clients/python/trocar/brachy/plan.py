@@ -482,8 +482,8 @@ def compare(plan: Plan, model: Model, placed: Iterable[Placed]) -> list[Misplace
 
 
 def summary(rows: Sequence[Misplacement]) -> dict[str, float]:
-    """Summarises all seeds that have a counterpart: `count`, and the mean values (mm) of `distance`, of the absolute value along each axis (`0`, `1`,
-    `2`), of `along` (absolute) and `across`, and `deeper`, the signed mean of `along`."""
+    """Summarises all seeds that have a counterpart: `count`; the mean values (mm) of `distance`, of the absolute offset along each axis (`0`, `1`,
+    `2`), of `along` (absolute) and of `across`; and `deeper`, the signed mean of `along`."""
     both = [r for r in rows if r.offset is not None]
     if not both:
         return {"count": 0}

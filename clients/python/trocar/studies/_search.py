@@ -19,7 +19,7 @@ from ..brachy.plan import Turn
 
 Array = npt.NDArray[np.float64]
 
-UNIT = 1e-4          # m, unit of errors and of missing clearances in the search
+UNIT = 1e-4          # m, unit of errors and of violations of clearances in the search
 STAY = 0.02          # weight of the distance from the start; it makes the search find the closest of all insertions that reach the target
 FAILED = 2e-2        # m, error assigned to an insertion that cannot be simulated
 GRID = 13            # number of entry points along each side of the area that are tried with a rigid needle
@@ -32,7 +32,7 @@ LONGER = 4.0
 ROUNDING = 1e-5      # m, tolerance for rounding errors of a clearance
 MARGIN = 2e-5        # m, added to the desired clearance so that the needle still has that clearance when the plan is carried out
 SPARE = 2e-3         # m: clearance that exceeds the desired one by more than this has no influence on the search
-TOO_NEAR = 10.0      # weight of missing clearance relative to the worst-case error
+TOO_NEAR = 10.0      # weight of violations of clearances relative to the worst-case error
 STEPS = 12           # maximum number of steps in the search for the smallest worst-case error
 SMALLEST = 0.02      # smallest step in the search for the smallest worst-case error
 ENOUGH = 0.05        # in units of the search, which ends when the expected improvement of the next step is less than this
@@ -111,7 +111,7 @@ class Found:
     aim: Aim
     depth: float
     error: float          # m: error for nominal parameters, or mean or worst-case error, depending on the objective
-    missing: float        # m, missing clearance: 0 if all clearances are kept; inf if the insertion cannot be simulated
+    missing: float        # m, total violation of clearances: 0 if all are kept; inf if the insertion cannot be simulated
     limits: list[str]     # names of the variables that are at their limits
     x: Array
     freedom: Freedom
@@ -181,8 +181,8 @@ class Case:
         return [(hole, aim) for _, hole, aim in found]
 
     def rigid(self) -> tuple[str, Aim]:
-        """Returns the straight line to the target at rest that keeps all clearances with the least tilt; if there is none, the line with the least
-        missing clearance. For a template, the line goes through the closest hole that keeps the clearances. For an area, the hole is ""."""
+        """Returns the straight line to the target at rest that keeps all clearances with the least tilt; if there is none, the line that violates
+        them least in total. For a template, the line goes through the closest hole that keeps the clearances. For an area, the hole is ""."""
         problem, point = self.problem, self.target.point
         if problem.area is None:
             ranked = [(round(self.straight_missing(aim), 6), i, hole, aim) for i, (hole, aim) in enumerate(self.hole_aims()[:4 * NEIGHBOURS])]
@@ -217,7 +217,7 @@ class Case:
     # ---- nominal parameters ---------------------------------------------------------------------------------------------------------------
 
     def search(self, freedom: Freedom) -> Found:
-        """Runs SciPy's least_squares on the errors and the missing clearances."""
+        """Runs SciPy's least_squares on the errors and the violations of clearances."""
         from scipy.optimize import least_squares
         kept: dict[bytes, tuple[Array, Outcome | None, Array]] = {}
         further = 0.0

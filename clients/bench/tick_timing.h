@@ -1,4 +1,4 @@
-/* Measures the time of one tick with a given number of contacts while the needle moves as in normal use. Server and worker run in lockstep, in one
+/* Measures the time per tick with a given number of contacts while the needle moves as in normal use. Server and worker run in lockstep, in one
    thread. */
 #ifndef TROCAR_TICK_TIMING_H
 #define TROCAR_TICK_TIMING_H

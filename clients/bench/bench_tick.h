@@ -1,4 +1,4 @@
-/* trocar-bench tick: measures the time of one tick as a function of the number of contacts. */
+/* trocar-bench tick: measures the time per tick as a function of the number of contacts. */
 #ifndef TROCAR_BENCH_TICK_H
 #define TROCAR_BENCH_TICK_H
 

@@ -10,7 +10,7 @@ trocar_status create_probe(trocar_sim *sim, report *why);
 /* Reads the newest pose. Returns true if it is new. */
 bool take_probe_pose(trocar_sim *sim);
 
-/* Presses the probe on the tissue at its current pose. Called after the probe has moved or other loads have changed. */
+/* Presses the probe against the tissue at its current pose. Called after the probe has moved or other loads have changed. */
 trocar_status press_probe(trocar_sim *sim, report *why);
 
 /* Save and restore the probe. To be called between lockstep steps. */

@@ -48,8 +48,8 @@ condensed_cache condensed_cache_find(const char *directory, const tissue *t, int
 
 /* ---- layout ----------------------------------------------------------------------------------------------------------- */
 
-/* The file: this header, the nodes, zeros up to the next multiple of ALIGNMENT bytes, and the matrix as it is in memory. The byte order is the machine's:
-   with another one, the magic number differs. */
+/* The file: this header, the nodes, zeros up to the next multiple of ALIGNMENT bytes, and the matrix as it is in memory. The byte order is that of
+   the machine that wrote the file; on a machine with another byte order, the magic number does not match. */
 typedef struct {
     uint64_t magic, key, count, single;
     uint64_t checksum;       /* of the members above, the nodes and the matrix */

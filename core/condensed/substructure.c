@@ -301,7 +301,7 @@ typedef struct {
     double *tiles;           /* scratch: TILE x TILE for each team member */
     int *piece;              /* plan->nodes: another node of the same connected component; after the search, its representative */
     response *of_piece;      /* plan->nodes: response of each connected component, indexed by its representative */
-    double norm;             /* largest column sum of K, which is an upper bound of its largest eigenvalue */
+    double norm;             /* largest column sum of K, which is an upper bound on its largest eigenvalue */
     inverse_progress progress;
     report *why;
     double done;             /* operations completed */
@@ -449,7 +449,7 @@ static double add_energy(elimination *e, int place, const double y[3]) {
     return energy;
 }
 
-/* The ratio of |load|^2 to the energy is an upper bound of the part's smallest eigenvalue, and close to it if the part is loose. While the rest of the
+/* The ratio of |load|^2 to the energy is an upper bound on the part's smallest eigenvalue, and close to it if the part is loose. While the rest of the
    body is fixed, no part has a smaller eigenvalue than the whole body (interlacing). A test of the whole body would miss a small loose part next to a large
    one. */
 static bool is_constrained(const elimination *e, const response *part) { return part->squares >= LOOSE_BODY * e->norm * part->energy; }

@@ -20,7 +20,7 @@ static inline vec3 needle_straight_end(const needle_model *model, pose base) { r
    axes do not change until the next solve. RT */
 void needle_move_base(const needle_model *model, pose base, needle_state *state);
 
-/* needle_at returns the point of the centreline at this arc (m); needle_locate finds several points, *points[0] to *points[count - 1]. RT */
+/* needle_at returns the point on the centreline at this arc (m); needle_locate finds several points, *points[0] to *points[count - 1]. RT */
 needle_point needle_at(const needle_model *model, const needle_state *state, double arc);
 void needle_locate(const needle_model *model, const needle_state *state, int count, const double *arcs, needle_point *const *points);
 

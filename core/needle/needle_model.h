@@ -9,7 +9,7 @@ enum {
     NEEDLE_MAX_SEGMENTS = 64,
     NEEDLE_LD = (NEEDLE_MAX_SEGMENTS / 4 + 1) * 12, /* three columns for each joint, padded to whole blocks of four joints */
     NEEDLE_PLACES = NEEDLE_MAX_SEGMENTS + 4, /* room for whole vectors of segments, and for joints beyond them */
-    NEEDLE_POINT_JOINTS = 3,                /* number of joints that determine a point of the centreline */
+    NEEDLE_POINT_JOINTS = 3,                /* number of joints that determine a point on the centreline */
 };
 
 typedef struct {

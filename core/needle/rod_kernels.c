@@ -330,7 +330,7 @@ static void sum_displacements(int n, int first, int last, const vector_series *a
                 simd4_store(&rows[a][c], moved[a]);
             }
         }
-        int before = k + 2 - NEEDLE_POINT_JOINTS; /* first of the earlier joints that, together with this one, can determine a point of the centreline */
+        int before = k + 2 - NEEDLE_POINT_JOINTS; /* first of the earlier joints that, together with this one, can determine a point on the centreline */
         for (int c = 3 * (before > first ? before : first); c < 3 * (k + 1); c++) /* from symmetry */
             for (int a = 0; a < 3; a++) rows[a][c] = tangent->compliance[c][3 * (k + 1) + a];
     }

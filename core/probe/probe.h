@@ -65,12 +65,12 @@ typedef struct {
 trocar_status probe_create(inverse *beneath, const probe_shape *shape, int surface, double max_force, probe **created, report *why);
 void probe_free(probe *p);
 
-/* Presses the probe on the tissue at this pose. `others`: the other loads on the tissue; those of held needles respond to the probe according to `holds`.
+/* Presses the probe against the tissue at this pose. `others`: the other loads on the tissue; those of held needles respond to the probe according to `holds`.
    `elapsed`: s since the last call, the time that a stopped probe has had to catch up; INFINITY if simulated time does not advance. `beneath_changed`: the
    attachments of `beneath` have changed. Motions longer than a quarter of the radius are divided into steps. If the force would exceed max_force, the probe
    stops on its path, and then catches up at a limited speed. If the motion would take more than MOST_STEPS steps, or if the probe has no pose yet, it is placed
    directly at the pose. If in this case its axis would intersect the tissue at rest, or its force would exceed max_force, it stays where it was and counts as
-   stopped. After a failure, nothing is pressed. Allocates when the set of pressed points changes. */
+   stopped. After a failure, the probe presses on nothing. Allocates when the set of pressed points changes. */
 enum { MOST_STEPS = 16 };
 trocar_status probe_press(probe *p, pose base, double elapsed, const other_loads *others, const needle_holds *holds, bool beneath_changed,
                           report *why);
@@ -78,7 +78,7 @@ trocar_status probe_press(probe *p, pose base, double elapsed, const other_loads
 /* True if the axis of a probe at this pose, from its base to its tip, intersects the undeformed tissue. */
 bool probe_axis_in_tissue(const mesh *m, const probe_shape *shape, pose base);
 
-/* Restores a saved state. After a failure, nothing is pressed. */
+/* Restores a saved state. After a failure, the probe presses on nothing. */
 trocar_status probe_resume(probe *p, const probe_state *state, report *why);
 
 #endif

@@ -11,7 +11,7 @@ typedef struct {
     double length;           /* m, from base to tip */
 } probe_shape;
 
-/* Distance (m) of x from the surface, negative inside, and the outward unit normal at the closest point of the surface. */
+/* Distance (m) of x from the surface, negative inside, and the outward unit normal at the closest point on the surface. */
 double probe_gap(const probe_shape *shape, pose base, vec3 x, vec3 *normal);
 
 /* Largest distance (m) that a point between base and tip moves between two poses. */

@@ -15,7 +15,7 @@ typedef struct {
 } supporting_row;
 
 typedef struct {
-    inverse *tissue;         /* the inverse without the probe and the held needles; owned by the caller */
+    inverse *tissue;         /* the inverse without the probe or the held needles; owned by the caller */
     int most;                /* maximum number of nodes passed to support_reach, and of points passed to support_stiffen */
     int node_count, *nodes;  /* nodes on which held needles exert forces, without duplicates */
     vec3 *force;             /* N, forces on these nodes at the last ticks */

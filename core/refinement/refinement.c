@@ -6,7 +6,7 @@
 
 static const double LEAST_WEIGHT = 0.02; /* fraction: smallest barycentric weight of an added node in its leaf, which prevents degenerate elements. Chosen
                                             by judgement */
-static const double ON_FACE = 1e-9; /* dimensionless: largest barycentric weight at which a node counts as on the opposite face. Rounding tolerance */
+static const double ON_FACE = 1e-9; /* dimensionless: largest barycentric weight at which a node counts as lying on the opposite face. Rounding tolerance */
 
 /* ---- addition ---------------------------------------------------------------------------------------------------- */
 

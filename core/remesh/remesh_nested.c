@@ -11,7 +11,8 @@
 #include "base/sparse_memory.h"
 #include "refinement/refined_field.h"
 
-static const double ROUNDING = 1e-12; /* dimensionless: barycentric weight below which a node counts as on the face opposite that corner. Rounding tolerance */
+static const double ROUNDING = 1e-12; /* dimensionless: barycentric weight below which a node counts as lying on the face opposite that corner. Rounding
+                                         tolerance */
 
 /* ---- what the new node couples to ------------------------------------------------------------------------------------ */
 

@@ -331,7 +331,7 @@ trocar_status resting_release_step(const resting_needle *r, double size, resting
 
 /* ---- as it is now --------------------------------------------------------------------------------------------------------------- */
 
-/* Fraction of the force's bound that remains after sliding: friction weakens from static to kinetic, but the tip's cutting force and the friction of
+/* Fraction of the bound on the force that remains after sliding: friction weakens from static to kinetic, but the tip's cutting force and the friction of
    guides do not. */
 static double weakened(const insertion_model *model, const resting_needle *r, int i) {
     int point = i < r->point_count ? i : r->point_count - 1;

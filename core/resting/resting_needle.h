@@ -27,7 +27,7 @@ typedef struct {
     int motion_count;
     double motions[MAX_MOTIONS][MAX_UNKNOWNS];     /* displacement of each row under each motion of the base */
     base_motion twists[MAX_MOTIONS];                     /* motion of the base that causes each row of `motions` */
-    double lower[MAX_AXIAL], upper[MAX_AXIAL];     /* N, bounds of the axial forces at the anchor */
+    double lower[MAX_AXIAL], upper[MAX_AXIAL];     /* N, bounds on the axial forces at the anchor */
     double anchor_force[MAX_UNKNOWNS];             /* N, forces at the anchor */
     double beside[MAX_UNKNOWNS];                   /* N, loads on the tissue from its memory, which are not forces of the needle */
     double free_force[MAX_UNKNOWNS], free_motion[MAX_MOTIONS]; /* forces and motions in the absence of held needles */

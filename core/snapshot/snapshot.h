@@ -18,7 +18,7 @@ enum {
 typedef struct {
     double from, to;         /* m, depths along the track; equal if the force acts without a shaft, for example for residual loads */
     double depth;            /* m, depth at `place` */
-    vec3 place, direction;   /* place, m: nominal point of the track; direction: unit vector along the track */
+    vec3 place, direction;   /* place, m: nominal point on the track; direction: unit vector along the track */
     line_in_tet line;        /* line on which the mesh's resolution is measured */
 } shaft_piece;
 

@@ -95,7 +95,7 @@ static int by_start(const void *a, const void *b) {
     return (x > y) - (x < y);
 }
 
-static const double ON_FACE = 1e-9; /* dimensionless: largest barycentric weight at which a line counts as on a face. Rounding tolerance */
+static const double ON_FACE = 1e-9; /* dimensionless: largest barycentric weight at which a line counts as lying on a face. Rounding tolerance */
 
 static void trace_line(neighbourhood *n) {
     const mesh *m = n->tissue->mesh;

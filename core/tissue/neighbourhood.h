@@ -1,4 +1,4 @@
-/* The elements around a point of a line, in the line's frame, and their stiffness for a shear modulus of 1. In resolved_radius.c they serve to measure how
+/* The elements around a point on a line, in the line's frame, and their stiffness for a shear modulus of 1. In resolved_radius.c they serve to measure how
    well the mesh resolves the line's field. */
 #ifndef TROCAR_NEIGHBOURHOOD_H
 #define TROCAR_NEIGHBOURHOOD_H

@@ -24,7 +24,7 @@ void line_end_add_scaled(line_end *to, double scale, const line_end *from);
 /* Sum of all members: finite only if all of them are. RT */
 double line_end_total(const line_end *end);
 
-/* The measurement at one point of the line. The material is uniform and equal to that of the point's element, so that only the mesh matters. */
+/* The measurement at one point on the line. The material is uniform and equal to that of the point's element, so that only the mesh matters. */
 typedef struct {
     double lateral, axial;   /* m, radius of a rigid cylinder with the mesh's compliance to a line force; across the line, a geometric mean over the
                                 directions */
@@ -36,7 +36,7 @@ typedef struct {
 /* A line through an element, representing a piece of the needle's path. */
 typedef struct {
     int tet;
-    vec3 point, direction;   /* point, m: a point of the line; direction: a unit vector */
+    vec3 point, direction;   /* point, m: a point on the line; direction: a unit vector */
 } line_in_tet;
 
 /* Displacement of the mesh around an endless line under a unit force per unit length, for a shear modulus of 1. Its difference from Kelvin's solution is the

@@ -128,7 +128,7 @@ def note_of(through):
 
 
 def through_skin(target, skin, bones, spared=(), cut=None):
-    """Returns the path from the nearest point of the skin. Skin, bones and spared regions are closed surfaces; `cut` is a function that returns the
+    """Returns the path from the nearest point on the skin. Skin, bones and spared regions are closed surfaces; `cut` is a function that returns the
     distances (mm) of points (n, 3) from the plane where the image cuts off the body, which is not skin."""
     places = np.vstack([shell.points for shell in skin])
     if cut:

@@ -72,7 +72,7 @@ def modality_of(path):
 
 
 def stem_of(path):
-    """Returns the name of the file without folder and extension."""
+    """Returns the name of the file without folder or extension."""
     name, extension = os.path.basename(path), kind_of(path)
     return re.sub(r"\.seg$", "", name[:-len(extension)] if name.lower().endswith(extension) else name)
 

@@ -51,7 +51,7 @@ static int move(trocar_sim *sim, int needle, trocar_pose *base, int mm, double *
     return ticks;
 }
 
-/* Shuffles in a pseudo-random order, the same for all implants of one kind. */
+/* Shuffles into a pseudo-random order, the same for all implants of one kind. */
 static void shuffle(int kind, int order[NEEDLES]) {
     srand((unsigned)kind);
     for (int k = 0; k < NEEDLES; k++) {

@@ -19,7 +19,7 @@ static trocar_error why;
 
 static const double DEGREE = M_PI / 180, DT = 1e-3, SPEED = 0.1, DEPTH = 0.06, LENGTH = 0.2;
 
-/* A straight path into the tissue through a point of the skin, tilted about an axis in the skin's plane. */
+/* A straight path into the tissue through a point on the skin, tilted about an axis in the skin's plane. */
 typedef struct {
     double x, y, tilt, about; /* x, y: entry point relative to the first path, m; tilt, about: tilt angle and direction of the tilt axis, rad */
 } line;

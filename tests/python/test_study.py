@@ -1,6 +1,6 @@
 #!/usr/bin/python3
-"""Tests studies: derived models, motions equal to trocar-device's, strict reading, samples, resumption after a kill, records, frames, and Sobol's indices
-of a function whose indices are known.
+"""Tests studies: derived models, motions equal to trocar-device's, strict reading, samples, resumption after a kill, records, frames, and the Sobol
+indices of a function whose indices are known.
 
 usage: test_study.py BUILD_DIR SOURCE_DIR
 """
@@ -257,14 +257,14 @@ class Reading(Case):
 
 
 class Sensitivity(unittest.TestCase):
-    FIRST, TOTAL = np.array([0.3139, 0.4424, 0.0]), np.array([0.5576, 0.4424, 0.2437])    # indices of Ishigami's function with a = 7, b = 0.1
+    FIRST, TOTAL = np.array([0.3139, 0.4424, 0.0]), np.array([0.5576, 0.4424, 0.2437])    # Sobol indices of the Ishigami function with a = 7, b = 0.1
 
     def ishigami(self, count, seed, resamples):
         x = np.pi * (2.0 * sensitivity.design(3, count, seed) - 1.0)
         return sensitivity.indices(np.sin(x[:, 0]) + 7.0 * np.sin(x[:, 1]) ** 2 + 0.1 * x[:, 2] ** 4 * np.sin(x[:, 0]), 3, resamples)
 
     def test_ishigami(self):
-        """Sobol's indices are correct to within 2 %, whatever the seed."""
+        """The Sobol indices are correct to within 2 %, whatever the seed."""
         for seed in range(8):
             found = self.ishigami(8192, seed, resamples=2)
             np.testing.assert_allclose(found.first[:2], self.FIRST[:2], rtol=0.02)

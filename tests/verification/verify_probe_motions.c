@@ -297,7 +297,7 @@ static void add_leg(probe_scene *s, uint64_t *seed, double press, const double s
     hand_add(&s->motion, random_between(seed, SLOWEST, FASTEST), leg);
 }
 
-/* Presses the probe on the tissue, moves it about, and lifts it. */
+/* Presses the probe against the tissue, moves it about, and lifts it. */
 static void create_motion(probe_scene *s, uint64_t *seed) {
     const double none[2] = {0, 0};
     double deepest = s->block ? 9e-3 : 12e-3, depth = random_between(seed, 2e-3, deepest), lean = s->end_on ? 0.1 : 0.04;

@@ -63,7 +63,7 @@ void encode_samples(byte_buffer *out, const plot_sample *samples, size_t count);
 /* Encodes a section that consists of JSON alone: STATUS, REPLY, PLAN. */
 void encode_json(byte_buffer *out, section_kind kind, const char *json);
 
-/* Encodes a section of JSON, padded, and then bytes: DOSE. */
+/* Encodes a section that consists of JSON, padding and then bytes: DOSE. */
 void encode_json_and_bytes(byte_buffer *out, section_kind kind, const char *json, size_t length, const void *bytes, size_t count);
 
 void encode_seeds(byte_buffer *out, const trocar_seeds_t *seeds);

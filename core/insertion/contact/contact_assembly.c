@@ -182,7 +182,7 @@ void keep_shear(const tick_input *tick, insertion_state *state, contact_points *
     shift_tip_shaft(state, lead_gained(model, &points->list[t], logarithm, traction, &tip->shaft));
 }
 
-/* ---- bounds of the forces along the needle ------------------------------------------------------------------------- */
+/* ---- bounds on the forces along the needle ------------------------------------------------------------------------- */
 
 static void bound_friction(const tick_input *tick, contact_problem *problem, int i, const shaft_resistance *shaft, double slid, double slip, const roll_friction *roll,
                            friction_state last) {

@@ -27,7 +27,7 @@ void keep_shear(const tick_input *tick, insertion_state *state, contact_points *
    force, in parallel with the adjacent shaft. RT */
 void find_local_compliance(const tick_input *tick, const insertion_state *state, const contact_points *points, tissue_step *tissue);
 
-/* Sets the bounds of the forces along the needle. RT */
+/* Sets the bounds on the forces along the needle. RT */
 void bound_contacts(const tick_input *tick, const insertion_state *state, const contact_points *points, const tissue_step *tissue, resistance_ahead *ahead,
                     hole_edge *edges, contact_problem *problem);
 

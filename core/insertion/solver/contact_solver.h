@@ -12,7 +12,7 @@ enum { MAX_POINTS = MAX_GUIDE_POINTS + MAX_CONTACTS + 1, MAX_AXIAL = MAX_POINTS 
 _Static_assert(CONTACT_LD >= ELIMINATION_SIZE(MAX_UNKNOWNS), "a row holds all unknowns, its gap and padding");
 
 /* Limits of the search for sticking and sliding points, both here and for roll (roll.c). */
-static const double MARGIN = 1e-12; /* fraction: tolerance of a force's bound, relative to the force plus 1 N. Rounding tolerance */
+static const double MARGIN = 1e-12; /* fraction: tolerance of the bound on a force, relative to the force plus 1 N. Rounding tolerance */
 enum { ROUNDS_TOGETHER = 10 }; /* rounds: number of rounds in which all inconsistent points switch at once; afterwards they switch one at a time. Effort
                                   limit: two are usual */
 enum { ROUNDS_EACH = 4 }; /* rounds: number of rounds per point in which one point switches at a time. Effort limit */
@@ -39,7 +39,7 @@ typedef struct {
                                             MAX_AXIAL */
     _Alignas(CACHE_LINE) double compliance[ELIMINATION_SIZE(MAX_UNKNOWNS)][CONTACT_LD]; /* A, m/N: only the upper triangle; overwritten by the solve */
     double gap[MAX_UNKNOWNS];            /* m */
-    double lower[MAX_AXIAL], upper[MAX_AXIAL];     /* N, bounds of the axial forces, lower <= upper; may be infinite */
+    double lower[MAX_AXIAL], upper[MAX_AXIAL];     /* N, bounds on the axial forces, lower <= upper; may be infinite */
     double viscosity[MAX_AXIAL][2];      /* N/m, >= 0, for sliding backward and forward: viscous friction over the tick */
     friction_state state[MAX_AXIAL];     /* in: warm start; out: solution */
     staircase ahead;

@@ -5,7 +5,7 @@
 #include "insertion/model/insertion_model.h"
 #include "insertion/state/insertion_state.h"
 
-/* The share of the track that a point of the shaft represents. */
+/* The share of the track that a point on the shaft represents. */
 typedef struct {
     double from, to;         /* m, depths at which the share begins and ends */
 } shaft_share;

@@ -112,7 +112,7 @@ typedef struct {
     double m[2][2], inverse[2][2];
 } crossing_map;
 
-/* Contact between a point of the shaft and the edge of a hole. */
+/* Contact between a point on the shaft and the edge of a hole. */
 typedef struct {
     crossing_map map;
     double offset[2];        /* m, offset of the needle's axis from that of the hole, in the plane of the face */

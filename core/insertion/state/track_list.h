@@ -41,7 +41,7 @@ void tracks_copy_near(const track_list *from, vec3 x, double beyond, double reac
 /* Distance (m) from a nominal point to the nearest puncture of this membrane; INFINITY if there is none within `reach`. RT */
 double tracks_puncture_distance(const track_list *list, int membrane, vec3 x, double reach);
 
-/* The point of a track that is closest to a given point x. */
+/* The point on a track that is closest to a given point x. */
 typedef struct {
     double distance;         /* m, distance from x; INFINITY if no point is within reach */
     vec3 point, along;       /* point, m: the closest point; along: unit vector along the cut */

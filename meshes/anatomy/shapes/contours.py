@@ -76,7 +76,7 @@ class Stack:
 
 
 def polygons(shape):
-    """Returns the polygons in a geometry returned by shapely, without points and lines."""
+    """Returns the polygons in a geometry returned by shapely, without points or lines."""
     if shape.geom_type == "Polygon":
         return [shape] if not shape.is_empty else []
     return [p for part in getattr(shape, "geoms", []) for p in polygons(part)]

@@ -1,4 +1,4 @@
-"""A label image of regions: drawn from their surfaces, without gaps and sheets that are too thin for the mesh, and divided into connected components
+"""A label image of regions: drawn from their surfaces, without gaps or sheets that are too thin for the mesh, and divided into connected components
 ("pieces").
 
 A region consists of parts, each of which has a surface. Parts may merge or break where the image is cleaned; `Pieces` records how much of each part
@@ -391,7 +391,7 @@ def add_voids(numbers, regions):
 
 
 def image_for(regions, edge, box=None, body=False):
-    """Returns the image of regions (lists of parts' surfaces, in order of priority), without gaps and sheets that are too thin for
+    """Returns the image of regions (lists of parts' surfaces, in order of priority), without gaps or sheets that are too thin for
     triangles of about this edge; its pieces; and the fractions of the parts that are lost: see image_of."""
     image, lost = image_of(regions, edge, box, body)
     thin = FLATNESS * thinnest(regions[:-1] if body and len(regions) > 1 else regions)

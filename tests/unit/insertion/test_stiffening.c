@@ -340,8 +340,8 @@ static void restored_simulation_continues_bit_identically(void **unused) {
 
 /* ---- the skin ----------------------------------------------------------------------------------------------------------------- */
 
-/* Presses a rigid needle on the skin of a uniform body until the puncture, with a steadily increasing force, and records the force at each millimetre. Returns
-   the displacement at the puncture, m. */
+/* Presses a rigid needle against the skin of a uniform body until the puncture, with a steadily increasing force, and records the force at each millimetre.
+   Returns the displacement at the puncture, m. */
 static double press(const simulation_config *given, double speed, double most, double *force, int count) {
     simulation_config c = *given;
     c.needle.youngs_modulus = 2e18;

@@ -72,7 +72,7 @@ static void a_coarse_space_saves_steps(void **state) {
     coarse_space_free(coarse);
 }
 
-/* The force K m of a rigid motion m of all free nodes is balanced by m alone; for any other force, the residual has no component in any rigid motion. */
+/* For the force K m of a rigid motion m of all free nodes, the solution is m itself; for any other force, the residual does no work in any rigid motion. */
 static void rigid_motions_are_found(void **state) {
     (void)state;
     coarse_space *coarse = coarse_space_create(&body.tissue);

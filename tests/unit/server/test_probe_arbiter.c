@@ -98,7 +98,7 @@ static void on_wrench(const lcm_recv_buf_t *b, const char *channel, const trocar
     received++;
 }
 
-/* A message moves the probe, the simulation's worker presses the probe on the tissue, and a message reports the result. */
+/* A message moves the probe, the simulation's worker presses the probe against the tissue, and a message reports the result. */
 static void pressed_by_message(void **unused) {
     (void)unused;
     static exchange x;

@@ -29,7 +29,7 @@ class Block(KuhnBlock):
         self.factor = splu(self.matrix[self.free][:, self.free])
 
     def moved(self, at, line, axis):
-        """Returns the displacement along an axis at a point due to a unit force per unit length along this axis at the points of the line."""
+        """Returns the displacement along an axis at a point due to a unit force per unit length along this axis at the points on the line."""
         force, moved = np.eye(3)[axis], np.zeros((len(self.nodes), 3))
         moved[self.outer] = sum(STEP * kelvin(point, force, self.nodes[self.outer]) for point in line)
         moved, load = moved.ravel(), np.zeros(3 * len(self.nodes))

@@ -1,4 +1,4 @@
-"""Computes Sobol's sensitivity indices of a function of independent parameters, with Saltelli's design.
+"""Computes the Sobol sensitivity indices of a function of independent parameters, with Saltelli's design.
 
 The first-order index of a parameter is the fraction of the result's variance due to this parameter alone; the total index includes its interactions with
 others. The design has N (p + 2) points for p parameters: N points A, N points B, and for each parameter the points A with this parameter's values from B.

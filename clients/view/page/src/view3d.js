@@ -270,7 +270,7 @@ export class Stage {
     this.canvas.addEventListener('pointerup', () => { this.dragged = null; this.controls.enabled = true })
   }
 
-  /** Moves the plane to the point of its axis that is closest to the pointer's ray. */
+  /** Moves the plane to the point on its axis that is closest to the pointer's ray. */
   drag(ray) {
     const { plane, axis, start, from } = this.dragged, between = start.clone().sub(ray.origin)
     const slant = axis.dot(ray.direction), across = 1 - slant * slant

@@ -25,7 +25,8 @@ typedef struct {
     int unrecorded;          /* number of golden wrenches ignored because the recording does not contain the poses that they answer */
     deviation first;         /* first difference that exceeds the tolerance */
     deviation largest, last;
-    /* histogram of the golden wrenches' fractions: bin i counts fractions of at least 0.001 i; the last bin also counts all larger ones */
+    /* histogram of deviation.share over the compared golden wrenches: bin i counts values from 0.001 i to 0.001 (i + 1); the last bin also counts all
+       larger ones */
     int bins[SHARE_BINS];
     int64_t skipped_not_finite; /* golden wrenches */
     char inverse[16];        /* kind of inverse according to the golden log; empty if unknown */
@@ -57,7 +58,7 @@ trocar_status comparison_add(comparison *c, const trocar_needle_wrench_t *replay
 trocar_status comparison_end(comparison *c, report *why);
 void comparison_free(comparison *c);
 
-/* Returns the quantile q of the golden wrenches' fractions, with a resolution of 0.001. */
+/* Returns the quantile q of the differences (deviation.share) of the compared golden wrenches, with a resolution of 0.001. */
 double comparison_quantile(const comparison *c, double q);
 
 /* Prints the result of the comparison. */

@@ -32,7 +32,7 @@ const motion *motion_find(const char *name);
 /* Returns the script with this index, or NULL after the last. */
 const motion *motion_at(int index);
 
-/* Returns a script that inserts the needle by this depth (m) instead of MOTION_DEPTH, at the same speed along the needle. All times are scaled by the
+/* Returns a script that advances the needle by this depth (m) instead of MOTION_DEPTH, at the same speed along the needle. All times are scaled by the
    same factor, so sideways legs and turns are slower in a deeper script, and faster in a shallower one. */
 motion motion_to_depth(const motion *script, double depth);
 

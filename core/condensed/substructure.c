@@ -515,7 +515,7 @@ static cholmod_sparse *reorder(const substructure *s) {
     return lower;
 }
 
-/* Copies the parts of K and of the load between the nodes of the region. */
+/* Copies the region's block of K, and the loads on the region's nodes. */
 static bool begin_corner(elimination *e) {
     const substructure *s = e->plan;
     const int *start = e->k->p, *row = e->k->i;

@@ -21,7 +21,7 @@ int nested_place(const nested_remesher *r, int node) {
     return handle;
 }
 
-/* The nominal node at a place of the window or of the extra nodes. */
+/* Returns the nominal node at a place, which is in the window or among the extra nodes. */
 static int node_at(const nested_remesher *r, int place) {
     return place < MAX_HANDLES ? r->shared.window[place - MAX_CONTACTS] : r->extra[place - MAX_HANDLES];
 }

@@ -11,12 +11,12 @@
 vec3 line_lateral(double x, double y, double poisson_ratio);
 vec3 line_axial(double x, double y);
 
-/* Traction of these line fields on a surface with this area vector, in N per N/m on the line. Axes 0 and 1: the line is pushed along x and y; axis 2:
-   along z. */
+/* Force on a small surface with this area vector due to the stress in these fields, in N per N/m on the line. Axes 0 and 1: the line is pushed along x
+   and y; axis 2: along z. */
 vec3 line_traction(int axis, vec3 x, vec3 area, double poisson_ratio);
 
 /* Displacement under a force per unit length, in the direction `axis`, between two points of the z axis (the integral of Kelvin's solution for a point force);
-   and the traction of this field. */
+   and the force on a small surface, as in line_traction. */
 typedef struct {
     int axis;
     double from, to;

@@ -497,7 +497,7 @@ def drawn(domain, fine):
 
 
 def generate(domain, nodes, path):
-    """Writes the mesh of about this many nodes that has the best angles among several element sizes; returns the attempt."""
+    """Meshes the domain with several element sizes, and writes the mesh of about this many nodes with the best angles. Returns it as an Attempt."""
     with tempfile.TemporaryDirectory() as folder:
         best = os.path.join(folder, "best.msh")
         made = search(domain, nodes, best)

@@ -75,7 +75,7 @@ class Files(unittest.TestCase):
         self.check_map(reading.read_image("e.nii"), place, {"1": 1, "2": 2}, 1e-3)
 
     def test_images_that_end_too_early_are_refused(self):
-        """Files may be truncated anywhere, even after the last voxel, namely in the checksum at the end of a compressed file."""
+        """Files may be truncated anywhere, even after the last voxel: within the checksum at the end of a compressed file."""
         self.labels, place = two_halves()
         inputs.write_nrrd("a.seg.nrrd", self.labels, place, NAMES, "right-anterior-superior")
         inputs.write_seg("b.dcm", self.labels, place, NAMES)

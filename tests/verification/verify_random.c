@@ -325,7 +325,7 @@ static void run_implant(int number, implant_findings *f) {
     free(t.displacements);
 }
 
-/* Adds to a note the number of checks in which a needle without contact is not explained by the dents of other needles. */
+/* Adds to a note the number of checks in which the dents of the other needles are not deep enough to explain why a needle in the tissue has no contact. */
 static void append_unexplained(char *note, size_t size, int unexplained, double deepest) {
     size_t at = strlen(note);
     if (unexplained > 0) snprintf(note + at, size - at, "%s%d deeper than the other needles' dents in closed form, by up to %.1f mm", at > 0 ? "; " : "", unexplained, 1e3 * deepest);

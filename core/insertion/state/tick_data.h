@@ -19,7 +19,7 @@ typedef enum {
     EVENT_FULL = 1 << 8,         /* MAX_CONTACTS or MAX_STRATA has been reached: from now on the shaft has the friction of the last recorded stratum */
     EVENT_UNSTABLE = 1 << 9,     /* the result was not finite: the insertion restarts */
     EVENT_MISSED_GUIDE = 1 << 11, /* the needle passes a guide outside its holes and is not guided; set in every such tick */
-    EVENT_OUTSIDE_MODEL = 1 << 12, /* the shaft is pushed into a body sideways and bears no force there; set in every such tick */
+    EVENT_OUTSIDE_MODEL = 1 << 12, /* the shaft is pushed into a body from the side, for which the model computes no force; set in every such tick */
     EVENT_TRACK_DROPPED = 1 << 13, /* there is no room for another track or point (MAX_TRACKS, MAX_TRACK_POINTS), so the needle's oldest track was dropped */
     EVENT_INEXACT = 1 << 14,     /* the passes did not converge within their maximum number */
 } insertion_event;

@@ -207,7 +207,7 @@ static trocar_scene *twist_scene(twist_case given) {
     return scene;
 }
 
-/* Inserts a needle by 120 mm parallel to the body's axis and withdraws it. */
+/* Advances a needle by 120 mm parallel to the body's axis and withdraws it. */
 static coronal_turn insert_and_draw_back(const char *title, twist_case given) {
     trocar_scene *scene = twist_scene(given);
     report why;

@@ -679,7 +679,7 @@ static void a_needle_that_slips_out_when_it_is_let_go_is_kept(void **state) {
     trocar_model_free(model);
 }
 
-/* Inserts a needle by 20 mm in 0.1 s. The worker runs at random times, on average once every 1 to 1000 ticks. */
+/* Advances a needle by 20 mm in 0.1 s. The worker runs at random times, on average once every 1 to 1000 ticks. */
 static void push_beside_a_late_worker(trocar_sim *sim, int needle) {
     trocar_pose base = at(0.005 * needle, 0.003, -0.201);
     trocar_output out = {0};

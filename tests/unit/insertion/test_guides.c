@@ -202,8 +202,8 @@ static void a_tight_hole_without_force_takes_one_pass(void **unused) {
 
 /* ---- friction -------------------------------------------------------------------------------------------------------------- */
 
-/* The needle is pressed to one side of the hole in the air and moved along the hole's axis. Once the edge has yielded by the friction divided by its stiffness,
-   the friction equals the coefficient times the normal force and opposes the motion. */
+/* A needle whose tip is still in the air is pressed against one side of the hole and moved along the hole's axis. Once the edge has yielded by the friction
+   divided by its stiffness, the friction equals the coefficient times the normal force and opposes the motion. */
 static void friction_follows_the_normal_force(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();

@@ -254,7 +254,7 @@ static void new_engagement_starts_outside(void **state) {
     assert_true(fabs(next.force[2] - w.force[2]) <= f->haptic.limits.max_force_rate / RATE + 1e-9);
 }
 
-/* The needle is inserted by 20 mm and rests until the tissue has relaxed. Then an invalid value is put into its state. The needle rests, retracts by 5 mm and
+/* The needle advances by 20 mm and rests until the tissue has relaxed. Then an invalid value is put into its state. The needle rests, retracts by 5 mm and
    advances to 25 mm. As soon as the value has an effect, the insertion restarts with a ramp, and the needle then behaves as before. */
 static void survive(fixture *f, const char *name, size_t place, double bad, double force) {
     static uint64_t engagement = 100;

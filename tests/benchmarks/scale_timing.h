@@ -1,7 +1,7 @@
 /* Measures the worker's lateness during an insertion. Ticks run in model time, in which the worker takes the processor time that each answer needs, so that a
    busy machine gives the same figures. Everything runs in one thread. The benchmark uses internals: it runs the worker at once and withholds each answer until
-   it would have been ready, whereas trocar_sim_work hands an
-   answer to the next tick; and it changes the spacing of contact nodes of a model that has been created. */
+   it would have been ready, whereas trocar_sim_work hands an answer to the next tick; and it changes the spacing of contact nodes of a model that has been
+   created. */
 #ifndef TROCAR_SCALE_TIMING_H
 #define TROCAR_SCALE_TIMING_H
 

@@ -263,8 +263,7 @@ static double processor_time(void) {
 }
 
 /* Adding a seed to a dose grid of a million voxels takes less than 50 ms of processor time. Only the fastest of several runs counts, because other programs
-   share
-   the processor's caches and execution units. */
+   share the processor's caches and execution units. */
 static void a_seed_is_added_quickly(void **state) {
     (void)state;
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)

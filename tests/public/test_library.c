@@ -277,8 +277,8 @@ static void *work(void *context) {
 }
 
 /* With an asynchronous worker, the forces agree with those in lockstep, apart from a delay of one or two ticks. To be independent of the machine's speed, each
-   tick waits for a round
-   of work that began after the previous tick. This is certain once two rounds have been completed, because the second one began after that tick. */
+   tick waits for a round of work that began after the previous tick. This is certain once two rounds have been completed, because the second one began after
+   that tick. */
 static void a_worker_thread_serves_the_tick(void **state) {
     (void)state;
     static trocar_output a[TICKS];

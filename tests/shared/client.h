@@ -1,6 +1,5 @@
 /* A device on the real network for end-to-end tests, which sends a pose every millisecond and checks every answer. Include this file after cmocka.h, and run
-   the
-   test in a private network namespace. */
+   the test in a private network namespace. */
 #ifndef TROCAR_TESTS_CLIENT_H
 #define TROCAR_TESTS_CLIENT_H
 

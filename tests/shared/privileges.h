@@ -30,8 +30,7 @@ static inline bool use_fifo(int flag) {
 
 /* Gives the calling thread the privileges of the packaged service: SCHED_FIFO 80 is permitted, but SCHED_RESET_ON_FORK is set and cannot be cleared. For the
    service, the limit of the real-time priority is raised. Here, the thread is given the priority beforehand instead, because not every machine lets root raise
-   the limit.
-   Returns false if this machine does not permit SCHED_FIFO at all. */
+   the limit. Returns false if this machine does not permit SCHED_FIFO at all. */
 static inline bool become_a_service(void) {
     return use_fifo(SCHED_RESET_ON_FORK) && drop_sys_nice();
 }

@@ -84,8 +84,7 @@ static inline steering_track steering_run(const steering_case *given) {
 static inline vec3 steering_direction(double roll) { return v3(sin(roll), -cos(roll), 0); }
 
 /* Returns the position at which the track of a needle rolled by half a turn at `at` must end, computed by superposition: for small deflections, cutting is
-   linear in the bevel's
-   slope, so the half turn subtracts twice the track of a bevel that has an effect only after that point. */
+   linear in the bevel's slope, so the half turn subtracts twice the track of a bevel that has an effect only after that point. */
 static inline double steering_superposed(const steering_case *given, double at, vec3 sideways) {
     steering_case always = *given, later = *given;
     always.half_turn_at = INFINITY;

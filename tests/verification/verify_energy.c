@@ -176,8 +176,7 @@ static void add_tick(const mesh *m, const picture *before, const picture *after,
 }
 
 /* Returns the energy (J) stored in the tissue as the tip advances: 1/2 f dC f, summed over all forces before and after the tick. `stayed` contains the forces
-   after the
-   tick with the tip at its previous position. */
+   after the tick with the tip at its previous position. */
 static double bound_by_tip(lockstep *l, const picture *before, const picture *after, picture *stayed) {
     if (before->tip_tet < 0 || after->tip_tet < 0) return 0.0;
     insertion_state state = l->state;

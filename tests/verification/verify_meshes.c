@@ -1,7 +1,6 @@
 /* Runs the figure-8 motion and a sideways push at depth on prostate meshes of many sizes, and compares the peak forces, and, at each puncture, the force and
    the base travel since the first touch. The reference is the finest of these meshes, so errors common to all meshes do not appear here. verify_resolution.py
-   compares with a
-   needle whose surface is resolved. */
+   compares with a needle whose surface is resolved. */
 #include <unistd.h>
 
 #include "lockstep.h"

@@ -1,6 +1,5 @@
 /* Checks that a scene that is rotated and shifted together with its mesh gives the same wrench in its own frame, and that a mirrored scene gives the mirrored
-   wrench. The mesh is
-   written to a new file, so that reading, search trees and refinement use different numbers. */
+   wrench. The mesh is written to a new file, so that reading, search trees and refinement use different numbers. */
 #include "lockstep.h"
 #include "rows.h"
 

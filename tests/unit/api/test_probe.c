@@ -641,8 +641,7 @@ static void does_not_pass_the_wall(void **state) {
 
 /* Repeats the motion to `at` from the saved state in smaller parts. `change` is the change of force in the whole motion, in units of the largest change that
    does not count as a jump. There are twice as many parts as a steady rise would need, so that a real jump still falls into a single part. Returns the largest
-   change per part, in
-   the same unit. */
+   change per part, in the same unit. */
 static double change_in_parts(rectum *r, const void *saved, size_t size, trocar_probe last, pose at, double change) {
     pose from = place_of(&last);
     double largest = 0.0;

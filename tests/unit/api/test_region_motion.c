@@ -228,9 +228,9 @@ static coronal_turn insert_and_draw_back(const char *title, twist_case given) {
 
 static double largest(coronal_turn t) { return fmax(t.high, -t.low); }
 
-/* Rotations are within the range measured in patients, and have opposite signs for needles on the left and needles on the right. They increase with the
-   needle's
-   distance from the midplane, with softer surroundings and with more friction. A pubic arch that fixes the tissue reduces the gland's motion. */
+/* Rotations are within the range measured in patients, and have opposite signs for needles on the left and needles on the right. They increase with
+   the needle's distance from the midplane, with softer surroundings and with more friction. A pubic arch that fixes the tissue reduces the gland's
+   motion. */
 static void needles_rotate_the_gland(void **unused) {
     (void)unused;
     coronal_turn left = insert_and_draw_back("18 mm left of the midplane", (twist_case){-0.018, 1, 1, false});

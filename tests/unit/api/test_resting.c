@@ -695,8 +695,7 @@ static void push_beside_a_late_worker(trocar_sim *sim, int needle) {
 }
 
 /* In one out of 140 such insertions, the shaft lags so far behind the tissue that it slips for a second before the needle rests. The insertions below include
-   such
-   cases. */
+   such cases. */
 static void a_needle_can_be_left_however_late_the_worker_is(void **state) {
     (void)state;
     const unsigned seeds[] = {21, 48, 80, 218, 234};

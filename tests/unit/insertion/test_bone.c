@@ -70,9 +70,8 @@ static outcome push(const simulation_config *config, vec3 line, double speed) {
 }
 
 /* The hand feels the bone, up to the load at which the needle buckles, and the tip penetrates the bone's surface by at most 0.1 mm per newton. Euler's load is
-   20.2 EI /
-   L^2 = 13.3 N for the free length of 177 mm, clamped at one end and hinged at the other. This holds whether the bone fixes the tissue or moves with it, and
-   whether the needle reaches it slowly or within one tick. */
+   20.2 EI / L^2 = 13.3 N for the free length of 177 mm, clamped at one end and hinged at the other. This holds whether the bone fixes the tissue or moves with
+   it, and whether the needle reaches it slowly or within one tick. */
 static void arch_stops_the_tip_at_any_speed(void **unused) {
     (void)unused;
     const double speeds[] = {0.03, 0.2, 1.0};

@@ -568,8 +568,7 @@ static double bow(const lockstep *l) {
 
 /* The needle is pushed through a template against stiff skin that is never punctured. Two springs at the plate's faces support the end of the span between hand
    and plate. Beyond Euler's load for this span, the needle buckles and keeps bearing that load; according to the elastica, the load is 1 % higher at a bow of a
-   tenth of the span.
-   Without a template, it buckles at 10 N. */
+   tenth of the span. Without a template, it buckles at 10 N. */
 static void a_template_lets_the_needle_bear_more(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();

@@ -33,8 +33,7 @@ static void turn(lockstep *l, double angle, double seconds) {
 }
 
 /* If the base is turned far enough, the whole shaft slides around its axis. The torque per unit length, f = dry r, twists the shaft by f l^2 / 2 G J over the
-   length
-   l in the tissue, and uniformly outside it. */
+   length l in the tissue, and uniformly outside it. */
 static void check_lag(double sign) {
     simulation_config c = scene_with(DRY, 0.0);
     lockstep *l = engaged(&c);

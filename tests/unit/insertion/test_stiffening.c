@@ -88,9 +88,8 @@ static void laws_are_smooth_and_limited(void **unused) {
 }
 
 /* Tests the force (N) on a disc that is bonded to the surface of a block of 60 x 60 mm (radius x height) and pressed in, with E = 20 kPa, nu = 0.45 and r =
-   0.635 mm.
-   Computed with CalculiX (tests/verification/references/pressed_disc.py; element size at the rim 0.1 r for S = 0.2, and 0.3 r for S = 1). The law was fitted
-   only to the value for S = 1 at 1.6 mm. */
+   0.635 mm. Computed with CalculiX (tests/verification/references/pressed_disc.py; element size at the rim 0.1 r for S = 0.2, and 0.3 r for S = 1). The law
+   was fitted only to the value for S = 1 at 1.6 mm. */
 static void disc_matches_resolved_elements(void **unused) {
     (void)unused;
     static const struct { double stiffening, moved, force; } resolved[] = {
@@ -372,8 +371,7 @@ static simulation_config one_tissue(double modulus, double stiffening, double pu
 }
 
 /* Okamura, Simone and O'Leary 2004: indenting bovine liver by d mm, up to 16 mm, takes a force of 0.0061 d^2 + 0.0480 d N. E and S are fitted to the forces at
-   1 mm and at
-   16 mm; the values in between show whether the shape of the curve is correct. */
+   1 mm and at 16 mm; the values in between show whether the shape of the curve is correct. */
 static void indentation_follows_liver(void **unused) {
     (void)unused;
     enum { DEEPEST_DENT = 16 };

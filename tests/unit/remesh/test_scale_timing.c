@@ -69,9 +69,9 @@ static void crossings_during_retraction_are_ignored(void **unused) {
     assert_true(r->contacts >= r->most_contacts);
 }
 
-/* The needle moves 20 mm in 20 us. No answer arrives within that time, so every tick after the first touch is late. (A deeper insertion is not possible:
-   without
-   measured compliance, the needle buckles at about 30 mm, and a tick without an equilibrium cannot use an answer.) At 2 m/s some answers arrive. */
+/* The needle moves 20 mm in 20 us. No answer arrives within that time, so every tick after the first touch is late. (A deeper insertion is not
+   possible: without measured compliance, the needle buckles at about 30 mm, and a tick without an equilibrium cannot use an answer.) At 2 m/s some
+   answers arrive. */
 static void worker_slower_than_the_needle_is_late(void **unused) {
     (void)unused;
     const double speed = 1000.0, dt = 2e-8;

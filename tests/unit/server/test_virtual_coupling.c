@@ -151,8 +151,7 @@ static void energy_is_accounted_with_the_wrench_that_the_device_felt(void **unus
 /* ---- caution: a hand that oscillates as it likes ---------------------------------------------------------------------------- */
 
 /* The hand either oscillates for a number of half periods of 50 ms with an amplitude of 2 mm against an opposing force, or rests under a force. It sends one
-   pose per
-   millisecond. */
+   pose per millisecond. */
 typedef struct { virtual_coupling p; device_limits limits; int64_t ms; int swung; /* half periods */ } swinging;
 
 static void go_on(swinging *w, double x, double force) {

@@ -1,9 +1,11 @@
-"""Opens files that a user has named, or that may have changed since a program wrote them."""
+"""Opens files that a user has named, or that may have changed since a program wrote them; replaces files as a whole."""
 from __future__ import annotations
 
 import os
 import stat
-from typing import IO, Any
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO, Any, Iterator
 
 
 def open_regular(path: str | os.PathLike[str], flags: int) -> int:
@@ -18,3 +20,17 @@ def open_regular(path: str | os.PathLike[str], flags: int) -> int:
 def open_input(path: str | os.PathLike[str], mode: str = "r", **options: Any) -> IO[Any]:
     """Like open(), but only for regular files. Raises OSError."""
     return open(path, mode, opener=open_regular, **options)
+
+
+@contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """Yields the path of a temporary file beside `path`, to be written in the block. When the block ends, the temporary file replaces `path`; if the
+    block raises, `path` stays as it is. A reader, or a restart after a power failure, finds either the old file or the whole new one."""
+    temporary = path.with_name(f"{path.name}.{os.getpid()}")
+    try:
+        yield temporary
+        with open(temporary, "rb") as file:
+            os.fsync(file.fileno())
+        os.replace(temporary, path)
+    finally:
+        temporary.unlink(missing_ok=True)

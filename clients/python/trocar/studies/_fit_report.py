@@ -3,13 +3,13 @@ from __future__ import annotations
 
 import json
 import math
-import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from .. import Scene, __version__
+from .._files import replacing
 from ._fit_problem import FitProblem
 from ._summary import _start_plots, _table
 
@@ -127,9 +127,8 @@ def write(problem: FitProblem, result: Fitted, out: Path, plots: bool) -> list[P
     head = f"# Made by trocar-fit {__version__} from {Path(problem.path).name}: keys to be merged into a scene.\n"
     files = [out / "fitted.yaml", out / "fit.json"]
     for path, text in zip(files, (head + scene_keys(scene, result), json.dumps(_json(problem, result), indent=1) + "\n")):
-        temporary = path.with_suffix(f".{os.getpid()}")
-        temporary.write_text(text, encoding="utf-8")
-        os.replace(temporary, path)
+        with replacing(path) as temporary:
+            temporary.write_text(text, encoding="utf-8")
     if plots:
         files.append(out / "residuals.svg")
         _plot(problem, result, files[-1])

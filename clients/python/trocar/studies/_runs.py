@@ -21,7 +21,7 @@ import numpy.typing as npt
 
 from .. import Error, Model, Sim
 from ._definition import BadStudy, Study
-from .._files import open_input, open_regular
+from .._files import open_input, open_regular, replacing
 from ._quantities import Recording
 from ..brachy.plan import BadPlan
 
@@ -335,9 +335,8 @@ def check_manifest(study: Study, out: Path) -> None:
             remedy = "run it with or without --record frames as before, or " if different == ["frames"] else ""
             raise BadStudy(f"{path}: {out} has results of another study: \"{key}\" differs{values}: {remedy}choose another folder with --out")
         return
-    temporary = out / f"study.json.{os.getpid()}"
-    temporary.write_text(json.dumps(own, indent=1, sort_keys=True) + "\n", encoding="utf-8")
-    os.replace(temporary, path)
+    with replacing(path) as temporary:
+        temporary.write_text(json.dumps(own, indent=1, sort_keys=True) + "\n", encoding="utf-8")
 
 
 def has_frames(out: Path) -> bool:

@@ -18,7 +18,6 @@ are chunked by run and compressed:
 from __future__ import annotations
 
 import math
-import os
 import shutil
 from pathlib import Path
 from types import TracebackType
@@ -29,6 +28,7 @@ import numpy as np
 
 from .. import Model
 from ._definition import Study
+from .._files import replacing
 from .._library import lib
 from ._quantities import Recording
 
@@ -82,14 +82,12 @@ class Writer:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         if kind is not None:
             return
-        temporary = self.path.with_suffix(f".{os.getpid()}")
-        with h5py.File(temporary, "w") as file:
+        with replacing(self.path) as temporary, h5py.File(temporary, "w") as file:
             for name in self._frames[0]:
                 file.create_dataset(name, data=np.stack([frame[name] for frame in self._frames]), **_COMPRESSED)
             for name in _MESH:
                 file.create_dataset(name, data=getattr(self.model, name), **_COMPRESSED)
             file["tet_regions"].attrs["names"] = self.model.groups
-        os.replace(temporary, self.path)
 
 
 def collect(folder: Path, path: Path, parameters: np.ndarray, names: list[str]) -> int:
@@ -99,8 +97,7 @@ def collect(folder: Path, path: Path, parameters: np.ndarray, names: list[str]) 
     files = [file for file in files if int(file.stem) < len(parameters)]
     if not files:
         return 0
-    temporary = path.with_suffix(f".{os.getpid()}")
-    with h5py.File(temporary, "w") as whole:
+    with replacing(path) as temporary, h5py.File(temporary, "w") as whole:
         with h5py.File(files[0]) as first:
             for name, data in first.items():
                 if name in (*_MESH, "time"):
@@ -120,5 +117,4 @@ def collect(folder: Path, path: Path, parameters: np.ndarray, names: list[str]) 
                     if name not in (*_MESH, "time"):
                         whole[name][i] = data[:]
             whole["ok"][i] = 1
-    os.replace(temporary, path)
     return len(files)

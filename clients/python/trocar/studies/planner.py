@@ -44,6 +44,7 @@ import numpy.typing as npt
 from .. import Error, Model, __version__
 from ..brachy import plan as plans
 from ._definition import BadStudy
+from .._files import replacing
 from .._locate import locate
 from ._problem import IN_FRONT, BadProblem, Problem, read
 from .._program import ended, say
@@ -406,10 +407,9 @@ def _run(given: argparse.Namespace) -> int:
     for words in lost:
         _say(f"{words}; {'plan.yaml keeps it unchanged' if problem.plan else 'plan.yaml omits it'}")
     found = whole(problem, models[0], results)
-    temporary = out / f"plan.yaml.{os.getpid()}"
-    plans.write(found, temporary, f"{MADE_BY.removeprefix('# ')} {__version__} from {Path(problem.path).name}. It is carried out at {problem.hand.speed:g} m/s, with a "
-                f"rest of {problem.hand.settle:g} s.")
-    os.replace(temporary, out / "plan.yaml")
+    with replacing(out / "plan.yaml") as temporary:
+        plans.write(found, temporary, f"{MADE_BY.removeprefix('# ')} {__version__} from {Path(problem.path).name}. It is carried out at {problem.hand.speed:g} m/s, "
+                    f"with a rest of {problem.hand.settle:g} s.")
     text, files = report.write(problem, models[0], results, out, not given.no_plots)
     print(text, end="")
     print(", ".join(str(path) for path in (out / "plan.yaml", *files)))

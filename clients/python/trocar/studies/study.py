@@ -36,6 +36,7 @@ import numpy as np
 
 from .. import Error, __version__
 from ._definition import BadStudy, Study, read
+from .._files import replacing
 from .._program import Progress, ended, say, whole_number
 from ._runs import Row, carry_out, cells_of, check_manifest, groups_of, has_frames, heading, line_of, model_of, read_rows, row_files, run
 from ..brachy.plan import BadPlan
@@ -70,25 +71,19 @@ def results(study: Study, out: Path) -> list[Row]:
 
 
 def _replace(path: Path, text: str) -> None:
-    temporary = path.with_suffix(f".{os.getpid()}")
-    with open(temporary, "w", encoding="utf-8", newline="") as file:
+    with replacing(path) as temporary, open(temporary, "w", encoding="utf-8", newline="") as file:
         file.write(text)
-        file.flush()
-        os.fsync(file.fileno())
-    os.replace(temporary, path)
 
 
 def _write_hdf5(study: Study, rows: Sequence[Row], path: Path) -> None:
     import h5py
-    temporary = path.with_suffix(f".{os.getpid()}")
-    with h5py.File(temporary, "w") as file:
+    with replacing(path) as temporary, h5py.File(temporary, "w") as file:
         file["run"] = np.array([row.index for row in rows], np.int64)
         file.create_dataset("status", data=[row.status for row in rows], dtype=h5py.string_dtype())
         for name, columns, values in (("parameters", study.parameter_columns(), [row.parameters for row in rows]),
                                       ("results", study.result_columns(), [row.results for row in rows])):
             file[name] = np.array(values, np.float64).reshape(len(rows), len(columns))
             file[name].attrs["columns"] = columns
-    os.replace(temporary, path)
 
 
 def collect(study: Study, out: Path, hdf5: bool = False, partial: bool = False) -> list[Row]:

@@ -297,7 +297,7 @@ static void add_leg(probe_scene *s, uint64_t *seed, double press, const double s
     hand_add(&s->motion, random_between(seed, SLOWEST, FASTEST), leg);
 }
 
-/* Presses the probe against the tissue, moves it about, and lifts it. */
+/* Presses the probe on the tissue, moves it about, and lifts it. */
 static void create_motion(probe_scene *s, uint64_t *seed) {
     const double none[2] = {0, 0};
     double deepest = s->block ? 9e-3 : 12e-3, depth = random_between(seed, 2e-3, deepest), lean = s->end_on ? 0.1 : 0.04;
@@ -511,7 +511,7 @@ int main(int argc, char **argv) {
     static const int SHORT[] = {5, 71, 137, 150}; /* these runs pass; together they cover both scenes (block and rectum), the probe's side and end, a stop
                                                      at the force limit, and all that a needle does beside the probe */
     int runs = r.short_form ? (int)(sizeof SHORT / sizeof *SHORT) : 200;
-    for (int i = 0; i < runs; i++) run_trial(r.short_form ? SHORT[i] : i, false, &f);
+    for (int i = 0; i < runs; i++) run_trial(r.short_form ? SHORT[i] : i, !r.short_form, &f);
     report(&r, &f);
     return rows_end(&r);
 }

@@ -4,6 +4,7 @@
 #include <stdatomic.h>
 #include <stdbool.h>
 #include <stdlib.h>
+#include <time.h>
 
 typedef struct {
     team *team;
@@ -18,7 +19,7 @@ struct team {
     unsigned round;          /* number of loops started so far */
     int busy;                /* number of members, not counting the calling thread, that have not finished this round */
     bool over;
-    void (*work)(void *context, int i, int member);
+    team_work *work;
     void *context;
     int count;
     atomic_int next;         /* first i that no member has started */
@@ -52,7 +53,11 @@ team *team_create(int members) {
     if (!t) return NULL;
     pthread_mutex_init(&t->lock, NULL);
     pthread_cond_init(&t->begun, NULL);
-    pthread_cond_init(&t->ended, NULL);
+    pthread_condattr_t monotonic;
+    pthread_condattr_init(&monotonic);
+    pthread_condattr_setclock(&monotonic, CLOCK_MONOTONIC);
+    pthread_cond_init(&t->ended, &monotonic);
+    pthread_condattr_destroy(&monotonic);
     for (t->members = 1; t->members < members; t->members++) {
         member *other = &t->others[t->members - 1];
         *other = (member){.team = t, .number = t->members};
@@ -78,7 +83,33 @@ void team_free(team *t) {
 
 int team_members(const team *t) { return t ? t->members : 1; }
 
-void team_run(team *t, int count, void (*work)(void *context, int i, int member), void *context) {
+void team_run(team *t, int count, team_work *work, void *context) { team_run_watched(t, count, work, context, NULL); }
+
+static struct timespec a_tenth_of_a_second_from_now(void) {
+    struct timespec at;
+    clock_gettime(CLOCK_MONOTONIC, &at);
+    at.tv_nsec += 100000000;
+    if (at.tv_nsec >= 1000000000) at = (struct timespec){at.tv_sec + 1, at.tv_nsec - 1000000000};
+    return at;
+}
+
+static void wait_for_others(team *t, void *context, void (*meanwhile)(void *context)) {
+    pthread_mutex_lock(&t->lock);
+    while (t->busy > 0) {
+        if (!meanwhile) {
+            pthread_cond_wait(&t->ended, &t->lock);
+            continue;
+        }
+        struct timespec until = a_tenth_of_a_second_from_now();
+        pthread_cond_timedwait(&t->ended, &t->lock, &until);
+        pthread_mutex_unlock(&t->lock);
+        meanwhile(context);
+        pthread_mutex_lock(&t->lock);
+    }
+    pthread_mutex_unlock(&t->lock);
+}
+
+void team_run_watched(team *t, int count, team_work *work, void *context, void (*meanwhile)(void *context)) {
     if (!t || count < 2) {
         for (int i = 0; i < count; i++) work(context, i, 0);
         return;
@@ -93,7 +124,5 @@ void team_run(team *t, int count, void (*work)(void *context, int i, int member)
     pthread_cond_broadcast(&t->begun);
     pthread_mutex_unlock(&t->lock);
     take_part(t, 0);
-    pthread_mutex_lock(&t->lock);
-    while (t->busy > 0) pthread_cond_wait(&t->ended, &t->lock);
-    pthread_mutex_unlock(&t->lock);
+    wait_for_others(t, context, meanwhile);
 }

@@ -10,8 +10,13 @@ team *team_create(int members);
 void team_free(team *t);
 int team_members(const team *t);
 
+typedef void team_work(void *context, int i, int member);
+
 /* Calls work(context, i, member) once for each i in [0, count), starting them in ascending order, each in any member of the team. Returns when all calls
    have returned. Different calls must not write to the same memory. The calling thread is member 0. */
-void team_run(team *t, int count, void (*work)(void *context, int i, int member), void *context);
+void team_run(team *t, int count, team_work *work, void *context);
+
+/* The same. While the calling thread waits for the others, it calls meanwhile(context) ten times per second. */
+void team_run_watched(team *t, int count, team_work *work, void *context, void (*meanwhile)(void *context));
 
 #endif

@@ -7,6 +7,7 @@
 
 #include "base/cache_line.h"
 #include "base/host_log.h"
+#include "batch/needles.h"
 #include "tissue/blas.h"
 
 enum { MAX_THREADS = 256 };
@@ -92,20 +93,13 @@ static trocar_status create_task(trocar_batch *batch, int row, int member, void 
     return create_row(&batch->rows[row], models[row], batch->workspaces[member], why);
 }
 
-static trocar_status check_model(const trocar_model *model, int needles, report *why) {
-    if (model->mesh_only) return fail(why, TROCAR_BAD_INPUT, "the model has only a mesh: create it without mesh_only");
-    if (model->parts.config.needle_count >= needles) return TROCAR_OK;
-    return fail(why, TROCAR_BAD_INPUT, "the batch drives %d needles and the model has %d; the scene's \"needles\" says how many", needles,
-                model->parts.config.needle_count);
-}
-
 static trocar_status check_options(trocar_model *const *models, int rows, const trocar_batch_options *o, report *why) {
     if (rows < 1 || o->threads < 0 || o->threads > MAX_THREADS || o->needles < 1 || o->needles > MAX_NEEDLES)
         return fail(why, TROCAR_BAD_INPUT, "a batch of %d rows with %d needles in %d threads: at least 1 row, 1 to %d needles, 0 to %d threads", rows, o->needles,
                     o->threads, MAX_NEEDLES, MAX_THREADS);
     for (int i = 0; i < rows; i++) {
         report wrong;
-        trocar_status status = check_model(models[i], o->needles, &wrong);
+        trocar_status status = check_driven_needles(models[i], o->needles, &wrong);
         if (status != TROCAR_OK) return fail(why, status, "row %d: %.1000s", i, wrong.text);
     }
     return TROCAR_OK;
@@ -185,7 +179,7 @@ trocar_sim *trocar_batch_sim(trocar_batch *batch, int row) { return has_row(batc
 trocar_status trocar_batch_set_model(trocar_batch *batch, int row, trocar_model *model, trocar_error *error) {
     trocar_error ignored, *why = error ? error : &ignored;
     if (!has_row(batch, row)) return fail(why, TROCAR_BAD_INPUT, "row %d: the batch has %d, numbers 0 to %d", row, batch->row_count, batch->row_count - 1);
-    trocar_status status = check_model(model, batch->needles, why);
+    trocar_status status = check_driven_needles(model, batch->needles, why);
     return status == TROCAR_OK ? create_row(&batch->rows[row], model, batch->workspaces[0], why) : status;
 }
 

@@ -6,6 +6,7 @@
 #include "api/view.h"
 #include "base/host_watch.h"
 #include "batch/batch.h"
+#include "batch/needles.h"
 
 typedef struct {
     const trocar_pose *poses;
@@ -58,36 +59,15 @@ static void clear_outputs(const trocar_batch *batch, const step_call *call, int 
 
 /* ---- a row ----------------------------------------------------------------------------------------------------------------------- */
 
-/* True if the needle rests or is about to rest, and is therefore not ticked. A needle that is being taken is ticked, because its step completes the
-   handover. */
-static bool rests(const trocar_sim *sim, int needle) {
-    trocar_needle_state state = trocar_sim_needle_state(sim, needle);
-    return state == TROCAR_NEEDLE_LEAVING || state == TROCAR_NEEDLE_RESTING;
-}
-
-static trocar_output output_at_rest(const trocar_sim *sim, int needle) {
-    const insertion_state *state = state_of_needle(sim, needle, NULL);
-    return (trocar_output){.depth = state->tip.place.phase == TIP_FREE ? 0.0 : state->tip.place.depth, .contacts = contacts_active(state), .membrane = NO_MEMBRANE};
-}
-
 static trocar_status step_row(const trocar_batch *batch, const step_call *call, int row, int step, report *why) {
     trocar_sim *sim = batch->rows[row].sim;
     size_t at = ((size_t)row * (size_t)call->steps + (size_t)step) * (size_t)batch->needles;
-    int ticked = 0, leaving = 0;
-    for (int n = 0; n < batch->needles; n++) {
-        trocar_output output;
-        if (rests(sim, n)) {
-            leaving += trocar_sim_needle_state(sim, n) == TROCAR_NEEDLE_LEAVING;
-            output = output_at_rest(sim, n);
-        } else {
-            trocar_status status = trocar_sim_step(sim, n, &call->poses[at + (size_t)n], call->dt, &output, why);
-            if (status != TROCAR_OK) return status;
-            ticked++;
-        }
-        write_outputs(call->out, sim, n, at + (size_t)n, &output);
-    }
+    trocar_output outputs[MAX_NEEDLES];
+    trocar_status status = step_needles(sim, batch->needles, &call->poses[at], call->dt, outputs, why);
+    if (status != TROCAR_OK) return status;
+    for (int n = 0; n < batch->needles; n++) write_outputs(call->out, sim, n, at + (size_t)n, &outputs[n]);
     if (call->out->seeds) call->out->seeds[(size_t)row * (size_t)call->steps + (size_t)step] = sim->seeds.count;
-    return leaving > 0 && ticked == 0 ? trocar_sim_work(sim, NULL, why) : TROCAR_OK; /* without a tick, the worker would not attach the leaving needles */
+    return TROCAR_OK;
 }
 
 static void look(step_call *call) {

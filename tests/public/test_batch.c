@@ -328,7 +328,7 @@ static void bad_input_is_refused_and_other_rows_go_on(void **state) {
     assert_refused(trocar_batch_create(m.of_row, 0, NULL, &batch, &why), "0 rows");
     assert_null(batch);
     assert_refused(trocar_batch_create(m.of_row, ROWS, &(trocar_batch_options){.threads = 257, .needles = 1}, &batch, &why), "257 threads");
-    assert_refused(trocar_batch_create(m.of_row, ROWS, &(trocar_batch_options){.needles = 3}, &batch, &why), "row 0: the batch drives 3 needles and the model has 2");
+    assert_refused(trocar_batch_create(m.of_row, ROWS, &(trocar_batch_options){.needles = 3}, &batch, &why), "row 0: 3 needles are driven and the model has 2");
     batch = batch_of(&m, 2);
     assert_refused(trocar_batch_step(batch, poses[0][0], -1, 1e-3, NULL, NULL, &out, &why), "-1 steps");
     assert_refused(trocar_batch_step(batch, poses[0][0], 1, 0.0, NULL, NULL, &out, &why), "dt");
@@ -422,6 +422,67 @@ static void a_batch_goes_on_after_a_fork(void **state) {
     models_free(&m);
 }
 
+/* The same poses, models and needles in a rollout give the results of single simulations; from a saved state, a rollout continues exactly as the insertion did
+   from which the state was saved. */
+static void rollouts_have_models_needles_and_states(void **state) {
+    (void)state;
+    enum { HALF = STEPS / 2 };
+    models m = models_made();
+    results *expected = malloc(sizeof *expected);
+    trocar_output *all = calloc(ALL, sizeof *all), *late = calloc(ALL, sizeof *late);
+    trocar_pose *rest = calloc(ALL, sizeof *rest);
+    void *states[ROWS] = {NULL};
+    size_t sizes[ROWS] = {0};
+    fill_poses();
+    compute_singly(&m, expected);
+    for (int threads = 1; threads <= 3; threads += 2) {
+        trocar_rollout_options options = {.dt = 1e-3, .threads = threads, .needles = NEEDLES, .models = m.of_row};
+        memset(all, 0, ALL * sizeof *all);
+        OK(trocar_rollout(NULL, poses[0][0], ROWS, STEPS, &options, all, &why));
+        for (int i = 0; i < ALL; i++) {
+            assert_memory_equal(all[i].force, expected->force[i], sizeof all[i].force);
+            assert_true(all[i].depth == expected->depth[i] && all[i].events == expected->events[i]);
+        }
+        for (int row = 1; row < ROWS; row++) { /* insertion 0 begins with a reset at the pose in the middle */
+            trocar_sim *sim;
+            OK(trocar_sim_create(m.of_row[row], &sim, &why));
+            for (int n = 0; n < NEEDLES; n++) OK(trocar_sim_reset(sim, n, &poses[row][0][n], &why));
+            for (int s = 0; s < HALF; s++)
+                for (int n = 0; n < NEEDLES; n++) {
+                    trocar_output ignored;
+                    OK(trocar_sim_step(sim, n, &poses[row][s][n], 1e-3, &ignored, &why));
+                }
+            sizes[row] = trocar_sim_state_size(sim);
+            states[row] = realloc(states[row], sizes[row]);
+            OK(trocar_sim_save(sim, states[row], sizes[row], &why));
+            sizes[row] = trocar_state_bytes(states[row]);
+            trocar_sim_free(sim);
+        }
+        for (int row = 0; row < ROWS; row++) memcpy(rest + (size_t)row * (STEPS - HALF) * NEEDLES, poses[row][HALF], (STEPS - HALF) * sizeof poses[0][0]);
+        options.states = (const void *const *)states;
+        options.state_sizes = sizes;
+        OK(trocar_rollout(NULL, rest, ROWS, STEPS - HALF, &options, late, &why));
+        size_t count = (STEPS - HALF) * NEEDLES;
+        for (int row = 1; row < ROWS; row++)
+            assert_memory_equal(late + (size_t)row * count, all + ((size_t)row * STEPS + HALF) * NEEDLES, count * sizeof *late);
+        assert_memory_not_equal(late, all + (size_t)HALF * NEEDLES, count * sizeof *late);
+    }
+    sizes[2] = 3; /* a damaged state: the other insertions are computed */
+    trocar_rollout_options options = {.dt = 1e-3, .threads = 2, .needles = NEEDLES, .models = m.of_row, .states = (const void *const *)states, .state_sizes = sizes};
+    assert_refused(trocar_rollout(NULL, rest, ROWS, STEPS - HALF, &options, late, &why), "insertion 2, step 0");
+    assert_true(late[(ROWS - 1) * (STEPS - HALF) * NEEDLES].depth > 0.0);
+    options.state_sizes = NULL;
+    assert_refused(trocar_rollout(NULL, rest, ROWS, 1, &options, late, &why), "without their sizes");
+    options.states = NULL;
+    options.needles = 3;
+    assert_refused(trocar_rollout(NULL, rest, ROWS, 1, &options, late, &why), "insertion 0: 3 needles are driven and the model has 2");
+    options.models = NULL;
+    assert_refused(trocar_rollout(NULL, rest, ROWS, 1, &options, late, &why), "without a model");
+    for (int row = 0; row < ROWS; row++) free(states[row]);
+    free(expected), free(all), free(late), free(rest);
+    models_free(&m);
+}
+
 static void limit(rlim_t bytes) { setrlimit(RLIMIT_AS, &(struct rlimit){bytes, RLIM_INFINITY}); }
 
 static size_t mapped(void) {
@@ -464,6 +525,7 @@ int main(void) {
         cmocka_unit_test(bad_input_is_refused_and_other_rows_go_on),
         cmocka_unit_test(a_call_is_watched_and_cancelled),
         cmocka_unit_test(a_batch_goes_on_after_a_fork),
+        cmocka_unit_test(rollouts_have_models_needles_and_states),
         cmocka_unit_test(too_little_memory_is_told),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

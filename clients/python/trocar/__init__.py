@@ -745,21 +745,42 @@ _OUTPUT = np.dtype([("force", "f8", 3), ("torque", "f8", 3), ("depth", "f8"), ("
 assert _OUTPUT.itemsize == ffi.sizeof("trocar_output")
 
 
-def rollout(model: Model, poses: npt.ArrayLike, dt: float = 0.001, threads: int = 1, progress: Callable[[str, float], Any] | None = None) -> npt.NDArray[Any]:
-    """Simulates many insertions on one model.
+def rollout(model: Model | Sequence[Model], poses: npt.ArrayLike, dt: float = 0.001, threads: int = 1, progress: Callable[[str, float], Any] | None = None,
+            states: Sequence[bytes | None] | bytes | None = None) -> npt.NDArray[Any]:
+    """Simulates many insertions.
 
-    poses (batch, steps, 7): each insertion starts at its first pose in tissue at rest, and runs one tick of `dt` seconds per pose. Returns a
-    structured array (batch, steps) with the fields of `Output`: result["force"] is (batch, steps, 3). `threads` threads run in parallel; the GIL is
-    released. With a dense or condensed inverse, the results do not depend on the number of threads.
+    model: one model, or a sequence with the model of each insertion. poses (batch, steps, 7), or (batch, steps, needles, 7) to drive several needles.
+    Each insertion starts in tissue at rest, with its needles at their first poses, and runs one tick of `dt` seconds per pose. With `states`, it
+    continues from a state that `Sim.save` returned: one state for all insertions, or a sequence with a state or None for each. A needle that rests in
+    such a state is not ticked: its poses are not read, and its force, torque and events are 0. Returns a structured array with the fields of `Output`,
+    (batch, steps) or (batch, steps, needles): result["force"] is (batch, steps, 3). `threads` threads run in parallel; the GIL is released. With a
+    dense or condensed inverse, the results do not depend on the number of threads.
 
     progress("rollout", fraction) is called every 64 ticks. An exception raised in it ends the rollout, and so does Ctrl-C.
     """
     given = np.ascontiguousarray(poses, np.float64)
-    if given.ndim != 3 or given.shape[2] != 7:
-        raise ValueError("poses are (batch, steps, 7); got shape %s" % (given.shape,))
-    outputs, why, watch = np.zeros(given.shape[:2], _OUTPUT), ffi.new("trocar_error *"), _Watch(progress)
-    options = ffi.new("trocar_rollout_options *", {"dt": dt, "threads": threads, "watch": watch.pointer[0]})
-    status = lib.trocar_rollout(model._handle, ffi.cast("trocar_pose const *", ffi.from_buffer("double[]", given)), given.shape[0], given.shape[1], options,
+    if given.ndim not in (3, 4) or given.shape[-1] != 7:
+        raise ValueError("poses are (batch, steps, 7) or (batch, steps, needles, 7); got shape %s" % (given.shape,))
+    batch, steps, needles = given.shape[0], given.shape[1], given.shape[2] if given.ndim == 4 else 1
+    models = [] if isinstance(model, Model) else list(model)
+    held = [states] * batch if isinstance(states, bytes) else [] if states is None else list(states)
+    for name, entries in (("models", models), ("states", held)):
+        if entries and len(entries) != batch:
+            raise ValueError("%d %s for %d insertions" % (len(entries), name, batch))
+    if not isinstance(model, Model) and not models and batch:
+        raise ValueError("a rollout needs a model")
+    options = ffi.new("trocar_rollout_options *", {"dt": dt, "threads": threads, "needles": needles})
+    outputs, why, watch = np.zeros(given.shape[:-1], _OUTPUT), ffi.new("trocar_error *"), _Watch(progress)
+    options.watch = watch.pointer[0]
+    handles = ffi.new("trocar_model *[]", [each._handle for each in models])
+    buffers = [ffi.NULL if state is None else ffi.from_buffer("char[]", state) for state in held]
+    pointers, sizes = ffi.new("void const *[]", buffers), ffi.new("size_t[]", [len(state or b"") for state in held])
+    if models:
+        options.models = ffi.cast("trocar_model *const *", handles)
+    if held:
+        options.states, options.state_sizes = ffi.cast("void const *const *", pointers), sizes
+    status = lib.trocar_rollout(model._handle if isinstance(model, Model) else ffi.NULL,
+                                ffi.cast("trocar_pose const *", ffi.from_buffer("double[]", given)), batch, steps, options,
                                 ffi.cast("trocar_output *", ffi.from_buffer("char[]", outputs, require_writable=True)), why)
     watch.check(status, why)
     return outputs

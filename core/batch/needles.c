@@ -1,0 +1,38 @@
+#include "batch/needles.h"
+
+#include "api/ticking.h"
+#include "api/view.h"
+
+trocar_status check_driven_needles(const trocar_model *model, int needles, report *why) {
+    int there = model->parts.config.needle_count;
+    if (model->mesh_only) return fail(why, TROCAR_BAD_INPUT, "the model has only a mesh: create it without mesh_only");
+    if (there >= needles) return TROCAR_OK;
+    return fail(why, TROCAR_BAD_INPUT, "%d needles are driven and the model has %d; the scene's \"needles\" says how many", needles, there);
+}
+
+/* True if the needle rests or is about to rest, and is therefore not ticked. A needle that is being taken is ticked, because its step completes the
+   handover. */
+static bool rests(const trocar_sim *sim, int needle) {
+    trocar_needle_state state = trocar_sim_needle_state(sim, needle);
+    return state == TROCAR_NEEDLE_LEAVING || state == TROCAR_NEEDLE_RESTING;
+}
+
+static trocar_output output_at_rest(const trocar_sim *sim, int needle) {
+    const insertion_state *state = state_of_needle(sim, needle, NULL);
+    return (trocar_output){.depth = state->tip.place.phase == TIP_FREE ? 0.0 : state->tip.place.depth, .contacts = contacts_active(state), .membrane = NO_MEMBRANE};
+}
+
+trocar_status step_needles(trocar_sim *sim, int needles, const trocar_pose *poses, double dt, trocar_output *outputs, report *why) {
+    int ticked = 0, leaving = 0;
+    for (int n = 0; n < needles; n++) {
+        if (rests(sim, n)) {
+            leaving += trocar_sim_needle_state(sim, n) == TROCAR_NEEDLE_LEAVING;
+            outputs[n] = output_at_rest(sim, n);
+            continue;
+        }
+        trocar_status status = trocar_sim_step(sim, n, &poses[n], dt, &outputs[n], why);
+        if (status != TROCAR_OK) return status;
+        ticked++;
+    }
+    return leaving > 0 && ticked == 0 ? trocar_sim_work(sim, NULL, why) : TROCAR_OK; /* without a tick, the worker would not attach the leaving needles */
+}

@@ -1,0 +1,179 @@
+/* trocar/rollout.h: many insertions, of which each thread runs one at a time. */
+#include <pthread.h>
+#include <stdatomic.h>
+#include <stdbool.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "api/api.h"
+#include "base/host_log.h"
+#include "base/host_watch.h"
+#include "base/team.h"
+#include "batch/needles.h"
+#include "tissue/blas.h"
+
+enum { MAX_THREADS = 256 };
+
+/* A thread's simulation, and the state in which it was created. */
+typedef struct {
+    trocar_model *model;
+    trocar_sim *sim;
+    void *fresh;
+    size_t fresh_bytes;
+} seat;
+
+typedef struct {
+    const trocar_rollout_options *options;
+    trocar_model *model;     /* of the insertions without a model of their own */
+    const trocar_pose *poses;
+    int batch, steps;
+    trocar_output *outputs;
+    int seat_count;          /* number of threads, including the calling one */
+    seat seats[MAX_THREADS];
+    atomic_bool cancelled;
+    atomic_llong ticks;      /* steps completed in all insertions */
+    pthread_mutex_t lock;    /* protects the members below */
+    int failed;              /* lowest index of an insertion that has failed; `batch` if none has */
+    trocar_status status;    /* status of that insertion */
+    report why;              /* message of that insertion */
+} rollout;
+
+static trocar_model *model_of(const rollout *r, int insertion) { return r->options->models ? r->options->models[insertion] : r->model; }
+
+/* ---- simulations ----------------------------------------------------------------------------------------------------------------- */
+
+static void clear_seat(seat *s) {
+    trocar_sim_free(s->sim);
+    free(s->fresh);
+    *s = (seat){.sim = NULL};
+}
+
+/* Makes the seat's simulation one of this model. */
+static trocar_status seat_model(seat *s, trocar_model *model, report *why) {
+    if (s->model == model) return TROCAR_OK;
+    clear_seat(s);
+    trocar_status status = trocar_sim_create(model, &s->sim, why);
+    if (status == TROCAR_OK) status = sim_save_new(s->sim, &s->fresh, &s->fresh_bytes, why);
+    if (status == TROCAR_OK) s->model = model;
+    else clear_seat(s);
+    return status;
+}
+
+/* Allocates simulations for `wanted` threads, or for as many as memory permits. Fails if there is none. */
+static trocar_status take_seats(rollout *r, int wanted, report *why) {
+    report ignored;
+    trocar_status status = TROCAR_OK;
+    while (wanted > 1 && blas_make_room(wanted, &ignored) != TROCAR_OK) wanted--;
+    while (r->seat_count < wanted && status == TROCAR_OK) {
+        status = seat_model(&r->seats[r->seat_count], model_of(r, 0), r->seat_count == 0 ? why : &ignored);
+        r->seat_count += status == TROCAR_OK;
+    }
+    return r->seat_count > 0 ? TROCAR_OK : status;
+}
+
+/* ---- one insertion --------------------------------------------------------------------------------------------------------------- */
+
+/* Starts from the insertion's initial state, or from the state in which the simulation was created, with the needles at their first poses. Thus the results do
+   not depend on what the thread has run before. */
+static trocar_status begin(const rollout *r, seat *s, int insertion, const trocar_pose *first, report *why) {
+    trocar_status status = seat_model(s, model_of(r, insertion), why);
+    if (status != TROCAR_OK) return status;
+    const trocar_rollout_options *o = r->options;
+    if (o->states && o->states[insertion]) return trocar_sim_restore(s->sim, o->states[insertion], o->state_sizes[insertion], why);
+    status = trocar_sim_restore(s->sim, s->fresh, s->fresh_bytes, why);
+    for (int n = 0; n < o->needles && status == TROCAR_OK; n++) status = trocar_sim_reset(s->sim, n, &first[n], why);
+    return status;
+}
+
+/* Reports progress, in the calling thread. */
+static void look(void *context) {
+    rollout *r = context;
+    watch_report(&r->options->watch, "rollout", (double)atomic_load(&r->ticks) / ((double)r->batch * r->steps));
+    if (watch_cancels(&r->options->watch)) atomic_store(&r->cancelled, true);
+}
+
+static void note_failure(rollout *r, int insertion, int step, trocar_status status, const report *reason) {
+    pthread_mutex_lock(&r->lock);
+    if (insertion < r->failed) {
+        r->failed = insertion;
+        r->status = fail(&r->why, status, "insertion %d, step %d: %.900s", insertion, step, reason->text);
+    }
+    pthread_mutex_unlock(&r->lock);
+}
+
+static void run_insertion(void *context, int insertion, int member) {
+    rollout *r = context;
+    seat *s = &r->seats[member];
+    int needles = r->options->needles, done = 0;
+    size_t first = (size_t)insertion * (size_t)r->steps * (size_t)needles;
+    report reason;
+    if (atomic_load(&r->cancelled)) return;
+    trocar_status status = begin(r, s, insertion, r->poses + first, &reason);
+    while (done < r->steps && status == TROCAR_OK && !atomic_load(&r->cancelled)) {
+        int before = done, end = r->steps - done < TICKS_BETWEEN_LOOKS ? r->steps : done + TICKS_BETWEEN_LOOKS;
+        for (; done < end && status == TROCAR_OK; done += status == TROCAR_OK) {
+            size_t at = first + (size_t)done * (size_t)needles;
+            status = step_needles(s->sim, needles, r->poses + at, r->options->dt, r->outputs + at, &reason);
+        }
+        atomic_fetch_add(&r->ticks, done - before);
+        if (member == 0) look(r);
+    }
+    if (status == TROCAR_OK) return;
+    size_t at = first + (size_t)done * (size_t)needles;
+    memset(r->outputs + at, 0, (size_t)(r->steps - done) * (size_t)needles * sizeof *r->outputs);
+    note_failure(r, insertion, done, status, &reason);
+}
+
+/* ---- all ------------------------------------------------------------------------------------------------------------------------- */
+
+trocar_rollout_options trocar_default_rollout_options(void) { return (trocar_rollout_options){.dt = 1e-3, .threads = 1, .needles = 1}; }
+
+static trocar_status check(trocar_model *model, int batch, int steps, const trocar_rollout_options *o, report *why) {
+    if (batch < 0 || steps < 0 || o->threads < 1 || o->threads > MAX_THREADS || o->needles < 1 || o->needles > MAX_NEEDLES)
+        return fail(why, TROCAR_BAD_INPUT, "a rollout of %d x %d steps with %d needles in %d threads: 1 to %d needles, 1 to %d threads", batch, steps, o->needles,
+                    o->threads, MAX_NEEDLES, MAX_THREADS);
+    if (!o->models && !model) return fail(why, TROCAR_BAD_INPUT, "a rollout without a model: give one, or one for each insertion in the options");
+    if (o->states && !o->state_sizes) return fail(why, TROCAR_BAD_INPUT, "a rollout with states, but without their sizes");
+    for (int i = 0; i < (o->models ? batch : 1); i++) {
+        report wrong;
+        trocar_status status = check_driven_needles(o->models ? o->models[i] : model, o->needles, &wrong);
+        if (status != TROCAR_OK) return fail(why, status, "insertion %d: %.900s", i, wrong.text);
+    }
+    return TROCAR_OK;
+}
+
+static trocar_status outcome(rollout *r, report *why) {
+    bool finished = atomic_load(&r->ticks) == (long long)r->batch * r->steps;
+    if (atomic_load(&r->cancelled) && !finished) return fail(why, TROCAR_CANCELLED, "cancelled");
+    if (r->status != TROCAR_OK) *why = r->why;
+    return r->status;
+}
+
+trocar_status trocar_rollout(trocar_model *model, const trocar_pose *poses, int batch, int steps, const trocar_rollout_options *given, trocar_output *outputs,
+                             trocar_error *error) {
+    trocar_error ignored, *why = error ? error : &ignored;
+    trocar_rollout_options options = given ? *given : trocar_default_rollout_options();
+    if (options.needles == 0) options.needles = 1;
+    trocar_status status = check(model, batch, steps, &options, why);
+    if (status != TROCAR_OK || batch == 0 || steps == 0) return status;
+    memset(outputs, 0, (size_t)batch * (size_t)steps * (size_t)options.needles * sizeof *outputs);
+    rollout *r = calloc(1, sizeof *r);
+    if (!r) return fail(why, TROCAR_NO_MEMORY, "no memory for a rollout");
+    *r = (rollout){.options = &options, .model = model, .poses = poses, .batch = batch, .steps = steps, .outputs = outputs, .failed = batch};
+    int wanted = options.threads < batch ? options.threads : batch;
+    status = take_seats(r, wanted, why);
+    if (status == TROCAR_OK) {
+        team *threads = team_create(r->seat_count);
+        if (team_members(threads) < wanted)
+            host_log(&model_of(r, 0)->log, TROCAR_LOG_WARNING, "the rollout has %d of %d threads: no memory for more", team_members(threads), wanted);
+        pthread_mutex_init(&r->lock, NULL);
+        team_run_watched(threads, batch, run_insertion, r, look);
+        team_free(threads);
+        look(r);
+        status = outcome(r, why);
+        pthread_mutex_destroy(&r->lock);
+    }
+    for (int i = 0; i < r->seat_count; i++) clear_seat(&r->seats[i]);
+    free(r);
+    return status;
+}

@@ -138,6 +138,9 @@ class Reader(Case):
             self.refused("fifo: cannot be opened: not a regular file", read, fifo)
             self.refused("none: cannot be opened: No such file or directory", read, self.out / "none")
         self.assertRaisesRegex(trocar.Error, "fifo: cannot open the scene: not a regular file", trocar.Scene.load, fifo)
+        scene = trocar.Scene.load(SCENE)
+        scene["mesh"] = str(fifo)
+        self.assertRaisesRegex(trocar.Error, "fifo: cannot open the mesh: not a regular file", trocar.Model, scene)
 
     def test_what_does_not_fit_the_scene_is_refused(self):
         text = EXAMPLE.read_text()

@@ -15,7 +15,7 @@
 #include <stdint.h>
 #include <cmocka.h>
 
-enum { BAD_SERIAL = 66 };
+enum { BAD_SERIAL = 66, KEPT_SERIAL = 67 };
 
 typedef struct {
     int serial;
@@ -59,6 +59,12 @@ trocar_status __wrap_trocar_sim_work(trocar_sim *sim, trocar_work *done, trocar_
     if (asked->serial == BAD_SERIAL) {
         snprintf(why->text, sizeof why->text, "request %d: no good", BAD_SERIAL);
         return TROCAR_NUMERIC;
+    }
+    if (asked->serial == KEPT_SERIAL) { /* a needle slips out of the tissue while it is released, and is held as before */
+        snprintf(why->text, sizeof why->text, "needle 0 cannot be left");
+        done->still_held = 1;
+        atomic_store(&f->answered, asked->serial);
+        return TROCAR_BAD_INPUT;
     }
     done->answered = 1;
     done->latency = monotonic_ns() - asked->at;
@@ -136,6 +142,17 @@ static void failure_keeps_the_last_snapshot_and_is_reported(void **state) {
     assert_false(fault->lasts);
 }
 
+/* The refusal is the answer to the client that asked to leave the needle, and not a fault of the worker, which would hide later messages in the status. */
+static void a_needle_that_cannot_be_left_is_no_fault(void **state) {
+    fixture *f = *state;
+    ask(f, KEPT_SERIAL);
+    assert_int_equal(answer(f, KEPT_SERIAL), KEPT_SERIAL);
+    ask(f, 1);
+    assert_int_equal(answer(f, 1), 1); /* the worker has finished the request before */
+    assert_false(((const worker_fault *)triple_buffer_read(&f->exchange.faults, NULL))->lasts);
+    assert_int_equal(f->worker.failed, 0);
+}
+
 static void idle_time_is_used_for_prefetching(void **state) {
     fixture *f = *state;
     ask(f, 1);
@@ -166,6 +183,7 @@ int main(void) {
         cmocka_unit_test_setup_teardown(a_request_is_answered_and_timed, open_fixture, close_fixture),
         cmocka_unit_test_setup_teardown(superseded_requests_are_dropped, open_fixture, close_fixture),
         cmocka_unit_test_setup_teardown(failure_keeps_the_last_snapshot_and_is_reported, open_fixture, close_fixture),
+        cmocka_unit_test_setup_teardown(a_needle_that_cannot_be_left_is_no_fault, open_fixture, close_fixture),
         cmocka_unit_test_setup_teardown(idle_time_is_used_for_prefetching, open_fixture, close_fixture),
         cmocka_unit_test_setup_teardown(a_request_interrupts_looking_ahead, open_fixture, close_fixture),
         cmocka_unit_test_setup_teardown(stops_without_a_request, open_fixture, close_fixture),

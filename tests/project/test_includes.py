@@ -120,7 +120,7 @@ def main():
     upside_down = {'a/x/f': {'a/y', 'trocar'}, 'a/y': {'a/x/f'}}
     assert upward(upside_down, {'x': 0, 'y': 1}, 'a/') == ['a/x/f includes a/y, which is below it in the table of core/a/README.md']
     assert upward(upside_down, {'y': 0, 'x': 1}, 'a/') == ['a/y includes a/x/f, which is below it in the table of core/a/README.md']
-    assert reaching({'clients/a/b': {'server/haptic', 'server/common/wake', 'clients/c/d'}, 'server/io': {'clients/a/b', 'server/haptic'}}) == [
+    assert reaching({'clients/a/b': {'server/haptic', 'server/common/eventfd_signal', 'clients/c/d'}, 'server/io': {'clients/a/b', 'server/haptic'}}) == [
         'clients/a/b includes server/haptic', 'server/io includes clients/a/b']
     assert crowded([f'a/{i}' for i in range(MOST_FILES)] + ['a/b/c']) == [] and len(crowded([f'a/{i}' for i in range(MOST_FILES + 1)])) == 1
     root = pathlib.Path(sys.argv[1])

@@ -5,7 +5,7 @@
 
 #include "base/report.h"
 #include "common/messages.h"
-#include "common/wake.h"
+#include "common/eventfd_signal.h"
 #include "trocar_command_t.h"
 #include "trocar_loop_timing_t.h"
 #include "trocar_probe_wrench_t.h"
@@ -61,7 +61,7 @@ static void answer_command(haptic *h, needle_command *c, bool refused, const cha
     c->refused = refused;
     snprintf(c->why, sizeof c->why, "%.*s", (int)sizeof c->why - 1, why);
     spsc_ring_push(&h->exchange->replies, c);
-    wake(h->exchange->io_wake);
+    eventfd_signal(h->exchange->io_wake);
 }
 
 /* Drops seeds from a needle that has been held at least once; before that, the needle's position in the simulation is arbitrary. RT, except when it
@@ -164,7 +164,7 @@ static trocar_needle_wrench_t message_of(const haptic *h, int needle, const troc
 /* Queues the wrench for the IO thread, which sends it while the haptic thread computes the next needle. RT */
 static void send_wrench(haptic *h, const trocar_needle_wrench_t *message) {
     if (!spsc_ring_push(&h->exchange->wrenches, message)) h->wrench_dropped++;
-    wake(h->exchange->io_wake);
+    eventfd_signal(h->exchange->io_wake);
 }
 
 /* Passes the newest pose to the virtual coupling, which measures the round-trip time. RT */
@@ -268,7 +268,7 @@ static void send_probe(haptic *h, int64_t tick) {
     memcpy(m.force, now->force, sizeof m.force);
     memcpy(m.torque, now->torque, sizeof m.torque);
     spsc_ring_push(&h->exchange->probe_wrenches, &m);
-    wake(h->exchange->io_wake);
+    eventfd_signal(h->exchange->io_wake);
 }
 
 /* Moves the probe to its newest pose, and sends the force on the probe if that force has changed. RT */

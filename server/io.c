@@ -8,7 +8,7 @@
 #include "common/network.h"
 #include "common/realtime.h"
 #include "common/timing.h"
-#include "common/wake.h"
+#include "common/eventfd_signal.h"
 #include "trocar_command_reply_t.h"
 #include "trocar_needle_wrench_t.h"
 #include "trocar_probe_wrench_t.h"
@@ -73,7 +73,7 @@ static void on_command(const lcm_recv_buf_t *received, const char *channel, void
     case COMMAND_SETTLED: reply(o, &command); return;
     case COMMAND_SHUTDOWN:
         reply(o, &command);
-        wake(o->shutdown_wake);
+        eventfd_signal(o->shutdown_wake);
         return;
     case COMMAND_PASS_ON:
         if (spsc_ring_push(&o->exchange->commands, &command)) return;
@@ -175,7 +175,7 @@ trocar_status io_round(io *o) {
 static void wait_for_work(io *o) {
     struct pollfd work[] = {{.fd = lcm_get_fileno(o->lcm), .events = POLLIN},
                             {.fd = o->exchange->io_wake, .events = POLLIN}};
-    if (poll(work, 2, -1) > 0 && work[1].revents != 0) wait_for_wake(o->exchange->io_wake);
+    if (poll(work, 2, -1) > 0 && work[1].revents != 0) eventfd_wait(o->exchange->io_wake);
 }
 
 void *io_run(void *context) {
@@ -192,12 +192,12 @@ void *io_run(void *context) {
         o->status = io_round(o);
     }
     if (listening && o->status == TROCAR_OK) publish_wrenches(o);
-    else wake(o->shutdown_wake);
+    else eventfd_signal(o->shutdown_wake);
     io_close(o);
     return NULL;
 }
 
 void io_stop(io *o) {
     atomic_store_explicit(&o->stop, true, memory_order_release);
-    wake(o->exchange->io_wake);
+    eventfd_signal(o->exchange->io_wake);
 }

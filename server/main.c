@@ -7,7 +7,7 @@
 #include <sys/eventfd.h>
 #include <unistd.h>
 
-#include "common/wake.h"
+#include "common/eventfd_signal.h"
 #include "condense.h"
 #include "exchange.h"
 #include "io.h"
@@ -74,7 +74,7 @@ static int stop_wake = -1;
 static void on_stop(int signal) {
     (void)signal;
     int error = errno;
-    wake(stop_wake);
+    eventfd_signal(stop_wake);
     errno = error;
 }
 

@@ -137,9 +137,9 @@ static trocar_status create_parts(server *s, report *why) {
     s->loop = (loop){.rate_hz = s->rate_hz, .tick = haptic_tick, .context = &s->haptic, .stages = s->haptic.stages,
                      .received = s->phase_lock ? &s->haptic.received : NULL, .records = &x->loops};
     s->worker = (worker){.exchange = x, .sim = s->sim};
-    telemetry_settings telling = {.lcm_url = s->options.lcm_url, .scene_path = trocar_scene_path(s->scene), .rate_hz = s->rate_hz, .flags = flags,
-                                  .server = s->id, .verbose = s->options.verbose};
-    return telemetry_create(&s->telemetry, &telling, s->model, x, why);
+    telemetry_options telemetry = {.lcm_url = s->options.lcm_url, .scene_path = trocar_scene_path(s->scene), .rate_hz = s->rate_hz, .flags = flags,
+                                   .server = s->id, .verbose = s->options.verbose};
+    return telemetry_create(&s->telemetry, &telemetry, s->model, x, why);
 }
 
 static trocar_status create_all(server *s, report *why) {

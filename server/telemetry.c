@@ -13,7 +13,7 @@
 
 enum { PICTURES_HZ = 30, STATUS_HZ = 10, HOST_NAME = 56 };
 
-trocar_status telemetry_create(telemetry *t, const telemetry_settings *given, trocar_model *model, exchange *x, report *why) {
+trocar_status telemetry_create(telemetry *t, const telemetry_options *given, trocar_model *model, exchange *x, report *why) {
     const char *url = given->lcm_url;
     *t = (telemetry){.exchange = x, .given = *given, .inverse = trocar_model_inverse(model), .needle_count = trocar_model_needles(model)};
     gethostname(t->host, HOST_NAME);

@@ -19,11 +19,11 @@ typedef struct {
     int flags;                   /* NOT_REALTIME or 0, used until the loop reports its own flags */
     int64_t server;              /* this server's number */
     bool verbose;                /* print one line per second on stderr */
-} telemetry_settings;
+} telemetry_options;
 
 typedef struct {
     exchange *exchange;
-    telemetry_settings given;
+    telemetry_options given;
     atomic_bool stop;
     lcm_t *lcm;
     char host[80];               /* name of this machine, followed by the process ID */
@@ -44,7 +44,7 @@ typedef struct {
 } telemetry;
 
 /* Connects to LCM. `model` and `x` must outlive the telemetry. Errors are the same as in network_open. */
-trocar_status telemetry_create(telemetry *t, const telemetry_settings *given, trocar_model *model, exchange *x, report *why);
+trocar_status telemetry_create(telemetry *t, const telemetry_options *given, trocar_model *model, exchange *x, report *why);
 void telemetry_free(telemetry *t);
 
 /* Main function of the thread; `context` is a telemetry. */

@@ -4,7 +4,7 @@
 #include <poll.h>
 
 #include "common/realtime.h"
-#include "common/wake.h"
+#include "common/eventfd_signal.h"
 
 /* Publishes the worker's fault; `why` is NULL when the fault has ended. */
 static void show_fault(worker *w, const report *why) {
@@ -55,5 +55,5 @@ void *worker_run(void *context) {
 
 void worker_stop(worker *w) {
     atomic_store_explicit(&w->stop, true, memory_order_release);
-    wake(w->exchange->worker_wake);
+    eventfd_signal(w->exchange->worker_wake);
 }

@@ -11,13 +11,13 @@
 #include "common/progress.h"
 #include "common/realtime.h"
 #include "common/timing.h"
-#include "common/wake.h"
+#include "common/eventfd_signal.h"
 #include "lcm_filter.h"
 #include "shared/events.h"
 #include "shared/json.h"
 #include "shared/options.h"
 #include "shared/output.h"
-#include "view/hand/homes.h"
+#include "view/hand/parking_poses.h"
 #include "view/hand/pilot.h"
 #include "view/implant/implant.h"
 #include "view/stream/playback.h"
@@ -32,7 +32,7 @@ typedef struct {
     trocar_model *model;     /* the mesh without a simulation */
     double needle_length;    /* m */
     int needle_count;        /* number of needles of a live scene; a log shows one */
-    pose homes[TROCAR_MAX_NEEDLES]; /* each needle's waiting pose outside the tissue */
+    pose parking_poses[TROCAR_MAX_NEEDLES]; /* each needle's waiting pose outside the tissue */
     timeline timeline;
     byte_buffer encoded_scene;
     char page[4096];         /* folder with the page */
@@ -182,7 +182,7 @@ static int stop_wake = -1;
 static void on_signal(int signal) {
     (void)signal;
     int error = errno;
-    wake(stop_wake);
+    eventfd_signal(stop_wake);
     errno = error;
 }
 
@@ -226,7 +226,7 @@ static trocar_status open_web(view *v, report *why) {
     settings.act = act;
     settings.may_drive = may_drive;
     settings.take_png = v->options->png_path ? take_png : NULL;
-    encode_scene(&v->encoded_scene, v->scene, v->model, v->homes, v->needle_count, v->options->log_path == NULL);
+    encode_scene(&v->encoded_scene, v->scene, v->model, v->parking_poses, v->needle_count, v->options->log_path == NULL);
     if (v->encoded_scene.failed) return fail(why, TROCAR_NO_MEMORY, "no memory for the scene's picture");
     trocar_status status = web_create(&settings, &v->web, why);
     return status == TROCAR_OK ? watch_signals(v, why) : status;
@@ -241,7 +241,7 @@ static trocar_status open_live(view *v, report *why) {
     if (status == TROCAR_OK) status = web_watch(v->web, lcm_get_fileno(v->lcm), on_lcm, why);
     if (status == TROCAR_OK && v->implant.dose) status = web_watch(v->web, dose_thread_descriptor(v->implant.dose), on_dose, why);
     if (status != TROCAR_OK) return status;
-    v->pilot = (pilot){.model = v->model, .homes = v->homes, .needle_length = v->needle_length, .feed = &v->feed, .web = v->web};
+    v->pilot = (pilot){.model = v->model, .parking_poses = v->parking_poses, .needle_length = v->needle_length, .feed = &v->feed, .web = v->web};
     return pilot_open(&v->pilot, v->lcm, why);
 }
 
@@ -277,7 +277,7 @@ static trocar_status prepare(view *v, report *why) {
     status = check_cut(v, why);
     if (status != TROCAR_OK) return status;
     v->needle_count = o->log_path ? 1 : trocar_model_needles(v->model);
-    find_homes(v->scene, v->model, v->needle_length, v->needle_count, v->homes);
+    find_parking_poses(v->scene, v->model, v->needle_length, v->needle_count, v->parking_poses);
     status = timeline_create(&v->timeline, o->log_path == NULL, v->needle_count, why);
     if (status == TROCAR_OK) status = o->log_path ? open_log(v, why) : implant_open(&v->implant, v->model, &o->implant, why);
     if (status == TROCAR_OK) status = open_web(v, why);

@@ -1,6 +1,6 @@
 #include "coupling/virtual_coupling.h"
 
-static const double FAR = 5e-3;             /* s, assumed round-trip time until one has been measured */
+static const double DEFAULT_ROUND_TRIP = 5e-3; /* s, assumed until a round trip has been measured */
 static const double RISE = 0.02, FALL = 0.002; /* filter weights per round trip, chosen so that the estimate stays near the longest of the last ten
                                                   round trips */
 static const double MEAN = 0.02;            /* weight of the newest interval between poses in the running mean */
@@ -32,7 +32,7 @@ void coupling_engage(virtual_coupling *p, const pose_sample *hand) {
     p->rendered = hand->wrench_tick >= 0;
     p->received = hand->received;
     p->hand = hand->base;
-    p->delay = FAR;
+    p->delay = DEFAULT_ROUND_TRIP;
     p->interval = 0.0;
     p->stretch = p->before = v3(0, 0, 0);
     p->age = 0.0;

@@ -3,7 +3,7 @@
 
 Core, server and clients have no circular includes, neither between files (a .c and its .h count as one) nor between folders. A folder of core includes only
 folders above it in the table in core/README.md. Clients include only common/ and intake/ of server/. Only kernels and linalg include vector types. No folder
-has more than 25 files, and each of core, server, clients and tests has a README of at most 150 lines. Inside core/insertion and core/api, the tables in
+has more than 25 files, and each of core, lcmtypes, server, clients and tests has a README of at most 150 lines. Inside core/insertion and core/api, the tables in
 their READMEs give the order in the same way.
 
 usage: test_includes.py SOURCE_DIR
@@ -94,9 +94,9 @@ def crowded(files):
 
 
 def undescribed(root, files):
-    """Returns those of core, server, clients and tests, and of their folders, whose README is missing or too long."""
+    """Returns those of core, lcmtypes, server, clients and tests, and of their folders, whose README is missing or too long."""
     faults = []
-    for folder in sorted({match[0] for match in (re.match(r'(core|server|clients|tests)(/[^/]+(?=/))?', file) for file in files) if match}):
+    for folder in sorted({match[0] for match in (re.match(r'(core|lcmtypes|server|clients|tests)(/[^/]+(?=/))?', file) for file in files) if match}):
         readme = root / folder / 'README.md'
         if not readme.is_file():
             faults.append(f'{folder} has no README.md')
@@ -120,7 +120,7 @@ def main():
     upside_down = {'a/x/f': {'a/y', 'trocar'}, 'a/y': {'a/x/f'}}
     assert upward(upside_down, {'x': 0, 'y': 1}, 'a/') == ['a/x/f includes a/y, which is below it in the table of core/a/README.md']
     assert upward(upside_down, {'y': 0, 'x': 1}, 'a/') == ['a/y includes a/x/f, which is below it in the table of core/a/README.md']
-    assert reaching({'clients/a/b': {'server/haptic', 'server/common/wake', 'clients/c/d'}, 'server/io': {'clients/a/b', 'server/haptic'}}) == [
+    assert reaching({'clients/a/b': {'server/haptic', 'server/common/eventfd_signal', 'clients/c/d'}, 'server/io': {'clients/a/b', 'server/haptic'}}) == [
         'clients/a/b includes server/haptic', 'server/io includes clients/a/b']
     assert crowded([f'a/{i}' for i in range(MOST_FILES)] + ['a/b/c']) == [] and len(crowded([f'a/{i}' for i in range(MOST_FILES + 1)])) == 1
     root = pathlib.Path(sys.argv[1])

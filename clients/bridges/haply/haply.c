@@ -117,7 +117,7 @@ static void report_now_and_then(bridge *b, int64_t now) {
 }
 
 /* Reports a problem once per connection. */
-static void tell(bridge *b, haply_problem problem) {
+static void report_problem(bridge *b, haply_problem problem) {
     bool told = b->told & 1u << problem;
     b->told |= 1u << problem;
     const char *id = problem == HAPLY_NO_HANDLE ? b->choice.handle : b->choice.device;
@@ -145,7 +145,7 @@ static void choose(bridge *b) {
 static void heed_handle(bridge *b, bool had_handle) {
     bool has_handle = b->state.handle[0] != '\0';
     if (has_handle != had_handle) limiter_cut(&b->limit); /* the orientation of the needle may change abruptly */
-    if (!has_handle && !b->set.mapping.fixed) tell(b, HAPLY_NO_HANDLE);
+    if (!has_handle && !b->set.mapping.fixed) report_problem(b, HAPLY_NO_HANDLE);
 }
 
 static void publish(bridge *b) {
@@ -194,13 +194,13 @@ static void on_state(void *context, const char *text, size_t length) {
     if (!b->key) b->key = b->set.force_key ? b->set.force_key : b->state.has_session_id ? "vector" : "values";
     if (problem != HAPLY_GOOD) {
         b->part.refused++;
-        tell(b, problem);
+        report_problem(b, problem);
         no_state(b);
         return;
     }
     if (b->waiting > 0) return; /* this reply is late, and newer ones will follow it */
     if (is_frozen(b)) {
-        tell(b, HAPLY_FROZEN);
+        report_problem(b, HAPLY_FROZEN);
         no_state(b);
         return;
     }
@@ -338,7 +338,7 @@ static void await_reply(bridge *b, int64_t now) {
     if (now - b->asked_at < REPLY_TIMEOUT || b->overdue) return;
     b->overdue = true;
     b->part.late++;
-    tell(b, HAPLY_LATE);
+    report_problem(b, HAPLY_LATE);
     no_state(b);
     websocket_ask_to_write(&b->service);
 }

@@ -7,7 +7,7 @@
 #include "common/timing.h"
 #include "trocar_command_t.h"
 #include "view/hand/hole_approach.h"
-#include "view/hand/homes.h"
+#include "view/hand/parking_poses.h"
 
 static const int64_t RECENT = 500000000; /* ns */
 static const double FAR = 0.5; /* m: if a needle's base is farther from its home than this, the needle has been removed */
@@ -59,7 +59,7 @@ static bool order_hole(pilot *p, const float *asked, publisher_order *order) {
 /* Takes a needle. If the needle is in the tissue and nobody holds it, simply holding it would straighten it and reset the tissue; therefore it is
    first left to rest and then taken. */
 static publisher_order order_take(pilot *p, int needle) {
-    pose home = p->homes[needle], base;
+    pose home = p->parking_poses[needle], base;
     publisher_order order = {.kind = ORDER_TAKE, .needle = needle, .rests = rests(p, needle), .home = home, .base = home};
     if (subscriber_base(p->feed, needle, &base) && v3_norm(v3_sub(base.position, home.position)) < FAR) order.base = base;
     if (order.rests) order.home = find_home_of_base(p->model, p->needle_length, order.base, home);

@@ -19,7 +19,7 @@ typedef enum {
 
 typedef struct {
     const trocar_model *model;
-    const pose *homes;       /* pose in which each needle waits outside the tissue */
+    const pose *parking_poses;       /* pose in which each needle waits outside the tissue */
     double needle_length;    /* m */
     subscriber *feed;
     web *web;
@@ -38,7 +38,7 @@ typedef struct {
     int64_t servers;         /* value of subscriber.servers for the server to which the driven needle belongs */
 } pilot;
 
-/* Starts the publisher's thread. Uses `p`'s model, homes, needle_length, feed and web, which must outlive the pilot. SYSTEM if LCM or the thread
+/* Starts the publisher's thread. Uses `p`'s model, parking_poses, needle_length, feed and web, which must outlive the pilot. SYSTEM if LCM or the thread
    fails. */
 trocar_status pilot_open(pilot *p, lcm_t *lcm, report *why);
 

@@ -8,7 +8,7 @@
 #include "common/realtime.h"
 #include "common/session.h"
 #include "common/timing.h"
-#include "common/wake.h"
+#include "common/eventfd_signal.h"
 #include "shared/poselog.h"
 #include "trocar_command_t.h"
 #include "trocar_probe_pose_t.h"
@@ -42,7 +42,7 @@ void publisher_free(pose_publisher *p) {
 
 void publisher_tell(pose_publisher *p, const publisher_order *order) {
     spsc_ring_push(&p->orders, order);
-    wake(p->wake);
+    eventfd_signal(p->wake);
 }
 
 void publisher_hear(pose_publisher *p, int64_t now) { atomic_store_explicit(&p->heard, now, memory_order_release); }
@@ -221,7 +221,7 @@ void *publisher_run(void *context) {
     int64_t before = monotonic_ns(), now = before;
     while (publisher_round(p, now, fmin(LONGEST_STEP, 1e-9 * (double)(now - before)))) {
         if (p->holding || p->probing) sleep_until((now / PERIOD + 1) * PERIOD); /* skips missed periods */
-        else wait_for_wake(p->wake);
+        else eventfd_wait(p->wake);
         before = now;
         now = monotonic_ns();
     }

@@ -15,7 +15,7 @@
 
 #include "base/triple_buffer.h"
 #include "common/timing.h"
-#include "common/wake.h"
+#include "common/eventfd_signal.h"
 #include "shared/json.h"
 #include "view/hand/hole_approach.h"
 #include "view/implant/organ_dose.h"
@@ -300,7 +300,7 @@ static void publish(dose_thread *t, byte_buffer result) {
     byte_buffer *old = atomic_exchange(&t->result, given);
     if (old) bytes_free(old);
     free(old);
-    wake(t->ready);
+    eventfd_signal(t->ready);
 }
 
 /* Computes the dose for each new input. While the tissue moves, the thread works at most half of the time. */
@@ -361,7 +361,7 @@ trocar_status dose_thread_create(const trocar_model *model, const dose_settings 
 void dose_thread_free(dose_thread *t) {
     if (t->started) {
         atomic_store(&t->stop, true);
-        wake(t->news);
+        eventfd_signal(t->news);
         pthread_join(t->thread, NULL);
     }
     for (int i = 0; i < t->organ_count; i++) organ_free(&t->organs[i]);
@@ -395,7 +395,7 @@ void dose_thread_tell(dose_thread *t, const trocar_seeds_t *seeds, const trocar_
     for (int n = 0; n < t->node_count; n++)
         for (int a = 0; a < 3; a++) state->nodal[3 * n + a] = deformation && n < deformation->node_count ? deformation->displacement[n][a] : 0.0;
     triple_buffer_publish(&t->told);
-    wake(t->news);
+    eventfd_signal(t->news);
 }
 
 int dose_thread_descriptor(const dose_thread *t) { return t->ready; }

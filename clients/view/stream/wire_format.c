@@ -106,12 +106,12 @@ static void write_membranes(json *j, const trocar_scene *s, const trocar_model *
     json_close(j, ']');
 }
 
-static void write_homes(json *j, const pose *homes, int needles) {
-    json_open(j, "homes", '[');
+static void write_parking_poses(json *j, const pose *parking_poses, int needles) {
+    json_open(j, "parkingPoses", '[');
     for (int i = 0; i < needles; i++) {
         json_open(j, NULL, '{');
-        json_numbers(j, "position", &homes[i].position.x, 3);
-        json_numbers(j, "orientation", &homes[i].orientation.w, 4);
+        json_numbers(j, "position", &parking_poses[i].position.x, 3);
+        json_numbers(j, "orientation", &parking_poses[i].orientation.w, 4);
         json_close(j, '}');
     }
     json_close(j, ']');
@@ -155,7 +155,7 @@ static void append_json(byte_buffer *b, const char *json, size_t length) {
     pad(b, start);
 }
 
-static void append_description(byte_buffer *b, const trocar_scene *s, const trocar_model *m, const pose *homes, int needles, bool live) {
+static void append_description(byte_buffer *b, const trocar_scene *s, const trocar_model *m, const pose *parking_poses, int needles, bool live) {
     char *text = NULL;
     size_t length = 0;
     FILE *out = open_memstream(&text, &length);
@@ -170,7 +170,7 @@ static void append_description(byte_buffer *b, const trocar_scene *s, const troc
     json_number(&j, "length", number_of(s, "needle.length"));
     json_number(&j, "diameter", number_of(s, "needle.outer_diameter"));
     json_close(&j, '}');
-    write_homes(&j, homes, needles);
+    write_parking_poses(&j, parking_poses, needles);
     double patient_to_mesh[16];
     if (trocar_model_patient_to_mesh(m, patient_to_mesh)) json_numbers(&j, "patientToMesh", patient_to_mesh, 16);
     json_number(&j, "seedLength", trocar_model_seed_size(m).length);
@@ -225,9 +225,9 @@ static void append_triangles(byte_buffer *b, const trocar_model *m) {
         }
 }
 
-void encode_scene(byte_buffer *out, const trocar_scene *scene, const trocar_model *model, const pose *homes, int needles, bool live) {
+void encode_scene(byte_buffer *out, const trocar_scene *scene, const trocar_model *model, const pose *parking_poses, int needles, bool live) {
     size_t begun = section_begin(out, SECTION_SCENE);
-    append_description(out, scene, model, homes, needles, live);
+    append_description(out, scene, model, parking_poses, needles, live);
     append_nodes(out, model);
     append_tets(out, model);
     append_triangles(out, model);

@@ -45,8 +45,8 @@ typedef struct {
 _Static_assert(sizeof(plot_sample) == 64, "decode.js reads 64 bytes a sample");
 
 /* Encodes the scene for the page: names and sizes as JSON, nodes, tetrahedra with their regions, and the triangles between regions, on the outer
-   surface and on named surfaces. `homes` are the waiting poses of the `needles` needles. `live`: data come from a server, not from a log. */
-void encode_scene(byte_buffer *out, const trocar_scene *scene, const trocar_model *model, const pose *homes, int needles, bool live);
+   surface and on named surfaces. `parking_poses` are the waiting poses of the `needles` needles. `live`: data come from a server, not from a log. */
+void encode_scene(byte_buffer *out, const trocar_scene *scene, const trocar_model *model, const pose *parking_poses, int needles, bool live);
 
 /* A needle in a picture; both pointers are NULL for a needle that has not been held yet. */
 typedef struct {

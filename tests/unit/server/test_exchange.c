@@ -1,7 +1,7 @@
 /* Tests that the shared buffers are empty when they are created, and that no wake-up is lost. */
 #include <poll.h>
 
-#include "common/wake.h"
+#include "common/eventfd_signal.h"
 #include "exchange.h"
 #include "intake/safety_limits.h"
 
@@ -37,9 +37,9 @@ static void wakes_before_the_wait_are_kept(void **unused) {
     exchange x;
     report why;
     assert_int_equal(exchange_create(&x, NULL, &why), TROCAR_OK);
-    for (int i = 0; i < 3; i++) wake(x.worker_wake);
+    for (int i = 0; i < 3; i++) eventfd_signal(x.worker_wake);
     assert_false(readable(x.io_wake));
-    wait_for_wake(x.worker_wake); /* returns at once */
+    eventfd_wait(x.worker_wake); /* returns at once */
     assert_false(readable(x.worker_wake));
     exchange_free(&x);
 }

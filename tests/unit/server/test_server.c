@@ -7,7 +7,7 @@
 #include <sys/mman.h>
 #include <unistd.h>
 
-#include "common/wake.h"
+#include "common/eventfd_signal.h"
 #include "exchange.h"
 #include "privileges.h"
 #include "server.h"
@@ -24,7 +24,7 @@ static int readies;
 static void on_ready(void) {
     readies++;
     usleep(500000); /* let it run */
-    wake(stop);
+    eventfd_signal(stop);
 }
 
 static server_options options(void) {

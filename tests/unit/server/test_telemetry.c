@@ -52,7 +52,7 @@ static int open_with(void **state, const char *needles) {
     report why = {""};
     *state = f;
     f->host = host_open_with(MESHES "/figure8.yaml", "needles", needles);
-    telemetry_settings given = {.lcm_url = "memq://", .scene_path = trocar_scene_path(f->host.scene), .rate_hz = 1000,
+    telemetry_options given = {.lcm_url = "memq://", .scene_path = trocar_scene_path(f->host.scene), .rate_hz = 1000,
                                 .flags = TROCAR_NEEDLE_WRENCH_T_NOT_REALTIME, .server = 55};
     if (exchange_create(&f->exchange, f->host.model, &why) != TROCAR_OK
         || telemetry_create(&f->telemetry, &given, f->host.model, &f->exchange, &why) != TROCAR_OK) {

@@ -6,7 +6,7 @@
 #include <unistd.h>
 
 #include "common/timing.h"
-#include "common/wake.h"
+#include "common/eventfd_signal.h"
 #include "worker.h"
 
 #include <setjmp.h>
@@ -75,7 +75,7 @@ trocar_status __wrap_trocar_sim_work(trocar_sim *sim, trocar_work *done, trocar_
 static void ask(fixture *f, int serial) {
     *(request *)triple_buffer_slot(&f->requests) = (request){.serial = serial, .at = monotonic_ns()};
     triple_buffer_publish(&f->requests);
-    wake(f->requested);
+    eventfd_signal(f->requested);
 }
 
 /* Waits at most one second until request `serial` has been answered; returns the last request answered. */

@@ -78,7 +78,7 @@ function takeScene(received) {
   scene = received
   element('guide-key').hidden = scene.guides.length === 0
   element('place').hidden = !scene.patientToMesh
-  history = new History(scene.live, scene.homes.length)
+  history = new History(scene.live, scene.parkingPoses.length)
   listNeedles()
   shown = null
   clock = { following: scene.live, playing: true, time: 0, at: performance.now() }
@@ -242,7 +242,7 @@ function looksSame(a, b) {
   const equal = (x, y) => x.length === y.length && x.every((value, i) => value === y[i])
   const alike = (x, y) => x === y || Boolean(x && y) && equal(x.joints, y.joints) && equal(x.contacts, y.contacts) && equal(x.orientation, y.orientation)
     && equal(x.tracks.kinds, y.tracks.kinds)
-  return a.scale === b.scale && scene.homes.every((home, i) => alike(a.needles[i], b.needles[i])) && equal(a.displacement, b.displacement)
+  return a.scale === b.scale && scene.parkingPoses.every((home, i) => alike(a.needles[i], b.needles[i])) && equal(a.displacement, b.displacement)
 }
 
 /** Sets the full scale of the colours to one of the values 0.2, 0.5, 1, 2, 5, ... mm. */
@@ -348,8 +348,8 @@ function setCut(axis, part = Number(element('cut-place').value)) {
 /** Fills the menu of needles, which is hidden if the scene has only one needle. */
 function listNeedles() {
   const chooser = element('needle')
-  chooser.replaceChildren(...scene.homes.map((home, i) => new Option(`needle ${i}`, i)))
-  element('needle-choice').hidden = scene.homes.length === 1
+  chooser.replaceChildren(...scene.parkingPoses.map((home, i) => new Option(`needle ${i}`, i)))
+  element('needle-choice').hidden = scene.parkingPoses.length === 1
   choose(0)
 }
 
@@ -380,7 +380,7 @@ function setTheme(theme) {
 }
 
 const toggleTheme = () => setTheme(document.documentElement.dataset.theme === 'light' ? 'dark' : 'light')
-const takePicture = (plan) => compose(plan, { stage, echo, shown: shown?.needles[chosen], history, time: shown?.time ?? 0, range, label: scene.homes.length > 1 ? `${chosen}` : '' })
+const takePicture = (plan) => compose(plan, { stage, echo, shown: shown?.needles[chosen], history, time: shown?.time ?? 0, range, label: scene.parkingPoses.length > 1 ? `${chosen}` : '' })
 const savePicture = async () => save(await takePicture(arrangeLike(element('stage'))), `trocar-${(shown?.time ?? 0).toFixed(2)}s.png`)
 const nextCut = () => { const axes = ['', 'x', 'y', 'z']; setCut(axes[(axes.indexOf(element('cut-axis').value) + 1) % axes.length]) }
 const toggleLayer = (name) => element('layer-list').querySelector(`input[name="${name}"]`)?.click()

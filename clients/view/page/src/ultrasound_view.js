@@ -164,7 +164,7 @@ export class Echo {
     this.levels = new Filled() // grey level of each vertex
     this.tissue = new THREE.Mesh(this.geometry, new THREE.ShaderMaterial({ defines, vertexShader: VERTEX, fragmentShader: FRAGMENT, transparent: true, depthTest: false, side: THREE.DoubleSide, uniforms: fan }))
     const plane = new THREE.PlaneGeometry(2 * this.view.size, 2 * this.view.size).translate(this.view.x, this.view.y, 0)
-    this.flashes = scene.homes.map(() => new THREE.Mesh(plane,
+    this.flashes = scene.parkingPoses.map(() => new THREE.Mesh(plane,
       new THREE.ShaderMaterial({ defines, vertexShader: SIMPLE_VERTEX, fragmentShader: FLASH, transparent: true, depthTest: false, side: THREE.DoubleSide, blending: THREE.AdditiveBlending,
                                  uniforms: { ...fan, needle: { value: new THREE.Vector2() }, visible: { value: 0 } } })))
     for (const mesh of [this.tissue, ...this.flashes]) mesh.frustumCulled = false

@@ -35,8 +35,8 @@ function drawsInSoftware() {
 const WAITING = 4 // if at most this many needles are waiting, show all of them; otherwise, show only the first
 
 /** Returns a picture with the needles at their home poses and the tissue at rest. */
-function pictureAtHome({ homes, needle: { length }, nodes }) {
-  const needles = homes.slice(0, homes.length > WAITING ? 1 : WAITING).map(({ position, orientation: [w, x, y, z] }) => {
+function pictureAtHome({ parkingPoses, needle: { length }, nodes }) {
+  const needles = parkingPoses.slice(0, parkingPoses.length > WAITING ? 1 : WAITING).map(({ position, orientation: [w, x, y, z] }) => {
     const tip = new THREE.Vector3(0, 0, length).applyQuaternion(new THREE.Quaternion(x, y, z, w)).add(new THREE.Vector3(...position))
     return { orientation: [w, x, y, z], joints: new Float32Array([...position, ...tip]), contacts: new Float32Array(0) }
   })
@@ -100,7 +100,7 @@ export class Stage {
     if (this.content) discard(this.content.removeFromParent())
     this.scene = scene
     this.anatomy = new Anatomy(scene, this.texture, new Slicer(scene), this.clipping)
-    this.needles = scene.homes.map((home, i) => new Needle(scene, hubColour(i)))
+    this.needles = scene.parkingPoses.map((home, i) => new Needle(scene, hubColour(i)))
     this.guides = drawGuides(scene.guides)
     this.tracks = new Tracks(scene)
     const place = new THREE.BufferAttribute(scene.nodes, 3), box = new THREE.Box3().setFromBufferAttribute(place)

@@ -77,7 +77,7 @@ export class Procedure {
       }
       this.echo.include(this.template.corners().map((point) => [point.x, point.y]))
       this.showTemplate()
-      element('needle-buttons').hidden = scene.homes.length === 1
+      element('needle-buttons').hidden = scene.parkingPoses.length === 1
       this.sagittal.setPlace(this.echo.view.x)
       element('dose').innerHTML = describeDose(null)
     }

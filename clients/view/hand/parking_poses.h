@@ -1,14 +1,14 @@
 /* Finds poses in which the needles wait outside the tissue. */
-#ifndef TROCAR_HOMES_H
-#define TROCAR_HOMES_H
+#ifndef TROCAR_PARKING_POSES_H
+#define TROCAR_PARKING_POSES_H
 
 #include "base/vec.h"
 #include "trocar.h"
 
-/* Finds the poses in which the needles' bases wait, homes[count]. The first is the scene's start pose; if there is none, it is in front of the middle
+/* Finds the poses in which the needles' bases wait, parking_poses[count]. The first is the scene's start pose; if there is none, it is in front of the middle
    of the template; if there is no template, it is along z at the middle of the mesh, with the tip 2 mm in front of the surface. The other needles
    wait next to the first. */
-void find_homes(const trocar_scene *scene, const trocar_model *model, double needle_length, int count, pose *homes);
+void find_parking_poses(const trocar_scene *scene, const trocar_model *model, double needle_length, int count, pose *parking_poses);
 
 /* Returns the waiting pose in front of the template's hole that is closest to a base, or `otherwise` if there is no template. */
 pose find_home_of_base(const trocar_model *model, double needle_length, pose base, pose otherwise);

@@ -1,4 +1,4 @@
-#include "view/hand/homes.h"
+#include "view/hand/parking_poses.h"
 
 #include <math.h>
 
@@ -26,7 +26,7 @@ static pose home_at_skin(const trocar_model *model, vec3 low, vec3 high, double 
     return (pose){v3(x, y, skin[2] - MARGIN - needle_length), {1, 0, 0, 0}};
 }
 
-void find_homes(const trocar_scene *scene, const trocar_model *model, double needle_length, int count, pose *homes) {
+void find_parking_poses(const trocar_scene *scene, const trocar_model *model, double needle_length, int count, pose *parking_poses) {
     vec3 low, high;
     pose start;
     bool given = find_start(scene, NULL, NULL, &start);
@@ -35,12 +35,12 @@ void find_homes(const trocar_scene *scene, const trocar_model *model, double nee
     for (int needle = 0; needle < count; needle++) {
         double aside = (needle % 2 ? 0.01 : -0.01) * ((needle + 1) / 2 % 3); /* m, sideways distance, on alternating sides */
         if (given) {
-            homes[needle] = (pose){v3_add(start.position, q_rotate(start.orientation, v3(aside, 0, 0))), start.orientation};
+            parking_poses[needle] = (pose){v3_add(start.position, q_rotate(start.orientation, v3(aside, 0, 0))), start.orientation};
         } else if (template >= 0) {
             trocar_guide guide = trocar_model_guide(model, template);
-            homes[needle] = hole_home(&guide, 0.5 * (guide.columns - 1) + aside / guide.spacing, 0.5 * (guide.rows - 1), needle_length);
+            parking_poses[needle] = hole_home(&guide, 0.5 * (guide.columns - 1) + aside / guide.spacing, 0.5 * (guide.rows - 1), needle_length);
         } else {
-            homes[needle] = home_at_skin(model, low, high, needle_length, aside);
+            parking_poses[needle] = home_at_skin(model, low, high, needle_length, aside);
         }
     }
 }

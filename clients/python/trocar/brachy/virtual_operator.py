@@ -80,9 +80,17 @@ class Operator(_Motion):
         return chosen
 
     def needles(self) -> list[plans.Needle]:
-        """Returns the needles of the plan, followed by the stabilising needles, which are as deep as the deepest needle of the plan."""
-        deepest = max(needle.depth for needle in self.plan.needles)
-        return [*self.plan.needles, *(plans.Needle(hole, deepest, []) for hole in self.stabilise)]
+        """Returns the needles of the plan, followed by the stabilising needles, which are as deep as the deepest needle of the plan. Raises BadPlan for a
+        hole that does not exist or is taken."""
+        deepest, needles = max(needle.depth for needle in self.plan.needles), list(self.plan.needles)
+        for hole in self.stabilise:
+            at = plans.hole_number(hole)
+            if at is None or at[0] >= self.plan.columns or at[1] >= self.plan.rows:
+                raise plans.BadPlan(f"{self.plan.path}: stabilise: the plan's template has no hole {hole}")
+            if any(needle.hole == plans.hole_name(*at) for needle in needles):
+                raise plans.BadPlan(f"{self.plan.path}: stabilise: hole {hole} is taken by another needle")
+            needles.append(plans.Needle(plans.hole_name(*at), deepest, []))
+        return needles
 
     def moves(self, sim: Sim, dt: float) -> Implantation:
         return Implantation(self, sim, dt)

@@ -118,7 +118,7 @@ class Operator(unittest.TestCase):
         self.assertEqual(len(along), 4)
 
         """The device moves to the positions at which the seeds appear in an image. These are deeper than planned, because the needles push the gland ahead."""
-        (left, followed, closer), _ = self.carry_out("--follow")
+        (left, followed, closer), _ = self.carry_out("--operator", "image", "--image-error", "0", "--splay", "0", "--speed-spread", "0")
         for needle, depth in enumerate((94.75, 99.75)):
             self.assertGreater(left[needle], depth + 1)
         self.assertLess(np.abs(closer).mean(), np.abs(along).mean())

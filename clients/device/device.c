@@ -2,6 +2,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "device/implant_errors.h"
 #include "device/implant_player.h"
 #include "device/player.h"
 #include "shared/options.h"
@@ -15,13 +16,18 @@ error_t argp_err_exit_status = EXIT_BAD_INPUT;
 typedef struct {
     play_settings play;
     const char *report_path, *csv_path, *log_path, *scene_path, *plan_path;
-    bool start_given, patient, follow;
+    bool start_given, patient;
     const char *script_option; /* name of an option that applies only to scripts; NULL if none was given */
+    const char *plan_option, *image_option; /* likewise for options that apply only to plans, and only to the operator who follows the image */
+    const char *errors_path, *stabilise;
+    bool follows_image;
+    int seed;                /* -1 if not given, and likewise below */
+    double image_error, splay, speed_spread;
 } options;
 
 enum { OPTION_SPEED = 256, OPTION_REPORT, OPTION_CSV, OPTION_LOG, OPTION_URL, OPTION_START, OPTION_HAND, OPTION_REALTIME,
        OPTION_WAIT, OPTION_SETTLE, OPTION_NEEDLE, OPTION_SCENE, OPTION_PATIENT,
-       OPTION_PLAN, OPTION_FOLLOW };
+       OPTION_PLAN, OPTION_OPERATOR, OPTION_STABILISE, OPTION_SEED, OPTION_IMAGE_ERROR, OPTION_SPLAY, OPTION_SPEED_SPREAD, OPTION_ERRORS };
 
 static const struct argp_option option_list[] = {
     {"script", 's', "NAME", 0, "Motion to play (default figure8); 'list' shows all", 0},
@@ -35,20 +41,27 @@ static const struct argp_option option_list[] = {
     {"plan", OPTION_PLAN, "FILE", 0,
      "Carry out this implant instead of a script: insert all needles and leave them, then take each again, drop its seeds and pull it out. FILE "
      "is the table that python3 -m trocar.brachy.plan show --out writes; needs --scene", 0},
-    {"follow", OPTION_FOLLOW, 0, 0,
-     "With --plan: bring the tip to where the displaced tissue has carried each seed's place, as an operator does who sees it in an image (default: to "
-     "the plan's depth, read from the needle's marks at the template)", 0},
     {"hand", OPTION_HAND, "MASS,DAMPING,STIFFNESS", 0,
      "A simulated hand (kg, N s/m to ground, N/m to the script) holds the needle and is pushed by the wrench", 0},
-    {0, 0, 0, 0, "Connection:", 1},
-    {"lcm-url", OPTION_URL, "URL", 0, "LCM network (default $LCM_DEFAULT_URL)", 1},
-    {"realtime", OPTION_REALTIME, 0, 0, "Run under SCHED_FIFO where permitted", 1},
-    {"wait", OPTION_WAIT, "SECONDS", 0, "Give up if the server has not answered for this long (default 5)", 1},
-    {"settle", OPTION_SETTLE, "SECONDS", 0, "Wait before the script begins, while the server ramps the force up (default 0.3)", 1},
-    {0, 0, 0, 0, "Output:", 2},
-    {"report", OPTION_REPORT, "FILE", 0, "Also write the report as JSON", 2},
-    {"csv", OPTION_CSV, "FILE", 0, "Write every wrench as a row", 2},
-    {"write-log", OPTION_LOG, "FILE", 0, "Write the poses as an LCM event log instead of sending them; needs no network", 2},
+    {0, 0, 0, 0, "Operator of a plan:", 1},
+    {"operator", OPTION_OPERATOR, "KIND", 0,
+     "marks: read the depth from the needle's marks at the template; image: move the tip to where an image of the displaced tissue shows each planned place, with "
+     "errors and speeds as published (default marks)", 1},
+    {"stabilise", OPTION_STABILISE, "HOLES", 0, "Insert needles without seeds into these holes first, such as C4,I4, and take them out last", 1},
+    {"seed", OPTION_SEED, "N", 0, "Seed of the random numbers of --operator image (default 1)", 1},
+    {"image-error", OPTION_IMAGE_ERROR, "M", 0, "Error of the image along the needle, m, standard deviation over the needles (default 0.00065)", 1},
+    {"splay", OPTION_SPLAY, "RAD", 0, "Tilt of the needle in its hole about each axis, rad, standard deviation; limited by the hole (default 0.0104)", 1},
+    {"speed-spread", OPTION_SPEED_SPREAD, "S", 0, "Standard deviation of the logarithm of the needles' speeds (default 0.33)", 1},
+    {"errors", OPTION_ERRORS, "FILE", 0, "Write the parts of each seed's misplacement: tissue, image, splay and remainder", 1},
+    {0, 0, 0, 0, "Connection:", 2},
+    {"lcm-url", OPTION_URL, "URL", 0, "LCM network (default $LCM_DEFAULT_URL)", 2},
+    {"realtime", OPTION_REALTIME, 0, 0, "Run under SCHED_FIFO where permitted", 2},
+    {"wait", OPTION_WAIT, "SECONDS", 0, "Give up if the server has not answered for this long (default 5)", 2},
+    {"settle", OPTION_SETTLE, "SECONDS", 0, "Wait before the script begins, while the server ramps the force up (default 0.3)", 2},
+    {0, 0, 0, 0, "Output:", 3},
+    {"report", OPTION_REPORT, "FILE", 0, "Also write the report as JSON", 3},
+    {"csv", OPTION_CSV, "FILE", 0, "Write every wrench as a row", 3},
+    {"write-log", OPTION_LOG, "FILE", 0, "Write the poses as an LCM event log instead of sending them; needs no network", 3},
     {0},
 };
 
@@ -88,9 +101,37 @@ static const char *script_option(int key) {
     }
 }
 
+/* Returns the option's name if the option applies only to plans, or NULL. */
+static const char *plan_option(int key) {
+    switch (key) {
+    case OPTION_OPERATOR: return "--operator";
+    case OPTION_STABILISE: return "--stabilise";
+    case OPTION_ERRORS: return "--errors";
+    default: return NULL;
+    }
+}
+
+/* Returns the option's name if the option applies only to the operator who follows the image, or NULL. */
+static const char *image_option(int key) {
+    switch (key) {
+    case OPTION_SEED: return "--seed";
+    case OPTION_IMAGE_ERROR: return "--image-error";
+    case OPTION_SPLAY: return "--splay";
+    case OPTION_SPEED_SPREAD: return "--speed-spread";
+    default: return NULL;
+    }
+}
+
+static bool parse_operator(const struct argp_state *state, const char *kind) {
+    if (strcmp(kind, "image") != 0 && strcmp(kind, "marks") != 0) argp_error(state, "--operator: no operator '%s': there are marks and image", kind);
+    return strcmp(kind, "image") == 0;
+}
+
 static error_t parse_option(int key, char *text, struct argp_state *state) {
     options *o = state->input;
     if (script_option(key)) o->script_option = script_option(key);
+    if (plan_option(key)) o->plan_option = plan_option(key);
+    if (image_option(key)) o->image_option = image_option(key);
     switch (key) {
     case 's': o->play.script = parse_script(state, text); break;
     case 'r': o->play.rate = parse_number(state, "rate", text, 1, 20000); break;
@@ -103,7 +144,13 @@ static error_t parse_option(int key, char *text, struct argp_state *state) {
         break;
     case OPTION_PATIENT: o->patient = true; break;
     case OPTION_PLAN: o->plan_path = text; break;
-    case OPTION_FOLLOW: o->follow = true; break;
+    case OPTION_OPERATOR: o->follows_image = parse_operator(state, text); break;
+    case OPTION_STABILISE: o->stabilise = text; break;
+    case OPTION_SEED: o->seed = parse_index(state, "seed", text); break;
+    case OPTION_IMAGE_ERROR: o->image_error = parse_number(state, "image-error", text, 0, 0.1); break;
+    case OPTION_SPLAY: o->splay = parse_number(state, "splay", text, 0, 0.5); break;
+    case OPTION_SPEED_SPREAD: o->speed_spread = parse_number(state, "speed-spread", text, 0, 3); break;
+    case OPTION_ERRORS: o->errors_path = text; break;
     case OPTION_NEEDLE: o->play.needle = parse_index(state, "needle", text); break;
     case OPTION_HAND:
         o->play.hand = parse_hand(state, text);
@@ -122,7 +169,8 @@ static error_t parse_option(int key, char *text, struct argp_state *state) {
             argp_error(state, "--write-log plays without a server: it cannot be combined with --csv, --report or --hand");
         if (o->plan_path && !o->scene_path) argp_error(state, "--plan needs --scene");
         if (o->plan_path && o->script_option) argp_error(state, "--plan cannot be combined with %s", o->script_option);
-        if (o->follow && !o->plan_path) argp_error(state, "--follow needs --plan");
+        if (o->plan_option && !o->plan_path) argp_error(state, "%s needs --plan", o->plan_option);
+        if (o->image_option && !o->follows_image) argp_error(state, "%s needs --operator image", o->image_option);
         if (o->patient && !o->scene_path) argp_error(state, "--patient needs --scene");
         break;
     default: return ARGP_ERR_UNKNOWN;
@@ -193,31 +241,67 @@ static void say_aside(const implant_plan *plan, const char *path) {
         fprintf(stderr, "trocar-device: %s: seeds are up to %.2f mm off the axes of their holes and will be dropped on the axes\n", path, 1e3 * plan->greatest_aside);
 }
 
-static trocar_status carry_out(const options *o, const implant_plan *plan, output *csv, report *why) {
+static trocar_operator_options operator_options(const options *o) {
+    trocar_operator_options chosen = trocar_default_operator_options(o->follows_image);
+    if (o->seed >= 0) chosen.seed = (uint64_t)o->seed;
+    if (o->image_error >= 0) chosen.image_error = o->image_error;
+    if (o->splay >= 0) chosen.splay = o->splay;
+    if (o->speed_spread >= 0) chosen.speed_spread = o->speed_spread;
+    chosen.speed *= o->play.speed;
+    return chosen;
+}
+
+static void print_implant(const implant_plan *plan, const implant_summary *done, const implant_errors *errors) {
+    printf("implant             %d needles, %d seeds in %.0f s\n", done->needles, done->seeds, done->duration);
+    printf("repeated            %d commands to drop a seed, because the previous seed was still in the needle\n", done->repeats);
+    printf("greatest drag       %+.1f mm while it rested, of the needle in hole %s\n", 1e3 * done->greatest_drag, plan->needles[done->greatest_drag_needle].hole);
+    printf("greatest force      %.2f N, in hole %s\n", done->greatest_force, plan->needles[done->greatest_force_needle].hole);
+    implant_errors_print(errors, stdout);
+}
+
+static trocar_status carry_out(const options *o, const implant_plan *plan, trocar_operator *op, implant_watch *watch, output *csv, output *errors_file, report *why) {
+    static implant_errors errors;
     const play_settings *play = &o->play;
-    implant_play how = {.lcm_url = play->lcm_url, .rate = play->rate, .speed = play->speed, .patience = play->patience, .settle = play->settle,
-                        .realtime = play->realtime, .follow = o->follow, .csv = csv->file};
+    implant_play how = {.lcm_url = play->lcm_url, .rate = play->rate, .patience = play->patience, .settle = play->settle, .realtime = play->realtime, .csv = csv->file};
     implant_summary done;
-    trocar_status status = implant_carry_out(plan, &how, &done, why);
+    trocar_status status = implant_carry_out(plan, op, &how, watch, &done, why);
     if (status != TROCAR_OK) return status;
-    printf("implant             %d needles, %d seeds in %.0f s\n", done.needles, done.seeds, done.duration);
-    printf("repeated            %d commands to drop a seed, because the previous seed was still in the needle\n", done.repeats);
-    printf("greatest drag       %+.1f mm while it rested, of the needle in hole %s\n", 1e3 * done.greatest_drag, plan->needles[done.greatest_drag_needle].hole);
-    printf("greatest force      %.2f N, in hole %s\n", done.greatest_force, plan->needles[done.greatest_force_needle].hole);
-    return output_commit(csv, why);
+    implant_errors_find(plan, op, watch, &errors);
+    print_implant(plan, &done, &errors);
+    if (errors_file->file) implant_errors_write_csv(&errors, plan, errors_file->file);
+    status = output_commit(errors_file, why);
+    return status == TROCAR_OK ? output_commit(csv, why) : status;
+}
+
+static trocar_status read_plan(const options *o, implant_plan *plan, trocar_operator **op, report *why) {
+    trocar_scene *scene;
+    trocar_model *model = NULL;
+    trocar_operator_options chosen = operator_options(o);
+    trocar_status status = trocar_scene_load(o->scene_path, &scene, why);
+    if (status != TROCAR_OK) return status;
+    status = trocar_model_create(scene, &(trocar_model_options){.mesh_only = 1}, &model, why);
+    if (status == TROCAR_OK) status = implant_plan_read(model, o->plan_path, plan, why);
+    if (status == TROCAR_OK && o->stabilise) status = implant_plan_stabilise(model, o->stabilise, plan, why);
+    if (status == TROCAR_OK) status = implant_plan_operator(model, plan, &chosen, o->plan_path, op, why);
+    trocar_model_free(model);
+    trocar_scene_free(scene);
+    return status;
 }
 
 static trocar_status run_implant(const options *o, report *why) {
     static implant_plan plan;
-    trocar_scene *scene;
-    output csv = {0};
-    trocar_status status = trocar_scene_load(o->scene_path, &scene, why);
-    if (status != TROCAR_OK) return status;
-    status = implant_plan_read(scene, o->plan_path, &plan, why);
-    trocar_scene_free(scene);
+    static implant_watch watch;
+    trocar_operator *op = NULL;
+    output csv = {0}, errors = {0};
+    trocar_status status = read_plan(o, &plan, &op, why);
     if (status == TROCAR_OK) say_aside(&plan, o->plan_path);
     if (status == TROCAR_OK && o->csv_path) status = output_open(&csv, o->csv_path, why);
-    if (status == TROCAR_OK) status = carry_out(o, &plan, &csv, why);
+    if (status == TROCAR_OK && o->errors_path) status = output_open(&errors, o->errors_path, why);
+    if (status == TROCAR_OK) status = implant_watch_open(&watch, o->play.lcm_url, plan.node_count, why);
+    if (status == TROCAR_OK) status = carry_out(o, &plan, op, &watch, &csv, &errors, why);
+    implant_watch_close(&watch);
+    trocar_operator_free(op);
+    output_abandon(&errors);
     output_abandon(&csv);
     return status;
 }
@@ -245,7 +329,8 @@ static trocar_status choose_start(options *o, patient_frame *patient, report *wh
 
 int main(int count, char **arguments) {
     options o = {.play = {.script = motion_find("figure8"), .start = MOTION_START, .rate = 1000,
-                          .speed = 1, .patience = 5, .settle = 0.3}};
+                          .speed = 1, .patience = 5, .settle = 0.3},
+                 .seed = -1, .image_error = -1, .splay = -1, .speed_spread = -1};
     argp_parse(&parser, count, arguments, 0, NULL, &o);
 
     report why;

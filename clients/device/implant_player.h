@@ -1,5 +1,4 @@
-/* Carries out a planned implant over LCM in the way a surgeon would: inserts and leaves all needles, then takes each one again, drops its seeds while
-   drawing it back, and pulls it out. Depths are read from the needle's marks at the template, because the tissue drags resting needles along. */
+/* Carries out a planned implant over LCM: does what a virtual operator decides (trocar/operator.h). */
 #ifndef TROCAR_IMPLANT_PLAYER_H
 #define TROCAR_IMPLANT_PLAYER_H
 
@@ -7,15 +6,14 @@
 #include <stdio.h>
 
 #include "device/implant_plan.h"
+#include "device/implant_watch.h"
 
 typedef struct {
     const char *lcm_url;     /* LCM URL; NULL selects $LCM_DEFAULT_URL or, if that is not set, LCM's default */
     double rate;             /* Hz */
-    double speed;            /* factor by which the hand moves faster than normal */
     double patience;         /* s to wait for the server */
     double settle;           /* s, rest before each needle moves, while the server ramps the force up */
     bool realtime;           /* ask for SCHED_FIFO */
-    bool follow;             /* true: move to the displaced positions at which the seeds should be, as if seen in an image, instead of the planned depths */
     FILE *csv;               /* file that receives one row per period; NULL if no table is written */
 } implant_play;
 
@@ -29,8 +27,8 @@ typedef struct {
     int greatest_force_needle; /* index of the needle that felt the greatest force */
 } implant_summary;
 
-/* Carries out the plan. SYSTEM if the server refuses a command or falls silent (the message gives the needle's hole and the reason), and after SIGINT
+/* Carries out the plan with this operator. At the end, `watch` has the seeds. SYSTEM if the server refuses a command or falls silent (the message gives the needle's hole and the reason), and after SIGINT
    or SIGTERM. In these cases, the needles stay where they are. */
-trocar_status implant_carry_out(const implant_plan *plan, const implant_play *play, implant_summary *summary, report *why);
+trocar_status implant_carry_out(const implant_plan *plan, trocar_operator *op, const implant_play *play, implant_watch *watch, implant_summary *summary, report *why);
 
 #endif

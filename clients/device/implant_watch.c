@@ -8,6 +8,7 @@
 #include "lcm_filter.h"
 #include "trocar_contacts_t.h"
 #include "trocar_deformation_t.h"
+#include "trocar_seeds_t.h"
 
 static const double PATIENCE = 0.5; /* s of silence after which the watch starts to follow another server */
 
@@ -18,7 +19,7 @@ static void on_contacts(const lcm_recv_buf_t *received, const char *channel, voi
     if (!contacts_fit(received->data, received->data_size) || trocar_contacts_t_decode(received->data, 0, (int)received->data_size, &m) < 0) return;
     bool ours = server_choice_follows(&w->choice, m.server, playing_now()) && m.needle >= 0 && m.needle < TROCAR_MAX_NEEDLES && m.joint_count > 0;
     if (ours) {
-        w->bases[m.needle] = load_pose(m.centreline[0], m.orientation);
+        w->bases[m.needle] = library_pose(load_pose(m.centreline[0], m.orientation));
         w->seen[m.needle] = playing_now();
     }
     trocar_contacts_t_decode_cleanup(&m);
@@ -35,12 +36,27 @@ static void on_deformation(const lcm_recv_buf_t *received, const char *channel, 
     trocar_deformation_t_decode_cleanup(&m);
 }
 
+static void on_seeds(const lcm_recv_buf_t *received, const char *channel, void *context) {
+    (void)channel;
+    implant_watch *w = context;
+    trocar_seeds_t m;
+    if (!seeds_fit(received->data, received->data_size) || trocar_seeds_t_decode(received->data, 0, (int)received->data_size, &m) < 0) return;
+    bool ours = server_choice_follows(&w->choice, m.server, playing_now()) && m.seed_count <= TROCAR_MAX_SEEDS;
+    if (ours) w->seed_count = m.seed_count;
+    for (int i = 0; ours && i < m.seed_count; i++) {
+        w->seed_needles[i] = m.needle[i];
+        for (int a = 0; a < 3; a++) w->seeds[i][a] = m.rest_position[i][a];
+    }
+    trocar_seeds_t_decode_cleanup(&m);
+}
+
 trocar_status implant_watch_open(implant_watch *w, const char *url, int node_count, report *why) {
     *w = (implant_watch){.choice.patience = PATIENCE, .node_count = node_count, .displacements = calloc(3 * (size_t)node_count, sizeof(double))};
     if (!w->displacements) return fail(why, TROCAR_NO_MEMORY, "no memory for %d displacements", node_count);
     w->lcm = lcm_create(url);
-    if (!w->lcm || !lcm_subscribe(w->lcm, "TROCAR_CONTACTS", on_contacts, w) || !lcm_subscribe(w->lcm, "TROCAR_DEFORMATION", on_deformation, w))
-        return fail(why, TROCAR_SYSTEM, "LCM cannot receive TROCAR_CONTACTS and TROCAR_DEFORMATION: check the multicast route");
+    if (!w->lcm || !lcm_subscribe(w->lcm, "TROCAR_CONTACTS", on_contacts, w) || !lcm_subscribe(w->lcm, "TROCAR_DEFORMATION", on_deformation, w) ||
+        !lcm_subscribe(w->lcm, "TROCAR_SEEDS", on_seeds, w))
+        return fail(why, TROCAR_SYSTEM, "LCM cannot receive TROCAR_CONTACTS, TROCAR_DEFORMATION and TROCAR_SEEDS: check the multicast route");
     return TROCAR_OK;
 }
 
@@ -52,16 +68,4 @@ void implant_watch_close(implant_watch *w) {
 
 void implant_watch_look(implant_watch *w) {
     while (lcm_handle_timeout(w->lcm, 0) > 0) continue;
-}
-
-double implant_watch_depth(const implant_watch *w, int needle, const planned_needle *planned, double needle_length) {
-    vec3 outside = v3_sub(w->bases[needle].position, planned->entry.position);
-    return needle_length + v3_dot(outside, q_axis(planned->entry.orientation));
-}
-
-double implant_watch_shift(const implant_watch *w, const planned_needle *planned, int seed) {
-    const material_point *p = &planned->places[seed];
-    vec3 moved = v3(0, 0, 0);
-    for (int c = 0; c < 4; c++) moved = v3_axpy(p->weights[c], load_vec3(&w->displacements[3 * p->nodes[c]]), moved);
-    return v3_dot(moved, q_axis(planned->entry.orientation));
 }

@@ -1,4 +1,5 @@
-/* What an operator of an implant can see: the depth marks on each needle at the template, and the displacement of the tissue, as in an image. */
+/* What the server tells of an implant: the bases of the needles, the displacement of the tissue, and the seeds. The operator sees the depth marks on the needles
+   at the template and, in the image, the displaced tissue. */
 #ifndef TROCAR_IMPLANT_WATCH_H
 #define TROCAR_IMPLANT_WATCH_H
 
@@ -12,8 +13,11 @@ typedef struct {
     server_choice choice;
     int node_count;
     double *displacements;   /* array [node_count][3], m: displacements in the newest picture; zero before the first picture */
-    pose bases[TROCAR_MAX_NEEDLES];
+    trocar_pose bases[TROCAR_MAX_NEEDLES];
     double seen[TROCAR_MAX_NEEDLES]; /* s, time (as returned by playing_now) at which each needle's last base pose arrived; 0 before the first */
+    int seed_count;          /* seeds in the tissue, in the order in which they were left */
+    int seed_needles[TROCAR_MAX_SEEDS];
+    double seeds[TROCAR_MAX_SEEDS][3]; /* m, centres in the tissue at rest */
 } implant_watch;
 
 /* Starts watching; `url` is NULL for LCM's default. SYSTEM if LCM fails. */
@@ -24,11 +28,5 @@ void implant_watch_close(implant_watch *w);
 
 /* Receives all messages that have arrived. */
 void implant_watch_look(implant_watch *w);
-
-/* Returns the length (m) of a needle beyond the template's face, as read from the needle's marks at the template. */
-double implant_watch_depth(const implant_watch *w, int needle, const planned_needle *planned, double needle_length);
-
-/* Returns the distance (m) along the hole by which the tissue has displaced the planned position of a seed of this needle. */
-double implant_watch_shift(const implant_watch *w, const planned_needle *planned, int seed);
 
 #endif

@@ -57,8 +57,12 @@ bad_input() {
     printf '%s\n' "hole,seed,x [m],y [m],z [m]" >none.csv
     touch marker && sleep 0.02
     refuses "--plan needs --scene" "$device" --plan plan.csv
-    refuses "--follow needs --plan" "$device" --follow
-    refuses "outside.csv:2: the seed is not in the tissue: choose the scene that the plan was made for" "$device" --plan outside.csv --scene "$template"
+    refuses "--operator needs --plan" "$device" --operator image
+    refuses "there are marks and image" "$device" --plan plan.csv --scene "$template" --operator blind
+    refuses "--splay needs --operator image" "$device" --plan plan.csv --scene "$template" --splay 0
+    refuses "--stabilise: the scene's template has no hole Z9" "$device" --plan plan.csv --scene "$template" --stabilise C4,Z9
+    refuses "--stabilise: hole E3 is taken" "$device" --plan plan.csv --scene "$template" --stabilise E3
+    refuses "outside.csv: needle 0: with its tip at 0.01725 m, a seed would not be in the tissue at rest: choose the scene that the plan was made for" "$device" --plan outside.csv --scene "$template"
     refuses "--plan cannot be combined with --script" "$device" --plan plan.csv --scene "$template" --script hold
     refuses "plan.csv: the scene has no template" "$device" --plan plan.csv --scene "$scene"
     refuses "figure8.yaml:1: not a table of planned seeds" "$device" --plan "$scene" --scene "$template"

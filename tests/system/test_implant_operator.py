@@ -24,6 +24,7 @@ import numpy as np
 
 import trocar
 from trocar.brachy import plan as plans
+from trocar.brachy.virtual_operator import Operator as VirtualOperator
 
 SCENE = SOURCE / "meshes/implant.yaml"
 MODEL = trocar.Model(trocar.Scene.load(SCENE), mesh_only=True)
@@ -71,14 +72,14 @@ class Operator(unittest.TestCase):
             try:
                 while not log.exists() or log.stat().st_size == 0:
                     self.assertIsNone(logger.poll())
-                done = subprocess.run([BUILD / "clients/trocar-device", "--scene", SCENE, "--plan", folder / "plan.csv", "--realtime", "--speed", "0.6", *options], capture_output=True, text=True, timeout=200)
+                done = subprocess.run([BUILD / "clients/trocar-device", "--scene", SCENE, "--plan", folder / "plan.csv", "--realtime", "--speed", "0.6", *options], cwd=folder, capture_output=True, text=True, timeout=200)
                 self.assertEqual(done.returncode, 0, done.stderr)
             finally:
                 logger.send_signal(signal.SIGINT)
                 logger.wait()
                 server.kill()
                 server.wait()
-            return self.judged(folder, log, plan), done.stdout
+            return self.judged(folder, log, plan), done.stdout, (folder / "errors.csv").read_text() if "--errors" in options else ""
 
     def judged(self, folder, log, plan):
         subprocess.run(["lcm-gen", "-p", "--ppath", folder, SOURCE / "lcmtypes/trocar.lcm"], check=True, capture_output=True)
@@ -110,7 +111,7 @@ class Operator(unittest.TestCase):
 
     def test_depths_are_read_at_the_template(self):
         """The second needle drags the first one deeper. When the first needle is taken again, the device still draws it to the planned depth."""
-        (left, dropped, along), said = self.carry_out()
+        (left, dropped, along), said, _ = self.carry_out()
         for needle, depth in enumerate((94.75, 99.75)):
             self.assertAlmostEqual(left[needle], depth, delta=0.3)
             self.assertAlmostEqual(dropped[needle], depth, delta=0.3)
@@ -118,10 +119,33 @@ class Operator(unittest.TestCase):
         self.assertEqual(len(along), 4)
 
         """The device moves to the positions at which the seeds appear in an image. These are deeper than planned, because the needles push the gland ahead."""
-        (left, followed, closer), _ = self.carry_out("--follow")
+        (left, followed, closer), _, _ = self.carry_out("--operator", "image", "--image-error", "0", "--splay", "0", "--speed-spread", "0")
         for needle, depth in enumerate((94.75, 99.75)):
             self.assertGreater(left[needle], depth + 1)
         self.assertLess(np.abs(closer).mean(), np.abs(along).mean())
+
+    def test_the_operator_of_a_simulation_is_the_same(self):
+        """The device and the Python package draw the same errors, and their seeds end in about the same places: the server's ticks and worker run in real time."""
+        _, said, table = self.carry_out("--operator", "image", "--seed", "3", "--errors", "errors.csv")
+        rows = [dict(zip(table.splitlines()[0].split(","), line.split(","))) for line in table.splitlines()[1:]]
+        with tempfile.TemporaryDirectory() as name:
+            (Path(name) / "plan.yaml").write_text(PLAN)
+            plan = plans.read(Path(name) / "plan.yaml")
+        sim = trocar.Sim(trocar.Model(trocar.Scene.load(SCENE)))
+        work = VirtualOperator(plan=plan, follows_image=True, seed=3, speed=0.6 * 0.065).moves(sim, 1e-3)
+        for needle, poses in work:
+            sim.run(poses, 1e-3, needle)
+        errors = work.errors()
+        vector = lambda row, part: np.array([float(row[f"{part}_{axis} [m]"]) for axis in "xyz"])
+        self.assertEqual([(row["hole"], int(row["seed"])) for row in rows], [(error.hole, error.number) for error in errors])
+        for row, error in zip(rows, errors):
+            np.testing.assert_allclose(vector(row, "image"), error.image, atol=1e-7)
+            np.testing.assert_allclose(vector(row, "splay"), error.splay, atol=2e-5)    # the depths of the tips differ
+            np.testing.assert_allclose(vector(row, "planned"), error.planned, atol=1e-6)
+            np.testing.assert_allclose(vector(row, "total"), error.total, atol=0.6e-3)
+            np.testing.assert_allclose(sum(vector(row, part) for part in ("tissue", "image", "splay", "remainder")), vector(row, "total"), atol=1e-6)
+        mean = 1e3 * np.mean([np.linalg.norm(vector(row, "total")) for row in rows])
+        self.assertRegex(said, rf"(?m)^misplacement +{mean:.2f} mm, mean of 4 seeds")
 
 
 if __name__ == "__main__":

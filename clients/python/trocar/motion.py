@@ -13,7 +13,7 @@ import csv
 import math
 from dataclasses import dataclass, field, replace
 from os import PathLike, fspath
-from typing import Iterator, NamedTuple, Sequence
+from typing import Iterable, Iterator, NamedTuple, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -152,6 +152,10 @@ class _Motion:
         poses = np.ascontiguousarray(self.adjustment.apply(self.poses(self._start_of(sim), dt), sim.model.needle_length))
         sim.reset(poses[0])
         yield poses
+
+    def moves(self, sim: Sim, dt: float) -> Iterable[tuple[int, Array]]:
+        """Like `play`, also for motions of several needles: yields the needle that the poses are for, and the poses."""
+        return ((0, poses) for poses in self.play(sim, dt))
 
 
 def _ticks(duration: float, dt: float) -> int:

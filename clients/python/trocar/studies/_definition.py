@@ -19,6 +19,7 @@ from ._quantities import QUANTITIES, Quantity
 from .._reader import Reader
 from ..brachy.implant import Implant
 from ..brachy.plan import BadPlan, Frame, Plan
+from ..brachy.virtual_operator import Operator
 
 METHODS = ("sobol", "latin hypercube", "random", "saltelli", "grid")
 MOST_RUNS = 10_000_000
@@ -173,7 +174,9 @@ def _scene_keys() -> dict[str, Key]:
     return {key.key: key for key in keys()}
 
 
-_MOTION_UNITS = {"x": "m", "y": "m", "z": "m", "tilt_x": "rad", "tilt_y": "rad", "roll": "rad", "depth": "m", "speed": "m/s"}
+_MOTION_UNITS = {"x": "m", "y": "m", "z": "m", "tilt_x": "rad", "tilt_y": "rad", "roll": "rad", "depth": "m", "speed": "m/s", "seed": "",
+                 "image_error": "m", "splay": "rad", "speed_spread": ""}
+_OF_OPERATOR = ("seed", "image_error", "splay", "speed_spread", "stabilise")    # keys of a plan's operator
 
 
 class _StudyReader:
@@ -273,13 +276,13 @@ class _StudyReader:
 
     def motion(self, node: Any, study: Study, scene: Scene) -> Any:
         kinds = ("script", "straight", "poses", "plan")
-        given = self.reader.mapping(node, "motion", (), (*kinds, "start", "coordinates", "speed"))
+        given = self.reader.mapping(node, "motion", (), (*kinds, "start", "coordinates", "speed", "operator", *_OF_OPERATOR))
         chosen = [kind for kind in kinds if kind in given]
         if len(chosen) != 1:
             raise self.reader.fail(node, f"motion: write one of {', '.join(kinds)}")
         kind = chosen[0]
-        allowed = {"script": ("start", "coordinates", "speed"), "straight": ("start", "coordinates"), "poses": (), "plan": ("speed",)}[kind]
-        for key in ("start", "coordinates", "speed"):
+        allowed = {"script": ("start", "coordinates", "speed"), "straight": ("start", "coordinates"), "poses": (), "plan": ("speed", "operator", *_OF_OPERATOR)}[kind]
+        for key in ("start", "coordinates", "speed", "operator", *_OF_OPERATOR):
             if key in given and key not in allowed:
                 raise self.reader.fail(given[key], f"motion.{key}: not with \"{kind}\"{': write it below straight' if kind == 'straight' else ''}")
         start = self.start(given, scene)
@@ -306,11 +309,28 @@ class _StudyReader:
                     from ..brachy import plan as plans
                     study.plan = plans.read(path)
                     study.digests[kind] = _digest_of([replace(study.plan, path="", line=0, needles=[]), *(replace(needle, line=0) for needle in study.plan.needles)])
-                    found = Implant(plan=study.plan, **({"speed": speed} if speed else {}))
+                    found = self.operator(given, study.plan, speed)
             except (motions.BadMotion, BadPlan) as error:
                 raise BadStudy(str(error)) from error
         study.described = f"{kind} {given[kind].value if kind in ('script', 'poses', 'plan') else found} start {None if start is None else start.tolist()} speed {speed}"
+        if isinstance(found, Operator):
+            study.described += f" operator {replace(found, plan=None)}"
         return found
+
+    def operator(self, given: dict[str, Any], plan: Plan, speed: float | None) -> Any:
+        """Returns the motion that carries out a plan: one needle after the other, or all needles by a virtual operator."""
+        if "operator" not in given:
+            for key in _OF_OPERATOR:
+                if key in given:
+                    raise self.reader.fail(given[key], f"motion.{key}: only with operator: write operator: marks or image, or leave it out")
+            return Implant(plan=plan, **({"speed": speed} if speed else {}))
+        kind = self.reader.text(given["operator"], "motion.operator")
+        if kind not in ("marks", "image"):
+            raise self.reader.fail(given["operator"], f"motion.operator: no operator \"{kind}\": there are marks and image")
+        numbers = {key: self.reader.number(given[key], f"motion.{key}", inclusive=True) for key in ("image_error", "splay", "speed_spread") if key in given}
+        seed = {"seed": self.reader.count(given["seed"], "motion.seed", MOST_RUNS)} if "seed" in given else {}
+        holes = [self.reader.text(item, f"motion.stabilise[{i}]") for i, item in enumerate(self.reader.items(given["stabilise"], "motion.stabilise"))] if "stabilise" in given else []
+        return Operator(plan=plan, follows_image=kind == "image", speed=speed, stabilise=tuple(holes), **numbers, **seed)
 
     def parameter(self, name: str, node: Any, place: str, line: int, scene: Scene, motion: Any, known: dict[str, Key], grid: bool) -> Parameter:
         kinds = ("uniform", "log_uniform", "normal", "values")
@@ -396,6 +416,8 @@ class _StudyReader:
                 raise self.reader.fail(item, f"{place}: missing key \"{quantity.option}\": write {{{name}: {{{quantity.option}: ...}}}}")
             if quantity.of_plan and not study.plan:
                 raise self.reader.fail(item, f"{place}: only where the motion is a plan")
+            if quantity.of_operator and not isinstance(study.motion, Operator):
+                raise self.reader.fail(item, f"{place}: only where the motion has an operator")
             option = self.option(quantity.option, options, place, model, scene) if needed else None
             times: list[float | None] = [None]
             if "at" in options:

@@ -25,6 +25,7 @@ class Recording:
     plan: Plan | None
     poses: list[Array] = field(default_factory=list)         # arrays of shape (n, 7)
     outputs: list[npt.NDArray[Any]] = field(default_factory=list)  # (n,) each
+    moves: Any = None                # the motion in this simulation, as returned by its `moves`
     _field: Array | None = None
 
     def all(self, name: str) -> npt.NDArray[Any]:
@@ -54,6 +55,7 @@ class Quantity(NamedTuple):
     measure: Callable[[Recording, Any], list[float]]
     doc: str
     of_plan: bool = False
+    of_operator: bool = False
 
 
 def _against_pushing(r: Recording) -> Array:
@@ -129,6 +131,16 @@ def _seed_error(r: Recording, _: Any) -> list[float]:
     return [float(np.mean(distances)), max(distances)] if distances else [float("nan")] * 2
 
 
+SEED_PARTS = ("total", "tissue", "image", "splay", "remainder")
+
+
+def _seed_parts(r: Recording, _: Any) -> list[float]:
+    """Returns the mean magnitudes of the parts of the misplacement, along and across the needle."""
+    errors = r.moves.errors()
+    mean = lambda values: float(np.mean(values)) if errors else float("nan")
+    return [number for part in SEED_PARTS for number in (mean([abs(e.along(part)) for e in errors]), mean([e.across(part) for e in errors]))]
+
+
 def _buckled(_: Recording, __: Any) -> list[float]:
     return [0.0]
 
@@ -150,4 +162,6 @@ QUANTITIES = {
     "shift": Quantity("m", ("x", "y", "z", "length"), True, "region", _shift, "mean displacement of this region's nodes"),
     "needle_energy": Quantity("J", ("",), True, "", lambda r, _: [r.sim.needle_energy()], "elastic energy of the bent needle"),
     "seed_error": Quantity("m", ("mean", "worst"), True, "", _seed_error, "distance of the seeds, in the tissue at rest, from their places in the plan", True),
+    "seed_parts": Quantity("m", tuple(f"{part}_{way}" for part in SEED_PARTS for way in ("along", "across")), False, "", _seed_parts,
+                           "mean magnitude of the parts of the seeds' misplacement, along and across the needle: tissue, image, splay and what remains", True, True),
 }

@@ -63,10 +63,11 @@ def run(study: Study, values: npt.NDArray[np.float64], model: Model, scene: Any,
         of_frames = range(-(-start // every) * every, start + count, every) if frames is not None else ()
         return sorted({*wanted.values(), *of_frames})
 
-    for poses in study.run_motion(values).play(recording.sim, dt):
+    recording.moves = study.run_motion(values).moves(recording.sim, dt)
+    for needle, poses in recording.moves:
         for chunk in _chunks(poses, tick, stops_from(tick, len(poses))):
             recording.poses.append(chunk)
-            recording.outputs.append(recording.sim.run(chunk, dt))
+            recording.outputs.append(recording.sim.run(chunk, dt, needle))
             recording.moved()
             tick += len(chunk)
             for i, at in wanted.items():

@@ -1,0 +1,344 @@
+/* trocar.h: the virtual operator. An operator is a list of steps, fixed when it is created; a step is repeated until what the operator sees ends it. */
+#include <stdbool.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "api/api.h"
+#include "base/vec.h"
+
+static const double CLEAR = 0.005;      /* m, distance of the tip from the guide before insertion and after withdrawal */
+static const double PAUSE = 0.1;        /* s, rest before a needle is left and before a seed is dropped */
+static const double FURTHER = 1e-3;     /* m, by which a needle is drawn back if the previous seed is still in it */
+static const int REPEATS = 5;           /* maximum number of times that it is drawn back for this reason */
+static const double AT_TARGET = 0.3e-3; /* m, distance within which the tip is where the image should show it */
+static const int CORRECTIONS = 5;       /* maximum number of further strokes towards a place that the needle itself displaces */
+
+/* Peak speeds of hands: 123 mm/s on average, 40 to 280 mm/s; see docs/seeds.md. */
+static const double SLOWEST = 0.040 / 0.123, FASTEST = 0.280 / 0.123;
+static const trocar_operator_options PUBLISHED = {.follows_image = 1, .seed = 1, .image_error = 0.65e-3, .splay = 0.0104, .speed = 0.065, .speed_spread = 0.33};
+
+/* A place in the tissue at rest, half a seed behind a planned depth of the tip. */
+typedef struct {
+    double depth;            /* m, of the tip */
+    vec3 place;              /* m, mesh coordinates */
+    int32_t nodes[4];        /* of the tetrahedron that contains it */
+    double weights[4];
+} target;
+
+typedef struct {
+    vec3 entry, axis;        /* the planned axis */
+    quat orientation;        /* of the needle, with its tilt */
+    vec3 pivot, tilted;      /* the axis with the needle's tilt: a point, and a unit vector */
+    double pivot_depth;      /* m, depth of a tip at the pivot */
+    double image_error;      /* m, along the axis */
+    double speed;            /* m/s */
+    int first, seeds;        /* its targets: the full depth, followed by the seeds */
+} handled;
+
+typedef enum { START, INSERT, LEAVE, TAKE, DRAW_BACK, DROP, WITHDRAW, FINISHED } step_kind;
+typedef struct {
+    step_kind kind;
+    int needle, number;      /* number: the seed's, in its needle */
+} step;
+
+struct trocar_operator {
+    bool follows_image;
+    double needle_length, half_seed; /* m */
+    int needle_count, step_count, seed_count;
+    int at, actions;         /* current step, and number of actions that were chosen in it */
+    trocar_operator_sight sight; /* as given in the last call; its displacements are read only during a call */
+    handled needles[TROCAR_MAX_NEEDLES];
+    target targets[TROCAR_MAX_NEEDLES + TROCAR_MAX_SEEDS];
+    step steps[6 * TROCAR_MAX_NEEDLES + 2 * TROCAR_MAX_SEEDS + 1];
+    trocar_operator_seed seeds[TROCAR_MAX_SEEDS];
+};
+
+static vec3 read3(const double v[3]) { return v3(v[0], v[1], v[2]); }
+
+static void write3(vec3 v, double out[3]) {
+    out[0] = v.x;
+    out[1] = v.y;
+    out[2] = v.z;
+}
+
+/* ---- random numbers --------------------------------------------------------------------------------------------------------- */
+
+static const uint64_t GOLDEN = 0x9e3779b97f4a7c15u;
+
+/* splitmix64 (Steele, Lea and Flood, OOPSLA 2014) */
+static uint64_t next_bits(uint64_t *state) {
+    uint64_t z = *state += GOLDEN;
+    z = (z ^ (z >> 30)) * 0xbf58476d1ce4e5b9u;
+    z = (z ^ (z >> 27)) * 0x94d049bb133111ebu;
+    return z ^ (z >> 31);
+}
+
+/* Returns a standard normal number (Box and Muller 1958). */
+static double normal(uint64_t *state) {
+    double u = (double)((next_bits(state) >> 11) + 1) * 0x1p-53, v = (double)(next_bits(state) >> 11) * 0x1p-53;
+    return sqrt(-2.0 * log(u)) * cos(2.0 * 3.14159265358979323846 * v);
+}
+
+/* Tilts the needle about the middle of its hole, at most until it touches the edges on both faces. The angles (rad) are about the axes of a frame that depends
+   on the needle's axis only. */
+static void tilt(const trocar_model *model, int index, double x, double y, handled *n) {
+    double most = INFINITY, thickness = 0.0;
+    if (index >= 0) {
+        const guide_config *guide = &model->parts.config.guides[index];
+        thickness = guide->thickness;
+        if (thickness > 0.0) most = (guide->hole_diameter - model->parts.config.needle.outer_diameter) / thickness;
+    }
+    mat3 frame = frame_along(n->axis);
+    vec3 turn = m3_apply(&frame, v3(x, y, 0.0));
+    double angle = v3_norm(turn);
+    if (angle == 0.0) return;
+    n->orientation = q_unit(q_multiply(q_exp(v3_scale(fmin(angle, most) / angle, turn)), n->orientation));
+    n->tilted = q_axis(n->orientation);
+    n->pivot_depth = 0.5 * thickness;
+    n->pivot = v3_axpy(n->pivot_depth, n->axis, n->entry);
+}
+
+/* Draws what is particular to one needle. */
+static void draw(const trocar_model *model, const trocar_operator_options *options, const trocar_operator_needle *planned, int index, handled *n) {
+    uint64_t state = options->seed + GOLDEN * (uint64_t)(index + 1);
+    state = next_bits(&state);
+    double image = normal(&state), x = normal(&state), y = normal(&state), speed = normal(&state), spread = options->speed_spread;
+    n->image_error = options->image_error * image;
+    n->speed = options->speed;
+    if (spread > 0.0) n->speed *= fmin(fmax(exp(spread * speed - 0.5 * spread * spread), SLOWEST), FASTEST);
+    tilt(model, planned->guide, options->splay * x, options->splay * y, n);
+}
+
+/* ---- creation ------------------------------------------------------------------------------------------------------------------ */
+
+static bool find_place(const mesh *m, vec3 place, target *t) {
+    int tet = mesh_locate(m, place, -1);
+    if (tet < 0) return false;
+    vec3 corners[4], gradients[4];
+    for (int c = 0; c < 4; c++) {
+        t->nodes[c] = m->tets[tet][c];
+        corners[c] = m->nodes[t->nodes[c]];
+    }
+    tet_gradients(corners, gradients);
+    for (int c = 0; c < 4; c++) t->weights[c] = 0.25 + v3_dot(gradients[c], v3_sub(place, v3_scale(0.25, v3_add(v3_add(corners[0], corners[1]), v3_add(corners[2], corners[3])))));
+    t->place = place;
+    return true;
+}
+
+static trocar_status add_target(trocar_operator *op, const trocar_model *model, int index, double depth, target *t, report *why) {
+    const handled *n = &op->needles[index];
+    t->depth = depth;
+    if (!(depth > 0.0 && depth < op->needle_length))
+        return fail(why, TROCAR_BAD_INPUT, "needle %d: a depth of %g m: expected more than 0 and less than the needle's length, %g m", index, depth, op->needle_length);
+    if (find_place(&model->parts.mesh, v3_axpy(depth - op->half_seed, n->axis, n->entry), t)) return TROCAR_OK;
+    return fail(why, TROCAR_BAD_INPUT, "needle %d: with its tip at %g m, a seed would not be in the tissue at rest", index, depth);
+}
+
+static trocar_status add_needle(trocar_operator *op, const trocar_model *model, const trocar_operator_needle *planned, int index,
+                                const trocar_operator_options *options, int *targets, report *why) {
+    handled *n = &op->needles[index];
+    const double *q = planned->entry.orientation;
+    if (planned->guide < -1 || planned->guide >= model->parts.config.guide_count)
+        return fail(why, TROCAR_BAD_INPUT, "needle %d: no guide %d: the scene has %d, numbered from 0", index, planned->guide, model->parts.config.guide_count);
+    if (planned->seed_count < 0 || planned->seed_count > TROCAR_MAX_SEEDS - op->seed_count)
+        return fail(why, TROCAR_BAD_INPUT, "needle %d has %d seeds: a plan has at most %d", index, planned->seed_count, (int)TROCAR_MAX_SEEDS);
+    n->entry = n->pivot = read3(planned->entry.position);
+    n->orientation = (quat){q[0], q[1], q[2], q[3]};
+    n->axis = n->tilted = q_axis(n->orientation);
+    n->first = *targets;
+    n->seeds = planned->seed_count;
+    op->seed_count += planned->seed_count;
+    draw(model, options, planned, index, n);
+    trocar_status status = add_target(op, model, index, planned->depth, &op->targets[(*targets)++], why);
+    for (int i = 0; status == TROCAR_OK && i < planned->seed_count; i++) {
+        double above = i == 0 ? planned->depth : planned->seeds[i - 1];
+        if (!(planned->seeds[i] <= above)) return fail(why, TROCAR_BAD_INPUT, "needle %d: seed %d is not behind what comes before it: list seeds from the tip back", index, i);
+        status = add_target(op, model, index, planned->seeds[i], &op->targets[(*targets)++], why);
+    }
+    return status;
+}
+
+static void add_step(trocar_operator *op, step_kind kind, int needle, int number) { op->steps[op->step_count++] = (step){kind, needle, number}; }
+
+static void plan_insertion(trocar_operator *op, int needle) {
+    add_step(op, START, needle, 0);
+    add_step(op, INSERT, needle, 0);
+    add_step(op, LEAVE, needle, 0);
+}
+
+static void plan_withdrawal(trocar_operator *op, int needle) {
+    add_step(op, TAKE, needle, 0);
+    for (int i = 0; i < op->needles[needle].seeds; i++) {
+        add_step(op, DRAW_BACK, needle, i);
+        add_step(op, DROP, needle, i);
+    }
+    add_step(op, WITHDRAW, needle, 0);
+}
+
+/* Applies a function to all needles with seeds, or to all stabilising needles. */
+static void for_needles(trocar_operator *op, bool with_seeds, void (*plan)(trocar_operator *, int)) {
+    for (int i = 0; i < op->needle_count; i++)
+        if (with_seeds == (op->needles[i].seeds > 0)) plan(op, i);
+}
+
+static trocar_status check_options(const trocar_operator_options *o, report *why) {
+    if (!(o->image_error >= 0.0 && o->image_error <= 0.1)) return fail(why, TROCAR_BAD_INPUT, "an image error of %g m: expected 0 to 0.1", o->image_error);
+    if (!(o->splay >= 0.0 && o->splay <= 0.5)) return fail(why, TROCAR_BAD_INPUT, "a splay of %g rad: expected 0 to 0.5", o->splay);
+    if (!(o->speed >= 1e-4 && o->speed <= 10.0)) return fail(why, TROCAR_BAD_INPUT, "a speed of %g m/s: expected 0.0001 to 10", o->speed);
+    if (!(o->speed_spread >= 0.0 && o->speed_spread <= 3.0)) return fail(why, TROCAR_BAD_INPUT, "a spread of speeds of %g: expected 0 to 3", o->speed_spread);
+    return TROCAR_OK;
+}
+
+static trocar_status fill(trocar_operator *op, const trocar_model *model, const trocar_operator_needle *needles, const trocar_operator_options *options, report *why) {
+    int targets = 0;
+    trocar_status status = check_options(options, why);
+    for (int i = 0; status == TROCAR_OK && i < op->needle_count; i++) status = add_needle(op, model, &needles[i], i, options, &targets, why);
+    for_needles(op, false, plan_insertion);
+    for_needles(op, true, plan_insertion);
+    for_needles(op, true, plan_withdrawal);
+    for_needles(op, false, plan_withdrawal);
+    add_step(op, FINISHED, 0, 0);
+    op->seed_count = 0; /* from now on, the number of seeds that were dropped */
+    return status;
+}
+
+trocar_operator_options trocar_default_operator_options(int follows_image) {
+    return follows_image ? PUBLISHED : (trocar_operator_options){.seed = PUBLISHED.seed, .speed = PUBLISHED.speed};
+}
+
+trocar_status trocar_operator_create(const trocar_model *model, const trocar_operator_needle *needles, int count, const trocar_operator_options *options,
+                                     trocar_operator **op, trocar_error *error) {
+    trocar_error ignored, *why = error ? error : &ignored;
+    trocar_operator_options standard = trocar_default_operator_options(0);
+    *op = NULL;
+    if (!options) options = &standard;
+    if (count < 1 || count > model->parts.config.needle_count)
+        return fail(why, TROCAR_BAD_INPUT, "%d needles: the scene has %d; set \"needles\" in the scene", count, model->parts.config.needle_count);
+    trocar_operator *made = calloc(1, sizeof *made);
+    if (!made) return fail(why, TROCAR_NO_MEMORY, "no memory for an operator");
+    made->follows_image = options->follows_image;
+    made->needle_length = model->parts.config.needle.length;
+    made->half_seed = 0.5 * model->parts.config.seeds.length;
+    made->needle_count = count;
+    trocar_status status = fill(made, model, needles, options, why);
+    if (status == TROCAR_OK) *op = made;
+    else free(made);
+    return status;
+}
+
+void trocar_operator_free(trocar_operator *op) { free(op); }
+
+/* ---- poses and depths -------------------------------------------------------------------------------------------------------- */
+
+trocar_pose trocar_operator_base(const trocar_operator *op, int needle, double depth) {
+    const handled *n = &op->needles[needle];
+    trocar_pose base = {.orientation = {n->orientation.w, n->orientation.x, n->orientation.y, n->orientation.z}};
+    write3(v3_axpy(depth - n->pivot_depth - op->needle_length, n->tilted, n->pivot), base.position);
+    return base;
+}
+
+double trocar_operator_depth(const trocar_operator *op, int needle, const trocar_pose *base) {
+    const handled *n = &op->needles[needle];
+    return op->needle_length + n->pivot_depth + v3_dot(v3_sub(read3(base->position), n->pivot), n->tilted);
+}
+
+/* Returns the displacement (m) of a target in the newest image. */
+static vec3 displacement_of(const trocar_operator *op, const target *t) {
+    vec3 moved = v3(0, 0, 0);
+    for (int c = 0; op->sight.displacements && c < 4; c++) moved = v3_axpy(t->weights[c], read3(&op->sight.displacements[3 * t->nodes[c]]), moved);
+    return moved;
+}
+
+/* Returns the depth at which the operator would stop the tip for a target: the planned depth or, in the image, the tip's place beside the displaced target. */
+static double wanted_depth(const trocar_operator *op, const handled *n, const target *t) {
+    return op->follows_image ? t->depth + v3_dot(displacement_of(op, t), n->axis) + n->image_error : t->depth;
+}
+
+/* ---- steps ----------------------------------------------------------------------------------------------------------------------- */
+
+static bool move(const trocar_operator *op, const handled *n, double depth, double pause, trocar_operator_action *action) {
+    action->act = TROCAR_OPERATOR_MOVE;
+    action->depth = depth;
+    action->duration = fabs(depth - op->sight.depth) / n->speed;
+    action->pause = pause;
+    return true;
+}
+
+/* Moves the tip to a target, and corrects its depth while it is off the target in the image. */
+static bool approach(const trocar_operator *op, const handled *n, const target *t, trocar_operator_action *action) {
+    double depth = wanted_depth(op, n, t);
+    bool off = op->follows_image && op->actions <= CORRECTIONS && fabs(depth - op->sight.depth) > AT_TARGET;
+    return (op->actions == 0 || off) && move(op, n, depth, PAUSE, action);
+}
+
+/* Draws the needle back to the place of a seed. The needle rests if the image shows that it is already there, except that the first seed may be deeper. */
+static bool draw_back(trocar_operator *op, const handled *n, int number, trocar_operator_action *action) {
+    const target *t = &op->targets[n->first + 1 + number];
+    if (op->actions > 0 || number == 0 || wanted_depth(op, n, t) < op->sight.depth) return approach(op, n, t, action);
+    op->actions = CORRECTIONS + 1;
+    return move(op, n, op->sight.depth, PAUSE, action);
+}
+
+static void record_seed(trocar_operator *op, const step *s) {
+    const handled *n = &op->needles[s->needle];
+    const target *t = &op->targets[n->first + 1 + s->number];
+    double centre = op->sight.depth - op->half_seed;
+    vec3 straight = v3_axpy(centre, n->axis, n->entry);
+    vec3 image = v3_scale(op->follows_image ? n->image_error : 0.0, n->axis);
+    vec3 tissue = v3_sub(v3_sub(straight, image), v3_add(t->place, displacement_of(op, t)));
+    trocar_operator_seed *seed = &op->seeds[op->seed_count++];
+    *seed = (trocar_operator_seed){.needle = s->needle, .number = s->number};
+    write3(t->place, seed->planned);
+    write3(tissue, seed->tissue);
+    write3(image, seed->image);
+    write3(v3_sub(v3_axpy(centre - n->pivot_depth, n->tilted, n->pivot), straight), seed->splay);
+}
+
+/* Drops a seed: every other action draws the needle back if the previous seed is still in it. */
+static bool drop(trocar_operator *op, const step *s, trocar_operator_action *action) {
+    bool dropped = op->actions % 2 == 1;
+    if (dropped && op->sight.refused) return move(op, &op->needles[s->needle], op->sight.depth - FURTHER, 0.0, action);
+    if (dropped) record_seed(op, s);
+    action->act = TROCAR_OPERATOR_DROP;
+    return !dropped;
+}
+
+/* Chooses the step's next action; returns false if the step has ended. */
+static bool choose(trocar_operator *op, const step *s, trocar_operator_action *action) {
+    const handled *n = &op->needles[s->needle];
+    bool first = op->actions == 0;
+    *action = (trocar_operator_action){.needle = s->needle, .depth = op->sight.depth};
+    switch (s->kind) {
+    case START:
+        action->act = TROCAR_OPERATOR_START;
+        action->depth = -CLEAR;
+        return first;
+    case INSERT: return approach(op, n, &op->targets[n->first], action);
+    case LEAVE: action->act = TROCAR_OPERATOR_LEAVE; return first;
+    case TAKE: action->act = TROCAR_OPERATOR_TAKE; return first;
+    case DRAW_BACK: return draw_back(op, n, s->number, action);
+    case DROP: return drop(op, s, action);
+    case WITHDRAW: return first && move(op, n, -CLEAR, 0.0, action);
+    case FINISHED:
+    default: action->act = TROCAR_OPERATOR_FINISHED; return true;
+    }
+}
+
+trocar_status trocar_operator_next(trocar_operator *op, const trocar_operator_sight *sight, trocar_operator_action *action, trocar_error *error) {
+    trocar_error ignored, *why = error ? error : &ignored;
+    if (op->at > 0 || op->actions > 0) op->sight = *sight;
+    if (op->steps[op->at].kind == DROP && op->sight.refused && op->actions > 2 * REPEATS)
+        return fail(why, TROCAR_SYSTEM, "needle %d was drawn back %d times, and the previous seed is still in it", op->steps[op->at].needle, REPEATS);
+    while (!choose(op, &op->steps[op->at], action)) {
+        op->at++;
+        op->actions = 0;
+    }
+    op->actions++;
+    op->sight.displacements = NULL;
+    return TROCAR_OK;
+}
+
+int trocar_operator_seeds(const trocar_operator *op, trocar_operator_seed *seeds, int room) {
+    for (int i = 0; i < op->seed_count && i < room; i++) seeds[i] = op->seeds[i];
+    return op->seed_count;
+}

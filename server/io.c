@@ -38,7 +38,7 @@ static int publish(io *o, const char *channel, int64_t session, const unsigned c
     if (o->exchange->relay_wake >= 0) {
         outgoing_message m = {.session = session, .channel = channel, .size = (size_t)size};
         memcpy(m.bytes, bytes, m.size);
-        if (spsc_ring_push(&o->exchange->outgoing, &m)) wake(o->exchange->relay_wake);
+        if (spsc_ring_push(&o->exchange->outgoing, &m)) eventfd_signal(o->exchange->relay_wake);
     }
     return lcm_publish(o->lcm, channel, bytes, (unsigned)size);
 }

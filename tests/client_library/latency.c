@@ -18,7 +18,7 @@
 
 #include <lcm/lcm.h>
 
-#include "common/wake.h"
+#include "common/eventfd_signal.h"
 #include "relay.h"
 #include "trocar_client.h"
 #include "trocar_needle_pose_t.h"
@@ -59,7 +59,7 @@ static void start_relay(bool real_time) {
 static void pass_on(int64_t session, const char *channel, const void *message, size_t size) {
     outgoing_message m = {.session = session, .channel = channel, .size = size};
     memcpy(m.bytes, message, size);
-    if (spsc_ring_push(&shared.outgoing, &m)) wake(shared.relay_wake);
+    if (spsc_ring_push(&shared.outgoing, &m)) eventfd_signal(shared.relay_wake);
 }
 
 static void answer_poses(bool real_time) {

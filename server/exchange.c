@@ -11,7 +11,7 @@
 #include "trocar_needle_wrench_t.h"
 #include "trocar_probe_wrench_t.h"
 
-enum { COMMANDS = 64, PROBE_WRENCHES = 64, WRENCHES = 1024, LATENCIES = 4096 }; /* WRENCHES holds the wrenches of one needle for one second at 1 kHz;
+enum { COMMANDS = 64, PROBE_WRENCHES = 64, WRENCHES = 1024, OUTGOING = 256, LATENCIES = 4096 }; /* WRENCHES holds the wrenches of one needle for one second at 1 kHz;
                                                                                    LATENCIES holds far more values than arrive in one telemetry
                                                                                    interval */
 
@@ -62,10 +62,15 @@ static trocar_status create_all(exchange *x, trocar_model *model, report *why) {
 }
 
 trocar_status exchange_create(exchange *x, trocar_model *model, report *why) {
-    *x = (exchange){.io_wake = -1, .worker_wake = -1};
+    *x = (exchange){.io_wake = -1, .worker_wake = -1, .relay_wake = -1};
     trocar_status status = create_all(x, model, why);
     if (status != TROCAR_OK) exchange_free(x);
     return status;
+}
+
+trocar_status exchange_add_relay(exchange *x, report *why) {
+    trocar_status status = create_eventfd(&x->relay_wake, why);
+    return status == TROCAR_OK ? spsc_ring_create(&x->outgoing, sizeof(outgoing_message), OUTGOING, why) : status;
 }
 
 void exchange_free(exchange *x) {
@@ -81,7 +86,9 @@ void exchange_free(exchange *x) {
     spsc_ring_free(&x->replies);
     spsc_ring_free(&x->latencies);
     spsc_ring_free(&x->round_trips);
+    spsc_ring_free(&x->outgoing);
     if (x->io_wake >= 0) close(x->io_wake);
     if (x->worker_wake >= 0) close(x->worker_wake);
-    x->io_wake = x->worker_wake = -1;
+    if (x->relay_wake >= 0) close(x->relay_wake);
+    x->io_wake = x->worker_wake = x->relay_wake = -1;
 }

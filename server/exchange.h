@@ -11,6 +11,8 @@
                                     | views
                                pictures thread
 
+   With --listen, the IO thread also passes its messages to the relay thread, which publishes those of its clients with an LCM connection of its own.
+
    Newest values are triple buffers, queues are rings of one writer and one reader: see base/triple_buffer.h and base/spsc_ring.h. */
 #ifndef TROCAR_EXCHANGE_H
 #define TROCAR_EXCHANGE_H
@@ -62,6 +64,14 @@ typedef struct {
 /* Copies the contents of a view. `from` and `to` each keep their own picture buffer. */
 void view_copy(const view_sample *from, view_sample *to);
 
+/* From the IO thread to the relay thread: a message to the client with this session */
+typedef struct {
+    int64_t session;
+    const char *channel;
+    size_t size;
+    unsigned char bytes[1024];
+} outgoing_message;
+
 typedef struct {
     triple_buffer poses;          /* newest_poses */
     triple_buffer probe_poses;    /* probe_sample */
@@ -74,12 +84,17 @@ typedef struct {
     spsc_ring commands, replies; /* needle_command */
     spsc_ring latencies;         /* int64_t, ns: times between a request and the worker's answer */
     spsc_ring round_trips;       /* int64_t, ns: times between computing a wrench and the arrival of the first pose that refers to it */
+    spsc_ring outgoing;          /* outgoing_message; without elements if there is no relay thread */
     atomic_bool probe_stopped;   /* from haptic to IO thread: the tissue stops the probe before it reaches its newest pose */
     int io_wake, worker_wake;    /* non-blocking eventfds; a write to worker_wake stops the worker */
+    int relay_wake;              /* the same; -1 if there is no relay thread */
 } exchange;
 
 /* Creates all buffers; `model` has the same meaning as in views_create. */
 trocar_status exchange_create(exchange *x, trocar_model *model, report *why);
 void exchange_free(exchange *x);
+
+/* Creates the buffer between the IO thread and the relay thread. */
+trocar_status exchange_add_relay(exchange *x, report *why);
 
 #endif

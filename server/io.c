@@ -15,6 +15,7 @@
 #include "trocar_status_t.h"
 
 enum { QUEUE = 256, MESSAGES_A_ROUND = 2 * QUEUE, WRENCH_BYTES = 512, REPLY_BYTES = 1024 };
+_Static_assert(REPLY_BYTES <= sizeof((outgoing_message *)0)->bytes, "every message fits");
 
 trocar_status io_create(io *o, const char *url, int needle_count, const trocar_device_limits *limits, bool realtime, int shutdown_wake,
                         exchange *x, report *why) {
@@ -31,6 +32,17 @@ trocar_status io_create(io *o, const char *url, int needle_count, const trocar_d
 
 void io_free(io *o) { sem_destroy(&o->ready); }
 
+/* Publishes a message, and passes it to the relay thread if there is one. If the ring is full, the relay's client does not get the message. */
+static int publish(io *o, const char *channel, int64_t session, const unsigned char *bytes, int size) {
+    if (size <= 0) return -1;
+    if (o->exchange->relay_wake >= 0) {
+        outgoing_message m = {.session = session, .channel = channel, .size = (size_t)size};
+        memcpy(m.bytes, bytes, m.size);
+        if (spsc_ring_push(&o->exchange->outgoing, &m)) wake(o->exchange->relay_wake);
+    }
+    return lcm_publish(o->lcm, channel, bytes, (unsigned)size);
+}
+
 /* Sends the reply to a command. A lost datagram is acceptable here. */
 static void reply(io *o, const needle_command *c) {
     trocar_command_reply_t m = {.utime = wall_us(), .server = o->server, .session = c->asked.session, .seq = c->asked.seq, .command = c->asked.command,
@@ -38,7 +50,7 @@ static void reply(io *o, const needle_command *c) {
                                 .message = (char *)(uintptr_t)(c->refused ? c->why : "")};
     unsigned char bytes[REPLY_BYTES];
     int size = trocar_command_reply_t_encode(bytes, 0, sizeof bytes, &m);
-    if (size > 0) lcm_publish(o->lcm, "TROCAR_REPLY", bytes, (unsigned)size);
+    publish(o, "TROCAR_REPLY", m.session, bytes, size);
 }
 
 static void settle(io *o, const needle_command *done) {
@@ -141,7 +153,7 @@ static void publish_wrenches(io *o) {
     unsigned char bytes[WRENCH_BYTES];
     while (spsc_ring_pop(&o->exchange->wrenches, &wrench)) {
         int size = trocar_needle_wrench_t_encode(bytes, 0, sizeof bytes, &wrench);
-        if (size <= 0 || lcm_publish(o->lcm, "TROCAR_WRENCH", bytes, (unsigned)size) != 0) o->wrenches_unsent++;
+        if (publish(o, "TROCAR_WRENCH", wrench.session, bytes, size) != 0) o->wrenches_unsent++;
     }
 }
 
@@ -158,7 +170,7 @@ static void publish_probe(io *o) {
     unsigned char bytes[WRENCH_BYTES];
     while (spsc_ring_pop(&o->exchange->probe_wrenches, &wrench)) {
         int size = trocar_probe_wrench_t_encode(bytes, 0, sizeof bytes, &wrench);
-        if (size <= 0 || lcm_publish(o->lcm, "TROCAR_PROBE_WRENCH", bytes, (unsigned)size) != 0) o->wrenches_unsent++;
+        if (publish(o, "TROCAR_PROBE_WRENCH", wrench.session, bytes, size) != 0) o->wrenches_unsent++;
     }
 }
 

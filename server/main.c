@@ -17,11 +17,13 @@
 
 const char *argp_program_version = "trocar-server " TROCAR_VERSION;
 
-enum { KEY_ALLOW_NON_RT = 256, KEY_PREPARE, KEY_CONDENSE };
+enum { KEY_ALLOW_NON_RT = 256, KEY_LISTEN, KEY_SECRET_FILE, KEY_PREPARE, KEY_CONDENSE };
 
 static const struct argp_option options[] = {
     {"scene", 's', "FILE", 0, "Scene to serve (required)", 0},
     {"lcm-url", 'l', "URL", 0, "LCM network (default $LCM_DEFAULT_URL, or udpm://239.255.76.67:7667?ttl=0)", 0},
+    {"listen", KEY_LISTEN, "HOST:PORT", 0, "Also serve clients with the URL udp://HOST:PORT, which need no multicast: across subnets, in containers, in WSL2", 0},
+    {"secret-file", KEY_SECRET_FILE, "FILE", 0, "Secret that the clients of --listen must know; optional only if HOST is this machine's 127.0.0.1", 0},
     {"rate", 'r', "HZ", 0, "Rate of the loop, overriding the scene's", 0},
     {"allow-non-rt", KEY_ALLOW_NON_RT, NULL, 0, "Run even if real-time priority or memory locking is refused", 0},
     {"prepare", KEY_PREPARE, NULL, 0, "Factorise the whole mesh in the background even if its condensed inverse is cached: this takes gigabytes of memory on "
@@ -51,6 +53,8 @@ static error_t parse(int key, char *value, struct argp_state *state) {
     switch (key) {
     case 's': chosen->scene_path = value; return 0;
     case 'l': chosen->lcm_url = value; return 0;
+    case KEY_LISTEN: chosen->listen = value; return 0;
+    case KEY_SECRET_FILE: chosen->secret_file = value; return 0;
     case KEY_PREPARE: chosen->prepare = true; return 0;
     case KEY_CONDENSE: given->condense = true; return 0;
     case 'v': chosen->verbose = true; return 0;
@@ -63,6 +67,7 @@ static error_t parse(int key, char *value, struct argp_state *state) {
     case ARGP_KEY_ARG: argp_error(state, "unexpected argument \"%s\"", value); return EINVAL;
     case ARGP_KEY_END:
         if (chosen->scene_path == NULL) argp_error(state, "--scene FILE is missing");
+        if (chosen->secret_file && !chosen->listen) argp_error(state, "--secret-file has no effect without --listen");
         if (given->condense && given->serving) argp_error(state, "--%s has no effect with --condense, which serves no client", given->serving);
         return 0;
     default: return ARGP_ERR_UNKNOWN;

@@ -19,8 +19,10 @@
 #include "haptic.h"
 #include "io.h"
 #include "lcm_filter.h"
+#include "relay.h"
 #include "telemetry.h"
 #include "trocar_needle_wrench_t.h"
+#include "unicast/settings.h"
 
 typedef struct {
     pthread_t thread;
@@ -46,7 +48,10 @@ struct server {
     worker worker;
     io io;
     telemetry telemetry;
-    task haptic_task, worker_task, io_task, telemetry_task, prepare_task;
+    struct sockaddr_in listen;   /* address for unicast clients, and their secret */
+    wire_key secret;
+    relay relay;
+    task haptic_task, worker_task, io_task, telemetry_task, relay_task, prepare_task;
 };
 
 /* --- tasks ------------------------------------------------------------------------------------------------------ */
@@ -89,6 +94,12 @@ static trocar_status read_scene(server *s, report *why) {
 static void show_long_start(const char *what, double fraction, void *context) {
     realtime_take_time();
     progress_show(what, fraction, context);
+}
+
+static trocar_status read_listen(server *s, report *why) {
+    if (s->options.listen == NULL) return TROCAR_OK;
+    trocar_status status = settings_address(s->options.listen, &s->listen, why);
+    return status == TROCAR_OK ? settings_secret(s->options.secret_file, &s->listen, &s->secret, why) : status;
 }
 
 /* A late tick runs no more steps than a punctual one, because catching up would make the next tick late as well. */
@@ -139,7 +150,9 @@ static trocar_status create_parts(server *s, report *why) {
     s->worker = (worker){.exchange = x, .sim = s->sim};
     telemetry_settings telling = {.lcm_url = s->options.lcm_url, .scene_path = trocar_scene_path(s->scene), .rate_hz = s->rate_hz, .flags = flags,
                                   .server = s->id, .verbose = s->options.verbose};
-    return telemetry_create(&s->telemetry, &telling, s->model, x, why);
+    status = telemetry_create(&s->telemetry, &telling, s->model, x, why);
+    if (status != TROCAR_OK || s->options.listen == NULL) return status;
+    return relay_create(&s->relay, &s->listen, &s->secret, s->options.lcm_url, x, why);
 }
 
 static trocar_status create_all(server *s, report *why) {
@@ -181,8 +194,9 @@ trocar_status server_create(const server_options *options, server **created, rep
     if (s == NULL) return fail(why, TROCAR_NO_MEMORY, "cannot allocate the server");
     s->options = *options;
     s->id = session_new();
-    s->awake = s->shutdown_wake = s->exchange.io_wake = s->exchange.worker_wake = -1;
+    s->awake = s->shutdown_wake = s->exchange.io_wake = s->exchange.worker_wake = s->exchange.relay_wake = s->relay.socket = -1;
     trocar_status status = read_scene(s, why);
+    if (status == TROCAR_OK) status = read_listen(s, why);
     if (status == TROCAR_OK) status = check_realtime(s, why);
     if (status == TROCAR_OK) status = create_in_a_hurry(s, why);
     if (status == TROCAR_OK) *created = s;
@@ -192,6 +206,7 @@ trocar_status server_create(const server_options *options, server **created, rep
 
 void server_free(server *s) {
     if (s == NULL || server_busy(s)) return;
+    relay_free(&s->relay);
     telemetry_free(&s->telemetry);
     io_free(&s->io);
     exchange_free(&s->exchange);
@@ -248,6 +263,7 @@ static trocar_status start_all(server *s, report *why) {
     if ((status = start(&s->worker_task, "trocar-worker", 0, worker_run, &s->worker, why)) != TROCAR_OK) return status;
     if ((status = start(&s->telemetry_task, "trocar-telemetry", 0, telemetry_run, &s->telemetry, why)) != TROCAR_OK)
         return status;
+    if (s->options.listen != NULL && (status = start(&s->relay_task, "trocar-relay", 0, relay_run, &s->relay, why)) != TROCAR_OK) return status;
     if (s->options.prepare && (status = start(&s->prepare_task, "trocar-prepare", 0, prepare_run, s, why)) != TROCAR_OK) return status;
     return start(&s->haptic_task, "trocar-haptic", REALTIME_STACK, haptic_run, s, why);
 }
@@ -266,6 +282,8 @@ static void stop_all(server *s) {
     join_or_leave(&s->telemetry_task, &until);
     join_or_leave(&s->prepare_task, &until);
     join(&s->io_task);
+    if (s->relay_task.running) relay_stop(&s->relay); /* after it has sent the IO thread's last wrenches */
+    join(&s->relay_task);
 }
 
 static void wait_for_end(const server *s, int stop_descriptor) {
@@ -308,6 +326,7 @@ void server_describe(const server *s, FILE *out) {
     if (trocar_model_needles(m) > 1) fprintf(out, "needles    %d, one session each\n", trocar_model_needles(m));
     fprintf(out, "unknowns   %d; node addition by %s\n", trocar_model_unknowns(m), remeshing);
     fprintf(out, "rate       %g Hz\n", s->rate_hz);
+    if (s->options.listen != NULL) fprintf(out, "unicast    udp://%s, %s\n", s->options.listen, s->options.secret_file != NULL ? "with a secret" : "without a secret");
     fprintf(out, "memory     %.0f MiB%s\n", resident_mebibytes(), s->realtime ? ", locked" : "");
     if (!s->realtime) {
         fprintf(out, "real time  NO: %s\n", s->refused.text);
@@ -343,4 +362,5 @@ void server_summarise(const server *s, FILE *out) {
     }
     fprintf(out, "packets    %lld malformed ones and %lld of other machines dropped\n", (long long)lcm_filter_dropped(),
             (long long)lcm_filter_distant(NULL, 0));
+    if (s->options.listen != NULL) relay_summarise(&s->relay, out);
 }

@@ -10,6 +10,8 @@
 typedef struct {
     const char *scene_path;
     const char *lcm_url;         /* LCM URL; NULL for LCM's default */
+    const char *listen;          /* HOST:PORT for unicast clients; NULL for none */
+    const char *secret_file;     /* file with the secret of the unicast clients; NULL for none, which is allowed on this machine's loopback address */
     double rate_hz;              /* tick rate; 0 selects the scene's rate */
     bool allow_non_rt;           /* run without locked memory or SCHED_FIFO if necessary, and set a flag in every message */
     bool prepare;                /* factorise the matrix of the whole mesh in the background: see trocar_model_prepare */
@@ -18,7 +20,7 @@ typedef struct {
 
 typedef struct server server;
 
-/* Reads the scene and builds everything, but starts no threads. BAD_INPUT for a bad scene, mesh, rate or URL; NO_REALTIME if real time is refused and
+/* Reads the scene and builds everything, but starts no threads. BAD_INPUT for a bad scene, mesh, rate, URL, address or secret; NO_REALTIME if real time is refused and
    allow_non_rt is not set (the message names the limit to raise); SYSTEM if there is no network yet. The strings in `options` must outlive the
    server. */
 trocar_status server_create(const server_options *options, server **created, report *why);

@@ -1,0 +1,37 @@
+/* The relay thread (--listen): publishes the authentic messages of unicast clients on LCM, where the IO thread, loggers and lcm-spy receive them
+   like any other message, and sends the IO thread's messages to these clients. It has ordinary priority and does a bounded amount of work. */
+#ifndef TROCAR_RELAY_H
+#define TROCAR_RELAY_H
+
+#include <lcm/lcm.h>
+#include <stdio.h>
+
+#include "exchange.h"
+#include "unicast/gate.h"
+
+typedef struct {
+    exchange *exchange;
+    int socket;
+    atomic_bool stop;
+    lcm_t *lcm;                  /* the following members are used only by the thread while it runs */
+    gate gate;
+    unsigned char fresh[WIRE_TOKEN]; /* random number for the next client that connects */
+    double credit;               /* number of datagrams that may be received now */
+    int64_t credited;            /* ns, monotonic: time of the last change of `credit` */
+    bool wrong_told;             /* the user has been told that a client has a wrong secret */
+    int64_t unpublished, unsent; /* messages of clients that LCM refused; datagrams to clients that the network refused */
+} relay;
+
+/* Binds the socket, connects to LCM, and adds the relay's buffers to the exchange. SYSTEM if the address cannot be used. */
+trocar_status relay_create(relay *r, const struct sockaddr_in *address, const wire_key *secret, const char *lcm_url, exchange *x, report *why);
+void relay_free(relay *r);
+
+/* Main function of the thread; `context` is a relay. */
+void *relay_run(void *context);
+
+/* Ends the thread after it has sent the messages in the ring. */
+void relay_stop(relay *r);
+
+void relay_summarise(const relay *r, FILE *out); /* for use after the run */
+
+#endif

@@ -1,0 +1,82 @@
+/* Datagrams of the unicast protocol, and their authentication. All numbers are big-endian, and every datagram ends with a tag of 32 bytes: the
+   HMAC-SHA256 of the bytes before it. A datagram begins with "TU1" and its kind (1 byte):
+
+       handshake   kind | client's nonce (16) | token (24) | tag
+       message     kind | counter (8) | channel name with terminating zero | LCM message | tag
+
+   The counter increases with each message of a sender. A message without a channel ("" and no bytes) only shows that its sender is present.
+
+   Keys: secret key      = HMAC("trocar unicast 1", content of the secret file)        for the handshake
+         key to server   = HMAC(secret key, "to server" | client's nonce | server's nonce (24))
+         key to client   = HMAC(secret key, "to client" | client's nonce | server's nonce (24)) */
+#ifndef TROCAR_WIRE_H
+#define TROCAR_WIRE_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+enum {
+    WIRE_KEY = 32, WIRE_TAG = 32, WIRE_NONCE = 16, WIRE_TOKEN = 24,
+    WIRE_HEAD = 4,
+    WIRE_HANDSHAKE = WIRE_HEAD + WIRE_NONCE + WIRE_TOKEN + WIRE_TAG,
+    WIRE_CHANNEL_MOST = 63,      /* bytes, without the terminating zero, as in LCM */
+    WIRE_MESSAGE_MOST = 1024,    /* bytes, largest LCM message */
+    WIRE_OVERHEAD = WIRE_HEAD + 8 + WIRE_CHANNEL_MOST + 1 + WIRE_TAG,
+    WIRE_MOST = WIRE_OVERHEAD + WIRE_MESSAGE_MOST
+};
+
+typedef enum {
+    WIRE_HELLO = 1,              /* client: asks for a cookie; the token is zero */
+    WIRE_COOKIE,                 /* server: the token is a cookie, which proves that the client receives at its address */
+    WIRE_CONNECT,                /* client: returns the cookie */
+    WIRE_WELCOME,                /* server: the token is its nonce; the client is connected */
+    WIRE_REFUSED,                /* server: byte 0 of the token is the reason. With the reason WIRE_WRONG_SECRET, the tag is zero */
+    WIRE_TO_SERVER, WIRE_TO_CLIENT /* messages */
+} wire_kind;
+
+typedef enum { WIRE_WRONG_SECRET = 1, WIRE_FULL = 2 } wire_reason;
+
+typedef struct {
+    unsigned char bytes[WIRE_KEY];
+} wire_key;
+
+typedef struct {
+    unsigned char nonce[WIRE_NONCE], token[WIRE_TOKEN];
+} wire_handshake;
+
+typedef struct {
+    uint64_t counter;
+    const char *channel;         /* the following two point into the datagram */
+    const unsigned char *bytes;
+    size_t size;
+} wire_message;
+
+void wire_tag(const wire_key *key, const void *data, size_t size, unsigned char tag[WIRE_TAG]);
+wire_key wire_secret_key(const void *secret, size_t size);
+/* Returns the key of one direction; `kind` is WIRE_TO_SERVER or WIRE_TO_CLIENT. */
+wire_key wire_direction_key(const wire_key *secret, wire_kind kind, const unsigned char nonce[WIRE_NONCE], const unsigned char token[WIRE_TOKEN]);
+
+/* Returns the kind of a datagram whose size is possible for that kind; 0 otherwise. Does not check the tag. */
+int wire_kind_of(const void *datagram, size_t size);
+/* True if the datagram ends with the right tag. The duration does not depend on the tag. */
+bool wire_is_authentic(const wire_key *key, const void *datagram, size_t size);
+
+/* These functions write a datagram and return its size. `key` may be NULL for a handshake, whose tag is then zero. */
+size_t wire_put_handshake(unsigned char to[WIRE_HANDSHAKE], wire_kind kind, const wire_handshake *h, const wire_key *key);
+size_t wire_put_message(unsigned char to[WIRE_MOST], wire_kind kind, uint64_t counter, const char *channel, const void *bytes, size_t size,
+                        const wire_key *key);
+
+/* Reads a datagram of a kind that wire_kind_of has returned. wire_get_message returns false if the channel name has no end. */
+wire_handshake wire_get_handshake(const void *datagram);
+bool wire_get_message(const void *datagram, size_t size, wire_message *m);
+
+/* The counters that have been received in one direction. A message may be overtaken by up to 63 others. All zero at the start; counters begin at 1. */
+typedef struct {
+    uint64_t newest, seen;       /* bit i of `seen`: newest - i has been received */
+} wire_window;
+
+/* True if no message with this counter has been received yet, as far as is known. Call it for authentic messages only. */
+bool wire_window_accepts(wire_window *w, uint64_t counter);
+
+#endif

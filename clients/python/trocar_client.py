@@ -14,6 +14,8 @@ that renders force at 1 kHz, use the C library. Positions and orientations may b
 Frames: the scene's world frame, in metres. Quaternions are w, x, y, z. The needle's axis is its local +z, from base to tip, and its bevel
 faces local +y."""
 import enum
+import hashlib
+import hmac
 import math
 import os
 import re
@@ -171,6 +173,155 @@ def _is_own(address):
             return False
 
 
+# ---- unicast: see docs/connect-a-device.md for the protocol ------------------------------------------------------------------
+
+_HELLO, _COOKIE, _CONNECT, _WELCOME, _REFUSED, _TO_SERVER, _TO_CLIENT = range(1, 8)
+_WRONG_SECRET, _FULL = 1, 2
+_HANDSHAKE = 76         # bytes, size of a datagram of the handshake
+_LONGEST_HANDSHAKE = 2.0    # s for which the constructor waits for a server
+_RETRY, _KEEP_ALIVE, _SILENCE = 0.2, 0.25, 1.0  # s: between attempts to connect, between signs of life, and until the connection is given up
+
+
+def _tag(key, data):
+    return hmac.new(key, data, hashlib.sha256).digest()
+
+
+class _Window:
+    """Counters that have been received. A message may be overtaken by up to 63 others."""
+
+    def __init__(self):
+        self._newest, self._seen = 0, 0
+
+    def accepts(self, counter):
+        if counter > self._newest:
+            self._seen = (self._seen << min(64, counter - self._newest) | 1) & (1 << 64) - 1
+            self._newest = counter
+            return True
+        behind = self._newest - counter
+        if counter == 0 or behind >= 64 or self._seen >> behind & 1:
+            return False
+        self._seen |= 1 << behind
+        return True
+
+
+def _read_secret(path):
+    """Returns the key that belongs to a secret file; an empty path means that there is no secret."""
+    secret = b""
+    if path:
+        try:
+            with open(path, "rb") as file:
+                secret = file.read(1027).rstrip(b"\r\n")
+        except OSError as error:
+            raise ConnectionError(f"secret file {path}: {error.strerror}") from None
+        if not 32 <= len(secret) <= 1024:
+            raise ConnectionError(f"secret file {path}: a secret has 32 to 1024 bytes")
+    return _tag(b"trocar unicast 1", secret)
+
+
+class _Unicast:
+    """A connection to one server, which is renewed when the server falls silent."""
+
+    def __init__(self, url, secret_file):
+        match = re.fullmatch(r"udp://([^:/?]+):(\d+)", url)
+        if not match or not 1 <= int(match[2]) <= 65535:
+            raise ConnectionError(f'cannot connect to "{url}": a server with --listen has an address such as udp://192.168.1.5:7668')
+        secret_file = secret_file or os.environ.get("TROCAR_SECRET_FILE") or ""
+        self._secret, self._lock = _read_secret(secret_file), threading.Lock()
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._refused, self._asked_at, self._kept_at = 0, -math.inf, -math.inf
+        self._disconnect()
+        try:
+            self._socket.connect((match[1], int(match[2])))
+        except OSError as error:
+            self._socket.close()
+            raise ConnectionError(f'cannot connect to "{url}": {error.strerror}') from None
+        end = time.monotonic() + _LONGEST_HANDSHAKE
+        while not self._keys and not self._refused and time.monotonic() < end:
+            self.receive(0.02)
+        if self._refused:
+            self._socket.close()
+            which = f"the secret of {secret_file}" if secret_file else "a client without a secret; set secret_file or $TROCAR_SECRET_FILE"
+            raise ConnectionError(f"the server at {match[1]}:{match[2]} " + ("has too many clients" if self._refused == _FULL else f"refuses {which}"))
+
+    def close(self):
+        self._socket.close()
+
+    def send(self, channel, message):
+        """Sends a message. It is lost while there is no connection."""
+        with self._lock:
+            if not self._keys:
+                return
+            self._counter += 1
+            datagram = b"TU1" + struct.pack(">BQ", _TO_SERVER, self._counter) + channel + b"\0" + message
+            self._sent_at = time.monotonic()
+            self._put(datagram, self._keys[0])
+
+    def receive(self, longest):
+        """Waits up to `longest` s for a datagram. Returns the channel and the message in it, or None."""
+        self._tend(time.monotonic())
+        self._socket.settimeout(longest)
+        try:
+            datagram = self._socket.recv(2048)
+        except socket.timeout:
+            return None
+        except ConnectionError:     # no program has this port, or not yet
+            time.sleep(min(longest, 0.02))
+            return None
+        if datagram[:3] != b"TU1" or len(datagram) < 45:
+            return None
+        if datagram[3] == _TO_CLIENT:
+            return self._open(datagram)
+        if len(datagram) == _HANDSHAKE and datagram[4:20] == self._nonce and not self._keys:
+            self._take_handshake(datagram[3], datagram, datagram[20:44])
+        return None
+
+    def _put(self, datagram, key):
+        try:
+            self._socket.send(datagram + _tag(key, datagram))
+        except OSError:     # lost
+            pass
+
+    def _shake(self, kind, token):
+        self._put(b"TU1" + bytes([kind]) + self._nonce + token, self._secret)
+
+    def _disconnect(self):
+        with self._lock:
+            self._keys, self._nonce, self._counter, self._window = None, secrets.token_bytes(16), 0, _Window()
+            self._sent_at = self._heard_at = time.monotonic()
+
+    def _tend(self, now):
+        """Connects, gives signs of life, and connects again after a silence."""
+        if self._keys and now - self._heard_at > _SILENCE:
+            self._disconnect()
+        if not self._keys and now - self._asked_at >= _RETRY:
+            self._asked_at = now
+            self._shake(_HELLO, bytes(24))
+        if self._keys and now - max(self._kept_at, min(self._sent_at, self._heard_at)) >= _KEEP_ALIVE:
+            self._kept_at = now
+            self.send(b"", b"")
+
+    def _take_handshake(self, kind, datagram, token):
+        authentic = hmac.compare_digest(_tag(self._secret, datagram[:-32]), datagram[-32:])
+        if kind == _COOKIE and authentic:
+            self._shake(_CONNECT, token)
+        elif kind == _WELCOME and authentic:
+            with self._lock:
+                self._keys = [_tag(self._secret, way + self._nonce + token) for way in (b"to server", b"to client")]
+                self._heard_at = time.monotonic()
+        elif kind == _REFUSED and (authentic or token[0] == _WRONG_SECRET):
+            self._refused = token[0]
+
+    def _open(self, datagram):
+        keys = self._keys
+        if not keys or not hmac.compare_digest(_tag(keys[1], datagram[:-32]), datagram[-32:]):
+            return None
+        channel, end, message = datagram[12:-32].partition(b"\0")
+        if not end or not self._window.accepts(struct.unpack(">Q", datagram[4:12])[0]):
+            return None
+        self._heard_at = time.monotonic()
+        return channel, message
+
+
 class _Limiter:
     def __init__(self, most, rate):
         self.most, self.rate, self.last = most, rate, (0.0, 0.0, 0.0)
@@ -189,12 +340,13 @@ class _Limiter:
 class Client:
     """Holds one needle of a scene. For several needles, open a client for each.
 
-    url: LCM URL of UDP multicast; None selects $LCM_DEFAULT_URL or, if that is not set, LCM's default. watchdog: s without a wrench after which the
-    force is set to zero. max_force (N), max_torque (N m) and their rates (per s) limit the rendered wrench, whatever the server sends. without_force:
+    url: LCM URL of UDP multicast (udpm://...), or udp://HOST:PORT of a server with --listen; None selects $LCM_DEFAULT_URL or, if that is not set,
+    LCM's default. secret_file: file with the secret of a server with --listen; None selects $TROCAR_SECRET_FILE. watchdog: s without a wrench after
+    which the force is set to zero. max_force (N), max_torque (N m) and their rates (per s) limit the rendered wrench, whatever the server sends. without_force:
     for a mouse or a tracker; the needle then follows its poses rigidly. Call the methods from one thread."""
 
     def __init__(self, url=None, needle=0, watchdog=0.02, max_force=20.0, max_torque=1.0, max_force_rate=2000.0, max_torque_rate=100.0,
-                 without_force=False):
+                 without_force=False, secret_file=None):
         """Connects to the network. Waits for the network, but not for a server, which may be started later. Raises ConnectionError, which states the
         remedy."""
         if not all(limit > 0 for limit in (watchdog, max_force, max_torque, max_force_rate, max_torque_rate)):
@@ -208,9 +360,12 @@ class Client:
         self._reply = (0, False, "")
         self._server, self._heard = 0, -math.inf
         self._assembly, self._known = None, (None, False, 0.0)
-        self._echoed, self._ends = False, False
+        self._echoed, self._ends, self._unicast = False, False, None
         url = url or os.environ.get("LCM_DEFAULT_URL") or "udpm://239.255.76.67:7667?ttl=0"
-        self._connect(url)
+        if url.startswith("udp://"):
+            self._unicast = _Unicast(url, secret_file)
+        else:
+            self._connect(url)
         self._thread = threading.Thread(target=self._receive_until_end, daemon=True)
         self._thread.start()
 
@@ -227,8 +382,8 @@ class Client:
         self._ends = True
         self._thread.join()
         self._command(_COMMAND_RELEASE, 0)
-        self._sender.close()
-        self._receiver.close()
+        for each in [self._unicast] if self._unicast else [self._sender, self._receiver]:
+            each.close()
 
     def publish(self, position, orientation):
         """Sends this pose of the needle's base. Returns False and sends nothing if a number is not finite."""
@@ -338,6 +493,9 @@ class Client:
                                   "machine without a network, as root: ip link set lo multicast on && ip route add 239.255.76.67/32 dev lo")
 
     def _send(self, channel, message):
+        if self._unicast:
+            self._unicast.send(channel, message)
+            return
         packet = struct.pack(">4sI", b"LC02", self._packets & 0xFFFFFFFF) + channel + b"\0" + message
         self._packets += 1
         try:
@@ -358,6 +516,11 @@ class Client:
                 time.sleep(0.01)
 
     def _receive(self):
+        if self._unicast:
+            received = self._unicast.receive(0.05)
+            if received:
+                self._take_message(*received)
+            return
         try:
             packet, sender = self._receiver.recvfrom(65536)
         except socket.timeout:

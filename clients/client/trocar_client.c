@@ -14,7 +14,15 @@
             in fragment 0 the channel name with terminating zero | part of the message
 
    A message is the fingerprint of its type (8 bytes), then its fields. A text is encoded as its length including the terminating zero (4),
-   its characters and the zero. */
+   its characters and the zero.
+
+   With TROCAR_CLIENT_UNICAST, the client also connects to udp://HOST:PORT. A datagram begins with "TU1" and its kind (1), and ends with a tag (32),
+   the HMAC-SHA256 of the bytes before it:
+
+       handshake   kind | client's nonce (16) | token (24) | tag
+       message     kind | counter (8) | channel name with terminating zero | message | tag
+
+   docs/connect-a-device.md describes the handshake. */
 #ifdef _WIN32
 #define _CRT_RAND_S
 #define WIN32_LEAN_AND_MEAN
@@ -25,6 +33,9 @@
 #include <ws2tcpip.h>
 #include <windows.h>
 #include <process.h>
+#ifdef TROCAR_CLIENT_UNICAST
+#include <bcrypt.h>
+#endif
 #else
 #ifndef _DEFAULT_SOURCE
 #define _DEFAULT_SOURCE
@@ -33,6 +44,7 @@
 #include <arpa/inet.h>
 #include <errno.h>
 #include <fcntl.h>
+#include <netdb.h>
 #include <netinet/in.h>
 #include <poll.h>
 #include <pthread.h>
@@ -40,6 +52,11 @@
 #include <sys/socket.h>
 #include <time.h>
 #include <unistd.h>
+#if defined TROCAR_CLIENT_UNICAST && defined __APPLE__
+#include <CommonCrypto/CommonHMAC.h>
+#elif defined TROCAR_CLIENT_UNICAST
+#include <nettle/hmac.h>
+#endif
 #endif
 #include <math.h>
 #include <stdbool.h>
@@ -65,6 +82,7 @@ enum {
                                 has 0.5 kB */
     FRAGMENTS_MOST = 256,
     SENT_MOST = 512,         /* bytes, length of the longest datagram that this client sends */
+    LINK_PERIOD = 50,        /* ms, largest interval between checks of a unicast connection */
     RUN_MOST = 64,           /* maximum number of datagrams received before a pending pose is sent */
     APART = 64,              /* bytes, size of a cache line */
 };
@@ -313,6 +331,20 @@ static bool random_number(int64_t *number) {
     return true;
 }
 
+#ifdef TROCAR_CLIENT_UNICAST
+/* Computes the HMAC-SHA256; all bytes of the tag are random if the system cannot, so that it matches no other. */
+static void hmac(const unsigned char *key, size_t key_size, const unsigned char *data, size_t size, unsigned char tag[32]) {
+    BCRYPT_ALG_HANDLE algorithm = NULL;
+    BCRYPT_HASH_HANDLE hash = NULL;
+    bool done = BCryptOpenAlgorithmProvider(&algorithm, BCRYPT_SHA256_ALGORITHM, NULL, BCRYPT_ALG_HANDLE_HMAC_FLAG) >= 0 &&
+                BCryptCreateHash(algorithm, &hash, NULL, 0, (PUCHAR)(uintptr_t)key, (ULONG)key_size, 0) >= 0 &&
+                BCryptHashData(hash, (PUCHAR)(uintptr_t)data, (ULONG)size, 0) >= 0 && BCryptFinishHash(hash, tag, 32, 0) >= 0;
+    if (!done) BCryptGenRandom(NULL, tag, 32, BCRYPT_USE_SYSTEM_PREFERRED_RNG);
+    if (hash != NULL) BCryptDestroyHash(hash);
+    if (algorithm != NULL) BCryptCloseAlgorithmProvider(algorithm, 0);
+}
+#endif
+
 static void exchange_until_end(trocar_client *c);
 static unsigned __stdcall run(void *client) { return exchange_until_end(client), 0; }
 
@@ -400,6 +432,19 @@ static bool random_number(int64_t *number) {
     return whole;
 }
 
+#if defined TROCAR_CLIENT_UNICAST && defined __APPLE__
+static void hmac(const unsigned char *key, size_t key_size, const unsigned char *data, size_t size, unsigned char tag[32]) {
+    CCHmac(kCCHmacAlgSHA256, key, key_size, data, size, tag);
+}
+#elif defined TROCAR_CLIENT_UNICAST
+static void hmac(const unsigned char *key, size_t key_size, const unsigned char *data, size_t size, unsigned char tag[32]) {
+    struct hmac_sha256_ctx context;
+    hmac_sha256_set_key(&context, key_size, key);
+    hmac_sha256_update(&context, size, data);
+    hmac_sha256_digest(&context, 32, tag);
+}
+#endif
+
 static void exchange_until_end(trocar_client *c);
 static void *run(void *client) { return exchange_until_end(client), NULL; }
 
@@ -485,6 +530,19 @@ typedef struct {
     int buffer;              /* bytes, size of the socket's receive buffer; 0 selects the system's default */
 } lcm_address;
 
+/* A connection to one server at udp://HOST:PORT. */
+enum { KEY = 32, TAG = 32, NONCE = 16, TOKEN = 24, HANDSHAKE = 4 + NONCE + TOKEN + TAG };
+typedef struct {
+    bool used;               /* false if the client uses multicast; the following members are then unused */
+    unsigned char secret[KEY], to_server[KEY], to_client[KEY];
+    unsigned char nonce[NONCE];
+    bool connected;
+    int refused;             /* reason why the server refuses this client; 0 if it does not */
+    uint64_t sent;           /* counter of the last message sent */
+    uint64_t newest, seen;   /* largest counter received; bit i of `seen`: newest - i has been received */
+    double asked_at, sent_at, heard_at, kept_at; /* s, times of the last attempt to connect, message sent, message received, and sign of life */
+} unicast_link;
+
 struct trocar_client {
     /* from the device's loop to the client's thread */
     slots pose_slots;
@@ -511,7 +569,8 @@ struct trocar_client {
 
     /* the following members are used only by the client's thread */
     lcm_address address;
-    socket_handle sender, receiver;
+    unicast_link link;
+    socket_handle sender, receiver; /* the same socket if the client uses unicast */
     uint32_t packets;        /* sent */
     int64_t session, seq;
     int needle;
@@ -768,6 +827,152 @@ static void take_datagram(trocar_client *c, const unsigned char *packet, size_t 
     if (name > 0) take_message(c, (const char *)packet + HEADER, packet + HEADER + name, size - HEADER - name);
 }
 
+/* ---- unicast ------------------------------------------------------------------------------------------------------------ */
+
+#ifdef TROCAR_CLIENT_UNICAST
+
+enum { HELLO = 1, COOKIE, CONNECT, WELCOME, REFUSED, TO_SERVER, TO_CLIENT }; /* kinds of datagrams */
+enum { WRONG_SECRET = 1, FULL = 2 };                                         /* reasons for a refusal */
+enum { SECRET_LEAST = 32, SECRET_MOST = 1024 };                              /* bytes */
+static const double RETRY = 0.2;              /* s between attempts to connect */
+static const double KEEP_ALIVE = 0.25;        /* s between signs of life if nothing is sent or nothing is received */
+static const double SILENCE = 1.0;            /* s of silence after which the client connects again */
+static const double LONGEST_HANDSHAKE = 2.0;  /* s for which opening a client waits for a server */
+
+/* Completes a datagram of `size` bytes with its tag and sends it; returns false if the network refuses it. */
+static bool send_tagged(trocar_client *c, const unsigned char key[KEY], unsigned char *datagram, size_t size) {
+    hmac(key, KEY, datagram, size, datagram + size);
+    return send(c->sender, (const char *)datagram, (int)(size + TAG), 0) == (int)(size + TAG);
+}
+
+static void put_head(unsigned char *datagram, int kind) {
+    memcpy(datagram, "TU1", 3);
+    datagram[3] = (unsigned char)kind;
+}
+
+static void send_handshake(trocar_client *c, int kind, const unsigned char token[TOKEN]) {
+    unsigned char datagram[HANDSHAKE];
+    put_head(datagram, kind);
+    memcpy(datagram + 4, c->link.nonce, NONCE);
+    memcpy(datagram + 4 + NONCE, token, TOKEN);
+    send_tagged(c, c->link.secret, datagram, HANDSHAKE - TAG);
+}
+
+/* Sends a message; it is lost while the client is not connected. */
+static bool send_unicast(trocar_client *c, const char *channel, const unsigned char *message, size_t size) {
+    unsigned char datagram[SENT_MOST + TAG];
+    size_t name = strlen(channel) + 1;
+    if (!c->link.connected) return false;
+    put_head(datagram, TO_SERVER);
+    put_number(datagram + 4, ++c->link.sent, 8);
+    memcpy(datagram + 12, channel, name);
+    memcpy(datagram + 12 + name, message, size);
+    c->link.sent_at = now();
+    return send_tagged(c, c->link.to_server, datagram, 12 + name + size);
+}
+
+/* Forgets the connection, so that the next attempt to connect begins with another nonce. */
+static bool disconnect(unicast_link *l) {
+    int64_t halves[2];
+    l->connected = false;
+    l->sent = l->newest = l->seen = 0;
+    bool random = random_number(&halves[0]) && random_number(&halves[1]);
+    memcpy(l->nonce, halves, NONCE);
+    return random;
+}
+
+/* Connects, gives signs of life, and connects again after a silence. */
+static void tend_link(trocar_client *c) {
+    static const unsigned char none[TOKEN] = {0};
+    unicast_link *l = &c->link;
+    double time = now();
+    if (l->connected && time - l->heard_at > SILENCE) disconnect(l);
+    if (!l->connected && time - l->asked_at >= RETRY) {
+        l->asked_at = time;
+        send_handshake(c, HELLO, none);
+    }
+    if (l->connected && time - fmax(l->kept_at, fmin(l->sent_at, l->heard_at)) >= KEEP_ALIVE) {
+        l->kept_at = time;
+        send_unicast(c, "", none, 0);
+    }
+}
+
+/* True if the tag is right. The duration does not depend on the tag. */
+static bool is_authentic(const unsigned char key[KEY], const unsigned char *datagram, size_t size) {
+    unsigned char tag[TAG];
+    volatile unsigned char difference = 0;
+    hmac(key, KEY, datagram, size - TAG, tag);
+    for (int i = 0; i < TAG; i++) difference |= tag[i] ^ datagram[size - TAG + (size_t)i];
+    return difference == 0;
+}
+
+static void make_key(unicast_link *l, const char *way, const unsigned char token[TOKEN], unsigned char key[KEY]) {
+    unsigned char text[9 + NONCE + TOKEN];
+    memcpy(text, way, 9);
+    memcpy(text + 9, l->nonce, NONCE);
+    memcpy(text + 9 + NONCE, token, TOKEN);
+    hmac(l->secret, KEY, text, sizeof text, key);
+}
+
+static void take_handshake(trocar_client *c, const unsigned char *datagram) {
+    unicast_link *l = &c->link;
+    const unsigned char *token = datagram + 4 + NONCE;
+    if (l->connected || memcmp(datagram + 4, l->nonce, NONCE) != 0) return;
+    int kind = datagram[3];
+    if (kind == REFUSED && token[0] == WRONG_SECRET) l->refused = WRONG_SECRET; /* not authentic, since the keys differ */
+    if (!is_authentic(l->secret, datagram, HANDSHAKE)) return;
+    if (kind == COOKIE) send_handshake(c, CONNECT, token);
+    if (kind == REFUSED) l->refused = token[0];
+    if (kind == WELCOME) {
+        make_key(l, "to server", token, l->to_server);
+        make_key(l, "to client", token, l->to_client);
+        l->connected = true;
+        l->heard_at = l->sent_at = now();
+    }
+}
+
+/* True if no message with this counter has been received. A message may be overtaken by up to 63 others. */
+static bool is_new_counter(unicast_link *l, uint64_t counter) {
+    if (counter > l->newest) {
+        uint64_t ahead = counter - l->newest;
+        l->seen = (ahead < 64 ? l->seen << ahead : 0) | 1;
+        l->newest = counter;
+        return true;
+    }
+    uint64_t behind = l->newest - counter;
+    if (counter == 0 || behind >= 64 || (l->seen >> behind & 1) != 0) return false;
+    l->seen |= (uint64_t)1 << behind;
+    return true;
+}
+
+static void take_unicast(trocar_client *c, const unsigned char *datagram, size_t size) {
+    enum { HEADER = 12 };
+    if (size < HEADER + 1 + TAG || memcmp(datagram, "TU1", 3) != 0) return;
+    if (datagram[3] != TO_CLIENT) {
+        if (size == HANDSHAKE) take_handshake(c, datagram);
+        return;
+    }
+    if (!c->link.connected || !is_authentic(c->link.to_client, datagram, size)) return;
+    size_t rest = size - HEADER - TAG, name = channel_bytes(datagram + HEADER, rest);
+    if (name == 0 || !is_new_counter(&c->link, get_number(datagram + 4, 8))) return;
+    c->link.heard_at = now();
+    take_message(c, (const char *)datagram + HEADER, datagram + HEADER + name, rest - name);
+}
+
+#else
+
+static void tend_link(trocar_client *c) { (void)c; }
+static void take_unicast(trocar_client *c, const unsigned char *datagram, size_t size) { (void)c, (void)datagram, (void)size; }
+
+static bool send_unicast(trocar_client *c, const char *channel, const unsigned char *message, size_t size) {
+    (void)c, (void)channel, (void)message, (void)size;
+    return false;
+}
+
+#endif
+
+/* ---- the socket ---------------------------------------------------------------------------------------------------------- */
+
 /* True if this address belongs to this machine: only then does the system use it as the source of packets that are sent to it. */
 static bool is_own(struct in_addr address) {
     struct sockaddr_in to = {0}, from = {0};
@@ -806,15 +1011,16 @@ static void receive(trocar_client *c) {
             if (!would_block()) pause_shortly(); /* avoids a busy loop: while the network is down, every call may fail immediately */
             return;
         }
-        if (is_welcome(c, &from)) take_datagram(c, c->datagram, (size_t)size, &from);
+        if (c->link.used) take_unicast(c, c->datagram, (size_t)size);
+        else if (is_welcome(c, &from)) take_datagram(c, c->datagram, (size_t)size, &from);
     }
 }
 
 /* ---- what goes to the network ------------------------------------------------------------------------------------------ */
 
-/* Sends a packet; returns false if the network refuses it. `size` is the size of the message that follows the header and the channel name in
-   `packet`. */
+/* Sends a message of `size` bytes; returns false if the network refuses it. */
 static bool send_packet(trocar_client *c, const char *channel, const unsigned char *message, size_t size) {
+    if (c->link.used) return send_unicast(c, channel, message, size);
     unsigned char packet[SENT_MOST];
     size_t name = strlen(channel) + 1, whole = 8 + name + size;
     put_number(packet, 0x4c433032, 4);
@@ -846,7 +1052,8 @@ static void send_command(trocar_client *c, int32_t what, int64_t number, int32_t
 
 static void exchange_until_end(trocar_client *c) {
     while (!peek_word(&c->ends)) {
-        wait_for_work(&c->os, c->receiver, -1);
+        wait_for_work(&c->os, c->receiver, c->link.used ? LINK_PERIOD : -1);
+        if (c->link.used) tend_link(c);
         if (slots_renew(&c->command_slots)) {
             const sent_command *asked = &c->commands[c->command_slots.front];
             send_command(c, asked->what, asked->number, asked->seeds, asked->spacing);
@@ -940,7 +1147,7 @@ static bool limits_are_good(const trocar_client_options *o) {
 }
 
 static void free_client(trocar_client *c) {
-    if (c->sender != NO_SOCKET) close_socket(c->sender);
+    if (c->sender != NO_SOCKET && c->sender != c->receiver) close_socket(c->sender);
     if (c->receiver != NO_SOCKET) close_socket(c->receiver);
     os_close(&c->os);
     free(c);
@@ -967,9 +1174,89 @@ static trocar_client *create_client(const trocar_client_options *o) {
     return c;
 }
 
-static bool connect_client(trocar_client *c, const char *url, char *why, size_t size) {
+#ifdef TROCAR_CLIENT_UNICAST
+
+static bool read_secret(const char *path, unsigned char key[KEY], char *why, size_t room) {
+    static const char protocol[] = "trocar unicast 1";
+    unsigned char secret[SECRET_MOST + 3];
+    size_t size = 0;
+    if (path != NULL) {
+        FILE *file = fopen(path, "rb");
+        size = file == NULL ? 0 : fread(secret, 1, sizeof secret, file);
+        if (file != NULL) fclose(file);
+        while (size > 0 && (secret[size - 1] == '\n' || secret[size - 1] == '\r')) size--;
+        if (size < SECRET_LEAST || size > SECRET_MOST) {
+            snprintf(why, room, file == NULL ? "secret file %s: cannot be read" : "secret file %s: a secret has %d to %d bytes", path, SECRET_LEAST, SECRET_MOST);
+            return false;
+        }
+    }
+    hmac((const unsigned char *)protocol, sizeof protocol - 1, secret, size, key);
+    return true;
+}
+
+/* Parses udp://HOST:PORT and connects the socket to this address. */
+static bool open_unicast(trocar_client *c, const char *url, char *why, size_t size) {
+    char host[256], reason[128];
+    const char *from = url + strlen("udp://"), *colon = strrchr(from, ':');
+    long port = colon == NULL ? 0 : strtol(colon + 1, NULL, 10);
+    struct addrinfo wanted, *found = NULL;
+    if (port < 1 || port > 65535 || colon == from || (size_t)(colon - from) >= sizeof host) {
+        snprintf(why, size, "cannot connect to \"%s\": a server with --listen has an address such as udp://192.168.1.5:7668", url);
+        return false;
+    }
+    snprintf(host, sizeof host, "%.*s", (int)(colon - from), from);
+    memset(&wanted, 0, sizeof wanted);
+    wanted.ai_family = AF_INET;
+    wanted.ai_socktype = SOCK_DGRAM;
+    if (getaddrinfo(host, colon + 1, &wanted, &found) != 0) {
+        snprintf(why, size, "cannot connect to \"%s\": there is no host with this name", url);
+        return false;
+    }
+    c->sender = c->receiver = socket(AF_INET, SOCK_DGRAM, 0);
+    bool opened = c->sender != NO_SOCKET && connect(c->sender, found->ai_addr, (socklen_t)found->ai_addrlen) == 0 && set_readable(&c->os, c->receiver);
+    freeaddrinfo(found);
+    network_error(reason, sizeof reason);
+    if (!opened) snprintf(why, size, "cannot connect to \"%s\": %s", url, reason);
+    return opened;
+}
+
+/* Waits a short time for the server, which may be started later; false if it refuses this client. */
+static bool connect_unicast(trocar_client *c, const char *url, const char *secret_file, char *why, size_t size) {
+    unicast_link *l = &c->link;
+    l->used = true;
+    if (secret_file == NULL || *secret_file == '\0') secret_file = getenv("TROCAR_SECRET_FILE");
+    if (secret_file != NULL && *secret_file == '\0') secret_file = NULL;
+    if (!read_secret(secret_file, l->secret, why, size) || !open_unicast(c, url, why, size)) return false;
+    if (!disconnect(l)) {
+        snprintf(why, size, "the system has no random numbers");
+        return false;
+    }
+    for (double end = now() + LONGEST_HANDSHAKE; !l->connected && l->refused == 0 && now() < end;) {
+        tend_link(c);
+        wait_for_work(&c->os, c->receiver, LINK_PERIOD);
+        receive(c);
+    }
+    if (l->refused == FULL) snprintf(why, size, "the server at %s has too many clients", url);
+    else if (l->refused != 0 && secret_file != NULL) snprintf(why, size, "the server at %s refuses the secret of %s", url, secret_file);
+    else if (l->refused != 0) snprintf(why, size, "the server at %s refuses a client without a secret; set secret_file or $TROCAR_SECRET_FILE", url);
+    return l->refused == 0;
+}
+
+#else
+
+static bool connect_unicast(trocar_client *c, const char *url, const char *secret_file, char *why, size_t size) {
+    (void)c, (void)secret_file;
+    snprintf(why, size, "cannot connect to \"%s\": this client is built without unicast; build trocar_client.c with -DTROCAR_CLIENT_UNICAST, and link "
+             "nettle (on Windows, bcrypt)", url);
+    return false;
+}
+
+#endif
+
+static bool connect_client(trocar_client *c, const char *url, const char *secret_file, char *why, size_t size) {
     char reason[128];
     bool opened = os_open(&c->os);
+    if (opened && strncmp(url, "udp://", strlen("udp://")) == 0) return connect_unicast(c, url, secret_file, why, size);
     if (!read_url(url, &c->address)) {
         snprintf(why, size, "LCM cannot connect to \"%s\": the client knows addresses such as udpm://239.255.76.67:7667?ttl=0, of a multicast "
                  "group", url);
@@ -996,7 +1283,7 @@ static trocar_client *open_or_say_why(const trocar_client_options *o, char *why,
         snprintf(why, size, "the client cannot be created: no memory");
         return NULL;
     }
-    if (connect_client(c, url, why, size) && start_thread(&c->os, c, o->priority, why, size)) return c;
+    if (connect_client(c, url, o->secret_file, why, size) && start_thread(&c->os, c, o->priority, why, size)) return c;
     free_client(c);
     return NULL;
 }

@@ -23,13 +23,16 @@
    Watchdog: after 20 ms without a wrench the force is zero. When wrenches arrive again, the force is ramped up in 0.1 s.
 
    Limits: whatever arrives, force and torque stay below the limits in the options, and so do their rates of change. LCM has no
-   authentication, so anyone on the network can send a wrench; set limits that are safe for your device.
+   authentication, so anyone on the network can send a wrench; set limits that are safe for your device. A URL udp://HOST:PORT is authenticated.
 
    Frames: the scene's world frame, in metres. Quaternions are w, x, y, z. The needle's axis is its local +z, from base to tip,
    and its bevel faces local +y.
 
    Link with trocar::client (CMake) or trocar-client (pkg-config), or add trocar_client.c to your program: it is C99 and needs only the
-   operating system, Linux or Windows (on Windows, link ws2_32); macOS should work but is untested. */
+   operating system, Linux or Windows (on Windows, link ws2_32); macOS should work but is untested.
+
+   URLs of the form udp://HOST:PORT need trocar::client_unicast (CMake) or trocar-client-unicast (pkg-config), or trocar_client.c compiled with
+   -DTROCAR_CLIENT_UNICAST and linked with nettle (on Windows bcrypt; on macOS nothing). */
 #ifndef TROCAR_CLIENT_H
 #define TROCAR_CLIENT_H
 
@@ -43,7 +46,8 @@ extern "C" {
 typedef struct trocar_client trocar_client;
 
 typedef struct trocar_client_options {
-    const char *url;         /* LCM URL of UDP multicast, udpm://...; NULL selects $LCM_DEFAULT_URL or, if that is not set, LCM's default */
+    const char *url;         /* LCM URL of UDP multicast, udpm://..., or udp://HOST:PORT of a server with --listen; NULL selects $LCM_DEFAULT_URL or, if
+                                that is not set, LCM's default */
     double watchdog;         /* s without a wrench after which the force is set to zero; 0 selects the default, 0.02 */
     /* SCHED_FIFO priority of the client's thread, which must be below that of the device's loop; 0 keeps the caller's scheduling. On Windows, any
        other value means time-critical */
@@ -54,6 +58,7 @@ typedef struct trocar_client_options {
     double max_force_rate;   /* N/s, maximum force rate; 0 selects the default, 2000 */
     double max_torque_rate;  /* N m/s, maximum torque rate; 0 selects the default, 100 */
     int without_force;       /* 1 if the client renders no force, like a mouse or a tracker; the needle then follows its poses rigidly */
+    const char *secret_file; /* file with the secret of a server with --listen; NULL selects $TROCAR_SECRET_FILE or, if that is not set, no secret */
 } trocar_client_options;
 
 /* The options used when none are given: all defaults listed above. */

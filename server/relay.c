@@ -10,6 +10,7 @@
 #include <unistd.h>
 
 #include "common/network.h"
+#include "common/realtime.h"
 #include "common/timing.h"
 #include "common/wake.h"
 
@@ -28,9 +29,10 @@ static trocar_status open_socket(relay *r, const struct sockaddr_in *address, re
                 strerror(errno));
 }
 
-trocar_status relay_create(relay *r, const struct sockaddr_in *address, const wire_key *secret, const char *lcm_url, exchange *x, report *why) {
+trocar_status relay_create(relay *r, const struct sockaddr_in *address, const wire_key *secret, const char *lcm_url, bool realtime, exchange *x,
+                           report *why) {
     wire_key cookie_key;
-    *r = (relay){.exchange = x, .socket = -1};
+    *r = (relay){.exchange = x, .socket = -1, .realtime = realtime};
     atomic_init(&r->stop, false);
     if (!randomise(&cookie_key, sizeof cookie_key) || !randomise(r->fresh, sizeof r->fresh))
         return fail(why, TROCAR_SYSTEM, "cannot get random numbers: %s", strerror(errno));
@@ -107,6 +109,7 @@ static void wait_for_work(relay *r) {
 
 void *relay_run(void *context) {
     relay *r = context;
+    if (r->realtime) realtime_use_fifo(PRIORITY_RELAY); /* if this is refused, the thread keeps its ordinary priority */
     while (!atomic_load_explicit(&r->stop, memory_order_acquire)) {
         wait_for_work(r);
         receive(r);

@@ -1,5 +1,6 @@
 /* The relay thread (--listen): publishes the authentic messages of unicast clients on LCM, where the IO thread, loggers and lcm-spy receive them
-   like any other message, and sends the IO thread's messages to these clients. It has ordinary priority and does a bounded amount of work. */
+   like any other message, and sends the IO thread's messages to these clients. Its priority is a real-time one, but below that of the loop
+   and the IO thread, and its work is bounded, so that a flood of datagrams delays neither. */
 #ifndef TROCAR_RELAY_H
 #define TROCAR_RELAY_H
 
@@ -11,6 +12,7 @@
 
 typedef struct {
     exchange *exchange;
+    bool realtime;               /* under SCHED_FIFO */
     int socket;
     atomic_bool stop;
     lcm_t *lcm;                  /* the following members are used only by the thread while it runs */
@@ -23,7 +25,8 @@ typedef struct {
 } relay;
 
 /* Binds the socket, connects to LCM, and adds the relay's buffers to the exchange. SYSTEM if the address cannot be used. */
-trocar_status relay_create(relay *r, const struct sockaddr_in *address, const wire_key *secret, const char *lcm_url, exchange *x, report *why);
+trocar_status relay_create(relay *r, const struct sockaddr_in *address, const wire_key *secret, const char *lcm_url, bool realtime, exchange *x,
+                           report *why);
 void relay_free(relay *r);
 
 /* Main function of the thread; `context` is a relay. */

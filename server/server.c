@@ -152,7 +152,7 @@ static trocar_status create_parts(server *s, report *why) {
                                   .server = s->id, .verbose = s->options.verbose};
     status = telemetry_create(&s->telemetry, &telling, s->model, x, why);
     if (status != TROCAR_OK || s->options.listen == NULL) return status;
-    return relay_create(&s->relay, &s->listen, &s->secret, s->options.lcm_url, x, why);
+    return relay_create(&s->relay, &s->listen, &s->secret, s->options.lcm_url, s->realtime, x, why);
 }
 
 static trocar_status create_all(server *s, report *why) {

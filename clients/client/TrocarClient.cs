@@ -20,6 +20,7 @@
 using System;
 using System.Diagnostics;
 using System.Globalization;
+using System.IO;
 using System.Net;
 using System.Net.Sockets;
 using System.Security.Cryptography;
@@ -321,8 +322,10 @@ public sealed class TrocarWrench {
 }
 
 public sealed class TrocarOptions {
-    /// <summary>LCM URL of UDP multicast; null: $LCM_DEFAULT_URL, or else LCM's default.</summary>
+    /// <summary>LCM URL of UDP multicast, or udp://HOST:PORT of a server with --listen; null: $LCM_DEFAULT_URL, or else LCM's default.</summary>
     public string Url;
+    /// <summary>File with the secret of a server with --listen; null: $TROCAR_SECRET_FILE, or else no secret.</summary>
+    public string SecretFile;
     /// <summary>Index of the device's needle in the scene, from 0.</summary>
     public int Needle;
     /// <summary>s without a wrench after which the force is zero.</summary>
@@ -348,7 +351,7 @@ public sealed class TrocarClient : IDisposable {
     const double LongestEcho = 10;     // s within which the client's first message has to come back from the network
 
     readonly TrocarOptions options;
-    readonly Lcm network;
+    readonly INetwork network;
     readonly long session;
     readonly NeedlePoseMessage pose = new NeedlePoseMessage();
     readonly CommandMessage command = new CommandMessage();
@@ -382,13 +385,7 @@ public sealed class TrocarClient : IDisposable {
         force = new Limiter(options.MaxForce, options.MaxForceRate);
         torque = new Limiter(options.MaxTorque, options.MaxTorqueRate);
         session = RandomSession();
-        network = new Lcm(options.Url, TakeMessage);
-        try {
-            WaitForEcho();
-        } catch {
-            network.Dispose();
-            throw;
-        }
+        network = Connect();
         thread = new Thread(ReceiveUntilEnd) { IsBackground = true, Name = "trocar", Priority = ThreadPriority.Highest };
         thread.Start();
     }
@@ -520,20 +517,34 @@ public sealed class TrocarClient : IDisposable {
 
     // ---- the network's thread
 
-    void WaitForEcho() {
+    INetwork Connect() {
+        string url = string.IsNullOrEmpty(options.Url) ? Environment.GetEnvironmentVariable("LCM_DEFAULT_URL") : options.Url;
+        if (string.IsNullOrEmpty(url)) url = "udpm://239.255.76.67:7667?ttl=0";
+        if (url.StartsWith("udp://", StringComparison.Ordinal)) return new Unicast(url, options.SecretFile, TakeMessage);
+        var lcm = new Lcm(url, TakeMessage);
+        try {
+            WaitForEcho(lcm);
+        } catch {
+            lcm.Dispose();
+            throw;
+        }
+        return lcm;
+    }
+
+    void WaitForEcho(Lcm lcm) {
         string reason = "no message comes back";
         double end = Clock.Now() + LongestEcho;
         try {
             while (!echoed && Clock.Now() < end) {
-                network.Begin("LCM_SELF_TEST").Int64(session);
-                network.Send(true);
-                network.Receive();
+                lcm.Begin("LCM_SELF_TEST").Int64(session);
+                lcm.Send(true);
+                lcm.Receive();
             }
         } catch (SocketException error) {
             reason = error.Message;
         }
         if (!echoed)
-            throw new InvalidOperationException("LCM cannot connect to \"" + network.Url + "\" (" + reason + "): check the address, the firewall and " +
+            throw new InvalidOperationException("LCM cannot connect to \"" + lcm.Url + "\" (" + reason + "): check the address, the firewall and " +
                 "the multicast route. On a single machine without a network, as root: ip link set lo multicast on && ip route add 239.255.76.67/32 dev lo");
     }
 
@@ -717,7 +728,14 @@ internal sealed class BigEndianReader {
     }
 }
 
-internal sealed class Lcm : IDisposable {
+// A connection that sends one message at a time, which is written between Begin and Send, and receives in another thread.
+internal interface INetwork : IDisposable {
+    BigEndianWriter Begin(string channel, ulong fingerprint);
+    void Send(bool mustPass = false);
+    void Receive(); // waits for a datagram for at most 50 ms
+}
+
+internal sealed class Lcm : INetwork {
     const int MessageMost = 1 << 17, FragmentsMost = 256;
     internal readonly string Url;
     readonly IPEndPoint group;
@@ -745,8 +763,7 @@ internal sealed class Lcm : IDisposable {
 
     internal Lcm(string url, Action<string, BigEndianReader> take) {
         this.take = take;
-        Url = string.IsNullOrEmpty(url) ? Environment.GetEnvironmentVariable("LCM_DEFAULT_URL") : url;
-        if (string.IsNullOrEmpty(Url)) Url = "udpm://239.255.76.67:7667?ttl=0";
+        Url = url;
         int buffer;
         if (!Read(Url, out group, out ttl, out buffer))
             throw new InvalidOperationException("LCM cannot connect to \"" + Url + "\": the client knows addresses such as " +
@@ -803,13 +820,13 @@ internal sealed class Lcm : IDisposable {
         return packet;
     }
 
-    internal BigEndianWriter Begin(string channel, ulong fingerprint) {
+    public BigEndianWriter Begin(string channel, ulong fingerprint) {
         Begin(channel).UInt64(fingerprint);
         return packet;
     }
 
     // Sends the packet. A pose that the network refuses is lost (the server counts it); the next one follows soon.
-    internal void Send(bool mustPass = false) {
+    public void Send(bool mustPass = false) {
         try {
             sender.SendTo(packet.Bytes, 0, packet.Size, SocketFlags.None, group);
         } catch (SocketException) {
@@ -817,8 +834,7 @@ internal sealed class Lcm : IDisposable {
         }
     }
 
-    // Waits for a datagram for at most 50 ms.
-    internal void Receive() {
+    public void Receive() {
         if (!receiver.Poll(50000, SelectMode.SelectRead)) return;
         int size = receiver.ReceiveFrom(datagram, ref from);
         var origin = (IPEndPoint)from;
@@ -884,6 +900,223 @@ internal sealed class Lcm : IDisposable {
         if (--missing > 0 || filled != total) return;
         reader.Set(whole, 0, (int)total);
         take(wholeChannel, reader);
+    }
+}
+
+// ---- unicast: see docs/connect-a-device.md for the protocol ---------------------------------------------------------------
+
+// A connection to one server, which is renewed when the server falls silent.
+internal sealed class Unicast : INetwork {
+    enum Kind : byte { Hello = 1, Cookie, Connect, Welcome, Refused, ToServer, ToClient }
+    const byte WrongSecret = 1, Full = 2; // reasons for a refusal
+    const int Head = 4, Nonce = 16, Token = 24, Tag = 32, Handshake = Head + Nonce + Token + Tag;
+    // s: between attempts to connect; between signs of life; until the connection is given up; for which the constructor waits for a server
+    const double Retry = 0.2, KeepAlive = 0.25, Silence = 1, LongestHandshake = 2;
+
+    readonly Socket socket;
+    readonly Action<string, BigEndianReader> take;
+    readonly HMACSHA256 secret;
+    readonly byte[] nonce = new byte[Nonce], datagram = new byte[65536];
+    readonly BigEndianWriter packet = new BigEndianWriter(), sign = new BigEndianWriter();
+    readonly BigEndianReader reader = new BigEndianReader();
+    double askedAt = double.NegativeInfinity, keptAt = double.NegativeInfinity, heardAt;
+    byte refused;
+    ulong newest, seen; // largest counter received; bit i of `seen`: newest - i has been received
+
+    // Used by both threads, under `guard`.
+    readonly object guard = new object();
+    HMACSHA256 toServer, toClient; // null while there is no connection
+    long sent;
+    double sentAt;
+
+    internal Unicast(string url, string secretFile, Action<string, BigEndianReader> take) {
+        this.take = take;
+        if (string.IsNullOrEmpty(secretFile)) secretFile = Environment.GetEnvironmentVariable("TROCAR_SECRET_FILE");
+        secret = new HMACSHA256(ReadSecret(secretFile));
+        int colon = url.LastIndexOf(':'), port;
+        if (colon <= 6 || !int.TryParse(url.Substring(colon + 1), NumberStyles.None, CultureInfo.InvariantCulture, out port) || port < 1 || port > 65535)
+            throw new InvalidOperationException("cannot connect to \"" + url + "\": a server with --listen has an address such as udp://192.168.1.5:7668");
+        socket = new Socket(AddressFamily.InterNetwork, SocketType.Dgram, ProtocolType.Udp);
+        try {
+            socket.Connect(url.Substring(6, colon - 6), port);
+            Disconnect();
+            for (double end = Clock.Now() + LongestHandshake; toServer == null && refused == 0 && Clock.Now() < end;) Try();
+        } catch (SocketException error) {
+            Dispose();
+            throw new InvalidOperationException("cannot connect to \"" + url + "\": " + error.Message, error);
+        }
+        if (refused == 0) return;
+        Dispose();
+        throw new InvalidOperationException("the server at " + url + (refused == Full ? " has too many clients"
+            : string.IsNullOrEmpty(secretFile) ? " refuses a client without a secret; set SecretFile or $TROCAR_SECRET_FILE" : " refuses the secret of " + secretFile));
+    }
+
+    public void Dispose() { socket.Close(); }
+
+    static byte[] ReadSecret(string path) {
+        byte[] bytes = new byte[0];
+        int size = 0;
+        if (!string.IsNullOrEmpty(path)) {
+            try {
+                bytes = File.ReadAllBytes(path);
+            } catch (IOException error) {
+                throw new InvalidOperationException("secret file " + path + ": " + error.Message, error);
+            }
+            for (size = bytes.Length; size > 0 && (bytes[size - 1] == '\n' || bytes[size - 1] == '\r'); size--) continue;
+            if (size < 32 || size > 1024) throw new InvalidOperationException("secret file " + path + ": a secret has 32 to 1024 bytes");
+        }
+        using (var protocol = new HMACSHA256(Encoding.ASCII.GetBytes("trocar unicast 1"))) return protocol.ComputeHash(bytes, 0, size);
+    }
+
+    // Receives during the handshake, when no program may have the server's port yet.
+    void Try() {
+        try {
+            Receive();
+        } catch (SocketException) {
+            Thread.Sleep(20);
+        }
+    }
+
+    // ---- sending
+
+    static void Begin(BigEndianWriter to, Kind kind) {
+        to.Size = 0;
+        to.Int32(0x54553100 | (int)kind); // TU1, kind
+    }
+
+    static void Put(BigEndianWriter to, byte[] bytes, int from, int count) {
+        Buffer.BlockCopy(bytes, from, to.Bytes, to.Size, count);
+        to.Size += count;
+    }
+
+    public BigEndianWriter Begin(string channel, ulong fingerprint) {
+        Begin(packet, Kind.ToServer);
+        packet.Int64(0); // the counter, which Send sets
+        packet.Name(channel);
+        packet.UInt64(fingerprint);
+        return packet;
+    }
+
+    public void Send(bool mustPass = false) { SendMessage(packet); }
+
+    // Sends a message; it is lost while there is no connection.
+    void SendMessage(BigEndianWriter message) {
+        lock (guard) {
+            if (toServer == null) return;
+            int size = message.Size;
+            message.Size = Head;
+            message.Int64(++sent);
+            message.Size = size;
+            sentAt = Clock.Now();
+            SendTagged(message, toServer);
+        }
+    }
+
+    void SendTagged(BigEndianWriter message, HMACSHA256 key) {
+        Put(message, key.ComputeHash(message.Bytes, 0, message.Size), 0, Tag);
+        try {
+            socket.Send(message.Bytes, 0, message.Size, SocketFlags.None);
+        } catch (SocketException) { // lost
+        }
+    }
+
+    void SendHandshake(Kind kind, byte[] token, int from) {
+        Begin(sign, kind);
+        Put(sign, nonce, 0, Nonce);
+        Put(sign, token, from, Token);
+        SendTagged(sign, secret);
+    }
+
+    // ---- receiving
+
+    // Forgets the connection, so that the next attempt to connect begins with another nonce.
+    void Disconnect() {
+        lock (guard) {
+            toServer = toClient = null;
+            sent = 0;
+        }
+        newest = seen = 0;
+        using (var source = RandomNumberGenerator.Create()) source.GetBytes(nonce);
+    }
+
+    // Connects, gives signs of life, and connects again after a silence.
+    void Tend() {
+        double now = Clock.Now();
+        if (toServer != null && now - heardAt > Silence) Disconnect();
+        if (toServer == null && now - askedAt >= Retry) {
+            askedAt = now;
+            SendHandshake(Kind.Hello, new byte[Token], 0);
+        }
+        if (toServer != null && now - Math.Max(keptAt, Math.Min(sentAt, heardAt)) >= KeepAlive) {
+            keptAt = now;
+            Begin(sign, Kind.ToServer);
+            sign.Int64(0);
+            sign.Name("");
+            SendMessage(sign);
+        }
+    }
+
+    public void Receive() {
+        Tend();
+        if (!socket.Poll(50000, SelectMode.SelectRead)) return;
+        int size = socket.Receive(datagram);
+        if (size < Head + 8 + 1 + Tag || datagram[0] != 'T' || datagram[1] != 'U' || datagram[2] != '1') return;
+        if (datagram[3] == (byte)Kind.ToClient) Open(size);
+        else if (size == Handshake && toServer == null && Is(nonce, Head, Nonce)) TakeHandshake((Kind)datagram[3]);
+    }
+
+    // True if the datagram contains these bytes at this place. The duration does not depend on their values.
+    bool Is(byte[] bytes, int at, int count) {
+        int difference = 0;
+        for (int i = 0; i < count; i++) difference |= bytes[i] ^ datagram[at + i];
+        return difference == 0;
+    }
+
+    bool IsAuthentic(HMACSHA256 key, int size) { return Is(key.ComputeHash(datagram, 0, size - Tag), size - Tag, Tag); }
+
+    HMACSHA256 MakeKey(string way) {
+        sign.Size = 0;
+        Put(sign, Encoding.ASCII.GetBytes(way), 0, way.Length);
+        Put(sign, datagram, Head, Nonce + Token);
+        return new HMACSHA256(secret.ComputeHash(sign.Bytes, 0, sign.Size));
+    }
+
+    void TakeHandshake(Kind kind) {
+        byte reason = datagram[Head + Nonce];
+        if (kind == Kind.Refused && reason == WrongSecret) refused = reason; // not authentic, since the keys differ
+        if (!IsAuthentic(secret, Handshake)) return;
+        if (kind == Kind.Refused) refused = reason;
+        if (kind == Kind.Cookie) SendHandshake(Kind.Connect, datagram, Head + Nonce);
+        if (kind != Kind.Welcome) return;
+        lock (guard) {
+            toServer = MakeKey("to server");
+            toClient = MakeKey("to client");
+            sentAt = heardAt = Clock.Now();
+        }
+    }
+
+    void Open(int size) {
+        if (toClient == null || !IsAuthentic(toClient, size)) return;
+        reader.Set(datagram, Head, size - Tag);
+        ulong counter = (ulong)reader.Int64();
+        string channel = reader.Name();
+        if (channel == null || !IsNewCounter(counter)) return;
+        heardAt = Clock.Now();
+        if (channel != "") take(channel, reader);
+    }
+
+    // True if no message with this counter has been received. A message may be overtaken by up to 63 others.
+    bool IsNewCounter(ulong counter) {
+        if (counter > newest) {
+            ulong ahead = counter - newest;
+            seen = (ahead < 64 ? seen << (int)ahead : 0) | 1;
+            newest = counter;
+            return true;
+        }
+        ulong behind = newest - counter;
+        if (counter == 0 || behind >= 64 || (seen >> (int)behind & 1) != 0) return false;
+        seen |= 1UL << (int)behind;
+        return true;
     }
 }
 

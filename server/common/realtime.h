@@ -6,7 +6,7 @@
 
 #include "base/report.h"
 
-enum { PRIORITY_HAPTIC = 80, PRIORITY_IO = 75, PRIORITY_DEVICE = 70 };
+enum { PRIORITY_HAPTIC = 80, PRIORITY_IO = 75, PRIORITY_DEVICE = 70, PRIORITY_RELAY = 10 };
 
 /* Loads the process's current memory into RAM and locks it, except large untouched buffers; also locks every page that the process touches later.
    NO_REALTIME if that is not permitted; the message names the limit to raise. */

@@ -6,6 +6,7 @@ and UnityInsertion.cs (under Mono), or insertion.py.
   rest with the force and depth that the library gives. No wrench is followed by an older one, and the force stays within the client's rate limit.
   The needle follows the hand rigidly, because a virtual coupling would be softer for a longer round trip.
 - The bridge survives crafted packets and a flood of fuzzed fragments, and still gets answers.
+- The insertion is the same over udp://, without multicast; a client with another secret is refused with one clear message.
 - Wrenches that arrive in fragments and out of order are rendered as well.
 - With ttl=0, wrenches from another machine are not rendered; with ttl=1 they are.
 
@@ -15,6 +16,7 @@ import ctypes
 import json
 import math
 import os
+import secrets
 import shutil
 import socket
 import struct
@@ -26,6 +28,7 @@ import time
 
 BUILD, SOURCE, LANGUAGE = sys.argv[1:4]
 HERE, CLIENTS = f"{SOURCE}/tests/client_library", f"{SOURCE}/clients/client"
+UNICAST = "127.0.0.1:7668"
 NEAR, PORT, FAR = "239.255.76.67", 7667, "239.255.76.68:7668"
 LOSS, TWICE, DELAY = 0.1, 0.05, 0.004
 NEEDED = {"windows": {"x86_64-w64-mingw32-gcc": "gcc-mingw-w64-x86-64-win32", "wine": "wine64 and wine"}, "csharp": {"mcs": "mono-mcs", "mono": "mono-runtime"}}
@@ -55,8 +58,8 @@ def build(folder):
         subprocess.run(["mcs", "-langversion:7", "-warn:4", "-warnaserror", f"-out:{folder}/Insertion.exe", f"{CLIENTS}/TrocarClient.cs", *BRIDGES[LANGUAGE]],
                        check=True)
         return ["mono", f"{folder}/Insertion.exe"]
-    subprocess.run(["x86_64-w64-mingw32-gcc", "-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-O2", f"-I{CLIENTS}", "-o", f"{folder}/insertion.exe",
-                    f"{HERE}/insertion.c", f"{CLIENTS}/trocar_client.c", "-lws2_32"], check=True)
+    subprocess.run(["x86_64-w64-mingw32-gcc", "-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-O2", "-DTROCAR_CLIENT_UNICAST", f"-I{CLIENTS}", "-o",
+                    f"{folder}/insertion.exe", f"{HERE}/insertion.c", f"{CLIENTS}/trocar_client.c", "-lws2_32", "-lbcrypt"], check=True)
     os.environ.update(WINEPREFIX=f"{folder}/wine", WINEDEBUG="-all", WINEDLLOVERRIDES="mscoree,mshtml=")
     subprocess.run(["wine", "wineboot", "-i"], check=True, capture_output=True)
     return ["wine", f"{folder}/insertion.exe"]
@@ -74,9 +77,9 @@ def numbers(text):
     return {name: float(value) for name, value in map(str.split, text.splitlines())}
 
 
-def insertion(bridge, group):
-    done = subprocess.run([*bridge, f"udpm://{group}?ttl=0"], capture_output=True, text=True, timeout=60)
-    print(f"{group}: {' '.join(done.stdout.split())} {done.stderr}")
+def insertion(bridge, url):
+    done = subprocess.run([*bridge, url], capture_output=True, text=True, timeout=60)
+    print(f"{url}: {' '.join(done.stdout.split())} {done.stderr}")
     assert done.returncode == 0
     return numbers(done.stdout)
 
@@ -103,12 +106,29 @@ def library(scene):
     return math.hypot(*out.force), out.depth
 
 
+def make_secret(path):
+    with open(os.open(path, os.O_WRONLY | os.O_CREAT, 0o600), "w", encoding="ascii") as file:
+        file.write(secrets.token_hex(16) + "\n")
+    return path
+
+
+def refused(bridge, folder):
+    """A client with another secret fails, and says so in one line."""
+    path = make_secret(f"{folder}/other")
+    done = subprocess.run([*bridge, f"udp://{UNICAST}", "1"], capture_output=True, text=True, timeout=60, env=dict(os.environ, TROCAR_SECRET_FILE=path))
+    print(done.stderr)
+    assert done.returncode != 0 and done.stderr.count("refuses the secret of") == 1, done
+
+
 def same_insertion(bridge, folder):
     scene = rigid_scene(folder)
-    server = until_ready([f"{BUILD}/server/trocar-server", "--scene", scene, "--allow-non-rt"])
+    os.environ["TROCAR_SECRET_FILE"] = make_secret(f"{folder}/secret")
+    server = until_ready([f"{BUILD}/server/trocar-server", "--scene", scene, "--allow-non-rt", "--listen", UNICAST, "--secret-file", f"{folder}/secret"])
     link = until_ready([*AT_ONCE, sys.executable, f"{HERE}/lossy_link.py", f"{NEAR}:{PORT}", FAR, str(LOSS), str(TWICE), str(DELAY)])
     try:
-        good, bad = insertion(bridge, f"{NEAR}:{PORT}"), insertion(bridge, FAR)
+        good, bad = insertion(bridge, f"udpm://{NEAR}:{PORT}?ttl=0"), insertion(bridge, f"udpm://{FAR}?ttl=0")
+        unicast = insertion(bridge, f"udp://{UNICAST}")
+        refused(bridge, folder)
         link.terminate()
         done = json.loads(link.communicate(timeout=10)[0])
         client = subprocess.Popen([*bridge, f"udpm://{NEAR}:{PORT}?ttl=0", "5"], stdout=subprocess.PIPE, text=True)
@@ -123,14 +143,14 @@ def same_insertion(bridge, folder):
     for way in (0, 1):  # the two directions: from the server, and to the server
         total = done["passed"][way] + done["lost"][way]
         assert total > 500 and abs(done["lost"][way] - LOSS * total) < 4 * math.sqrt(LOSS * total) and done["overtaken"][way] > 0.05 * total, f"the link is another one: {done}"
-    for felt in (good, bad):
+    for felt in (good, bad, unicast):
         assert felt["back"] == 0, "an older wrench followed a newer one"
         assert felt["outages"] == 0 and felt["answered"] == felt["periods"], "the watchdog expired"
         assert abs(felt["force"] - force) < 0.01 * force and abs(felt["depth"] - depth) < 0.01 * depth, "not the insertion of the library"
         assert math.isclose(felt.get("along", -force), -force, rel_tol=0.01), "not along the needle"
         assert felt["step"] < 2000 * 0.01, "the force changed faster than the client permits"
         assert felt["resets"] >= 1, "no reply"
-    assert good["resets"] == 1
+    assert good["resets"] == unicast["resets"] == 1
     assert client.returncode == 0 and fired_at["answered"] > 0.3 * fired_at["periods"] and fired_at["back"] == 0, "crafted packets stop it"
 
 

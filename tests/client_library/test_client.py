@@ -28,7 +28,7 @@ import time
 
 BUILD, SOURCE, LANGUAGE = sys.argv[1:4]
 HERE, CLIENTS = f"{SOURCE}/tests/client_library", f"{SOURCE}/clients/client"
-UNICAST = "127.0.0.1:7668"
+UNICAST = "127.0.0.1:7670"
 NEAR, PORT, FAR = "239.255.76.67", 7667, "239.255.76.68:7668"
 LOSS, TWICE, DELAY = 0.1, 0.05, 0.004
 NEEDED = {"windows": {"x86_64-w64-mingw32-gcc": "gcc-mingw-w64-x86-64-win32", "wine": "wine64 and wine"}, "csharp": {"mcs": "mono-mcs", "mono": "mono-runtime"}}

@@ -1,0 +1,377 @@
+#!/usr/bin/python3
+"""Unicast clients on another machine (a network namespace at the other end of a cable), and attacks on them.
+
+- An insertion over udp:// ends with the same force and depth as over multicast on the server's machine.
+- An attacker between client and server replays, reorders, truncates, forges and floods, while a client holds a needle still. No pose that the client has
+  not sent, or has sent before, reaches LCM, nothing stops the server, and the client still gets wrenches. Prints what each attack has cost.
+- A restarted server accepts nothing of an earlier connection, and the client connects to it again.
+- SHUTDOWN is accepted only from a session that holds a needle.
+- Without a secret, with a short one or with one that others can read, the server does not start.
+
+usage: test_unicast.py BUILD_DIR SOURCE_DIR
+"""
+import collections
+import ctypes
+import os
+import random
+import re
+import secrets
+import select
+import socket
+import struct
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+
+BUILD, SOURCE = sys.argv[1:3]
+sys.dont_write_bytecode = True
+sys.path[:0] = [f"{SOURCE}/tests/shared", f"{SOURCE}/tests/system"]
+import unicast
+from in_namespace import in_namespace
+
+HERE, THERE, PORT, GROUP = "10.0.0.1", "10.0.0.2", 7668, ("239.255.76.67", 7667)
+HELD = (0.005, 0.003, -0.201)   # m, where insertion.c holds the needle
+FLOOD = 20000                   # datagrams per second
+SECONDS = 2                     # duration of each attack
+AT_ONCE = ["chrt", "--fifo", "20"] if subprocess.run(["chrt", "--fifo", "20", "true"], capture_output=True).returncode == 0 else []
+CLIENT = f"{BUILD}/tests/client_library/insertion"
+rng = random.Random(1)
+
+
+def flood(descriptor, templates):
+    """Sends copies of these datagrams, with random changes, until standard input is closed; prints their number."""
+    link, sent, begin = socket.socket(fileno=descriptor), 0, time.monotonic()
+    while not select.select([sys.stdin], [], [], 0.001)[0]:
+        while sent < FLOOD * (time.monotonic() - begin):
+            data = bytearray(rng.choice(templates))
+            data[rng.randrange(4, len(data))] ^= 1 + rng.randrange(255)
+            try:
+                link.send(data)
+            except OSError:
+                pass
+            sent += 1
+    print(sent, time.monotonic() - begin)
+    link.detach()
+
+
+# ---- the two machines -----------------------------------------------------------------------------------------------------
+
+class Machine:
+    """The other machine."""
+
+    def __init__(self):
+        self.keeper = subprocess.Popen(["unshare", "--net", "sleep", "1000"])
+        while os.readlink(f"/proc/{self.keeper.pid}/ns/net") == os.readlink("/proc/self/ns/net"):
+            time.sleep(0.01)
+        self.enter = ["nsenter", "--target", str(self.keeper.pid), "--net"]
+        for command in (f"ip link add lan type veth peer name lan netns {self.keeper.pid}", f"ip address add {HERE}/24 dev lan", "ip link set lan up"):
+            subprocess.run(command.split(), check=True)
+        for command in (f"ip address add {THERE}/24 dev lan", "ip link set lan up", "ip link set lo up"):
+            subprocess.run([*self.enter, *command.split()], check=True)
+
+    def socket(self):
+        libc = ctypes.CDLL(None, use_errno=True)
+        with open(f"/proc/{self.keeper.pid}/ns/net") as far, open("/proc/self/ns/net") as near:
+            assert libc.setns(far.fileno(), 0) == 0
+            made = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)     # stays there
+            assert libc.setns(near.fileno(), 0) == 0
+        return made
+
+    def client(self, url, *arguments):
+        return subprocess.Popen([*self.enter, *AT_ONCE, CLIENT, url, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+def finish(client):
+    out, error = client.communicate(timeout=60)
+    assert client.returncode == 0, error
+    return {name: float(value) for name, value in map(str.split, out.splitlines())}
+
+
+class Server:
+    def __init__(self, scene, secret):
+        self.log = tempfile.TemporaryFile("w+")
+        self.process = subprocess.Popen([f"{BUILD}/server/trocar-server", "--scene", scene, "--allow-non-rt", "--listen", f":{PORT}", "--secret-file", secret],
+                                        stdout=self.log, stderr=subprocess.STDOUT)
+        while "\nready\n" not in self.text():
+            assert self.process.poll() is None, self.text()
+            time.sleep(0.05)
+
+    def text(self):
+        self.log.seek(0)
+        return self.log.read()
+
+    def processor_time(self):
+        """s of the relay thread."""
+        for task in os.listdir(f"/proc/{self.process.pid}/task"):
+            with open(f"/proc/{self.process.pid}/task/{task}/comm") as name, open(f"/proc/{self.process.pid}/task/{task}/schedstat") as times:
+                if name.read().strip() == "trocar-relay":
+                    return 1e-9 * int(times.read().split()[0])
+
+
+class Bus(threading.Thread):
+    """Hears what lcm-logger hears on the server's machine."""
+
+    def __init__(self, types):
+        super().__init__(daemon=True)
+        self.types = types
+        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 22)
+        self.socket.bind(GROUP)
+        self.socket.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, socket.inet_aton(GROUP[0]) + socket.inet_aton("127.0.0.1"))
+        self.clear()
+        self.start()
+
+    def clear(self):
+        self.poses, self.wrong, self.wrenches, self.timing = collections.Counter(), 0, collections.Counter(), []     # wrenches: by session
+
+    def run(self):
+        while True:
+            channel, _, data = self.socket.recv(65536)[8:].partition(b"\0")
+            if channel == b"TROCAR_POSE":
+                m = self.types.needle_pose_t.decode(data)
+                self.poses[m.session, m.seq] += 1
+                self.wrong += tuple(m.position) != HELD
+            elif channel == b"TROCAR_WRENCH":
+                self.wrenches[struct.unpack_from(">q", data, 24)[0]] += 1
+            elif channel == b"TROCAR_TIMING":
+                m = self.types.loop_timing_t.decode(data)
+                self.timing.append((m.lateness_p99, m.lateness_max, m.misses))
+
+
+# ---- the attacker -------------------------------------------------------------------------------------------------------------
+
+class Between(threading.Thread):
+    """Passes datagrams between a client and the server, and attacks. attack(datagram) returns what the server gets instead of each message."""
+
+    def __init__(self, machine):
+        super().__init__(daemon=True)
+        self.front, self.back, self.spare = machine.socket(), machine.socket(), machine.socket()
+        self.front.bind(("127.0.0.1", PORT))
+        self.back.connect((HERE, PORT))
+        self.spare.connect((HERE, PORT))
+        self.attack, self.client = None, None
+        self.sent, self.wrenches, self.extra = [], 0, 0
+        self.start()
+
+    def put(self, datagram):
+        try:
+            self.back.send(datagram)
+        except OSError:
+            pass
+
+    def run(self):
+        while True:
+            for ready in select.select([self.front, self.back], [], [])[0]:
+                try:
+                    data, sender = ready.recvfrom(2048)
+                except OSError:
+                    continue
+                if ready is self.front:
+                    self.client = sender
+                    self.sent.append(data)
+                    for each in self.attack(data) if self.attack and data[3] == unicast.TO_SERVER else [data]:
+                        self.extra += each is not data
+                        self.put(each)
+                elif self.client:
+                    self.wrenches += data[12:26] == b"TROCAR_WRENCH\0"
+                    self.front.sendto(data, self.client)
+
+
+def attacks(between, types, earlier):
+    """Yields the name and the function of each attack. `earlier` are the datagrams of an earlier connection."""
+    held, wrong = [], unicast.tag(b"", b"")
+
+    def replayed(data):
+        return [data, data, rng.choice(between.sent), between.sent[-1 - rng.randrange(min(100, len(between.sent)))]]
+
+    def from_earlier(data):
+        return [data, *rng.choices(earlier, k=3)]
+
+    def reordered(data):
+        held.append(data)
+        release = b"TROCAR_COMMAND" in data     # the client's last message: a pose that it overtakes would take the needle again
+        if len(held) < 4 and not release:
+            return []
+        out = held[-2::-1] + [data] if release else held[::-1]
+        held.clear()
+        return out
+
+    def truncated(data):
+        return [data[:rng.randrange(len(data))], data, data[:-1], data + b"\0"]
+
+    def moved_pose(data):
+        pose = types.needle_pose_t.decode(data[12:-32].partition(b"\0")[2])
+        pose.seq += 1
+        pose.position = [0.005, 0.003, HELD[2] + 0.001]
+        return pose.encode()
+
+    def forged(data):
+        counter = struct.unpack(">Q", data[4:12])[0]
+        ahead = b"TU1\6" + struct.pack(">Q", counter + 1) + data[12:]
+        flipped = bytearray(data)
+        flipped[rng.randrange(len(data))] ^= 1 << rng.randrange(8)
+        command = types.command_t()
+        command.command, command.session = types.command_t.SHUTDOWN, struct.unpack(">q", data[12:].partition(b"\0")[2][16:24])[0]
+        out = [ahead, bytes(flipped), data, unicast.message(wrong, counter + 2, b"TROCAR_COMMAND", command.encode())]
+        if b"TROCAR_POSE" in data:
+            out.append(unicast.message(wrong, counter + 1, b"TROCAR_POSE", moved_pose(data)))
+            out.append(data[:-32 - len(moved_pose(data))] + moved_pose(data) + data[-32:])
+        return out
+
+    yield "none", None
+    yield "replayed", replayed
+    yield "of an earlier connection", from_earlier
+    yield "reordered", reordered
+    yield "truncated", truncated
+    yield "forged", forged
+    for name, link in (("flooded from the client's address", between.back), ("flooded from elsewhere", between.spare)):
+        yield name, link
+
+
+def start_flood(link, templates):
+    return subprocess.Popen([sys.executable, __file__, BUILD, SOURCE, "flood", str(link.fileno()), *(t.hex() for t in templates)], pass_fds=[link.fileno()],
+                            stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+
+
+def under_attack(machine, between, bus, server, types, earlier):
+    print(f"{'attack':46} {'datagrams':>9} {'relayed':>8} {'moved':>6} {'twice':>6} {'answered':>9} {'lost wrenches':>14} {'lateness p99':>13} {'max':>8} "
+          f"{'missed':>7} {'relay busy':>11}")
+    for name, attack in attacks(between, types, earlier):
+        between.attack = attack if callable(attack) else None
+        between.sent, between.extra, between.wrenches = [], 0, 0
+        bus.clear()
+        busy, begin = server.processor_time(), time.monotonic()
+        running = start_flood(attack, [unicast.message(bytes(32), 1, b"TROCAR_POSE", bytes(112)), unicast.handshake(bytes(32), unicast.HELLO, bytes(16)),
+                                       rng.choice(earlier)]) if isinstance(attack, socket.socket) else None
+        felt = finish(machine.client(f"udp://127.0.0.1:{PORT}", str(SECONDS)))
+        seconds = time.monotonic() - begin
+        time.sleep(0.1)
+        between.attack = None
+        extra = between.extra
+        if running:
+            sent, lasted = map(float, running.communicate("end", timeout=10)[0].split())
+            extra = int(sent)
+            name += f", {1e-3 * sent / lasted:.1f} k/s"
+        (session,) = {session for session, _ in bus.poses}
+        twice, lost = sum(n > 1 for n in bus.poses.values()), bus.wrenches[session] - between.wrenches
+        late = list(zip(*bus.timing))
+        print(f"{name:46} {extra:9} {len(bus.poses):8} {bus.wrong:6} {twice:6} {felt['answered']:4.0f}/{felt['periods']:4.0f} {lost:6} of {bus.wrenches[session]:5} "
+              f"{1e6 * max(late[0]):10.0f} us {1e6 * max(late[1]):5.0f} us {late[2][-1] - late[2][0]:7} {100 * (server.processor_time() - busy) / seconds:10.1f} %", flush=True)
+        assert server.process.poll() is None, server.text()
+        assert bus.wrong == 0 and twice == 0, "something else moved the needle"
+        assert felt["answered"] > 0.5 * felt["periods"] and felt["back"] == 0, "the client gets no wrenches"
+
+
+# ---- the tests ------------------------------------------------------------------------------------------------------------------
+
+def make_secret(path, characters=64, mode=0o600):
+    with open(os.open(path, os.O_WRONLY | os.O_CREAT, mode), "w", encoding="ascii") as file:
+        file.write(secrets.token_hex(characters // 2) + "\n")
+    os.chmod(path, mode)
+    return path
+
+
+def bad_settings(scene, folder):
+    open_secret, short = make_secret(f"{folder}/open", mode=0o644), make_secret(f"{folder}/short", 30)
+    for arguments, wanted in ((["--listen", f"0.0.0.0:{PORT}"], "needs --secret-file"), (["--listen", f"0.0.0.0:{PORT}", "--secret-file", open_secret], "chmod 600"),
+                              (["--listen", f"0.0.0.0:{PORT}", "--secret-file", short], "has 32 to 1024 bytes"),
+                              (["--listen", f"0.0.0.0:{PORT}", "--secret-file", f"{folder}/none"], "No such file"),
+                              (["--listen", "7668"], "give HOST:PORT"), (["--secret-file", short], "no effect without --listen")):
+        done = subprocess.run([f"{BUILD}/server/trocar-server", "--scene", scene, "--allow-non-rt", *arguments], capture_output=True, text=True, timeout=60)
+        assert done.returncode == 2 and wanted in done.stderr, (arguments, done)
+
+
+def same_insertion(machine, url):
+    near = finish(subprocess.Popen([*AT_ONCE, CLIENT, "udpm://239.255.76.67:7667?ttl=0"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True))
+    far = finish(machine.client(url))
+    print(f"multicast: {near}\nunicast:   {far}")
+    assert abs(far["force"] - near["force"]) < 0.01 * near["force"] and abs(far["depth"] - near["depth"]) < 0.01 * near["depth"]
+    assert far["resets"] == 1 and far["back"] == 0
+
+
+def wrong_secret(machine, url, folder):
+    os.environ["TROCAR_SECRET_FILE"], right = make_secret(f"{folder}/other"), os.environ["TROCAR_SECRET_FILE"]
+    client = machine.client(url, "1")
+    error = client.communicate(timeout=20)[1]
+    os.environ["TROCAR_SECRET_FILE"] = right
+    assert client.returncode == 1 and error.count("\n") == 1 and "refuses the secret" in error, error
+
+
+def restart(machine, between, bus, server, scene, secret):
+    """Returns the new server. The client connects to it; the datagrams of its connection to the old server do nothing."""
+    client = machine.client(f"udp://127.0.0.1:{PORT}", "8")
+    between.sent = []
+    time.sleep(2)
+    old = list(between.sent)
+    server.process.kill()
+    server.process.wait()
+    server = Server(scene, secret)
+    end = time.monotonic() + 3
+    while not any(data[3] == unicast.CONNECT for data in between.sent[len(old):]) and time.monotonic() < end:
+        time.sleep(0.01)
+    bus.clear()
+    for data in old:
+        between.put(data)
+    felt = finish(client)
+    print(f"restart: {felt['answered']:.0f} of {felt['periods']:.0f} periods answered, {felt['outages']:.0f} outages")
+    assert all(count == 1 for count in bus.poses.values()) and bus.wrong == 0, "the new server accepted a replay"
+    assert len(bus.poses) > 500, "the client did not connect to the new server"
+    return server
+
+
+def shutdown(machine, server, types, secret):
+    link = machine.socket()
+    link.connect((HERE, PORT))
+    client = unicast.Connection(link, secret)
+    command = types.command_t()
+    command.session, command.command, command.seq = 77, types.command_t.SHUTDOWN, 1
+    client.send(b"TROCAR_COMMAND", command.encode())
+    (channel, data), = client.receive(0.3)
+    reply = types.command_reply_t.decode(data)
+    assert channel == b"TROCAR_REPLY" and reply.status == reply.REFUSED and "another machine" in reply.message, reply.message
+    pose = types.needle_pose_t()
+    pose.session, pose.position, pose.orientation = 77, HELD, [1, 0, 0, 0]
+    for pose.seq in range(20):
+        client.send(b"TROCAR_POSE", pose.encode())
+        time.sleep(0.002)
+    command.seq = 2
+    client.send(b"TROCAR_COMMAND", command.encode())
+    assert server.process.wait(10) == 0, "the owner of a needle cannot shut it down"
+    print(re.search("^unicast +[0-9].*", server.text(), re.MULTILINE)[0])
+
+
+def main():
+    in_namespace(SOURCE)
+    if AT_ONCE:
+        subprocess.run(["chrt", "--fifo", "--pid", "20", str(os.getpid())], check=True)
+    with tempfile.TemporaryDirectory() as folder:
+        subprocess.run(["lcm-gen", "-p", "--ppath", folder, f"{SOURCE}/lcmtypes/trocar.lcm"], check=True)
+        sys.path.insert(0, folder)
+        import trocar as types
+        scene, secret = f"{folder}/scene.yaml", make_secret(f"{folder}/secret")
+        with open(f"{SOURCE}/meshes/figure8.yaml", encoding="utf-8") as given, open(scene, "w", encoding="utf-8") as file:
+            file.write(given.read().replace("mesh: ", f"mesh: {SOURCE}/meshes/") + "\ndevice: {max_stiffness: .inf}\n")
+        bad_settings(scene, folder)
+        os.environ["TROCAR_SECRET_FILE"] = secret
+        machine, server = Machine(), Server(scene, secret)
+        try:
+            bus, between, url = Bus(types), Between(machine), f"udp://{HERE}:{PORT}"
+            same_insertion(machine, url)
+            wrong_secret(machine, url, folder)
+            finish(machine.client(f"udp://127.0.0.1:{PORT}", "1"))
+            under_attack(machine, between, bus, server, types, list(between.sent))
+            server = restart(machine, between, bus, server, scene, secret)
+            shutdown(machine, server, types, secret)
+        finally:
+            server.process.kill()
+            machine.keeper.kill()
+    print("passed")
+
+
+if sys.argv[3:4] == ["flood"]:
+    flood(int(sys.argv[4]), [bytes.fromhex(text) for text in sys.argv[5:]])
+else:
+    main()

@@ -8,7 +8,7 @@ _trocar() {
         --poses | --compare | --out | --write-log | --log) _filedir log ;;
         --csv | --shift | --seeds) _filedir csv ;;
         --json-lines) _filedir jsonl ;;
-        --joystick) _filedir ;;
+        --joystick | --secret-file) _filedir ;;
         --png) _filedir png ;;
         --cut) mapfile -t COMPREPLY < <(compgen -W "sagittal coronal axial" -- "$cur") ;;
         --theme) mapfile -t COMPREPLY < <(compgen -W "light dark" -- "$cur") ;;

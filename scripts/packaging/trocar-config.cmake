@@ -1,8 +1,9 @@
 # find_package(trocar COMPONENTS library client types):
 #   trocar::trocar  simulation library: #include <trocar.h>
 #   trocar::client  connects a device to the server: #include <trocar_client.h>
+#   trocar::client_unicast  the same, also for udp://HOST:PORT; needs nettle. Only if the component client_unicast is given
 #   trocar::types   C bindings of the messages: #include "trocar_needle_pose_t.h"
-# All of them if no component is given.
+# The others if no component is given.
 if(NOT trocar_FIND_COMPONENTS)
     set(trocar_FIND_COMPONENTS library client types)
 endif()
@@ -12,6 +13,9 @@ foreach(component ${trocar_FIND_COMPONENTS})
     if(component STREQUAL client)
         find_dependency(Threads)
         include(${CMAKE_CURRENT_LIST_DIR}/trocar-client.cmake)
+    elseif(component STREQUAL client_unicast)
+        find_dependency(Threads)
+        include(${CMAKE_CURRENT_LIST_DIR}/trocar-client-unicast.cmake)
     elseif(component STREQUAL types)
         find_dependency(PkgConfig)
         pkg_check_modules(LCM REQUIRED IMPORTED_TARGET lcm)
@@ -20,7 +24,7 @@ foreach(component ${trocar_FIND_COMPONENTS})
         include(${CMAKE_CURRENT_LIST_DIR}/trocar-library.cmake)
     else()
         set(trocar_FOUND FALSE)
-        set(trocar_NOT_FOUND_MESSAGE "trocar has no component ${component}; components: library, client, types")
+        set(trocar_NOT_FOUND_MESSAGE "trocar has no component ${component}; components: library, client, client_unicast, types")
         return()
     endif()
     set(trocar_${component}_FOUND TRUE)

@@ -1,8 +1,10 @@
-/* Measures round trips of the free client and of liblcm alternately in one run. A round trip lasts from the sending of a pose to the arrival of the wrench with
-   which another process answers. A program with liblcm waits in lcm_handle; the free client's device loop polls for the newest wrench until it arrives.
+/* Measures round trips of the free client, over multicast and over unicast, and of liblcm alternately in one run. A round trip lasts from the sending of a pose
+   to the arrival of the wrench with which another process answers, over unicast through the server's relay thread. A program with liblcm waits in lcm_handle;
+   the free client's device loop polls for the newest wrench until it arrives.
    usage: latency ROUNDS     (in a private network namespace) */
 #define _GNU_SOURCE
 #include <arpa/inet.h>
+#include <pthread.h>
 #include <sched.h>
 #include <signal.h>
 #include <stdbool.h>
@@ -16,6 +18,8 @@
 
 #include <lcm/lcm.h>
 
+#include "common/wake.h"
+#include "relay.h"
 #include "trocar_client.h"
 #include "trocar_needle_pose_t.h"
 #include "trocar_needle_wrench_t.h"
@@ -35,7 +39,30 @@ static bool use_priority(int priority) { return sched_setscheduler(0, SCHED_FIFO
 
 /* ---- the other process, without any library's delays -------------------------------------------------------------------- */
 
-static void answer_poses(void) {
+static exchange shared;
+
+/* Starts a relay for udp://127.0.0.1:7668. */
+static void start_relay(bool real_time) {
+    static relay r;
+    const struct sockaddr_in address = {.sin_family = AF_INET, .sin_port = htons(7668), .sin_addr = {htonl(INADDR_LOOPBACK)}};
+    wire_key secret = wire_secret_key("", 0);
+    pthread_t thread;
+    report why;
+    if (exchange_create(&shared, NULL, &why) != TROCAR_OK || relay_create(&r, &address, &secret, NULL, real_time, &shared, &why) != TROCAR_OK ||
+        pthread_create(&thread, NULL, relay_run, &r) != 0) {
+        fprintf(stderr, "latency: %s\n", why.text);
+        exit(1);
+    }
+}
+
+/* Passes a message to the relay, as the server's IO thread does. */
+static void pass_on(int64_t session, const char *channel, const void *message, size_t size) {
+    outgoing_message m = {.session = session, .channel = channel, .size = size};
+    memcpy(m.bytes, message, size);
+    if (spsc_ring_push(&shared.outgoing, &m)) wake(shared.relay_wake);
+}
+
+static void answer_poses(bool real_time) {
     static const char pose_channel[] = "TROCAR_POSE", wrench_channel[] = "TROCAR_WRENCH";
     static unsigned char packet[65536];
     struct sockaddr_in group = {.sin_family = AF_INET, .sin_port = htons(7667), .sin_addr = {inet_addr("239.255.76.67")}};
@@ -46,6 +73,7 @@ static void answer_poses(void) {
         perror("latency");
         exit(1);
     }
+    start_relay(real_time);
     use_priority(ECHO);
     for (ssize_t size; (size = recv(receiver, packet, sizeof packet, 0)) >= 0;) {
         trocar_needle_pose_t pose;
@@ -54,11 +82,12 @@ static void answer_poses(void) {
         trocar_needle_wrench_t wrench = {.session = pose.session, .tick = pose.seq + 1, .server = 5, .pose_seq = pose.seq};
         memcpy(packet + 8, wrench_channel, sizeof wrench_channel);
         int length = trocar_needle_wrench_t_encode(packet, 8 + (int)sizeof wrench_channel, (int)sizeof packet, &wrench);
+        pass_on(pose.session, wrench_channel, packet + 8 + sizeof wrench_channel, (size_t)length);
         sendto(sender, packet, 8 + sizeof wrench_channel + (size_t)length, 0, (struct sockaddr *)&group, sizeof group);
     }
 }
 
-/* ---- the two ------------------------------------------------------------------------------------------------------------- */
+/* ---- the three ----------------------------------------------------------------------------------------------------------- */
 
 typedef struct {
     trocar_client *client;
@@ -129,29 +158,35 @@ int main(int count, char **arguments) {
         return 2;
     }
     pid_t parent = getpid();
+    bool permitted = use_priority(NETWORK);
+    sched_setscheduler(0, SCHED_OTHER, &(struct sched_param){0});
     if (fork() == 0) {
         prctl(PR_SET_PDEATHSIG, SIGKILL);
-        if (getppid() == parent) answer_poses();
+        if (getppid() == parent) answer_poses(permitted);
         return 1;
     }
     bool real_time = use_priority(NETWORK); /* liblcm's thread inherits the priority of the thread that subscribes */
     lcm_one l = {.lcm = lcm_create(NULL)};
     free_one f = {.client = trocar_client_open(&(trocar_client_options){.priority = real_time ? NETWORK : 0}, NULL, 0)};
-    if (l.lcm == NULL || f.client == NULL || trocar_needle_wrench_t_subscribe(l.lcm, "TROCAR_WRENCH", on_wrench, &l) == NULL) return 1;
+    free_one u = {.client = trocar_client_open(&(trocar_client_options){.url = "udp://127.0.0.1:7668", .priority = real_time ? NETWORK : 0}, NULL, 0)};
+    if (l.lcm == NULL || f.client == NULL || u.client == NULL || trocar_needle_wrench_t_subscribe(l.lcm, "TROCAR_WRENCH", on_wrench, &l) == NULL) return 1;
     if (real_time) use_priority(DEVICE);
-    series both[] = {{"free", free_round, &f, malloc((size_t)rounds * sizeof(double)), 0, 0},
-                     {"liblcm", lcm_round, &l, malloc((size_t)rounds * sizeof(double)), 0, 0}};
+    enum { ALL = 3 };
+    series all[ALL] = {{"free", free_round, &f, malloc((size_t)rounds * sizeof(double)), 0, 0},
+                       {"unicast", free_round, &u, malloc((size_t)rounds * sizeof(double)), 0, 0},
+                       {"liblcm", lcm_round, &l, malloc((size_t)rounds * sizeof(double)), 0, 0}};
     for (int done = 0; done < rounds; done += BLOCK)
-        for (int i = 0; i < 2; i++) {
+        for (int i = 0; i < ALL; i++) {
             while (lcm_handle_timeout(l.lcm, 0) > 0) continue; /* discards messages for the other client */
-            measure(&both[i], rounds - done < BLOCK ? rounds - done : BLOCK);
+            measure(&all[i], rounds - done < BLOCK ? rounds - done : BLOCK);
         }
     printf("%s\n", real_time ? "SCHED_FIFO" : "without real time");
-    for (int i = 0; i < 2; i++) {
-        if (both[i].count == 0) return 1;
-        print(&both[i]);
+    for (int i = 0; i < ALL; i++) {
+        if (all[i].count == 0) return 1;
+        print(&all[i]);
     }
     trocar_client_close(f.client);
+    trocar_client_close(u.client);
     lcm_destroy(l.lcm);
-    return both[0].lost > rounds / 100;
+    return all[0].lost > rounds / 100 || all[1].lost > rounds / 100;
 }

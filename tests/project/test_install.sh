@@ -141,6 +141,7 @@ export PKG_CONFIG_PATH=$libraries/pkgconfig
 cp -r "$prefix/share/doc/trocar/examples" bridge
 cmake -S bridge -B bridge/build -DCMAKE_PREFIX_PATH="$prefix" >cmake.txt && cmake --build bridge/build >>cmake.txt || fail "$(cat cmake.txt)"
 cc bridge/bridge.c -o bridge/with-pkg-config $(pkg-config --cflags --libs trocar-client) || fail "pkg-config trocar-client"
+cc bridge/bridge.c -o bridge/unicast $(pkg-config --cflags --libs trocar-client-unicast) || fail "pkg-config trocar-client-unicast"
 c++ -std=c++17 bridge/bridge.cpp -o bridge/in-c++ $(pkg-config --cflags --libs trocar-client) || fail "the bridge in C++"
 # Builds the bridge with the free client alone, as on a system that has only a compiler: first with the static library through pkg-config, then from source.
 for how in "$(PKG_CONFIG_PATH= PKG_CONFIG_LIBDIR=$libraries/pkgconfig pkg-config --cflags --libs trocar-client)" \

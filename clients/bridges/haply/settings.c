@@ -22,7 +22,7 @@ static const struct argp_option option_list[] = {
     {"events", OPTION_EVENTS, "PORT", 0, "The service's events, whose warnings are printed; 0: none (default 10020)", 1},
     {"device", OPTION_DEVICE, "ID", 0, "Inverse3 to use (default: the first)", 1},
     {"handle", OPTION_HANDLE, "ID", 0, "VerseGrip to use (default: the first)", 1},
-    {"lcm-url", OPTION_URL, "URL", 0, "LCM network (default $LCM_DEFAULT_URL)", 1},
+    {"lcm-url", OPTION_URL, "URL", 0, "LCM network, or udp://HOST:PORT of a server with --listen; the secret is in $TROCAR_SECRET_FILE (default $LCM_DEFAULT_URL)", 1},
     {"needle", OPTION_NEEDLE, "N", 0, "Index of the needle to hold, from 0 (default 0)", 1},
     {"rate", OPTION_RATE, "HZ", 0, "Messages per second, if the service answers in time (default 1000)", 1},
     {"realtime", OPTION_REALTIME, 0, 0, "Run under SCHED_FIFO where permitted", 1},

@@ -65,7 +65,7 @@ static const struct argp_option option_list[] = {
     {"force-limit", OPTION_LIMIT, "SHARE", 0, "Share of the joystick's full force that is never exceeded (default 0.5)", 2},
     {"force-direction", OPTION_DIRECTION, "DEGREES", 0, "Direction of the force against forward: 0 towards the user (default), 90 to the left, 180 away, 270 to the right", 2},
     {0, 0, 0, 0, "Connection:", 3},
-    {"lcm-url", OPTION_URL, "URL", 0, "LCM network (default $LCM_DEFAULT_URL)", 3},
+    {"lcm-url", OPTION_URL, "URL", 0, "LCM network, or udp://HOST:PORT of a server with --listen; the secret is in $TROCAR_SECRET_FILE (default $LCM_DEFAULT_URL)", 3},
     {"rate", 'r', "HZ", 0, "Poses per second (default 1000)", 3},
     {"realtime", OPTION_REALTIME, 0, 0, "Run under SCHED_FIFO where permitted", 3},
     {0},

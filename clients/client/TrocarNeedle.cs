@@ -15,8 +15,10 @@ namespace Trocar {
 public sealed class TrocarNeedle : MonoBehaviour {
     [Tooltip("The origin of trocar's scene; none: Unity's")]
     public Transform scene;
-    [Tooltip("LCM's address; empty: LCM's default")]
+    [Tooltip("LCM's address, or udp://HOST:PORT of a server with --listen; empty: LCM's default")]
     public string url = "";
+    [Tooltip("File with the secret of a server with --listen; empty: $TROCAR_SECRET_FILE, or no secret")]
+    public string secretFile = "";
     [Tooltip("Index of the needle in the scene, from 0")]
     public int needle;
     [Tooltip("On for a mouse, a controller or a tracker: the needle follows rigidly. Off where Force is rendered")]
@@ -67,7 +69,7 @@ public sealed class TrocarNeedle : MonoBehaviour {
         ends = placed = false;
         command = null;
         fault = null;
-        var options = new TrocarOptions { Url = url, Needle = needle, WithoutForce = withoutForce, MaxForce = maxForce };
+        var options = new TrocarOptions { Url = url, SecretFile = secretFile, Needle = needle, WithoutForce = withoutForce, MaxForce = maxForce };
         thread = new Thread(() => Exchange(options)) { IsBackground = true, Name = "trocar needle" };
         thread.Start();
     }

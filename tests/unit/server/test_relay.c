@@ -72,7 +72,8 @@ static void messages_pass_both_ways(void **state) {
     wire_handshake h = {.nonce = {7}};
     unsigned char datagram[WIRE_MOST], bytes[256];
     int64_t next = 0;
-    assert_non_null(trocar_needle_pose_t_subscribe(f->relay.lcm, "TROCAR_POSE", on_pose, &next));
+    trocar_needle_pose_t_subscription_t *subscription = trocar_needle_pose_t_subscribe(f->relay.lcm, "TROCAR_POSE", on_pose, &next);
+    assert_non_null(subscription);
     assert_int_equal(pthread_create(&f->thread, NULL, relay_run, &f->relay), 0);
     shake(f, &h, WIRE_HELLO, WIRE_COOKIE);
     shake(f, &h, WIRE_CONNECT, WIRE_WELCOME);
@@ -99,6 +100,7 @@ static void messages_pass_both_ways(void **state) {
     assert_int_equal(next, MESSAGES);
     relay_stop(&f->relay);
     pthread_join(f->thread, NULL);
+    trocar_needle_pose_t_unsubscribe(f->relay.lcm, subscription);
     assert_int_equal(f->relay.gate.counts.relayed, MESSAGES);
     assert_int_equal(f->relay.unpublished + f->relay.unsent, 0);
 }

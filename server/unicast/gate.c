@@ -4,15 +4,17 @@
 
 #include <nettle/memops.h>
 
+#include "trocar_command_t.h"
+
 static const int64_t SILENCE = 3000000000;      /* ns without a message after which a client is forgotten; clients send four times per second */
 static const uint64_t COOKIE_LIFE = 5000000000; /* ns */
 enum { COOKIE_MAC = WIRE_TOKEN - 8 };
 
 void gate_init(gate *g, const wire_key *secret, const wire_key *cookie_key) { *g = (gate){.secret = *secret, .cookie = *cookie_key}; }
 
-static uint64_t get_number(const unsigned char *from) {
+static uint64_t get_number(const unsigned char *from, int width) {
     uint64_t number = 0;
-    for (int i = 0; i < 8; i++) number = number << 8 | from[i];
+    for (int i = 0; i < width; i++) number = number << 8 | from[i];
     return number;
 }
 
@@ -44,7 +46,7 @@ static gate_client *free_client(gate *g, int64_t now) {
 /* ---- the handshake -------------------------------------------------------------------------------------------------------- */
 
 /* Returns the time in a cookie. */
-static uint64_t time_of(const unsigned char *token) { return get_number(token); }
+static uint64_t time_of(const unsigned char *token) { return get_number(token, 8); }
 
 static void make_cookie(const gate *g, const struct sockaddr_in *from, const unsigned char *nonce, uint64_t time, unsigned char token[WIRE_TOKEN]) {
     unsigned char text[8 + WIRE_NONCE + 4 + 2], tag[WIRE_TAG];
@@ -120,15 +122,21 @@ static gate_verdict take_connect(gate *g, wire_handshake *h, const struct sockad
 
 /* ---- messages ------------------------------------------------------------------------------------------------------------- */
 
-/* What clients may send: the channel, and the channel on which the server receives it. A command counts as one from another machine. Each message begins
-   with its fingerprint, utime and session. The server's arbiters check everything else. */
-enum { SESSION = 16 };
-static const char *const RELAYED[][2] = {{"TROCAR_POSE", "TROCAR_POSE"}, {"TROCAR_COMMAND", "REMOTE_COMMAND"}, {"TROCAR_PROBE", "TROCAR_PROBE"}};
+/* Offsets in a message, which begins with its fingerprint, utime and session; in a command_t, the number of the command follows. */
+enum { SESSION = 16, COMMAND = SESSION + 8 };
 
-/* Returns the channel on which to publish a message; NULL if clients may not send it. */
+static bool is_shutdown(const wire_message *m) {
+    return m->size >= COMMAND + 4 && get_number(m->bytes + COMMAND, 4) == TROCAR_COMMAND_T_SHUTDOWN;
+}
+
+/* Returns the channel on which to publish a message; NULL if clients may not send it. SHUTDOWN is published on the channel on which the server treats it as
+   one from another machine. The server's arbiters check everything else. */
 static const char *published(const wire_message *m) {
-    for (size_t i = 0; i < sizeof RELAYED / sizeof *RELAYED; i++)
-        if (strcmp(m->channel, RELAYED[i][0]) == 0) return m->size >= SESSION + 8 && m->size <= WIRE_MESSAGE_MOST ? RELAYED[i][1] : NULL;
+    static const char *const relayed[] = {"TROCAR_POSE", "TROCAR_COMMAND", "TROCAR_PROBE"};
+    if (m->size < SESSION + 8 || m->size > WIRE_MESSAGE_MOST) return NULL;
+    if (strcmp(m->channel, "TROCAR_COMMAND") == 0 && is_shutdown(m)) return "REMOTE_COMMAND";
+    for (size_t i = 0; i < sizeof relayed / sizeof *relayed; i++)
+        if (strcmp(m->channel, relayed[i]) == 0) return relayed[i];
     return NULL;
 }
 
@@ -153,7 +161,7 @@ static gate_verdict take_message(gate *g, gate_client *c, const unsigned char *d
         return GATE_ANSWER;
     }
     if ((result->channel = published(&m)) == NULL) return g->counts.malformed++, GATE_DROP;
-    c->session = (int64_t)get_number(m.bytes + SESSION);
+    c->session = (int64_t)get_number(m.bytes + SESSION, 8);
     result->bytes = m.bytes;
     result->size = m.size;
     g->counts.relayed++;

@@ -101,7 +101,7 @@ class Batches(unittest.TestCase):
         for step in range(STEPS):
             force = [sim.step(poses[1, step, needle], 0.001, needle).force for needle in range(2)]
         np.testing.assert_array_equal(out["force"][1, -1], force)
-        with self.assertRaisesRegex(trocar.Error, "drives 2 needles and the model has 1"):
+        with self.assertRaisesRegex(trocar.Error, "2 needles are driven and the model has 1"):
             trocar.Batch(self.model, 2, needles=2)
         with self.assertRaisesRegex(ValueError, r"poses are \(2, 2, 7\)"):
             batch.step(poses[:, 0, 0])

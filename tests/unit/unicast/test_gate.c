@@ -123,8 +123,13 @@ static void every_type_names_its_session(void **state) {
     trocar_command_t command = {.session = 5, .command = TROCAR_COMMAND_T_SHUTDOWN};
     int size = trocar_command_t_encode(bytes, 0, sizeof bytes, &command);
     assert_int_equal(send_message(f, &p, "TROCAR_COMMAND", bytes, (size_t)size), GATE_RELAY);
-    assert_string_equal(f->result.channel, "REMOTE_COMMAND"); /* counts as a command from another machine */
+    assert_string_equal(f->result.channel, "REMOTE_COMMAND"); /* counts as one from another machine */
     assert_int_equal(f->gate.clients[0].session, 5);
+    for (command.command = -1; command.command < 300; command.command++) {
+        size = trocar_command_t_encode(bytes, 0, sizeof bytes, &command);
+        assert_int_equal(send_message(f, &p, "TROCAR_COMMAND", bytes, (size_t)size), GATE_RELAY);
+        assert_string_equal(f->result.channel, command.command == TROCAR_COMMAND_T_SHUTDOWN ? "REMOTE_COMMAND" : "TROCAR_COMMAND");
+    }
     trocar_probe_pose_t probe = {.session = 6};
     size = trocar_probe_pose_t_encode(bytes, 0, sizeof bytes, &probe);
     assert_int_equal(send_message(f, &p, "TROCAR_PROBE", bytes, (size_t)size), GATE_RELAY);

@@ -21,7 +21,7 @@ RECTUM = (0.0, -32.5), 7.0, 4.0  # axis, radius of the content, thickness of the
 WITH_PROBE = (0.0, -35.5), 10.5, 3.5
 NECK = 70.5                      # z of the bladder's lowest point
 # filling in ml: half axes of the content, thickness of the wall, and the y of its centre
-BLADDER = {60: ((30.0, 24.0, 20.0), 4.5, 8.0), 150: ((36.0, 31.0, 32.0), 3.5, 11.0), 300: ((38.0, 40.0, 47.0), 3.0, 13.0)}
+BLADDER = {60: ((30.0, 24.0, 20.0), 4.5, 8.0), 150: ((36.0, 30.0, 33.2), 3.5, 14.0), 300: ((39.0, 30.0, 61.3), 3.0, 14.0)}
 SEAM = 1.0                       # rad, rotates the seams of round surfaces apart, because small elements would lie between them
 HOLLOW = "pubis", "lumen"        # regions without tissue
 GLAND = "prostate", "transition_zone"      # its capsule has holes for the urethra
@@ -200,8 +200,9 @@ def regions(filling=60, probe=False):
     axis, radius, thick = WITH_PROBE if probe else RECTUM
     low, high = block(filling)
     bottom, top = (-1.0, 100.0) if probe else (14.0, 122.0)      # of the lumen
-    inner = Funnel(-12.0, 25.0, (17.0, 46.0), 60.0, (33.0, 56.0))
-    outer = Funnel(-12.0, 25.0, (23.0, 52.0), 60.0, (39.0, 62.0))
+    narrow = 21.0 if probe else 17.0        # the probe pushes the levator aside
+    inner = Funnel(-12.0, 25.0, (narrow, 46.0), 60.0, (33.0, 56.0))
+    outer = Funnel(-12.0, 25.0, (narrow + 6.0, 52.0), 60.0, (39.0, 62.0))
     urogenital = [(-6, 29), (-34, -4), (-32, -18), (32, -18), (34, -4), (6, 29)]
     return [
         Region("pubis", [Ellipsoid((0, 39, 50), (20, 10, 20)), *right_and_left(Cylinder, (8, 38, 58), (72, 34, 84), 8.0),

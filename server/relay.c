@@ -9,10 +9,10 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
+#include "common/eventfd_signal.h"
 #include "common/network.h"
 #include "common/realtime.h"
 #include "common/timing.h"
-#include "common/eventfd_signal.h"
 
 /* The thread receives at most WORK_RATE datagrams per second, on average over 0.1 s, and RUN_MOST before it sends what the server has computed. */
 enum { WORK_RATE = 40000, RUN_MOST = 64, PAUSE = 5, RECEIVE_BUFFER = 1 << 20 }; /* PAUSE: ms */

@@ -74,6 +74,28 @@ def check_coupling(rows, name, across):
     rows.add(f"{name}: least stiffness of both across, over the largest", "positive", least / largest, None, max(0.0, -least / largest), 0.0)
 
 
+def base_of(entry, tip):
+    """Returns the pose of the base of a straight needle with this entry point and tip."""
+    along = (np.array(tip) - entry) / np.linalg.norm(np.array(tip) - entry)
+    middle = (along + [0, 0, -1]) / np.linalg.norm(along + [0, 0, -1])
+    # half a turn about x turns z to -z, and another one, about the middle between -z and the needle's direction, turns that to the needle's direction
+    return np.array([*(tip - LENGTH * along), -middle[0], *np.cross(middle, [1, 0, 0])])
+
+
+def compare_all(rows, name, case, cubes):
+    """Compares all forces, those on both needles when either is moved along x, y or z. Their errors are fractions of the largest force."""
+    count, model = stuck_needles(cubes, case)
+    sim, bases = trocar.Sim(model), [base_of(*needle) for needle in case["needles"]]
+    values = np.array([[forces_of_move(sim, bases, moved, axis) * (1 if axis == 2 else -1) for axis in range(3)] for moved in (0, 1)])
+    expected = np.array(case["force"])
+    for one, whose in ((0, "on the moved needle"), (1, "on the other needle")):
+        pairs = [(values[moved, :, (moved + one) % 2], expected[moved, :, (moved + one) % 2]) for moved in (0, 1)]
+        error = max(np.abs(value - wanted).max() for value, wanted in pairs) / np.abs(expected).max()
+        check = f"{name}, {count} nodes: largest error of a force {whose}, over the largest force"
+        rows.error(check, "needles' surfaces resolved, CalculiX C3D10", error, LIMITS[count]) if count in LIMITS else rows.measured(
+            check, "needles' surfaces resolved, CalculiX C3D10", error, 0.0, error)
+
+
 def leaning_base(point, lean):
     """Returns the pose of the base of a needle that is inclined about y and passes through the point, with its tip 30 mm beyond the point."""
     turn, along = 0.5 * (np.pi - lean), np.array([np.sin(lean), 0.0, -np.cos(lean)])
@@ -98,6 +120,9 @@ def main():
     table = json.loads((REPOSITORY / "tests/verification/references/resolved_pair.json").read_text())
     for cubes in ((7, 7, 6), (11, 11, 9)) if rows.short_form else ((7, 7, 6), (11, 11, 9), (19, 19, 15)):
         compare(rows, table["cases"]["apart_5"], cubes)
+        for name, what in (("depths_5", "5 mm apart, 80 and 40 mm deep"), ("crossing_30", "5 mm apart at 30 degrees"), ("crossing_60", "5 mm apart at 60 degrees")):
+            if name in table["cases"]:
+                compare_all(rows, what, table["cases"][name], cubes)
     for apart, angle in ((1.5e-3, 0.0), (3e-3, 0.5), (3e-3, 1.0), (8e-3, 1.0)):
         cross(rows, table["cases"]["apart_5"], (11, 11, 9), apart, angle)
     return rows.end()

@@ -212,7 +212,7 @@ def regions(filling=60, probe=False):
         Region("urethra", [Tube([(0, 3, 84), (0, -2, 52), (0, 0, 28), (0, 4, 9.5)], 4.0)], thin=2.2, beside=["urine"]),
         Region("transition_zone", [Ellipsoid((0, 2, 56), (15, 10, 14))], thin=3.6, beside=["urethra"]),
         Region("prostate", [Gland()], beside=["urethra"]),
-        Region("seminal_vesicles", [Ellipsoid((side * 17, -18.5, 82), (5.0, 4.0, 17.0), side * 1.0) for side in (1, -1)], thin=2.9),
+        Region("seminal_vesicles", [Ellipsoid((side * 17, -18.5, 82), (5.0, 4.0, 17.0), side * 1.0) for side in (1, -1)], thin=2.0),
         Region("bladder", [Ellipsoid(centre, [a + wall for a in half])], thin=wall, beside=["urethra", "prostate"]),
         Region("rectum", [Cylinder((*axis, SKIN), (*axis, top + 6.0), radius + thick)], thin=thick),
         Region("levator_ani", [outer, *sides((26, -40, 54), (43, 18, 60))], [inner, Box((-SIDE, 26, 0), (SIDE, FRONT, 100))], thin=6.0),
@@ -359,7 +359,7 @@ def main():
     parser.add_argument("--probe", action="store_true", help="open the rectum for an ultrasound probe of 10 mm radius")
     parser.add_argument("--fine", type=float, default=7.2, metavar="MM", help="size of the elements in the gland (default 7.2)")
     parser.add_argument("--ratio", type=float, default=4.0, help="size of the elements at the corners, relative to those in the gland (default 4)")
-    parser.add_argument("--sheet", type=float, default=1.85, help="size of the elements in thin regions, relative to their thickness (default 1.85)")
+    parser.add_argument("--sheet", type=float, default=1.9, help="size of the elements in thin regions, relative to their thickness (default 1.9)")
     parser.add_argument("--step", type=float, default=1.0, metavar="MM", help="size of the voxels (default 1)")
     parser.add_argument("--labels-only", action="store_true", help="do not make a mesh")
     given = parser.parse_args()

@@ -24,7 +24,7 @@ STEP = 1.0                 # mm, voxels of the labels
 GLAND = "prostate", "transition_zone", "urethra"
 PATHS = "E4", "H3.5", "F5.5", "G2.5"    # holes whose needles reach the gland
 FAULTS = trocar.Event.LATE | trocar.Event.FULL | trocar.Event.UNSTABLE | trocar.Event.INEXACT | trocar.Event.MISSED_GUIDE | trocar.Event.OUTSIDE_MODEL
-COARSE = {"urethra": 0.15, "seminal_vesicles": 0.15, "rectal_content": 0.15}     # relative error of the volume of round thin regions, whose surface has few facets; 0.07 for the others
+COARSE = {"urethra": 0.15, "seminal_vesicles": 0.2, "rectal_content": 0.15}     # relative error of the volume of round thin regions, whose surface has few facets; 0.07 for the others
 
 
 def labelled():
@@ -100,8 +100,8 @@ class Pelvis(unittest.TestCase):
 
     def test_tetrahedra_are_not_flat(self):
         angles = dihedral_angles(self.corners)
-        self.assertGreater(angles.min(), 5)
-        self.assertLess(angles.max(), 175)
+        self.assertGreater(angles.min(), 8)
+        self.assertLess(angles.max(), 163)
 
     def test_the_gland_is_held_by_fat_all_around(self):
         """Nodes of the fixed surfaces do not belong to the gland, and most neighbours of its surface are fat."""

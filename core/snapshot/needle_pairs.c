@@ -1,5 +1,6 @@
 #include "snapshot/needle_pairs.h"
 
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -124,15 +125,17 @@ static meeting meet(const shaft_steps *steps, int k, const shaft_piece *piece) {
 }
 
 /* The part of the displacement at a place, caused by a force per unit length on the other line, that the mesh does not resolve: the mean of the estimates from
-   both lines' patches. */
+   both lines' patches. Where the tissue at one line is softer, both estimates are made for the geometric mean of the softnesses: with it, a needle in soft
+   tissue moves one in stiff tissue by no more than the work of both permits, and needles and tissue together stay stable. */
 static mat3 lacks_between(const needle_pairs *p, const line_field *of, const shaft_steps *steps, int k, const line_field *own, int tet, vec3 place) {
-    double weights[4];
+    double weights[4], softer = sqrt(own->softness / of->softness);
     mat3 there = line_field_lacks(of, p->mesh, steps->at[k].tet, steps->at[k].weights, steps->at[k].place, p->radius);
     mesh_barycentric(p->mesh, tet, place, weights);
-    mat3 back = line_field_lacks(own, p->mesh, tet, weights, place, p->radius);
+    mat3 back = line_field_lacks(own, p->mesh, tet, weights, place, p->radius), mean = {{{0}}};
     back = m3_transposed(&back);
-    m3_add_scaled(&there, 1.0, &back);
-    return m3_scaled(0.5, there);
+    m3_add_scaled(&mean, 0.5 * softer, &there);
+    m3_add_scaled(&mean, 0.5 / softer, &back);
+    return mean;
 }
 
 trocar_status needle_pairs_find(needle_pairs *p, const shaft_steps *steps, const shaft_piece *piece, int *from, int *to, mat3 *lacks, report *why) {

@@ -164,6 +164,19 @@ class Pelvis(unittest.TestCase):
         self.assertGreater(shifts["pelvis"], 1.5 * shifts["implant"])
         self.assertLess(shifts["pelvis"], 0.02)
 
+    def test_needles_in_gland_and_soft_fat_can_be_left_side_by_side(self):
+        """Nine needles of docs/examples/implant-plan.yaml, 5 to 10 mm apart, with fat at the lower end of its published range."""
+        scene = trocar.Scene.load(SOURCE / "meshes/pelvis.yaml")
+        scene["regions[fat].youngs_modulus"] = 3.2e3
+        sim = trocar.Sim(trocar.Model(scene))
+        needles = {"E3": 0.09475, "F3": 0.09475, "H3": 0.09475, "I3": 0.09475, "C3.5": 0.08975, "K3.5": 0.08975, "D4": 0.09475, "F4": 0.09975, "H4": 0.09975}
+        for needle, (name, depth) in enumerate(needles.items()):
+            poses = self.poses(name, np.append(np.arange(-0.002, depth, SPEED * DT), [depth] * 50))
+            sim.reset(poses[0], needle)
+            sim.run(poses, DT, needle)
+            sim.leave(needle)
+        self.assertTrue(np.isfinite(sim.displacements()).all())
+
 
 if __name__ == "__main__":
     unittest.main(argv=sys.argv[:1])

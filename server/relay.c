@@ -14,6 +14,8 @@
 #include "common/realtime.h"
 #include "common/timing.h"
 
+_Static_assert(sizeof((outgoing_message *)0)->bytes <= WIRE_MESSAGE_MOST, "every message of the server fits into a datagram");
+
 /* The thread receives at most WORK_RATE datagrams per second, on average over 0.1 s, and RUN_MOST before it sends what the server has computed. */
 enum { WORK_RATE = 40000, RUN_MOST = 64, PAUSE = 5, RECEIVE_BUFFER = 1 << 20 }; /* PAUSE: ms */
 

@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "api/api.h"
+#include "api/view.h"
 #include "base/vec.h"
 
 static const double CLEAR = 0.005;      /* m, distance of the tip from the guide before insertion and after withdrawal */
@@ -53,13 +54,7 @@ struct trocar_operator {
     trocar_operator_seed seeds[TROCAR_MAX_SEEDS];
 };
 
-static vec3 read3(const double v[3]) { return v3(v[0], v[1], v[2]); }
-
-static void write3(vec3 v, double out[3]) {
-    out[0] = v.x;
-    out[1] = v.y;
-    out[2] = v.z;
-}
+static vec3 load_vec3(const double v[3]) { return v3(v[0], v[1], v[2]); }
 
 /* ---- random numbers --------------------------------------------------------------------------------------------------------- */
 
@@ -114,13 +109,8 @@ static void draw(const trocar_model *model, const trocar_operator_options *optio
 static bool find_place(const mesh *m, vec3 place, target *t) {
     int tet = mesh_locate(m, place, -1);
     if (tet < 0) return false;
-    vec3 corners[4], gradients[4];
-    for (int c = 0; c < 4; c++) {
-        t->nodes[c] = m->tets[tet][c];
-        corners[c] = m->nodes[t->nodes[c]];
-    }
-    tet_gradients(corners, gradients);
-    for (int c = 0; c < 4; c++) t->weights[c] = 0.25 + v3_dot(gradients[c], v3_sub(place, v3_scale(0.25, v3_add(v3_add(corners[0], corners[1]), v3_add(corners[2], corners[3])))));
+    for (int c = 0; c < 4; c++) t->nodes[c] = m->tets[tet][c];
+    mesh_barycentric(m, tet, place, t->weights);
     t->place = place;
     return true;
 }
@@ -142,7 +132,7 @@ static trocar_status add_needle(trocar_operator *op, const trocar_model *model, 
         return fail(why, TROCAR_BAD_INPUT, "needle %d: no guide %d: the scene has %d, numbered from 0", index, planned->guide, model->parts.config.guide_count);
     if (planned->seed_count < 0 || planned->seed_count > TROCAR_MAX_SEEDS - op->seed_count)
         return fail(why, TROCAR_BAD_INPUT, "needle %d has %d seeds: a plan has at most %d", index, planned->seed_count, (int)TROCAR_MAX_SEEDS);
-    n->entry = n->pivot = read3(planned->entry.position);
+    n->entry = n->pivot = load_vec3(planned->entry.position);
     n->orientation = (quat){q[0], q[1], q[2], q[3]};
     n->axis = n->tilted = q_axis(n->orientation);
     n->first = *targets;
@@ -232,20 +222,18 @@ void trocar_operator_free(trocar_operator *op) { free(op); }
 
 trocar_pose trocar_operator_base(const trocar_operator *op, int needle, double depth) {
     const handled *n = &op->needles[needle];
-    trocar_pose base = {.orientation = {n->orientation.w, n->orientation.x, n->orientation.y, n->orientation.z}};
-    write3(v3_axpy(depth - n->pivot_depth - op->needle_length, n->tilted, n->pivot), base.position);
-    return base;
+    return pose_out((pose){v3_axpy(depth - n->pivot_depth - op->needle_length, n->tilted, n->pivot), n->orientation});
 }
 
 double trocar_operator_depth(const trocar_operator *op, int needle, const trocar_pose *base) {
     const handled *n = &op->needles[needle];
-    return op->needle_length + n->pivot_depth + v3_dot(v3_sub(read3(base->position), n->pivot), n->tilted);
+    return op->needle_length + n->pivot_depth + v3_dot(v3_sub(load_vec3(base->position), n->pivot), n->tilted);
 }
 
 /* Returns the displacement (m) of a target in the newest image. */
 static vec3 displacement_of(const trocar_operator *op, const target *t) {
     vec3 moved = v3(0, 0, 0);
-    for (int c = 0; op->sight.displacements && c < 4; c++) moved = v3_axpy(t->weights[c], read3(&op->sight.displacements[3 * t->nodes[c]]), moved);
+    for (int c = 0; op->sight.displacements && c < 4; c++) moved = v3_axpy(t->weights[c], load_vec3(&op->sight.displacements[3 * t->nodes[c]]), moved);
     return moved;
 }
 
@@ -288,10 +276,10 @@ static void record_seed(trocar_operator *op, const step *s) {
     vec3 tissue = v3_sub(v3_sub(straight, image), v3_add(t->place, displacement_of(op, t)));
     trocar_operator_seed *seed = &op->seeds[op->seed_count++];
     *seed = (trocar_operator_seed){.needle = s->needle, .number = s->number};
-    write3(t->place, seed->planned);
-    write3(tissue, seed->tissue);
-    write3(image, seed->image);
-    write3(v3_sub(v3_axpy(centre - n->pivot_depth, n->tilted, n->pivot), straight), seed->splay);
+    store_vec3(t->place, seed->planned);
+    store_vec3(tissue, seed->tissue);
+    store_vec3(image, seed->image);
+    store_vec3(v3_sub(v3_axpy(centre - n->pivot_depth, n->tilted, n->pivot), straight), seed->splay);
 }
 
 /* Drops a seed: every other action draws the needle back if the previous seed is still in it. */

@@ -12,12 +12,6 @@ enum { COOKIE_MAC = WIRE_TOKEN - 8 };
 
 void gate_init(gate *g, const wire_key *secret, const wire_key *cookie_key) { *g = (gate){.secret = *secret, .cookie = *cookie_key}; }
 
-static uint64_t get_number(const unsigned char *from, int width) {
-    uint64_t number = 0;
-    for (int i = 0; i < width; i++) number = number << 8 | from[i];
-    return number;
-}
-
 static bool same_address(const struct sockaddr_in *a, const struct sockaddr_in *b) {
     return a->sin_addr.s_addr == b->sin_addr.s_addr && a->sin_port == b->sin_port;
 }
@@ -46,11 +40,11 @@ static gate_client *free_client(gate *g, int64_t now) {
 /* ---- the handshake -------------------------------------------------------------------------------------------------------- */
 
 /* Returns the time in a cookie. */
-static uint64_t time_of(const unsigned char *token) { return get_number(token, 8); }
+static uint64_t time_of(const unsigned char *token) { return wire_get_number(token, 8); }
 
 static void make_cookie(const gate *g, const struct sockaddr_in *from, const unsigned char *nonce, uint64_t time, unsigned char token[WIRE_TOKEN]) {
     unsigned char text[8 + WIRE_NONCE + 4 + 2], tag[WIRE_TAG];
-    for (int i = 0; i < 8; i++) text[i] = (unsigned char)(time >> (56 - 8 * i));
+    wire_put_number(text, time);
     memcpy(text + 8, nonce, WIRE_NONCE);
     memcpy(text + 8 + WIRE_NONCE, &from->sin_addr.s_addr, 4);
     memcpy(text + 8 + WIRE_NONCE + 4, &from->sin_port, 2);
@@ -126,7 +120,7 @@ static gate_verdict take_connect(gate *g, wire_handshake *h, const struct sockad
 enum { SESSION = 16, COMMAND = SESSION + 8 };
 
 static bool is_shutdown(const wire_message *m) {
-    return m->size >= COMMAND + 4 && get_number(m->bytes + COMMAND, 4) == TROCAR_COMMAND_T_SHUTDOWN;
+    return m->size >= COMMAND + 4 && wire_get_number(m->bytes + COMMAND, 4) == TROCAR_COMMAND_T_SHUTDOWN;
 }
 
 /* Returns the channel on which to publish a message; NULL if clients may not send it. SHUTDOWN is published on the channel on which the server treats it as
@@ -161,7 +155,7 @@ static gate_verdict take_message(gate *g, gate_client *c, const unsigned char *d
         return GATE_ANSWER;
     }
     if ((result->channel = published(&m)) == NULL) return g->counts.malformed++, GATE_DROP;
-    c->session = (int64_t)get_number(m.bytes + SESSION, 8);
+    c->session = (int64_t)wire_get_number(m.bytes + SESSION, 8);
     result->bytes = m.bytes;
     result->size = m.size;
     g->counts.relayed++;

@@ -7,13 +7,13 @@
 
 _Static_assert(WIRE_TAG == SHA256_DIGEST_SIZE && WIRE_KEY == SHA256_DIGEST_SIZE, "HMAC-SHA256");
 
-static void put_number(unsigned char *to, uint64_t number) {
+void wire_put_number(unsigned char to[8], uint64_t number) {
     for (int i = 7; i >= 0; i--, number >>= 8) to[i] = (unsigned char)number;
 }
 
-static uint64_t get_number(const unsigned char *from) {
+uint64_t wire_get_number(const unsigned char *from, int width) {
     uint64_t number = 0;
-    for (int i = 0; i < 8; i++) number = number << 8 | from[i];
+    for (int i = 0; i < width; i++) number = number << 8 | from[i];
     return number;
 }
 
@@ -78,7 +78,7 @@ size_t wire_put_message(unsigned char to[WIRE_MOST], wire_kind kind, uint64_t co
     unsigned char *at = to + WIRE_HEAD + 8;
     size_t name = strlen(channel) + 1;
     put_head(to, kind);
-    put_number(to + WIRE_HEAD, counter);
+    wire_put_number(to + WIRE_HEAD, counter);
     memcpy(at, channel, name);
     if (size > 0) memcpy(at + name, bytes, size);
     at += name + size;
@@ -99,7 +99,7 @@ bool wire_get_message(const void *datagram, size_t size, wire_message *m) {
     size_t room = (size_t)(end - channel);
     const unsigned char *zero = memchr(channel, 0, room < WIRE_CHANNEL_MOST + 1 ? room : WIRE_CHANNEL_MOST + 1);
     if (zero == NULL) return false;
-    *m = (wire_message){.counter = get_number(d + WIRE_HEAD), .channel = (const char *)channel, .bytes = zero + 1, .size = (size_t)(end - zero - 1)};
+    *m = (wire_message){.counter = wire_get_number(d + WIRE_HEAD, 8), .channel = (const char *)channel, .bytes = zero + 1, .size = (size_t)(end - zero - 1)};
     return true;
 }
 

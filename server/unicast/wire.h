@@ -52,6 +52,9 @@ typedef struct {
     size_t size;
 } wire_message;
 
+void wire_put_number(unsigned char to[8], uint64_t number);
+uint64_t wire_get_number(const unsigned char *from, int width); /* width: bytes */
+
 void wire_tag(const wire_key *key, const void *data, size_t size, unsigned char tag[WIRE_TAG]);
 wire_key wire_secret_key(const void *secret, size_t size);
 /* Returns the key of one direction; `kind` is WIRE_TO_SERVER or WIRE_TO_CLIENT. */

@@ -158,6 +158,11 @@ class _Motion:
         return ((0, poses) for poses in self.play(sim, dt))
 
 
+def minimum_jerk(x: Array) -> Array:
+    """Returns the part of a stroke that is done at the fractions x of its duration (Flash and Hogan 1985)."""
+    return x * x * x * (10.0 + x * (-15.0 + 6.0 * x))
+
+
 def _ticks(duration: float, dt: float) -> int:
     return int(math.floor(duration / dt + 0.5)) + 1
 
@@ -188,7 +193,7 @@ class Script(_Motion):
         poses = np.tile(start, (count, 1))
         for leg in self.legs:
             x = np.clip((t - leg.start) / (leg.end - leg.start), 0.0, 1.0)
-            part = (x * x * x * (10.0 + x * (-15.0 + 6.0 * x)))[:, None]  # minimum-jerk profile (Flash and Hogan 1985)
+            part = minimum_jerk(x)[:, None]
             poses[:, :3] += part * rotate(start[3:], [*leg.shift[:2], factor * leg.shift[2]])
             if any(leg.turn):
                 poses[:, 3:] = multiply(poses[:, 3:], exponential(part * np.asarray(leg.turn)))

@@ -18,7 +18,7 @@ import numpy as np
 
 from .. import Sim
 from .._library import _check, ffi, lib
-from ..motion import Array, _Motion, exponential, multiply, towards
+from ..motion import Array, _Motion, exponential, minimum_jerk, multiply, towards
 from . import plan as plans
 
 __all__ = ["Implantation", "Operator", "SeedError"]
@@ -129,8 +129,7 @@ class Implantation:
     def _stroke(self, needle: int, start: float, end: float, duration: float, pause: float) -> Array:
         """Returns the poses that move the tip from one depth to another (m) with minimum jerk, followed by a rest; excludes the first pose."""
         steps = math.ceil(duration / self.dt - 1e-9)
-        x = np.linspace(0.0, 1.0, steps + 1)[1:]
-        depths = start + (end - start) * x * x * x * (10.0 + x * (-15.0 + 6.0 * x))
+        depths = start + (end - start) * minimum_jerk(np.linspace(0.0, 1.0, steps + 1)[1:])
         straight = np.concatenate([depths, np.full(round(pause / self.dt), end)])
         ends = self._base(needle, 0.0), self._base(needle, 1.0)
         poses = np.tile(ends[0], (len(straight), 1))

@@ -7,10 +7,7 @@
 
 #include "base/cache_line.h"
 #include "base/host_log.h"
-#include "batch/needles.h"
 #include "tissue/blas.h"
-
-enum { MAX_THREADS = 256 };
 
 /* ---- loops over rows ------------------------------------------------------------------------------------------------------------- */
 
@@ -78,14 +75,12 @@ static int usable_processors(void) {
 
 /* Replaces the simulation of a row. After a failure, the row is unchanged. */
 static trocar_status create_row(batch_row *row, trocar_model *model, insertion_workspace *workspace, report *why) {
-    batch_row created = {.sim = NULL};
-    trocar_status status = sim_create(model, workspace, &created.sim, why);
-    if (status == TROCAR_OK) status = sim_save_new(created.sim, &created.fresh, &created.fresh_bytes, why);
-    batch_row freed = status == TROCAR_OK ? *row : created;
-    if (status == TROCAR_OK) *row = created;
-    trocar_sim_free(freed.sim);
-    free(freed.fresh);
-    return status;
+    batch_row created;
+    trocar_status status = row_create(model, workspace, &created, why);
+    if (status != TROCAR_OK) return status;
+    row_free(row);
+    *row = created;
+    return TROCAR_OK;
 }
 
 static trocar_status create_task(trocar_batch *batch, int row, int member, void *context, report *why) {
@@ -154,10 +149,7 @@ trocar_status trocar_batch_create(trocar_model *const *models, int rows, const t
 void trocar_batch_free(trocar_batch *batch) {
     if (!batch) return;
     if (batch->process == getpid()) team_free(batch->team);
-    for (int i = 0; batch->rows && i < batch->row_count; i++) {
-        trocar_sim_free(batch->rows[i].sim);
-        free(batch->rows[i].fresh);
-    }
+    for (int i = 0; batch->rows && i < batch->row_count; i++) row_free(&batch->rows[i]);
     for (int i = 0; batch->workspaces && i < batch->threads; i++) free(batch->workspaces[i]);
     pthread_mutex_destroy(&batch->lock);
     free(batch->workspaces);
@@ -187,11 +179,7 @@ trocar_status trocar_batch_set_model(trocar_batch *batch, int row, trocar_model 
 
 static trocar_status reset_task(trocar_batch *batch, int row, int member, void *context, report *why) {
     (void)member;
-    const batch_row *r = &batch->rows[row];
-    const trocar_pose *poses = (const trocar_pose *)context + (size_t)row * (size_t)batch->needles;
-    trocar_status status = trocar_sim_restore(r->sim, r->fresh, r->fresh_bytes, why);
-    for (int n = 0; n < batch->needles && status == TROCAR_OK; n++) status = trocar_sim_reset(r->sim, n, &poses[n], why);
-    return status;
+    return row_reset(&batch->rows[row], batch->needles, (const trocar_pose *)context + (size_t)row * (size_t)batch->needles, why);
 }
 
 trocar_status trocar_batch_reset(trocar_batch *batch, const trocar_pose *poses, const uint8_t *mask, trocar_error *error) {

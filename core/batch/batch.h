@@ -7,13 +7,7 @@
 
 #include "api/api.h"
 #include "base/team.h"
-
-/* A row: its simulation, and the state to which a reset returns. */
-typedef struct {
-    trocar_sim *sim;
-    void *fresh;             /* state saved after the creation of `sim` */
-    size_t fresh_bytes;
-} batch_row;
+#include "batch/row.h"
 
 struct trocar_batch {
     int row_count, needles, threads;

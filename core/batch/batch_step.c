@@ -6,7 +6,6 @@
 #include "api/view.h"
 #include "base/host_watch.h"
 #include "batch/batch.h"
-#include "batch/needles.h"
 
 typedef struct {
     const trocar_pose *poses;

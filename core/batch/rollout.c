@@ -9,17 +9,13 @@
 #include "base/host_log.h"
 #include "base/host_watch.h"
 #include "base/team.h"
-#include "batch/needles.h"
+#include "batch/row.h"
 #include "tissue/blas.h"
 
-enum { MAX_THREADS = 256 };
-
-/* A thread's simulation, and the state in which it was created. */
+/* A thread's simulation. */
 typedef struct {
-    trocar_model *model;
-    trocar_sim *sim;
-    void *fresh;
-    size_t fresh_bytes;
+    trocar_model *model;     /* of the simulation; NULL if there is none */
+    batch_row row;
 } seat;
 
 typedef struct {
@@ -42,20 +38,12 @@ static trocar_model *model_of(const rollout *r, int insertion) { return r->optio
 
 /* ---- simulations ----------------------------------------------------------------------------------------------------------------- */
 
-static void clear_seat(seat *s) {
-    trocar_sim_free(s->sim);
-    free(s->fresh);
-    *s = (seat){.sim = NULL};
-}
-
 /* Makes the seat's simulation one of this model. */
 static trocar_status seat_model(seat *s, trocar_model *model, report *why) {
     if (s->model == model) return TROCAR_OK;
-    clear_seat(s);
-    trocar_status status = trocar_sim_create(model, &s->sim, why);
-    if (status == TROCAR_OK) status = sim_save_new(s->sim, &s->fresh, &s->fresh_bytes, why);
-    if (status == TROCAR_OK) s->model = model;
-    else clear_seat(s);
+    row_free(&s->row);
+    trocar_status status = row_create(model, NULL, &s->row, why);
+    s->model = status == TROCAR_OK ? model : NULL;
     return status;
 }
 
@@ -79,10 +67,8 @@ static trocar_status begin(const rollout *r, seat *s, int insertion, const troca
     trocar_status status = seat_model(s, model_of(r, insertion), why);
     if (status != TROCAR_OK) return status;
     const trocar_rollout_options *o = r->options;
-    if (o->states && o->states[insertion]) return trocar_sim_restore(s->sim, o->states[insertion], o->state_sizes[insertion], why);
-    status = trocar_sim_restore(s->sim, s->fresh, s->fresh_bytes, why);
-    for (int n = 0; n < o->needles && status == TROCAR_OK; n++) status = trocar_sim_reset(s->sim, n, &first[n], why);
-    return status;
+    if (o->states && o->states[insertion]) return trocar_sim_restore(s->row.sim, o->states[insertion], o->state_sizes[insertion], why);
+    return row_reset(&s->row, o->needles, first, why);
 }
 
 /* Reports progress, in the calling thread. */
@@ -113,7 +99,7 @@ static void run_insertion(void *context, int insertion, int member) {
         int before = done, end = r->steps - done < TICKS_BETWEEN_LOOKS ? r->steps : done + TICKS_BETWEEN_LOOKS;
         for (; done < end && status == TROCAR_OK; done += status == TROCAR_OK) {
             size_t at = first + (size_t)done * (size_t)needles;
-            status = step_needles(s->sim, needles, r->poses + at, r->options->dt, r->outputs + at, &reason);
+            status = step_needles(s->row.sim, needles, r->poses + at, r->options->dt, r->outputs + at, &reason);
         }
         atomic_fetch_add(&r->ticks, done - before);
         if (member == 0) look(r);
@@ -173,7 +159,7 @@ trocar_status trocar_rollout(trocar_model *model, const trocar_pose *poses, int 
         status = outcome(r, why);
         pthread_mutex_destroy(&r->lock);
     }
-    for (int i = 0; i < r->seat_count; i++) clear_seat(&r->seats[i]);
+    for (int i = 0; i < r->seat_count; i++) row_free(&r->seats[i].row);
     free(r);
     return status;
 }

@@ -1,7 +1,29 @@
-#include "batch/needles.h"
+#include "batch/row.h"
+
+#include <stdlib.h>
 
 #include "api/ticking.h"
 #include "api/view.h"
+
+trocar_status row_create(trocar_model *model, insertion_workspace *workspace, batch_row *row, report *why) {
+    *row = (batch_row){.sim = NULL};
+    trocar_status status = sim_create(model, workspace, &row->sim, why);
+    if (status == TROCAR_OK) status = sim_save_new(row->sim, &row->fresh, &row->fresh_bytes, why);
+    if (status != TROCAR_OK) row_free(row);
+    return status;
+}
+
+void row_free(batch_row *row) {
+    trocar_sim_free(row->sim);
+    free(row->fresh);
+    *row = (batch_row){.sim = NULL};
+}
+
+trocar_status row_reset(const batch_row *row, int needles, const trocar_pose *poses, report *why) {
+    trocar_status status = trocar_sim_restore(row->sim, row->fresh, row->fresh_bytes, why);
+    for (int n = 0; n < needles && status == TROCAR_OK; n++) status = trocar_sim_reset(row->sim, n, &poses[n], why);
+    return status;
+}
 
 trocar_status check_driven_needles(const trocar_model *model, int needles, report *why) {
     int there = model->parts.config.needle_count;

@@ -289,6 +289,48 @@ static void gliding_over_the_skin_is_never_late(void **state) {
     }
 }
 
+enum { PUSHES = 600 }; /* number of ticks for which a needle is pushed in after it has touched the skin */
+
+/* Touches the skin in a tick in which the tip moves by `aside` (m) along x and 10 um along the needle, and pushes the needle in by 12 mm. Writes the force
+   along the needle in each tick. Returns the tick of the puncture. */
+static int push_after_touch(double aside, double *along) {
+    trocar_model *model;
+    trocar_scene *scene = load("figure8");
+    for (int i = 0; i < 2; i++) OK(trocar_scene_set_number(scene, (const char *[]){"regions[surrounding].stiffening", "regions[prostate].stiffening"}[i], 2.0, &why));
+    trocar_sim *sim = simulate(scene, &model);
+    trocar_pose base = {{0.005 - aside, 0.003, -0.2 - 5e-6}, {1, 0, 0, 0}};
+    trocar_output out = {0};
+    int punctured = 0;
+    OK(trocar_sim_reset(sim, 0, &base, &why));
+    base.position[0] += aside;
+    base.position[2] += 1e-5;
+    OK(trocar_sim_step(sim, 0, &base, 1e-3, &out, &why));
+    assert_true(out.events & TROCAR_EVENT_TOUCHED);
+    for (int t = 0; t < PUSHES; t++) {
+        base.position[2] += 2e-5;
+        OK(trocar_sim_step(sim, 0, &base, 1e-3, &out, &why));
+        if (out.events & TROCAR_EVENT_PUNCTURED && !punctured) punctured = t;
+        along[t] = out.force[2];
+    }
+    trocar_sim_free(sim);
+    trocar_model_free(model);
+    return punctured;
+}
+
+/* The path on which the hand came to the skin has no influence on the forces that follow. */
+static void a_needle_that_comes_from_the_side_feels_the_same_skin(void **state) {
+    (void)state;
+    static double straight[PUSHES], aside[PUSHES];
+    int punctured = push_after_touch(0.0, straight), later = push_after_touch(2e-5, aside) - punctured;
+    double most = 0.0, differs = 0.0;
+    for (int t = 0; t < PUSHES; t++) {
+        most = fmax(most, fabs(straight[t]));
+        differs = fmax(differs, fabs(aside[t] - straight[t]));
+    }
+    print_message("largest difference %.4f of %.3f N; punctured in tick %d, from the side %d ticks later\n", differs, most, punctured, later);
+    assert_true(punctured > 100 && later == 0 && differs < 0.01 * most);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(nodes_that_are_added_are_not_felt),
@@ -299,6 +341,7 @@ int main(void) {
         cmocka_unit_test(a_gap_in_the_poses_is_no_buckling),
         cmocka_unit_test(a_needle_returns_to_skin_that_is_still_displaced_with_one_touch),
         cmocka_unit_test(gliding_over_the_skin_is_never_late),
+        cmocka_unit_test(a_needle_that_comes_from_the_side_feels_the_same_skin),
         cmocka_unit_test(letting_go_of_a_needle_is_no_knock_for_its_neighbours),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -17,7 +17,7 @@ static const double LIFTED = 1e-6; /* m: distance from the surface above which a
 bool tip_touch(const tick_input *tick, insertion_state *state, tick_output *output, vec3 from, vec3 to) {
     surface_hit hit = mesh_enter(tick->model->mesh, from, to);
     if (!hit.hit) return false;
-    state->tip = (needle_tip){.place = {.phase = TIP_INSIDE, .tet = hit.tet, .nominal = hit.point, .direction = v3_unit(v3_sub(to, from))},
+    state->tip = (needle_tip){.place = {.phase = TIP_INSIDE, .tet = hit.tet, .nominal = hit.point, .direction = v3_unit(needle_direction(tick, state))},
                               .barrier = {.face = hit.face, .blocked_by = old_tracks_obstacle(tick, state, hit.tet, hit.face, hit.tet, hit.point), .entering = true},
                               .known.tet = -1, .next_contact = NAN, .shaft = shaft_at_rest(tick->model, 0.0), .filtered_push = FULL_GRIP};
     state->tip_lead = 0.0;

@@ -1,4 +1,4 @@
-"""Writes label maps as every supported kind of file, for tests and for the tables of meshes/stress.md."""
+"""Writes label maps as every supported kind of file, for tests and for the tables in docs/results/anatomy."""
 import gzip
 
 import numpy as np

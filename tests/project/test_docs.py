@@ -343,8 +343,8 @@ def check_quoted(source):
               ("docs/results/README.md", f"p50 {tick:.0f} us, p99 {slow:.0f} us"),
               ("README.md", f"| {tick:.0f} us (p99: {slow:.0f} us), Intel Xeon"),
               ("README.md", f"{float(remesh['face']):.0f} to {float(remesh['inside']):.0f} times faster than a dense update at 572 nodes"),
-              ("README.md", f"{judged.count('yes')} of {len(judged)} rows pass; median error {100 * float(median['value']):.1f} % against a resolved needle, "
-                            f"{median['check'].split()[3]} forces"),
+              ("README.md", f"{judged.count('yes')} of {len(judged)} rows pass; median error of {median['check'].split()[3]} forces "
+                            f"{100 * float(median['value']):.1f} %"),
               ("README.md", f"{numbers} predicted numbers and {tendencies} tendencies are as published"),
               ("README.md", f"restarts in {float(restart):.0f} s and takes [{float(memory):.0f} GB]"),
               ("docs/make-a-scene.md", f"to {restart} s, 0.81 to {memory} GB"),

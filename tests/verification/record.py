@@ -19,10 +19,9 @@ from results import HERE, PLOTS, RESULTS, ROOT
 from rows import SKIPPED
 
 sys.path.insert(0, str(HERE.parent / "shared"))
-from reports import COLOURS, axes_for, output_of  # noqa: E402
 
 PACKAGES = ("libcholmod3", "libopenblas0-pthread", "libgmsh4.8", "calculix-ccx")
-JUDGED = ("core", "shared", "tests/oracles", "tests/shared", "tests/verification", ":!tests/verification/results", ":!tests/verification/plots", ":!*.md")
+JUDGED = ("core", "meshes", "tests", ":!tests/verification/results", ":!tests/verification/plots", ":!*.md")  # a commit without changes here is clean
 STYLES = ("-", "--", ":", "-.")
 MANY = 30  # curves with at least this many points have no markers
 
@@ -30,6 +29,7 @@ MANY = 30  # curves with at least this many points have no markers
 # ---- figures ----
 
 def draw(curves, path):
+    from reports import COLOURS, axes_for  # imports matplotlib, which takes a second or more
     with axes_for(curves, path) as axes:
         for i, curve in enumerate(curves):
             marker = "osv^D"[i % 5] if len(curve["x"]) < MANY else None
@@ -58,16 +58,23 @@ def figures(entries, folder):
 
 # ---- the run ----
 
+def output_of(*command):
+    try:
+        return subprocess.run(command, capture_output=True, text=True, check=True, cwd=ROOT).stdout.strip()
+    except (OSError, subprocess.CalledProcessError):
+        return "unknown"
+
+
 def commit_of_checks():
-    commit = output_of(ROOT, "git", "rev-parse", "--short=7", "HEAD")
-    return commit + ("-dirty" if output_of(ROOT, "git", "status", "--porcelain", "--", *JUDGED) else "")
+    commit = output_of("git", "rev-parse", "--short=7", "HEAD")
+    return commit + ("-dirty" if output_of("git", "status", "--porcelain", "--", *JUDGED) else "")
 
 
 def machine():
     names = [line.split(":")[1].strip() for line in open("/proc/cpuinfo") if line.startswith("model name")]
-    versions = [f"{name} {output_of(ROOT, 'dpkg-query', '-W', '-f', '${Version}', name)}" for name in PACKAGES]
+    versions = [f"{name} {output_of('dpkg-query', '-W', '-f', '${Version}', name)}" for name in PACKAGES]
     return (f"{names[0] if names else platform.machine()}, {os.cpu_count()} processors; "
-            + ", ".join([f"gcc {output_of(ROOT, 'gcc', '-dumpfullversion')}", *versions]))
+            + ", ".join([f"gcc {output_of('gcc', '-dumpfullversion')}", *versions]))
 
 
 def number(value, digits):

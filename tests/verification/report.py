@@ -108,9 +108,8 @@ class Report:
     def readme(self):
         """The text of README's row."""
         error, forces = next((float(row["value"]), found[1]) for row in self.rows if (found := MEDIAN.match(row["check"])))
-        since = "have changed" if any(changed(run, self.digest) for run in self.runs) else "are unchanged"
-        return (f"{self.score()}; median error {100 * error:.1f} % against a resolved needle, {forces} forces; "
-                f"oldest check {self.oldest}, the mechanics {since} since")
+        since = "changed" if any(changed(run, self.digest) for run in self.runs) else "unchanged"
+        return f"{self.score()}; median error of {forces} forces {100 * error:.1f} %; oldest {self.oldest}, mechanics {since} since"
 
 
 def purpose_of(source):

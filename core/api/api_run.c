@@ -9,7 +9,7 @@ trocar_status trocar_sim_run(trocar_sim *sim, int needle, const trocar_pose *pos
     trocar_error ignored, *why = error ? error : &ignored;
     if (steps < 0) return fail(why, TROCAR_BAD_INPUT, "%d steps: expected 0 or more", steps);
     trocar_status status = TROCAR_OK;
-    report reason;
+    trocar_error reason;
     int done = 0;
     memset(outputs, 0, (size_t)steps * sizeof *outputs);
     while (done < steps && status == TROCAR_OK) {

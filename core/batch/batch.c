@@ -17,7 +17,7 @@ typedef struct {
     void *context;
 } row_loop;
 
-static void note_failure(trocar_batch *batch, int row, trocar_status status, const report *why) {
+static void note_failure(trocar_batch *batch, int row, trocar_status status, const trocar_error *why) {
     pthread_mutex_lock(&batch->lock);
     if (row < batch->failed) {
         batch->failed = row;
@@ -32,7 +32,7 @@ static void run_row(void *context, int i, int member) {
     trocar_batch *batch = loop->batch;
     int row = batch->listed[i];
     trocar_sim *sim = batch->rows[row].sim;
-    report why;
+    trocar_error why;
     if (sim) {
         sim->workspace = batch->workspaces[member];
         sim->workspace->profile.clock = sim->clock;
@@ -58,7 +58,7 @@ void batch_begin(trocar_batch *batch) {
     batch->status = TROCAR_OK;
 }
 
-trocar_status batch_end(const trocar_batch *batch, report *why) {
+trocar_status batch_end(const trocar_batch *batch, trocar_error *why) {
     if (batch->status != TROCAR_OK) fail(why, batch->status, "row %d: %.1000s", batch->failed, batch->why.text);
     return batch->status;
 }
@@ -74,7 +74,7 @@ static int usable_processors(void) {
 }
 
 /* Replaces the simulation of a row. After a failure, the row is unchanged. */
-static trocar_status create_row(batch_row *row, trocar_model *model, insertion_workspace *workspace, report *why) {
+static trocar_status create_row(batch_row *row, trocar_model *model, insertion_workspace *workspace, trocar_error *why) {
     batch_row created;
     trocar_status status = row_create(model, workspace, &created, why);
     if (status != TROCAR_OK) return status;
@@ -83,17 +83,17 @@ static trocar_status create_row(batch_row *row, trocar_model *model, insertion_w
     return TROCAR_OK;
 }
 
-static trocar_status create_task(trocar_batch *batch, int row, int member, void *context, report *why) {
+static trocar_status create_task(trocar_batch *batch, int row, int member, void *context, trocar_error *why) {
     trocar_model *const *models = context;
     return create_row(&batch->rows[row], models[row], batch->workspaces[member], why);
 }
 
-static trocar_status check_options(trocar_model *const *models, int rows, const trocar_batch_options *o, report *why) {
+static trocar_status check_options(trocar_model *const *models, int rows, const trocar_batch_options *o, trocar_error *why) {
     if (rows < 1 || o->threads < 0 || o->threads > MAX_THREADS || o->needles < 1 || o->needles > MAX_NEEDLES)
         return fail(why, TROCAR_BAD_INPUT, "a batch of %d rows with %d needles in %d threads: at least 1 row, 1 to %d needles, 0 to %d threads", rows, o->needles,
                     o->threads, MAX_NEEDLES, MAX_THREADS);
     for (int i = 0; i < rows; i++) {
-        report wrong;
+        trocar_error wrong;
         trocar_status status = check_driven_needles(models[i], o->needles, &wrong);
         if (status != TROCAR_OK) return fail(why, status, "row %d: %.1000s", i, wrong.text);
     }
@@ -101,8 +101,8 @@ static trocar_status check_options(trocar_model *const *models, int rows, const 
 }
 
 /* Starts `wanted` threads, or as many as memory and the system allow, and allocates their workspaces. */
-static trocar_status start_threads(trocar_batch *batch, int wanted, report *why) {
-    report ignored;
+static trocar_status start_threads(trocar_batch *batch, int wanted, trocar_error *why) {
+    trocar_error ignored;
     while (wanted > 1 && blas_make_room(wanted, &ignored) != TROCAR_OK) wanted--;
     batch->team = team_create(wanted);
     batch->process = getpid();
@@ -177,7 +177,7 @@ trocar_status trocar_batch_set_model(trocar_batch *batch, int row, trocar_model 
 
 /* ---- starting and continuing ----------------------------------------------------------------------------------------------------- */
 
-static trocar_status reset_task(trocar_batch *batch, int row, int member, void *context, report *why) {
+static trocar_status reset_task(trocar_batch *batch, int row, int member, void *context, trocar_error *why) {
     (void)member;
     return row_reset(&batch->rows[row], batch->needles, (const trocar_pose *)context + (size_t)row * (size_t)batch->needles, why);
 }
@@ -194,7 +194,7 @@ typedef struct {
     size_t size;
 } save_call;
 
-static trocar_status save_task(trocar_batch *batch, int row, int member, void *context, report *why) {
+static trocar_status save_task(trocar_batch *batch, int row, int member, void *context, trocar_error *why) {
     (void)member;
     const save_call *call = context;
     return trocar_sim_save(batch->rows[row].sim, call->states[row], call->size, why);
@@ -212,7 +212,7 @@ typedef struct {
     const size_t *sizes;
 } restore_call;
 
-static trocar_status restore_task(trocar_batch *batch, int row, int member, void *context, report *why) {
+static trocar_status restore_task(trocar_batch *batch, int row, int member, void *context, trocar_error *why) {
     (void)member;
     const restore_call *call = context;
     return trocar_sim_restore(batch->rows[row].sim, call->states[row], call->sizes[row], why);

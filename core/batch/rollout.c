@@ -31,7 +31,7 @@ typedef struct {
     pthread_mutex_t lock;    /* protects the members below */
     int failed;              /* lowest index of an insertion that has failed; `batch` if none has */
     trocar_status status;    /* status of that insertion */
-    report why;              /* message of that insertion */
+    trocar_error why;        /* message of that insertion */
 } rollout;
 
 static trocar_model *model_of(const rollout *r, int insertion) { return r->options->models ? r->options->models[insertion] : r->model; }
@@ -39,7 +39,7 @@ static trocar_model *model_of(const rollout *r, int insertion) { return r->optio
 /* ---- simulations ----------------------------------------------------------------------------------------------------------------- */
 
 /* Makes the seat's simulation one of this model. */
-static trocar_status seat_model(seat *s, trocar_model *model, report *why) {
+static trocar_status seat_model(seat *s, trocar_model *model, trocar_error *why) {
     if (s->model == model) return TROCAR_OK;
     row_free(&s->row);
     trocar_status status = row_create(model, NULL, &s->row, why);
@@ -48,8 +48,8 @@ static trocar_status seat_model(seat *s, trocar_model *model, report *why) {
 }
 
 /* Allocates simulations for `wanted` threads, or for as many as memory permits. Fails if there is none. */
-static trocar_status take_seats(rollout *r, int wanted, report *why) {
-    report ignored;
+static trocar_status take_seats(rollout *r, int wanted, trocar_error *why) {
+    trocar_error ignored;
     trocar_status status = TROCAR_OK;
     while (wanted > 1 && blas_make_room(wanted, &ignored) != TROCAR_OK) wanted--;
     while (r->seat_count < wanted && status == TROCAR_OK) {
@@ -63,7 +63,7 @@ static trocar_status take_seats(rollout *r, int wanted, report *why) {
 
 /* Starts from the insertion's initial state, or from the state in which the simulation was created, with the needles at their first poses. Thus the results do
    not depend on what the thread has run before. */
-static trocar_status begin(const rollout *r, seat *s, int insertion, const trocar_pose *first, report *why) {
+static trocar_status begin(const rollout *r, seat *s, int insertion, const trocar_pose *first, trocar_error *why) {
     trocar_status status = seat_model(s, model_of(r, insertion), why);
     if (status != TROCAR_OK) return status;
     const trocar_rollout_options *o = r->options;
@@ -78,7 +78,7 @@ static void look(void *context) {
     if (watch_cancels(&r->options->watch)) atomic_store(&r->cancelled, true);
 }
 
-static void note_failure(rollout *r, int insertion, int step, trocar_status status, const report *reason) {
+static void note_failure(rollout *r, int insertion, int step, trocar_status status, const trocar_error *reason) {
     pthread_mutex_lock(&r->lock);
     if (insertion < r->failed) {
         r->failed = insertion;
@@ -92,7 +92,7 @@ static void run_insertion(void *context, int insertion, int member) {
     seat *s = &r->seats[member];
     int needles = r->options->needles, done = 0;
     size_t first = (size_t)insertion * (size_t)r->steps * (size_t)needles;
-    report reason;
+    trocar_error reason;
     if (atomic_load(&r->cancelled)) return;
     trocar_status status = begin(r, s, insertion, r->poses + first, &reason);
     while (done < r->steps && status == TROCAR_OK && !atomic_load(&r->cancelled)) {
@@ -114,21 +114,21 @@ static void run_insertion(void *context, int insertion, int member) {
 
 trocar_rollout_options trocar_default_rollout_options(void) { return (trocar_rollout_options){.dt = 1e-3, .threads = 1, .needles = 1}; }
 
-static trocar_status check(trocar_model *model, int batch, int steps, const trocar_rollout_options *o, report *why) {
+static trocar_status check(trocar_model *model, int batch, int steps, const trocar_rollout_options *o, trocar_error *why) {
     if (batch < 0 || steps < 0 || o->threads < 1 || o->threads > MAX_THREADS || o->needles < 1 || o->needles > MAX_NEEDLES)
         return fail(why, TROCAR_BAD_INPUT, "a rollout of %d x %d steps with %d needles in %d threads: 1 to %d needles, 1 to %d threads", batch, steps, o->needles,
                     o->threads, MAX_NEEDLES, MAX_THREADS);
     if (!o->models && !model) return fail(why, TROCAR_BAD_INPUT, "a rollout without a model: give one, or one for each insertion in the options");
     if (o->states && !o->state_sizes) return fail(why, TROCAR_BAD_INPUT, "a rollout with states, but without their sizes");
     for (int i = 0; i < (o->models ? batch : 1); i++) {
-        report wrong;
+        trocar_error wrong;
         trocar_status status = check_driven_needles(o->models ? o->models[i] : model, o->needles, &wrong);
         if (status != TROCAR_OK) return fail(why, status, "insertion %d: %.900s", i, wrong.text);
     }
     return TROCAR_OK;
 }
 
-static trocar_status outcome(rollout *r, report *why) {
+static trocar_status outcome(rollout *r, trocar_error *why) {
     bool finished = atomic_load(&r->ticks) == (long long)r->batch * r->steps;
     if (atomic_load(&r->cancelled) && !finished) return fail(why, TROCAR_CANCELLED, "cancelled");
     if (r->status != TROCAR_OK) *why = r->why;

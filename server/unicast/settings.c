@@ -13,7 +13,7 @@
 enum { LEAST = 32, MOST = 1024 }; /* bytes of a secret */
 static const char MAKE_ONE[] = "make one with: (umask 077; head -c 32 /dev/urandom | base64 >FILE)";
 
-trocar_status settings_address(const char *text, struct sockaddr_in *address, report *why) {
+trocar_status settings_address(const char *text, struct sockaddr_in *address, trocar_error *why) {
     char host[256], *end;
     const char *colon = strrchr(text, ':');
     long port = colon == NULL ? 0 : strtol(colon + 1, &end, 10);
@@ -29,7 +29,7 @@ trocar_status settings_address(const char *text, struct sockaddr_in *address, re
     return TROCAR_OK;
 }
 
-static trocar_status read_secret(int descriptor, const char *file, wire_key *key, report *why) {
+static trocar_status read_secret(int descriptor, const char *file, wire_key *key, trocar_error *why) {
     struct stat s;
     char secret[MOST + 3];
     if (fstat(descriptor, &s) != 0 || !S_ISREG(s.st_mode)) return fail(why, TROCAR_BAD_INPUT, "secret file %s: not a regular file", file);
@@ -46,7 +46,7 @@ static trocar_status read_secret(int descriptor, const char *file, wire_key *key
     return TROCAR_OK;
 }
 
-trocar_status settings_secret(const char *file, const struct sockaddr_in *address, wire_key *key, report *why) {
+trocar_status settings_secret(const char *file, const struct sockaddr_in *address, wire_key *key, trocar_error *why) {
     bool local = ntohl(address->sin_addr.s_addr) >> 24 == IN_LOOPBACKNET;
     if (file == NULL && !local)
         return fail(why, TROCAR_BAD_INPUT, "--listen on an address that other machines can reach needs --secret-file FILE; %s", MAKE_ONE);

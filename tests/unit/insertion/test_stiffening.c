@@ -211,7 +211,7 @@ static void nothing_is_gained_from_the_tissue(void **unused) {
         double least = 0.0, most = 0.0, left = INFINITY;
         unsigned seed = 1;
         for (int run = 0; run < 20; run++) {
-            report why;
+            trocar_error why;
             assert_int_equal(run_restore(&l->run, rest, &l->state, l->snapshot, &why), TROCAR_OK);
             l->base = start;
             l->wrench = at_rest;
@@ -298,7 +298,7 @@ static void tick_allocates_nothing(void **unused) {
     }
     for (int run = 0; run < RUNS; run++)
         for (int k = 0; k < 2; k++) {
-            report why;
+            trocar_error why;
             assert_int_equal(run_restore(&l[k]->run, saved[k], &l[k]->state, l[k]->snapshot, &why), TROCAR_OK);
             time_ticks(l[k], &times[k][run * TICKS], &passes[k]);
         }
@@ -321,7 +321,7 @@ static void restored_simulation_continues_bit_identically(void **unused) {
     run_save(&l->state, l->snapshot, saved);
     pose base = l->base;
     vec3 first[100];
-    report why;
+    trocar_error why;
     for (int turn = 0; turn < 2; turn++) {
         l->base = base;
         for (int i = 0; i < 100; i++) {

@@ -20,7 +20,7 @@ static double force[N], expected[N], largest;
 
 static int create(void **state) {
     (void)state;
-    report why;
+    trocar_error why;
     if (cube_create(&body, 0.1, &why) != TROCAR_OK || body.tissue.dof_count != N) return -1;
     if (tissue_stiffness(&body.tissue, &why) != TROCAR_OK || (!body.tissue.factor && tissue_factor(&body.tissue, 0, NULL, &why) != TROCAR_OK)) return -1;
     tissue *t = &body.tissue;

@@ -13,7 +13,7 @@ trocar_status trocar_sim_run(trocar_sim *sim, int needle, const trocar_pose *pos
     int done = 0;
     memset(outputs, 0, (size_t)steps * sizeof *outputs);
     while (done < steps && status == TROCAR_OK) {
-        int end = steps - done < TICKS_BETWEEN_LOOKS ? steps : done + TICKS_BETWEEN_LOOKS;
+        int end = watch_next_look(done, steps);
         for (; done < end && status == TROCAR_OK; done += status == TROCAR_OK) status = trocar_sim_step(sim, needle, &poses[done], dt, &outputs[done], &reason);
         watch_report(watch, "run", (double)done / steps);
         if (status == TROCAR_OK && done < steps && watch_cancels(watch)) status = fail(&reason, TROCAR_CANCELLED, "cancelled");

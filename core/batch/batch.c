@@ -17,16 +17,6 @@ typedef struct {
     void *context;
 } row_loop;
 
-static void note_failure(trocar_batch *batch, int row, trocar_status status, const trocar_error *why) {
-    pthread_mutex_lock(&batch->lock);
-    if (row < batch->failed) {
-        batch->failed = row;
-        batch->status = status;
-        batch->why = *why;
-    }
-    pthread_mutex_unlock(&batch->lock);
-}
-
 static void run_row(void *context, int i, int member) {
     row_loop *loop = context;
     trocar_batch *batch = loop->batch;
@@ -38,7 +28,7 @@ static void run_row(void *context, int i, int member) {
         sim->workspace->profile.clock = sim->clock;
     }
     trocar_status status = loop->task(batch, row, member, loop->context, &why);
-    if (status != TROCAR_OK) note_failure(batch, row, status, &why);
+    if (status != TROCAR_OK) first_failure_note(&batch->failure, row, status, &why);
 }
 
 void batch_for_rows(trocar_batch *batch, const uint8_t *mask, row_task task, void *context) {
@@ -53,14 +43,11 @@ void batch_for_rows(trocar_batch *batch, const uint8_t *mask, row_task task, voi
     team_run(batch->team, count, run_row, &loop);
 }
 
-void batch_begin(trocar_batch *batch) {
-    batch->failed = batch->row_count;
-    batch->status = TROCAR_OK;
-}
+void batch_begin(trocar_batch *batch) { first_failure_clear(&batch->failure); }
 
 trocar_status batch_end(const trocar_batch *batch, trocar_error *why) {
-    if (batch->status != TROCAR_OK) fail(why, batch->status, "row %d: %.1000s", batch->failed, batch->why.text);
-    return batch->status;
+    const first_failure *f = &batch->failure;
+    return f->status == TROCAR_OK ? TROCAR_OK : fail(why, f->status, "row %d: %.1000s", f->index, f->why.text);
 }
 
 /* ---- creation -------------------------------------------------------------------------------------------------------------------- */
@@ -125,7 +112,7 @@ trocar_status trocar_batch_create(trocar_model *const *models, int rows, const t
     if (!batch) return fail(why, TROCAR_NO_MEMORY, "no memory for a batch");
     batch->row_count = rows;
     batch->needles = options.needles;
-    pthread_mutex_init(&batch->lock, NULL);
+    first_failure_create(&batch->failure);
     batch->rows = calloc((size_t)rows, sizeof *batch->rows);
     batch->listed = calloc((size_t)rows, sizeof *batch->listed);
     batch->done = calloc((size_t)rows, sizeof *batch->done);
@@ -151,7 +138,7 @@ void trocar_batch_free(trocar_batch *batch) {
     if (batch->process == getpid()) team_free(batch->team);
     for (int i = 0; batch->rows && i < batch->row_count; i++) row_free(&batch->rows[i]);
     for (int i = 0; batch->workspaces && i < batch->threads; i++) free(batch->workspaces[i]);
-    pthread_mutex_destroy(&batch->lock);
+    first_failure_free(&batch->failure);
     free(batch->workspaces);
     free(batch->rows);
     free(batch->listed);

@@ -2,11 +2,11 @@
 #ifndef TROCAR_BATCH_H
 #define TROCAR_BATCH_H
 
-#include <pthread.h>
 #include <sys/types.h>
 
 #include "api/api.h"
 #include "base/team.h"
+#include "batch/first_failure.h"
 #include "batch/row.h"
 
 struct trocar_batch {
@@ -18,10 +18,7 @@ struct trocar_batch {
     int *listed;             /* scratch: indices of the rows that take part in a call */
     int *done;               /* scratch: number of steps that each row has completed in a call */
     bool *row_failed;        /* scratch: true for rows that have failed in a call */
-    pthread_mutex_t lock;    /* protects the members below during a call */
-    int failed;              /* lowest index of a row that has failed; row_count if none has */
-    trocar_status status;    /* status of that row */
-    trocar_error why;        /* message of that row */
+    first_failure failure;   /* of a call */
 };
 
 /* What a call does with one row. `member`: index of the thread; 0 is the calling thread. */

@@ -120,10 +120,10 @@ trocar_status trocar_batch_step(trocar_batch *batch, const trocar_pose *poses, i
     begin_rows(batch, &call, mask);
     batch_begin(batch);
     for (call.from = 0; call.from < steps && !atomic_load(&call.cancelled); call.from = call.to) {
-        call.to = steps - call.from < TICKS_BETWEEN_LOOKS ? steps : call.from + TICKS_BETWEEN_LOOKS;
+        call.to = watch_next_look(call.from, steps);
         batch_for_rows(batch, mask, step_task, &call);
     }
     end_rows(batch, &call, mask);
-    if (atomic_load(&call.cancelled) && batch->status == TROCAR_OK) return fail(why, TROCAR_CANCELLED, "cancelled");
+    if (atomic_load(&call.cancelled) && batch->failure.status == TROCAR_OK) return fail(why, TROCAR_CANCELLED, "cancelled");
     return batch_end(batch, why);
 }

@@ -1,5 +1,4 @@
 /* trocar/rollout.h: many insertions, of which each thread runs one at a time. */
-#include <pthread.h>
 #include <stdatomic.h>
 #include <stdbool.h>
 #include <stdlib.h>
@@ -9,6 +8,7 @@
 #include "base/host_log.h"
 #include "base/host_watch.h"
 #include "base/team.h"
+#include "batch/first_failure.h"
 #include "batch/row.h"
 #include "tissue/blas.h"
 
@@ -28,10 +28,7 @@ typedef struct {
     seat seats[MAX_THREADS];
     atomic_bool cancelled;
     atomic_llong ticks;      /* steps completed in all insertions */
-    pthread_mutex_t lock;    /* protects the members below */
-    int failed;              /* lowest index of an insertion that has failed; `batch` if none has */
-    trocar_status status;    /* status of that insertion */
-    trocar_error why;        /* message of that insertion */
+    first_failure failure;
 } rollout;
 
 static trocar_model *model_of(const rollout *r, int insertion) { return r->options->models ? r->options->models[insertion] : r->model; }
@@ -78,25 +75,16 @@ static void look(void *context) {
     if (watch_cancels(&r->options->watch)) atomic_store(&r->cancelled, true);
 }
 
-static void note_failure(rollout *r, int insertion, int step, trocar_status status, const trocar_error *reason) {
-    pthread_mutex_lock(&r->lock);
-    if (insertion < r->failed) {
-        r->failed = insertion;
-        r->status = fail(&r->why, status, "insertion %d, step %d: %.900s", insertion, step, reason->text);
-    }
-    pthread_mutex_unlock(&r->lock);
-}
-
 static void run_insertion(void *context, int insertion, int member) {
     rollout *r = context;
     seat *s = &r->seats[member];
     int needles = r->options->needles, done = 0;
     size_t first = (size_t)insertion * (size_t)r->steps * (size_t)needles;
-    trocar_error reason;
+    trocar_error reason, why;
     if (atomic_load(&r->cancelled)) return;
     trocar_status status = begin(r, s, insertion, r->poses + first, &reason);
     while (done < r->steps && status == TROCAR_OK && !atomic_load(&r->cancelled)) {
-        int before = done, end = r->steps - done < TICKS_BETWEEN_LOOKS ? r->steps : done + TICKS_BETWEEN_LOOKS;
+        int before = done, end = watch_next_look(done, r->steps);
         for (; done < end && status == TROCAR_OK; done += status == TROCAR_OK) {
             size_t at = first + (size_t)done * (size_t)needles;
             status = step_needles(s->row.sim, needles, r->poses + at, r->options->dt, r->outputs + at, &reason);
@@ -107,7 +95,7 @@ static void run_insertion(void *context, int insertion, int member) {
     if (status == TROCAR_OK) return;
     size_t at = first + (size_t)done * (size_t)needles;
     memset(r->outputs + at, 0, (size_t)(r->steps - done) * (size_t)needles * sizeof *r->outputs);
-    note_failure(r, insertion, done, status, &reason);
+    first_failure_note(&r->failure, insertion, fail(&why, status, "step %d: %.900s", done, reason.text), &why);
 }
 
 /* ---- all ------------------------------------------------------------------------------------------------------------------------- */
@@ -131,8 +119,8 @@ static trocar_status check(trocar_model *model, int batch, int steps, const troc
 static trocar_status outcome(rollout *r, trocar_error *why) {
     bool finished = atomic_load(&r->ticks) == (long long)r->batch * r->steps;
     if (atomic_load(&r->cancelled) && !finished) return fail(why, TROCAR_CANCELLED, "cancelled");
-    if (r->status != TROCAR_OK) *why = r->why;
-    return r->status;
+    const first_failure *f = &r->failure;
+    return f->status == TROCAR_OK ? TROCAR_OK : fail(why, f->status, "insertion %d, %.1000s", f->index, f->why.text);
 }
 
 trocar_status trocar_rollout(trocar_model *model, const trocar_pose *poses, int batch, int steps, const trocar_rollout_options *given, trocar_output *outputs,
@@ -145,19 +133,19 @@ trocar_status trocar_rollout(trocar_model *model, const trocar_pose *poses, int 
     memset(outputs, 0, (size_t)batch * (size_t)steps * (size_t)options.needles * sizeof *outputs);
     rollout *r = calloc(1, sizeof *r);
     if (!r) return fail(why, TROCAR_NO_MEMORY, "no memory for a rollout");
-    *r = (rollout){.options = &options, .model = model, .poses = poses, .batch = batch, .steps = steps, .outputs = outputs, .failed = batch};
+    *r = (rollout){.options = &options, .model = model, .poses = poses, .batch = batch, .steps = steps, .outputs = outputs};
     int wanted = options.threads < batch ? options.threads : batch;
     status = take_seats(r, wanted, why);
     if (status == TROCAR_OK) {
         team *threads = team_create(r->seat_count);
         if (team_members(threads) < wanted)
             host_log(&model_of(r, 0)->log, TROCAR_LOG_WARNING, "the rollout has %d of %d threads: no memory for more", team_members(threads), wanted);
-        pthread_mutex_init(&r->lock, NULL);
+        first_failure_create(&r->failure);
         team_run_watched(threads, batch, run_insertion, r, look);
         team_free(threads);
         look(r);
         status = outcome(r, why);
-        pthread_mutex_destroy(&r->lock);
+        first_failure_free(&r->failure);
     }
     for (int i = 0; i < r->seat_count; i++) row_free(&r->seats[i].row);
     free(r);

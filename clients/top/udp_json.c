@@ -7,9 +7,9 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
+#include "common/host_port.h"
 #include "common/messages.h"
 #include "shared/json.h"
-#include "shared/options.h"
 
 /* ---- the destination -------------------------------------------------------------------------------------------------- */
 

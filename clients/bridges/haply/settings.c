@@ -3,6 +3,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "common/host_port.h"
 #include "profile.h"
 #include "shared/options.h"
 #include "shared/patient.h"

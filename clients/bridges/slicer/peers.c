@@ -13,8 +13,8 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
+#include "common/host_port.h"
 #include "common/timing.h"
-#include "shared/options.h"
 
 enum { LARGEST_TRANSFORM = 65536, TRACKER = PEERS, PACES = 16 };
 static const int64_t SECOND = 1000000000;   /* ns */

@@ -22,7 +22,7 @@ import scipy.sparse.csgraph
 
 from .. import __main__ as command, binding, limits, meshing, options, organ as organs_in, pipeline
 from ..shapes import voxels
-from . import inputs, insertion, patient, shipped, tables
+from . import inputs, insertion, nrrd, patient, shipped, tables
 from ..shapes.contours import Unusable
 from ..limits import Crashed, TooLong
 from ..trouble import BadFile
@@ -128,13 +128,13 @@ def folder(p):
 
 
 def slicer(p):
-    inputs.write_nrrd(p.path("pelvis.seg.nrrd"), p.labels, p.place, inputs.NAMES, "right-anterior-superior")
+    nrrd.write_nrrd(p.path("pelvis.seg.nrrd"), p.labels, p.place, inputs.NAMES, "right-anterior-superior")
     return [p.path("pelvis.seg.nrrd"), *TWO], p.volumes
 
 
 def layers(p):
     whole = (p.solid() == 1).astype(np.uint8)
-    inputs.write_nrrd(p.path("two.seg.nrrd"), [whole, (p.labels == 2).astype(np.uint8)], p.place, {(0, 1): "Prostate", (1, 1): "Urethra"})
+    nrrd.write_nrrd(p.path("two.seg.nrrd"), [whole, (p.labels == 2).astype(np.uint8)], p.place, {(0, 1): "Prostate", (1, 1): "Urethra"})
     return [p.path("two.seg.nrrd"), "--roi", "Prostate", "--roi", "Urethra"], {**p.whole(), "Urethra": p.volumes["Urethra"]}
 
 
@@ -242,7 +242,7 @@ def forces(build, nodes=570):
     with tempfile.TemporaryDirectory() as place:
         p = Patient(place)
         shipped.write_rtstruct(p.path("rt.dcm"), patient.outlines(patient.Gland(), 2.5))
-        inputs.write_nrrd(p.path("labels.seg.nrrd"), p.solid(), p.place, {1: "Prostate"})
+        nrrd.write_nrrd(p.path("labels.seg.nrrd"), p.solid(), p.place, {1: "Prostate"})
         made = p.surfaces(".stl")
         for name, path in (("RT Structure Set", p.path("rt.dcm")), ("label map", p.path("labels.seg.nrrd")), ("STL", made[0])):
             _, mesh, _, _ = make(path, "--roi", "Prostate", "--nodes", nodes, "--output", p.path("out"), "--entry=6,-2,-54", "--target=6,-2,0")
@@ -299,7 +299,7 @@ def random_row(number, folder_):
     labels, place, soft, bones = random_map(number)
     began = used()[0]
     path = os.path.join(folder_, f"{number}.nrrd")
-    inputs.write_nrrd(path, labels, place)
+    nrrd.write_nrrd(path, labels, place)
     chosen = [argument for kind, values in (("--roi", soft), ("--bone", bones)) for v in values for argument in (kind, str(v))]
     about = (number, " x ".join(map(str, labels.shape[::-1])), len(soft), len(bones))
     try:
@@ -438,7 +438,7 @@ def crowded_row(number, folder_, build, size=SMALL, nodes=FEW):
     binding.trocar(build)
     labels, place, names, chosen = crowded_map(number, size)
     began, path = used()[0], os.path.join(folder_, f"{number}.seg.nrrd")
-    inputs.write_nrrd(path, labels, place, names)
+    nrrd.write_nrrd(path, labels, place, names)
     about = (number, len(names), "yes" if "--skin" in chosen else "no", f"{size:g}")
     try:
         organs, mesh, domain, _ = make(path, *chosen, "--nodes", nodes, "--output", os.path.join(folder_, "out"))

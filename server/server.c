@@ -347,9 +347,10 @@ void server_summarise(const server *s, FILE *out) {
     fprintf(out, "ticks      %lld, %lld periods missed\n", (long long)l->ticks, (long long)l->misses);
     print_times(out, "lateness ", &l->lateness);
     print_times(out, "compute  ", &l->compute);
-    fprintf(out, "loop       %lld allocations, %lld minor faults, %lld major faults, %lld involuntary context switches\n",
-            (long long)l->usage.allocations, (long long)l->usage.minor_faults, (long long)l->usage.major_faults,
-            (long long)l->usage.context_switches);
+    fputs("loop       ", out);
+    if (allocations_are_counted()) fprintf(out, "%lld allocations, ", (long long)l->usage.allocations);
+    fprintf(out, "%lld minor faults, %lld major faults, %lld involuntary context switches\n", (long long)l->usage.minor_faults,
+            (long long)l->usage.major_faults, (long long)l->usage.context_switches);
     fprintf(out, "worker     %lld requests served", (long long)s->worker.served);
     if (s->worker.failed > 0) fprintf(out, "; %lld failures, the first: %s", (long long)s->worker.failed, s->worker.first.text);
     fputc('\n', out);

@@ -8,7 +8,7 @@
 #include <time.h>
 #include <cmocka.h>
 
-#include "common/allocations.h"
+#include "shared/allocator_calls.h"
 #include "insertion/contact/contact_assembly.h"
 #include "lockstep.h"
 
@@ -632,9 +632,9 @@ static int64_t now_ns(void) {
 static tick_effort tick_alone(lockstep *l, pose base) {
     trocar_error why;
     tick_input tick = {.model = &l->parts.insertion, .snapshot = l->snapshot, .base = {base, 0.0}, .dt = 1e-3};
-    int64_t allocations = allocations_now(), start = now_ns();
+    int64_t allocations = allocator_calls(), start = now_ns();
     insertion_tick(&tick, &l->state, l->run.workspace, &l->wrench);
-    tick_effort effort = {now_ns() - start, allocations_now() - allocations};
+    tick_effort effort = {now_ns() - start, allocator_calls() - allocations};
     l->base = base;
     if (l->snapshot->serial != l->state.request.serial) assert_int_equal(remesher_answer(l->run.remesher, &l->state.request, l->snapshot, &why), TROCAR_OK);
     return effort;

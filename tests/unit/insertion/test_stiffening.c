@@ -1,6 +1,6 @@
 /* Tests stiffening tissue: its laws are compared with their integrals and with a resolved disc, and their effect in the tick is tested.
    tests/verification/needle/verify_large_deflection.py compares the rigid needle with resolved hyperelastic elements. */
-#include "common/allocations.h"
+#include "shared/allocator_calls.h"
 #include "insertion/laws/stiffening.h"
 #include "insertion/step/tick.h"
 #include "lockstep.h"
@@ -270,11 +270,11 @@ static void time_ticks(lockstep *l, double *times, double *passes) {
         pose base = start;
         base.position.z += 5e-4 * (1.0 - cos(0.1 * (i + 1)));
         tick_input tick = {.model = &l->parts.insertion, .snapshot = l->snapshot, .base = {.pose = base}, .dt = 1e-3};
-        int64_t counted = allocations_now();
+        int64_t counted = allocator_calls();
         clock_gettime(CLOCK_THREAD_CPUTIME_ID, &before);
         insertion_tick(&tick, &l->state, l->run.workspace, &l->wrench);
         clock_gettime(CLOCK_THREAD_CPUTIME_ID, &after);
-        if (ALLOCATIONS_ARE_COUNTED) assert_int_equal(allocations_now() - counted, 0);
+        if (ALLOCATIONS_ARE_COUNTED) assert_int_equal(allocator_calls() - counted, 0);
         times[i] = after.tv_sec - before.tv_sec + 1e-9 * (after.tv_nsec - before.tv_nsec);
         *passes += (double)l->wrench.passes / (RUNS * TICKS);
     }

@@ -6,7 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "common/allocations.h"
+#include "shared/allocator_calls.h"
 #include "common/realtime.h"
 #include "haptic.h"
 #include "remesh/remesh.h"

@@ -8,10 +8,11 @@ patient coordinates, which scripts/anatomy and 3D Slicer read.
 Frame, mm: x to the patient's right, y to the front, z from the perineum (z = 0) to the head. The axis of the template's middle hole is x = y = 0.
 """
 import argparse
-import gzip
 import math
 
 import numpy as np
+
+from anatomy.trials.nrrd import write_nrrd
 
 SIDE, BACK, FRONT = 60.0, -80.0, 60.0      # half the distance between the bony side walls; the sacrum; the front
 ABOVE = 25.0                     # tissue above the bladder
@@ -237,13 +238,9 @@ def labels(found, low, high, step):
 
 def write_labels(path, names, label, axes, step):
     """Writes a segmentation for 3D Slicer. Patient coordinates point to the left, back and head."""
-    header = ["NRRD0004", "type: unsigned char", "dimension: 3", "space: left-posterior-superior", "sizes: " + " ".join(map(str, label.shape[::-1])),
-              f"space directions: ({step:g},0,0) (0,{step:g},0) (0,0,{step:g})", f"space origin: ({-axes[0][-1]:g},{-axes[1][-1]:g},{axes[2][0]:g})",
-              "encoding: gzip", "endian: little"]
-    for n, name in enumerate(names):
-        header += [f"Segment{n}_Name:={name}", f"Segment{n}_Layer:=0", f"Segment{n}_LabelValue:={n + 1}"]
-    with open(path, "wb") as file:
-        file.write(("\n".join(header) + "\n\n").encode() + gzip.compress(label[:, ::-1, ::-1].tobytes(), mtime=0))
+    place = np.diag([step, step, step, 1.0])
+    place[:3, 3] = -axes[0][-1], -axes[1][-1], axes[2][0]
+    write_nrrd(path, label[:, ::-1, ::-1], place, dict(enumerate(names, 1)))
 
 
 # ---- mesh -----------------------------------------------------------------------------------------------------------------------------------

@@ -5,7 +5,7 @@
 #include "common/progress.h"
 
 /* Prints the path of the condensed inverse. The file exists, because creating the model fails if the file cannot be saved. */
-static trocar_status describe(const trocar_model *model, FILE *out, report *why) {
+static trocar_status describe(const trocar_model *model, FILE *out, trocar_error *why) {
     const char *description = trocar_model_description(model);
     if (strcmp(trocar_model_inverse(model), "condensed") != 0)
         return fail(why, TROCAR_BAD_INPUT, "there is no condensed inverse to keep: the inverse is %s; set inverse: condensed and a region_of_interest",
@@ -14,7 +14,7 @@ static trocar_status describe(const trocar_model *model, FILE *out, report *why)
     return TROCAR_OK;
 }
 
-trocar_status condense_scene(const char *scene_path, FILE *out, report *why) {
+trocar_status condense_scene(const char *scene_path, FILE *out, trocar_error *why) {
     trocar_scene *scene = NULL;
     trocar_model *model = NULL;
     trocar_status status = trocar_scene_load(scene_path, &scene, why);

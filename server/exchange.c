@@ -15,7 +15,7 @@ enum { COMMANDS = 64, PROBE_WRENCHES = 64, WRENCHES = 1024, OUTGOING = 256, LATE
                                                                                    LATENCIES holds far more values than arrive in one telemetry
                                                                                    interval */
 
-static trocar_status create_eventfd(int *descriptor, report *why) {
+static trocar_status create_eventfd(int *descriptor, trocar_error *why) {
     *descriptor = eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC);
     return *descriptor >= 0 ? TROCAR_OK : fail(why, TROCAR_SYSTEM, "cannot create an eventfd: %s", strerror(errno));
 }
@@ -23,7 +23,7 @@ static trocar_status create_eventfd(int *descriptor, report *why) {
 /* Returns the slot of the buffer with this index. */
 static view_sample *view_at(const triple_buffer *views, size_t index) { return (view_sample *)(void *)(views->slots + index * views->size); }
 
-trocar_status views_create(triple_buffer *views, trocar_model *model, report *why) {
+trocar_status views_create(triple_buffer *views, trocar_model *model, trocar_error *why) {
     trocar_status status = triple_buffer_create(views, sizeof(view_sample), why);
     for (size_t i = 0; i < 3 && model != NULL && status == TROCAR_OK; i++) status = trocar_picture_create(model, &view_at(views, i)->picture, why);
     if (status != TROCAR_OK) views_free(views);
@@ -42,7 +42,7 @@ void view_copy(const view_sample *from, view_sample *to) {
     if (own != NULL) trocar_picture_copy(from->picture, own);
 }
 
-static trocar_status create_all(exchange *x, trocar_model *model, report *why) {
+static trocar_status create_all(exchange *x, trocar_model *model, trocar_error *why) {
     trocar_status status;
     if ((status = create_eventfd(&x->io_wake, why)) != TROCAR_OK) return status;
     if ((status = create_eventfd(&x->worker_wake, why)) != TROCAR_OK) return status;
@@ -61,14 +61,14 @@ static trocar_status create_all(exchange *x, trocar_model *model, report *why) {
     return spsc_ring_create(&x->round_trips, sizeof(int64_t), LATENCIES, why);
 }
 
-trocar_status exchange_create(exchange *x, trocar_model *model, report *why) {
+trocar_status exchange_create(exchange *x, trocar_model *model, trocar_error *why) {
     *x = (exchange){.io_wake = -1, .worker_wake = -1, .relay_wake = -1};
     trocar_status status = create_all(x, model, why);
     if (status != TROCAR_OK) exchange_free(x);
     return status;
 }
 
-trocar_status exchange_add_relay(exchange *x, report *why) {
+trocar_status exchange_add_relay(exchange *x, trocar_error *why) {
     trocar_status status = create_eventfd(&x->relay_wake, why);
     return status == TROCAR_OK ? spsc_ring_create(&x->outgoing, sizeof(outgoing_message), OUTGOING, why) : status;
 }

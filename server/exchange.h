@@ -52,13 +52,13 @@ typedef struct {
 } view_sample;
 
 /* Creates a triple buffer of views, each with a picture of this model. If `model` is NULL, as in some tests, the views have no pictures. */
-trocar_status views_create(triple_buffer *views, trocar_model *model, report *why);
+trocar_status views_create(triple_buffer *views, trocar_model *model, trocar_error *why);
 void views_free(triple_buffer *views);
 
 /* worker -> telemetry */
 typedef struct {
     bool lasts;                  /* the worker has not answered any request since the fault */
-    report why;
+    trocar_error why;
 } worker_fault;
 
 /* Copies the contents of a view. `from` and `to` each keep their own picture buffer. */
@@ -91,10 +91,10 @@ typedef struct {
 } exchange;
 
 /* Creates all buffers; `model` has the same meaning as in views_create. */
-trocar_status exchange_create(exchange *x, trocar_model *model, report *why);
+trocar_status exchange_create(exchange *x, trocar_model *model, trocar_error *why);
 void exchange_free(exchange *x);
 
 /* Creates the buffer between the IO thread and the relay thread. */
-trocar_status exchange_add_relay(exchange *x, report *why);
+trocar_status exchange_add_relay(exchange *x, trocar_error *why);
 
 #endif

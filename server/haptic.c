@@ -3,7 +3,7 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "base/report.h"
+#include "base/error.h"
 #include "common/messages.h"
 #include "common/eventfd_signal.h"
 #include "trocar_command_t.h"

@@ -18,7 +18,7 @@ enum { QUEUE = 256, MESSAGES_A_ROUND = 2 * QUEUE, WRENCH_BYTES = 512, REPLY_BYTE
 _Static_assert(REPLY_BYTES <= sizeof((outgoing_message *)0)->bytes, "every message fits");
 
 trocar_status io_create(io *o, const char *url, int needle_count, const trocar_device_limits *limits, bool realtime, int shutdown_wake,
-                        exchange *x, report *why) {
+                        exchange *x, trocar_error *why) {
     *o = (io){.exchange = x, .url = url, .realtime = realtime, .shutdown_wake = shutdown_wake};
     arbiter_init(&o->arbiter, needle_count, limits);
     probe_arbiter_init(&o->probe);

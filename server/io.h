@@ -23,7 +23,7 @@ typedef struct {
     atomic_bool stop;
     trocar_status started;       /* valid after `ready` */
     trocar_status status;        /* valid after the thread has ended; this and all following members are used only by the thread */
-    report why;                  /* explanation of `status`, and of `started` if the start failed */
+    trocar_error why;            /* explanation of `status`, and of `started` if the start failed */
     lcm_t *lcm;
     pose_arbiter arbiter;
     probe_arbiter probe;
@@ -32,7 +32,7 @@ typedef struct {
 } io;
 
 trocar_status io_create(io *o, const char *url, int needle_count, const trocar_device_limits *limits, bool realtime, int shutdown_wake,
-                        exchange *x, report *why);
+                        exchange *x, trocar_error *why);
 void io_free(io *o);
 
 /* Main function of the thread; `context` is an io. LCM's hidden reader thread inherits this thread's priority. */

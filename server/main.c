@@ -107,7 +107,7 @@ static void say_ready(void) {
 
 /* Prints the reason and returns the exit status. Exit statuses 2 and 4 (insufficient privileges, as for LSB services) tell a supervisor that a
    restart would not help. */
-static int complain(trocar_status status, const report *why) {
+static int complain(trocar_status status, const trocar_error *why) {
     fprintf(stderr, "trocar-server: %s\n", why->text);
     switch (status) {
     case TROCAR_BAD_INPUT: return 2;
@@ -120,7 +120,7 @@ int main(int argc, char **argv) {
     static const struct argp description = {
         options, parse, NULL, "Real-time needle insertion over LCM: TROCAR_POSE in, TROCAR_WRENCH out.", NULL, NULL, NULL};
     arguments given = {0};
-    report why;
+    trocar_error why;
     argp_err_exit_status = 2;
     argp_parse(&description, argc, argv, 0, NULL, &given);
     if (given.condense) {

@@ -21,7 +21,7 @@ enum { WORK_RATE = 40000, RUN_MOST = 64, PAUSE = 5, RECEIVE_BUFFER = 1 << 20 }; 
 
 static bool randomise(void *to, size_t size) { return getrandom(to, size, 0) == (ssize_t)size; }
 
-static trocar_status open_socket(relay *r, const struct sockaddr_in *address, report *why) {
+static trocar_status open_socket(relay *r, const struct sockaddr_in *address, trocar_error *why) {
     char text[INET_ADDRSTRLEN];
     int buffer = RECEIVE_BUFFER;
     r->socket = socket(AF_INET, SOCK_DGRAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
@@ -32,7 +32,7 @@ static trocar_status open_socket(relay *r, const struct sockaddr_in *address, re
 }
 
 trocar_status relay_create(relay *r, const struct sockaddr_in *address, const wire_key *secret, const char *lcm_url, bool realtime, exchange *x,
-                           report *why) {
+                           trocar_error *why) {
     wire_key cookie_key;
     *r = (relay){.exchange = x, .socket = -1, .realtime = realtime};
     atomic_init(&r->stop, false);

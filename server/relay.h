@@ -26,7 +26,7 @@ typedef struct {
 
 /* Binds the socket, connects to LCM, and adds the relay's buffers to the exchange. SYSTEM if the address cannot be used. */
 trocar_status relay_create(relay *r, const struct sockaddr_in *address, const wire_key *secret, const char *lcm_url, bool realtime, exchange *x,
-                           report *why);
+                           trocar_error *why);
 void relay_free(relay *r);
 
 /* Main function of the thread; `context` is a relay. */

@@ -36,9 +36,9 @@ struct server {
     bool phase_lock;
     int64_t id;                  /* this server's ID, included in all of its messages */
     bool realtime;
-    report refused;              /* the reason if real-time scheduling is refused */
+    trocar_error refused;        /* the reason if real-time scheduling is refused */
     int awake;                   /* descriptor that keeps the processors out of deep sleep states, or -1 */
-    report asleep;               /* the reason if the processors cannot be kept out of deep sleep states */
+    trocar_error asleep;         /* the reason if the processors cannot be kept out of deep sleep states */
     int shutdown_wake;           /* eventfd */
     trocar_model *model;
     trocar_sim *sim;
@@ -56,7 +56,7 @@ struct server {
 
 /* --- tasks ------------------------------------------------------------------------------------------------------ */
 
-static trocar_status start(task *t, const char *name, size_t stack, void *(*body)(void *), void *context, report *why) {
+static trocar_status start(task *t, const char *name, size_t stack, void *(*body)(void *), void *context, trocar_error *why) {
     pthread_attr_t attributes;
     pthread_attr_init(&attributes);
     if (stack > 0) pthread_attr_setstacksize(&attributes, stack);
@@ -79,7 +79,7 @@ static void join(task *t) {
 
 /* --- creation --------------------------------------------------------------------------------------------------- */
 
-static trocar_status read_scene(server *s, report *why) {
+static trocar_status read_scene(server *s, trocar_error *why) {
     trocar_status status = trocar_scene_load(s->options.scene_path, &s->scene, why);
     if (status == TROCAR_OK) status = trocar_scene_get_number(s->scene, "rate_hz", &s->rate_hz, why);
     char locked[8] = "";
@@ -96,14 +96,14 @@ static void show_long_start(const char *what, double fraction, void *context) {
     progress_show(what, fraction, context);
 }
 
-static trocar_status read_listen(server *s, report *why) {
+static trocar_status read_listen(server *s, trocar_error *why) {
     if (s->options.listen == NULL) return TROCAR_OK;
     trocar_status status = settings_address(s->options.listen, &s->listen, why);
     return status == TROCAR_OK ? settings_secret(s->options.secret_file, &s->listen, &s->secret, why) : status;
 }
 
 /* A late tick runs no more steps than a punctual one, because catching up would make the next tick late as well. */
-static trocar_status create_simulation(server *s, report *why) {
+static trocar_status create_simulation(server *s, trocar_error *why) {
     static const double STEP = 1e-3; /* s, the longest step of the simulation */
     trocar_model_options options = trocar_default_model_options();
     options.watch.progress = show_long_start;
@@ -115,7 +115,7 @@ static trocar_status create_simulation(server *s, report *why) {
 }
 
 /* With --allow-non-rt, succeeds even if real time is refused, and stores the reason. */
-static trocar_status note_realtime(server *s, trocar_status status, report *why) {
+static trocar_status note_realtime(server *s, trocar_status status, trocar_error *why) {
     s->realtime = status == TROCAR_OK;
     if (s->realtime || s->options.allow_non_rt) return TROCAR_OK;
     *why = s->refused;
@@ -124,19 +124,19 @@ static trocar_status note_realtime(server *s, trocar_status status, report *why)
 
 /* Checks the permission for real time before the expensive part of the start, because a supervisor may repeatedly restart a server that lacks this
    permission. */
-static trocar_status check_realtime(server *s, report *why) {
+static trocar_status check_realtime(server *s, trocar_error *why) {
     return note_realtime(s, realtime_check_permission(PRIORITY_HAPTIC, &s->refused), why);
 }
 
 /* Switches to real time after most memory has been allocated and before any thread is started. */
-static trocar_status enter_realtime(server *s, report *why) {
+static trocar_status enter_realtime(server *s, trocar_error *why) {
     if (!s->realtime) return TROCAR_OK;
     trocar_status status = note_realtime(s, realtime_lock_memory(&s->refused), why);
     if (s->realtime) s->awake = realtime_stay_awake(&s->asleep);
     return status;
 }
 
-static trocar_status create_parts(server *s, report *why) {
+static trocar_status create_parts(server *s, trocar_error *why) {
     exchange *x = &s->exchange;
     int flags = s->realtime ? 0 : TROCAR_NEEDLE_WRENCH_T_NOT_REALTIME;
     trocar_device_limits limits = trocar_scene_device(s->scene);
@@ -155,7 +155,7 @@ static trocar_status create_parts(server *s, report *why) {
     return relay_create(&s->relay, &s->listen, &s->secret, s->options.lcm_url, s->realtime, x, why);
 }
 
-static trocar_status create_all(server *s, report *why) {
+static trocar_status create_all(server *s, trocar_error *why) {
     trocar_status status;
     realtime_flush_denormals();
     s->shutdown_wake = eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC);
@@ -169,7 +169,7 @@ static trocar_status create_all(server *s, report *why) {
 typedef struct {
     server *server;
     trocar_status status;
-    report *why;
+    trocar_error *why;
 } creation;
 
 static void *create_run(void *context) {
@@ -181,7 +181,7 @@ static void *create_run(void *context) {
 
 /* Creates the server in a separate thread with raised priority. If the caller's thread did this, its SCHED_RESET_ON_FORK flag would remain set and
    reset a negative nice value in all threads started later. */
-static trocar_status create_in_a_hurry(server *s, report *why) {
+static trocar_status create_in_a_hurry(server *s, trocar_error *why) {
     creation c = {.server = s, .why = why};
     task creating = {0};
     trocar_status status = start(&creating, "trocar-create", 0, create_run, &c, why);
@@ -189,7 +189,7 @@ static trocar_status create_in_a_hurry(server *s, report *why) {
     return status == TROCAR_OK ? c.status : status;
 }
 
-trocar_status server_create(const server_options *options, server **created, report *why) {
+trocar_status server_create(const server_options *options, server **created, trocar_error *why) {
     server *s = allocate_on_cache_lines(sizeof *s);
     if (s == NULL) return fail(why, TROCAR_NO_MEMORY, "cannot allocate the server");
     s->options = *options;
@@ -232,7 +232,7 @@ bool server_busy(const server *s) { return s->worker_task.running || s->telemetr
    tissue also take less time. */
 static void *prepare_run(void *context) {
     const server *s = context;
-    report why;
+    trocar_error why;
     realtime_flush_denormals();
     if (trocar_model_prepare(s->model, &why) != TROCAR_OK)
         fprintf(stderr, "trocar-server: no contacts outside the region of interest: %s\n", why.text);
@@ -241,7 +241,7 @@ static void *prepare_run(void *context) {
 
 static void *haptic_run(void *context) {
     server *s = context;
-    report ignored;
+    trocar_error ignored;
     realtime_flush_denormals();
     realtime_touch_stack();
     if (s->realtime) realtime_set_priority(PRIORITY_HAPTIC, &ignored); /* the permission was checked at the start */
@@ -249,7 +249,7 @@ static void *haptic_run(void *context) {
     return NULL;
 }
 
-static trocar_status start_io(server *s, report *why) {
+static trocar_status start_io(server *s, trocar_error *why) {
     trocar_status status = start(&s->io_task, "trocar-io", 0, io_run, &s->io, why);
     if (status != TROCAR_OK) return status;
     while (sem_wait(&s->io.ready) != 0) continue;
@@ -257,7 +257,7 @@ static trocar_status start_io(server *s, report *why) {
     return s->io.started;
 }
 
-static trocar_status start_all(server *s, report *why) {
+static trocar_status start_all(server *s, trocar_error *why) {
     trocar_status status;
     if ((status = start_io(s, why)) != TROCAR_OK) return status;
     if ((status = start(&s->worker_task, "trocar-worker", 0, worker_run, &s->worker, why)) != TROCAR_OK) return status;
@@ -291,7 +291,7 @@ static void wait_for_end(const server *s, int stop_descriptor) {
     while (poll(ends, 2, -1) < 0 && errno == EINTR) continue;
 }
 
-trocar_status server_run(server *s, int stop_descriptor, void (*ready)(void), report *why) {
+trocar_status server_run(server *s, int stop_descriptor, void (*ready)(void), trocar_error *why) {
     trocar_status status = start_all(s, why);
     if (status == TROCAR_OK) {
         if (ready != NULL) ready();
@@ -347,9 +347,10 @@ void server_summarise(const server *s, FILE *out) {
     fprintf(out, "ticks      %lld, %lld periods missed\n", (long long)l->ticks, (long long)l->misses);
     print_times(out, "lateness ", &l->lateness);
     print_times(out, "compute  ", &l->compute);
-    fprintf(out, "loop       %lld allocations, %lld minor faults, %lld major faults, %lld involuntary context switches\n",
-            (long long)l->usage.allocations, (long long)l->usage.minor_faults, (long long)l->usage.major_faults,
-            (long long)l->usage.context_switches);
+    fputs("loop       ", out);
+    if (allocations_are_counted()) fprintf(out, "%lld allocations, ", (long long)l->usage.allocations);
+    fprintf(out, "%lld minor faults, %lld major faults, %lld involuntary context switches\n", (long long)l->usage.minor_faults,
+            (long long)l->usage.major_faults, (long long)l->usage.context_switches);
     fprintf(out, "worker     %lld requests served", (long long)s->worker.served);
     if (s->worker.failed > 0) fprintf(out, "; %lld failures, the first: %s", (long long)s->worker.failed, s->worker.first.text);
     fputc('\n', out);

@@ -5,7 +5,7 @@
 #include <stdbool.h>
 #include <stdio.h>
 
-#include "base/report.h"
+#include "base/error.h"
 
 typedef struct {
     const char *scene_path;
@@ -23,12 +23,12 @@ typedef struct server server;
 /* Reads the scene and builds everything, but starts no threads. BAD_INPUT for a bad scene, mesh, rate, URL, address or secret; NO_REALTIME if real time is refused and
    allow_non_rt is not set (the message names the limit to raise); SYSTEM if there is no network yet. The strings in `options` must outlive the
    server. */
-trocar_status server_create(const server_options *options, server **created, report *why);
+trocar_status server_create(const server_options *options, server **created, trocar_error *why);
 void server_free(server *s); /* does nothing while the server is busy */
 
 /* Runs until `stop_descriptor` (such as an eventfd) becomes readable, a client requests a shutdown, or the network fails. Then ramps the wrench to
    zero and joins all threads, except one that is factorising a large matrix. If `ready` is not NULL, calls it when the server is listening. */
-trocar_status server_run(server *s, int stop_descriptor, void (*ready)(void), report *why);
+trocar_status server_run(server *s, int stop_descriptor, void (*ready)(void), trocar_error *why);
 
 /* True if a thread that factorises a large matrix is still running after server_run has returned; the process must then end with _exit. */
 bool server_busy(const server *s);

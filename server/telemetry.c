@@ -13,7 +13,7 @@
 
 enum { PICTURES_HZ = 30, STATUS_HZ = 10, HOST_NAME = 56 };
 
-trocar_status telemetry_create(telemetry *t, const telemetry_options *given, trocar_model *model, exchange *x, report *why) {
+trocar_status telemetry_create(telemetry *t, const telemetry_options *given, trocar_model *model, exchange *x, trocar_error *why) {
     const char *url = given->lcm_url;
     *t = (telemetry){.exchange = x, .given = *given, .inverse = trocar_model_inverse(model), .needle_count = trocar_model_needles(model)};
     gethostname(t->host, HOST_NAME);
@@ -213,7 +213,7 @@ static void publish_seeds(telemetry *t, int64_t tick) {
 /* Sends the needles first. The deformation, which completes a picture and displaces the seeds, may take seconds to compute on a large mesh with a
    condensed inverse. If there is not enough memory for the deformation, both it and the seeds are skipped. */
 static void publish_picture(telemetry *t, const view_sample *view) {
-    report ignored;
+    trocar_error ignored;
     viewer_messages *m = &t->messages;
     trocar_picture_copy(view->picture, m->picture);
     for (int i = 0; i < t->needle_count; i++) {

@@ -33,7 +33,7 @@ typedef struct {
                                     only by the thread */
     bool malformed_told;         /* true once a malformed pose has been reported on stderr */
     char other_text[400];
-    char fault_told[sizeof(report)]; /* the last fault of the worker that was reported on stderr */
+    char fault_told[sizeof(trocar_error)]; /* the last fault of the worker that was reported on stderr */
     char distant_text[200];      /* message about packets from other machines; empty if there were none */
     int64_t timings_published;
     histogram *latency, *round_trip; /* latency of the worker and round-trip time of the hand, both in the current interval */
@@ -44,7 +44,7 @@ typedef struct {
 } telemetry;
 
 /* Connects to LCM. `model` and `x` must outlive the telemetry. Errors are the same as in network_open. */
-trocar_status telemetry_create(telemetry *t, const telemetry_options *given, trocar_model *model, exchange *x, report *why);
+trocar_status telemetry_create(telemetry *t, const telemetry_options *given, trocar_model *model, exchange *x, trocar_error *why);
 void telemetry_free(telemetry *t);
 
 /* Main function of the thread; `context` is a telemetry. */

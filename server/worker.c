@@ -7,14 +7,14 @@
 #include "common/eventfd_signal.h"
 
 /* Publishes the worker's fault; `why` is NULL when the fault has ended. */
-static void show_fault(worker *w, const report *why) {
+static void show_fault(worker *w, const trocar_error *why) {
     worker_fault *fault = triple_buffer_slot(&w->exchange->faults);
     fault->lasts = w->faulty = why != NULL;
     if (why) fault->why = *why;
     triple_buffer_publish(&w->exchange->faults);
 }
 
-static void note_failure(worker *w, const report *why) {
+static void note_failure(worker *w, const trocar_error *why) {
     if (w->failed++ == 0) w->first = *why;
     show_fault(w, why);
 }
@@ -22,7 +22,7 @@ static void note_failure(worker *w, const report *why) {
 /* Serves one request, or does one slice of the work that can be prepared in advance. Returns whether more work is pending. After a failed request,
    the tick keeps using the last answer and sets the flag that reports a late answer. A fault persists until a request has been answered. */
 static bool work(worker *w) {
-    report why;
+    trocar_error why;
     trocar_work done = {.more = 0};
     if (trocar_sim_work(w->sim, &done, &why) != TROCAR_OK && !done.still_held) note_failure(w, &why); /* if the worker failed but the needle was kept,
                                                                                                          send a reply to the client that asked to

@@ -10,7 +10,7 @@ typedef struct {
     atomic_bool stop;
     bool faulty;             /* a request has failed since the last successful one; this and all following members are used only by the thread */
     int64_t served, failed;  /* number of requests answered and of requests failed; valid after the thread has ended */
-    report first;            /* reason for the first failure */
+    trocar_error first;      /* reason for the first failure */
 } worker;
 
 /* Main function of the thread; `context` is a worker. Serves only the newest request, with trocar_sim_work. While idle, it prepares nodes in

@@ -55,7 +55,7 @@ static const struct argp parser = {
 
 /* ---- measuring --------------------------------------------------------------------------------------------------- */
 
-static trocar_status prepare(bench *b, report *why) {
+static trocar_status prepare(bench *b, trocar_error *why) {
     const options *o = b->options;
     double half = 0.5e-3 * o->side;
     trocar_dose_grid grid = {{-half, -half, -half}, 1e-3, {o->side, o->side, o->side}};
@@ -83,7 +83,7 @@ static trocar_dose_seed seed_at(const bench *b, int index) {
     return (trocar_dose_seed){{reach * cos(angle), reach * sin(1.7 * angle), reach * sin(angle)}, {0.2 * cos(angle), 0.2 * sin(angle), 1.0}, 0.5};
 }
 
-static trocar_status measure(bench *b, report *why) {
+static trocar_status measure(bench *b, trocar_error *why) {
     baseline_measure(&b->baseline);
     measure_pass(b);
     int32_t id = 0;
@@ -141,7 +141,7 @@ static void write_json(const bench *b, FILE *out) {
     fputc('\n', out);
 }
 
-trocar_status bench_dose(int count, char **arguments, report *why) {
+trocar_status bench_dose(int count, char **arguments, trocar_error *why) {
     options o = {.side = 100, .seeds = 200};
     argp_parse(&parser, count, arguments, 0, NULL, &o);
 

@@ -2,10 +2,10 @@
 #ifndef TROCAR_BENCH_DOSE_H
 #define TROCAR_BENCH_DOSE_H
 
-#include "base/report.h"
+#include "base/error.h"
 
 /* Parses the options, runs the measurement, prints a table and, if requested, writes JSON. BAD_INPUT or SYSTEM for a file that cannot be written;
    argp exits on bad options. */
-trocar_status bench_dose(int count, char **arguments, report *why);
+trocar_status bench_dose(int count, char **arguments, trocar_error *why);
 
 #endif

@@ -70,13 +70,13 @@ static const struct argp parser = {
 
 /* ---- scenes ------------------------------------------------------------------------------------------------------ */
 
-static trocar_status set_point(trocar_scene *scene, const char *key, vec3 value, report *why) {
+static trocar_status set_point(trocar_scene *scene, const char *key, vec3 value, trocar_error *why) {
     char text[128];
     snprintf(text, sizeof text, "[%.17g, %.17g, %.17g]", value.x, value.y, value.z);
     return trocar_scene_set(scene, key, text, why);
 }
 
-static trocar_status add_relaxation(trocar_scene *scene, report *why) {
+static trocar_status add_relaxation(trocar_scene *scene, trocar_error *why) {
     static const char *const keys[] = {"weight", "time"};
     trocar_status status = TROCAR_OK;
     for (int term = 0; term < (int)(sizeof SERIES / sizeof *SERIES); term++)
@@ -89,7 +89,7 @@ static trocar_status add_relaxation(trocar_scene *scene, report *why) {
 }
 
 /* Adds a guide with a single hole around the needle's axis. */
-static trocar_status add_guide(trocar_scene *scene, pose start, report *why) {
+static trocar_status add_guide(trocar_scene *scene, pose start, trocar_error *why) {
     double length, diameter;
     vec3 axis = q_axis(start.orientation);
     trocar_status status = trocar_scene_get_number(scene, "needle.length", &length, why);
@@ -100,7 +100,7 @@ static trocar_status add_guide(trocar_scene *scene, pose start, report *why) {
     return status == TROCAR_OK ? trocar_scene_set_number(scene, "guides[bench].hole_diameter", 1.1 * diameter, why) : status;
 }
 
-static trocar_status load_variant(bench *b, int variant, report *why) {
+static trocar_status load_variant(bench *b, int variant, trocar_error *why) {
     const options *o = b->options;
     trocar_status status = trocar_scene_load(o->scene_path, &b->scenes[variant], why);
     trocar_scene *scene = b->scenes[variant];
@@ -116,7 +116,7 @@ static trocar_status load_variant(bench *b, int variant, report *why) {
 
 /* ---- measuring --------------------------------------------------------------------------------------------------- */
 
-static trocar_status measure_round(bench *b, timed_motion motion, int variant, report *why) {
+static trocar_status measure_round(bench *b, timed_motion motion, int variant, trocar_error *why) {
     const options *o = b->options;
     timing_case wanted = {.start = b->start, .dt = 1.0 / trocar_model_rate(b->models[variant]), .contacts = o->contacts,
                           .ticks = (o->ticks + ROUNDS - 1) / ROUNDS, .motion = motion, .turn_rate = variant == WHOLE ? TURN_RATE : 0.0};
@@ -126,7 +126,7 @@ static trocar_status measure_round(bench *b, timed_motion motion, int variant, r
     return status;
 }
 
-static trocar_status measure(bench *b, report *why) {
+static trocar_status measure(bench *b, trocar_error *why) {
     trocar_status status = TROCAR_OK;
     for (timed_motion motion = 0; motion < TIMED_MOTIONS; motion++)
         for (int round = 0; round < ROUNDS; round++)
@@ -184,7 +184,7 @@ static void write_json(const bench *b, FILE *out) {
     fputc('\n', out);
 }
 
-trocar_status bench_features(int count, char **arguments, report *why) {
+trocar_status bench_features(int count, char **arguments, trocar_error *why) {
     options o = {.contacts = 30, .ticks = 2000};
     argp_parse(&parser, count, arguments, 0, NULL, &o);
 

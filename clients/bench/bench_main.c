@@ -40,7 +40,7 @@ int bench_main(int count, char **arguments, const benchmark *benchmarks, int ben
     argp_parse(&parser, count, arguments, ARGP_IN_ORDER, NULL, &c);
     realtime_flush_denormals();   /* every thread of the server does this, so the benchmark must do it too for comparable times */
 
-    report why;
+    trocar_error why;
     arguments[c.first] = (char *)c.chosen->name;
     trocar_status status = c.chosen->run(count - c.first, arguments + c.first, &why);
     if (status == TROCAR_OK) return EXIT_SUCCESS;

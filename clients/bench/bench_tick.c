@@ -84,7 +84,7 @@ static const struct argp parser = {
 
 /* ---- measuring --------------------------------------------------------------------------------------------------- */
 
-static trocar_status choose_start(bench *b, report *why) {
+static trocar_status choose_start(bench *b, trocar_error *why) {
     const options *o = b->options;
     patient_frame patient;
     trocar_status status = o->patient ? patient_frame_read(b->scene, &patient, why) : TROCAR_OK;
@@ -93,7 +93,7 @@ static trocar_status choose_start(bench *b, report *why) {
     return status;
 }
 
-static trocar_status prepare(bench *b, report *why) {
+static trocar_status prepare(bench *b, trocar_error *why) {
     const options *o = b->options;
     trocar_status status = trocar_scene_load(o->scene_path, &b->scene, why);
     if (status == TROCAR_OK && o->spacing > 0.0) status = trocar_scene_set_number(b->scene, "contact.spacing", o->spacing, why);
@@ -104,7 +104,7 @@ static trocar_status prepare(bench *b, report *why) {
     return status == TROCAR_OK ? trocar_sim_create(b->model, &b->sim, why) : status;
 }
 
-static trocar_status measure(bench *b, report *why) {
+static trocar_status measure(bench *b, trocar_error *why) {
     const options *o = b->options;
     baseline_measure(&b->baseline);
     for (int i = 0; i < o->count_count; i++)
@@ -178,7 +178,7 @@ static void write_json(const bench *b, FILE *out) {
     fputc('\n', out);
 }
 
-trocar_status bench_tick(int count, char **arguments, report *why) {
+trocar_status bench_tick(int count, char **arguments, trocar_error *why) {
     options o = {.counts = {5, 10}, .count_count = 2, .ticks = 1000, .start = {NAN, NAN, NAN}};
     argp_parse(&parser, count, arguments, 0, NULL, &o);
 

@@ -39,7 +39,7 @@ static vec3 way_after(timed_motion motion, double t) {
 }
 
 /* Runs one tick and stores its duration, in ns, in `time`; then does the worker's part, which is not timed. */
-static trocar_status timed_step(timing_run *run, pose base, int64_t *time, report *why) {
+static trocar_status timed_step(timing_run *run, pose base, int64_t *time, trocar_error *why) {
     struct pollfd request = {.fd = trocar_sim_work_descriptor(run->sim), .events = POLLIN};
     trocar_pose at = library_pose(base);
     int64_t start = monotonic_ns();
@@ -53,7 +53,7 @@ static bool is_beyond(const trocar_output *output) {
     return output->events & TROCAR_EVENT_EXITED && !(output->events & (TROCAR_EVENT_REENTERED | TROCAR_EVENT_TOUCHED));
 }
 
-static trocar_status push_in(timing_run *run, pose *base, report *why) {
+static trocar_status push_in(timing_run *run, pose *base, trocar_error *why) {
     const timing_case *wanted = run->wanted;
     int most = 0;
     run->output.events = 0;
@@ -70,7 +70,7 @@ static trocar_status push_in(timing_run *run, pose *base, report *why) {
 
 /* Lets the needle settle after it has jumped through a membrane and passed several contact nodes at once: waits for the end of the jump, and then
    retracts the base until these contacts have been removed. */
-static trocar_status settle(timing_run *run, pose *base, report *why) {
+static trocar_status settle(timing_run *run, pose *base, trocar_error *why) {
     const timing_case *wanted = run->wanted;
     int most = (int)(run->length / (PUSH_SPEED * wanted->dt));
     for (int tick = 0; tick < LEAP || (tick < most && run->output.contacts > wanted->contacts); tick++) {
@@ -95,7 +95,7 @@ static void record(const timing_run *run, int64_t time, tick_timing *result) {
 
 /* Times ticks until the number of contacts changes. A tick's time grows with that number, and in a finer mesh the needle reaches the next contact
    sooner. */
-static trocar_status time_motion(timing_run *run, pose from, tick_timing *result, report *why) {
+static trocar_status time_motion(timing_run *run, pose from, tick_timing *result, trocar_error *why) {
     const timing_case *wanted = run->wanted;
     result->contacts = run->output.contacts;
     for (int tick = 1; result->time.count < wanted->ticks; tick++) {
@@ -111,7 +111,7 @@ static trocar_status time_motion(timing_run *run, pose from, tick_timing *result
 }
 
 /* Repeats the insertion in tissue through which the needle has already passed. */
-static trocar_status time_again(timing_run *run, tick_timing *result, report *why) {
+static trocar_status time_again(timing_run *run, tick_timing *result, trocar_error *why) {
     pose base;
     int64_t before = result->time.count;
     trocar_pose start = library_pose(run->wanted->start);
@@ -125,7 +125,7 @@ static trocar_status time_again(timing_run *run, tick_timing *result, report *wh
     return status;
 }
 
-trocar_status tick_timing_measure(trocar_sim *sim, const trocar_scene *scene, const timing_case *wanted, tick_timing *result, report *why) {
+trocar_status tick_timing_measure(trocar_sim *sim, const trocar_scene *scene, const timing_case *wanted, tick_timing *result, trocar_error *why) {
     timing_run run = {.sim = sim, .wanted = wanted};
     trocar_sim_set_clock(sim, monotonic_ns);
     *result = (tick_timing){.contacts = 0};

@@ -3,7 +3,7 @@
 #ifndef TROCAR_TICK_TIMING_H
 #define TROCAR_TICK_TIMING_H
 
-#include "base/report.h"
+#include "base/error.h"
 #include "base/vec.h"
 #include "common/timing.h"
 #include "trocar.h"
@@ -36,7 +36,7 @@ typedef struct {
 
 /* Resets the needle of `sim`, which is a simulation of `scene`, to the start pose, inserts it and times the ticks. BAD_INPUT if the needle gets fewer
    contacts than requested; the message gives the number. */
-trocar_status tick_timing_measure(trocar_sim *sim, const trocar_scene *scene, const timing_case *wanted, tick_timing *result, report *why);
+trocar_status tick_timing_measure(trocar_sim *sim, const trocar_scene *scene, const timing_case *wanted, tick_timing *result, trocar_error *why);
 
 /* Adds the ticks of `part` to `sum`. */
 void tick_timing_add(tick_timing *sum, const tick_timing *part);

@@ -183,7 +183,7 @@ static const struct argp parser = {
     "Plays a motion of the needle's base, or an implant, to trocar-server over LCM and reports round trips, losses and forces.",
     NULL, NULL, NULL};
 
-static trocar_status write_poses(const play_settings *s, lcm_eventlog_t *log, const char *path, report *why) {
+static trocar_status write_poses(const play_settings *s, lcm_eventlog_t *log, const char *path, trocar_error *why) {
     static const int64_t epoch = INT64_C(1000000000000000);  /* us, time of the first pose; fixed, so that logs are reproducible */
     static const int64_t session = 1;
     int64_t count = (int64_t)floor(s->duration * s->rate + 1e-9) + 1;
@@ -198,7 +198,7 @@ static trocar_status write_poses(const play_settings *s, lcm_eventlog_t *log, co
     return TROCAR_OK;
 }
 
-static trocar_status write_log(const options *o, report *why) {
+static trocar_status write_log(const options *o, trocar_error *why) {
     output place;
     trocar_status status = output_open(&place, o->log_path, why);
     if (status != TROCAR_OK) return status;
@@ -209,7 +209,7 @@ static trocar_status write_log(const options *o, report *why) {
     return status;
 }
 
-static trocar_status play_and_report(const options *o, const patient_frame *patient, output *report_file, output *csv_file, recording *r, report *why) {
+static trocar_status play_and_report(const options *o, const patient_frame *patient, output *report_file, output *csv_file, recording *r, trocar_error *why) {
     recording_summary summary;
     trocar_status status = play(&o->play, r, why);
     if (status == TROCAR_OK) status = recording_summarise(r, &summary, why);
@@ -222,7 +222,7 @@ static trocar_status play_and_report(const options *o, const patient_frame *pati
 }
 
 /* Opens the output files first, so that a bad path is reported before the run. */
-static trocar_status run_live(const options *o, const patient_frame *patient, report *why) {
+static trocar_status run_live(const options *o, const patient_frame *patient, trocar_error *why) {
     output report_file = {0}, csv_file = {0};
     recording r = {0};
     trocar_status status = TROCAR_OK;
@@ -259,7 +259,8 @@ static void print_implant(const implant_plan *plan, const implant_summary *done,
     implant_errors_print(errors, stdout);
 }
 
-static trocar_status carry_out(const options *o, const implant_plan *plan, trocar_operator *op, implant_watch *watch, output *csv, output *errors_file, report *why) {
+static trocar_status carry_out(const options *o, const implant_plan *plan, trocar_operator *op, implant_watch *watch, output *csv, output *errors_file,
+                               trocar_error *why) {
     static implant_errors errors;
     const play_settings *play = &o->play;
     implant_play how = {.lcm_url = play->lcm_url, .rate = play->rate, .patience = play->patience, .settle = play->settle, .realtime = play->realtime, .csv = csv->file};
@@ -273,7 +274,7 @@ static trocar_status carry_out(const options *o, const implant_plan *plan, troca
     return status == TROCAR_OK ? output_commit(csv, why) : status;
 }
 
-static trocar_status read_plan(const options *o, implant_plan *plan, trocar_operator **op, report *why) {
+static trocar_status read_plan(const options *o, implant_plan *plan, trocar_operator **op, trocar_error *why) {
     trocar_scene *scene;
     trocar_model *model = NULL;
     trocar_operator_options chosen = operator_options(o);
@@ -288,7 +289,7 @@ static trocar_status read_plan(const options *o, implant_plan *plan, trocar_oper
     return status;
 }
 
-static trocar_status run_implant(const options *o, report *why) {
+static trocar_status run_implant(const options *o, trocar_error *why) {
     static implant_plan plan;
     static implant_watch watch;
     trocar_operator *op = NULL;
@@ -307,7 +308,7 @@ static trocar_status run_implant(const options *o, report *why) {
 }
 
 /* Takes start, depth and coordinates from the scene, if a scene was given. */
-static trocar_status choose_start(options *o, patient_frame *patient, report *why) {
+static trocar_status choose_start(options *o, patient_frame *patient, trocar_error *why) {
     static motion script;
     trocar_scene *scene;
     double depth = MOTION_DEPTH;
@@ -333,7 +334,7 @@ int main(int count, char **arguments) {
                  .seed = -1, .image_error = -1, .splay = -1, .speed_spread = -1};
     argp_parse(&parser, count, arguments, 0, NULL, &o);
 
-    report why;
+    trocar_error why;
     patient_frame patient;
     trocar_status status = o.plan_path ? run_implant(&o, &why) : choose_start(&o, &patient, &why);
     if (o.play.duration == 0) o.play.duration = o.play.script->duration / o.play.speed;

@@ -16,7 +16,7 @@ static int needle_in(const implant_plan *plan, int column, int row) {
     return i;
 }
 
-static trocar_status add_needle(implant_plan *plan, const trocar_guide *guide, const char *hole, const char *where, report *why) {
+static trocar_status add_needle(implant_plan *plan, const trocar_guide *guide, const char *hole, const char *where, trocar_error *why) {
     int column, row;
     find_hole(guide, hole, &column, &row);
     if (plan->needle_count == TROCAR_MAX_NEEDLES) return fail(why, TROCAR_BAD_INPUT, "%s: more than %d needles", where, (int)TROCAR_MAX_NEEDLES);
@@ -28,7 +28,7 @@ static trocar_status add_needle(implant_plan *plan, const trocar_guide *guide, c
 
 /* Chooses the needle for the hole of the next seed: the last needle if it is in this hole, otherwise a new needle. A hole may have two names, such as
    C3 and C3.0. */
-static trocar_status choose_needle(implant_plan *plan, const trocar_guide *guide, const char *hole, const char *where, report *why) {
+static trocar_status choose_needle(implant_plan *plan, const trocar_guide *guide, const char *hole, const char *where, trocar_error *why) {
     int column, row;
     find_hole(guide, hole, &column, &row);
     int known = needle_in(plan, column, row);
@@ -37,7 +37,7 @@ static trocar_status choose_needle(implant_plan *plan, const trocar_guide *guide
     return fail(why, TROCAR_BAD_INPUT, "%s: the seeds of hole %s are not together: sort the table by holes", where, hole);
 }
 
-static trocar_status add_seed(implant_plan *plan, const planned_seed *seed, const char *where, report *why) {
+static trocar_status add_seed(implant_plan *plan, const planned_seed *seed, const char *where, trocar_error *why) {
     planned_needle *n = &plan->needles[plan->needle_count - 1];
     vec3 axis = q_axis(n->entry.orientation), from = v3_sub(load_vec3(seed->position), n->entry.position);
     double depth = v3_dot(from, axis), tip = depth + 0.5 * plan->seed_length;
@@ -53,7 +53,7 @@ static trocar_status add_seed(implant_plan *plan, const planned_seed *seed, cons
     return TROCAR_OK;
 }
 
-trocar_status implant_plan_read(const trocar_model *model, const char *path, implant_plan *plan, report *why) {
+trocar_status implant_plan_read(const trocar_model *model, const char *path, implant_plan *plan, trocar_error *why) {
     static plan_table table;
     trocar_status status = plan_table_read(path, &table, why);
     if (status != TROCAR_OK) return status;
@@ -74,7 +74,7 @@ trocar_status implant_plan_read(const trocar_model *model, const char *path, imp
     return plan->needle_count > 0 ? TROCAR_OK : fail(why, TROCAR_BAD_INPUT, "%s: no seeds", path);
 }
 
-static trocar_status add_stabiliser(const trocar_guide *guide, const char *hole, double depth, implant_plan *plan, report *why) {
+static trocar_status add_stabiliser(const trocar_guide *guide, const char *hole, double depth, implant_plan *plan, trocar_error *why) {
     int column, row;
     if (!find_hole(guide, hole, &column, &row))
         return fail(why, TROCAR_BAD_INPUT, "--stabilise: the scene's template has no hole %s: it has %d x %d", hole, guide->columns, guide->rows);
@@ -84,7 +84,7 @@ static trocar_status add_stabiliser(const trocar_guide *guide, const char *hole,
     return status;
 }
 
-trocar_status implant_plan_stabilise(const trocar_model *model, const char *holes, implant_plan *plan, report *why) {
+trocar_status implant_plan_stabilise(const trocar_model *model, const char *holes, implant_plan *plan, trocar_error *why) {
     trocar_guide guide = trocar_model_guide(model, plan->template);
     trocar_status status = TROCAR_OK;
     double depth = 0;
@@ -100,10 +100,10 @@ trocar_status implant_plan_stabilise(const trocar_model *model, const char *hole
 }
 
 trocar_status implant_plan_operator(const trocar_model *model, const implant_plan *plan, const trocar_operator_options *options, const char *path,
-                                    trocar_operator **op, report *why) {
+                                    trocar_operator **op, trocar_error *why) {
     trocar_operator_needle needles[TROCAR_MAX_NEEDLES];
     int there = trocar_model_needles(model);
-    report reason;
+    trocar_error reason;
     if (plan->needle_count > there)
         return fail(why, TROCAR_BAD_INPUT, "%s: the plan has %d needles, the scene %d: add \"needles: %d\" to the scene", path, plan->needle_count, there, plan->needle_count);
     for (int i = 0; i < plan->needle_count; i++) {

@@ -27,15 +27,15 @@ typedef struct {
 
 /* Reads the table written by `python3 -m trocar.brachy.plan show --out`, for the scene of `model`. The needles keep the order of the table; the first one
    becomes the scene's needle 0. BAD_INPUT for a bad table or scene, and a plan made for a template other than the scene's. */
-trocar_status implant_plan_read(const trocar_model *model, const char *path, implant_plan *plan, report *why);
+trocar_status implant_plan_read(const trocar_model *model, const char *path, implant_plan *plan, trocar_error *why);
 
 /* Adds stabilising needles in the holes with these names, separated by commas: needles without seeds, as deep as the deepest needle of the plan. BAD_INPUT for
    a name that is not a hole of the template, and for a hole that is taken. */
-trocar_status implant_plan_stabilise(const trocar_model *model, const char *holes, implant_plan *plan, report *why);
+trocar_status implant_plan_stabilise(const trocar_model *model, const char *holes, implant_plan *plan, trocar_error *why);
 
 /* Creates an operator who carries out the plan. BAD_INPUT if the plan has more needles than the scene, and for a seed outside the tissue at rest; `path` is the
    table's, for messages. */
 trocar_status implant_plan_operator(const trocar_model *model, const implant_plan *plan, const trocar_operator_options *options, const char *path,
-                                    trocar_operator **op, report *why);
+                                    trocar_operator **op, trocar_error *why);
 
 #endif

@@ -20,7 +20,7 @@ typedef struct {
     trocar_operator *op;
     const implant_play *play;
     implant_summary *summary;
-    report *why;
+    trocar_error *why;
     trocar_client *client;   /* of the needle in the hand, because a client can hold only one needle; NULL before the first */
     trocar_client_wrench wrench;
     int needle;
@@ -217,7 +217,8 @@ static trocar_status see_seeds(player *p) {
     return status;
 }
 
-trocar_status implant_carry_out(const implant_plan *plan, trocar_operator *op, const implant_play *play, implant_watch *watch, implant_summary *summary, report *why) {
+trocar_status implant_carry_out(const implant_plan *plan, trocar_operator *op, const implant_play *play, implant_watch *watch, implant_summary *summary,
+                                trocar_error *why) {
     player p = {.plan = plan, .op = op, .play = play, .watch = watch, .summary = summary, .why = why, .began = playing_now()};
     playing_heed_signals();
     if (play->csv) fputs("t [s],needle,hole,stage,tip [m],fx [N],fy [N],fz [N],against [N],depth [m],flags\n", play->csv);

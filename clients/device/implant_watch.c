@@ -50,7 +50,7 @@ static void on_seeds(const lcm_recv_buf_t *received, const char *channel, void *
     trocar_seeds_t_decode_cleanup(&m);
 }
 
-trocar_status implant_watch_open(implant_watch *w, const char *url, int node_count, report *why) {
+trocar_status implant_watch_open(implant_watch *w, const char *url, int node_count, trocar_error *why) {
     *w = (implant_watch){.choice.patience = PATIENCE, .node_count = node_count, .displacements = calloc(3 * (size_t)node_count, sizeof(double))};
     if (!w->displacements) return fail(why, TROCAR_NO_MEMORY, "no memory for %d displacements", node_count);
     w->lcm = lcm_create(url);

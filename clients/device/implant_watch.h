@@ -21,7 +21,7 @@ typedef struct {
 } implant_watch;
 
 /* Starts watching; `url` is NULL for LCM's default. SYSTEM if LCM fails. */
-trocar_status implant_watch_open(implant_watch *w, const char *url, int node_count, report *why);
+trocar_status implant_watch_open(implant_watch *w, const char *url, int node_count, trocar_error *why);
 
 /* Releases everything. May also be called after a failed open, and for a zeroed struct. */
 void implant_watch_close(implant_watch *w);

@@ -32,7 +32,7 @@ typedef struct {
     vec3 force;              /* N, newest force on the hand */
     int64_t wrench_tick;     /* server tick of that force */
     trocar_status status;    /* status of the first failure in a callback */
-    report *why;
+    trocar_error *why;
 } player;
 
 /* True if wrenches from this server are used. Any other server is reported once, and its wrenches are counted. */
@@ -145,7 +145,7 @@ static void close_links(player *p) {
     if (p->lcm) lcm_destroy(p->lcm);
 }
 
-trocar_status play(const play_settings *settings, recording *r, report *why) {
+trocar_status play(const play_settings *settings, recording *r, trocar_error *why) {
     *r = (recording){.session = session_new()};
     player p = {.settings = settings, .record = r, .servers.patience = 0.1, .timer = -1, .period = 1.0 / settings->rate, .hand = settings->hand,
                 .why = why};

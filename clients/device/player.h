@@ -22,6 +22,6 @@ typedef struct {
 } play_settings;
 
 /* Plays the motion until its end or an interrupt (SIGINT, SIGTERM). SYSTEM if LCM or a timer fails, or if no server answers. */
-trocar_status play(const play_settings *settings, recording *r, report *why);
+trocar_status play(const play_settings *settings, recording *r, trocar_error *why);
 
 #endif

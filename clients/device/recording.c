@@ -9,7 +9,7 @@
 #include "trocar.h"
 
 /* Makes room for one more element of a growing array. */
-static trocar_status grow(void **array, int count, int *room, size_t size, report *why) {
+static trocar_status grow(void **array, int count, int *room, size_t size, trocar_error *why) {
     if (count < *room) return TROCAR_OK;
     int wider = *room ? 2 * *room : 4096;
     void *moved = realloc(*array, (size_t)wider * size);
@@ -19,7 +19,7 @@ static trocar_status grow(void **array, int count, int *room, size_t size, repor
     return TROCAR_OK;
 }
 
-trocar_status recording_add_pose(recording *r, double time, pose base, report *why) {
+trocar_status recording_add_pose(recording *r, double time, pose base, trocar_error *why) {
     void *array = r->sent;
     trocar_status status = grow(&array, r->sent_count, &r->sent_room, sizeof *r->sent, why);
     r->sent = array;
@@ -27,7 +27,7 @@ trocar_status recording_add_pose(recording *r, double time, pose base, report *w
     return status;
 }
 
-trocar_status recording_add_wrench(recording *r, double time, const trocar_needle_wrench_t *wrench, report *why) {
+trocar_status recording_add_wrench(recording *r, double time, const trocar_needle_wrench_t *wrench, trocar_error *why) {
     if (wrench->session != r->session || wrench->pose_seq < 0 || wrench->pose_seq >= r->sent_count) return TROCAR_OK;
     void *array = r->received;
     trocar_status status = grow(&array, r->received_count, &r->received_room, sizeof *r->received, why);
@@ -124,7 +124,7 @@ static void summarise_wrenches(const recording *r, recording_summary *s) {
     }
 }
 
-trocar_status recording_summarise(const recording *r, recording_summary *summary, report *why) {
+trocar_status recording_summarise(const recording *r, recording_summary *summary, trocar_error *why) {
     *summary = (recording_summary){.skipped_periods = r->skipped_periods, .foreign_wrenches = r->foreign_wrenches};
     double *scratch = calloc((size_t)r->received_count + 1, sizeof *scratch);
     if (!scratch) return fail(why, TROCAR_NO_MEMORY, "no memory to sort %d round trips", r->received_count);

@@ -4,7 +4,7 @@
 
 #include <stdbool.h>
 
-#include "base/report.h"
+#include "base/error.h"
 #include "base/vec.h"
 #include "shared/patient.h"
 #include "trocar_needle_wrench_t.h"
@@ -54,11 +54,11 @@ typedef struct {
 
 /* These functions record a pose, whose sequence number is its index, or a wrench. Wrenches of other sessions are ignored. NO_MEMORY if the recording
    cannot grow. */
-trocar_status recording_add_pose(recording *r, double time, pose base, report *why);
-trocar_status recording_add_wrench(recording *r, double time, const trocar_needle_wrench_t *wrench, report *why);
+trocar_status recording_add_pose(recording *r, double time, pose base, trocar_error *why);
+trocar_status recording_add_wrench(recording *r, double time, const trocar_needle_wrench_t *wrench, trocar_error *why);
 void recording_free(recording *r);
 
-trocar_status recording_summarise(const recording *r, recording_summary *summary, report *why);
+trocar_status recording_summarise(const recording *r, recording_summary *summary, trocar_error *why);
 
 void summary_print(const recording_summary *s, FILE *out);       /* as text */
 void summary_write_json(const recording_summary *s, FILE *out);

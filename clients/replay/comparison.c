@@ -18,7 +18,7 @@ static double component_of(const trocar_needle_wrench_t *w, int component) {
 /* ---- the golden log ----------------------------------------------------------------------------------------------------- */
 
 /* Reads the next wrench to compare. It must belong to the session, and come from the same server as the session's first wrench. */
-static trocar_status read_golden(comparison *c, report *why) {
+static trocar_status read_golden(comparison *c, trocar_error *why) {
     for (;;) {
         trocar_status status = wrench_stream_next(c->stream, &c->golden, &c->ended, why);
         if (status != TROCAR_OK || c->ended) return status;
@@ -31,7 +31,7 @@ static trocar_status read_golden(comparison *c, report *why) {
 }
 
 /* Reads all golden wrenches to find their peaks, and checks their order and values before the replay begins. */
-static trocar_status look_through(comparison *c, report *why) {
+static trocar_status look_through(comparison *c, trocar_error *why) {
     int64_t last = -1, server = 0;
     bool begun = false, ended = false;
     for (int k = 0; k < WRENCH_COMPONENTS; k++) c->peaks[k] = components[k].least_peak;
@@ -51,7 +51,7 @@ static trocar_status look_through(comparison *c, report *why) {
     }
 }
 
-trocar_status comparison_begin(comparison *c, const char *golden_path, int64_t session, double tolerance, report *why) {
+trocar_status comparison_begin(comparison *c, const char *golden_path, int64_t session, double tolerance, trocar_error *why) {
     *c = (comparison){.path = golden_path, .tolerance = tolerance, .session = session};
     trocar_status status = wrench_stream_open(golden_path, &c->stream, why);
     if (status == TROCAR_OK) status = look_through(c, why);
@@ -94,7 +94,7 @@ static deviation worst_component(const comparison *c, bool before, bool after) {
 }
 
 /* Compares the golden wrenches that answer poses up to the one in the middle of the window. */
-static trocar_status compare_middle(comparison *c, bool before, bool after, report *why) {
+static trocar_status compare_middle(comparison *c, bool before, bool after, trocar_error *why) {
     trocar_status status = TROCAR_OK;
     for (; status == TROCAR_OK && !c->ended && c->golden.pose_seq <= c->window[1].pose_seq; status = read_golden(c, why)) {
         if (c->golden.pose_seq < c->window[1].pose_seq) {
@@ -110,14 +110,14 @@ static trocar_status compare_middle(comparison *c, bool before, bool after, repo
     return status;
 }
 
-trocar_status comparison_add(comparison *c, const trocar_needle_wrench_t *replayed, report *why) {
+trocar_status comparison_add(comparison *c, const trocar_needle_wrench_t *replayed, trocar_error *why) {
     if (c->replayed == 0) c->first_utime = replayed->pose_utime;
     memmove(c->window, c->window + 1, 2 * sizeof *c->window);
     c->window[2] = *replayed;
     return ++c->replayed >= 2 ? compare_middle(c, c->replayed >= 3, true, why) : TROCAR_OK;
 }
 
-trocar_status comparison_end(comparison *c, report *why) {
+trocar_status comparison_end(comparison *c, trocar_error *why) {
     memmove(c->window, c->window + 1, 2 * sizeof *c->window);
     trocar_status status = c->replayed > 0 ? compare_middle(c, c->replayed >= 2, false, why) : TROCAR_OK;
     if (status != TROCAR_OK) return status;

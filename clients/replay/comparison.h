@@ -44,18 +44,18 @@ typedef struct {
 
 /* Reads the golden log once to find the peaks of its components. `session` is the session of the replayed poses. BAD_INPUT for an unusable log, and
    for a log whose wrenches of that session are not in the order of their poses; NO_MEMORY. After any of these errors, call only comparison_free. */
-trocar_status comparison_begin(comparison *c, const char *golden_path, int64_t session, double tolerance, report *why);
+trocar_status comparison_begin(comparison *c, const char *golden_path, int64_t session, double tolerance, trocar_error *why);
 
 /* Compares the raw wrenches, which must be passed in the order of their poses. A golden component may differ from the range of the replay at the
    answered pose and its neighbours by `tolerance`, a fraction of its peak (at least 0.1 N or 2 mN m). The tolerance is needed because other
    processors and BLAS kernels round differently, which shifts contact events by a tick. Ignores golden wrenches of other sessions, of servers other
    than that of the first compared wrench, and those whose pose is missing among the replayed poses because the recording began later or lost the
    pose. There may be fewer golden wrenches than poses. */
-trocar_status comparison_add(comparison *c, const trocar_needle_wrench_t *replayed, report *why);
+trocar_status comparison_add(comparison *c, const trocar_needle_wrench_t *replayed, trocar_error *why);
 
 /* Must be called after the last wrench. BAD_INPUT if a golden wrench answers a later pose, if most poses are missing, or if no wrench was
    compared. */
-trocar_status comparison_end(comparison *c, report *why);
+trocar_status comparison_end(comparison *c, trocar_error *why);
 void comparison_free(comparison *c);
 
 /* Returns the quantile q of the differences (deviation.share) of the compared golden wrenches, with a resolution of 0.001. */

@@ -4,7 +4,7 @@
 
 #include "replay/vtu.h"
 
-trocar_status pvd_open(pvd_series *p, const char *prefix, report *why) {
+trocar_status pvd_open(pvd_series *p, const char *prefix, trocar_error *why) {
     char path[1024];
     *p = (pvd_series){.prefix = prefix};
     if (snprintf(path, sizeof path, "%s.pvd", prefix) >= (int)sizeof path)
@@ -26,7 +26,7 @@ static void list_state(pvd_series *p, bool probe, double time) {
 bool pvd_is_due(const pvd_series *p, double time) { return p->list.file && time >= (double)p->count / PVD_HZ - 1e-9; }
 
 trocar_status pvd_take(pvd_series *p, const trocar_model *model, trocar_picture *picture, const trocar_output *output,
-                       const patient_frame *patient, double time, report *why) {
+                       const patient_frame *patient, double time, trocar_error *why) {
     char prefix[1024];
     if (snprintf(prefix, sizeof prefix, "%s-%04d", p->prefix, p->count) >= (int)sizeof prefix)
         return fail(why, TROCAR_BAD_INPUT, "%s: path too long", p->prefix);
@@ -39,7 +39,7 @@ trocar_status pvd_take(pvd_series *p, const trocar_model *model, trocar_picture 
     return status;
 }
 
-trocar_status pvd_close(pvd_series *p, report *why) {
+trocar_status pvd_close(pvd_series *p, trocar_error *why) {
     if (p->list.file) fprintf(p->list.file, "</Collection>\n</VTKFile>\n");
     return output_commit(&p->list, why);
 }

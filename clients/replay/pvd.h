@@ -18,17 +18,17 @@ typedef struct {
 } pvd_series;
 
 /* Starts a series. BAD_INPUT if PREFIX.pvd cannot be written. `prefix` must outlive the series. */
-trocar_status pvd_open(pvd_series *p, const char *prefix, report *why);
+trocar_status pvd_open(pvd_series *p, const char *prefix, trocar_error *why);
 
 /* Writes this state with its time (s), in patient coordinates if `patient` is not NULL. */
 trocar_status pvd_take(pvd_series *p, const trocar_model *model, trocar_picture *picture, const trocar_output *output,
-                       const patient_frame *patient, double time, report *why);
+                       const patient_frame *patient, double time, trocar_error *why);
 
 /* True if the state at this time (s) belongs to the series. */
 bool pvd_is_due(const pvd_series *p, double time);
 
 /* Writes the list, PREFIX.pvd; the file does not exist before this call. */
-trocar_status pvd_close(pvd_series *p, report *why);
+trocar_status pvd_close(pvd_series *p, trocar_error *why);
 void pvd_abandon(pvd_series *p);
 
 #endif

@@ -57,7 +57,7 @@ rigid_motion rigid_motion_fit(int count, const vec3 *from, const vec3 *displacem
 }
 
 /* Lists the corners of the region's tetrahedra. */
-static trocar_status find_nodes(const trocar_model *model, int region, region_motion *motion, report *why) {
+static trocar_status find_nodes(const trocar_model *model, int region, region_motion *motion, trocar_error *why) {
     int node_count = trocar_model_node_count(model), tet_count = trocar_model_tet_count(model);
     bool *inside = calloc((size_t)node_count, sizeof *inside);
     motion->nodes = malloc((size_t)node_count * sizeof *motion->nodes);
@@ -71,7 +71,7 @@ static trocar_status find_nodes(const trocar_model *model, int region, region_mo
     return motion->count > 0 ? TROCAR_OK : fail(why, TROCAR_NO_MEMORY, "no memory to find a region's nodes");
 }
 
-trocar_status region_motion_create(const trocar_model *model, const char *region, region_motion *motion, report *why) {
+trocar_status region_motion_create(const trocar_model *model, const char *region, region_motion *motion, trocar_error *why) {
     *motion = (region_motion){0};
     int found = trocar_model_find_region(model, region, 3);
     if (found < 0) return fail(why, TROCAR_BAD_INPUT, "the mesh has no region \"%s\"", region);

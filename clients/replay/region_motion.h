@@ -2,7 +2,7 @@
 #ifndef TROCAR_REGION_MOTION_H
 #define TROCAR_REGION_MOTION_H
 
-#include "base/report.h"
+#include "base/error.h"
 #include "base/vec.h"
 #include "trocar.h"
 
@@ -24,7 +24,7 @@ typedef struct {
 } region_motion;
 
 /* Finds the region's nodes. BAD_INPUT if the mesh has no volume of this name. */
-trocar_status region_motion_create(const trocar_model *model, const char *region, region_motion *motion, report *why);
+trocar_status region_motion_create(const trocar_model *model, const char *region, region_motion *motion, trocar_error *why);
 void region_motion_free(region_motion *motion);
 
 /* Returns the region's motion under these displacements of the mesh's nodes (3 node_count, m). */

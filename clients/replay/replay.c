@@ -69,7 +69,7 @@ typedef struct {
     bool has_probe;          /* the scene has a probe */
     int commands_done;       /* number of commands from the log that have been handled */
     int refused, refused_before; /* number of commands refused in this replay, and number that the server had already refused */
-    report refusal;          /* reason for the first refusal in this replay */
+    trocar_error refusal;    /* reason for the first refusal in this replay */
     replayed_needle needles[TROCAR_MAX_NEEDLES];
     int gaps;                /* number of gaps longer than POSE_LOG_GAP */
 } replay;
@@ -151,7 +151,7 @@ static const struct argp parser = {
 /* Returns the time of the pose, in s since the first pose. */
 static double time_of(const replay *r, const trocar_needle_pose_t *pose) { return 1e-6 * (double)(pose->utime - r->poses.first.utime); }
 
-static trocar_status check_dump_time(const replay *r, report *why) {
+static trocar_status check_dump_time(const replay *r, trocar_error *why) {
     double end = time_of(r, &r->poses.last);
     if (isnan(r->options->at) || r->options->at <= end) return TROCAR_OK;
     return fail(why, TROCAR_BAD_INPUT, "%s: --at %g s is after the last pose at %g s", r->options->pose_path, r->options->at, end);
@@ -163,7 +163,7 @@ static bool dump_is_due(const replay *r, int tick) {
     return isnan(r->options->at) ? tick == r->poses.count - 1 : time_of(r, &r->now.pose) >= r->options->at;
 }
 
-static trocar_status open_outputs(replay *r, report *why) {
+static trocar_status open_outputs(replay *r, trocar_error *why) {
     trocar_status status = TROCAR_OK;
     if (r->options->log_path) status = output_open(&r->log_file, r->options->log_path, why);
     if (status == TROCAR_OK && r->options->csv_path) status = output_open(&r->csv_file, r->options->csv_path, why);
@@ -178,18 +178,18 @@ static trocar_status open_outputs(replay *r, report *why) {
 }
 
 /* Prepares to track the chosen region, which is the scene's first region by default. */
-static trocar_status prepare_shift(replay *r, report *why) {
+static trocar_status prepare_shift(replay *r, trocar_error *why) {
     char region[256];
     r->displacements = malloc(3 * (size_t)trocar_model_node_count(r->model) * sizeof *r->displacements);
     if (!r->displacements) return fail(why, TROCAR_NO_MEMORY, "no memory for displacements");
     trocar_status status = trocar_scene_get(r->scene, "regions[0].name", region, sizeof region, why);
     if (status != TROCAR_OK) return status;
-    report reason;
+    trocar_error reason;
     status = region_motion_create(r->model, r->options->region ? r->options->region : region, &r->motion, &reason);
     return status == TROCAR_OK ? status : fail(why, status, "%s: %.900s", r->options->scene_path, reason.text);
 }
 
-static trocar_status create_simulation(replay *r, report *why) {
+static trocar_status create_simulation(replay *r, trocar_error *why) {
     trocar_model_options options = trocar_default_model_options();
     options.watch.progress = r->options->quiet ? NULL : progress_show;
     options.log = (trocar_log){r->options->quiet ? progress_warn : progress_log, "trocar-replay"};
@@ -203,7 +203,7 @@ static trocar_status create_simulation(replay *r, report *why) {
     return r->options->shift_path ? prepare_shift(r, why) : TROCAR_OK;
 }
 
-static trocar_status prepare(replay *r, report *why) {
+static trocar_status prepare(replay *r, trocar_error *why) {
     trocar_status status = trocar_scene_load(r->options->scene_path, &r->scene, why);
     const options *o = r->options;
     if (status == TROCAR_OK) status = pose_log_scan(o->pose_path, o->needle, o->all, &r->poses, why);
@@ -251,7 +251,7 @@ static trocar_needle_wrench_t message_of_tick(const replay *r, int tick) {
 
 static lcm_eventlog_t log_at(const replay *r) { return (lcm_eventlog_t){.f = r->log_file.file, .eventcount = r->logged}; }
 
-static trocar_status log_tick(replay *r, int tick, const trocar_needle_wrench_t *wrench, report *why) {
+static trocar_status log_tick(replay *r, int tick, const trocar_needle_wrench_t *wrench, trocar_error *why) {
     const char *path = r->options->log_path;
     int every = r->options->every;
     lcm_eventlog_t log = log_at(r);
@@ -264,7 +264,7 @@ static trocar_status log_tick(replay *r, int tick, const trocar_needle_wrench_t 
 
 /* Starts the log with everything on which the wrenches depend, except scene and poses. Messages in the log refer to the needle by its index in the
    recording; the scene may have no needle with that index. */
-static trocar_status log_origin(replay *r, report *why) {
+static trocar_status log_origin(replay *r, trocar_error *why) {
     int needles = trocar_model_needles(r->model), needle = r->poses.needle;
     lcm_eventlog_t log = log_at(r);
     r->logged++;
@@ -307,7 +307,7 @@ static void write_row(const replay *r) {
 }
 
 /* Writes the motion of the region. Rotations in the sagittal, coronal and axial planes are rotations about the normals of these planes. */
-static trocar_status shift_tick(replay *r, report *why) {
+static trocar_status shift_tick(replay *r, trocar_error *why) {
     trocar_status status = trocar_view_displacements(trocar_sim_view(r->sim), r->displacements, why);
     if (status != TROCAR_OK) return status;
     rigid_motion m = region_motion_of(&r->motion, r->displacements);
@@ -318,14 +318,14 @@ static trocar_status shift_tick(replay *r, report *why) {
     return TROCAR_OK;
 }
 
-static trocar_status export_state(replay *r, report *why) {
+static trocar_status export_state(replay *r, trocar_error *why) {
     trocar_sim_take_picture(r->sim, r->picture);
     trocar_status status = vtu_write_tissue(r->model, r->picture, r->patient, r->options->vtu_prefix, why);
     if (status == TROCAR_OK) status = vtu_write_needle(r->model, r->picture, &r->result, r->patient, r->options->vtu_prefix, why);
     return status == TROCAR_OK ? vtu_write_probe(r->model, r->picture, r->patient, r->options->vtu_prefix, why) : status;
 }
 
-static trocar_status add_to_series(replay *r, double time, report *why) {
+static trocar_status add_to_series(replay *r, double time, trocar_error *why) {
     if (!pvd_is_due(&r->series, time)) return TROCAR_OK;
     trocar_sim_take_picture(r->sim, r->picture);
     return pvd_take(&r->series, r->model, r->picture, &r->result, r->patient, time, why);
@@ -333,7 +333,7 @@ static trocar_status add_to_series(replay *r, double time, report *why) {
 
 /* ---- all needles ------------------------------------------------------------------------------------------------- */
 
-static trocar_status carry_out(replay *r, const logged_command *logged, report *why) {
+static trocar_status carry_out(replay *r, const logged_command *logged, trocar_error *why) {
     const trocar_command_t *c = &logged->command;
     int needle = r->options->all ? c->needle : 0;
     replayed_needle *n = &r->needles[needle];
@@ -363,7 +363,7 @@ static trocar_status carry_out(replay *r, const logged_command *logged, report *
     }
 }
 
-static void note_refusal(replay *r, const report *reason) {
+static void note_refusal(replay *r, const trocar_error *reason) {
     if (r->refused++ == 0) r->refusal = *reason;
 }
 
@@ -378,7 +378,7 @@ static void try_again(replay *r, int needle) {
     if (!try_waiting_drop(w, r->sim, needle)) note_refusal(r, &w->reason);
 }
 
-static trocar_status log_command(replay *r, const logged_command *logged, report *why) {
+static trocar_status log_command(replay *r, const logged_command *logged, trocar_error *why) {
     lcm_eventlog_t log = log_at(r);
     trocar_status status = log_write_command(&log, &logged->command, r->options->log_path, why);
     if (status == TROCAR_OK && logged->answer != ANSWER_UNKNOWN)
@@ -388,8 +388,8 @@ static trocar_status log_command(replay *r, const logged_command *logged, report
 }
 
 /* Executes a command. As in the server, a refused command changes nothing. */
-static trocar_status run_command(replay *r, const logged_command *logged, report *why) {
-    report reason;
+static trocar_status run_command(replay *r, const logged_command *logged, trocar_error *why) {
+    trocar_error reason;
     end_waiting(r, r->options->all ? logged->command.needle : 0, logged);
     bool refused_before = logged->answer == ANSWER_REFUSED;
     trocar_status status = refused_before ? TROCAR_OK : carry_out(r, logged, &reason);
@@ -404,7 +404,7 @@ static trocar_status run_command(replay *r, const logged_command *logged, report
 }
 
 /* Executes the commands that came before this pose. */
-static trocar_status run_commands(replay *r, int pose, report *why) {
+static trocar_status run_commands(replay *r, int pose, trocar_error *why) {
     trocar_status status = TROCAR_OK;
     for (; status == TROCAR_OK && r->commands_done < r->poses.command_count && r->poses.commands[r->commands_done].next_pose <= pose; r->commands_done++)
         status = run_command(r, &r->poses.commands[r->commands_done], why);
@@ -413,7 +413,7 @@ static trocar_status run_commands(replay *r, int pose, report *why) {
 
 /* Decides whether to use a pose, as the server does: skips it (*dt = 0) if the needle rests or is held by another session. A session that falls
    silent loses the needle. */
-static trocar_status follow_needle(replay *r, trocar_pose *base, double *dt, report *why) {
+static trocar_status follow_needle(replay *r, trocar_pose *base, double *dt, trocar_error *why) {
     static const int64_t SILENCE = 2000000; /* us */
     const trocar_needle_pose_t *m = &r->now.pose;
     replayed_needle *n = &r->needles[m->needle];
@@ -440,7 +440,7 @@ static trocar_status follow_needle(replay *r, trocar_pose *base, double *dt, rep
 }
 
 /* Moves the probe to its newest pose before this needle pose, and logs the poses of the probe up to that one. */
-static trocar_status follow_probe(replay *r, report *why) {
+static trocar_status follow_probe(replay *r, trocar_error *why) {
     trocar_status status = TROCAR_OK;
     int count = r->now.probe_count;
     if (count > 0 && r->has_probe) {
@@ -454,7 +454,7 @@ static trocar_status follow_probe(replay *r, report *why) {
     return status;
 }
 
-static trocar_status check_needles(const replay *r, report *why) {
+static trocar_status check_needles(const replay *r, trocar_error *why) {
     int needles = trocar_model_needles(r->model);
     if (r->poses.most_needle >= needles)
         return fail(why, TROCAR_BAD_INPUT, "%s: a pose or a command of needle %d: the scene's \"needles\" is %d", r->options->pose_path, r->poses.most_needle, needles);
@@ -466,7 +466,7 @@ static trocar_status check_needles(const replay *r, report *why) {
     return TROCAR_OK;
 }
 
-static trocar_status dump(replay *r, report *why) {
+static trocar_status dump(replay *r, trocar_error *why) {
     r->dumped = true;
     return export_state(r, why);
 }
@@ -479,7 +479,7 @@ static double interval_of(replay *r, int tick) {
     return POSE_LOG_GAP;
 }
 
-static trocar_status run_tick(replay *r, int tick, report *why) {
+static trocar_status run_tick(replay *r, int tick, trocar_error *why) {
     trocar_pose base = library_pose(pose_of_message(&r->now.pose));
     double dt = 0.0;
     try_again(r, needle_of(r));
@@ -503,7 +503,7 @@ static trocar_status run_tick(replay *r, int tick, report *why) {
     return status == TROCAR_OK ? add_to_series(r, time_of(r, &r->now.pose), why) : status;
 }
 
-static trocar_status run_all(replay *r, report *why) {
+static trocar_status run_all(replay *r, trocar_error *why) {
     enum { LONG_LOG = 5000 };
     bool progress = !r->options->quiet && isatty(STDERR_FILENO) && r->poses.count >= LONG_LOG;
     trocar_pose start = library_pose(pose_of_message(&r->poses.first));
@@ -562,7 +562,7 @@ int main(int count, char **arguments) {
     if (isnan(o.tolerance)) o.tolerance = 0.01;
     static replay r;
     r.options = &o;
-    report why;
+    trocar_error why;
     trocar_status status = prepare(&r, &why);
     if (status == TROCAR_OK) status = run_all(&r, &why);
     if (status == TROCAR_OK && !o.quiet) summarise(&r);

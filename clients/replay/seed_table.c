@@ -34,7 +34,7 @@ static void write_row(FILE *file, const trocar_scene *scene, const trocar_model 
 }
 
 trocar_status seed_table_write(FILE *file, const trocar_scene *scene, const trocar_model *model, trocar_sim *sim, const patient_frame *frame,
-                               report *why) {
+                               trocar_error *why) {
     static trocar_seed seeds[TROCAR_MAX_SEEDS];
     const char *unit = patient_unit(frame);
     double *displacements = malloc(3 * (size_t)trocar_model_node_count(model) * sizeof *displacements);

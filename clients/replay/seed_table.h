@@ -11,6 +11,6 @@ void hole_name(const trocar_guide *guide, int hole, char name[16]);
 /* Writes a CSV file with the position and direction of each seed, both in the displaced tissue and at rest. If `frame` is given, uses patient
    coordinates. NO_MEMORY. */
 trocar_status seed_table_write(FILE *file, const trocar_scene *scene, const trocar_model *model, trocar_sim *sim, const patient_frame *frame,
-                               report *why);
+                               trocar_error *why);
 
 #endif

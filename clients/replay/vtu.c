@@ -127,7 +127,7 @@ static void write_tissue(const trocar_model *model, const trocar_refined_mesh *m
     end_file(out);
 }
 
-static trocar_status open_part(output *file, const char *prefix, const char *part, report *why) {
+static trocar_status open_part(output *file, const char *prefix, const char *part, trocar_error *why) {
     char path[1024];
     if (snprintf(path, sizeof path, "%s-%s.vtu", prefix, part) >= (int)sizeof path)
         return fail(why, TROCAR_BAD_INPUT, "%s: path too long", prefix);
@@ -135,7 +135,7 @@ static trocar_status open_part(output *file, const char *prefix, const char *par
 }
 
 trocar_status vtu_write_tissue(const trocar_model *model, trocar_picture *picture, const patient_frame *patient, const char *prefix,
-                               report *why) {
+                               trocar_error *why) {
     output file;
     trocar_refined_mesh mesh;
     trocar_status status = open_part(&file, prefix, "tissue", why);
@@ -223,7 +223,7 @@ static void write_needle(const centreline *c, const double base[3], const trocar
 }
 
 trocar_status vtu_write_needle(const trocar_model *model, const trocar_picture *picture, const trocar_output *given,
-                               const patient_frame *patient, const char *prefix, report *why) {
+                               const patient_frame *patient, const char *prefix, trocar_error *why) {
     output file;
     trocar_status status = open_part(&file, prefix, "needle", why);
     if (status != TROCAR_OK) return status;
@@ -299,7 +299,7 @@ static void write_probe(const trocar_probe_shape *shape, const trocar_probe *p, 
 }
 
 trocar_status vtu_write_probe(const trocar_model *model, const trocar_picture *picture, const patient_frame *patient, const char *prefix,
-                              report *why) {
+                              trocar_error *why) {
     trocar_probe_shape shape;
     output file;
     if (!trocar_model_probe(model, &shape)) return TROCAR_OK;

@@ -3,7 +3,7 @@
 #ifndef TROCAR_VTU_H
 #define TROCAR_VTU_H
 
-#include "base/report.h"
+#include "base/error.h"
 #include "shared/patient.h"
 #include "trocar.h"
 
@@ -12,18 +12,18 @@
    `youngs_modulus` Pa, `poisson_ratio`, and the set over which the cell's volumetric strain is averaged: `volumetric_patch`, a patch of cells
    (`volumetric_strain: patch`), or `volumetric_nodes`, nominal nodes (`node`). K displacement = applied_force at all nodes not fixed. */
 trocar_status vtu_write_tissue(const trocar_model *model, trocar_picture *picture, const patient_frame *patient, const char *prefix,
-                               report *why);
+                               trocar_error *why);
 
 /* Writes the needle to PREFIX-needle.vtu: the deformed centreline through joints and contact points. Point data `force` N on the
    needle, `arc_length` m from the base; field data `base_position` m, and `base_force` N and `base_torque` N m of the base on the
    hand: base_force = sum force, base_torque = sum (point - base_position) x force. */
 trocar_status vtu_write_needle(const trocar_model *model, const trocar_picture *picture, const trocar_output *output,
-                               const patient_frame *patient, const char *prefix, report *why);
+                               const patient_frame *patient, const char *prefix, trocar_error *why);
 
 /* Writes the probe to PREFIX-probe.vtu: the surface of the cylinder with its rounded end. Field data `base_position` m, `orientation` w x y z from the
    probe's frame to the mesh's (to the patient's axes with `patient`), `hand_force` N and `hand_torque` N m (about the base) on the hand that holds it,
    `contacts`. A probe that has not been placed has no points. If the scene has no probe, no file is written. */
 trocar_status vtu_write_probe(const trocar_model *model, const trocar_picture *picture, const patient_frame *patient, const char *prefix,
-                              report *why);
+                              trocar_error *why);
 
 #endif

@@ -27,8 +27,4 @@ int parse_whole(const struct argp_state *state, const char *option, const char *
 /* Returns a parsed number as an int if it is whole and in [least, greatest]; otherwise exits. */
 int whole_number(const struct argp_state *state, const char *option, double number, int least, int greatest);
 
-/* Splits HOST:PORT, or HOST if `standard_port` is not NULL, into its parts. The port is 1 to 65535; an IPv6 address must be in brackets. False if
-   `text` is malformed. */
-bool split_host_port(const char *text, const char *standard_port, char host[256], char port[6]);
-
 #endif

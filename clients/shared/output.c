@@ -12,7 +12,7 @@ static bool is_special(const char *path) {
     return stat(path, &status) == 0 && !S_ISREG(status.st_mode) && !S_ISDIR(status.st_mode);
 }
 
-trocar_status output_open(output *o, const char *path, report *why) {
+trocar_status output_open(output *o, const char *path, trocar_error *why) {
     *o = (output){0};
     if (strlen(path) >= sizeof o->path) return fail(why, TROCAR_BAD_INPUT, "%s: path too long", path);
     strcpy(o->path, path);
@@ -24,7 +24,7 @@ trocar_status output_open(output *o, const char *path, report *why) {
     return o->file ? TROCAR_OK : fail(why, TROCAR_BAD_INPUT, "%s: cannot be written: %s", path, strerror(errno));
 }
 
-trocar_status output_commit(output *o, report *why) {
+trocar_status output_commit(output *o, trocar_error *why) {
     if (!o->file) return TROCAR_OK;
     bool failed = ferror(o->file) != 0;
     failed |= fclose(o->file) != 0;

@@ -2,7 +2,7 @@
 #ifndef TROCAR_OUTPUT_H
 #define TROCAR_OUTPUT_H
 
-#include "base/report.h"
+#include "base/error.h"
 
 typedef struct {
     char path[1024], temporary[1040];
@@ -10,10 +10,10 @@ typedef struct {
 } output;
 
 /* Opens the temporary file. BAD_INPUT if it cannot be created. */
-trocar_status output_open(output *o, const char *path, report *why);
+trocar_status output_open(output *o, const char *path, trocar_error *why);
 
 /* Closes the file and renames it. SYSTEM if it could not be written completely; in that case, no file remains. */
-trocar_status output_commit(output *o, report *why);
+trocar_status output_commit(output *o, trocar_error *why);
 
 /* Removes the temporary file; does nothing after a commit or without an open file. */
 void output_abandon(output *o);

@@ -4,7 +4,7 @@
 
 #include "common/messages.h"
 
-trocar_status patient_frame_read(const trocar_scene *scene, patient_frame *frame, report *why) {
+trocar_status patient_frame_read(const trocar_scene *scene, patient_frame *frame, trocar_error *why) {
     double m[16];
     if (!trocar_scene_patient_to_mesh(scene, m))
         return fail(why, TROCAR_BAD_INPUT, "%s: has no patient_to_mesh, which patient coordinates need; trocar-anatomy writes it",

@@ -5,7 +5,7 @@
 
 #include <stdbool.h>
 
-#include "base/report.h"
+#include "base/error.h"
 #include "base/vec.h"
 #include "trocar.h"
 
@@ -15,7 +15,7 @@ typedef struct {
 } patient_frame;
 
 /* Reads the frame from the scene. BAD_INPUT if the scene has no key "patient_to_mesh". */
-trocar_status patient_frame_read(const trocar_scene *scene, patient_frame *frame, report *why);
+trocar_status patient_frame_read(const trocar_scene *scene, patient_frame *frame, trocar_error *why);
 
 /* In these functions, a `frame` of NULL stands for mesh coordinates, which are returned unchanged. */
 vec3 patient_to_mesh(const patient_frame *frame, vec3 point);      /* mm to m */

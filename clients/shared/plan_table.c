@@ -21,7 +21,7 @@ static bool read_seed(const char *line, planned_seed *s) {
     return fabs(x[0]) < 1e3 && fabs(x[1]) < 1e3 && fabs(x[2]) < 1e3; /* this condition is also false for NaN */
 }
 
-static trocar_status read_lines(FILE *file, const char *path, plan_table *plan, report *why) {
+static trocar_status read_lines(FILE *file, const char *path, plan_table *plan, trocar_error *why) {
     char line[512];
     if (!fgets(line, sizeof line, file) || strncmp(line, HEADER, sizeof HEADER - 1) != 0)
         return fail(why, TROCAR_BAD_INPUT, "%s:1: not a table of planned seeds: %s", path, REMEDY);
@@ -33,7 +33,7 @@ static trocar_status read_lines(FILE *file, const char *path, plan_table *plan, 
     return TROCAR_OK;
 }
 
-trocar_status plan_table_read(const char *path, plan_table *plan, report *why) {
+trocar_status plan_table_read(const char *path, plan_table *plan, trocar_error *why) {
     *plan = (plan_table){.count = 0};
     const char *reason;
     FILE *file = input_open(path, &reason);
@@ -43,7 +43,7 @@ trocar_status plan_table_read(const char *path, plan_table *plan, report *why) {
     return status;
 }
 
-trocar_status plan_table_fits(const plan_table *plan, const trocar_guide *guide, const char *path, report *why) {
+trocar_status plan_table_fits(const plan_table *plan, const trocar_guide *guide, const char *path, trocar_error *why) {
     for (int i = 0; i < plan->count; i++) {
         const planned_seed *s = &plan->seeds[i];
         int column, row, line = i + 2;

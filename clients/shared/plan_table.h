@@ -4,7 +4,7 @@
 
 #include <stdbool.h>
 
-#include "base/report.h"
+#include "base/error.h"
 #include "trocar.h"
 
 enum { PLAN_HOLE = 8 };
@@ -20,10 +20,10 @@ typedef struct {
 } plan_table;
 
 /* Reads the table. BAD_INPUT with file, line and remedy if the file is not such a table. */
-trocar_status plan_table_read(const char *path, plan_table *plan, report *why);
+trocar_status plan_table_read(const char *path, plan_table *plan, trocar_error *why);
 
 /* Checks that each seed lies on the axis of its hole in this template. Otherwise the plan was made for another template: BAD_INPUT, with the line in
    the table. */
-trocar_status plan_table_fits(const plan_table *plan, const trocar_guide *guide, const char *path, report *why);
+trocar_status plan_table_fits(const plan_table *plan, const trocar_guide *guide, const char *path, trocar_error *why);
 
 #endif

@@ -68,7 +68,7 @@ static int64_t big_endian_64(const unsigned char *bytes) {
     return (int64_t)((uint64_t)big_endian_32(bytes) << 32 | (uint64_t)big_endian_32(bytes + 4));
 }
 
-static trocar_status reader_open(const char *path, reader *r, report *why) {
+static trocar_status reader_open(const char *path, reader *r, trocar_error *why) {
     *r = (reader){.path = path};
     struct stat status;
     const char *reason;
@@ -82,11 +82,11 @@ static trocar_status reader_open(const char *path, reader *r, report *why) {
     return fail(why, TROCAR_BAD_INPUT, "%s: %s", path, strerror(errno));
 }
 
-static trocar_status bad_event(const reader *r, const char *fault, report *why) {
+static trocar_status bad_event(const reader *r, const char *fault, trocar_error *why) {
     return fail(why, TROCAR_BAD_INPUT, "%s: event %" PRId64 " at byte %" PRId64 ": %s", r->path, r->event, r->offset, fault);
 }
 
-static trocar_status read_header(reader *r, event_header *h, report *why) {
+static trocar_status read_header(reader *r, event_header *h, trocar_error *why) {
     unsigned char bytes[EVENT_HEADER] = {0};
     size_t got = fread(bytes, 1, sizeof bytes, r->file), compared = got < sizeof event_magic ? got : sizeof event_magic;
     if (memcmp(bytes, event_magic, compared) != 0)
@@ -103,19 +103,19 @@ static trocar_status read_header(reader *r, event_header *h, report *why) {
 }
 
 /* Moves the file position to the next event. */
-static trocar_status skip_event(reader *r, const event_header *h, report *why) {
+static trocar_status skip_event(reader *r, const event_header *h, trocar_error *why) {
     r->offset += EVENT_HEADER + h->channel_length + h->data_length;
     r->event++;
     return fseeko(r->file, r->offset, SEEK_SET) == 0 ? TROCAR_OK : bad_event(r, strerror(errno), why);
 }
 
-static trocar_status read_data(const reader *r, const event_header *h, unsigned char *data, int64_t room, report *why) {
+static trocar_status read_data(const reader *r, const event_header *h, unsigned char *data, int64_t room, trocar_error *why) {
     size_t length = (size_t)(h->data_length < room ? h->data_length : room);
     return fread(data, 1, length, r->file) == length ? TROCAR_OK : bad_event(r, "cannot be read", why);
 }
 
 /* Checks that the data start with their type's fingerprint. */
-static trocar_status check_type(const reader *r, const unsigned char *data, const char *type, int64_t fingerprint, report *why) {
+static trocar_status check_type(const reader *r, const unsigned char *data, const char *type, int64_t fingerprint, trocar_error *why) {
     int64_t found = big_endian_64(data);
     if (found == fingerprint) return TROCAR_OK;
     return fail(why, TROCAR_BAD_INPUT,
@@ -134,7 +134,7 @@ static int64_t complete(unsigned char *data, int64_t length, const older_type *o
     return length + older->missing;
 }
 
-static trocar_status read_pose(const reader *r, const event_header *h, trocar_needle_pose_t *p, report *why) {
+static trocar_status read_pose(const reader *r, const event_header *h, trocar_needle_pose_t *p, trocar_error *why) {
     unsigned char data[DATA_MAX] = {0};
     trocar_status status = read_data(r, h, data, DATA_MAX, why);
     int64_t length = complete(data, h->data_length, older_poses, __trocar_needle_pose_t_get_hash());
@@ -149,7 +149,7 @@ static trocar_status read_pose(const reader *r, const event_header *h, trocar_ne
     return verdict == POSE_ACCEPTED ? TROCAR_OK : bad_event(r, "orientation is not a unit quaternion", why);
 }
 
-static trocar_status read_wrench(const reader *r, const event_header *h, trocar_needle_wrench_t *w, report *why) {
+static trocar_status read_wrench(const reader *r, const event_header *h, trocar_needle_wrench_t *w, trocar_error *why) {
     unsigned char data[DATA_MAX] = {0};
     trocar_status status = read_data(r, h, data, DATA_MAX, why);
     int64_t length = complete(data, h->data_length, older_wrenches, __trocar_needle_wrench_t_get_hash());
@@ -166,7 +166,7 @@ static bool is_finite(const trocar_needle_wrench_t *w) {
 }
 
 /* Makes room for one more element in an array of `count` elements, whose size is doubled when the count reaches a power of two. */
-static trocar_status make_room(void **array, int count, size_t size, report *why) {
+static trocar_status make_room(void **array, int count, size_t size, trocar_error *why) {
     if (count & (count - 1)) return TROCAR_OK;
     size_t room = count ? 2 * (size_t)count : 1;
     void *moved = realloc(*array, room * size);
@@ -175,7 +175,7 @@ static trocar_status make_room(void **array, int count, size_t size, report *why
     return TROCAR_OK;
 }
 
-static trocar_status add_pose(const trocar_needle_pose_t *p, reading *in, report *why) {
+static trocar_status add_pose(const trocar_needle_pose_t *p, reading *in, trocar_error *why) {
     pose_log *log = in->poses;
     if (in->keeps) {
         void *poses = log->poses;
@@ -192,7 +192,7 @@ static trocar_status add_pose(const trocar_needle_pose_t *p, reading *in, report
 }
 
 /* Accepts poses as the server does: only those of one needle and session, and none that is repeated or out of order. */
-static trocar_status append_pose(const reader *r, const trocar_needle_pose_t *p, reading *in, report *why) {
+static trocar_status append_pose(const reader *r, const trocar_needle_pose_t *p, reading *in, trocar_error *why) {
     pose_log *log = in->poses;
     const trocar_needle_pose_t *last = log->count ? &log->last : NULL;
     if (log->needle < 0) log->needle = p->needle;
@@ -210,7 +210,7 @@ static trocar_status append_pose(const reader *r, const trocar_needle_pose_t *p,
     return add_pose(p, in, why);
 }
 
-static trocar_status take_pose(const reader *r, const event_header *h, void *context, report *why) {
+static trocar_status take_pose(const reader *r, const event_header *h, void *context, trocar_error *why) {
     reading *in = context;
     trocar_needle_pose_t p = {0};
     trocar_status status = read_pose(r, h, &p, why);
@@ -225,7 +225,7 @@ typedef struct {
     char inverse[16];
 } wrench_reading;
 
-static trocar_status take_wrench(const reader *r, const event_header *h, void *context, report *why) {
+static trocar_status take_wrench(const reader *r, const event_header *h, void *context, trocar_error *why) {
     wrench_reading *in = context;
     trocar_needle_wrench_t w;
     trocar_status status = read_wrench(r, h, &w, why);
@@ -236,7 +236,7 @@ static trocar_status take_wrench(const reader *r, const event_header *h, void *c
     return TROCAR_OK;
 }
 
-static trocar_status add_command(const trocar_command_t *m, pose_log *log, report *why) {
+static trocar_status add_command(const trocar_command_t *m, pose_log *log, trocar_error *why) {
     void *commands = log->commands;
     trocar_status status = make_room(&commands, log->command_count, sizeof *log->commands, why);
     log->commands = commands;
@@ -245,13 +245,13 @@ static trocar_status add_command(const trocar_command_t *m, pose_log *log, repor
     return status;
 }
 
-static trocar_status decode_command(const reader *r, const event_header *h, const unsigned char data[DATA_MAX], trocar_command_t *m, report *why) {
+static trocar_status decode_command(const reader *r, const event_header *h, const unsigned char data[DATA_MAX], trocar_command_t *m, trocar_error *why) {
     if (h->data_length == trocar_command_t_decode(data, 0, DATA_MAX, m)) return TROCAR_OK;
     return bad_event(r, "not the length of a trocar.command_t: the log is damaged", why);
 }
 
 /* Records a command that concerns seeds; commands of older message types, which have no seeds, are ignored. */
-static trocar_status note_command(const reader *r, const event_header *h, void *context, report *why) {
+static trocar_status note_command(const reader *r, const event_header *h, void *context, trocar_error *why) {
     pose_log *log = ((reading *)context)->poses;
     unsigned char data[DATA_MAX] = {0};
     trocar_command_t m;
@@ -270,7 +270,7 @@ static trocar_status note_command(const reader *r, const event_header *h, void *
 enum { MOST_UNANSWERED = 1024 }; /* maximum number of unanswered commands; a server has fewer pending */
 
 /* Records the result of a command; replies of another message type are ignored. */
-static trocar_status note_reply(const reader *r, const event_header *h, void *context, report *why) {
+static trocar_status note_reply(const reader *r, const event_header *h, void *context, trocar_error *why) {
     pose_log *log = ((reading *)context)->poses;
     unsigned char data[DATA_MAX] = {0};
     trocar_command_reply_t m;
@@ -289,7 +289,7 @@ static trocar_status note_reply(const reader *r, const event_header *h, void *co
 }
 
 /* Stores the kind of inverse from a status; statuses of another message type are ignored. */
-static trocar_status take_status(const reader *r, const event_header *h, void *context, report *why) {
+static trocar_status take_status(const reader *r, const event_header *h, void *context, trocar_error *why) {
     wrench_reading *in = context;
     unsigned char data[STATUS_MAX] = {0};
     trocar_status_t m;
@@ -302,7 +302,7 @@ static trocar_status take_status(const reader *r, const event_header *h, void *c
     return TROCAR_OK;
 }
 
-static trocar_status keep_probe(const trocar_probe_pose_t *m, pose_log *log, report *why) {
+static trocar_status keep_probe(const trocar_probe_pose_t *m, pose_log *log, trocar_error *why) {
     void *probes = log->probes;
     trocar_status status = make_room(&probes, log->probe_count, sizeof *log->probes, why);
     log->probes = probes;
@@ -311,7 +311,7 @@ static trocar_status keep_probe(const trocar_probe_pose_t *m, pose_log *log, rep
 }
 
 /* Keeps a pose of the probe until the next pose of a needle. */
-static trocar_status pass_probe(const trocar_probe_pose_t *m, reading *in, report *why) {
+static trocar_status pass_probe(const trocar_probe_pose_t *m, reading *in, trocar_error *why) {
     in->poses->probe_count++;
     if (in->accepted) in->passed_count = 0;
     in->accepted = false;
@@ -327,12 +327,12 @@ static trocar_status pass_probe(const trocar_probe_pose_t *m, reading *in, repor
 }
 
 /* Accepts or refuses a pose of the probe by the server's own rules, using the times of the poses instead of a clock. */
-static trocar_status note_probe(const reader *r, const event_header *h, void *context, report *why) {
+static trocar_status note_probe(const reader *r, const event_header *h, void *context, trocar_error *why) {
     reading *in = context;
     pose_log *log = in->poses;
     unsigned char data[DATA_MAX] = {0};
     trocar_probe_pose_t m;
-    report refusal;
+    trocar_error refusal;
     trocar_status status = read_data(r, h, data, DATA_MAX, why);
     if (status == TROCAR_OK) status = check_type(r, data, "probe_pose_t", __trocar_probe_pose_t_get_hash(), why);
     if (status != TROCAR_OK) return status;
@@ -349,12 +349,12 @@ static trocar_status note_probe(const reader *r, const event_header *h, void *co
 /* A channel to read. `take` handles its events, with the file positioned at the event's data. */
 typedef struct {
     const char *channel;
-    trocar_status (*take)(const reader *r, const event_header *h, void *log, report *why);
+    trocar_status (*take)(const reader *r, const event_header *h, void *log, trocar_error *why);
 } wanted_channel;
 
 /* Reads an event, or skips it if its channel is not wanted; the last entry of `wanted` is empty. If `cut` is not NULL, a log that is truncated
    within an event counts as ending before that event, and `cut` receives a message about it. */
-static trocar_status read_event(reader *r, const wanted_channel *wanted, void *context, report *cut, report *why) {
+static trocar_status read_event(reader *r, const wanted_channel *wanted, void *context, trocar_error *cut, trocar_error *why) {
     event_header h;
     trocar_status status = read_header(r, &h, why);
     if (r->cut && cut) {
@@ -370,13 +370,13 @@ static trocar_status read_event(reader *r, const wanted_channel *wanted, void *c
 }
 
 /* Fails if the log has no event of the first wanted channel. */
-static trocar_status check_found(const reader *r, const wanted_channel *wanted, report *why) {
+static trocar_status check_found(const reader *r, const wanted_channel *wanted, trocar_error *why) {
     if (r->found) return TROCAR_OK;
     return fail(why, TROCAR_BAD_INPUT, "%s: nothing on channel %s in %" PRId64 " events", r->path, wanted->channel, r->event);
 }
 
 /* Reads all events. */
-static trocar_status read_log(const char *path, const wanted_channel *wanted, void *context, report *cut, report *why) {
+static trocar_status read_log(const char *path, const wanted_channel *wanted, void *context, trocar_error *cut, trocar_error *why) {
     reader r;
     trocar_status status = reader_open(path, &r, why);
     if (status != TROCAR_OK) return status;
@@ -386,7 +386,7 @@ static trocar_status read_log(const char *path, const wanted_channel *wanted, vo
 }
 
 /* Accepts poses of all needles, provided that each is later than the previous pose of the same needle and session. */
-static trocar_status take_any_pose(const reader *r, const event_header *h, void *context, report *why) {
+static trocar_status take_any_pose(const reader *r, const event_header *h, void *context, trocar_error *why) {
     reading *in = context;
     trocar_needle_pose_t p = {0};
     trocar_status status = read_pose(r, h, &p, why);
@@ -399,7 +399,7 @@ static trocar_status take_any_pose(const reader *r, const event_header *h, void 
     return add_pose(&p, in, why);
 }
 
-static trocar_status take_command(const reader *r, const event_header *h, void *context, report *why) {
+static trocar_status take_command(const reader *r, const event_header *h, void *context, trocar_error *why) {
     pose_log *log = ((reading *)context)->poses;
     unsigned char data[DATA_MAX] = {0};
     trocar_command_t m;
@@ -423,7 +423,7 @@ static void begin_reading(reading *in, pose_log *log, int needle, bool keeps) {
 }
 
 /* Reads the poses of this needle; -1 selects the needle of the first pose. */
-static trocar_status read_poses(const char *path, int needle, bool all, bool keeps, pose_log *log, report *cut, report *why) {
+static trocar_status read_poses(const char *path, int needle, bool all, bool keeps, pose_log *log, trocar_error *cut, trocar_error *why) {
     reading *in = malloc(sizeof *in);
     if (!in) return fail(why, TROCAR_NO_MEMORY, "%s: no memory to read it", path);
     begin_reading(in, log, needle, keeps);
@@ -436,18 +436,22 @@ static trocar_status read_poses(const char *path, int needle, bool all, bool kee
     return status;
 }
 
-trocar_status pose_log_read_all(const char *path, pose_log *log, report *why) { return read_poses(path, -1, true, true, log, NULL, why); }
+trocar_status pose_log_read_all(const char *path, pose_log *log, trocar_error *why) { return read_poses(path, -1, true, true, log, NULL, why); }
 
-trocar_status pose_log_read(const char *path, pose_log *log, report *why) { return read_poses(path, -1, false, true, log, NULL, why); }
+trocar_status pose_log_read(const char *path, pose_log *log, trocar_error *why) { return read_poses(path, -1, false, true, log, NULL, why); }
 
-trocar_status pose_log_read_needle(const char *path, int needle, pose_log *log, report *why) { return read_poses(path, needle, false, true, log, NULL, why); }
+trocar_status pose_log_read_needle(const char *path, int needle, pose_log *log, trocar_error *why) {
+    return read_poses(path, needle, false, true, log, NULL, why);
+}
 
-trocar_status pose_log_read_to_cut(const char *path, pose_log *log, report *cut, report *why) {
-    *cut = (report){0};
+trocar_status pose_log_read_to_cut(const char *path, pose_log *log, trocar_error *cut, trocar_error *why) {
+    *cut = (trocar_error){0};
     return read_poses(path, -1, false, true, log, cut, why);
 }
 
-trocar_status pose_log_scan(const char *path, int needle, bool all, pose_log *log, report *why) { return read_poses(path, needle, all, false, log, NULL, why); }
+trocar_status pose_log_scan(const char *path, int needle, bool all, pose_log *log, trocar_error *why) {
+    return read_poses(path, needle, all, false, log, NULL, why);
+}
 
 /* ---- streams ------------------------------------------------------------------------------------------------------------ */
 
@@ -458,7 +462,7 @@ struct pose_stream {
     pose_log log;            /* the log, read a second time for counts and commands */
 };
 
-trocar_status pose_stream_open(const char *path, int needle, bool all, pose_stream **opened, report *why) {
+trocar_status pose_stream_open(const char *path, int needle, bool all, pose_stream **opened, trocar_error *why) {
     pose_stream *s = calloc(1, sizeof *s);
     *opened = NULL;
     if (!s) return fail(why, TROCAR_NO_MEMORY, "%s: no memory to read it", path);
@@ -470,7 +474,7 @@ trocar_status pose_stream_open(const char *path, int needle, bool all, pose_stre
     return status;
 }
 
-trocar_status pose_stream_next(pose_stream *s, pose_step *step, report *why) {
+trocar_status pose_stream_next(pose_stream *s, pose_step *step, trocar_error *why) {
     trocar_status status = TROCAR_OK;
     s->in.accepted = false;
     s->in.passed_count = 0;
@@ -494,7 +498,7 @@ struct wrench_stream {
     wrench_reading in;
 };
 
-trocar_status wrench_stream_open(const char *path, wrench_stream **opened, report *why) {
+trocar_status wrench_stream_open(const char *path, wrench_stream **opened, trocar_error *why) {
     wrench_stream *s = calloc(1, sizeof *s);
     *opened = NULL;
     if (!s) return fail(why, TROCAR_NO_MEMORY, "%s: no memory to read it", path);
@@ -504,7 +508,7 @@ trocar_status wrench_stream_open(const char *path, wrench_stream **opened, repor
     return status;
 }
 
-trocar_status wrench_stream_next(wrench_stream *s, trocar_needle_wrench_t *wrench, bool *ended, report *why) {
+trocar_status wrench_stream_next(wrench_stream *s, trocar_needle_wrench_t *wrench, bool *ended, trocar_error *why) {
     trocar_status status = TROCAR_OK;
     s->in.accepted = false;
     while (status == TROCAR_OK && !s->in.accepted && s->file.offset < s->file.size) status = read_event(&s->file, WRENCHES, &s->in, NULL, why);
@@ -522,7 +526,7 @@ void wrench_stream_close(wrench_stream *s) {
     free(s);
 }
 
-trocar_status wrench_log_read(const char *path, wrench_log *log, report *why) {
+trocar_status wrench_log_read(const char *path, wrench_log *log, trocar_error *why) {
     wrench_stream *stream;
     bool ended = false;
     *log = (wrench_log){0};
@@ -572,7 +576,7 @@ trocar_pose base_of_probe(const trocar_probe_pose_t *message) {
     return library_pose(base);
 }
 
-trocar_status pose_log_move_probe(const pose_log *log, int i, const trocar_model *model, trocar_sim *sim, int *done, report *why) {
+trocar_status pose_log_move_probe(const pose_log *log, int i, const trocar_model *model, trocar_sim *sim, int *done, trocar_error *why) {
     const trocar_probe_pose_t *newest = NULL;
     for (; *done < log->probe_count && log->probes[*done].next_pose <= i; (*done)++) newest = &log->probes[*done].pose;
     trocar_probe_shape ignored;
@@ -595,20 +599,20 @@ trocar_needle_pose_t message_of_pose(pose p, int64_t utime, int64_t session, int
 }
 
 static trocar_status write_event(lcm_eventlog_t *log, int64_t utime, const char *channel, uint8_t *data, int length,
-                                 const char *path, report *why) {
+                                 const char *path, trocar_error *why) {
     lcm_eventlog_event_t event = {.timestamp = utime, .channel = (char *)channel, .channellen = (int32_t)strlen(channel),
                                   .data = data, .datalen = length};
     if (length >= 0 && lcm_eventlog_write_event(log, &event) == 0) return TROCAR_OK;
     return fail(why, TROCAR_SYSTEM, "%s: cannot be written: %s", path, strerror(errno));
 }
 
-trocar_status log_write_command(lcm_eventlog_t *log, const trocar_command_t *message, const char *path, report *why) {
+trocar_status log_write_command(lcm_eventlog_t *log, const trocar_command_t *message, const char *path, trocar_error *why) {
     uint8_t data[256];
     int length = trocar_command_t_encode(data, 0, sizeof data, message);
     return write_event(log, message->utime, COMMAND_CHANNEL, data, length, path, why);
 }
 
-trocar_status log_write_reply(lcm_eventlog_t *log, const trocar_command_t *command, bool done, const char *path, report *why) {
+trocar_status log_write_reply(lcm_eventlog_t *log, const trocar_command_t *command, bool done, const char *path, trocar_error *why) {
     uint8_t data[256];
     trocar_command_reply_t m = {.utime = command->utime, .session = command->session, .seq = command->seq, .command = command->command, .needle = command->needle,
                                 .status = done ? TROCAR_COMMAND_REPLY_T_DONE : TROCAR_COMMAND_REPLY_T_REFUSED, .message = (char[]){""}};
@@ -616,25 +620,25 @@ trocar_status log_write_reply(lcm_eventlog_t *log, const trocar_command_t *comma
     return write_event(log, m.utime, REPLY_CHANNEL, data, length, path, why);
 }
 
-trocar_status log_write_probe(lcm_eventlog_t *log, const trocar_probe_pose_t *message, const char *path, report *why) {
+trocar_status log_write_probe(lcm_eventlog_t *log, const trocar_probe_pose_t *message, const char *path, trocar_error *why) {
     uint8_t data[256];
     int length = trocar_probe_pose_t_encode(data, 0, sizeof data, message);
     return write_event(log, message->utime, PROBE_CHANNEL, data, length, path, why);
 }
 
-trocar_status log_write_pose(lcm_eventlog_t *log, const trocar_needle_pose_t *message, const char *path, report *why) {
+trocar_status log_write_pose(lcm_eventlog_t *log, const trocar_needle_pose_t *message, const char *path, trocar_error *why) {
     uint8_t data[256];
     int length = trocar_needle_pose_t_encode(data, 0, sizeof data, message);
     return write_event(log, message->utime, POSE_CHANNEL, data, length, path, why);
 }
 
-trocar_status log_write_wrench(lcm_eventlog_t *log, const trocar_needle_wrench_t *message, const char *path, report *why) {
+trocar_status log_write_wrench(lcm_eventlog_t *log, const trocar_needle_wrench_t *message, const char *path, trocar_error *why) {
     uint8_t data[512];
     int length = trocar_needle_wrench_t_encode(data, 0, sizeof data, message);
     return write_event(log, message->pose_utime, WRENCH_CHANNEL, data, length, path, why);
 }
 
-trocar_status log_write_status(lcm_eventlog_t *log, const trocar_status_t *message, const char *path, report *why) {
+trocar_status log_write_status(lcm_eventlog_t *log, const trocar_status_t *message, const char *path, trocar_error *why) {
     uint8_t data[STATUS_MAX];
     int length = trocar_status_t_encode(data, 0, sizeof data, message);
     return write_event(log, message->utime, STATUS_CHANNEL, data, length, path, why);

@@ -6,7 +6,7 @@
 
 #include <lcm/lcm.h>
 
-#include "base/report.h"
+#include "base/error.h"
 #include "base/vec.h"
 #include "trocar.h"
 #include "trocar_command_t.h"
@@ -69,20 +69,20 @@ typedef struct {
    read: of `needle`, or of the first pose's needle if `needle` is -1, as in pose_log_read. BAD_INPUT, with file and event or byte, for a log that is missing,
    damaged, truncated, empty or of other message types, and for a pose that is not finite, has no unit quaternion (safety_check_pose) or is not later than the
    previous one. Messages of older releases, which do not name their needle or server, are attributed to needle 0 and server 0. */
-trocar_status pose_log_read(const char *path, pose_log *log, report *why);
-trocar_status pose_log_read_needle(const char *path, int needle, pose_log *log, report *why);
+trocar_status pose_log_read(const char *path, pose_log *log, trocar_error *why);
+trocar_status pose_log_read_needle(const char *path, int needle, pose_log *log, trocar_error *why);
 
 /* Reads the poses of all needles in the order of the log, and the commands between them. */
-trocar_status pose_log_read_all(const char *path, pose_log *log, report *why);
+trocar_status pose_log_read_all(const char *path, pose_log *log, trocar_error *why);
 
 /* Like pose_log_read, for a recording that is truncated or still being written: reads its complete events. If the log ends within an event, `cut`
    states where; otherwise, `cut` is empty. */
-trocar_status pose_log_read_to_cut(const char *path, pose_log *log, report *cut, report *why);
+trocar_status pose_log_read_to_cut(const char *path, pose_log *log, trocar_error *cut, trocar_error *why);
 void pose_log_free(pose_log *log);
 
 /* For logs of any length. pose_log_scan reads a log in the same way as pose_log_read_needle or, if `all` is true, as pose_log_read_all, but keeps
    only the commands. A stream then reads the log again, pose by pose. */
-trocar_status pose_log_scan(const char *path, int needle, bool all, pose_log *log, report *why);
+trocar_status pose_log_scan(const char *path, int needle, bool all, pose_log *log, trocar_error *why);
 
 typedef struct pose_stream pose_stream;
 
@@ -94,19 +94,19 @@ typedef struct {
     const trocar_probe_pose_t *probes; /* array [probe_count], valid until the next call */
 } pose_step;
 
-trocar_status pose_stream_open(const char *path, int needle, bool all, pose_stream **stream, report *why);
-trocar_status pose_stream_next(pose_stream *stream, pose_step *step, report *why);
+trocar_status pose_stream_open(const char *path, int needle, bool all, pose_stream **stream, trocar_error *why);
+trocar_status pose_stream_next(pose_stream *stream, pose_step *step, trocar_error *why);
 void pose_stream_close(pose_stream *stream);
 
 /* Reads a log of wrenches pose by pose in the same way: those that answer a pose, in the order of the log. */
 typedef struct wrench_stream wrench_stream;
-trocar_status wrench_stream_open(const char *path, wrench_stream **stream, report *why);
-trocar_status wrench_stream_next(wrench_stream *stream, trocar_needle_wrench_t *wrench, bool *ended, report *why);
+trocar_status wrench_stream_open(const char *path, wrench_stream **stream, trocar_error *why);
+trocar_status wrench_stream_next(wrench_stream *stream, trocar_needle_wrench_t *wrench, bool *ended, trocar_error *why);
 int64_t wrench_stream_skipped(const wrench_stream *stream);       /* number of wrenches skipped so far because they are not finite */
 const char *wrench_stream_inverse(const wrench_stream *stream);   /* type of inverse as in wrench_log, according to the last wrench read so far */
 void wrench_stream_close(wrench_stream *stream);
 
-trocar_status wrench_log_read(const char *path, wrench_log *log, report *why);
+trocar_status wrench_log_read(const char *path, wrench_log *log, trocar_error *why);
 void wrench_log_free(wrench_log *log);
 
 /* For lockstep: the time of pose i (s after the first pose), and the length of its tick (s), which is the time since the previous pose, or
@@ -125,14 +125,14 @@ trocar_pose base_of_probe(const trocar_probe_pose_t *message);
 
 /* Moves the probe to its newest pose before needle pose `i` (log->count: after the last one). `done` is the number of probe poses handled so
    far. Does nothing if the scene has no probe. */
-trocar_status pose_log_move_probe(const pose_log *log, int i, const trocar_model *model, trocar_sim *sim, int *done, report *why);
+trocar_status pose_log_move_probe(const pose_log *log, int i, const trocar_model *model, trocar_sim *sim, int *done, trocar_error *why);
 
 /* Each function appends one event, whose timestamp is the message's (for a wrench, the pose's). SYSTEM if the event cannot be written. */
-trocar_status log_write_command(lcm_eventlog_t *log, const trocar_command_t *command, const char *path, report *why);
-trocar_status log_write_reply(lcm_eventlog_t *log, const trocar_command_t *command, bool done, const char *path, report *why);
-trocar_status log_write_probe(lcm_eventlog_t *log, const trocar_probe_pose_t *pose, const char *path, report *why);
-trocar_status log_write_pose(lcm_eventlog_t *log, const trocar_needle_pose_t *pose, const char *path, report *why);
-trocar_status log_write_wrench(lcm_eventlog_t *log, const trocar_needle_wrench_t *wrench, const char *path, report *why);
-trocar_status log_write_status(lcm_eventlog_t *log, const trocar_status_t *status, const char *path, report *why);
+trocar_status log_write_command(lcm_eventlog_t *log, const trocar_command_t *command, const char *path, trocar_error *why);
+trocar_status log_write_reply(lcm_eventlog_t *log, const trocar_command_t *command, bool done, const char *path, trocar_error *why);
+trocar_status log_write_probe(lcm_eventlog_t *log, const trocar_probe_pose_t *pose, const char *path, trocar_error *why);
+trocar_status log_write_pose(lcm_eventlog_t *log, const trocar_needle_pose_t *pose, const char *path, trocar_error *why);
+trocar_status log_write_wrench(lcm_eventlog_t *log, const trocar_needle_wrench_t *wrench, const char *path, trocar_error *why);
+trocar_status log_write_status(lcm_eventlog_t *log, const trocar_status_t *status, const char *path, trocar_error *why);
 
 #endif

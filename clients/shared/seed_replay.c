@@ -4,7 +4,7 @@
 
 static bool is_undo(const logged_command *logged) { return logged->command.command == TROCAR_COMMAND_T_UNDO && logged->answer == ANSWER_DONE; }
 
-trocar_status replay_seed_command(waiting_drop *w, trocar_sim *sim, int needle, const logged_command *logged, report *why) {
+trocar_status replay_seed_command(waiting_drop *w, trocar_sim *sim, int needle, const logged_command *logged, trocar_error *why) {
     if (logged->answer == ANSWER_REFUSED) return TROCAR_OK;
     if (w->drop && is_undo(logged)) { /* the server had executed the drop and then cancelled it */
         w->drop = NULL;

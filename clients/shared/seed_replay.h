@@ -10,12 +10,12 @@
 
 typedef struct {
     const trocar_command_t *drop; /* the pending drop from the log; NULL if there is none */
-    report reason;           /* reason why the drop is pending, or why it was abandoned */
+    trocar_error reason;     /* reason why the drop is pending, or why it was abandoned */
 } waiting_drop;
 
 /* Executes a command in the same way as handle_seeds. Also returns TROCAR_OK for commands that the server refused, for a drop that becomes pending, and for an
    undo of a pending drop. */
-trocar_status replay_seed_command(waiting_drop *w, trocar_sim *sim, int needle, const logged_command *logged, report *why);
+trocar_status replay_seed_command(waiting_drop *w, trocar_sim *sim, int needle, const logged_command *logged, trocar_error *why);
 
 /* Tries to execute a pending drop. Must be called before each tick of the needle. If the drop is refused for another reason, abandons it and returns false. */
 bool try_waiting_drop(waiting_drop *w, trocar_sim *sim, int needle);

@@ -8,7 +8,7 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "base/report.h"
+#include "base/error.h"
 #include "common/message_fit.h"
 #include "common/timing.h"
 #include "lcm_filter.h"
@@ -120,7 +120,7 @@ static void on_pose(const lcm_recv_buf_t *received, const char *channel, void *c
     if (trocar_needle_pose_t_decode(received->data, 0, (int)received->data_size, &m) == (int)received->data_size) udp_json_pose(&d->udp, &m);
 }
 
-static lcm_t *listen_to_server(const options *o, monitor *d, report *why) {
+static lcm_t *listen_to_server(const options *o, monitor *d, trocar_error *why) {
     static const char *const channels[] = {"TROCAR_TIMING", "TROCAR_STATUS", "TROCAR_WRENCH", "TROCAR_POSE", NULL}, *const shown[] = {"TROCAR_TIMING", "TROCAR_STATUS", NULL};
     static packet_wishes wishes = {.whole_only = true};
     wishes.channels = d->sends ? channels : shown;
@@ -243,7 +243,7 @@ static bool open_screen(const options *o) {
     return can_move;
 }
 
-static int run(const options *o, monitor *m, report *why) {
+static int run(const options *o, monitor *m, trocar_error *why) {
     if (o->udp && udp_json_open(&m->udp, o->udp, isnan(o->udp_rate) ? UDP_RATE : o->udp_rate, why) != TROCAR_OK) return EXIT_BAD_INPUT;
     m->sends = o->udp;
     lcm_t *lcm = listen_to_server(o, m, why);
@@ -262,7 +262,7 @@ int main(int count, char **arguments) {
     sigaction(SIGTERM, &action, NULL);
 
     static monitor m = {.udp.socket = -1};
-    report why = {0};
+    trocar_error why = {0};
     int status = run(&o, &m, &why);
     udp_json_close(&m.udp);
     if (why.text[0]) fprintf(stderr, "trocar-top: %s\n", why.text);

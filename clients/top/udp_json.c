@@ -7,9 +7,9 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
+#include "common/host_port.h"
 #include "common/messages.h"
 #include "shared/json.h"
-#include "shared/options.h"
 
 /* ---- the destination -------------------------------------------------------------------------------------------------- */
 
@@ -27,7 +27,7 @@ static int connect_any(const struct addrinfo *found, bool version_4) {
     return -1;
 }
 
-trocar_status udp_json_open(udp_json *u, const char *to, double rate, report *why) {
+trocar_status udp_json_open(udp_json *u, const char *to, double rate, trocar_error *why) {
     char host[256], port[6];
     *u = (udp_json){.socket = -1, .period = rate > 0 ? (int64_t)(1e6 / rate) : 0};
     for (int i = 0; i < TROCAR_MAX_NEEDLES; i++) u->needles[i].membrane = -1;

@@ -6,7 +6,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#include "base/report.h"
+#include "base/error.h"
 #include "trocar_loop_timing_t.h"
 #include "trocar_needle_pose_t.h"
 #include "trocar_needle_wrench_t.h"
@@ -33,7 +33,7 @@ typedef struct {
 
 /* Connects to `to`, HOST:PORT with an IPv6 address in brackets. At most `rate` wrenches are sent per second and needle; a rate of 0 sends all.
    BAD_INPUT if `to` is malformed, the name has no address, or there is no route to it. */
-trocar_status udp_json_open(udp_json *u, const char *to, double rate, report *why);
+trocar_status udp_json_open(udp_json *u, const char *to, double rate, trocar_error *why);
 void udp_json_close(udp_json *u);
 
 /* These functions send a message, or keep it for a later datagram. They never wait. */

@@ -44,7 +44,7 @@ typedef struct {
     subscriber feed;
     pilot pilot;
     implant implant;
-    report cut;              /* where the log is truncated; empty if it is complete */
+    trocar_error cut;        /* where the log is truncated; empty if it is complete */
 
     output png;              /* --png only */
     bool png_taken;
@@ -191,7 +191,7 @@ static void on_stop(void *context) {
     v->stop = true;
 }
 
-static trocar_status watch_signals(view *v, report *why) {
+static trocar_status watch_signals(view *v, trocar_error *why) {
     stop_wake = v->stop_wake = eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC);
     struct sigaction action = {.sa_handler = on_signal};
     sigaction(SIGINT, &action, NULL);
@@ -214,7 +214,7 @@ static const char *page_folder(const view_options *o, char *place, size_t size) 
     return place;
 }
 
-static trocar_status open_web(view *v, report *why) {
+static trocar_status open_web(view *v, trocar_error *why) {
     web_settings settings = v->options->web;
     settings.page = page_folder(v->options, v->page, sizeof v->page);
     settings.timeline = &v->timeline;
@@ -232,7 +232,7 @@ static trocar_status open_web(view *v, report *why) {
     return status == TROCAR_OK ? watch_signals(v, why) : status;
 }
 
-static trocar_status open_live(view *v, report *why) {
+static trocar_status open_live(view *v, trocar_error *why) {
     const char *url = v->options->lcm_url;
     v->lcm = lcm_filter_create(url);
     if (!v->lcm)
@@ -245,7 +245,7 @@ static trocar_status open_live(view *v, report *why) {
     return pilot_open(&v->pilot, v->lcm, why);
 }
 
-static trocar_status open_log(view *v, report *why) {
+static trocar_status open_log(view *v, trocar_error *why) {
     const view_options *o = v->options;
     trocar_status status = TROCAR_OK;
     if (o->png_path) status = output_open(&v->png, o->png_path, why);
@@ -256,7 +256,7 @@ static trocar_status open_log(view *v, report *why) {
     return status;
 }
 
-static trocar_status check_cut(const view *v, report *why) {
+static trocar_status check_cut(const view *v, trocar_error *why) {
     const picture *p = &v->options->picture;
     if (!p->cut || isnan(p->place)) return TROCAR_OK;
     vec3 low, high;
@@ -267,7 +267,7 @@ static trocar_status check_cut(const view *v, report *why) {
                 1e3 * from, 1e3 * to);
 }
 
-static trocar_status prepare(view *v, report *why) {
+static trocar_status prepare(view *v, trocar_error *why) {
     const view_options *o = v->options;
     const trocar_model_options mesh_only = {.mesh_only = 1, .log = {progress_warn, "trocar-view"}};
     trocar_status status = trocar_scene_load(o->scene_path, &v->scene, why);
@@ -323,7 +323,7 @@ static void picture_url(const view *v, size_t size, char *url) {
 }
 
 /* Takes a picture: the page renders it and sends it back. */
-static trocar_status take_picture(view *v, report *why) {
+static trocar_status take_picture(view *v, trocar_error *why) {
     char url[256];
     picture_url(v, sizeof url, url);
     chromium browser;
@@ -346,7 +346,7 @@ int main(int count, char **arguments) {
 
     static view v;
     v.options = &o;
-    report why;
+    trocar_error why;
     trocar_status status = prepare(&v, &why);
     if (status == TROCAR_OK && o.png_path) status = take_picture(&v, &why);
     else if (status == TROCAR_OK) serve(&v);

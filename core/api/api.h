@@ -121,10 +121,10 @@ static inline trocar_model *model_share(trocar_model *model) {
 
 /* Creates a simulation. `workspace`: NULL for a simulation of its own; otherwise the simulation runs in lockstep alone, uses this workspace until it is given
    another one, has no descriptor for a worker, and takes up only the memory that it uses. NO_MEMORY, SYSTEM. Allocates. */
-trocar_status sim_create(trocar_model *model, insertion_workspace *workspace, trocar_sim **sim, report *why);
+trocar_status sim_create(trocar_model *model, insertion_workspace *workspace, trocar_sim **sim, trocar_error *why);
 
 /* Allocates memory for the state and saves it; to be freed by the caller. NO_MEMORY. */
-trocar_status sim_save_new(const trocar_sim *sim, void **state, size_t *bytes, report *why);
+trocar_status sim_save_new(const trocar_sim *sim, void **state, size_t *bytes, trocar_error *why);
 
 static inline bool has_needle(const trocar_model *model, int needle) { return needle >= 0 && needle < model->parts.config.needle_count; }
 

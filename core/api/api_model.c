@@ -10,7 +10,7 @@
 _Static_assert(sizeof(bool) == sizeof(uint8_t) && (int)MESH_MAX_GROUPS == 32, "trocar.h says so");
 
 /* Allocates a model and copies those parts of the scene that are not in the simulation's configuration. Fills *config with the configuration. */
-static trocar_status begin_model(const trocar_scene *scene, trocar_model **model, simulation_config *config, report *why) {
+static trocar_status begin_model(const trocar_scene *scene, trocar_model **model, simulation_config *config, trocar_error *why) {
     trocar_status status = scene_check(&scene->values, why);
     if (status != TROCAR_OK) return status;
     trocar_model *m = calloc(1, sizeof *m);

@@ -9,11 +9,11 @@ trocar_status trocar_sim_run(trocar_sim *sim, int needle, const trocar_pose *pos
     trocar_error ignored, *why = error ? error : &ignored;
     if (steps < 0) return fail(why, TROCAR_BAD_INPUT, "%d steps: expected 0 or more", steps);
     trocar_status status = TROCAR_OK;
-    report reason;
+    trocar_error reason;
     int done = 0;
     memset(outputs, 0, (size_t)steps * sizeof *outputs);
     while (done < steps && status == TROCAR_OK) {
-        int end = steps - done < TICKS_BETWEEN_LOOKS ? steps : done + TICKS_BETWEEN_LOOKS;
+        int end = watch_next_look(done, steps);
         for (; done < end && status == TROCAR_OK; done += status == TROCAR_OK) status = trocar_sim_step(sim, needle, &poses[done], dt, &outputs[done], &reason);
         watch_report(watch, "run", (double)done / steps);
         if (status == TROCAR_OK && done < steps && watch_cancels(watch)) status = fail(&reason, TROCAR_CANCELLED, "cancelled");

@@ -99,7 +99,7 @@ int trocar_key_count(void) { return scene_key_count(); }
 
 /* The default of a key inside a list is the value that a new entry of that list gets. */
 static void print_default(const scene *standard, const char *key, char *text, size_t size) {
-    report ignored;
+    trocar_error ignored;
     char first[128];
     const char *brackets = strstr(key, "[]");
     snprintf(first, sizeof first, "%.*s%s%s", (int)(brackets ? brackets - key : (long)strlen(key)), key, brackets ? "[0]" : "",
@@ -114,7 +114,7 @@ static void make_keys(void) {
     enum { ROOM = 64 };
     static char defaults[SCENE_KEYS_MOST][ROOM];
     static scene standard;
-    report ignored;
+    trocar_error ignored;
     scene_defaults(&standard);
     scene_set(&standard, "regions[any].poisson_ratio", "0.45", &ignored);
     scene_set(&standard, "guides[any].rows", "1", &ignored);

@@ -9,7 +9,7 @@
 _Static_assert(TROCAR_MAX_SEEDS == (int)MAX_SEEDS && TROCAR_MAX_STRAND == (int)MAX_STRAND, "limits differ from trocar.h");
 
 /* RT */
-static trocar_status refuse_drop(const trocar_sim *sim, int needle, int count, double spacing, seed_refusal refusal, report *why) {
+static trocar_status refuse_drop(const trocar_sim *sim, int needle, int count, double spacing, seed_refusal refusal, trocar_error *why) {
     const seed_size *size = &sim->model->parts.config.seeds;
     const insertion_state *state = &sim->needles[needle].state;
     const double mm = 1e3;

@@ -20,20 +20,20 @@ _Static_assert(TROCAR_STAGES == (int)TIMED_PARTS && TROCAR_STAGE_WRENCH == (int)
 
 /* ---- creation ------------------------------------------------------------------------------------------------------------ */
 
-static trocar_status create_needle(const trocar_sim *sim, sim_needle *needle, report *why) {
+static trocar_status create_needle(const trocar_sim *sim, sim_needle *needle, trocar_error *why) {
     trocar_status status = link_create(&needle->link, sim->borrows_workspace, why);
     if (status == TROCAR_OK && sim->probe) status = link_create_holds(&needle->link, why);
     if (status != TROCAR_OK) return status;
     return remesher_create(sim->inverse, sim->model->parts.config.remeshing, &needle->remesher, why);
 }
 
-static trocar_status create_inverse(trocar_sim *sim, report *why) {
+static trocar_status create_inverse(trocar_sim *sim, trocar_error *why) {
     model_parts *parts = &sim->model->parts;
     sim->inverse = parts->inverse;
     return inverse_create_attached(parts->inverse, &sim->resting.inverse, why);
 }
 
-static trocar_status allocate(trocar_sim *sim, report *why) {
+static trocar_status allocate(trocar_sim *sim, trocar_error *why) {
     size_t needles = (size_t)sim->needle_count * sizeof *sim->needles;
     sim->needles = allocate_on_cache_lines(needles); /* writes to the memory now, so that no page fault occurs later */
     if (!sim->borrows_workspace) sim->workspace = allocate_on_cache_lines(sizeof *sim->workspace);
@@ -54,7 +54,7 @@ trocar_status trocar_sim_create(trocar_model *model, trocar_sim **created, troca
     return sim_create(model, NULL, created, error ? error : &ignored);
 }
 
-trocar_status sim_create(trocar_model *model, insertion_workspace *workspace, trocar_sim **created, report *why) {
+trocar_status sim_create(trocar_model *model, insertion_workspace *workspace, trocar_sim **created, trocar_error *why) {
     static const trocar_pose at_origin = {{0, 0, 0}, {1, 0, 0, 0}};
     *created = NULL;
     if (model->mesh_only) return fail(why, TROCAR_BAD_INPUT, "this model has only a mesh: create it without mesh_only");

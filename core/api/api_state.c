@@ -76,7 +76,7 @@ trocar_status trocar_sim_save(const trocar_sim *sim, void *state, size_t size, t
     return TROCAR_OK;
 }
 
-trocar_status sim_save_new(const trocar_sim *sim, void **state, size_t *bytes, report *why) {
+trocar_status sim_save_new(const trocar_sim *sim, void **state, size_t *bytes, trocar_error *why) {
     size_t most = trocar_sim_state_size(sim);
     void *saved = malloc(most);
     *state = NULL;
@@ -94,7 +94,7 @@ trocar_status sim_save_new(const trocar_sim *sim, void **state, size_t *bytes, r
 
 /* ---- restoring -------------------------------------------------------------------------------------------------------------------- */
 
-static trocar_status check_state(const trocar_sim *sim, const void *state, size_t size, report *why) {
+static trocar_status check_state(const trocar_sim *sim, const void *state, size_t size, trocar_error *why) {
     state_header header;
     if (size < sizeof header) return fail(why, TROCAR_BAD_INPUT, "%zu bytes are too few for a saved state", size);
     memcpy(&header, state, sizeof header);
@@ -113,7 +113,7 @@ static trocar_status check_state(const trocar_sim *sim, const void *state, size_
 }
 
 /* Restores everything except the remesher, which can be restored only after the resting needles have been attached. */
-static trocar_status restore_needle(state_stream *from, trocar_sim *sim, sim_needle *needle, report *why) {
+static trocar_status restore_needle(state_stream *from, trocar_sim *sim, sim_needle *needle, trocar_error *why) {
     saved_needle saved;
     int segments = sim->model->parts.needle.given.segments;
     STREAM(from, saved);

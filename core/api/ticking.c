@@ -7,7 +7,7 @@
 #include "base/flush_denormals.h"
 #include "insertion/step/hold.h"
 
-trocar_status check_needle(const trocar_sim *sim, int needle, report *why) {
+trocar_status check_needle(const trocar_sim *sim, int needle, trocar_error *why) {
     if (has_needle(sim->model, needle)) return TROCAR_OK;
     if (!why) return TROCAR_BAD_INPUT;
     if (sim->needle_count == 1) return fail(why, TROCAR_BAD_INPUT, "needle %d: there is one, number 0; the scene's \"needles\" says how many", needle);
@@ -15,7 +15,7 @@ trocar_status check_needle(const trocar_sim *sim, int needle, report *why) {
 }
 
 /* RT */
-trocar_status check_pose(const trocar_pose *p, pose *out, report *why) {
+trocar_status check_pose(const trocar_pose *p, pose *out, trocar_error *why) {
     double norm = 0.0, sum = 0.0;
     for (int i = 0; i < 4; i++) norm += p->orientation[i] * p->orientation[i];
     for (int i = 0; i < 3; i++) sum += p->position[i];
@@ -72,7 +72,7 @@ void fill_message_of_left_needle(trocar_sim *sim, int needle) {
             if (i != needle) tracks_copy_near(&sim->needles[i].state.tracks, n->state.tip.place.nominal, DISTANCES[ring], DISTANCES[ring + 1], &slot->others);
 }
 
-static trocar_status refuse(report *why, int needle, const char *reason) {
+static trocar_status refuse(trocar_error *why, int needle, const char *reason) {
     if (why) fail(why, TROCAR_BAD_INPUT, "needle %d: %s", needle, reason);
     return TROCAR_BAD_INPUT;
 }

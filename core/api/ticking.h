@@ -5,10 +5,10 @@
 #include "api/api.h"
 
 /* Returns BAD_INPUT if `needle` is out of range. RT */
-trocar_status check_needle(const trocar_sim *sim, int needle, report *why);
+trocar_status check_needle(const trocar_sim *sim, int needle, trocar_error *why);
 
 /* Returns BAD_INPUT if the pose is not finite or its quaternion is not of unit length. RT */
-trocar_status check_pose(const trocar_pose *p, pose *out, report *why);
+trocar_status check_pose(const trocar_pose *p, pose *out, trocar_error *why);
 
 /* Returns the state of the probe last published by the worker; NULL if there is no probe. RT */
 const shown_probe *shown_probe_of(const trocar_sim *sim);

@@ -130,7 +130,8 @@ void spread_others(const trocar_model *model, const insertion_state *const state
     }
 }
 
-trocar_status field_of(trocar_model *model, const insertion_state *const states[], const shown_probe *probe, vec3 **scratch, vec3 *nominal, vec3 *added, report *why) {
+trocar_status field_of(trocar_model *model, const insertion_state *const states[], const shown_probe *probe, vec3 **scratch, vec3 *nominal, vec3 *added,
+                       trocar_error *why) {
     model_parts *parts = &model->parts;
     if (!*scratch) *scratch = malloc(model_parts_field_scratch(parts) * sizeof **scratch);
     if (!*scratch) return fail(why, TROCAR_NO_MEMORY, "no memory for displacements");

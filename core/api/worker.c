@@ -26,7 +26,7 @@ static bool take_loads(trocar_sim *sim) {
 }
 
 /* Lets resting needles and the probe respond to the newest loads. */
-static trocar_status respond_in_turn(trocar_sim *sim, report *why) {
+static trocar_status respond_in_turn(trocar_sim *sim, trocar_error *why) {
     sim->to_respond = false;
     sim->answers = 0;
     trocar_status status = press_probe(sim, why);
@@ -34,7 +34,7 @@ static trocar_status respond_in_turn(trocar_sim *sim, report *why) {
 }
 
 /* Lets the next needle slip. Returns true if there is more work. */
-static bool slip_in_turn(trocar_sim *sim, trocar_status *status, report *why) {
+static bool slip_in_turn(trocar_sim *sim, trocar_status *status, trocar_error *why) {
     uint64_t shifts = sim->resting.shifts;
     bool more = slip_some(sim, false);
     if (sim->resting.shifts != shifts) *status = press_probe(sim, why);
@@ -75,7 +75,7 @@ int trocar_sim_work_descriptor(const trocar_sim *sim) { return sim->link.work_ev
 
 /* ---- in lockstep -------------------------------------------------------------------------------------------------------------- */
 
-trocar_status worker_before_tick(trocar_sim *sim, int index, bool *outdated, report *why) {
+trocar_status worker_before_tick(trocar_sim *sim, int index, bool *outdated, trocar_error *why) {
     resting_change change;
     const sim_needle *needle = &sim->needles[index];
     for (int i = 0; i < sim->needle_count; i++)
@@ -88,7 +88,7 @@ trocar_status worker_before_tick(trocar_sim *sim, int index, bool *outdated, rep
 }
 
 /* Lets resting needles and the probe respond to this tick. */
-static trocar_status respond(trocar_sim *sim, sim_needle *needle, double dt, report *why) {
+static trocar_status respond(trocar_sim *sim, sim_needle *needle, double dt, trocar_error *why) {
     copy_loads(&needle->loads, &needle->held);
     sim->since_response += dt;
     double period = response_period(sim->probe ? sim->probe->state.count : 0);
@@ -98,7 +98,7 @@ static trocar_status respond(trocar_sim *sim, sim_needle *needle, double dt, rep
     return status != TROCAR_OK ? status : respond_to_loads(sim, true, why);
 }
 
-trocar_status worker_after_tick(trocar_sim *sim, int index, const compliance_snapshot *answer, double dt, report *why) {
+trocar_status worker_after_tick(trocar_sim *sim, int index, const compliance_snapshot *answer, double dt, trocar_error *why) {
     sim_needle *needle = &sim->needles[index];
     other_loads others;
     trocar_status status = respond(sim, needle, dt, why);

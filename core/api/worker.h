@@ -5,9 +5,9 @@
 #include "api/api.h"
 
 /* Before a tick: applies the effects of other needles and the probe on the tissue. Sets *outdated if the needle's last answer is no longer valid. */
-trocar_status worker_before_tick(trocar_sim *sim, int needle, bool *outdated, report *why);
+trocar_status worker_before_tick(trocar_sim *sim, int needle, bool *outdated, trocar_error *why);
 
 /* After a tick that used `answer`: lets resting needles and the probe respond, and answers the needle's current request. */
-trocar_status worker_after_tick(trocar_sim *sim, int needle, const compliance_snapshot *answer, double dt, report *why);
+trocar_status worker_after_tick(trocar_sim *sim, int needle, const compliance_snapshot *answer, double dt, trocar_error *why);
 
 #endif

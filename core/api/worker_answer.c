@@ -35,7 +35,8 @@ static void lay_steps(const trocar_sim *sim, int index, const remesh_request *re
 }
 
 /* Finds the displacements caused by other needles that the mesh does not resolve. */
-static trocar_status find_unresolved(const trocar_sim *sim, int index, const remesh_request *request, const other_loads *others, unresolved_shift *shift, report *why) {
+static trocar_status find_unresolved(const trocar_sim *sim, int index, const remesh_request *request, const other_loads *others, unresolved_shift *shift,
+                                     trocar_error *why) {
     shaft_steps steps;
     memset(shift, 0, sizeof *shift);
     if (!sim->pairs) return TROCAR_OK;
@@ -49,7 +50,7 @@ static trocar_status find_unresolved(const trocar_sim *sim, int index, const rem
 }
 
 /* Fills u_free of the worker's slot: computed for the first answer to a request, and reused for later ones. Worker only. */
-static trocar_status fill_free(trocar_sim *sim, int index, const remesh_request *request, bool first, report *why) {
+static trocar_status fill_free(trocar_sim *sim, int index, const remesh_request *request, bool first, trocar_error *why) {
     sim_needle *needle = &sim->needles[index];
     compliance_snapshot *snapshot = link_answer_slot(&needle->link);
     other_loads others;
@@ -70,27 +71,27 @@ static trocar_status fill_free(trocar_sim *sim, int index, const remesh_request 
 }
 
 /* Discards rows that are invalid because the inverse has changed. Worker only. */
-static trocar_status start_anew_if_changed(trocar_sim *sim, sim_needle *needle, report *why) {
+static trocar_status start_anew_if_changed(trocar_sim *sim, sim_needle *needle, trocar_error *why) {
     if (needle->served_changes == attached_changes(sim)) return TROCAR_OK;
     needle->served_changes = attached_changes(sim);
     return remesher_forget(needle->remesher, why);
 }
 
-trocar_status answer_fully(trocar_sim *sim, int index, const remesh_request *request, report *why) {
+trocar_status answer_fully(trocar_sim *sim, int index, const remesh_request *request, trocar_error *why) {
     sim_needle *needle = &sim->needles[index];
     trocar_status status = start_anew_if_changed(sim, needle, why);
     if (status == TROCAR_OK) status = remesher_answer(needle->remesher, request, link_answer_slot(&needle->link), why);
     return status == TROCAR_OK ? fill_free(sim, index, request, true, why) : status;
 }
 
-trocar_status answer_and_publish(trocar_sim *sim, int index, report *why) {
+trocar_status answer_and_publish(trocar_sim *sim, int index, trocar_error *why) {
     sim_needle *needle = &sim->needles[index];
     trocar_status status = answer_fully(sim, index, &needle->state.request, why);
     if (status == TROCAR_OK) link_publish_answer(&needle->link);
     return status;
 }
 
-trocar_status answer_request(trocar_sim *sim, int index, trocar_work *work, report *why) {
+trocar_status answer_request(trocar_sim *sim, int index, trocar_work *work, trocar_error *why) {
     bool fresh;
     sim_needle *needle = &sim->needles[index];
     if (needle->attached) return TROCAR_OK;

@@ -16,14 +16,14 @@ void list_others(const trocar_sim *sim, int needle, other_loads *others);
 void mark_stale(trocar_sim *sim, const sim_needle *except);
 
 /* Writes the complete answer to a request to this needle's answer slot. */
-trocar_status answer_fully(trocar_sim *sim, int needle, const remesh_request *request, report *why);
+trocar_status answer_fully(trocar_sim *sim, int needle, const remesh_request *request, trocar_error *why);
 
 /* Completely answers this needle's current request and publishes the answer. For lockstep, where one thread both posts and answers. */
-trocar_status answer_and_publish(trocar_sim *sim, int needle, report *why);
+trocar_status answer_and_publish(trocar_sim *sim, int needle, trocar_error *why);
 
 /* Answers the newest request of this needle, if there is one: first the rows, then the mesh's resolution line by line, until a newer request arrives. The
    tip's line, which comes first, is always measured: otherwise a slow worker, for which a newer request is always pending, would never measure any line. */
-trocar_status answer_request(trocar_sim *sim, int needle, trocar_work *work, report *why);
+trocar_status answer_request(trocar_sim *sim, int needle, trocar_work *work, trocar_error *why);
 
 /* Prefetches nodes when there is no other work. Returns false if nothing is left to prefetch. */
 bool look_ahead(trocar_sim *sim);

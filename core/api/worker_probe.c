@@ -6,7 +6,7 @@
 #include "api/worker_answer.h"
 #include "saved/saved_state.h"
 
-trocar_status create_probe(trocar_sim *sim, report *why) {
+trocar_status create_probe(trocar_sim *sim, trocar_error *why) {
     const model_parts *parts = &sim->model->parts;
     if (parts->probe_surface < 0) return TROCAR_OK;
     trocar_status status = probe_create(sim->resting.inverse, &parts->config.probe.shape, parts->probe_surface, parts->config.probe.max_force, &sim->probe, why);
@@ -38,7 +38,7 @@ static void show(trocar_sim *sim) {
     probe_link_publish(&sim->link.probe);
 }
 
-trocar_status press_probe(trocar_sim *sim, report *why) {
+trocar_status press_probe(trocar_sim *sim, trocar_error *why) {
     probe *p = sim->probe;
     other_loads others;
     needle_holds holds = {0};
@@ -79,7 +79,7 @@ void save_probe(state_stream *to, trocar_sim *sim) {
     for (int i = 0; i < sim->needle_count; i++) saved_hold(to, (needle_hold *)link_hold(&sim->needles[i].link));
 }
 
-trocar_status restore_probe(state_stream *from, trocar_sim *sim, report *why) {
+trocar_status restore_probe(state_stream *from, trocar_sim *sim, trocar_error *why) {
     saved_poses saved;
     probe_state state;
     if (!sim->probe) return TROCAR_OK;

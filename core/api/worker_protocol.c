@@ -57,9 +57,9 @@ uint64_t next_stamp(void) {
 
 /* ---- one needle ------------------------------------------------------------------------------------------------------------------ */
 
-typedef trocar_status (*buffer_creator)(triple_buffer *, size_t, report *);
+typedef trocar_status (*buffer_creator)(triple_buffer *, size_t, trocar_error *);
 
-trocar_status link_create(needle_link *link, bool lockstep, report *why) {
+trocar_status link_create(needle_link *link, bool lockstep, trocar_error *why) {
     buffer_creator create = lockstep ? triple_buffer_create_sparse : triple_buffer_create;
     trocar_status status = create(&link->requests, sizeof(posted_request), why);
     if (status == TROCAR_OK) status = create(&link->answers, sizeof(compliance_snapshot), why);
@@ -69,7 +69,7 @@ trocar_status link_create(needle_link *link, bool lockstep, report *why) {
     return status;
 }
 
-trocar_status link_create_holds(needle_link *link, report *why) { return triple_buffer_create(&link->holds, sizeof(needle_hold), why); }
+trocar_status link_create_holds(needle_link *link, trocar_error *why) { return triple_buffer_create(&link->holds, sizeof(needle_hold), why); }
 
 void link_free(needle_link *link) {
     triple_buffer_free(&link->holds);
@@ -219,7 +219,7 @@ void probe_link_restore(probe_link *link, bool placed, const pose *waiting) {
 
 /* ---- a simulation -------------------------------------------------------------------------------------------------------------------- */
 
-trocar_status sim_link_create(sim_link *link, bool probe, bool lockstep, report *why) {
+trocar_status sim_link_create(sim_link *link, bool probe, bool lockstep, trocar_error *why) {
     link->work_event = lockstep ? -1 : eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC);
     if (!lockstep && link->work_event < 0) return fail(why, TROCAR_SYSTEM, "cannot create an eventfd: %s", strerror(errno));
     if (!probe) return TROCAR_OK;

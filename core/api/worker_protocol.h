@@ -126,10 +126,10 @@ typedef struct {
 } needle_link;
 
 /* `lockstep`: one thread is both the ticking thread and the worker, so that nothing has to be ready in advance. */
-trocar_status link_create(needle_link *link, bool lockstep, report *why);
+trocar_status link_create(needle_link *link, bool lockstep, trocar_error *why);
 
 /* In scenes with a probe, also to be called. */
-trocar_status link_create_holds(needle_link *link, report *why);
+trocar_status link_create_holds(needle_link *link, trocar_error *why);
 void link_free(needle_link *link);
 
 /* Copies only the entries in use, because the arrays are large. RT */
@@ -234,7 +234,7 @@ typedef struct {
     probe_link probe;
 } sim_link;
 
-trocar_status sim_link_create(sim_link *link, bool probe, bool lockstep, report *why);
+trocar_status sim_link_create(sim_link *link, bool probe, bool lockstep, trocar_error *why);
 void sim_link_free(sim_link *link);                          /* `link` may be zero-initialised, with work_event = -1 */
 
 void wake_worker(const sim_link *link);                      /* called by the ticking thread. RT, except for one write() */

@@ -33,7 +33,7 @@ static bool is_at_rest(const insertion_model *model, const insertion_state *stat
 }
 
 /* Releases the base, which then moves until its wrench has vanished. Linearises the needle at its final position, ready to be attached. */
-static trocar_status release_base(trocar_sim *sim, int index, const track_list *others, insertion_state *state, report *why) {
+static trocar_status release_base(trocar_sim *sim, int index, const track_list *others, insertion_state *state, trocar_error *why) {
     sim_needle *n = &sim->needles[index];
     resting_scratch *scratch = sim->resting_scratch;
     const compliance_snapshot *snapshot = link_answer_slot(&n->link); /* not published: the needle is not ticked during the release */
@@ -71,7 +71,7 @@ static int list_attached(const trocar_sim *sim, resting_needle *list[MAX_NEEDLES
 }
 
 /* Attaches all resting needles again after needles have been added or removed. */
-static trocar_status attach_again(trocar_sim *sim, report *why) {
+static trocar_status attach_again(trocar_sim *sim, trocar_error *why) {
     resting_needle *list[MAX_NEEDLES];
     other_loads held;
     int count = list_attached(sim, list);
@@ -126,7 +126,7 @@ static double left_of_release(const trocar_sim *sim) {
     return most < RELEASE_TIME ? 1.0 - (double)most / (double)RELEASE_TIME : 0.0;
 }
 
-trocar_status respond_to_loads(trocar_sim *sim, bool all, report *why) {
+trocar_status respond_to_loads(trocar_sim *sim, bool all, trocar_error *why) {
     other_loads held;
     if (sim->resting.count == 0) return TROCAR_OK;
     if (resting_set_fade(&sim->resting, left_of_release(sim))) mark_stale(sim, NULL);
@@ -138,13 +138,13 @@ trocar_status respond_to_loads(trocar_sim *sim, bool all, report *why) {
     return status;
 }
 
-trocar_status make_room_to_rest(trocar_sim *sim, sim_needle *n, report *why) {
+trocar_status make_room_to_rest(trocar_sim *sim, sim_needle *n, trocar_error *why) {
     if (!sim->resting_scratch) sim->resting_scratch = allocate_on_cache_lines(sizeof *sim->resting_scratch);
     if (!n->resting) n->resting = calloc(1, sizeof *n->resting);
     return sim->resting_scratch && n->resting ? TROCAR_OK : fail(why, TROCAR_NO_MEMORY, "no memory for a resting needle");
 }
 
-trocar_status rest_again(trocar_sim *sim, report *why) {
+trocar_status rest_again(trocar_sim *sim, trocar_error *why) {
     resting_needle *list[MAX_NEEDLES];
     int count = list_attached(sim, list);
     atomic_store(&sim->link.resting, count);
@@ -171,7 +171,7 @@ static bool is_felt_by_a_hand(const trocar_sim *sim, int index) {
     return false;
 }
 
-static trocar_status lay_down(trocar_sim *sim, int index, unsigned seen, report *why) {
+static trocar_status lay_down(trocar_sim *sim, int index, unsigned seen, trocar_error *why) {
     sim_needle *n = &sim->needles[index];
     bool felt = is_felt_by_a_hand(sim, index);
     resting_set_before_release(&sim->resting);
@@ -197,7 +197,7 @@ static trocar_status lay_down(trocar_sim *sim, int index, unsigned seen, report 
     if (status == TROCAR_OK) {
         show(sim, n);
     } else {
-        report ignored;
+        trocar_error ignored;
         n->attached = false;
         if (state) hold_loads(sim, &link_left(&n->link)->state, false, &n->held);
         respond_to_loads(sim, true, &ignored);
@@ -212,7 +212,7 @@ static trocar_status lay_down(trocar_sim *sim, int index, unsigned seen, report 
 }
 
 /* Replaces the attachment by the equivalent loads, which does not change the equilibrium. */
-static trocar_status detach(trocar_sim *sim, sim_needle *n, report *why) {
+static trocar_status detach(trocar_sim *sim, sim_needle *n, trocar_error *why) {
     trocar_status status = respond_to_loads(sim, true, why);
     resting_loads(n->resting, &n->held);
     insertion_add_residual_loads(&sim->model->parts.insertion, &n->resting->anchor, &n->held);
@@ -221,7 +221,7 @@ static trocar_status detach(trocar_sim *sim, sim_needle *n, report *why) {
     return status == TROCAR_OK ? attached : status;
 }
 
-static trocar_status return_needle(trocar_sim *sim, int index, unsigned seen, report *why) {
+static trocar_status return_needle(trocar_sim *sim, int index, unsigned seen, trocar_error *why) {
     sim_needle *n = &sim->needles[index];
     link_request(&n->link, NULL); /* discards requests posted before the needle was left, which would otherwise be answered later */
     trocar_status status = detach(sim, n, why);
@@ -234,14 +234,14 @@ static trocar_status return_needle(trocar_sim *sim, int index, unsigned seen, re
 }
 
 /* Removes a needle that was reset: its forces vanish. */
-static trocar_status remove_needle(trocar_sim *sim, sim_needle *n, report *why) {
+static trocar_status remove_needle(trocar_sim *sim, sim_needle *n, trocar_error *why) {
     trocar_status status = detach(sim, n, why);
     copy_loads(link_loads(&n->link, NULL), &n->held); /* not simply zero, because the reset needle may already have been inserted again */
     mark_stale(sim, NULL);
     return status == TROCAR_OK ? respond_to_loads(sim, true, why) : status;
 }
 
-trocar_status change_resting(trocar_sim *sim, resting_change *change, report *why) {
+trocar_status change_resting(trocar_sim *sim, resting_change *change, trocar_error *why) {
     trocar_status status = TROCAR_OK;
     *change = (resting_change){.any = false};
     for (int i = 0; i < sim->needle_count; i++) {

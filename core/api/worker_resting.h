@@ -10,16 +10,16 @@ typedef struct {
 } resting_change;
 
 /* Carries out pending requests to leave, take or remove needles. After an error, the needle stays where it was. */
-trocar_status change_resting(trocar_sim *sim, resting_change *change, report *why);
+trocar_status change_resting(trocar_sim *sim, resting_change *change, trocar_error *why);
 
 /* Lets resting needles respond to changed forces of held needles. Unless `all` is true, slips are left to slip_some(). */
-trocar_status respond_to_loads(trocar_sim *sim, bool all, report *why);
+trocar_status respond_to_loads(trocar_sim *sim, bool all, trocar_error *why);
 
 /* Lets all resting needles (or, unless `all` is true, one of them) slip, and shows the changes. Returns true if more needles have to slip. */
 bool slip_some(trocar_sim *sim, bool all);
 
 /* To be called after a restore: the first allocates memory for a resting needle; the second attaches the resting needles and shows them. */
-trocar_status make_room_to_rest(trocar_sim *sim, sim_needle *needle, report *why);
-trocar_status rest_again(trocar_sim *sim, report *why);
+trocar_status make_room_to_rest(trocar_sim *sim, sim_needle *needle, trocar_error *why);
+trocar_status rest_again(trocar_sim *sim, trocar_error *why);
 
 #endif

@@ -5,12 +5,12 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/report.h"
+#include "base/error.h"
 
 enum { CACHE_LINE = 64 };
 
 /* Allocates zeroed memory and writes to it, so that later accesses cause no page faults. To be released with free(). */
-static inline trocar_status allocate_shared(size_t bytes, unsigned char **memory, report *why) {
+static inline trocar_status allocate_shared(size_t bytes, unsigned char **memory, trocar_error *why) {
     size_t rounded = (bytes + CACHE_LINE - 1) / CACHE_LINE * CACHE_LINE;
     *memory = aligned_alloc(CACHE_LINE, rounded);
     if (*memory == NULL) return fail(why, TROCAR_NO_MEMORY, "cannot allocate %zu bytes of memory shared by two threads", rounded);
@@ -21,7 +21,7 @@ static inline trocar_status allocate_shared(size_t bytes, unsigned char **memory
 /* Allocates a zeroed struct whose members are aligned to cache lines: malloc() aligns only to 16 bytes, and the compiler may rely on more. Returns NULL if
    there is no memory. To be released with free(). */
 static inline void *allocate_on_cache_lines(size_t bytes) {
-    report ignored;
+    trocar_error ignored;
     unsigned char *memory;
     return allocate_shared(bytes, &memory, &ignored) == TROCAR_OK ? memory : NULL;
 }

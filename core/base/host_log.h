@@ -2,13 +2,13 @@
 #ifndef TROCAR_HOST_LOG_H
 #define TROCAR_HOST_LOG_H
 
-#include "base/report.h"
+#include "base/error.h"
 
-/* The message is truncated to the length of a report. */
+/* The message is truncated to the length of a trocar_error. */
 __attribute__((format(printf, 3, 4)))
 static inline void host_log(const trocar_log *log, trocar_log_level level, const char *format, ...) {
     if (!log->write) return;
-    report message;
+    trocar_error message;
     va_list arguments;
     va_start(arguments, format);
     decimal_vprint(message.text, sizeof message.text, format, arguments);

@@ -6,7 +6,11 @@
 
 #include "trocar.h"
 
-enum { TICKS_BETWEEN_LOOKS = 64 }; /* ticks: maximum number of ticks of a simulation between two calls of the watch's functions */
+/* Returns how many of `total` ticks of a simulation are done when the watch's functions are called next: at most 64 more than `done`. */
+static inline int watch_next_look(int done, int total) {
+    enum { TICKS_BETWEEN_LOOKS = 64 };
+    return total - done < TICKS_BETWEEN_LOOKS ? total : done + TICKS_BETWEEN_LOOKS;
+}
 
 /* `watch` may be NULL. */
 static inline void watch_report(const trocar_watch *watch, const char *what, double fraction) {

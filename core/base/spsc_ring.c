@@ -1,6 +1,6 @@
 #include "base/spsc_ring.h"
 
-trocar_status spsc_ring_create(spsc_ring *r, size_t size, size_t capacity, report *why) {
+trocar_status spsc_ring_create(spsc_ring *r, size_t size, size_t capacity, trocar_error *why) {
     r->size = size;
     r->capacity = 1;
     while (r->capacity < capacity) r->capacity *= 2;

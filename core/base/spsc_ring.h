@@ -18,7 +18,7 @@ typedef struct {
 } spsc_ring;
 
 /* Creates a ring; `capacity` is rounded up to a power of two. */
-trocar_status spsc_ring_create(spsc_ring *r, size_t size, size_t capacity, report *why);
+trocar_status spsc_ring_create(spsc_ring *r, size_t size, size_t capacity, trocar_error *why);
 void spsc_ring_free(spsc_ring *r);
 
 /* Appends an element. If the ring is full, has no effect and returns false. Writer only. RT */

@@ -4,7 +4,7 @@
 
 enum { FRESH = 4u, INDEX = 3u };
 
-trocar_status triple_buffer_create_sparse(triple_buffer *n, size_t size, report *why) {
+trocar_status triple_buffer_create_sparse(triple_buffer *n, size_t size, trocar_error *why) {
     n->size = (size + CACHE_LINE - 1) / CACHE_LINE * CACHE_LINE;
     n->back = 0;
     n->front = 1;
@@ -14,7 +14,7 @@ trocar_status triple_buffer_create_sparse(triple_buffer *n, size_t size, report 
     return TROCAR_OK;
 }
 
-trocar_status triple_buffer_create(triple_buffer *n, size_t size, report *why) {
+trocar_status triple_buffer_create(triple_buffer *n, size_t size, trocar_error *why) {
     trocar_status status = triple_buffer_create_sparse(n, size, why);
     if (status == TROCAR_OK) memset(n->slots, 0, 3 * n->size);
     return status;

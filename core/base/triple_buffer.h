@@ -22,8 +22,8 @@ typedef struct {
 
 /* triple_buffer_create also writes to the memory, so that later accesses cause no page faults; with triple_buffer_create_sparse, pages that are never written
    take up no memory. */
-trocar_status triple_buffer_create(triple_buffer *n, size_t size, report *why);
-trocar_status triple_buffer_create_sparse(triple_buffer *n, size_t size, report *why);
+trocar_status triple_buffer_create(triple_buffer *n, size_t size, trocar_error *why);
+trocar_status triple_buffer_create_sparse(triple_buffer *n, size_t size, trocar_error *why);
 void triple_buffer_free(triple_buffer *n);
 
 /* Returns the slot to be filled next, which contains an older value. Writer only. RT */

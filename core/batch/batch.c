@@ -17,28 +17,18 @@ typedef struct {
     void *context;
 } row_loop;
 
-static void note_failure(trocar_batch *batch, int row, trocar_status status, const report *why) {
-    pthread_mutex_lock(&batch->lock);
-    if (row < batch->failed) {
-        batch->failed = row;
-        batch->status = status;
-        batch->why = *why;
-    }
-    pthread_mutex_unlock(&batch->lock);
-}
-
 static void run_row(void *context, int i, int member) {
     row_loop *loop = context;
     trocar_batch *batch = loop->batch;
     int row = batch->listed[i];
     trocar_sim *sim = batch->rows[row].sim;
-    report why;
+    trocar_error why;
     if (sim) {
         sim->workspace = batch->workspaces[member];
         sim->workspace->profile.clock = sim->clock;
     }
     trocar_status status = loop->task(batch, row, member, loop->context, &why);
-    if (status != TROCAR_OK) note_failure(batch, row, status, &why);
+    if (status != TROCAR_OK) first_failure_note(&batch->failure, row, status, &why);
 }
 
 void batch_for_rows(trocar_batch *batch, const uint8_t *mask, row_task task, void *context) {
@@ -53,14 +43,11 @@ void batch_for_rows(trocar_batch *batch, const uint8_t *mask, row_task task, voi
     team_run(batch->team, count, run_row, &loop);
 }
 
-void batch_begin(trocar_batch *batch) {
-    batch->failed = batch->row_count;
-    batch->status = TROCAR_OK;
-}
+void batch_begin(trocar_batch *batch) { first_failure_clear(&batch->failure); }
 
-trocar_status batch_end(const trocar_batch *batch, report *why) {
-    if (batch->status != TROCAR_OK) fail(why, batch->status, "row %d: %.1000s", batch->failed, batch->why.text);
-    return batch->status;
+trocar_status batch_end(const trocar_batch *batch, trocar_error *why) {
+    const first_failure *f = &batch->failure;
+    return f->status == TROCAR_OK ? TROCAR_OK : fail(why, f->status, "row %d: %.1000s", f->index, f->why.text);
 }
 
 /* ---- creation -------------------------------------------------------------------------------------------------------------------- */
@@ -74,7 +61,7 @@ static int usable_processors(void) {
 }
 
 /* Replaces the simulation of a row. After a failure, the row is unchanged. */
-static trocar_status create_row(batch_row *row, trocar_model *model, insertion_workspace *workspace, report *why) {
+static trocar_status create_row(batch_row *row, trocar_model *model, insertion_workspace *workspace, trocar_error *why) {
     batch_row created;
     trocar_status status = row_create(model, workspace, &created, why);
     if (status != TROCAR_OK) return status;
@@ -83,17 +70,17 @@ static trocar_status create_row(batch_row *row, trocar_model *model, insertion_w
     return TROCAR_OK;
 }
 
-static trocar_status create_task(trocar_batch *batch, int row, int member, void *context, report *why) {
+static trocar_status create_task(trocar_batch *batch, int row, int member, void *context, trocar_error *why) {
     trocar_model *const *models = context;
     return create_row(&batch->rows[row], models[row], batch->workspaces[member], why);
 }
 
-static trocar_status check_options(trocar_model *const *models, int rows, const trocar_batch_options *o, report *why) {
+static trocar_status check_options(trocar_model *const *models, int rows, const trocar_batch_options *o, trocar_error *why) {
     if (rows < 1 || o->threads < 0 || o->threads > MAX_THREADS || o->needles < 1 || o->needles > MAX_NEEDLES)
         return fail(why, TROCAR_BAD_INPUT, "a batch of %d rows with %d needles in %d threads: at least 1 row, 1 to %d needles, 0 to %d threads", rows, o->needles,
                     o->threads, MAX_NEEDLES, MAX_THREADS);
     for (int i = 0; i < rows; i++) {
-        report wrong;
+        trocar_error wrong;
         trocar_status status = check_driven_needles(models[i], o->needles, &wrong);
         if (status != TROCAR_OK) return fail(why, status, "row %d: %.1000s", i, wrong.text);
     }
@@ -101,8 +88,8 @@ static trocar_status check_options(trocar_model *const *models, int rows, const 
 }
 
 /* Starts `wanted` threads, or as many as memory and the system allow, and allocates their workspaces. */
-static trocar_status start_threads(trocar_batch *batch, int wanted, report *why) {
-    report ignored;
+static trocar_status start_threads(trocar_batch *batch, int wanted, trocar_error *why) {
+    trocar_error ignored;
     while (wanted > 1 && blas_make_room(wanted, &ignored) != TROCAR_OK) wanted--;
     batch->team = team_create(wanted);
     batch->process = getpid();
@@ -125,7 +112,7 @@ trocar_status trocar_batch_create(trocar_model *const *models, int rows, const t
     if (!batch) return fail(why, TROCAR_NO_MEMORY, "no memory for a batch");
     batch->row_count = rows;
     batch->needles = options.needles;
-    pthread_mutex_init(&batch->lock, NULL);
+    first_failure_create(&batch->failure);
     batch->rows = calloc((size_t)rows, sizeof *batch->rows);
     batch->listed = calloc((size_t)rows, sizeof *batch->listed);
     batch->done = calloc((size_t)rows, sizeof *batch->done);
@@ -151,7 +138,7 @@ void trocar_batch_free(trocar_batch *batch) {
     if (batch->process == getpid()) team_free(batch->team);
     for (int i = 0; batch->rows && i < batch->row_count; i++) row_free(&batch->rows[i]);
     for (int i = 0; batch->workspaces && i < batch->threads; i++) free(batch->workspaces[i]);
-    pthread_mutex_destroy(&batch->lock);
+    first_failure_free(&batch->failure);
     free(batch->workspaces);
     free(batch->rows);
     free(batch->listed);
@@ -177,7 +164,7 @@ trocar_status trocar_batch_set_model(trocar_batch *batch, int row, trocar_model 
 
 /* ---- starting and continuing ----------------------------------------------------------------------------------------------------- */
 
-static trocar_status reset_task(trocar_batch *batch, int row, int member, void *context, report *why) {
+static trocar_status reset_task(trocar_batch *batch, int row, int member, void *context, trocar_error *why) {
     (void)member;
     return row_reset(&batch->rows[row], batch->needles, (const trocar_pose *)context + (size_t)row * (size_t)batch->needles, why);
 }
@@ -194,7 +181,7 @@ typedef struct {
     size_t size;
 } save_call;
 
-static trocar_status save_task(trocar_batch *batch, int row, int member, void *context, report *why) {
+static trocar_status save_task(trocar_batch *batch, int row, int member, void *context, trocar_error *why) {
     (void)member;
     const save_call *call = context;
     return trocar_sim_save(batch->rows[row].sim, call->states[row], call->size, why);
@@ -212,7 +199,7 @@ typedef struct {
     const size_t *sizes;
 } restore_call;
 
-static trocar_status restore_task(trocar_batch *batch, int row, int member, void *context, report *why) {
+static trocar_status restore_task(trocar_batch *batch, int row, int member, void *context, trocar_error *why) {
     (void)member;
     const restore_call *call = context;
     return trocar_sim_restore(batch->rows[row].sim, call->states[row], call->sizes[row], why);

@@ -2,11 +2,11 @@
 #ifndef TROCAR_BATCH_H
 #define TROCAR_BATCH_H
 
-#include <pthread.h>
 #include <sys/types.h>
 
 #include "api/api.h"
 #include "base/team.h"
+#include "batch/first_failure.h"
 #include "batch/row.h"
 
 struct trocar_batch {
@@ -18,14 +18,11 @@ struct trocar_batch {
     int *listed;             /* scratch: indices of the rows that take part in a call */
     int *done;               /* scratch: number of steps that each row has completed in a call */
     bool *row_failed;        /* scratch: true for rows that have failed in a call */
-    pthread_mutex_t lock;    /* protects the members below during a call */
-    int failed;              /* lowest index of a row that has failed; row_count if none has */
-    trocar_status status;    /* status of that row */
-    report why;              /* message of that row */
+    first_failure failure;   /* of a call */
 };
 
 /* What a call does with one row. `member`: index of the thread; 0 is the calling thread. */
-typedef trocar_status (*row_task)(trocar_batch *batch, int row, int member, void *context, report *why);
+typedef trocar_status (*row_task)(trocar_batch *batch, int row, int member, void *context, trocar_error *why);
 
 /* Calls `task` for each row of the mask (NULL: all rows); the rows are distributed among the threads. During the task, the row's simulation uses the workspace
    of its thread. */
@@ -33,7 +30,7 @@ void batch_for_rows(trocar_batch *batch, const uint8_t *mask, row_task task, voi
 
 /* batch_begin clears the error. batch_end returns the error since then; if several rows have failed, that of the row with the lowest index. */
 void batch_begin(trocar_batch *batch);
-trocar_status batch_end(const trocar_batch *batch, report *why);
+trocar_status batch_end(const trocar_batch *batch, trocar_error *why);
 
 static inline bool batch_has(const uint8_t *mask, int row) { return !mask || mask[row]; }
 

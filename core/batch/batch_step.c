@@ -58,7 +58,7 @@ static void clear_outputs(const trocar_batch *batch, const step_call *call, int 
 
 /* ---- a row ----------------------------------------------------------------------------------------------------------------------- */
 
-static trocar_status step_row(const trocar_batch *batch, const step_call *call, int row, int step, report *why) {
+static trocar_status step_row(const trocar_batch *batch, const step_call *call, int row, int step, trocar_error *why) {
     trocar_sim *sim = batch->rows[row].sim;
     size_t at = ((size_t)row * (size_t)call->steps + (size_t)step) * (size_t)batch->needles;
     trocar_output outputs[MAX_NEEDLES];
@@ -74,12 +74,12 @@ static void look(step_call *call) {
     if (watch_cancels(call->watch)) atomic_store(&call->cancelled, true);
 }
 
-static trocar_status step_task(trocar_batch *batch, int row, int member, void *context, report *why) {
+static trocar_status step_task(trocar_batch *batch, int row, int member, void *context, trocar_error *why) {
     step_call *call = context;
     trocar_status status = TROCAR_OK;
     if (call->failed[row] || atomic_load(&call->cancelled)) return TROCAR_OK;
     while (call->done[row] < call->to && status == TROCAR_OK) {
-        report reason;
+        trocar_error reason;
         status = step_row(batch, call, row, call->done[row], &reason);
         if (status == TROCAR_OK) call->done[row]++;
         else fail(why, status, "step %d: %.900s", call->done[row], reason.text);
@@ -120,10 +120,10 @@ trocar_status trocar_batch_step(trocar_batch *batch, const trocar_pose *poses, i
     begin_rows(batch, &call, mask);
     batch_begin(batch);
     for (call.from = 0; call.from < steps && !atomic_load(&call.cancelled); call.from = call.to) {
-        call.to = steps - call.from < TICKS_BETWEEN_LOOKS ? steps : call.from + TICKS_BETWEEN_LOOKS;
+        call.to = watch_next_look(call.from, steps);
         batch_for_rows(batch, mask, step_task, &call);
     }
     end_rows(batch, &call, mask);
-    if (atomic_load(&call.cancelled) && batch->status == TROCAR_OK) return fail(why, TROCAR_CANCELLED, "cancelled");
+    if (atomic_load(&call.cancelled) && batch->failure.status == TROCAR_OK) return fail(why, TROCAR_CANCELLED, "cancelled");
     return batch_end(batch, why);
 }

@@ -1,5 +1,4 @@
 /* trocar/rollout.h: many insertions, of which each thread runs one at a time. */
-#include <pthread.h>
 #include <stdatomic.h>
 #include <stdbool.h>
 #include <stdlib.h>
@@ -9,6 +8,7 @@
 #include "base/host_log.h"
 #include "base/host_watch.h"
 #include "base/team.h"
+#include "batch/first_failure.h"
 #include "batch/row.h"
 #include "tissue/blas.h"
 
@@ -28,10 +28,7 @@ typedef struct {
     seat seats[MAX_THREADS];
     atomic_bool cancelled;
     atomic_llong ticks;      /* steps completed in all insertions */
-    pthread_mutex_t lock;    /* protects the members below */
-    int failed;              /* lowest index of an insertion that has failed; `batch` if none has */
-    trocar_status status;    /* status of that insertion */
-    report why;              /* message of that insertion */
+    first_failure failure;
 } rollout;
 
 static trocar_model *model_of(const rollout *r, int insertion) { return r->options->models ? r->options->models[insertion] : r->model; }
@@ -39,7 +36,7 @@ static trocar_model *model_of(const rollout *r, int insertion) { return r->optio
 /* ---- simulations ----------------------------------------------------------------------------------------------------------------- */
 
 /* Makes the seat's simulation one of this model. */
-static trocar_status seat_model(seat *s, trocar_model *model, report *why) {
+static trocar_status seat_model(seat *s, trocar_model *model, trocar_error *why) {
     if (s->model == model) return TROCAR_OK;
     row_free(&s->row);
     trocar_status status = row_create(model, NULL, &s->row, why);
@@ -48,8 +45,8 @@ static trocar_status seat_model(seat *s, trocar_model *model, report *why) {
 }
 
 /* Allocates simulations for `wanted` threads, or for as many as memory permits. Fails if there is none. */
-static trocar_status take_seats(rollout *r, int wanted, report *why) {
-    report ignored;
+static trocar_status take_seats(rollout *r, int wanted, trocar_error *why) {
+    trocar_error ignored;
     trocar_status status = TROCAR_OK;
     while (wanted > 1 && blas_make_room(wanted, &ignored) != TROCAR_OK) wanted--;
     while (r->seat_count < wanted && status == TROCAR_OK) {
@@ -63,7 +60,7 @@ static trocar_status take_seats(rollout *r, int wanted, report *why) {
 
 /* Starts from the insertion's initial state, or from the state in which the simulation was created, with the needles at their first poses. Thus the results do
    not depend on what the thread has run before. */
-static trocar_status begin(const rollout *r, seat *s, int insertion, const trocar_pose *first, report *why) {
+static trocar_status begin(const rollout *r, seat *s, int insertion, const trocar_pose *first, trocar_error *why) {
     trocar_status status = seat_model(s, model_of(r, insertion), why);
     if (status != TROCAR_OK) return status;
     const trocar_rollout_options *o = r->options;
@@ -78,25 +75,16 @@ static void look(void *context) {
     if (watch_cancels(&r->options->watch)) atomic_store(&r->cancelled, true);
 }
 
-static void note_failure(rollout *r, int insertion, int step, trocar_status status, const report *reason) {
-    pthread_mutex_lock(&r->lock);
-    if (insertion < r->failed) {
-        r->failed = insertion;
-        r->status = fail(&r->why, status, "insertion %d, step %d: %.900s", insertion, step, reason->text);
-    }
-    pthread_mutex_unlock(&r->lock);
-}
-
 static void run_insertion(void *context, int insertion, int member) {
     rollout *r = context;
     seat *s = &r->seats[member];
     int needles = r->options->needles, done = 0;
     size_t first = (size_t)insertion * (size_t)r->steps * (size_t)needles;
-    report reason;
+    trocar_error reason, why;
     if (atomic_load(&r->cancelled)) return;
     trocar_status status = begin(r, s, insertion, r->poses + first, &reason);
     while (done < r->steps && status == TROCAR_OK && !atomic_load(&r->cancelled)) {
-        int before = done, end = r->steps - done < TICKS_BETWEEN_LOOKS ? r->steps : done + TICKS_BETWEEN_LOOKS;
+        int before = done, end = watch_next_look(done, r->steps);
         for (; done < end && status == TROCAR_OK; done += status == TROCAR_OK) {
             size_t at = first + (size_t)done * (size_t)needles;
             status = step_needles(s->row.sim, needles, r->poses + at, r->options->dt, r->outputs + at, &reason);
@@ -107,32 +95,32 @@ static void run_insertion(void *context, int insertion, int member) {
     if (status == TROCAR_OK) return;
     size_t at = first + (size_t)done * (size_t)needles;
     memset(r->outputs + at, 0, (size_t)(r->steps - done) * (size_t)needles * sizeof *r->outputs);
-    note_failure(r, insertion, done, status, &reason);
+    first_failure_note(&r->failure, insertion, fail(&why, status, "step %d: %.900s", done, reason.text), &why);
 }
 
 /* ---- all ------------------------------------------------------------------------------------------------------------------------- */
 
 trocar_rollout_options trocar_default_rollout_options(void) { return (trocar_rollout_options){.dt = 1e-3, .threads = 1, .needles = 1}; }
 
-static trocar_status check(trocar_model *model, int batch, int steps, const trocar_rollout_options *o, report *why) {
+static trocar_status check(trocar_model *model, int batch, int steps, const trocar_rollout_options *o, trocar_error *why) {
     if (batch < 0 || steps < 0 || o->threads < 1 || o->threads > MAX_THREADS || o->needles < 1 || o->needles > MAX_NEEDLES)
         return fail(why, TROCAR_BAD_INPUT, "a rollout of %d x %d steps with %d needles in %d threads: 1 to %d needles, 1 to %d threads", batch, steps, o->needles,
                     o->threads, MAX_NEEDLES, MAX_THREADS);
     if (!o->models && !model) return fail(why, TROCAR_BAD_INPUT, "a rollout without a model: give one, or one for each insertion in the options");
     if (o->states && !o->state_sizes) return fail(why, TROCAR_BAD_INPUT, "a rollout with states, but without their sizes");
     for (int i = 0; i < (o->models ? batch : 1); i++) {
-        report wrong;
+        trocar_error wrong;
         trocar_status status = check_driven_needles(o->models ? o->models[i] : model, o->needles, &wrong);
         if (status != TROCAR_OK) return fail(why, status, "insertion %d: %.900s", i, wrong.text);
     }
     return TROCAR_OK;
 }
 
-static trocar_status outcome(rollout *r, report *why) {
+static trocar_status outcome(rollout *r, trocar_error *why) {
     bool finished = atomic_load(&r->ticks) == (long long)r->batch * r->steps;
     if (atomic_load(&r->cancelled) && !finished) return fail(why, TROCAR_CANCELLED, "cancelled");
-    if (r->status != TROCAR_OK) *why = r->why;
-    return r->status;
+    const first_failure *f = &r->failure;
+    return f->status == TROCAR_OK ? TROCAR_OK : fail(why, f->status, "insertion %d, %.1000s", f->index, f->why.text);
 }
 
 trocar_status trocar_rollout(trocar_model *model, const trocar_pose *poses, int batch, int steps, const trocar_rollout_options *given, trocar_output *outputs,
@@ -145,19 +133,19 @@ trocar_status trocar_rollout(trocar_model *model, const trocar_pose *poses, int 
     memset(outputs, 0, (size_t)batch * (size_t)steps * (size_t)options.needles * sizeof *outputs);
     rollout *r = calloc(1, sizeof *r);
     if (!r) return fail(why, TROCAR_NO_MEMORY, "no memory for a rollout");
-    *r = (rollout){.options = &options, .model = model, .poses = poses, .batch = batch, .steps = steps, .outputs = outputs, .failed = batch};
+    *r = (rollout){.options = &options, .model = model, .poses = poses, .batch = batch, .steps = steps, .outputs = outputs};
     int wanted = options.threads < batch ? options.threads : batch;
     status = take_seats(r, wanted, why);
     if (status == TROCAR_OK) {
         team *threads = team_create(r->seat_count);
         if (team_members(threads) < wanted)
             host_log(&model_of(r, 0)->log, TROCAR_LOG_WARNING, "the rollout has %d of %d threads: no memory for more", team_members(threads), wanted);
-        pthread_mutex_init(&r->lock, NULL);
+        first_failure_create(&r->failure);
         team_run_watched(threads, batch, run_insertion, r, look);
         team_free(threads);
         look(r);
         status = outcome(r, why);
-        pthread_mutex_destroy(&r->lock);
+        first_failure_free(&r->failure);
     }
     for (int i = 0; i < r->seat_count; i++) row_free(&r->seats[i].row);
     free(r);

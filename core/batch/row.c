@@ -5,7 +5,7 @@
 #include "api/ticking.h"
 #include "api/view.h"
 
-trocar_status row_create(trocar_model *model, insertion_workspace *workspace, batch_row *row, report *why) {
+trocar_status row_create(trocar_model *model, insertion_workspace *workspace, batch_row *row, trocar_error *why) {
     *row = (batch_row){.sim = NULL};
     trocar_status status = sim_create(model, workspace, &row->sim, why);
     if (status == TROCAR_OK) status = sim_save_new(row->sim, &row->fresh, &row->fresh_bytes, why);
@@ -19,13 +19,13 @@ void row_free(batch_row *row) {
     *row = (batch_row){.sim = NULL};
 }
 
-trocar_status row_reset(const batch_row *row, int needles, const trocar_pose *poses, report *why) {
+trocar_status row_reset(const batch_row *row, int needles, const trocar_pose *poses, trocar_error *why) {
     trocar_status status = trocar_sim_restore(row->sim, row->fresh, row->fresh_bytes, why);
     for (int n = 0; n < needles && status == TROCAR_OK; n++) status = trocar_sim_reset(row->sim, n, &poses[n], why);
     return status;
 }
 
-trocar_status check_driven_needles(const trocar_model *model, int needles, report *why) {
+trocar_status check_driven_needles(const trocar_model *model, int needles, trocar_error *why) {
     int there = model->parts.config.needle_count;
     if (model->mesh_only) return fail(why, TROCAR_BAD_INPUT, "the model has only a mesh: create it without mesh_only");
     if (there >= needles) return TROCAR_OK;
@@ -44,7 +44,7 @@ static trocar_output output_at_rest(const trocar_sim *sim, int needle) {
     return (trocar_output){.depth = state->tip.place.phase == TIP_FREE ? 0.0 : state->tip.place.depth, .contacts = contacts_active(state), .membrane = NO_MEMBRANE};
 }
 
-trocar_status step_needles(trocar_sim *sim, int needles, const trocar_pose *poses, double dt, trocar_output *outputs, report *why) {
+trocar_status step_needles(trocar_sim *sim, int needles, const trocar_pose *poses, double dt, trocar_output *outputs, trocar_error *why) {
     int ticked = 0, leaving = 0;
     for (int n = 0; n < needles; n++) {
         if (rests(sim, n)) {

@@ -14,17 +14,17 @@ typedef struct {
 } batch_row;
 
 /* `workspace`: as for sim_create. */
-trocar_status row_create(trocar_model *model, insertion_workspace *workspace, batch_row *row, report *why);
+trocar_status row_create(trocar_model *model, insertion_workspace *workspace, batch_row *row, trocar_error *why);
 void row_free(batch_row *row); /* also for a row of zeros, which is what it leaves */
 
 /* Returns to the state of creation, so that nothing that happened before affects the results, and places the needles, straight, at `poses`, [needles]. */
-trocar_status row_reset(const batch_row *row, int needles, const trocar_pose *poses, report *why);
+trocar_status row_reset(const batch_row *row, int needles, const trocar_pose *poses, trocar_error *why);
 
 /* BAD_INPUT if the model has only a mesh, or fewer needles than are driven. */
-trocar_status check_driven_needles(const trocar_model *model, int needles, report *why);
+trocar_status check_driven_needles(const trocar_model *model, int needles, trocar_error *why);
 
 /* Ticks needles 0 to `needles` - 1, one after another, with their bases at `poses`, [needles]. A needle that rests is not ticked: its pose is not read, and its
    force, torque and events are 0. If a tick fails, the needles before it have been ticked. */
-trocar_status step_needles(trocar_sim *sim, int needles, const trocar_pose *poses, double dt, trocar_output *outputs, report *why);
+trocar_status step_needles(trocar_sim *sim, int needles, const trocar_pose *poses, double dt, trocar_output *outputs, trocar_error *why);
 
 #endif

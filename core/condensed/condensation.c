@@ -94,7 +94,7 @@ static void copy_column(void *context, int column, int member) {
 }
 
 /* Replaces L by T = L^-1, from the last panel to the first. */
-static trocar_status invert_triangle(panels *l, bool single, team *t, inverse_progress progress, report *why) {
+static trocar_status invert_triangle(panels *l, bool single, team *t, inverse_progress progress, trocar_error *why) {
     int n = l->panels[0].rows;
     replacement r = {.l = l, .single = single, .product = malloc((size_t)n * PANEL_WIDTH * (single ? sizeof(float) : sizeof(double)))};
     r.filled = calloc((size_t)l->count, sizeof *r.filled);
@@ -126,7 +126,7 @@ typedef struct {
     char *tiles;             /* scratch: a square of PANEL_WIDTH rows for each team member */
     atomic_bool failed, cancelled;
     inverse_progress progress;
-    report *why;
+    trocar_error *why;
 } square;
 
 /* Computes the part of K^-1 = T^T T between two panels, by rows of the lower triangle. */
@@ -168,7 +168,7 @@ static void multiply_panels(void *context, int index, int member) {
 }
 
 /* In single precision, an overflow or underflow shows on the diagonal. */
-static trocar_status multiply_triangle(const panels *t, symmetric_blocks *inverse, team *team, inverse_progress progress, report *why) {
+static trocar_status multiply_triangle(const panels *t, symmetric_blocks *inverse, team *team, inverse_progress progress, trocar_error *why) {
     size_t number = inverse->single ? sizeof(float) : sizeof(double);
     square s = {.t = t, .inverse = inverse, .progress = progress, .why = why};
     s.tiles = malloc((size_t)team_members(team) * PANEL_WIDTH * PANEL_WIDTH * number);
@@ -192,7 +192,7 @@ static double inversion_bytes(int count, bool single, const team *t) {
 }
 
 /* Checks memory before the elimination begins, because the kernel may kill a process that runs out of memory, without any message. */
-static trocar_status check_memory(const substructure *plan, double needed, report *why) {
+static trocar_status check_memory(const substructure *plan, double needed, trocar_error *why) {
     double available = memory_available();
     if (needed <= available) return TROCAR_OK;
     return fail(why, TROCAR_NO_MEMORY, "condensing the inverse of %d nodes to a region of %d takes %.3g GB of memory, and %.3g GB are available: choose a "
@@ -200,7 +200,7 @@ static trocar_status check_memory(const substructure *plan, double needed, repor
 }
 
 /* Computes L_RR, in double precision. */
-static trocar_status find_corner(tissue *t, const condensed_region *region, team *team, int *nodes, panels *corner, double *needed, report *why) {
+static trocar_status find_corner(tissue *t, const condensed_region *region, team *team, int *nodes, panels *corner, double *needed, trocar_error *why) {
     substructure plan;
     *needed = 0.0;
     trocar_status status = tissue_stiffness(t, why);
@@ -215,7 +215,7 @@ static trocar_status find_corner(tissue *t, const condensed_region *region, team
 }
 
 static trocar_status condense_with(team *team, tissue *t, const condensed_region *region, int *nodes, symmetric_blocks *inverse, double *needed,
-                                   report *why) {
+                                   trocar_error *why) {
     inverse_progress progress = region->progress;
     panels corner;
     trocar_status status = find_corner(t, region, team, nodes, &corner, needed, why);
@@ -237,7 +237,7 @@ static trocar_status condense_with(team *team, tissue *t, const condensed_region
 
 /* For matrices of the size of most fronts, BLAS threads are slower than the threads of the team. The number of BLAS threads is a property of the process
    and is not changed here, so that several regions can be condensed at the same time. */
-trocar_status condense(tissue *t, const condensed_region *region, int *nodes, symmetric_blocks *inverse, double *needed, report *why) {
+trocar_status condense(tissue *t, const condensed_region *region, int *nodes, symmetric_blocks *inverse, double *needed, trocar_error *why) {
     team *team = team_create(region->threads);
     trocar_status status = condense_with(team, t, region, nodes, inverse, needed, why);
     team_free(team);

@@ -12,6 +12,6 @@ double condensation_bytes(int count);
 /* Writes the inverse between nodes[inverse->count], the region's free nodes, which are sorted first. Assembles K if necessary. The result is bitwise identical
    for any value of region->threads. `needed` receives the required bytes, which are known before the elimination begins; INFINITY if the mesh is too large.
    NO_MEMORY, before the elimination, if they exceed the available memory; BAD_INPUT as in tissue_factor, or if the inverse overflows or underflows. */
-trocar_status condense(tissue *t, const condensed_region *region, int *nodes, symmetric_blocks *inverse, double *needed, report *why);
+trocar_status condense(tissue *t, const condensed_region *region, int *nodes, symmetric_blocks *inverse, double *needed, trocar_error *why);
 
 #endif

@@ -166,7 +166,7 @@ void condensed_cache_trim(const condensed_cache *kept, double bytes) {
     if (directory) closedir(directory);
 }
 
-trocar_status condensed_cache_check(const condensed_cache *cache, const symmetric_blocks *matrix, report *why) {
+trocar_status condensed_cache_check(const condensed_cache *cache, const symmetric_blocks *matrix, trocar_error *why) {
     char folder[sizeof cache->path];
     struct statvfs room;
     double bytes = (double)symmetric_blocks_bytes(matrix->count, matrix->single);
@@ -192,7 +192,7 @@ static void remove_halves(const condensed_cache *cache) {
     if (directory) closedir(directory);
 }
 
-trocar_status condensed_cache_write(const condensed_cache *cache, const int *order, const symmetric_blocks *matrix, report *why) {
+trocar_status condensed_cache_write(const condensed_cache *cache, const int *order, const symmetric_blocks *matrix, trocar_error *why) {
     char beside[sizeof cache->path + 32];
     uint64_t number; /* random, because processes in different containers that share the directory may have the same id */
     remove_halves(cache);

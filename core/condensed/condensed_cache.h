@@ -26,11 +26,11 @@ cache_state condensed_cache_map(const condensed_cache *cache, int *order, symmet
 
 /* To be called before a long computation: checks that the directory is writable and has room for the matrix, of which only the size is read. Creates
    folders. SYSTEM. */
-trocar_status condensed_cache_check(const condensed_cache *cache, const symmetric_blocks *matrix, report *why);
+trocar_status condensed_cache_check(const condensed_cache *cache, const symmetric_blocks *matrix, trocar_error *why);
 
 /* Writes a temporary file with a unique name and then renames it, so that no partial file is ever visible. Afterwards removes files until the directory
    has at most CONDENSED_CACHE_ROOM bytes, and temporary files that are older than an hour. SYSTEM if the file cannot be written. */
-trocar_status condensed_cache_write(const condensed_cache *cache, const int *order, const symmetric_blocks *matrix, report *why);
+trocar_status condensed_cache_write(const condensed_cache *cache, const int *order, const symmetric_blocks *matrix, trocar_error *why);
 
 /* Removes the least recently used files in the directory of this file, but never this file, until their total size is at most `bytes`. */
 void condensed_cache_trim(const condensed_cache *kept, double bytes);

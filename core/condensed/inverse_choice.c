@@ -19,7 +19,7 @@ bool inverse_is_single(inverse_precision given, int nodes) {
 }
 
 __attribute__((format(printf, 3, 4)))
-static inverse_choice choose(report *about, inverse_choice choice, const char *format, ...) {
+static inverse_choice choose(trocar_error *about, inverse_choice choice, const char *format, ...) {
     va_list arguments;
     char reason[256];
     va_start(arguments, format);
@@ -29,7 +29,7 @@ static inverse_choice choose(report *about, inverse_choice choice, const char *f
     return choice;
 }
 
-inverse_choice inverse_choose(const inverse_facts *facts, report *about) {
+inverse_choice inverse_choose(const inverse_facts *facts, trocar_error *about) {
     static const double LITTLE = 1.0;      /* GB, maximum size of a dense inverse */
     static const double MUCH = 4.0;        /* GB, maximum size of a condensed inverse */
     static const double SHARE = 0.25;      /* fraction of the machine's memory that the inverse may use */

@@ -4,7 +4,7 @@
 
 #include <stdbool.h>
 
-#include "base/report.h"
+#include "base/error.h"
 
 typedef enum {
     INVERSE_AUTO,            /* chosen by size and memory, see inverse_choose */
@@ -42,6 +42,6 @@ typedef struct {
 /* Returns the scene's choice. If that is auto, returns dense if remeshing requires a dense inverse or the inverse is small; otherwise condensed, if the
    scene defines a region of interest and both the inverse and its computation fit into memory (even if it is cached, so that the choice is always the
    same); otherwise sparse. `about` receives the name and the reason. Never returns AUTO. */
-inverse_choice inverse_choose(const inverse_facts *facts, report *about);
+inverse_choice inverse_choose(const inverse_facts *facts, trocar_error *about);
 
 #endif

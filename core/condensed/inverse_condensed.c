@@ -27,7 +27,7 @@ typedef struct {
     pthread_mutex_t factoring;         /* protects the next three members and the factor, for up to a minute or more; displacement fields do not wait for it */
     _Atomic(inverse *) rest; /* sparse inverse for other nodes; NULL if not needed yet, or if its creation failed */
     trocar_status rest_status;
-    report no_rest;          /* reason why the creation of `rest` failed */
+    trocar_error no_rest;    /* reason why the creation of `rest` failed */
     coarse_space *coarse;    /* coarse space for conjugate gradients; NULL if not needed yet, or if its creation failed */
     bool coarse_sought;
     int given_count, *given; /* the region's nodes in the caller's order */
@@ -36,7 +36,7 @@ typedef struct {
 /* ---- the rest of the body --------------------------------------------------------------------------------------------- */
 
 /* Assembles K once; afterwards, other threads may read it. */
-static trocar_status assemble(condensed_inverse *c, report *why) {
+static trocar_status assemble(condensed_inverse *c, trocar_error *why) {
     tissue *t = c->shared.tissue;
     if (atomic_load(&t->assembled)) return TROCAR_OK;
     pthread_mutex_lock(&c->assembling);
@@ -53,7 +53,7 @@ static bool is_final(const condensed_inverse *c) {
 }
 
 /* Creates the sparse inverse once. */
-static trocar_status rest_of(condensed_inverse *c, inverse **rest, report *why) {
+static trocar_status rest_of(condensed_inverse *c, inverse **rest, trocar_error *why) {
     pthread_mutex_lock(&c->factoring);
     inverse *created = c->rest;
     if (!created && !is_final(c)) {
@@ -69,7 +69,7 @@ static trocar_status rest_of(condensed_inverse *c, inverse **rest, report *why) 
     return status;
 }
 
-static trocar_status condensed_prepare(inverse *inv, report *why) {
+static trocar_status condensed_prepare(inverse *inv, trocar_error *why) {
     inverse *rest;
     return rest_of((condensed_inverse *)inv, &rest, why);
 }
@@ -89,7 +89,7 @@ static void look_up(const condensed_inverse *c, int row, int column, double *out
 }
 
 /* Copies blocks within the region; requests other blocks from the sparse inverse. */
-static trocar_status condensed_gather(inverse *inv, const inverse_blocks *blocks, report *why) {
+static trocar_status condensed_gather(inverse *inv, const inverse_blocks *blocks, trocar_error *why) {
     condensed_inverse *c = (condensed_inverse *)inv;
     if (!is_inside(c, blocks->row_count, blocks->rows) || !is_inside(c, blocks->column_count, blocks->columns)) {
         inverse *rest;
@@ -124,7 +124,7 @@ static bool search(condensed_inverse *c, const double *force, double *displaceme
 static void condensed_apply(inverse *inv, const double *force, double *displacement) {
     condensed_inverse *c = (condensed_inverse *)inv;
     tissue *t = inv->tissue;
-    report why;
+    trocar_error why;
     bool forced = false;
     for (int i = 0; i < t->dof_count && !forced; i++) forced = force[i] != 0.0;
     inverse *rest = c->rest;
@@ -157,7 +157,7 @@ static const inverse_owner condensed_owner = {"condensed", condensed_gather, con
 /* ---- creation --------------------------------------------------------------------------------------------------------- */
 
 /* Maps the matrix from the cache; if it is not cached, computes and saves it. */
-static trocar_status fill(condensed_inverse *c, const condensed_region *region, report *notice, report *why) {
+static trocar_status fill(condensed_inverse *c, const condensed_region *region, trocar_error *notice, trocar_error *why) {
     const tissue *t = c->shared.tissue;
     int count = c->matrix.count;
     condensed_cache cache = condensed_cache_find(region->directory, t, region->count, region->nodes, region->single);
@@ -183,14 +183,14 @@ static trocar_status fill(condensed_inverse *c, const condensed_region *region, 
     if (status != TROCAR_OK) return status;
     snprintf(notice->text, sizeof notice->text, "%d nodes, %s %.900s", count,
              found == CACHE_ABSENT ? "written to" : "damaged, rewritten to", cache.path);
-    report unwritten;
+    trocar_error unwritten;
     status = condensed_cache_write(&cache, c->nodes, &c->matrix, &unwritten);
     if (status == TROCAR_OK) return status;
     *(region->must_be_saved ? why : notice) = unwritten;
     return region->must_be_saved ? status : TROCAR_OK;
 }
 
-trocar_status inverse_create_condensed(tissue *t, const condensed_region *region, inverse **created, report *notice, report *why) {
+trocar_status inverse_create_condensed(tissue *t, const condensed_region *region, inverse **created, trocar_error *notice, trocar_error *why) {
     int count = region->count;
     condensed_inverse *c = calloc(1, sizeof *c);
     *created = c ? &c->shared : NULL;

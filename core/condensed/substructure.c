@@ -257,7 +257,7 @@ static bool list_nodes(const substructure *s, int count, const int *region, int 
     return place != NULL;
 }
 
-trocar_status substructure_plan(tissue *t, team *team, int count, const int *region, int *nodes, substructure *s, report *why) {
+trocar_status substructure_plan(tissue *t, team *team, int count, const int *region, int *nodes, substructure *s, trocar_error *why) {
     *s = (substructure){.tissue = t, .team = team, .nodes = t->dof_count / 3};
     bool *last = mark_free_nodes(t, count, region);
     bool planned = plan(s, last) && list_nodes(s, count, region, nodes);
@@ -303,7 +303,7 @@ typedef struct {
     response *of_piece;      /* plan->nodes: response of each connected component, indexed by its representative */
     double norm;             /* largest column sum of K, which is an upper bound on its largest eigenvalue */
     inverse_progress progress;
-    report *why;
+    trocar_error *why;
     double done;             /* operations completed */
     int shown;               /* per cent */
 } elimination;
@@ -578,7 +578,7 @@ static trocar_status eliminate_all(elimination *e) {
     return TROCAR_OK;
 }
 
-trocar_status substructure_eliminate(const substructure *s, panels *corner, inverse_progress progress, report *why) {
+trocar_status substructure_eliminate(const substructure *s, panels *corner, inverse_progress progress, trocar_error *why) {
     elimination e = {.plan = s, .corner = corner, .progress = progress, .why = why};
     e.norm = cholmod_norm_sparse(s->tissue->stiffness, 1, &s->tissue->common);
     *corner = (panels){0};

@@ -24,10 +24,10 @@ typedef struct {
 
 /* Determines the order of elimination and its cost for this team. K must be assembled. Writes the region's free nodes in the order of the triangle to `nodes`.
    NO_MEMORY; BAD_INPUT if the mesh is too large for CHOLMOD's indices. */
-trocar_status substructure_plan(tissue *t, team *team, int count, const int *region, int *nodes, substructure *s, report *why);
+trocar_status substructure_plan(tissue *t, team *team, int count, const int *region, int *nodes, substructure *s, trocar_error *why);
 void substructure_free(substructure *s);
 
 /* Computes `corner`, L_RR, bitwise identical for any team. BLAS must use one thread. NO_MEMORY; BAD_INPUT if the fixed nodes do not constrain the body. */
-trocar_status substructure_eliminate(const substructure *s, panels *corner, inverse_progress progress, report *why);
+trocar_status substructure_eliminate(const substructure *s, panels *corner, inverse_progress progress, trocar_error *why);
 
 #endif

@@ -34,7 +34,7 @@ struct trocar_dose {
 
 static bool is_near(const double p[3]) { return fabs(p[0]) <= FARTHEST && fabs(p[1]) <= FARTHEST && fabs(p[2]) <= FARTHEST; }
 
-static trocar_status check_seed(const trocar_dose_seed *seed, report *why) {
+static trocar_status check_seed(const trocar_dose_seed *seed, trocar_error *why) {
     const double *d = seed->direction;
     if (!is_near(seed->position))
         return fail(why, TROCAR_BAD_INPUT, "a seed at (%g, %g, %g): expected finite numbers, at most 1000 m", seed->position[0], seed->position[1], seed->position[2]);
@@ -46,7 +46,7 @@ static trocar_status check_seed(const trocar_dose_seed *seed, report *why) {
     return TROCAR_OK;
 }
 
-static trocar_status check_points(const double *points, int64_t count, report *why) {
+static trocar_status check_points(const double *points, int64_t count, trocar_error *why) {
     if (count < 1 || count > MAX_POINTS_OF_DOSE) return fail(why, TROCAR_BAD_INPUT, "%lld points: expected 1 to 2^28", (long long)count);
     for (int64_t i = 0; i < count; i++)
         if (!is_near(points + 3 * i))
@@ -55,7 +55,7 @@ static trocar_status check_points(const double *points, int64_t count, report *w
     return TROCAR_OK;
 }
 
-static trocar_status check_grid(const trocar_dose_grid *g, report *why) {
+static trocar_status check_grid(const trocar_dose_grid *g, trocar_error *why) {
     double voxels = 1.0;
     for (int k = 0; k < 3; k++) {
         if (g->counts[k] < 1) return fail(why, TROCAR_BAD_INPUT, "a grid of %d x %d x %d voxels: expected at least 1 in each direction", g->counts[0], g->counts[1], g->counts[2]);
@@ -163,7 +163,7 @@ trocar_status trocar_dose_rates(const trocar_dose_source *source, const trocar_d
 
 /* ---- the object -------------------------------------------------------------------------------------------------------------------- */
 
-static trocar_status create(const trocar_dose_source *source, int64_t count, const double *points, trocar_dose **created, report *why) {
+static trocar_status create(const trocar_dose_source *source, int64_t count, const double *points, trocar_dose **created, trocar_error *why) {
     trocar_dose *d = calloc(1, sizeof *d);
     if (d) d->quanta = calloc((size_t)count, sizeof *d->quanta);
     if (d && points) d->points = malloc(3 * (size_t)count * sizeof *points);
@@ -203,7 +203,7 @@ void trocar_dose_free(trocar_dose *dose) {
     free(dose);
 }
 
-static trocar_status make_room(trocar_dose *d, report *why) {
+static trocar_status make_room(trocar_dose *d, trocar_error *why) {
     if (d->seed_count == TROCAR_MAX_DOSE_SEEDS) return fail(why, TROCAR_BAD_INPUT, "more than %d seeds in one dose: use a second one", TROCAR_MAX_DOSE_SEEDS);
     if (d->next_id == INT32_MAX) return fail(why, TROCAR_BAD_INPUT, "2^31 seeds were added to this dose: create a new one");
     if (d->seed_count < d->room) return TROCAR_OK;
@@ -215,7 +215,7 @@ static trocar_status make_room(trocar_dose *d, report *why) {
     return TROCAR_OK;
 }
 
-static listed_seed *find(trocar_dose *d, int32_t id, report *why) {
+static listed_seed *find(trocar_dose *d, int32_t id, trocar_error *why) {
     for (int i = 0; i < d->seed_count; i++)
         if (d->seeds[i].id == id) return &d->seeds[i];
     fail(why, TROCAR_BAD_INPUT, "no seed has the id %d: it was removed, or never added", id);

@@ -2,7 +2,7 @@
 #include <math.h>
 #include <stdlib.h>
 
-#include "base/report.h"
+#include "base/error.h"
 
 static int larger_first(const void *a, const void *b) {
     double x = *(const double *)a, y = *(const double *)b;

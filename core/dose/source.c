@@ -22,7 +22,7 @@ typedef struct {
 typedef struct {
     const char *file;
     yaml_text *document;
-    report *why;
+    trocar_error *why;
 } reader;
 
 /* Writes the message with the line number of `place`, which is a path such as "radial[3]". Returns false. */
@@ -289,7 +289,7 @@ static bool read_document(const reader *r, trocar_dose_source *s, seed_table *t)
     return true;
 }
 
-trocar_status dose_source_read(const char *file, const char *text, size_t length, trocar_dose_source *s, report *why) {
+trocar_status dose_source_read(const char *file, const char *text, size_t length, trocar_dose_source *s, trocar_error *why) {
     yaml_text document;
     seed_table t = {0};
     trocar_status status = yaml_open(file, text, length, &document, why);
@@ -305,7 +305,7 @@ void dose_source_clear(trocar_dose_source *s) { free(s->cells); }
 
 /* ---- trocar.h ------------------------------------------------------------------------------------------------------------------------ */
 
-static trocar_status create(const char *file, const char *text, size_t length, trocar_dose_source **created, report *why) {
+static trocar_status create(const char *file, const char *text, size_t length, trocar_dose_source **created, trocar_error *why) {
     trocar_dose_source *s = calloc(1, sizeof *s);
     if (!s) return fail(why, TROCAR_NO_MEMORY, "no memory for a seed model");
     trocar_status status = dose_source_read(file, text, length, s, why);

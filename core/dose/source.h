@@ -2,7 +2,7 @@
 #ifndef TROCAR_DOSE_SOURCE_H
 #define TROCAR_DOSE_SOURCE_H
 
-#include "base/report.h"
+#include "base/error.h"
 
 enum { MAX_TABLE_RADII = 64, MAX_TABLE_ANGLES = 181, SOURCE_NAME = 64, MAX_PIECES_OF_R = 1 + 2 * MAX_TABLE_RADII };
 
@@ -30,7 +30,7 @@ struct trocar_dose_source {
 
 /* Reads a table into uninitialised memory. `file` is used in messages. BAD_INPUT with file, line and remedy; NO_MEMORY. dose_source_clear must be called
    only after success. */
-trocar_status dose_source_read(const char *file, const char *text, size_t length, trocar_dose_source *s, report *why);
+trocar_status dose_source_read(const char *file, const char *text, size_t length, trocar_dose_source *s, trocar_error *why);
 
 void dose_source_clear(trocar_dose_source *s);
 

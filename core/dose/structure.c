@@ -5,7 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/report.h"
+#include "base/error.h"
 #include "base/vec.h"
 
 static const double MAX_VOXELS = 0x1p28;
@@ -41,7 +41,7 @@ static double coordinate(vec3 p, int axis) { return axis == 0 ? p.x : axis == 1 
 static int64_t voxel_from(const lattice *l, int axis, double x) { return (int64_t)ceil(x / l->spacing - 0.5) - l->first[axis]; }
 static double centre_of(const lattice *l, int axis, int64_t index) { return l->spacing * ((double)(l->first[axis] + index) + 0.5); }
 
-static trocar_status check_node(const trocar_mesh *mesh, const char *what, int element, int32_t node, report *why) {
+static trocar_status check_node(const trocar_mesh *mesh, const char *what, int element, int32_t node, trocar_error *why) {
     if (node < 0 || node >= mesh->node_count)
         return fail(why, TROCAR_BAD_INPUT, "%s %d has the node %d: expected 0 to %d", what, element, node, mesh->node_count - 1);
     vec3 p = node_of(mesh, node);
@@ -51,7 +51,7 @@ static trocar_status check_node(const trocar_mesh *mesh, const char *what, int e
 
 /* Finds the lattice around the given elements, each of which has `corners` nodes. */
 static trocar_status find_lattice(const trocar_mesh *mesh, const char *what, const int32_t *elements, int count, int corners, const int32_t *group, int chosen,
-                                  double spacing, lattice *l, report *why) {
+                                  double spacing, lattice *l, trocar_error *why) {
     double low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY};
     if (!(spacing > 0.0 && spacing <= FARTHEST)) return fail(why, TROCAR_BAD_INPUT, "a spacing of %g m: expected a number above 0, at most 1000", spacing);
     bool any = false;
@@ -82,7 +82,7 @@ static trocar_status find_lattice(const trocar_mesh *mesh, const char *what, con
     return TROCAR_OK;
 }
 
-static trocar_status create(const lattice *l, int64_t count, bool with_places, trocar_structure **created, report *why) {
+static trocar_status create(const lattice *l, int64_t count, bool with_places, trocar_structure **created, trocar_error *why) {
     if (count == 0) return fail(why, TROCAR_BAD_INPUT, "no voxel has its centre inside: make the spacing smaller than %g m", l->spacing);
     trocar_structure *s = calloc(1, sizeof *s);
     if (s) s->points = malloc(3 * (size_t)count * sizeof *s->points);
@@ -210,7 +210,7 @@ static int by_nodes(const void *a, const void *b) {
 static bool is_of_surface(const trocar_mesh *mesh, int triangle, int surface) { return !mesh->triangle_surface || mesh->triangle_surface[triangle] == surface; }
 
 /* Checks that the surface is closed: every edge must belong to an even number of triangles. */
-static trocar_status check_closed(const trocar_mesh *mesh, int surface, report *why) {
+static trocar_status check_closed(const trocar_mesh *mesh, int surface, trocar_error *why) {
     edge *edges = malloc(3 * (size_t)mesh->triangle_count * sizeof *edges);
     if (!edges) return fail(why, TROCAR_NO_MEMORY, "no memory for the edges of %d triangles", mesh->triangle_count);
     size_t count = 0;

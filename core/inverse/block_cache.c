@@ -70,7 +70,7 @@ void block_cache_get(const block_cache *c, int row, int column, double *block, i
 static int least(int a, int b) { return a < b ? a : b; }
 
 /* Computes the blocks without using the cache. */
-static trocar_status gather_afresh(const block_source *s, const inverse_blocks *b, report *why) {
+static trocar_status gather_afresh(const block_source *s, const inverse_blocks *b, trocar_error *why) {
     trocar_status status = TROCAR_OK;
     for (int i = 0; i < b->row_count; i += s->size)
         for (int j = 0; j < b->column_count && status == TROCAR_OK; j += s->size)
@@ -90,7 +90,7 @@ static int list_missing(const block_cache *c, int count, const int *nodes, int o
     return found;
 }
 
-static trocar_status compute_missing(block_cache *c, const block_source *s, const inverse_blocks *b, report *why) {
+static trocar_status compute_missing(block_cache *c, const block_source *s, const inverse_blocks *b, trocar_error *why) {
     int rows[BLOCK_CACHE_NODES], columns[BLOCK_CACHE_NODES], ld = 3 * s->size;
     int row_end = list_missing(c, b->row_count, b->rows, b->column_count, b->columns, rows);
     int column_end = list_missing(c, b->column_count, b->columns, row_end, rows, columns);
@@ -105,7 +105,7 @@ static trocar_status compute_missing(block_cache *c, const block_source *s, cons
     return TROCAR_OK;
 }
 
-trocar_status block_cache_gather(block_cache *c, const block_source *source, const inverse_blocks *b, report *why) {
+trocar_status block_cache_gather(block_cache *c, const block_source *source, const inverse_blocks *b, trocar_error *why) {
     if (!block_cache_take(c, b->row_count, b->rows, b->column_count, b->columns)) return gather_afresh(source, b, why);
     trocar_status status = compute_missing(c, source, b, why);
     for (int i = 0; i < b->row_count && status == TROCAR_OK; i++)

@@ -4,7 +4,7 @@
 
 #include <stdbool.h>
 
-#include "base/report.h"
+#include "base/error.h"
 #include "inverse/inverse_blocks.h"
 #include "inverse/lru.h"
 
@@ -21,14 +21,14 @@ void block_cache_free(block_cache *c);
 
 /* The source of blocks that are not cached: computes at most `size` rows and columns at a time. */
 typedef struct {
-    trocar_status (*compute)(void *context, const inverse_blocks *tile, report *why);
+    trocar_status (*compute)(void *context, const inverse_blocks *tile, trocar_error *why);
     void *context;
     double *tile;            /* scratch, a square of 3 size rows */
     int size;
 } block_source;
 
 /* Copies the cached blocks, and computes and caches the others. Blocks of nodes for which the cache has no room are computed without caching. */
-trocar_status block_cache_gather(block_cache *c, const block_source *source, const inverse_blocks *blocks, report *why);
+trocar_status block_cache_gather(block_cache *c, const block_source *source, const inverse_blocks *blocks, trocar_error *why);
 
 /* Assigns slots to all these nodes, evicting the least recently used ones. If there are too many nodes, returns false and changes nothing. */
 bool block_cache_take(block_cache *c, int row_count, const int *rows, int column_count, const int *columns);

@@ -6,12 +6,12 @@
 
 #include "inverse/inverse_owner.h"
 
-trocar_status inverse_go_on(inverse_progress progress, report *why) {
+trocar_status inverse_go_on(inverse_progress progress, trocar_error *why) {
     bool cancelled = progress.cancelled && progress.cancelled(progress.context);
     return cancelled ? fail(why, TROCAR_CANCELLED, "cancelled while the model was being built") : TROCAR_OK;
 }
 
-trocar_status inverse_factor(tissue *t, int count, const int *last, inverse_progress progress, report *why) {
+trocar_status inverse_factor(tissue *t, int count, const int *last, inverse_progress progress, trocar_error *why) {
     static const char what[] = "factoring the stiffness matrix";
     if (progress.show) progress.show(what, 0.0, progress.context);
     trocar_status status = inverse_go_on(progress, why);
@@ -20,7 +20,7 @@ trocar_status inverse_factor(tissue *t, int count, const int *last, inverse_prog
     return status == TROCAR_OK ? inverse_go_on(progress, why) : status;
 }
 
-trocar_status inverse_init(inverse *inv, const inverse_owner *owner, tissue *t, report *why) {
+trocar_status inverse_init(inverse *inv, const inverse_owner *owner, tissue *t, trocar_error *why) {
     inv->owner = owner;
     inv->tissue = t;
     pthread_mutex_init(&inv->apply_lock, NULL);
@@ -38,9 +38,9 @@ void inverse_free(inverse *inv) {
     free(inv);
 }
 
-trocar_status inverse_gather(inverse *inv, const inverse_blocks *blocks, report *why) { return inv->owner->gather(inv, blocks, why); }
+trocar_status inverse_gather(inverse *inv, const inverse_blocks *blocks, trocar_error *why) { return inv->owner->gather(inv, blocks, why); }
 
-trocar_status inverse_prepare(inverse *inv, report *why) { return inv->owner->prepare ? inv->owner->prepare(inv, why) : TROCAR_OK; }
+trocar_status inverse_prepare(inverse *inv, trocar_error *why) { return inv->owner->prepare ? inv->owner->prepare(inv, why) : TROCAR_OK; }
 
 bool inverse_holds(const inverse *inv, int node) { return !inv->owner->holds || inv->owner->holds(inv, node); }
 

@@ -10,7 +10,7 @@ typedef struct inverse inverse;
 
 /* Creates a sparse inverse, which computes half-solves of nodes with the sparse factor on demand, and caches them. */
 static const double SPARSE_CACHE = 1.5e9; /* bytes, default size of the cache */
-trocar_status inverse_create_sparse(tissue *t, double cache_bytes, inverse **created, report *why);
+trocar_status inverse_create_sparse(tissue *t, double cache_bytes, inverse **created, trocar_error *why);
 
 /* Callbacks during a long start, called in the thread that creates the inverse: `show` receives the progress, from 0 to 1; `cancelled` returns nonzero to
    stop. Both may be NULL. */
@@ -21,13 +21,13 @@ typedef struct {
 } inverse_progress;
 
 /* Returns CANCELLED if the caller wants to stop. */
-trocar_status inverse_go_on(inverse_progress progress, report *why);
+trocar_status inverse_go_on(inverse_progress progress, trocar_error *why);
 
 /* Creates a dense inverse, as in the paper (see core/README.md): the whole 3n x 3n matrix, of 8 (3n)^2 bytes. `t` must outlive it. */
-trocar_status inverse_create_dense(tissue *t, inverse_progress progress, inverse **created, report *why);
+trocar_status inverse_create_dense(tissue *t, inverse_progress progress, inverse **created, trocar_error *why);
 
 /* Factorises K (see tissue_factor) and reports progress. */
-trocar_status inverse_factor(tissue *t, int count, const int *last, inverse_progress progress, report *why);
+trocar_status inverse_factor(tissue *t, int count, const int *last, inverse_progress progress, trocar_error *why);
 
 typedef struct {
     int count;
@@ -42,14 +42,14 @@ typedef struct {
 /* Creates a condensed inverse, which is dense between the region's nodes: 36 count^2 bytes, or half of that in single precision. If it is cached in
    `directory`, it is mapped (see condensed_cache.h); otherwise it is computed and saved. A sparse inverse handles all other nodes; `t` is factorised when
    the first of them is requested, and K is assembled on demand. `notice` receives where the inverse came from. */
-trocar_status inverse_create_condensed(tissue *t, const condensed_region *region, inverse **created, report *notice, report *why);
+trocar_status inverse_create_condensed(tissue *t, const condensed_region *region, inverse **created, trocar_error *notice, trocar_error *why);
 
 void inverse_free(inverse *inv);
 const char *inverse_name(const inverse *inv);
 
 /* Performs deferred work now: the factorisation needed for nodes outside a condensed inverse's region, which takes minutes and gigabytes on a large mesh.
    Returns the errors that inverse_gather would return. May be called from any thread, concurrently with the other functions. */
-trocar_status inverse_prepare(inverse *inv, report *why);
+trocar_status inverse_prepare(inverse *inv, trocar_error *why);
 
 /* True if gathering blocks in advance makes a later request for these blocks much cheaper. */
 bool inverse_prefetches(const inverse *inv);
@@ -62,7 +62,7 @@ bool inverse_holds(const inverse *inv, int node);
 
 /* Writes the blocks of K^-1 between these nodes. Rows and columns of fixed nodes are zero. If the factor of the whole matrix is needed but cannot be
    computed, fails and writes nothing. Thread-safe; calls to the sparse inverse are serialised. */
-trocar_status inverse_gather(inverse *inv, const inverse_blocks *blocks, report *why);
+trocar_status inverse_gather(inverse *inv, const inverse_blocks *blocks, trocar_error *why);
 
 /* Computes u = K^-1 f for vectors of node_count entries (N to m); forces on fixed nodes are ignored. With a condensed inverse, the relative residual is
    1e-10. Returns zero displacements if there is no memory or f is not finite. Thread-safe; calls are serialised. */

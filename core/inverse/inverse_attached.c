@@ -46,7 +46,7 @@ static double *moved_of(const attached_inverse *a, int node) { return slot_of(a,
 /* ---- what is kept of nodes ------------------------------------------------------------------------------------------------ */
 
 /* Computes c of up to BATCH nodes for the rows from `first` on. Writes 3 columns per node, of `rows` entries each, to `out`. */
-static trocar_status find_c(attached_inverse *a, int count, const int *nodes, double *out, report *why) {
+static trocar_status find_c(attached_inverse *a, int count, const int *nodes, double *out, trocar_error *why) {
     int ld = 3 * a->node_count;
     trocar_status status = inverse_gather(a->base, &(inverse_blocks){count, nodes, a->node_count, a->nodes, a->batch, ld}, why);
     if (status != TROCAR_OK) return status;
@@ -73,7 +73,7 @@ static void project(const attached_inverse *a, int count, double *y, double *mov
     cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, n, count, m, -1.0, a->basis, n, moved, m, 1.0, y, n);
 }
 
-static trocar_status keep(attached_inverse *a, int count, const int *nodes, report *why) {
+static trocar_status keep(attached_inverse *a, int count, const int *nodes, trocar_error *why) {
     size_t n = (size_t)a->row_count, m = (size_t)a->motion_count;
     double *y = a->columns, *moved = y + 3 * BATCH * n;
     trocar_status status = find_c(a, count, nodes, y, why);
@@ -92,7 +92,7 @@ static trocar_status keep(attached_inverse *a, int count, const int *nodes, repo
 }
 
 /* Ensures that all these nodes, at most LEAST_NODES, are cached. */
-static trocar_status keep_all(attached_inverse *a, int count, const int *nodes, report *why) {
+static trocar_status keep_all(attached_inverse *a, int count, const int *nodes, trocar_error *why) {
     int missing[BATCH], found = 0;
     trocar_status status = TROCAR_OK;
     for (int i = 0; i < count; i++) lru_touch(&a->slots, nodes[i]);
@@ -107,7 +107,7 @@ static trocar_status keep_all(attached_inverse *a, int count, const int *nodes, 
 
 /* ---- blocks ------------------------------------------------------------------------------------------------------------- */
 
-static trocar_status compute_tile(void *context, const inverse_blocks *b, report *why) {
+static trocar_status compute_tile(void *context, const inverse_blocks *b, trocar_error *why) {
     attached_inverse *a = context;
     size_t n = (size_t)a->row_count, column = 3 * n * sizeof *a->left;
     int both[2 * TILE];
@@ -123,7 +123,7 @@ static trocar_status compute_tile(void *context, const inverse_blocks *b, report
     return TROCAR_OK;
 }
 
-static trocar_status attached_gather(inverse *inv, const inverse_blocks *blocks, report *why) {
+static trocar_status attached_gather(inverse *inv, const inverse_blocks *blocks, trocar_error *why) {
     attached_inverse *a = (attached_inverse *)inv;
     if (a->row_count == 0) return inverse_gather(a->base, blocks, why);
     return block_cache_gather(&a->blocks, &(block_source){compute_tile, a, a->tile, TILE}, blocks, why);
@@ -164,7 +164,7 @@ static void attached_apply(inverse *inv, const double *force, double *displaceme
     base_apply(a->base, a->sum, displacement);
 }
 
-static trocar_status attached_prepare(inverse *inv, report *why) { return inverse_prepare(((attached_inverse *)inv)->base, why); }
+static trocar_status attached_prepare(inverse *inv, trocar_error *why) { return inverse_prepare(((attached_inverse *)inv)->base, why); }
 static bool attached_holds(const inverse *inv, int node) { return inverse_holds(((const attached_inverse *)inv)->base, node); }
 
 static bool attached_prefetches(const inverse *inv) {
@@ -210,7 +210,7 @@ static void attached_release(inverse *inv) { detach_all((attached_inverse *)inv)
 static const inverse_owner attached_owner = {"attached", attached_gather, attached_apply, attached_prepare, attached_release, attached_prefetches,
                                              attached_holds, attached_slice};
 
-trocar_status inverse_create_attached(inverse *base, inverse **created, report *why) {
+trocar_status inverse_create_attached(inverse *base, inverse **created, trocar_error *why) {
     attached_inverse *a = calloc(1, sizeof *a);
     *created = a ? &a->shared : NULL;
     if (!a) return fail(why, TROCAR_NO_MEMORY, "no memory");
@@ -291,7 +291,7 @@ static void copy_between(attached_inverse *a, const attached_inverse *before) {
 }
 
 /* Computes C between a new attachment and all others, from c of the nodes of its rows. */
-static trocar_status find_between(attached_inverse *a, const placed *thing, report *why) {
+static trocar_status find_between(attached_inverse *a, const placed *thing, trocar_error *why) {
     size_t n = (size_t)a->row_count;
     bool *own = calloc((size_t)a->node_count + 1, sizeof *own);
     if (!own) return fail(why, TROCAR_NO_MEMORY, "no memory for a resting needle");
@@ -319,7 +319,7 @@ static trocar_status find_between(attached_inverse *a, const placed *thing, repo
     return status;
 }
 
-static trocar_status factor_all(attached_inverse *a, const attachment *things, report *why) {
+static trocar_status factor_all(attached_inverse *a, const attachment *things, trocar_error *why) {
     int n = a->row_count, q = a->motion_count, motion = 0;
     size_t ld = (size_t)n;
     memcpy(a->factor, a->between, ld * ld * sizeof *a->factor);
@@ -344,7 +344,7 @@ static trocar_status factor_all(attached_inverse *a, const attachment *things, r
     return TROCAR_OK;
 }
 
-trocar_status inverse_attach(inverse *inv, int count, const attachment *things, report *why) {
+trocar_status inverse_attach(inverse *inv, int count, const attachment *things, trocar_error *why) {
     attached_inverse *a = (attached_inverse *)inv, before = *a;
     *a = (attached_inverse){.shared = before.shared, .base = before.base};
     trocar_status status = TROCAR_OK;
@@ -380,7 +380,7 @@ static void respond(const attached_inverse *a, int count, double *force, double 
     if (q > 0) cblas_dtrsm(CblasColMajor, CblasLeft, CblasUpper, CblasNoTrans, CblasNonUnit, q, count, 1.0, a->triangle, q, motion, q);
 }
 
-trocar_status inverse_attached_response(inverse *inv, const nodal_forces *loads, double *force, double *motion, report *why) {
+trocar_status inverse_attached_response(inverse *inv, const nodal_forces *loads, double *force, double *motion, trocar_error *why) {
     attached_inverse *a = (attached_inverse *)inv;
     memset(force, 0, (size_t)a->row_count * sizeof *force);
     memset(motion, 0, (size_t)a->motion_count * sizeof *motion);
@@ -419,7 +419,7 @@ void inverse_attached_displaced(inverse *inv, const double *displacement, double
     respond(a, 1, force, motion);
 }
 
-trocar_status inverse_attached_displace(inverse *inv, const double *force, int count, const int *nodes, vec3 *displacement, report *why) {
+trocar_status inverse_attached_displace(inverse *inv, const double *force, int count, const int *nodes, vec3 *displacement, trocar_error *why) {
     attached_inverse *a = (attached_inverse *)inv;
     if (a->row_count == 0) return TROCAR_OK;
     for (int first = 0; first < count; first += TILE) {

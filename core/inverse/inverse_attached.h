@@ -30,11 +30,11 @@ typedef struct {
 } attachment;
 
 /* Creates an inverse without attachments, which is equal to `base`. `base` must outlive it. */
-trocar_status inverse_create_attached(inverse *base, inverse **created, report *why);
+trocar_status inverse_create_attached(inverse *base, inverse **created, trocar_error *why);
 
 /* Replaces all attachments by these, in this order; their descriptions are copied. The cost is one factorisation whose size is the total number of rows, plus
    blocks of the base inverse for new attachments. After a failure, nothing is attached. Allocates. */
-trocar_status inverse_attach(inverse *inv, int count, const attachment *things, report *why);
+trocar_status inverse_attach(inverse *inv, int count, const attachment *things, trocar_error *why);
 
 int inverse_attached_rows(const inverse *inv);    /* number of rows of all attachments */
 int inverse_attached_motions(const inverse *inv); /* number of motions of all attachments */
@@ -47,7 +47,7 @@ typedef struct {
 } nodal_forces;
 
 /* Computes the response of the attachments to these forces: the changes of the forces at all rows (N), and all motions. */
-trocar_status inverse_attached_response(inverse *inv, const nodal_forces *loads, double *force, double *motion, report *why);
+trocar_status inverse_attached_response(inverse *inv, const nodal_forces *loads, double *force, double *motion, trocar_error *why);
 
 /* Computes the response to a unit displacement of each of these rows: force[k * rows + i], motion[k * motions + i]. */
 void inverse_attached_columns(inverse *inv, int count, const int *rows, double *force, double *motion);
@@ -56,6 +56,6 @@ void inverse_attached_columns(inverse *inv, int count, const int *rows, double *
 void inverse_attached_displaced(inverse *inv, const double *displacement, double *force, double *motion);
 
 /* Adds the displacements (m) of nodes that forces at all rows would cause if nothing were attached. */
-trocar_status inverse_attached_displace(inverse *inv, const double *force, int count, const int *nodes, vec3 *displacement, report *why);
+trocar_status inverse_attached_displace(inverse *inv, const double *force, int count, const int *nodes, vec3 *displacement, trocar_error *why);
 
 #endif

@@ -15,7 +15,7 @@ typedef struct {
 
 static double *dense_of(inverse *inv) { return ((dense_inverse *)inv)->dense; }
 
-static trocar_status dense_gather(inverse *inv, const inverse_blocks *blocks, report *why) {
+static trocar_status dense_gather(inverse *inv, const inverse_blocks *blocks, trocar_error *why) {
     (void)why;
     size_t n = (size_t)inv->tissue->dof_count;
     const int *dof = inv->tissue->dof;
@@ -40,7 +40,7 @@ static void dense_release(inverse *inv) { free(dense_of(inv)); }
 static const inverse_owner dense_owner = {"dense", dense_gather, dense_apply, NULL, dense_release, NULL, NULL, NULL};
 
 /* Solves K X = I block by block. */
-static trocar_status dense_fill(tissue *t, double *dense, inverse_progress progress, report *why) {
+static trocar_status dense_fill(tissue *t, double *dense, inverse_progress progress, trocar_error *why) {
     enum { BLOCK = 96 };
     size_t n = (size_t)t->dof_count;
     cholmod_dense *unit = cholmod_zeros(n, BLOCK, CHOLMOD_REAL, &t->common);
@@ -67,7 +67,7 @@ static void symmetrise(double *a, size_t n) {
         for (size_t i = 0; i < j; i++) a[j * n + i] = a[i * n + j] = 0.5 * (a[j * n + i] + a[i * n + j]);
 }
 
-trocar_status inverse_create_dense(tissue *t, inverse_progress progress, inverse **created, report *why) {
+trocar_status inverse_create_dense(tissue *t, inverse_progress progress, inverse **created, trocar_error *why) {
     size_t n = (size_t)t->dof_count;
     dense_inverse *d = calloc(1, sizeof *d);
     *created = d ? &d->shared : NULL;

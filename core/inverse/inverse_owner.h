@@ -11,9 +11,9 @@ typedef struct inverse inverse; /* inverse.h */
 
 typedef struct {
     const char *name;
-    trocar_status (*gather)(inverse *inv, const inverse_blocks *blocks, report *why);
+    trocar_status (*gather)(inverse *inv, const inverse_blocks *blocks, trocar_error *why);
     void (*apply)(inverse *inv, const double *force, double *displacement); /* dof_count each */
-    trocar_status (*prepare)(inverse *inv, report *why);                    /* NULL if no work is ever deferred */
+    trocar_status (*prepare)(inverse *inv, trocar_error *why);                    /* NULL if no work is ever deferred */
     void (*release)(inverse *inv);                                          /* frees everything except the common part */
     bool (*prefetches)(const inverse *inv);                                 /* see inverse_prefetches; NULL is equivalent to false */
     bool (*holds)(const inverse *inv, int node);                            /* see inverse_holds; NULL if it holds all nodes */
@@ -28,6 +28,6 @@ struct inverse {
     double *force, *displacement; /* dof_count: scratch memory of inverse_apply */
 };
 
-trocar_status inverse_init(inverse *inv, const inverse_owner *owner, tissue *t, report *why);
+trocar_status inverse_init(inverse *inv, const inverse_owner *owner, tissue *t, trocar_error *why);
 
 #endif

@@ -94,13 +94,13 @@ static void gather_block(sparse_inverse *s, const inverse_blocks *b) {
                        s->block + (3 * i + a) * 3 * PRODUCT_BLOCK + 3 * j, 3 * sizeof *b->out);
 }
 
-static trocar_status compute_tile(void *context, const inverse_blocks *tile, report *why) {
+static trocar_status compute_tile(void *context, const inverse_blocks *tile, trocar_error *why) {
     (void)why;
     gather_block(context, tile);
     return TROCAR_OK;
 }
 
-static trocar_status sparse_gather(inverse *inv, const inverse_blocks *blocks, report *why) {
+static trocar_status sparse_gather(inverse *inv, const inverse_blocks *blocks, trocar_error *why) {
     sparse_inverse *s = (sparse_inverse *)inv;
     pthread_mutex_lock(&s->gather_lock);
     trocar_status status = block_cache_gather(&s->blocks, &(block_source){compute_tile, s, s->tile, PRODUCT_BLOCK}, blocks, why);
@@ -165,7 +165,7 @@ static bool create_cache(sparse_inverse *s, double bytes) {
     return lru_create(&s->slots, nodes, slots) && s->halves && s->block && s->tile && block_cache_create(&s->blocks, (int)nodes);
 }
 
-trocar_status inverse_create_sparse(tissue *t, double cache_bytes, inverse **created, report *why) {
+trocar_status inverse_create_sparse(tissue *t, double cache_bytes, inverse **created, trocar_error *why) {
     sparse_inverse *s = calloc(1, sizeof *s);
     *created = s ? &s->shared : NULL;
     if (!s) return fail(why, TROCAR_NO_MEMORY, "no memory");

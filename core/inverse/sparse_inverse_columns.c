@@ -183,7 +183,7 @@ void sparse_columns_product(sparse_columns *h, const half_solved *rows, const ha
 
 /* ---- creation --------------------------------------------------------------------------------------------------------- */
 
-trocar_status sparse_columns_create(const tissue *t, sparse_columns **created, report *why) {
+trocar_status sparse_columns_create(const tissue *t, sparse_columns **created, trocar_error *why) {
     const cholmod_factor *f = t->factor;
     size_t n = (size_t)t->dof_count, supernodes = f->nsuper;
     sparse_columns *h = calloc(1, sizeof *h);

@@ -11,7 +11,7 @@ enum { HALF_BLOCK = 32, PRODUCT_BLOCK = 64 }; /* HALF_BLOCK: nodes per solve; PR
 typedef struct sparse_columns sparse_columns;
 
 /* Creates a solver for this tissue's factor; the factor must outlive it. Each thread needs its own solver. */
-trocar_status sparse_columns_create(const tissue *t, sparse_columns **created, report *why);
+trocar_status sparse_columns_create(const tissue *t, sparse_columns **created, trocar_error *why);
 void sparse_columns_free(sparse_columns *h);
 
 /* sparse_columns_length: number of rows of Y for the node with the first dof `dof`; sparse_columns_longest: the largest such number. */

@@ -48,7 +48,7 @@ static bool load(gmsh_functions *g) {
 
 /* ---- conversion ---- */
 
-static trocar_status cannot_read(const gmsh_functions *g, const char *path, report *why) {
+static trocar_status cannot_read(const gmsh_functions *g, const char *path, trocar_error *why) {
     char *reason = NULL;
     int error = 0;
     g->last_error(&reason, &error);
@@ -66,7 +66,7 @@ static const struct { const char *name; double value; } OPTIONS[] = {
 enum { OPTION_COUNT = sizeof OPTIONS / sizeof *OPTIONS };
 
 /* Sets *added if a model was added; the mesh is then in that model. */
-static trocar_status convert(const gmsh_functions *g, const char *path, const char *converted, bool *added, report *why) {
+static trocar_status convert(const gmsh_functions *g, const char *path, const char *converted, bool *added, trocar_error *why) {
     double before[OPTION_COUNT];
     int error = 0, ignored = 0;
     for (int i = 0; i < OPTION_COUNT; i++) {
@@ -97,7 +97,7 @@ static void start(const gmsh_functions *g, int *error) {
 }
 
 /* If the host program already uses Gmsh, works in a separate model, which is removed afterwards. */
-static trocar_status convert_in_session(const gmsh_functions *g, const char *path, const char *converted, report *why) {
+static trocar_status convert_in_session(const gmsh_functions *g, const char *path, const char *converted, trocar_error *why) {
     int error = 0;
     double terminal = -1.0; /* keeps this value if Gmsh has not been initialised */
     g->get_number("General.Terminal", &terminal, &error);
@@ -127,7 +127,7 @@ static void begin_fork(void) { pthread_mutex_lock(&session_lock); }
 static void end_fork(void) { pthread_mutex_unlock(&session_lock); }
 static void watch_forks(void) { pthread_atfork(begin_fork, end_fork, end_fork); }
 
-static trocar_status convert_alone(const gmsh_functions *g, const char *path, const char *converted, report *why) {
+static trocar_status convert_alone(const gmsh_functions *g, const char *path, const char *converted, trocar_error *why) {
     pthread_once(&forks_watched, watch_forks);
     pthread_mutex_lock(&session_lock);
     locale_t before = use_c_locale(); /* otherwise Gmsh would read numbers in the host's locale */
@@ -137,7 +137,7 @@ static trocar_status convert_alone(const gmsh_functions *g, const char *path, co
     return status;
 }
 
-FILE *gmsh_convert(const char *path, trocar_status *status, report *why) {
+FILE *gmsh_convert(const char *path, trocar_status *status, trocar_error *why) {
     gmsh_functions g;
     char folder[512], converted[sizeof folder + 16];
     const char *temporary = getenv("TMPDIR");

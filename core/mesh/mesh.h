@@ -5,7 +5,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#include "base/report.h"
+#include "base/error.h"
 #include "base/vec.h"
 
 enum { MESH_NAME = 64, MESH_MAX_GROUPS = 32 };
@@ -45,26 +45,26 @@ typedef struct {
     int *bvh_order;          /* boundary_count */
     double *node_size;       /* m, node_count: mean edge length of regular tetrahedra with the volumes of those around the node */
     bool *anatomical;        /* node_count: true if the node is on the outer surface, on an interface of regions, or on a named surface, line or point */
-    report remarks;          /* changes made to the file's mesh, and suspected errors in the file; may be empty */
+    trocar_error remarks;    /* changes made to the file's mesh, and suspected errors in the file; may be empty */
 } mesh;
 
 /* Reads a mesh whose coordinates are in `unit` (m): MSH 2.2 and 4.1 or, if Gmsh is installed, any other format that Gmsh reads. Checks nodes, tetrahedra,
    orientation and conformity, and joins bodies whose faces match. BAD_INPUT with a message that names the file. */
-trocar_status mesh_read_in(const char *path, double unit, mesh *m, report *why);
+trocar_status mesh_read_in(const char *path, double unit, mesh *m, trocar_error *why);
 
 /* Loads a mesh file whose coordinates are in metres. */
-static inline trocar_status mesh_read(const char *path, mesh *m, report *why) { return mesh_read_in(path, 1.0, m, why); }
+static inline trocar_status mesh_read(const char *path, mesh *m, trocar_error *why) { return mesh_read_in(path, 1.0, m, why); }
 
 /* Creates a mesh from arrays, which are copied. BAD_INPUT for indices out of range, for duplicate names, and for the faults that mesh_finish detects. */
-trocar_status mesh_from_arrays(const trocar_mesh *given, mesh *m, report *why);
+trocar_status mesh_from_arrays(const trocar_mesh *given, mesh *m, trocar_error *why);
 uint64_t mesh_hash(uint64_t h, const mesh *m); /* continues a hash (base/hash.h) with nodes, tetrahedra and their regions */
-trocar_status mesh_arrays_check(const trocar_mesh *given, report *why); /* checks only indices and names */
+trocar_status mesh_arrays_check(const trocar_mesh *given, trocar_error *why); /* checks only indices and names */
 
 /* Completes a mesh in which node_count, tet_count, nodes, tets, region and groups have been set: orients the tetrahedra, finds neighbours and the
    boundary, and builds the tree. `triangles`: triangles of named surfaces; `triangle_group`: their group indices. `name` is used in messages. Takes
    ownership of the arrays in `m`; they are released by `mesh_free`, also after a failure. */
 trocar_status mesh_finish(mesh *m, int triangle_count, const int (*triangles)[3], const int *triangle_group,
-                          const char *name, report *why);
+                          const char *name, trocar_error *why);
 
 void mesh_free(mesh *m);
 

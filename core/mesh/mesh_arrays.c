@@ -4,7 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-static trocar_status check_indices(const trocar_mesh *g, report *why) {
+static trocar_status check_indices(const trocar_mesh *g, trocar_error *why) {
     for (int i = 0; i < 4 * g->tet_count; i++)
         if (g->tets[i] < 0 || g->tets[i] >= g->node_count)
             return fail(why, TROCAR_BAD_INPUT, "mesh: tetrahedron %d has node %d, but there are %d nodes", i / 4, g->tets[i], g->node_count);
@@ -20,7 +20,7 @@ static trocar_status check_indices(const trocar_mesh *g, report *why) {
     return TROCAR_OK;
 }
 
-trocar_status mesh_arrays_check(const trocar_mesh *g, report *why) {
+trocar_status mesh_arrays_check(const trocar_mesh *g, trocar_error *why) {
     if (g->node_count < 4 || g->tet_count < 1 || !g->nodes || !g->tets) return fail(why, TROCAR_BAD_INPUT, "mesh: no tetrahedra");
     if (g->node_count > INT32_MAX / 4 || g->tet_count > INT32_MAX / 4 || g->triangle_count < 0 || g->triangle_count > INT32_MAX / 4)
         return fail(why, TROCAR_BAD_INPUT, "mesh: %d nodes, %d tetrahedra and %d triangles: too many", g->node_count, g->tet_count, g->triangle_count);
@@ -34,7 +34,7 @@ trocar_status mesh_arrays_check(const trocar_mesh *g, report *why) {
     return check_indices(g, why);
 }
 
-static trocar_status name_group(mesh *m, const char *name, int dimension, report *why) {
+static trocar_status name_group(mesh *m, const char *name, int dimension, trocar_error *why) {
     size_t length = name ? strlen(name) : 0;
     if (length == 0 || length >= MESH_NAME) return fail(why, TROCAR_BAD_INPUT, "mesh: the name of a region or surface must have 1 to %d characters", MESH_NAME - 1);
     if (mesh_find_group(m, name, -1) >= 0) return fail(why, TROCAR_BAD_INPUT, "mesh: two regions or surfaces are named \"%s\"", name);
@@ -45,7 +45,7 @@ static trocar_status name_group(mesh *m, const char *name, int dimension, report
 }
 
 /* Collects the nodes of one group in ascending order. */
-static trocar_status collect_nodes(mesh *m, const trocar_mesh *g, int index, report *why) {
+static trocar_status collect_nodes(mesh *m, const trocar_mesh *g, int index, trocar_error *why) {
     mesh_group *group = &m->groups[index];
     bool *marked = calloc((size_t)m->node_count, sizeof *marked);
     if (!marked) return fail(why, TROCAR_NO_MEMORY, "mesh: no memory");
@@ -74,7 +74,7 @@ static int *triangle_groups(const trocar_mesh *g) {
     return groups;
 }
 
-static trocar_status copy_arrays(const trocar_mesh *g, mesh *m, report *why) {
+static trocar_status copy_arrays(const trocar_mesh *g, mesh *m, trocar_error *why) {
     m->node_count = g->node_count;
     m->tet_count = g->tet_count;
     m->nodes = malloc((size_t)g->node_count * sizeof *m->nodes);
@@ -92,7 +92,7 @@ static trocar_status copy_arrays(const trocar_mesh *g, mesh *m, report *why) {
 }
 _Static_assert(sizeof(vec3) == 3 * sizeof(double) && sizeof(int) == sizeof(int32_t), "arrays are copied byte by byte");
 
-trocar_status mesh_from_arrays(const trocar_mesh *given, mesh *m, report *why) {
+trocar_status mesh_from_arrays(const trocar_mesh *given, mesh *m, trocar_error *why) {
     memset(m, 0, sizeof *m);
     trocar_status status = mesh_arrays_check(given, why);
     if (status == TROCAR_OK) status = copy_arrays(given, m, why);

@@ -17,7 +17,7 @@ typedef struct {
     const char *path;
     double unit;             /* m */
     mesh *mesh;
-    report *why;
+    trocar_error *why;
     msh_contents file;
     int *index;              /* file.node_count: number of each node in the mesh; -1 if no tetrahedron uses the node */
     int tags[MESH_MAX_GROUPS]; /* tags of the groups in the file */
@@ -318,7 +318,7 @@ static trocar_status make_mesh(mesh_maker *r) {
     return status;
 }
 
-trocar_status mesh_read_in(const char *path, double unit, mesh *m, report *why) {
+trocar_status mesh_read_in(const char *path, double unit, mesh *m, trocar_error *why) {
     memset(m, 0, sizeof *m);
     mesh_maker r = {.path = path, .unit = unit, .mesh = m, .why = why};
     trocar_status status = make_mesh(&r);

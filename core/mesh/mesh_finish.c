@@ -13,7 +13,7 @@ static const double FLAT = 1e-9; /* dimensionless: ratio of volume to longest ed
 
 /* ---- checks and orientation ---- */
 
-static trocar_status check_nodes(const mesh *m, const char *name, report *why) {
+static trocar_status check_nodes(const mesh *m, const char *name, trocar_error *why) {
     for (int n = 0; n < m->node_count; n++) {
         vec3 x = m->nodes[n];
         if (!isfinite(x.x) || !isfinite(x.y) || !isfinite(x.z))
@@ -29,7 +29,7 @@ static double longest_edge(const vec3 corners[4]) {
     return longest;
 }
 
-static trocar_status orient_tets(mesh *m, const char *name, report *why) {
+static trocar_status orient_tets(mesh *m, const char *name, trocar_error *why) {
     for (int t = 0; t < m->tet_count; t++) {
         int *v = m->tets[t];
         vec3 corners[4];
@@ -49,7 +49,7 @@ static trocar_status orient_tets(mesh *m, const char *name, report *why) {
 }
 
 /* Computes the size at each node: the mean edge length of regular tetrahedra with the volumes of those around the node. */
-static trocar_status measure_nodes(mesh *m, const char *name, report *why) {
+static trocar_status measure_nodes(mesh *m, const char *name, trocar_error *why) {
     int *valence = calloc(m->node_count, sizeof *valence);
     if (!valence) return fail(why, TROCAR_NO_MEMORY, "%s: no memory for %d nodes", name, m->node_count);
     for (int t = 0; t < m->tet_count; t++) {
@@ -118,7 +118,7 @@ static face_record *sorted_faces(const mesh *m) {
 }
 
 /* Two tetrahedra that share a face are on opposite sides of it, so they must contain the face's nodes in opposite orientations. */
-static trocar_status join_neighbours(mesh *m, const face_record *faces, const char *name, report *why) {
+static trocar_status join_neighbours(mesh *m, const face_record *faces, const char *name, trocar_error *why) {
     size_t count = 4 * (size_t)m->tet_count, next;
     for (size_t i = 0; i < count; i = next) {
         const face_record *a = &faces[i], *b = a + 1;
@@ -157,7 +157,7 @@ typedef struct {
     const int (*nodes)[3], *group;
 } surface_triangles;
 
-static trocar_status mark_surfaces(mesh *m, const face_record *faces, const surface_triangles *triangles, const char *name, report *why) {
+static trocar_status mark_surfaces(mesh *m, const face_record *faces, const surface_triangles *triangles, const char *name, trocar_error *why) {
     size_t count = 4 * (size_t)m->tet_count;
     for (int i = 0; i < triangles->count; i++) {
         int key[3] = {triangles->nodes[i][0], triangles->nodes[i][1], triangles->nodes[i][2]};
@@ -199,7 +199,7 @@ static void collect_boundary(mesh *m) {
 
 /* ---- the whole mesh ---- */
 
-static trocar_status join_faces(mesh *m, const surface_triangles *triangles, const char *name, report *why) {
+static trocar_status join_faces(mesh *m, const surface_triangles *triangles, const char *name, trocar_error *why) {
     face_record *faces = sorted_faces(m);
     if (!faces) return fail(why, TROCAR_NO_MEMORY, "%s: no memory for %d tetrahedra", name, m->tet_count);
     trocar_status status = join_neighbours(m, faces, name, why);
@@ -209,7 +209,7 @@ static trocar_status join_faces(mesh *m, const surface_triangles *triangles, con
     return status;
 }
 
-static trocar_status finish_boundary(mesh *m, const char *name, report *why) {
+static trocar_status finish_boundary(mesh *m, const char *name, trocar_error *why) {
     m->boundary = malloc(m->boundary_count * sizeof *m->boundary);
     if (m->boundary) collect_boundary(m);
     return m->boundary && surface_tree_build(m) ? TROCAR_OK
@@ -217,7 +217,7 @@ static trocar_status finish_boundary(mesh *m, const char *name, report *why) {
 }
 
 trocar_status mesh_finish(mesh *m, int triangle_count, const int (*triangles)[3], const int *triangle_group,
-                          const char *name, report *why) {
+                          const char *name, trocar_error *why) {
     if (m->tet_count < 1) return fail(why, TROCAR_BAD_INPUT, "%s: no tetrahedra: mesh the volume", name);
     m->neighbours = malloc(m->tet_count * sizeof *m->neighbours);
     m->face_groups = calloc(m->tet_count, sizeof *m->face_groups);

@@ -376,7 +376,7 @@ static void read_sections(reader *r) {
 
 bool msh_is_readable(FILE *file) {
     char first[10] = "";
-    report why;
+    trocar_error why;
     int64_t binary, size;
     reader r = {.in = {.file = file, .path = "", .why = &why, .line = 1}};
     rewind(file);
@@ -386,7 +386,7 @@ bool msh_is_readable(FILE *file) {
     return !read_format(&r, &binary, &size) || r.version == 2.2 || r.version == 4.1; /* an unsupported version is read in order to report what is wrong */
 }
 
-trocar_status msh_read(FILE *file, const char *path, bool converted, msh_contents *contents, report *why) {
+trocar_status msh_read(FILE *file, const char *path, bool converted, msh_contents *contents, trocar_error *why) {
     memset(contents, 0, sizeof *contents);
     reader r = {.in = {.file = file, .path = path, .converted = converted, .why = why, .line = 1}, .contents = contents};
     struct stat status;

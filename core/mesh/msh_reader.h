@@ -37,7 +37,7 @@ bool msh_is_readable(FILE *file);
 
 /* Reads the whole file. `path` is used in messages, which also give the line or byte, unless `file` was `converted` from path. BAD_INPUT, NO_MEMORY.
    `contents` must be released with msh_free, also after a failure. */
-trocar_status msh_read(FILE *file, const char *path, bool converted, msh_contents *contents, report *why);
+trocar_status msh_read(FILE *file, const char *path, bool converted, msh_contents *contents, trocar_error *why);
 void msh_free(msh_contents *contents);
 
 #endif

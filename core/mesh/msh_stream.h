@@ -6,7 +6,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#include "base/report.h"
+#include "base/error.h"
 
 enum { MSH_WORD = 64 };
 
@@ -14,7 +14,7 @@ typedef struct {
     FILE *file;
     const char *path;        /* for messages */
     bool converted;          /* true if `file` was converted from `path`, so that messages cannot give a place */
-    report *why;
+    trocar_error *why;
     trocar_status status;
     uint64_t size;           /* size of the file in bytes */
     uint64_t line, word_line; /* line: number of the current line; word_line: number of the line of the last word; both counted from 1, and only in parts that

@@ -12,7 +12,7 @@ static double distance_to_segment(vec3 x, vec3 from, vec3 to) {
     return v3_norm(v3_axpy(-fmin(fmax(along, 0.0), 1.0), way, off));
 }
 
-static trocar_status mark_given(const mesh *m, const roi_config *given, bool *inside, report *why) {
+static trocar_status mark_given(const mesh *m, const roi_config *given, bool *inside, trocar_error *why) {
     bool any = false;
     for (int r = 0; r < given->region_count; r++) {
         int group = mesh_find_group(m, given->regions[r], 3);
@@ -52,7 +52,7 @@ static int by_distance(const void *a, const void *b) {
     return p->distance != q->distance ? (p->distance > q->distance) - (p->distance < q->distance) : p->node - q->node;
 }
 
-static trocar_status mark_usual(const mesh *m, int surface, bool *inside, report *why) {
+static trocar_status mark_usual(const mesh *m, int surface, bool *inside, trocar_error *why) {
     line axis = line_into(m, surface);
     bool all = m->node_count <= REACH_USUAL, known = v3_norm(axis.direction) > 0.0;
     ranked_node *ranked = malloc((size_t)m->node_count * sizeof *ranked);
@@ -65,7 +65,7 @@ static trocar_status mark_usual(const mesh *m, int surface, bool *inside, report
     return TROCAR_OK;
 }
 
-trocar_status roi_find(const mesh *m, const roi_config *given, int surface, int **nodes, int *count, report *why) {
+trocar_status roi_find(const mesh *m, const roi_config *given, int surface, int **nodes, int *count, trocar_error *why) {
     bool *inside = calloc((size_t)m->node_count, sizeof *inside);
     *nodes = malloc((size_t)m->node_count * sizeof **nodes);
     *count = 0;

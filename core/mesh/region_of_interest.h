@@ -19,6 +19,6 @@ bool roi_given(const roi_config *given);
 /* Lists the nodes in the region of interest in ascending order; the caller frees the list. If no region is given: all nodes of a mesh with up to
    REACH_USUAL nodes; in a larger mesh, that many nodes around the normal through the centroid of surface group `surface`, or none if this is not an outer
    surface (or is -1). BAD_INPUT for an unknown region, or if a given region contains no nodes. */
-trocar_status roi_find(const mesh *m, const roi_config *given, int surface, int **nodes, int *count, report *why);
+trocar_status roi_find(const mesh *m, const roi_config *given, int surface, int **nodes, int *count, trocar_error *why);
 
 #endif

@@ -21,7 +21,7 @@ static const char *list_groups(const mesh *m, int dimension, char *text, size_t 
     return used ? text : "none";
 }
 
-static trocar_status bind_regions(model_parts *s, report *why) {
+static trocar_status bind_regions(model_parts *s, trocar_error *why) {
     char known[512];
     bool bound[MESH_MAX_GROUPS] = {false};
     for (int i = 0; i < s->config.region_count; i++) {
@@ -39,7 +39,7 @@ static trocar_status bind_regions(model_parts *s, report *why) {
     return TROCAR_OK;
 }
 
-static trocar_status bind_membranes(model_parts *s, report *why) {
+static trocar_status bind_membranes(model_parts *s, trocar_error *why) {
     char known[512];
     for (int i = 0; i < s->config.membrane_count; i++) {
         const membrane_config *given = &s->config.membranes[i];
@@ -61,7 +61,7 @@ static const char *place_in_scene(const model_parts *s, int line, char place[PLA
     return place;
 }
 
-static trocar_status check_calcifications(const model_parts *s, report *why) {
+static trocar_status check_calcifications(const model_parts *s, trocar_error *why) {
     char place[PLACE_ROOM];
     for (int i = 0; i < s->config.calcification_count; i++) {
         const calcification *given = &s->config.calcifications[i];
@@ -73,10 +73,10 @@ static trocar_status check_calcifications(const model_parts *s, report *why) {
     return TROCAR_OK;
 }
 
-static trocar_status bind_guides(model_parts *s, report *why) {
+static trocar_status bind_guides(model_parts *s, trocar_error *why) {
     for (int i = 0; i < s->config.guide_count; i++) {
         const guide_config *given = &s->config.guides[i];
-        report fault;
+        trocar_error fault;
         const char *key, *words = guide_fault(given, s->config.needle.outer_diameter, &key, &fault);
         if (words) return fail(why, TROCAR_BAD_INPUT, "guides[%d].%s: %s", i, key, words);
         s->guides[i] = guide_make(given, s->config.needle.outer_diameter);
@@ -88,7 +88,7 @@ static trocar_status bind_guides(model_parts *s, report *why) {
     return TROCAR_OK;
 }
 
-static trocar_status bind_probe(model_parts *s, report *why) {
+static trocar_status bind_probe(model_parts *s, trocar_error *why) {
     char known[512], place[PLACE_ROOM];
     const probe_config *p = &s->config.probe;
     s->probe_surface = -1;
@@ -104,7 +104,7 @@ static trocar_status bind_probe(model_parts *s, report *why) {
 }
 
 /* Looks up the configuration's group names in the mesh. */
-static trocar_status bind_to_mesh(model_parts *s, report *why) {
+static trocar_status bind_to_mesh(model_parts *s, trocar_error *why) {
     trocar_status status = bind_regions(s, why);
     if (status == TROCAR_OK) status = bind_membranes(s, why);
     if (status == TROCAR_OK) status = check_calcifications(s, why);
@@ -113,7 +113,7 @@ static trocar_status bind_to_mesh(model_parts *s, report *why) {
 }
 
 /* Checks that the probe's surface can yield: a surface whose nodes are all fixed cannot. The tissue must have been created. */
-static trocar_status check_probe_surface(const model_parts *s, report *why) {
+static trocar_status check_probe_surface(const model_parts *s, trocar_error *why) {
     char place[PLACE_ROOM];
     if (s->probe_surface < 0) return TROCAR_OK;
     const mesh_group *surface = &s->mesh.groups[s->probe_surface];
@@ -123,7 +123,7 @@ static trocar_status check_probe_surface(const model_parts *s, report *why) {
                 place_in_scene(s, s->config.probe.surface_line, place), surface->name);
 }
 
-static trocar_status build_tissue(model_parts *s, report *why) {
+static trocar_status build_tissue(model_parts *s, trocar_error *why) {
     char known[512];
     bool *fixed = calloc((size_t)s->mesh.node_count, sizeof *fixed);
     if (!fixed) return fail(why, TROCAR_NO_MEMORY, "no memory");
@@ -149,7 +149,7 @@ enum { SEVERAL_THREADS = 30000 }; /* number of unknowns above which BLAS uses se
 
 static bool is_large(const model_parts *s) { return s->tissue.dof_count > SEVERAL_THREADS; }
 
-static trocar_status build_whole(model_parts *s, bool sparse, int roi_count, const int *roi, report *why) {
+static trocar_status build_whole(model_parts *s, bool sparse, int roi_count, const int *roi, trocar_error *why) {
     inverse_progress progress = s->config.progress;
     if (!sparse) progress.show = NULL; /* a dense inverse is computed too quickly to report progress */
     trocar_status status = inverse_factor(&s->tissue, sparse ? roi_count : 0, roi, progress, why);
@@ -157,15 +157,15 @@ static trocar_status build_whole(model_parts *s, bool sparse, int roi_count, con
     return sparse ? inverse_create_sparse(&s->tissue, SPARSE_CACHE, &s->inverse, why) : inverse_create_dense(&s->tissue, progress, &s->inverse, why);
 }
 
-static trocar_status build_large(model_parts *s, bool sparse, int roi_count, const int *roi, report *why) {
+static trocar_status build_large(model_parts *s, bool sparse, int roi_count, const int *roi, trocar_error *why) {
     blas_begin_turn();
     trocar_status status = build_whole(s, sparse, roi_count, roi, why);
     blas_end_turn();
     return status;
 }
 
-static trocar_status build_owner(model_parts *s, int roi_count, const int *roi, report *why) {
-    report notice;
+static trocar_status build_owner(model_parts *s, int roi_count, const int *roi, trocar_error *why) {
+    trocar_error notice;
     const simulation_config *config = &s->config;
     inverse_facts facts = {.given = config->inverse, .precision = config->precision, .node_count = s->mesh.node_count,
                            .dof_count = s->tissue.dof_count, .roi_given = roi_given(&config->roi), .roi_count = roi_count,
@@ -186,7 +186,7 @@ static trocar_status build_owner(model_parts *s, int roi_count, const int *roi, 
 }
 
 /* Adds the nodes that a probe can press to the region of interest, if there is one. */
-static trocar_status add_probe_nodes(const model_parts *s, int **nodes, int *count, report *why) {
+static trocar_status add_probe_nodes(const model_parts *s, int **nodes, int *count, trocar_error *why) {
     if (s->probe_surface < 0 || *count == 0) return TROCAR_OK;
     const mesh_group *surface = &s->mesh.groups[s->probe_surface];
     int *all = realloc(*nodes, (size_t)(*count + surface->node_count) * sizeof *all), found = *count;
@@ -199,7 +199,7 @@ static trocar_status add_probe_nodes(const model_parts *s, int **nodes, int *cou
     return TROCAR_OK;
 }
 
-static trocar_status build_inverse(model_parts *s, report *why) {
+static trocar_status build_inverse(model_parts *s, trocar_error *why) {
     int *roi, roi_count;
     int surface = s->config.membrane_count > 0 ? s->membranes[0].group : -1;
     trocar_status status = roi_find(&s->mesh, &s->config.roi, surface, &roi, &roi_count, why);
@@ -210,7 +210,7 @@ static trocar_status build_inverse(model_parts *s, report *why) {
     return status;
 }
 
-static trocar_status build_insertion(model_parts *s, report *why) {
+static trocar_status build_insertion(model_parts *s, trocar_error *why) {
     s->insertion = (insertion_model){.mesh = &s->mesh, .tissue = &s->tissue, .materials = s->materials, .needle = &s->needle,
                                      .membranes = s->membranes, .membrane_count = s->config.membrane_count,
                                      .calcifications = s->config.calcifications, .calcification_count = s->config.calcification_count,
@@ -219,11 +219,11 @@ static trocar_status build_insertion(model_parts *s, report *why) {
     return status == TROCAR_OK ? local_create(&s->insertion, why) : status;
 }
 
-static trocar_status take_mesh(model_parts *s, report *why) {
+static trocar_status take_mesh(model_parts *s, trocar_error *why) {
     return s->config.mesh_given ? mesh_from_arrays(s->config.mesh_given, &s->mesh, why) : mesh_read_in(s->config.mesh_path, s->config.mesh_unit, &s->mesh, why);
 }
 
-trocar_status model_parts_create_mesh(const simulation_config *config, model_parts *s, report *why) {
+trocar_status model_parts_create_mesh(const simulation_config *config, model_parts *s, trocar_error *why) {
     memset(s, 0, sizeof *s);
     s->config = *config;
     trocar_status status = take_mesh(s, why);
@@ -234,7 +234,7 @@ trocar_status model_parts_create_mesh(const simulation_config *config, model_par
     return status;
 }
 
-trocar_status model_parts_create(const simulation_config *config, model_parts *s, report *why) {
+trocar_status model_parts_create(const simulation_config *config, model_parts *s, trocar_error *why) {
     memset(s, 0, sizeof *s);
     trocar_status status = blas_start(why);
     if (status == TROCAR_OK) status = model_parts_create_mesh(config, s, why);
@@ -300,7 +300,7 @@ static const char *stiffness_key_that_differs(const simulation_config *a, const 
     return NULL;
 }
 
-trocar_status model_parts_derive(const model_parts *base, const simulation_config *config, model_parts *s, report *why) {
+trocar_status model_parts_derive(const model_parts *base, const simulation_config *config, model_parts *s, trocar_error *why) {
     char text[64];
     memset(s, 0, sizeof *s);
     if (config->mesh_given || base->config.mesh_path[0] == '\0')

@@ -15,20 +15,20 @@ typedef struct {
     int probe_surface;                  /* index of the probe's surface among the groups; -1 if there is no probe */
     tissue tissue;
     inverse *inverse;
-    report about_inverse;               /* the kind of inverse that was chosen, and the reason for the choice */
+    trocar_error about_inverse;         /* the kind of inverse that was chosen, and the reason for the choice */
     needle_model needle;
     insertion_model insertion;
 } model_parts;
 
 /* Reads the mesh and looks up the scene's names in it; the other members stay empty. After a failure, everything has been freed. */
-trocar_status model_parts_create_mesh(const simulation_config *config, model_parts *s, report *why);
+trocar_status model_parts_create_mesh(const simulation_config *config, model_parts *s, trocar_error *why);
 
 /* Reads the mesh and builds all constant data. After a failure, everything has been freed and `why` is set. */
-trocar_status model_parts_create(const simulation_config *config, model_parts *s, report *why);
+trocar_status model_parts_create(const simulation_config *config, model_parts *s, trocar_error *why);
 
 /* Builds the constant data for a configuration with the same mesh and stiffness as `base`; shares the mesh, tissue and inverse of `base`, which must
    outlive it. Returns BAD_INPUT, naming the key, if the stiffness or inverse would differ, or if the mesh was given as arrays. */
-trocar_status model_parts_derive(const model_parts *base, const simulation_config *config, model_parts *s, report *why);
+trocar_status model_parts_derive(const model_parts *base, const simulation_config *config, model_parts *s, trocar_error *why);
 
 void model_parts_free(model_parts *s);
 

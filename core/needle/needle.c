@@ -16,7 +16,7 @@ static double natural_slope(const needle_parameters *given, int segment) {
     return M_PI * given->bow * sin(2.0 * M_PI * segment / last);
 }
 
-trocar_status needle_create(const needle_parameters *given, needle_model *model, report *why) {
+trocar_status needle_create(const needle_parameters *given, needle_model *model, trocar_error *why) {
     const needle_parameters *g = given;
     if (!(g->length > 0 && g->outer_diameter > 0 && g->youngs_modulus > 0))
         return fail(why, TROCAR_BAD_INPUT, "needle: length, outer_diameter and youngs_modulus must be positive");

@@ -8,7 +8,7 @@
 #include "needle/needle_model.h"
 
 /* Computes the model from its parameters. BAD_INPUT for values out of range; NO_MEMORY. Nothing needs to be freed. */
-trocar_status needle_create(const needle_parameters *given, needle_model *model, report *why);
+trocar_status needle_create(const needle_parameters *given, needle_model *model, trocar_error *why);
 
 /* Makes the needle straight and unloaded, with its base at `base`. RT */
 void needle_set_straight(const needle_model *model, pose base, needle_state *state);

@@ -2,7 +2,7 @@
 #ifndef TROCAR_NEEDLE_MODEL_H
 #define TROCAR_NEEDLE_MODEL_H
 
-#include "base/report.h"
+#include "base/error.h"
 #include "base/vec.h"
 
 enum {

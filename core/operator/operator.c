@@ -115,7 +115,7 @@ static bool find_place(const mesh *m, vec3 place, target *t) {
     return true;
 }
 
-static trocar_status add_target(trocar_operator *op, const trocar_model *model, int index, double depth, target *t, report *why) {
+static trocar_status add_target(trocar_operator *op, const trocar_model *model, int index, double depth, target *t, trocar_error *why) {
     const handled *n = &op->needles[index];
     t->depth = depth;
     if (!(depth > 0.0 && depth < op->needle_length))
@@ -125,7 +125,7 @@ static trocar_status add_target(trocar_operator *op, const trocar_model *model, 
 }
 
 static trocar_status add_needle(trocar_operator *op, const trocar_model *model, const trocar_operator_needle *planned, int index,
-                                const trocar_operator_options *options, int *targets, report *why) {
+                                const trocar_operator_options *options, int *targets, trocar_error *why) {
     handled *n = &op->needles[index];
     const double *q = planned->entry.orientation;
     if (planned->guide < -1 || planned->guide >= model->parts.config.guide_count)
@@ -171,7 +171,7 @@ static void for_needles(trocar_operator *op, bool with_seeds, void (*plan)(troca
         if (with_seeds == (op->needles[i].seeds > 0)) plan(op, i);
 }
 
-static trocar_status check_options(const trocar_operator_options *o, report *why) {
+static trocar_status check_options(const trocar_operator_options *o, trocar_error *why) {
     if (!(o->image_error >= 0.0 && o->image_error <= 0.1)) return fail(why, TROCAR_BAD_INPUT, "an image error of %g m: expected 0 to 0.1", o->image_error);
     if (!(o->splay >= 0.0 && o->splay <= 0.5)) return fail(why, TROCAR_BAD_INPUT, "a splay of %g rad: expected 0 to 0.5", o->splay);
     if (!(o->speed >= 1e-4 && o->speed <= 10.0)) return fail(why, TROCAR_BAD_INPUT, "a speed of %g m/s: expected 0.0001 to 10", o->speed);
@@ -179,7 +179,8 @@ static trocar_status check_options(const trocar_operator_options *o, report *why
     return TROCAR_OK;
 }
 
-static trocar_status fill(trocar_operator *op, const trocar_model *model, const trocar_operator_needle *needles, const trocar_operator_options *options, report *why) {
+static trocar_status fill(trocar_operator *op, const trocar_model *model, const trocar_operator_needle *needles, const trocar_operator_options *options,
+                          trocar_error *why) {
     int targets = 0;
     trocar_status status = check_options(options, why);
     for (int i = 0; status == TROCAR_OK && i < op->needle_count; i++) status = add_needle(op, model, &needles[i], i, options, &targets, why);

@@ -97,7 +97,7 @@ static surface_point point_at(const probe *p, int tet, int a, int b) {
     return point;
 }
 
-static trocar_status take_points(probe *p, int surface, report *why) {
+static trocar_status take_points(probe *p, int surface, trocar_error *why) {
     int edge_count, (*edges)[3] = list_edges(p, surface, &edge_count);
     p->points = malloc((size_t)(p->surface_count + edge_count + 1) * sizeof *p->points);
     if (edges && p->points) {
@@ -113,7 +113,7 @@ static trocar_status take_points(probe *p, int surface, report *why) {
     return p->point_count > 0 ? TROCAR_OK : fail(why, TROCAR_NO_MEMORY, "no memory for a probe");
 }
 
-static trocar_status take_surface(probe *p, int surface, report *why) {
+static trocar_status take_surface(probe *p, int surface, trocar_error *why) {
     const mesh_group *group = &mesh_of(p)->groups[surface];
     const tissue *t = inverse_tissue(p->beneath);
     p->surface = malloc((size_t)(group->node_count + 1) * sizeof *p->surface);
@@ -126,7 +126,7 @@ static trocar_status take_surface(probe *p, int surface, report *why) {
     return take_points(p, surface, why);
 }
 
-trocar_status probe_create(inverse *beneath, const probe_shape *shape, int surface, double max_force, probe **created, report *why) {
+trocar_status probe_create(inverse *beneath, const probe_shape *shape, int surface, double max_force, probe **created, trocar_error *why) {
     probe *p = *created = calloc(1, sizeof *p);
     if (!p) return fail(why, TROCAR_NO_MEMORY, "no memory for a probe");
     p->shape = *shape;
@@ -215,7 +215,7 @@ static bool is_far(const probe *p, pose base, const double *attached) {
 }
 
 /* Chooses the points again, unless all points that the probe may touch are already listed. */
-static trocar_status list_near(probe *p, pose base, const double *attached, report *why) {
+static trocar_status list_near(probe *p, pose base, const double *attached, trocar_error *why) {
     bool listed = p->near_count > 0;
     for (int i = 0; i < p->point_count && listed; i++) listed = !in_reach(p, base, i, attached) || find(i, p->candidate_count, p->candidates) >= 0;
     for (int i = 0; i < p->state.count && listed; i++) listed = find(p->state.points[i].point, p->candidate_count, p->candidates) >= 0;
@@ -230,7 +230,7 @@ static trocar_status list_near(probe *p, pose base, const double *attached, repo
     return TROCAR_OK;
 }
 
-static trocar_status find_compliance(probe *p, report *why) {
+static trocar_status find_compliance(probe *p, trocar_error *why) {
     if (p->compliance_known) return TROCAR_OK;
     trocar_status status = inverse_gather(p->beneath, &(inverse_blocks){p->near_count, p->near, p->near_count, p->near, p->compliance, LD}, why);
     p->compliance_known = status == TROCAR_OK;
@@ -270,7 +270,7 @@ static double own_compliance(const probe *p, int i) {
 }
 
 /* Finds the displacement of the near nodes without the probe. */
-static trocar_status find_free(probe *p, const double *attached, report *why) {
+static trocar_status find_free(probe *p, const double *attached, trocar_error *why) {
     vec3 *u = p->scratch->free_u;
     memset(u, 0, sizeof p->scratch->free_u);
     trocar_status status = support_reach(&p->support, p->near_count, p->near, u, why);
@@ -345,7 +345,7 @@ static void start_from_state(probe *p) {
     displace(p);
 }
 
-static trocar_status solve_at(probe *p, pose base, const double *attached, report *why) {
+static trocar_status solve_at(probe *p, pose base, const double *attached, trocar_error *why) {
     trocar_status status = list_near(p, base, attached, why);
     if (status == TROCAR_OK) status = find_compliance(p, why);
     if (status == TROCAR_OK) status = find_free(p, attached, why);
@@ -360,7 +360,7 @@ static trocar_status solve_at(probe *p, pose base, const double *attached, repor
 
 /* ---- what is attached -------------------------------------------------------------------------------------------------------------- */
 
-static trocar_status attach(probe *p, report *why) {
+static trocar_status attach(probe *p, trocar_error *why) {
     attached_row rows[MAX_PRESSED];
     int n = p->state.count;
     double *own = p->scratch->attached;
@@ -458,7 +458,7 @@ static void publish(probe *p) {
 }
 
 /* Computes the free forces: subtracts the response of the attached points to held needles from the forces. */
-static trocar_status find_free_forces(probe *p, bool changed, report *why) {
+static trocar_status find_free_forces(probe *p, bool changed, trocar_error *why) {
     double *response = p->scratch->response, most = 0.0;
     vec3 *unloaded = p->scratch->point_force;
     nodal_forces loads = support_forces(&p->support, p->scratch->load);
@@ -477,7 +477,7 @@ static trocar_status find_free_forces(probe *p, bool changed, report *why) {
 
 /* Prepares the supports. In a needle's last tick, the pressed points were attached to the probe, so their forces were the free forces plus the response of the
    attached points to the needle. */
-static trocar_status prepare_support(probe *p, const needle_holds *holds, bool stale, report *why) {
+static trocar_status prepare_support(probe *p, const needle_holds *holds, bool stale, trocar_error *why) {
     probe_scratch *s = p->scratch;
     const nodal_forces loads = {p->support.node_count, p->support.nodes, p->support.force};
     if (loads.count == 0) return TROCAR_OK;
@@ -497,7 +497,7 @@ bool probe_axis_in_tissue(const mesh *m, const probe_shape *shape, pose base) {
     return mesh_locate(m, tip, -1) >= 0 || mesh_locate(m, base.position, -1) >= 0 || mesh_enter(m, base.position, tip).hit;
 }
 
-static trocar_status solve_force(probe *p, pose at, const double *attached, double *force, report *why) {
+static trocar_status solve_force(probe *p, pose at, const double *attached, double *force, trocar_error *why) {
     vec3 ignored;
     trocar_status status = solve_at(p, at, attached, why);
     *force = status == TROCAR_OK ? v3_norm(wrench_of_solution(p, at, &ignored)) : 0.0;
@@ -506,7 +506,7 @@ static trocar_status solve_force(probe *p, pose at, const double *attached, doub
 
 /* Finds, by the secant method, the pose between the current pose and `to` at which the force is just below the limit. `beyond`: the force at `to`. The
    solution for the returned pose is left in the scratch memory. */
-static trocar_status solve_short_of(probe *p, pose *to, double beyond, const double *attached, report *why) {
+static trocar_status solve_short_of(probe *p, pose *to, double beyond, const double *attached, trocar_error *why) {
     pose from = p->state.base, end = *to;
     double force = v3_norm(p->state.wrench_force), part = 1.0, target = (1.0 - STOPPED) * p->max_force;
     for (int i = 0; i < MOST_STOPS; i++) {
@@ -519,7 +519,7 @@ static trocar_status solve_short_of(probe *p, pose *to, double beyond, const dou
 }
 
 /* Moves to the next pose along the probe's path. Sets `free` to false if the tissue stops the probe before it reaches that pose. */
-static trocar_status press_at(probe *p, pose at, const double *attached, bool *free, bool *changed, report *why) {
+static trocar_status press_at(probe *p, pose at, const double *attached, bool *free, bool *changed, trocar_error *why) {
     double force;
     if (p->state.count == 0 && is_far(p, at, attached)) {
         p->state.placed = true;
@@ -536,7 +536,7 @@ static trocar_status press_at(probe *p, pose at, const double *attached, bool *f
 
 /* Places the probe directly at a pose that it has not reached in steps, unless its axis or its force would not allow this; in that case, the probe stays
    where it was. */
-static trocar_status put_in(probe *p, pose base, const double *attached, bool *free, bool *changed, report *why) {
+static trocar_status put_in(probe *p, pose base, const double *attached, bool *free, bool *changed, trocar_error *why) {
     double force = 0.0;
     trocar_status status = TROCAR_OK;
     p->scratch->before = p->state;
@@ -556,7 +556,7 @@ static trocar_status put_in(probe *p, pose base, const double *attached, bool *f
 /* Returns the number of steps for a path of this length (m), at most MOST_STEPS + 1. */
 static int steps_of(const probe *p, double way) { return 1 + (int)fmin(way / (STEP * p->shape.radius), MOST_STEPS); }
 
-static trocar_status press(probe *p, pose base, double elapsed, const other_loads *others, const needle_holds *holds, bool beneath_changed, report *why) {
+static trocar_status press(probe *p, pose base, double elapsed, const other_loads *others, const needle_holds *holds, bool beneath_changed, trocar_error *why) {
     const double *attached = others->attached;
     bool changed = beneath_changed || p->attached_count != p->state.count, free = true;
     if (beneath_changed) p->compliance_known = false;
@@ -578,10 +578,10 @@ static trocar_status press(probe *p, pose base, double elapsed, const other_load
     return status == TROCAR_OK ? find_free_forces(p, changed, why) : status;
 }
 
-trocar_status probe_press(probe *p, pose base, double elapsed, const other_loads *others, const needle_holds *holds, bool beneath_changed, report *why) {
+trocar_status probe_press(probe *p, pose base, double elapsed, const other_loads *others, const needle_holds *holds, bool beneath_changed, trocar_error *why) {
     trocar_status status = press(p, base, elapsed, others, holds, beneath_changed, why);
     if (status != TROCAR_OK) {
-        report ignored;
+        trocar_error ignored;
         p->state.count = 0;
         p->state.wrench_force = p->state.wrench_torque = v3(0, 0, 0);
         p->compliance_known = false;
@@ -591,7 +591,7 @@ trocar_status probe_press(probe *p, pose base, double elapsed, const other_loads
     return status;
 }
 
-trocar_status probe_resume(probe *p, const probe_state *state, report *why) {
+trocar_status probe_resume(probe *p, const probe_state *state, trocar_error *why) {
     p->state = *state;
     p->compliance_known = false;
     p->near_count = 0;

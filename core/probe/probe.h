@@ -62,7 +62,7 @@ typedef struct {
 
 /* Creates a probe that presses surface number `surface` of the mesh. `max_force` (N): force at which the probe is stopped. `beneath` must outlive the
    probe. BAD_INPUT if all nodes of the surface are fixed. */
-trocar_status probe_create(inverse *beneath, const probe_shape *shape, int surface, double max_force, probe **created, report *why);
+trocar_status probe_create(inverse *beneath, const probe_shape *shape, int surface, double max_force, probe **created, trocar_error *why);
 void probe_free(probe *p);
 
 /* Presses the probe against the tissue at this pose. `others`: the other loads on the tissue; those of held needles respond to the probe according to `holds`.
@@ -73,12 +73,12 @@ void probe_free(probe *p);
    stopped. After a failure, the probe presses on nothing. Allocates when the set of pressed points changes. */
 enum { MOST_STEPS = 16 };
 trocar_status probe_press(probe *p, pose base, double elapsed, const other_loads *others, const needle_holds *holds, bool beneath_changed,
-                          report *why);
+                          trocar_error *why);
 
 /* True if the axis of a probe at this pose, from its base to its tip, intersects the undeformed tissue. */
 bool probe_axis_in_tissue(const mesh *m, const probe_shape *shape, pose base);
 
 /* Restores a saved state. After a failure, the probe presses on nothing. */
-trocar_status probe_resume(probe *p, const probe_state *state, report *why);
+trocar_status probe_resume(probe *p, const probe_state *state, trocar_error *why);
 
 #endif

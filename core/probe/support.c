@@ -55,7 +55,7 @@ static int count_rows(const needle_holds *holds) {
     return count;
 }
 
-trocar_status support_list(support *s, const other_loads *others, const needle_holds *holds, report *why) {
+trocar_status support_list(support *s, const other_loads *others, const needle_holds *holds, trocar_error *why) {
     if (!make_room(s, 1 + loads_most_nodes(others) + 4 * count_rows(holds))) return fail(why, TROCAR_NO_MEMORY, "no memory for the probe's loads");
     s->node_count = loads_on_nodes(mesh_of(s), others, s->nodes, s->force);
     s->row_count = s->reach_count = 0;
@@ -106,7 +106,7 @@ static void interpolate(const support *s, int columns, double *out) {
 
 /* Computes the compliance between the rows and these nodes, row_count x 3 count, column-major. Leaves the compliance between `nodes` and these nodes in
    `blocks`. */
-static trocar_status find_compliance(support *s, int count, const int *nodes, double *out, report *why) {
+static trocar_status find_compliance(support *s, int count, const int *nodes, double *out, trocar_error *why) {
     trocar_status status = inverse_gather(s->tissue, &(inverse_blocks){s->node_count, s->nodes, count, nodes, s->blocks, 3 * count}, why);
     if (status == TROCAR_OK) interpolate(s, count, out);
     return status;
@@ -143,7 +143,7 @@ static int count_negative(const support *s) {
 
 /* Factorises C + G. Sets `stable` to false if needles and tissue are not stable without the probe; the needles' forces are then treated as constant until the
    next tick. */
-static trocar_status factorise(support *s, const needle_holds *holds, bool *stable, report *why) {
+static trocar_status factorise(support *s, const needle_holds *holds, bool *stable, trocar_error *why) {
     size_t n = (size_t)s->row_count;
     trocar_status status = find_compliance(s, s->node_count, s->nodes, s->reached, why);
     if (status != TROCAR_OK) return status;
@@ -182,7 +182,7 @@ static void respond(const support *s, int columns, double *displacements) {
     LAPACKE_dsytrs(LAPACK_COL_MAJOR, 'L', s->row_count, columns, s->factor, s->row_count, s->pivots, displacements, s->row_count);
 }
 
-trocar_status support_prepare(support *s, const needle_holds *holds, const nodal_forces *pressed, report *why) {
+trocar_status support_prepare(support *s, const needle_holds *holds, const nodal_forces *pressed, trocar_error *why) {
     int count = count_rows(holds);
     bool stable = true;
     if (count == 0) return TROCAR_OK;
@@ -201,7 +201,7 @@ trocar_status support_prepare(support *s, const needle_holds *holds, const nodal
 
 /* ---- response to the probe -------------------------------------------------------------------------------------------------------- */
 
-trocar_status support_reach(support *s, int count, const int *nodes, vec3 *u, report *why) {
+trocar_status support_reach(support *s, int count, const int *nodes, vec3 *u, trocar_error *why) {
     s->reach_count = count;
     if (s->row_count == 0) return nodal_displacement_add(s->tissue, &(nodal_forces){s->node_count, s->nodes, s->force}, count, nodes, u, why);
     trocar_status status = find_compliance(s, count, nodes, s->reached, why);

@@ -37,14 +37,14 @@ void support_free(support *s);
 
 /* Lists the nodes on which held needles exert forces in `nodes`, and these forces in `force`. Nodes without a force at which the needles support the tissue are
    listed as well. */
-trocar_status support_list(support *s, const other_loads *others, const needle_holds *holds, report *why);
+trocar_status support_list(support *s, const other_loads *others, const needle_holds *holds, trocar_error *why);
 
 /* Prepares the needles' response to the probe. `pressed`: the probe's forces at the needles' last ticks. Call support_list first. */
-trocar_status support_prepare(support *s, const needle_holds *holds, const nodal_forces *pressed, report *why);
+trocar_status support_prepare(support *s, const needle_holds *holds, const nodal_forces *pressed, trocar_error *why);
 
 /* Prepares for forces of the probe on these nodes, the reached nodes, and adds to `u` the displacements (m) that the needles would cause at these nodes without
    the probe. */
-trocar_status support_reach(support *s, int count, const int *nodes, vec3 *u, report *why);
+trocar_status support_reach(support *s, int count, const int *nodes, vec3 *u, trocar_error *why);
 
 /* Adds to the displacements `u` (m) of the reached nodes the effect of the needles' response to the probe's forces `load` (N) on these nodes. */
 void support_displace(const support *s, const vec3 *load, vec3 *u);

@@ -18,7 +18,7 @@ static void write_leaves(const mesh *m, const refinement *r, int tet, refined_me
     }
 }
 
-trocar_status refined_mesh_create(const mesh *m, const refinement *r, refined_mesh *out, report *why) {
+trocar_status refined_mesh_create(const mesh *m, const refinement *r, refined_mesh *out, trocar_error *why) {
     size_t nodes = (size_t)(m->node_count + r->count), tets = (size_t)(m->tet_count + 4 * r->count);
     *out = (refined_mesh){.node_count = (int)nodes, .tet_count = m->tet_count, .nodes = malloc(nodes * sizeof *out->nodes),
                           .tets = malloc(tets * sizeof *out->tets), .parent = malloc(tets * sizeof *out->parent)};

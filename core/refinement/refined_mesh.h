@@ -12,7 +12,7 @@ typedef struct {
 } refined_mesh;
 
 /* Creates the arrays. The contact nodes must be in consecutive slots (refinement_compact). Allocates. NO_MEMORY. */
-trocar_status refined_mesh_create(const mesh *m, const refinement *r, refined_mesh *out, report *why);
+trocar_status refined_mesh_create(const mesh *m, const refinement *r, refined_mesh *out, trocar_error *why);
 void refined_mesh_free(refined_mesh *out);
 
 #endif

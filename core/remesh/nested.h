@@ -40,7 +40,7 @@ column_ranges nested_columns(const nested_remesher *r, int slot);
 column_ranges nested_all_columns(const nested_remesher *r, int slot);
 
 /* Fills the rows of `nominal` and `factors` for new places, which are window entries or extra nodes. */
-trocar_status nested_enter(nested_remesher *r, int count, const int *places, report *why);
+trocar_status nested_enter(nested_remesher *r, int count, const int *places, trocar_error *why);
 
 /* Fills the rows and columns of `nominal` for the contact node in `slot` by interpolation between nominal nodes. */
 void nested_interpolate(nested_remesher *r, int slot);

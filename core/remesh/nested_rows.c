@@ -70,7 +70,7 @@ void nested_mirror(double *matrix, int ld, int place, int count, const int *plac
 
 /* Fetches all blocks between the new nodes and the nodes with which they are combined: those at other places, those of the contact nodes' elements, and
    those coupled to surpluses. */
-static trocar_status gather(nested_remesher *r, int count, const int *places, report *why) {
+static trocar_status gather(nested_remesher *r, int count, const int *places, trocar_error *why) {
     remesher *shared = &r->shared;
     gather_start(shared);
     for (int i = 0; i < count; i++) gather_row(shared, node_at(r, places[i]));
@@ -134,7 +134,7 @@ static void enter_factors(nested_remesher *r, int place) {
     }
 }
 
-trocar_status nested_enter(nested_remesher *r, int count, const int *places, report *why) {
+trocar_status nested_enter(nested_remesher *r, int count, const int *places, trocar_error *why) {
     trocar_status status = gather(r, count, places, why);
     for (int i = 0; i < count && status == TROCAR_OK; i++) {
         enter_nominal(r, places[i]);

@@ -11,7 +11,7 @@
 
 typedef struct {
     const char *name;
-    trocar_status (*create)(inverse *, remesher **, report *);
+    trocar_status (*create)(inverse *, remesher **, trocar_error *);
 } method_entry;
 
 static const method_entry methods[REMESH_METHODS] = {
@@ -21,7 +21,7 @@ static const method_entry methods[REMESH_METHODS] = {
 
 const char *remesh_name(remesh_method method) { return methods[method].name; }
 
-trocar_status remesher_create(inverse *inv, remesh_method method, remesher **created, report *why) {
+trocar_status remesher_create(inverse *inv, remesh_method method, remesher **created, trocar_error *why) {
     *created = NULL;
     trocar_status status = methods[method].create(inv, created, why);
     if (status == TROCAR_OK) return TROCAR_OK;
@@ -40,12 +40,12 @@ void remesher_free(remesher *r) {
 /* ---- serving ------------------------------------------------------------------------------------------------------- */
 
 /* Returns the status of a successful step, unless the owner of the inverse failed to supply blocks. */
-static trocar_status confirm(const remesher *r, report *why) {
+static trocar_status confirm(const remesher *r, trocar_error *why) {
     if (r->gathered.status != TROCAR_OK) *why = r->gathered.why;
     return r->gathered.status;
 }
 
-static trocar_status take_nodes(remesher *r, int count, const int *handles, report *why) {
+static trocar_status take_nodes(remesher *r, int count, const int *handles, trocar_error *why) {
     if (count == 0 || !r->operations->take_nodes) return TROCAR_OK;
     trocar_status status = r->operations->take_nodes(r, count, handles, why);
     return status == TROCAR_OK ? confirm(r, why) : status;
@@ -67,7 +67,7 @@ static mat3 nominal_between(remesher *r, const added_node *node, const added_nod
 }
 
 /* `known`: the mesh's resolution at the node; NULL if it has to be measured. */
-static trocar_status add_node(remesher *r, int slot, const added_node *node, const resolved_field *known, report *why) {
+static trocar_status add_node(remesher *r, int slot, const added_node *node, const resolved_field *known, trocar_error *why) {
     refinement *refined = &r->refined;
     refined->order[refined->count] = slot;
     refined->nodes[slot] = *node;
@@ -94,7 +94,7 @@ static void remove_node(remesher *r, int position) {
 }
 
 /* Nodes that are still wanted keep their places; new nodes are assigned the free places. */
-static trocar_status move_window(remesher *r, const remesh_request *request, report *why) {
+static trocar_status move_window(remesher *r, const remesh_request *request, trocar_error *why) {
     int fresh[MAX_WINDOW] = {0}, count = 0;
     bool wanted[MAX_WINDOW] = {false};
     for (int i = 0; i < request->window_count; i++) {
@@ -140,7 +140,7 @@ static uint64_t slots_to_clear(const remesher *r, const refinement *wanted) {
 }
 
 /* `known`: the mesh's resolution at each wanted node, by slot; NULL if it has to be measured. */
-static trocar_status update_nodes(remesher *r, const refinement *wanted, const resolved_field *known, report *why) {
+static trocar_status update_nodes(remesher *r, const refinement *wanted, const resolved_field *known, trocar_error *why) {
     uint64_t clear = slots_to_clear(r, wanted), kept = 0;
     for (int i = r->refined.count - 1; i >= 0; i--)
         if (clear >> r->refined.order[i] & 1) remove_node(r, i);
@@ -214,7 +214,7 @@ bool remesher_look_ahead(remesher *r) {
     enum { LARGE = 32, SMALL = 8 };
     int slice = r->refined.count > 0 ? SMALL : LARGE, most = inverse_slice(r->inverse); /* once the needle is in the tissue, requests must not wait long */
     if (slice > most) slice = most;
-    report why; /* ignored, because a later request for these nodes reports the error */
+    trocar_error why; /* ignored, because a later request for these nodes reports the error */
     if (r->line_new) follow_line(r);
     int first = r->ahead_done, left = r->ahead_count - first;
     if (left == 0) return false;
@@ -250,14 +250,14 @@ static void fill(remesher *r, const remesh_request *request, compliance_snapshot
     if (r->residual.any) memcpy(snapshot->u_residual, r->residual.u, sizeof snapshot->u_residual);
 }
 
-static trocar_status check_counts(const remesh_request *request, report *why) {
+static trocar_status check_counts(const remesh_request *request, trocar_error *why) {
     if (request->wanted.count > MAX_CONTACTS || request->window_count > MAX_WINDOW)
         return fail(why, TROCAR_BAD_INPUT, "a request of %d contact nodes and %d in the window: at most %d and %d", request->wanted.count,
                     request->window_count, MAX_CONTACTS, MAX_WINDOW);
     return TROCAR_OK;
 }
 
-static trocar_status update(remesher *r, const remesh_request *request, report *why) {
+static trocar_status update(remesher *r, const remesh_request *request, trocar_error *why) {
     trocar_status status = check_counts(request, why);
     if (status == TROCAR_OK) status = move_window(r, request, why);
     if (status == TROCAR_OK) status = update_nodes(r, &request->wanted, NULL, why);
@@ -265,7 +265,7 @@ static trocar_status update(remesher *r, const remesh_request *request, report *
     return status == TROCAR_OK ? residual_displacement_find(r->inverse, request, r->window, &r->residual, why) : status;
 }
 
-trocar_status remesher_serve(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, report *why) {
+trocar_status remesher_serve(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, trocar_error *why) {
     trocar_status status = update(r, request, why);
     if (status == TROCAR_OK) fill(r, request, snapshot);
     return status;
@@ -273,24 +273,24 @@ trocar_status remesher_serve(remesher *r, const remesh_request *request, complia
 
 bool remesher_must_measure(const remesher *r, const remesh_request *request) { return lines_are_new(r, request); }
 
-trocar_status remesher_measure(remesher *r, const remesh_request *request, int most, compliance_snapshot *snapshot, report *why) {
+trocar_status remesher_measure(remesher *r, const remesh_request *request, int most, compliance_snapshot *snapshot, trocar_error *why) {
     trocar_status status = resolve_pieces(r, request, most, why);
     if (status == TROCAR_OK) fill(r, request, snapshot);
     return status;
 }
 
-trocar_status remesher_answer(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, report *why) {
+trocar_status remesher_answer(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, trocar_error *why) {
     trocar_status status = update(r, request, why);
     return status == TROCAR_OK ? remesher_measure(r, request, MAX_PIECES, snapshot, why) : status;
 }
 
-trocar_status remesher_forget(remesher *r, report *why) {
+trocar_status remesher_forget(remesher *r, trocar_error *why) {
     static const refinement nothing = {.count = 0};
     for (int k = 0; k < MAX_WINDOW; k++) window_put(r, k, -1);
     return update_nodes(r, &nothing, NULL, why);
 }
 
-trocar_status remesher_resume(remesher *r, const remesh_request *request, const compliance_snapshot *snapshot, report *why) {
+trocar_status remesher_resume(remesher *r, const remesh_request *request, const compliance_snapshot *snapshot, trocar_error *why) {
     bool answered = snapshot->serial != 0 && snapshot->serial == request->serial;
     trocar_status status = check_counts(request, why);
     if (status != TROCAR_OK) return status;

@@ -104,14 +104,14 @@ static void gather_touched(implicit_remesher *r, int index, bool as_rows) {
 }
 
 /* Fetches all blocks that the factors of the given rows may need with the first `count` changes. */
-static trocar_status gather_factors(implicit_remesher *r, int count, report *why) {
+static trocar_status gather_factors(implicit_remesher *r, int count, trocar_error *why) {
     for (int k = 0; k < MAX_WINDOW; k++)
         if (r->shared.window[k] >= 0) gather_column(&r->shared, r->shared.window[k]);
     for (int k = 0; k < count; k++) gather_touched(r, k, false);
     return gather_finish(&r->shared, why);
 }
 
-static trocar_status implicit_take_nodes(remesher *shared, int count, const int *handles, report *why) {
+static trocar_status implicit_take_nodes(remesher *shared, int count, const int *handles, trocar_error *why) {
     implicit_remesher *r = (implicit_remesher *)shared;
     gather_start(shared);
     for (int i = 0; i < count; i++) gather_row(shared, handle_node(shared, handles[i]));
@@ -134,7 +134,7 @@ static void touch_nodes(implicit_remesher *r, int index) {
     for (int q = 0; 3 * q < change->rank; q++) extend_factors(r, index, change->nodes[q], r->touched + (size_t)(3 * q) * ALL_RANKS);
 }
 
-static trocar_status implicit_add(remesher *shared, int slot, report *why) {
+static trocar_status implicit_add(remesher *shared, int slot, trocar_error *why) {
     implicit_remesher *r = (implicit_remesher *)shared;
     int index = shared->refined.count;
     low_rank *change = &r->changes[index];
@@ -181,7 +181,7 @@ static void implicit_release(remesher *shared) {
 static const remesh_operations implicit = {implicit_add, implicit_remove, false, implicit_take_nodes, NULL, implicit_release, false};
 
 /* Allocates large arrays, but pages that no change reaches are never touched. */
-trocar_status remesher_create_implicit(inverse *inv, remesher **created, report *why) {
+trocar_status remesher_create_implicit(inverse *inv, remesher **created, trocar_error *why) {
     implicit_remesher *r = calloc(1, sizeof *r);
     *created = r ? &r->shared : NULL;
     if (!r) return fail(why, TROCAR_NO_MEMORY, "no memory");

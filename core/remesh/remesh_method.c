@@ -71,7 +71,7 @@ void gather_row(remesher *r, int node) { list_once(node, r->gathered.row_of, r->
 
 void gather_column(remesher *r, int node) { list_once(node, r->gathered.column_of, r->gathered.columns, &r->gathered.column_count, MAX_COLUMNS); }
 
-trocar_status gather_finish(remesher *r, report *why) {
+trocar_status gather_finish(remesher *r, trocar_error *why) {
     gathered_blocks *g = &r->gathered;
     return inverse_gather(r->inverse, &(inverse_blocks){g->row_count, g->rows, g->column_count, g->columns, g->blocks, 3 * MAX_COLUMNS}, why);
 }
@@ -92,7 +92,7 @@ mat3 nominal_block(remesher *r, int node, int other) {
 
 /* ---- low-rank changes -------------------------------------------------------------------------------------------- */
 
-trocar_status change_middle(int n, strided_matrix change, strided_matrix block, double *middle, report *why) {
+trocar_status change_middle(int n, strided_matrix change, strided_matrix block, double *middle, trocar_error *why) {
     double system[MAX_RANK * MAX_RANK];
     lapack_int pivots[MAX_RANK];
     cblas_dgemm(CblasRowMajor, CblasNoTrans, CblasNoTrans, n, n, n, 1.0, change.entries, change.ld, block.entries, block.ld, 0.0, system, n);
@@ -125,7 +125,7 @@ static void gathered_free(gathered_blocks *g) {
     sparse_free(g->blocks, BLOCKS_BYTES);
 }
 
-trocar_status remesher_init(remesher *r, const remesh_operations *operations, inverse *inv, report *why) {
+trocar_status remesher_init(remesher *r, const remesh_operations *operations, inverse *inv, trocar_error *why) {
     r->operations = operations;
     r->inverse = inv;
     r->tissue = inverse_tissue(inv);

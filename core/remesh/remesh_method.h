@@ -18,18 +18,18 @@ typedef struct {
     int *row_of, *column_of;         /* node_count: index of each node in `rows` or `columns`, or -1 */
     double *blocks;                  /* 3 MAX_ROWS x 3 MAX_COLUMNS, row-major, m/N */
     trocar_status status;            /* status of the last failure to fetch a single block since gather_start */
-    report why;                      /* error message of that failure */
+    trocar_error why;                /* error message of that failure */
 } gathered_blocks;
 
 /* The inverse contains the nodes in the order of `refined`. A node that is being added or removed is in order[count] and is not counted. */
 typedef struct {
-    trocar_status (*add)(remesher *, int slot, report *);   /* adds the contact node in `slot` to the inverse, after all others */
+    trocar_status (*add)(remesher *, int slot, trocar_error *);   /* adds the contact node in `slot` to the inverse, after all others */
     void (*remove)(remesher *, int slot, int position);     /* removes the contact node in `slot` from the inverse; the nodes from `position` on in the
                                                                order were added after it */
     bool any_order;          /* true if `remove` accepts any node on which no later one depends; false if it accepts only the last node */
-    trocar_status (*take_nodes)(remesher *, int count, const int *handles, report *); /* fills the rows of nodes that are new in the window; NULL if not
+    trocar_status (*take_nodes)(remesher *, int count, const int *handles, trocar_error *); /* fills the rows of nodes that are new in the window; NULL if not
                                                                                          needed */
-    trocar_status (*gather)(remesher *, report *);          /* fills all rows in use; NULL if they are always up to date */
+    trocar_status (*gather)(remesher *, trocar_error *);          /* fills all rows in use; NULL if they are always up to date */
     void (*release)(remesher *);                            /* frees everything except the shared part */
     bool finds_between_contacts; /* true if `add` fills the new node's part of between_contacts */
 } remesh_operations;
@@ -60,13 +60,13 @@ struct remesher {
    inverse's columns at those dofs (Woodbury); `block` is the inverse between these dofs. Row-major; `middle` (n square) may be the same memory as
    `change`. */
 typedef struct { const double *entries; int ld; } strided_matrix;
-trocar_status change_middle(int n, strided_matrix change, strided_matrix block, double *middle, report *why);
+trocar_status change_middle(int n, strided_matrix change, strided_matrix block, double *middle, trocar_error *why);
 
-trocar_status remesher_init(remesher *r, const remesh_operations *operations, inverse *inv, report *why);
+trocar_status remesher_init(remesher *r, const remesh_operations *operations, inverse *inv, trocar_error *why);
 void remesher_release(remesher *r); /* frees the memory allocated by init */
 
-trocar_status remesher_create_nested(inverse *inv, remesher **created, report *why);
-trocar_status remesher_create_implicit(inverse *inv, remesher **created, report *why);
+trocar_status remesher_create_nested(inverse *inv, remesher **created, trocar_error *why);
+trocar_status remesher_create_implicit(inverse *inv, remesher **created, trocar_error *why);
 
 /* Lists the handles in use: contact nodes in order, then the window. Returns their number. */
 int handles_in_use(const remesher *r, int handles[MAX_HANDLES]);
@@ -89,7 +89,7 @@ void handle_put(remesher *r, int handle, int other, const mat3 *block); /* also 
 void gather_start(remesher *r);
 void gather_row(remesher *r, int node);
 void gather_column(remesher *r, int node);
-trocar_status gather_finish(remesher *r, report *why);
+trocar_status gather_finish(remesher *r, trocar_error *why);
 
 /* Returns a block of the nominal inverse between nominal nodes: a gathered one, in either order, or else one fetched from the owner. Zero after a failure,
    in which case the caller discards its results (gathered.status). */

@@ -66,7 +66,7 @@ static void add_extra(nested_remesher *r, int node) {
 
 /* Finds places for the nominal nodes needed for the addition: those with nominal weights, those of the node's leaf (which can differ from the former by
    rounding), and those coupled to it. Nodes in the window already have places. */
-static trocar_status add_all_extra(nested_remesher *r, int slot, report *why) {
+static trocar_status add_all_extra(nested_remesher *r, int slot, trocar_error *why) {
     const bordering *border = &r->borders[slot];
     const int *corners = r->shared.tissue->mesh->tets[r->shared.refined.nodes[slot].tet];
     const leaf_point *at = &r->shared.refined.nodes[slot].at;
@@ -118,7 +118,7 @@ static void find_factors(nested_remesher *r, int slot, const split_columns *touc
 }
 
 /* Computes factors, chains and surplus of a node on a face. */
-static trocar_status border_face(nested_remesher *r, int slot, const split_columns *touched, report *why) {
+static trocar_status border_face(nested_remesher *r, int slot, const split_columns *touched, trocar_error *why) {
     int places[SPLIT_NODES];
     mat3 stiffness = touched->own, reached = {{{0}}};
     for (int q = 0; q < touched->count; q++) places[q] = nested_place(r, touched->nodes[q]);
@@ -198,7 +198,7 @@ static void find_between_contacts(nested_remesher *r, int slot) {
     }
 }
 
-static trocar_status nested_add(remesher *shared, int slot, report *why) {
+static trocar_status nested_add(remesher *shared, int slot, trocar_error *why) {
     nested_remesher *r = (nested_remesher *)shared;
     const added_node *node = &shared->refined.nodes[slot];
     bordering *border = &r->borders[slot];
@@ -236,7 +236,7 @@ static void nested_remove(remesher *shared, int slot, int position) {
 
 /* ---- the window ------------------------------------------------------------------------------------------------------ */
 
-static trocar_status nested_take_nodes(remesher *shared, int count, const int *places, report *why) {
+static trocar_status nested_take_nodes(remesher *shared, int count, const int *places, trocar_error *why) {
     nested_remesher *r = (nested_remesher *)shared;
     int handles[MAX_HANDLES], all = handles_in_use(shared, handles);
     r->extra_count = 0;
@@ -257,7 +257,7 @@ static void nested_release(remesher *shared) {
 
 static const remesh_operations nested = {nested_add, nested_remove, true, nested_take_nodes, NULL, nested_release, true};
 
-trocar_status remesher_create_nested(inverse *inv, remesher **created, report *why) {
+trocar_status remesher_create_nested(inverse *inv, remesher **created, trocar_error *why) {
     nested_remesher *r = calloc(1, sizeof *r);
     *created = r ? &r->shared : NULL;
     if (!r) return fail(why, TROCAR_NO_MEMORY, "no memory");

@@ -17,7 +17,7 @@ static void clip(const mesh *m, const line_in_tet *line, double *from, double *t
     if (!(*from < *to)) *from = *to = 0.0;
 }
 
-static trocar_status measure_piece(remesher *r, const line_in_tet *line, line_piece *piece, report *why) {
+static trocar_status measure_piece(remesher *r, const line_in_tet *line, line_piece *piece, trocar_error *why) {
     double from, to;
     vec3 x[MAX_RESOLVED];
     clip(r->tissue->mesh, line, &from, &to);
@@ -43,7 +43,7 @@ bool lines_are_new(const remesher *r, const remesh_request *request) {
     return false;
 }
 
-trocar_status resolve_pieces(remesher *r, const remesh_request *request, int most, report *why) {
+trocar_status resolve_pieces(remesher *r, const remesh_request *request, int most, trocar_error *why) {
     line_piece pieces[MAX_PIECES];
     int count = 0;
     for (int i = 0; i < request->piece_count; i++) {
@@ -60,7 +60,7 @@ trocar_status resolve_pieces(remesher *r, const remesh_request *request, int mos
     return TROCAR_OK;
 }
 
-trocar_status resolve_contact(remesher *r, int slot, report *why) {
+trocar_status resolve_contact(remesher *r, int slot, trocar_error *why) {
     const added_node *node = &r->refined.nodes[slot];
     line_in_tet line = node->line;
     r->resolved[slot] = (resolved_field){0};

@@ -8,9 +8,9 @@
 bool lines_are_new(const remesher *r, const remesh_request *request);
 
 /* Updates the pieces for a request; measures up to `most` new lines. */
-trocar_status resolve_pieces(remesher *r, const remesh_request *request, int most, report *why);
+trocar_status resolve_pieces(remesher *r, const remesh_request *request, int most, trocar_error *why);
 
 /* Measures the resolution at the contact node in `slot`, which is next in the order, in the mesh with the earlier nodes. */
-trocar_status resolve_contact(remesher *r, int slot, report *why);
+trocar_status resolve_contact(remesher *r, int slot, trocar_error *why);
 
 #endif

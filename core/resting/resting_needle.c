@@ -77,7 +77,8 @@ vec3 resting_moved(const resting_needle *r, int place, int from, int to, const v
 
 /* Adds the displacements, caused by another needle's forces, that the mesh does not resolve, as blocks between places of this needle (rows) and of the
    other one. */
-static trocar_status add_lacks(needle_pairs *pairs, const resting_needle *r, const resting_needle *other, bool transposed, mat3 *blocks, int ld, report *why) {
+static trocar_status add_lacks(needle_pairs *pairs, const resting_needle *r, const resting_needle *other, bool transposed, mat3 *blocks, int ld,
+                               trocar_error *why) {
     mat3 lacks[SHIFT_STEPS];
     for (int j = 0; j < other->places.count; j++) {
         int from, to;
@@ -92,7 +93,7 @@ static trocar_status add_lacks(needle_pairs *pairs, const resting_needle *r, con
     return TROCAR_OK;
 }
 
-trocar_status resting_mutual(needle_pairs *pairs, const resting_needle *r, const resting_needle *other, double *compliance, int ld, report *why) {
+trocar_status resting_mutual(needle_pairs *pairs, const resting_needle *r, const resting_needle *other, double *compliance, int ld, trocar_error *why) {
     int count = other->places.count;
     mat3 *blocks = calloc((size_t)r->places.count * (size_t)count + 1, sizeof *blocks);
     if (!blocks) return fail(why, TROCAR_NO_MEMORY, "no memory for a resting needle");
@@ -108,7 +109,7 @@ trocar_status resting_mutual(needle_pairs *pairs, const resting_needle *r, const
 }
 
 /* Computes the tissue's compliance between points that are interpolated in the nominal mesh; `blocks` is a square matrix of 3 point_count rows. */
-static trocar_status interpolated(const mesh *m, const insertion_state *state, inverse *inv, const resting_needle *r, double *blocks, report *why) {
+static trocar_status interpolated(const mesh *m, const insertion_state *state, inverse *inv, const resting_needle *r, double *blocks, trocar_error *why) {
     int count = 0, nodes[4 * MAX_POINTS], place[MAX_POINTS][4], ld = 3 * r->point_count;
     double weights[MAX_POINTS][4];
     for (int i = 0; i < r->point_count; i++) {
@@ -139,7 +140,8 @@ static trocar_status interpolated(const mesh *m, const insertion_state *state, i
 
 /* Copies the compliance of the assembled contact problem without the contribution of the nominal mesh. The tip's rows contain no other contribution of the
    tissue. */
-static trocar_status take_compliance(const mesh *m, const insertion_state *state, const insertion_workspace *w, inverse *inv, resting_needle *r, report *why) {
+static trocar_status take_compliance(const mesh *m, const insertion_state *state, const insertion_workspace *w, inverse *inv, resting_needle *r,
+                                     trocar_error *why) {
     const contact_problem *p = &w->problem;
     int ld = 3 * r->point_count;
     double *blocks = malloc((size_t)ld * (size_t)ld * sizeof *blocks), yield = w->creep.yield;
@@ -238,7 +240,8 @@ void resting_bore(const insertion_model *model, const insertion_state *held, res
     }
 }
 
-static trocar_status linearise(const tick_input *given, const insertion_state *state, inverse *inv, bool loaded, resting_scratch *scratch, resting_needle *r, report *why) {
+static trocar_status linearise(const tick_input *given, const insertion_state *state, inverse *inv, bool loaded, resting_scratch *scratch, resting_needle *r,
+                               trocar_error *why) {
     tick_input tick = *given;
     insertion_workspace *w = &scratch->workspace;
     tick_output ignored = {0};
@@ -280,7 +283,8 @@ static bool is_definite(const resting_needle *r, resting_scratch *scratch) {
 
 /* A needle that would buckle under its forces without the tissue is linearised with its stiffness without forces, because an attachment must be stable by
    itself. */
-trocar_status resting_linearise(const tick_input *tick, const insertion_state *state, inverse *inv, resting_scratch *scratch, resting_needle *r, report *why) {
+trocar_status resting_linearise(const tick_input *tick, const insertion_state *state, inverse *inv, resting_scratch *scratch, resting_needle *r,
+                                trocar_error *why) {
     trocar_status status = linearise(tick, state, inv, true, scratch, r, why);
     return status != TROCAR_OK || is_definite(r, scratch) ? status : linearise(tick, state, inv, false, scratch, r, why);
 }
@@ -298,7 +302,7 @@ pose pose_moved(pose base, base_motion step) {
 
 /* If all points stick, motions q of the base change the forces by M^-1 R q, where the compliance M includes that of the tissue. Equilibrium requires R^T
    (f + M^-1 R q) = 0. */
-trocar_status resting_release_step(const resting_needle *r, double size, resting_scratch *scratch, base_motion *step, report *why) {
+trocar_status resting_release_step(const resting_needle *r, double size, resting_scratch *scratch, base_motion *step, trocar_error *why) {
     int n = r->unknown_count, m = r->motion_count;
     const contact_problem *p = &scratch->workspace.problem;
     double columns[MAX_MOTIONS][MAX_UNKNOWNS], system[MAX_MOTIONS][MAX_MOTIONS], q[MAX_MOTIONS];

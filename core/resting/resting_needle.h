@@ -48,14 +48,15 @@ typedef struct {
 
 /* Linearises about `state`, which must be an equilibrium. tick->snapshot must contain the needle's rows of `inv` in its current state. BAD_INPUT if the
    needle touches no tissue. Allocates. */
-trocar_status resting_linearise(const tick_input *tick, const insertion_state *state, inverse *inv, resting_scratch *scratch, resting_needle *r, report *why);
+trocar_status resting_linearise(const tick_input *tick, const insertion_state *state, inverse *inv, resting_scratch *scratch, resting_needle *r,
+                                trocar_error *why);
 
 /* Stores the forces of the rows in `held`, the state in which the hand released the needle, in r->fading. To be called after resting_linearise. */
 void resting_bore(const insertion_model *model, const insertion_state *held, resting_needle *r);
 
 /* Computes the motion of the base that makes the base's wrench vanish if nothing slides; its component along the needle is multiplied by `size`, and all
    components are limited. To be called after resting_linearise. NUMERIC if needle and tissue are unstable. */
-trocar_status resting_release_step(const resting_needle *r, double size, resting_scratch *scratch, base_motion *step, report *why);
+trocar_status resting_release_step(const resting_needle *r, double size, resting_scratch *scratch, base_motion *step, trocar_error *why);
 pose pose_moved(pose base, base_motion step);
 
 /* Returns the row's place as an index of `places`, or -1 if the row is at a guide. */
@@ -65,7 +66,7 @@ int resting_place(const resting_needle *r, int u);
 vec3 resting_moved(const resting_needle *r, int place, int from, int to, const vec3 *moved);
 
 /* Computes the part of the compliance (m/N) between this needle's rows and those of another needle that the mesh does not resolve: [u * ld + v]. Allocates. */
-trocar_status resting_mutual(needle_pairs *pairs, const resting_needle *r, const resting_needle *other, double *compliance, int ld, report *why);
+trocar_status resting_mutual(needle_pairs *pairs, const resting_needle *r, const resting_needle *other, double *compliance, int ld, trocar_error *why);
 
 attachment resting_attachment(const resting_needle *r);
 

@@ -47,7 +47,8 @@ static bool make_room(resting_set *s, int count) {
 }
 
 /* Computes the part of the displacements (m) of a needle's rows, caused by held needles, that the mesh does not resolve. */
-static trocar_status find_displaced(const resting_set *s, const resting_needle *r, const other_loads *held, double *displacement, bool *any, report *why) {
+static trocar_status find_displaced(const resting_set *s, const resting_needle *r, const other_loads *held, double *displacement, bool *any,
+                                    trocar_error *why) {
     mat3 lacks[SHIFT_STEPS];
     vec3 moved[SHIFT_STEPS], at[MAX_LOADS] = {{0, 0, 0}};
     for (int n = 0; n < held->count; n++)
@@ -66,7 +67,7 @@ static trocar_status find_displaced(const resting_set *s, const resting_needle *
     return TROCAR_OK;
 }
 
-static trocar_status respond_aside(resting_set *s, const other_loads *held, report *why) {
+static trocar_status respond_aside(resting_set *s, const other_loads *held, trocar_error *why) {
     memset(s->aside, 0, (size_t)inverse_attached_rows(s->inverse) * sizeof *s->aside);
     memset(s->aside_move, 0, (size_t)inverse_attached_motions(s->inverse) * sizeof *s->aside_move);
     bool before = s->any_aside;
@@ -82,7 +83,7 @@ static trocar_status respond_aside(resting_set *s, const other_loads *held, repo
 }
 
 /* Computes the response of all resting needles to the loads of held needles and the probe. */
-static trocar_status respond(resting_set *s, const other_loads *held, report *why) {
+static trocar_status respond(resting_set *s, const other_loads *held, trocar_error *why) {
     const mesh *m = inverse_tissue(s->inverse)->mesh;
     if (!make_room(s, 1 + loads_most_nodes(held))) return fail(why, TROCAR_NO_MEMORY, "no memory for the loads of held needles");
     trocar_status status = respond_aside(s, held, why);
@@ -123,7 +124,7 @@ bool resting_set_fade(resting_set *s, double part) {
 }
 
 /* For attachments: computes the part of the compliance between each needle and the earlier needles that the mesh does not resolve. */
-static trocar_status find_mutual(const resting_set *s, int index, double **compliance, report *why) {
+static trocar_status find_mutual(const resting_set *s, int index, double **compliance, trocar_error *why) {
     const resting_needle *r = s->needles[index];
     *compliance = NULL;
     if (!s->pairs || index == 0) return TROCAR_OK;
@@ -135,7 +136,7 @@ static trocar_status find_mutual(const resting_set *s, int index, double **compl
     return status;
 }
 
-trocar_status resting_set_attach(resting_set *s, int count, resting_needle *const *needles, report *why) {
+trocar_status resting_set_attach(resting_set *s, int count, resting_needle *const *needles, trocar_error *why) {
     attachment things[MAX_NEEDLES];
     double *mutual[MAX_NEEDLES] = {NULL};
     trocar_status status = TROCAR_OK;
@@ -174,7 +175,7 @@ trocar_status resting_set_attach(resting_set *s, int count, resting_needle *cons
     return status;
 }
 
-trocar_status resting_set_change(resting_set *s, int count, resting_needle *const *needles, const other_loads *held, report *why) {
+trocar_status resting_set_change(resting_set *s, int count, resting_needle *const *needles, const other_loads *held, trocar_error *why) {
     trocar_status status = resting_set_attach(s, count, needles, why);
     if (status == TROCAR_OK) status = respond(s, held, why);
     for (int i = 0; i < count && status == TROCAR_OK; i++) { /* subtracts the response of the new set to these loads, so that no force jumps */
@@ -184,7 +185,7 @@ trocar_status resting_set_change(resting_set *s, int count, resting_needle *cons
     }
     if (status == TROCAR_OK) take_load(s);
     else {
-        report ignored;
+        trocar_error ignored;
         s->count = 0;
         inverse_attach(s->inverse, 0, NULL, &ignored);
     }
@@ -277,7 +278,7 @@ static bool slip_needle(resting_set *s, const insertion_model *model, int index)
     return true;
 }
 
-trocar_status resting_set_load(resting_set *s, const other_loads *held, report *why) {
+trocar_status resting_set_load(resting_set *s, const other_loads *held, trocar_error *why) {
     if (s->count == 0) return TROCAR_OK;
     trocar_status status = respond(s, held, why);
     for (int i = 0; i < s->count && status == TROCAR_OK; i++) {
@@ -333,7 +334,7 @@ static void list_loads(const resting_needle *r, double fading, tissue_loads *loa
 
 void resting_loads(const resting_needle *r, tissue_loads *loads) { list_loads(r, 0.0, loads); }
 
-trocar_status resting_set_shift(const resting_set *s, bool fades, const shaft_steps *steps, unresolved_shift *shift, report *why) {
+trocar_status resting_set_shift(const resting_set *s, bool fades, const shaft_steps *steps, unresolved_shift *shift, trocar_error *why) {
     tissue_loads loads;
     trocar_status status = TROCAR_OK;
     for (int i = 0; i < s->count && status == TROCAR_OK; i++) {

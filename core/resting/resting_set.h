@@ -31,13 +31,13 @@ void resting_set_free(resting_set *s); /* frees neither the needles nor the inve
 
 /* Sets the resting needles, in this order. Their forces under the loads `held` do not change. After a failure, nothing is attached and the set is empty.
    Allocates. */
-trocar_status resting_set_change(resting_set *s, int count, resting_needle *const *needles, const other_loads *held, report *why);
+trocar_status resting_set_change(resting_set *s, int count, resting_needle *const *needles, const other_loads *held, trocar_error *why);
 
 /* Sets the resting needles, in this order, with their stored forces, after a restore. */
-trocar_status resting_set_attach(resting_set *s, int count, resting_needle *const *needles, report *why);
+trocar_status resting_set_attach(resting_set *s, int count, resting_needle *const *needles, trocar_error *why);
 
 /* Computes the needles' forces and motions under these loads. */
-trocar_status resting_set_load(resting_set *s, const other_loads *held, report *why);
+trocar_status resting_set_load(resting_set *s, const other_loads *held, trocar_error *why);
 
 /* Lets needles slip whose forces exceed their friction bounds, one after another, up to `most` per call. Returns true if more needles have to slip. */
 bool resting_set_slip(resting_set *s, const insertion_model *model, int most);
@@ -52,7 +52,7 @@ bool resting_set_fade(resting_set *s, double part);
 
 /* Adds the part of a shaft's displacements, caused by the resting needles' forces, that the mesh does not resolve. `fades`: true if the fading part of the
    forces is included. */
-trocar_status resting_set_shift(const resting_set *s, bool fades, const shaft_steps *steps, unresolved_shift *shift, report *why);
+trocar_status resting_set_shift(const resting_set *s, bool fades, const shaft_steps *steps, unresolved_shift *shift, trocar_error *why);
 
 /* Writes the loads of one resting needle on the tissue. */
 void resting_loads(const resting_needle *r, tissue_loads *loads);

@@ -28,7 +28,7 @@ static void check_calcification(const calcification *given, int index, fault *f)
 }
 
 static void check_guide(const guide_config *given, double needle_diameter, int index, fault *f) {
-    report words;
+    trocar_error words;
     char key[KEY_ROOM];
     const char *wrong, *name;
     if (!(wrong = guide_fault(given, needle_diameter, &name, &words))) return;
@@ -69,12 +69,12 @@ static void check_all(const scene *s, fault *f) {
         reject(f, "region_of_interest.corridor.to", "the same point as \"from\"");
 }
 
-static trocar_status report_fault(const char *name, const fault *f, report *why) {
+static trocar_status report_fault(const char *name, const fault *f, trocar_error *why) {
     if (!f->found) return TROCAR_OK;
     return fail(why, TROCAR_BAD_INPUT, "%s: %s%s%s", name, f->key, *f->key ? ": " : "", f->words);
 }
 
-trocar_status scene_check(const scene *s, report *why) {
+trocar_status scene_check(const scene *s, trocar_error *why) {
     fault f = {.found = false};
     if (s->simulation.mesh_path[0] == '\0' && !s->simulation.mesh_given) reject(&f, "", "missing key \"mesh\"");
     if (s->simulation.region_count == 0) reject(&f, "", "missing key \"regions\"");
@@ -95,7 +95,7 @@ void scene_defaults(scene *s) {
     s->patient_to_mesh[0] = NAN;
 }
 
-static trocar_status read_file(const char *path, char **text, size_t *length, report *why) {
+static trocar_status read_file(const char *path, char **text, size_t *length, trocar_error *why) {
     const char *reason;
     FILE *file = input_open(path, &reason);
     if (!file) return fail(why, TROCAR_BAD_INPUT, "%s: cannot open the scene: %s", path, reason);
@@ -125,7 +125,7 @@ static void note_lines(scene *s, yaml_text *document) {
     s->simulation.probe.start_line = yaml_line(document, "probe.start");
 }
 
-static trocar_status load_text(const char *yaml, size_t length, scene *s, report *why) {
+static trocar_status load_text(const char *yaml, size_t length, scene *s, trocar_error *why) {
     yaml_text document;
     trocar_status status = yaml_open(s->path, yaml, length, &document, why);
     if (status != TROCAR_OK) return status;
@@ -141,7 +141,7 @@ static trocar_status load_text(const char *yaml, size_t length, scene *s, report
     return status;
 }
 
-trocar_status scene_load(const char *path, scene *s, report *why) {
+trocar_status scene_load(const char *path, scene *s, trocar_error *why) {
     scene_defaults(s);
     if (strlen(path) >= sizeof s->path)
         return fail(why, TROCAR_BAD_INPUT, "%.64s...: path of the scene longer than %zu characters", path, sizeof s->path - 1);
@@ -192,7 +192,7 @@ static const key_spec *find_value(scene *s, const char *key, bool append, void *
     return r;
 }
 
-trocar_status scene_set(scene *s, const char *key, const char *value, report *why) {
+trocar_status scene_set(scene *s, const char *key, const char *value, trocar_error *why) {
     fault f = {.found = false};
     yaml_text document;
     scene *changed = malloc(sizeof *changed);
@@ -212,7 +212,7 @@ trocar_status scene_set(scene *s, const char *key, const char *value, report *wh
     return status;
 }
 
-trocar_status scene_get(const scene *s, const char *key, char *value, size_t size, report *why) {
+trocar_status scene_get(const scene *s, const char *key, char *value, size_t size, trocar_error *why) {
     fault f = {.found = false};
     void *base;
     const key_spec *r = find_value((scene *)s, key, false, &base, &f);

@@ -10,16 +10,16 @@ void scene_defaults(scene *s);
 
 /* Reads a scene file into a scene with default values. BAD_INPUT with file, line and key if a key is unknown, missing or repeated, or if a value has the
    wrong type or is out of range. Names are checked against the mesh later. */
-trocar_status scene_load(const char *path, scene *s, report *why);
+trocar_status scene_load(const char *path, scene *s, trocar_error *why);
 
 /* Sets one key to a value in YAML, for example "needle.length" to "0.15" or "fixed" to "[back, below]". List entries are identified by index or name, as
    in "regions[0].poisson_ratio" or "regions[prostate].friction.static"; a new name appends an entry. BAD_INPUT leaves the scene unchanged. */
-trocar_status scene_set(scene *s, const char *key, const char *value, report *why);
+trocar_status scene_set(scene *s, const char *key, const char *value, trocar_error *why);
 
 /* Prints the value of a key as YAML. BAD_INPUT if there is no such key or entry, or if `size` is too small. */
-trocar_status scene_get(const scene *s, const char *key, char *value, size_t size, report *why);
+trocar_status scene_get(const scene *s, const char *key, char *value, size_t size, trocar_error *why);
 
 /* Checks conditions that involve more than one key: whether mandatory keys are present, and whether values are consistent with each other. */
-trocar_status scene_check(const scene *s, report *why);
+trocar_status scene_check(const scene *s, trocar_error *why);
 
 #endif

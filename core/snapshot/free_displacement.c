@@ -32,7 +32,7 @@ static void list_nodes(const mesh *m, const remesh_request *request, const int w
 }
 
 /* Adds the displacements caused by forces (N, one for each set) at a point of an element. */
-static trocar_status add_forces(inverse *inv, int tet, const double weights[4], int sets, const vec3 *forces, node_field *field, report *why) {
+static trocar_status add_forces(inverse *inv, int tet, const double weights[4], int sets, const vec3 *forces, node_field *field, trocar_error *why) {
     double blocks[3 * MAX_NODES][12];
     const int *corners = inverse_tissue(inv)->mesh->tets[tet];
     trocar_status status = inverse_gather(inv, &(inverse_blocks){field->count, field->nodes, 4, corners, blocks[0], 12}, why);
@@ -46,7 +46,7 @@ static trocar_status add_forces(inverse *inv, int tet, const double weights[4], 
     return TROCAR_OK;
 }
 
-trocar_status nodal_displacement_add(inverse *inv, const nodal_forces *loads, int count, const int *nodes, vec3 *displacement, report *why) {
+trocar_status nodal_displacement_add(inverse *inv, const nodal_forces *loads, int count, const int *nodes, vec3 *displacement, trocar_error *why) {
     enum { SIDE = 32 };
     double blocks[3 * SIDE][3 * SIDE];
     for (int first = 0; first < count; first += SIDE)
@@ -78,7 +78,7 @@ static void read_handles(const mesh *m, const remesh_request *request, const int
     }
 }
 
-trocar_status free_displacement_find(inverse *inv, const remesh_request *request, const other_loads *others, compliance_snapshot *snapshot, report *why) {
+trocar_status free_displacement_find(inverse *inv, const remesh_request *request, const other_loads *others, compliance_snapshot *snapshot, trocar_error *why) {
     const mesh *m = inverse_tissue(inv)->mesh;
     snapshot->loaded = others->attached || others->pressed;
     for (int i = 0; i < others->count; i++) snapshot->loaded = snapshot->loaded || others->of[i]->count > 0;
@@ -104,7 +104,8 @@ trocar_status free_displacement_find(inverse *inv, const remesh_request *request
     return TROCAR_OK;
 }
 
-trocar_status residual_displacement_find(inverse *inv, const remesh_request *request, const int window[MAX_WINDOW], residual_field *residual, report *why) {
+trocar_status residual_displacement_find(inverse *inv, const remesh_request *request, const int window[MAX_WINDOW], residual_field *residual,
+                                         trocar_error *why) {
     const mesh *m = inverse_tissue(inv)->mesh;
     residual->any = request->residual_loads.count > 0;
     residual->time = request->residual_loads.time;

@@ -8,7 +8,7 @@
 /* Fills u_free of a snapshot that answers `request` with the displacement of the nominal mesh caused by `others`. `inv` must contain all attachments. The
    displacement of a contact node is interpolated in its nominal element, which is exact as long as no load acts on an added node in the same element.
    Worker only; does not allocate memory. */
-trocar_status free_displacement_find(inverse *inv, const remesh_request *request, const other_loads *others, compliance_snapshot *snapshot, report *why);
+trocar_status free_displacement_find(inverse *inv, const remesh_request *request, const other_loads *others, compliance_snapshot *snapshot, trocar_error *why);
 
 /* Displacement of the handles under the residual loads of each term, for u_residual. A remesher computes it once per request. */
 typedef struct {
@@ -16,10 +16,11 @@ typedef struct {
     double time;             /* s, residual_loads.time of the request */
     vec3 u[MAX_RELAXATION][MAX_HANDLES]; /* m */
 } residual_field;
-trocar_status residual_displacement_find(inverse *inv, const remesh_request *request, const int window[MAX_WINDOW], residual_field *residual, report *why);
+trocar_status residual_displacement_find(inverse *inv, const remesh_request *request, const int window[MAX_WINDOW], residual_field *residual,
+                                         trocar_error *why);
 
 /* Adds the displacements (m) of these nodes caused by forces on nodes. */
-trocar_status nodal_displacement_add(inverse *inv, const nodal_forces *loads, int count, const int *nodes, vec3 *displacement, report *why);
+trocar_status nodal_displacement_add(inverse *inv, const nodal_forces *loads, int count, const int *nodes, vec3 *displacement, trocar_error *why);
 
 /* Converts the loads of other needles and of the probe to forces on nodes, without duplicate nodes. Returns the number of nodes, at most loads_most_nodes(). */
 int loads_most_nodes(const other_loads *others);

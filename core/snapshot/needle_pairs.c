@@ -19,7 +19,7 @@ struct needle_pairs {
     line_field *fields[FIELDS];
 };
 
-trocar_status needle_pairs_create(const tissue *t, double radius, needle_pairs **created, report *why) {
+trocar_status needle_pairs_create(const tissue *t, double radius, needle_pairs **created, trocar_error *why) {
     needle_pairs *p = *created = calloc(1, sizeof *p);
     if (!p) return fail(why, TROCAR_NO_MEMORY, "no memory for needles close to each other");
     p->mesh = t->mesh;
@@ -46,7 +46,7 @@ static bool same_line(const line_in_tet *a, const line_in_tet *b) {
     return a->tet == b->tet && same_vector(a->point, b->point) && same_vector(a->direction, b->direction);
 }
 
-static trocar_status find_field(needle_pairs *p, const line_in_tet *line, const line_field **found, report *why) {
+static trocar_status find_field(needle_pairs *p, const line_in_tet *line, const line_field **found, trocar_error *why) {
     for (int i = 0; i < p->count; i++)
         if (same_line(&p->lines[i], line)) {
             *found = p->fields[i];
@@ -138,7 +138,7 @@ static mat3 lacks_between(const needle_pairs *p, const line_field *of, const sha
     return mean;
 }
 
-trocar_status needle_pairs_find(needle_pairs *p, const shaft_steps *steps, const shaft_piece *piece, int *from, int *to, mat3 *lacks, report *why) {
+trocar_status needle_pairs_find(needle_pairs *p, const shaft_steps *steps, const shaft_piece *piece, int *from, int *to, mat3 *lacks, trocar_error *why) {
     const line_field *of = NULL, *own = NULL;
     const line_in_tet *own_line = NULL;
     *from = *to = 0;
@@ -167,7 +167,7 @@ trocar_status needle_pairs_find(needle_pairs *p, const shaft_steps *steps, const
     return TROCAR_OK;
 }
 
-trocar_status needle_pairs_shift(needle_pairs *p, const shaft_steps *steps, const tissue_loads *loads, unresolved_shift *shift, report *why) {
+trocar_status needle_pairs_shift(needle_pairs *p, const shaft_steps *steps, const tissue_loads *loads, unresolved_shift *shift, trocar_error *why) {
     mat3 lacks[SHIFT_STEPS];
     for (int i = 0; i < loads->count; i++) {
         int from, to;

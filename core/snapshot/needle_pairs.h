@@ -8,7 +8,7 @@
 typedef struct needle_pairs needle_pairs;
 
 /* Creates the interaction for needles with this radius (m). `t` must outlive it. NO_MEMORY. */
-trocar_status needle_pairs_create(const tissue *t, double radius, needle_pairs **created, report *why);
+trocar_status needle_pairs_create(const tissue *t, double radius, needle_pairs **created, trocar_error *why);
 void needle_pairs_free(needle_pairs *p);
 
 /* A needle's track, divided into short steps. */
@@ -29,9 +29,9 @@ void shaft_steps_lay(const mesh *m, const tissue_loads *own, double ahead, doubl
 
 /* For each step, computes the mean displacement per unit force on the piece (m/N) that the mesh does not resolve. It is zero except for steps *from to
    *to - 1; `lacks` has room for SHIFT_STEPS entries. NUMERIC if a patch has no stiffness; NO_MEMORY. */
-trocar_status needle_pairs_find(needle_pairs *p, const shaft_steps *steps, const shaft_piece *piece, int *from, int *to, mat3 *lacks, report *why);
+trocar_status needle_pairs_find(needle_pairs *p, const shaft_steps *steps, const shaft_piece *piece, int *from, int *to, mat3 *lacks, trocar_error *why);
 
 /* Adds the displacement of the shaft that these loads cause and the mesh does not resolve. */
-trocar_status needle_pairs_shift(needle_pairs *p, const shaft_steps *steps, const tissue_loads *loads, unresolved_shift *shift, report *why);
+trocar_status needle_pairs_shift(needle_pairs *p, const shaft_steps *steps, const tissue_loads *loads, unresolved_shift *shift, trocar_error *why);
 
 #endif

@@ -40,7 +40,7 @@ static void start(void) {
     pthread_atfork(NULL, NULL, forget_threads);
 }
 
-trocar_status blas_start(report *why) {
+trocar_status blas_start(trocar_error *why) {
     pthread_once(&started, start);
     return blas_make_room(1, why);
 }
@@ -89,7 +89,7 @@ static void fill_table(int count) {
     for (int i = 0; i < count; i++) library.release(buffer[i]);
 }
 
-trocar_status blas_make_room(int threads, report *why) {
+trocar_status blas_make_room(int threads, trocar_error *why) {
     static int there;
     int wanted = threads < MOST_BUFFERS ? threads : MOST_BUFFERS;
     trocar_status status = TROCAR_OK;

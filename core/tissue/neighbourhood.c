@@ -3,7 +3,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-trocar_status neighbourhood_create(const tissue *t, neighbourhood *n, report *why) {
+trocar_status neighbourhood_create(const tissue *t, neighbourhood *n, trocar_error *why) {
     n->tissue = t;
     n->node_count = n->tet_count = 0;
     n->local = malloc((size_t)t->mesh->node_count * sizeof *n->local);

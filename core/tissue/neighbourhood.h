@@ -35,7 +35,7 @@ typedef struct {
 } neighbourhood;
 
 /* Allocates. `t` must outlive it. NO_MEMORY. */
-trocar_status neighbourhood_create(const tissue *t, neighbourhood *n, report *why);
+trocar_status neighbourhood_create(const tissue *t, neighbourhood *n, trocar_error *why);
 void neighbourhood_free(neighbourhood *n);
 
 /* Extent of the neighbourhood: distance from the line, and length along the line in both directions. */

@@ -42,7 +42,7 @@ static double creep_rate(int count, const relaxation_term *terms, double low, do
 /* The creep function J and the relaxation function G satisfy s^2 G~(s) J~(s) = 1. M(s) = s G~(s) is a rational function with simple poles at -1 /
    relaxation times. The times of J correspond to the zeros of M, of which there is one between any two adjacent poles; its compliances are the residues of
    1 / (s M(s)) at these zeros: -1 / (s M'(s)). */
-trocar_status creep_from_relaxation(int count, const relaxation_term *terms, creep_series *creep, report *why) {
+trocar_status creep_from_relaxation(int count, const relaxation_term *terms, creep_series *creep, trocar_error *why) {
     relaxation_term sorted[MAX_RELAXATION];
     relaxation_fault wrong = relaxation_check(count, terms);
     if (wrong.key) return fail(why, TROCAR_BAD_INPUT, "relaxation[%d].%s: %s", wrong.term, wrong.key, wrong.words);

@@ -3,7 +3,7 @@
 #ifndef TROCAR_RELAXATION_H
 #define TROCAR_RELAXATION_H
 
-#include "base/report.h"
+#include "base/error.h"
 
 enum { MAX_RELAXATION = 4 }; /* terms of a series */
 
@@ -32,6 +32,6 @@ relaxation_fault relaxation_check(int count, const relaxation_term *terms);
 double relaxation_at(int count, const relaxation_term *terms, double t);
 
 /* Computes the creep of tissue with this relaxation. BAD_INPUT for a series that relaxation_check rejects. */
-trocar_status creep_from_relaxation(int count, const relaxation_term *terms, creep_series *creep, report *why);
+trocar_status creep_from_relaxation(int count, const relaxation_term *terms, creep_series *creep, trocar_error *why);
 
 #endif

@@ -30,7 +30,7 @@ struct resolver {
     int unknowns, unknown[AROUND_DOFS];
 };
 
-trocar_status resolver_create(const tissue *t, resolver **created, report *why) {
+trocar_status resolver_create(const tissue *t, resolver **created, trocar_error *why) {
     resolver *r = *created = sparse_zeros(sizeof *r);
     if (!r) return fail(why, TROCAR_NO_MEMORY, "no memory to measure the mesh's resolution");
     trocar_status status = neighbourhood_create(t, &r->around, why);
@@ -49,7 +49,7 @@ void resolver_free(resolver *r) {
 /* ---- solving ------------------------------------------------------------------------------------------------------- */
 
 /* Factorises the stiffness of the free components. */
-static trocar_status factor(resolver *r, report *why) {
+static trocar_status factor(resolver *r, trocar_error *why) {
     for (int i = 0; i < r->unknowns; i++)
         for (int j = 0; j <= i; j++) r->reduced[(size_t)i * (size_t)r->unknowns + (size_t)j] = r->around.stiffness[r->unknown[i] * AROUND_DOFS + r->unknown[j]];
     int failed = r->unknowns == 0 ? 1 : LAPACKE_dpotrf_work(LAPACK_COL_MAJOR, 'U', r->unknowns, r->reduced, r->unknowns);
@@ -218,7 +218,7 @@ static void measure_end(resolver *r, vec3 x, const influence *on, resolved_field
     for (int k = 0; k < LINE_ENDS && end->reach > 0.0; k++) end->more[k] = difference_beyond(r, place, end_place(end, k), end->reach, resolved->lateral, on);
 }
 
-static trocar_status measure_along(resolver *r, int tet, int count, const vec3 *x, resolved_field *resolved, report *why) {
+static trocar_status measure_along(resolver *r, int tet, int count, const vec3 *x, resolved_field *resolved, trocar_error *why) {
     free_for_line(r, true);
     trocar_status status = factor(r, why);
     if (status != TROCAR_OK) return status;
@@ -230,7 +230,7 @@ static trocar_status measure_along(resolver *r, int tet, int count, const vec3 *
     return TROCAR_OK;
 }
 
-static trocar_status measure_across(resolver *r, int tet, int count, const vec3 *x, resolved_field *resolved, report *why) {
+static trocar_status measure_across(resolver *r, int tet, int count, const vec3 *x, resolved_field *resolved, trocar_error *why) {
     free_for_line(r, false);
     trocar_status status = factor(r, why);
     if (status != TROCAR_OK) return status;
@@ -295,7 +295,7 @@ static vec3 push_at(const resolver *r, int tet, const double weights[4], int nod
     return m3_apply_transposed(&r->around.frame, sum);
 }
 
-static trocar_status measure_point(resolver *r, int tet, int count, const vec3 *x, resolved_field *resolved, report *why) {
+static trocar_status measure_point(resolver *r, int tet, int count, const vec3 *x, resolved_field *resolved, trocar_error *why) {
     r->unknowns = 0;
     /* the force acts on these nodes, so they must be free */
     for (int c = 0; c < 4; c++) r->around.cut[r->around.local[r->around.tissue->mesh->tets[tet][c]]] = false;
@@ -330,7 +330,7 @@ static void move_all(resolver *r, int axis, line_field *field) {
     for (int i = 0; i < r->around.node_count; i++) field->moved[i][axis] = v3(r->moved[3 * i], r->moved[3 * i + 1], r->moved[3 * i + 2]);
 }
 
-trocar_status resolver_spread(resolver *r, const line_in_tet *line, line_field *field, report *why) {
+trocar_status resolver_spread(resolver *r, const line_in_tet *line, line_field *field, trocar_error *why) {
     const region_material *material = &r->around.tissue->materials[r->around.tissue->mesh->region[line->tet]];
     neighbourhood_take(&r->around, line->tet, line->point, line->direction, (patch_reach){.radius = RADIUS, .half_length = HALF_LENGTH});
     field->line = *line;
@@ -401,7 +401,7 @@ double line_end_total(const line_end *end) {
     return sum;
 }
 
-trocar_status resolver_measure(resolver *r, int tet, vec3 direction, int count, const vec3 *x, resolved_field *resolved, report *why) {
+trocar_status resolver_measure(resolver *r, int tet, vec3 direction, int count, const vec3 *x, resolved_field *resolved, trocar_error *why) {
     patch_reach reach = {.radius = RADIUS, .half_length = HALF_LENGTH, .least = HALF_LENGTH * v3_norm(v3_sub(x[count - 1], x[0]))};
     neighbourhood_take(&r->around, tet, x[count / 2], direction, reach);
     trocar_status status = measure_along(r, tet, count, x, resolved, why);

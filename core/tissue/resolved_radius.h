@@ -53,17 +53,17 @@ typedef struct {
 typedef struct resolver resolver;
 
 /* Creates a resolver; `t` must outlive it. NO_MEMORY. */
-trocar_status resolver_create(const tissue *t, resolver **created, report *why);
+trocar_status resolver_create(const tissue *t, resolver **created, trocar_error *why);
 void resolver_free(resolver *r);
 
 enum { MAX_RESOLVED = 3 };
 
 /* Measures at `count` points of element `tet` that are all on one line along the unit vector `direction`. Takes about a millisecond; does not allocate
    memory. `end` is measured only at the first and the last point. NUMERIC if the patch has no stiffness. */
-trocar_status resolver_measure(resolver *r, int tet, vec3 direction, int count, const vec3 *x, resolved_field *resolved, report *why);
+trocar_status resolver_measure(resolver *r, int tet, vec3 direction, int count, const vec3 *x, resolved_field *resolved, trocar_error *why);
 
 /* Computes the field of one line. NUMERIC if the patch has no stiffness. */
-trocar_status resolver_spread(resolver *r, const line_in_tet *line, line_field *field, report *why);
+trocar_status resolver_spread(resolver *r, const line_in_tet *line, line_field *field, trocar_error *why);
 
 /* The part of the displacement at x (with these weights in element `tet`) that the mesh does not resolve, divided by the force per unit length on the line
    (m^2/N, world frame). If x is closer to the line than `radius` (m), that distance is used. Zero outside the patch, where the mesh resolves the field. */

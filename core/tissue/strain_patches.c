@@ -138,7 +138,7 @@ static void renumber(partition *p) {
     p->count = kept;
 }
 
-trocar_status strain_patches_create(const mesh *m, int *patch, int *patch_count, report *why) {
+trocar_status strain_patches_create(const mesh *m, int *patch, int *patch_count, trocar_error *why) {
     size_t tets = (size_t)m->tet_count;
     partition p = {.mesh = m, .patch = patch, .grown = malloc(tets * sizeof(int)), .first = malloc(tets * sizeof(int)),
                    .size = malloc(tets * sizeof(int))};

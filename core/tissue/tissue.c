@@ -146,13 +146,13 @@ static bool add_volumetric_stiffness(tissue *t) {
     return added;
 }
 
-static trocar_status create_patches(tissue *t, report *why) {
+static trocar_status create_patches(tissue *t, trocar_error *why) {
     t->patch = malloc((size_t)t->mesh->tet_count * sizeof *t->patch);
     if (!t->patch) return fail(why, TROCAR_NO_MEMORY, "no memory for %d tetrahedra", t->mesh->tet_count);
     return strain_patches_create(t->mesh, t->patch, &t->patch_count, why);
 }
 
-static trocar_status assemble(tissue *t, report *why) {
+static trocar_status assemble(tissue *t, trocar_error *why) {
     size_t n = (size_t)t->dof_count, entries = (size_t)t->mesh->tet_count * 78;
     cholmod_triplet *triplets = cholmod_allocate_triplet(n, n, entries, -1, CHOLMOD_REAL, &t->common);
     if (!triplets) return fail(why, TROCAR_NO_MEMORY, "no memory to assemble %zu stiffness entries", entries);
@@ -165,7 +165,7 @@ static trocar_status assemble(tissue *t, report *why) {
 }
 
 trocar_status tissue_define(const mesh *m, const region_material *materials, const bool *fixed, volumetric_strain volumetric,
-                              tissue *t, report *why) {
+                              tissue *t, trocar_error *why) {
     memset(t, 0, sizeof *t);
     t->volumetric = volumetric;
     cholmod_start(&t->common);
@@ -191,14 +191,14 @@ trocar_status tissue_define(const mesh *m, const region_material *materials, con
     return status;
 }
 
-trocar_status tissue_stiffness(tissue *t, report *why) {
+trocar_status tissue_stiffness(tissue *t, trocar_error *why) {
     trocar_status status = t->stiffness ? TROCAR_OK : assemble(t, why);
     if (status == TROCAR_OK) atomic_store(&t->assembled, true);
     return status;
 }
 
 trocar_status tissue_assemble(const mesh *m, const region_material *materials, const bool *fixed, volumetric_strain volumetric,
-                              tissue *t, report *why) {
+                              tissue *t, trocar_error *why) {
     trocar_status status = tissue_define(m, materials, fixed, volumetric, t, why);
     if (status != TROCAR_OK) return status;
     status = tissue_stiffness(t, why);
@@ -207,7 +207,7 @@ trocar_status tissue_assemble(const mesh *m, const region_material *materials, c
 }
 
 trocar_status tissue_create(const mesh *m, const region_material *materials, const bool *fixed, volumetric_strain volumetric,
-                            tissue *t, report *why) {
+                            tissue *t, trocar_error *why) {
     trocar_status status = tissue_assemble(m, materials, fixed, volumetric, t, why);
     if (status != TROCAR_OK) return status;
     status = tissue_factor(t, 0, NULL, why);

@@ -44,32 +44,32 @@ typedef struct {
 
 /* Defines everything except K and its factor. `mesh` and `materials` must outlive the tissue. */
 trocar_status tissue_define(const mesh *m, const region_material *materials, const bool *fixed, volumetric_strain volumetric,
-                            tissue *t, report *why);
+                            tissue *t, trocar_error *why);
 
 /* Assembles K unless it is already assembled. */
-trocar_status tissue_stiffness(tissue *t, report *why);
+trocar_status tissue_stiffness(tissue *t, trocar_error *why);
 
 /* Calls tissue_define and tissue_stiffness. */
 trocar_status tissue_assemble(const mesh *m, const region_material *materials, const bool *fixed, volumetric_strain volumetric,
-                              tissue *t, report *why);
+                              tissue *t, trocar_error *why);
 
 /* Factorises K; assembles it first if necessary. The given nodes are eliminated last, so that blocks of the inverse between them need only a small part of
    the factor. BAD_INPUT if the fixed nodes do not constrain the body, or if the factor exceeds the machine's memory or the range of CHOLMOD's indices;
    NO_MEMORY, before the computation, if too little memory is currently available. After an error, `factor` is NULL. */
-trocar_status tissue_factor(tissue *t, int count, const int *nodes, report *why);
+trocar_status tissue_factor(tissue *t, int count, const int *nodes, trocar_error *why);
 
 static const double LOOSE_BODY = 1e-13; /* fraction: ratio of the smallest to the largest eigenvalue of K below which the body counts as loose. Rounding
                                            tolerance */
 
 /* Reports in `why` that the body is loose, and returns BAD_INPUT. */
-trocar_status tissue_loose(report *why);
+trocar_status tissue_loose(trocar_error *why);
 
 /* A load that is not orthogonal to any rigid motion, used to find loose bodies. */
 static inline double tissue_test_load(int dof) { return 1.0 + 0.37 * (dof % 7); }
 
 /* Assembles and factorises without nodes that are eliminated last; for tests. A simulation factorises only once these nodes are known, or never. */
 trocar_status tissue_create(const mesh *m, const region_material *materials, const bool *fixed, volumetric_strain volumetric,
-                            tissue *t, report *why);
+                            tissue *t, trocar_error *why);
 void tissue_free(tissue *t);
 
 /* Copies the constant part of a tissue after tissue_define, for use while another thread creates K and its factor, which remain with the original. Nothing

@@ -64,7 +64,7 @@ static double least_stiffness(tissue *t) {
     return quotient;
 }
 
-trocar_status tissue_loose(report *why) {
+trocar_status tissue_loose(trocar_error *why) {
     return fail(why, TROCAR_BAD_INPUT, "the fixed nodes do not constrain the whole body: name a surface or region "
                 "under `fixed` that every part of the mesh is connected to");
 }
@@ -76,7 +76,7 @@ static double factor_bytes(tissue *t) {
 }
 
 /* Checks memory before the computation, because the kernel may kill a process that runs out of memory, without any message. */
-static trocar_status check_memory(tissue *t, report *why) {
+static trocar_status check_memory(tissue *t, trocar_error *why) {
     static const char remedy[] = "with inverse: condensed and needles that stay in the region_of_interest it is not needed";
     if (!t->factor || t->common.status == CHOLMOD_TOO_LARGE)
         return fail(why, TROCAR_BAD_INPUT, "the factor of the whole stiffness matrix (%d unknowns) has more than 2^31 entries, too many: %s",
@@ -88,7 +88,7 @@ static trocar_status check_memory(tissue *t, report *why) {
                 t->dof_count, 1e-9 * needed, 1e-9 * available, remedy);
 }
 
-static trocar_status factor(tissue *t, int count, const int *nodes, report *why) {
+static trocar_status factor(tissue *t, int count, const int *nodes, trocar_error *why) {
     bool *last = mark_free_nodes(t, count, nodes);
     if (count > 0) { /* a region of interest implies a large mesh, where more and narrower supernodes with fewer zeros save 5 % of the memory */
         static const double LEAST_FULL[3] = {0.2, 0.025, 0.0125};
@@ -110,7 +110,7 @@ static trocar_status factor(tissue *t, int count, const int *nodes, report *why)
     return least >= LOOSE_BODY ? TROCAR_OK : tissue_loose(why);
 }
 
-trocar_status tissue_factor(tissue *t, int count, const int *nodes, report *why) {
+trocar_status tissue_factor(tissue *t, int count, const int *nodes, trocar_error *why) {
     t->refused = 0.0;
     trocar_status status = tissue_stiffness(t, why);
     if (status == TROCAR_OK) status = factor(t, count, nodes, why);

@@ -11,7 +11,7 @@ static size_t line_of_problem(const yaml_parser_t *parser, const char *text) {
     return line;
 }
 
-trocar_status yaml_open(const char *name, const char *text, size_t length, yaml_text *y, report *why) {
+trocar_status yaml_open(const char *name, const char *text, size_t length, yaml_text *y, trocar_error *why) {
     yaml_parser_t parser;
     if (!yaml_parser_initialize(&parser)) return fail(why, TROCAR_NO_MEMORY, "%s: no memory to parse it", name);
     yaml_parser_set_input_string(&parser, (const unsigned char *)text, length);

@@ -6,7 +6,7 @@
 #include <stddef.h>
 #include <yaml.h>
 
-#include "base/report.h"
+#include "base/error.h"
 
 typedef struct { yaml_document_t document; } yaml_text;
 
@@ -22,7 +22,7 @@ typedef struct {
 } yaml_value;
 
 /* Parses a document. BAD_INPUT, with `name` and line, if the text is empty or is not YAML. yaml_close must be called only after success. */
-trocar_status yaml_open(const char *name, const char *text, size_t length, yaml_text *y, report *why);
+trocar_status yaml_open(const char *name, const char *text, size_t length, yaml_text *y, trocar_error *why);
 void yaml_close(yaml_text *y);
 
 yaml_value yaml_root(yaml_text *y);

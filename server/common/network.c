@@ -18,7 +18,7 @@ static bool has_provider(const char *url) {
     return false;
 }
 
-trocar_status network_open(const char *url, lcm_t **opened, report *why) {
+trocar_status network_open(const char *url, lcm_t **opened, trocar_error *why) {
     url = given(url);
     if (!has_provider(url))
         return fail(why, TROCAR_BAD_INPUT, "LCM cannot use \"%s\": give --lcm-url or LCM_DEFAULT_URL as udpm://GROUP:PORT?ttl=N", url);

@@ -30,14 +30,14 @@ static void fault_in(void) {
 
 /* Locks pages when they are first touched. Locking a whole mapping at once would stall a thread for 40 ms each time a library maps 128 MiB at run
    time. */
-static trocar_status lock_what_is_touched(report *why) {
+static trocar_status lock_what_is_touched(trocar_error *why) {
     if (mlockall(MCL_CURRENT | MCL_FUTURE | MCL_ONFAULT) == 0) return TROCAR_OK;
     return fail(why, TROCAR_NO_REALTIME,
                 "cannot lock memory: %s. Raise the limit (`ulimit -l unlimited`, or `memlock` in "
                 "/etc/security/limits.conf), grant CAP_IPC_LOCK, or run with --allow-non-rt", strerror(errno));
 }
 
-trocar_status realtime_lock_memory(report *why) {
+trocar_status realtime_lock_memory(trocar_error *why) {
     trocar_status status = lock_what_is_touched(why);
     if (status == TROCAR_OK) fault_in();
     return status;
@@ -49,7 +49,7 @@ int realtime_use_fifo(int priority) {
     return sched_setscheduler(0, SCHED_FIFO | keep, &wanted) == 0 ? 0 : errno;
 }
 
-trocar_status realtime_set_priority(int priority, report *why) {
+trocar_status realtime_set_priority(int priority, trocar_error *why) {
     int error = realtime_use_fifo(priority);
     if (error == 0) return TROCAR_OK;
     return fail(why, error == EPERM ? TROCAR_NO_REALTIME : TROCAR_SYSTEM,
@@ -58,7 +58,7 @@ trocar_status realtime_set_priority(int priority, report *why) {
                 priority, strerror(error), priority);
 }
 
-trocar_status realtime_check_permission(int priority, report *why) {
+trocar_status realtime_check_permission(int priority, trocar_error *why) {
     struct sched_param before;
     sched_getparam(0, &before);
     int policy = sched_getscheduler(0); /* `policy` includes the flag SCHED_RESET_ON_FORK */
@@ -88,7 +88,7 @@ __attribute__((noinline)) void realtime_touch_stack(void) {
 
 void realtime_flush_denormals(void) { flush_denormals(); }
 
-int realtime_stay_awake(report *why) {
+int realtime_stay_awake(trocar_error *why) {
     static const char path[] = "/dev/cpu_dma_latency";
     int descriptor = open(path, O_WRONLY | O_CLOEXEC);
     int32_t microseconds = 0;

@@ -6,7 +6,7 @@
 #include <sys/resource.h>
 #include <time.h>
 
-#include "common/allocations.h"
+int64_t allocator_calls(void) __attribute__((weak)); /* tests/shared/allocator_calls.h, if it is linked or preloaded */
 
 /* Octave k >= 1 covers [32, 64) << (k - 1) in 32 steps; octave 0 holds the values below 32. */
 static int bucket_of(int64_t nanoseconds) {
@@ -75,11 +75,13 @@ void sleep_until(int64_t monotonic) {
     while (clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &t, NULL) == EINTR) continue;
 }
 
+bool allocations_are_counted(void) { return allocator_calls; }
+
 thread_usage thread_usage_now(void) {
     struct rusage u;
     getrusage(RUSAGE_THREAD, &u);
     return (thread_usage){.minor_faults = u.ru_minflt, .major_faults = u.ru_majflt, .context_switches = u.ru_nivcsw,
-                          .allocations = allocations_now()};
+                          .allocations = allocator_calls ? allocator_calls() : 0};
 }
 
 thread_usage thread_usage_since(const thread_usage *start) {

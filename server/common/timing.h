@@ -2,6 +2,7 @@
 #ifndef TROCAR_TIMING_H
 #define TROCAR_TIMING_H
 
+#include <stdbool.h>
 #include <stdint.h>
 
 /* Histogram buckets in nanoseconds: exact below 64 ns, then 32 per octave (within 3.2 %), up to 68 s. */
@@ -33,8 +34,10 @@ void sleep_until(int64_t monotonic);      /* sleeps until this absolute time (ns
 /* Resource usage counters of one thread. */
 typedef struct {
     int64_t minor_faults, major_faults, context_switches; /* involuntary */
-    int64_t allocations;                                  /* number of calls to the allocator */
+    int64_t allocations;                                  /* number of calls to the allocator; 0 if they are not counted */
 } thread_usage;
+
+bool allocations_are_counted(void);       /* only with the counter of the tests, tests/shared/allocator_calls.h */
 
 thread_usage thread_usage_now(void);      /* usage of the calling thread, read with one cheap system call. RT */
 thread_usage thread_usage_since(const thread_usage *start); /* usage of the calling thread since `start`. RT */

@@ -15,7 +15,7 @@ static void lay_out_rows(viewer_messages *v) {
     }
 }
 
-trocar_status viewer_messages_create(viewer_messages *v, trocar_model *model, report *why) {
+trocar_status viewer_messages_create(viewer_messages *v, trocar_model *model, trocar_error *why) {
     size_t count = (size_t)trocar_model_node_count(model);
     *v = (viewer_messages){.node_count = (int)count, .model = model};
     trocar_status status = trocar_picture_create(model, &v->picture, why);
@@ -71,7 +71,7 @@ void viewer_messages_make_tracks(viewer_messages *v, int needle, int64_t tick) {
     }
 }
 
-trocar_status viewer_messages_make_tissue(viewer_messages *v, int64_t tick, report *why) {
+trocar_status viewer_messages_make_tissue(viewer_messages *v, int64_t tick, trocar_error *why) {
     trocar_status status = trocar_view_displacements(trocar_picture_view(v->picture), v->nodal, why);
     if (status != TROCAR_OK) return status;
     for (size_t i = 0; i < 3 * (size_t)v->node_count; i++) v->displacement[i] = (float)v->nodal[i];

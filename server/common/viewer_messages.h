@@ -2,7 +2,7 @@
 #ifndef TROCAR_VIEWER_MESSAGES_H
 #define TROCAR_VIEWER_MESSAGES_H
 
-#include "base/report.h"
+#include "base/error.h"
 #include "trocar.h"
 #include "trocar_contacts_t.h"
 #include "trocar_deformation_t.h"
@@ -39,13 +39,13 @@ typedef struct {
 } viewer_messages;
 
 /* `model` must outlive the viewer_messages. NO_MEMORY. */
-trocar_status viewer_messages_create(viewer_messages *v, trocar_model *model, report *why);
+trocar_status viewer_messages_create(viewer_messages *v, trocar_model *model, trocar_error *why);
 void viewer_messages_free(viewer_messages *v);
 
 /* Makes the messages `contacts` and `tracks` of one needle from the picture, and the message `deformation`. Not for the haptic thread. NO_MEMORY. */
 void viewer_messages_make_needle(viewer_messages *v, int needle, int64_t tick, int64_t pose_utime);
 void viewer_messages_make_tracks(viewer_messages *v, int needle, int64_t tick);
-trocar_status viewer_messages_make_tissue(viewer_messages *v, int64_t tick, report *why);
+trocar_status viewer_messages_make_tissue(viewer_messages *v, int64_t tick, trocar_error *why);
 
 /* Makes the message `seeds`, with the seeds displaced as in the last `deformation`. */
 void viewer_messages_make_seeds(viewer_messages *v, int64_t tick);

@@ -10,26 +10,26 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "common/host_port.h"
+
 enum { LEAST = 32, MOST = 1024 }; /* bytes of a secret */
 static const char MAKE_ONE[] = "make one with: (umask 077; head -c 32 /dev/urandom | base64 >FILE)";
 
-trocar_status settings_address(const char *text, struct sockaddr_in *address, report *why) {
-    char host[256], *end;
-    const char *colon = strrchr(text, ':');
-    long port = colon == NULL ? 0 : strtol(colon + 1, &end, 10);
-    if (colon == NULL || colon[1] == '\0' || *end != '\0' || port < 1 || port > 65535 || (size_t)(colon - text) >= sizeof host)
+trocar_status settings_address(const char *text, struct sockaddr_in *address, trocar_error *why) {
+    char full[300], host[256], port[6];
+    snprintf(full, sizeof full, "%s%s", *text == ':' ? "0.0.0.0" : "", text);
+    if (!split_host_port(full, NULL, host, port))
         return fail(why, TROCAR_BAD_INPUT, "--listen %s: give HOST:PORT, such as 0.0.0.0:7668 for all IPv4 addresses of this machine", text);
-    snprintf(host, sizeof host, "%.*s", (int)(colon - text), text);
     const struct addrinfo wanted = {.ai_family = AF_INET, .ai_socktype = SOCK_DGRAM, .ai_flags = AI_PASSIVE};
     struct addrinfo *found = NULL;
-    int error = getaddrinfo(*host != '\0' ? host : NULL, colon + 1, &wanted, &found);
+    int error = getaddrinfo(host, port, &wanted, &found);
     if (error != 0) return fail(why, TROCAR_BAD_INPUT, "--listen %s: %s", text, gai_strerror(error));
     memcpy(address, found->ai_addr, sizeof *address);
     freeaddrinfo(found);
     return TROCAR_OK;
 }
 
-static trocar_status read_secret(int descriptor, const char *file, wire_key *key, report *why) {
+static trocar_status read_secret(int descriptor, const char *file, wire_key *key, trocar_error *why) {
     struct stat s;
     char secret[MOST + 3];
     if (fstat(descriptor, &s) != 0 || !S_ISREG(s.st_mode)) return fail(why, TROCAR_BAD_INPUT, "secret file %s: not a regular file", file);
@@ -46,7 +46,7 @@ static trocar_status read_secret(int descriptor, const char *file, wire_key *key
     return TROCAR_OK;
 }
 
-trocar_status settings_secret(const char *file, const struct sockaddr_in *address, wire_key *key, report *why) {
+trocar_status settings_secret(const char *file, const struct sockaddr_in *address, wire_key *key, trocar_error *why) {
     bool local = ntohl(address->sin_addr.s_addr) >> 24 == IN_LOOPBACKNET;
     if (file == NULL && !local)
         return fail(why, TROCAR_BAD_INPUT, "--listen on an address that other machines can reach needs --secret-file FILE; %s", MAKE_ONE);

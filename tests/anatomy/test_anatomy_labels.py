@@ -18,7 +18,7 @@ import pydicom
 from anatomy_cases import ellipsoid_volume
 from anatomy import __main__ as command, approach, materials, meshing, options, organ, pipeline, quality, reading, scene, session, trouble
 from anatomy.shapes import contours, label_image, shells, voxels
-from anatomy.trials import inputs, label_stress
+from anatomy.trials import inputs, label_stress, nrrd
 
 SPACING = (1.0, 1.25, 2.0)
 MIDDLE = np.array([30.0, -20.0, 100.0])    # LPS, mm, centre of two touching half balls, of which the first is on the patient's left
@@ -60,9 +60,9 @@ class Files(unittest.TestCase):
     def test_every_kind_of_label_map_has_its_labels_where_they_are(self):
         self.labels, place = two_halves(20)
         by_name = {name: value for value, name in NAMES.items()}
-        inputs.write_nrrd("a.seg.nrrd", self.labels, place, NAMES, "right-anterior-superior")
+        nrrd.write_nrrd("a.seg.nrrd", self.labels, place, NAMES, "right-anterior-superior")
         self.check_map(reading.read_image("a.seg.nrrd"), place, by_name)
-        inputs.write_nrrd("b.nrrd", [(self.labels == v).astype(np.uint8) for v in NAMES], place, {(v - 1, 1): name for v, name in NAMES.items()})
+        nrrd.write_nrrd("b.nrrd", [(self.labels == v).astype(np.uint8) for v in NAMES], place, {(v - 1, 1): name for v, name in NAMES.items()})
         self.check_map(reading.read_image("b.nrrd"), place, by_name)
         inputs.write_seg("c.dcm", self.labels, place, NAMES)
         self.check_map(reading.read_outlines("c.dcm"), place, by_name)
@@ -77,7 +77,7 @@ class Files(unittest.TestCase):
     def test_images_that_end_too_early_are_refused(self):
         """Files may be truncated anywhere, even after the last voxel: within the checksum at the end of a compressed file."""
         self.labels, place = two_halves()
-        inputs.write_nrrd("a.seg.nrrd", self.labels, place, NAMES, "right-anterior-superior")
+        nrrd.write_nrrd("a.seg.nrrd", self.labels, place, NAMES, "right-anterior-superior")
         inputs.write_seg("b.dcm", self.labels, place, NAMES)
         names = ["a.seg.nrrd", "b.dcm"]
         try:
@@ -122,7 +122,7 @@ class Files(unittest.TestCase):
     def test_a_code_of_3d_slicer(self):
         """Codes are in the form written by 3D Slicer 5, with the anatomic region after the type."""
         found, place = two_halves()
-        inputs.write_nrrd("x.seg.nrrd", found, place, {1: "Segment_1"})
+        nrrd.write_nrrd("x.seg.nrrd", found, place, {1: "Segment_1"})
         with open("x.seg.nrrd", "rb") as file:
             content = file.read()
         entry = b"Segment0_Tags:=TerminologyEntry:General Anatomy list~SCT^1^Tissue~SCT^41216001^Prostate~^^~Anatomic codes~^^~^^|Segmentation.Status:x|\nSegment0_Name"
@@ -177,8 +177,8 @@ class Files(unittest.TestCase):
         found, place = two_halves()
         cases = {"empty.nrrd": np.zeros_like(found), "flat.nrrd": found[15:16]}
         for name, values in cases.items():
-            inputs.write_nrrd(name, values, place)
-        inputs.write_nrrd("whole.nrrd", found, place)
+            nrrd.write_nrrd(name, values, place)
+        nrrd.write_nrrd("whole.nrrd", found, place)
         with open("whole.nrrd", "rb") as file:
             content = file.read()
         wrong = {"cut.nrrd": content[:-200], "kind.nrrd": b"GIF89a" + content, "no.nrrd": content.replace(b"space directions", b"space conditions"),
@@ -195,7 +195,7 @@ class Files(unittest.TestCase):
 
     def test_values_of_a_nrrd_file_beside_it_and_packed_by_bzip2(self):
         self.labels, place = two_halves(20)
-        inputs.write_nrrd("a.nrrd", self.labels, place)
+        nrrd.write_nrrd("a.nrrd", self.labels, place)
         with open("a.nrrd", "rb") as file:
             head, data = file.read().split(b"\n\n", 1)
         by_number = {str(value): value for value in NAMES}
@@ -220,7 +220,7 @@ class Files(unittest.TestCase):
 
     def test_packed_values_of_a_nrrd_file_in_several_streams(self):
         self.labels, place = two_halves(20)
-        inputs.write_nrrd("a.nrrd", self.labels, place)
+        nrrd.write_nrrd("a.nrrd", self.labels, place)
         with open("a.nrrd", "rb") as file:
             head, data = file.read().split(b"\n\n", 1)
         values = gzip.decompress(data)
@@ -420,7 +420,7 @@ class Whole(unittest.TestCase):
 
     def test_two_lobes_under_the_skin_of_a_body(self):
         found, place = two_halves()
-        inputs.write_nrrd("x.seg.nrrd", found, place, NAMES)
+        nrrd.write_nrrd("x.seg.nrrd", found, place, NAMES)
         organs, mesh, domain, outlined = self.make("x.seg.nrrd", "--roi", "Left lobe", "--roi", "Right lobe", "--skin", "Body", "--nodes", "700", "--output", "x",
                                                    f"--entry={MIDDLE[0] + 26},{MIDDLE[1]},{MIDDLE[2]}")
         for organ in organs:
@@ -451,7 +451,7 @@ class Whole(unittest.TestCase):
 
     def test_the_skin_of_a_box_is_the_face_of_the_entry_and_the_mesh_says_where_the_patient_is(self):
         found, place = two_halves()
-        inputs.write_nrrd("x.seg.nrrd", found, place, NAMES)
+        nrrd.write_nrrd("x.seg.nrrd", found, place, NAMES)
         target = MIDDLE + [9, 0, 0]
         entry = target + [3, 48, 5]         # from the back
         _, mesh, domain, _ = self.make("x.seg.nrrd", "--roi", "Left lobe", "--nodes", "500", "--output", "x", "--entry=" + ",".join(map(str, entry)),
@@ -474,7 +474,7 @@ class Whole(unittest.TestCase):
 
     def test_an_entry_in_the_region_is_moved_to_the_skin_which_is_told_and_labels_have_a_picture(self):
         found, place = two_halves()
-        inputs.write_nrrd("x.seg.nrrd", found, place, NAMES)
+        nrrd.write_nrrd("x.seg.nrrd", found, place, NAMES)
         entry, target = MIDDLE + [9, 0, -4], MIDDLE + [9, 0, 2]
         organs, _, domain, _ = self.make("x.seg.nrrd", "--roi", "Left lobe", "--nodes", "500", "--output", "x", "--entry=" + ",".join(map(str, entry)),
                                          "--target=" + ",".join(map(str, target)), "--picture", "x.svg")
@@ -486,7 +486,7 @@ class Whole(unittest.TestCase):
 
     def test_the_needle_starts_in_a_hole_of_the_template(self):
         found, place = two_halves()
-        inputs.write_nrrd("x.seg.nrrd", found, place, NAMES)
+        nrrd.write_nrrd("x.seg.nrrd", found, place, NAMES)
         _, _, domain, _ = self.make("x.seg.nrrd", "--roi", "Left lobe", "--nodes", "500", "--output", "x",
                                     "--template=" + ",".join(map(str, MIDDLE + [1, 2, -80])))
         position, way = self.start_of("x.yaml")

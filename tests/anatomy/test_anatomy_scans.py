@@ -18,7 +18,7 @@ import scipy.ndimage
 from anatomy_cases import SOURCE, ellipse, ellipsoid, ellipsoid_volume
 from anatomy import __main__ as command, approach, binding, check, limits, losses, materials, meshing, options, organ, pipeline, quality, reading, scene, session, sources, trouble
 from anatomy.shapes import contours, labels, shells, voxels
-from anatomy.trials import cases, inputs, label_stress, torso
+from anatomy.trials import cases, inputs, label_stress, nrrd, torso
 
 LIBRARY = os.path.join(SOURCE, "build/core/libtrocar.so")
 
@@ -203,7 +203,7 @@ class Files(Case):
                 file.write("$MeshFormat")
             raise OSError(28, "No space left on device", prefix + ".msh")
         labels_, place = ball()
-        inputs.write_nrrd("x.nrrd", labels_, place)
+        nrrd.write_nrrd("x.nrrd", labels_, place)
         with unittest.mock.patch.object(command, "make", full), self.assertRaisesRegex(OSError, "No space left"):
             self.run_("x.nrrd", "--output", "out/", "--quiet")
         self.assertEqual(os.listdir("out"), [])
@@ -350,7 +350,7 @@ class Parts(Case):
 
     def test_a_scene_that_the_library_refuses_is_not_written(self):
         labels_, place = ball(40, 14.0)
-        inputs.write_nrrd("x.nrrd", labels_, place)
+        nrrd.write_nrrd("x.nrrd", labels_, place)
         with unittest.mock.patch.object(binding, "trocar", lambda: None), unittest.mock.patch.object(check, "refused", lambda *_: "no face of any tetrahedron"), \
                 self.assertRaisesRegex(contours.Unusable, "the library refuses what was made: no face of any tetrahedron"):
             self.run_("x.nrrd", "--nodes", 300, "--output", "x", "--quiet")
@@ -419,7 +419,7 @@ class Parts(Case):
         labels_[grid.ellipsoid((-15, 0, 0), (25, 25, 25))] = 1
         labels_[grid.rod((30, -45, -45), (30, 45, 45), 1.2)] = 2
         labels_[grid.rod((45, -45, 0), (45, 45, 0), 1.2)] = 3
-        inputs.write_nrrd("x.seg.nrrd", labels_, grid.place, {1: "Liver", 2: "rib_left_7", 3: "rib_left_8"})
+        nrrd.write_nrrd("x.seg.nrrd", labels_, grid.place, {1: "Liver", 2: "rib_left_7", 3: "rib_left_8"})
         choice = ["x.seg.nrrd", "--roi", "Liver", "--bone", "rib_*", "--nodes", "300", "--output", "x", "--quiet"]
         with unittest.mock.patch.object(meshing, "generate", side_effect=AssertionError), \
                 self.assertRaisesRegex(contours.Unusable, r"more than twice --nodes 300: .* --skip-small: rib_left_[78] \(0\.\d+ ml\), rib"):
@@ -435,7 +435,7 @@ class Parts(Case):
         labels_[grid.ellipsoid((-8, 0, 0), (28, 26, 30))] = 2
         for value, (height, radius) in enumerate(((-35, 4.0), (0, 1.5), (35, 4.0)), 3):
             labels_[grid.rod((34, -18, height), (34, 22, height), radius)] = value
-        inputs.write_nrrd("x.seg.nrrd", labels_, grid.place, {1: "Body", 2: "Liver", 3: "rib_left_9", 4: "rib_left_8", 5: "rib_left_7"})
+        nrrd.write_nrrd("x.seg.nrrd", labels_, grid.place, {1: "Body", 2: "Liver", 3: "rib_left_9", 4: "rib_left_8", 5: "rib_left_7"})
         choice = ["x.seg.nrrd", "--roi", "Liver", "--bone", "rib_*", "--skin", "Body", "--nodes", "360", "--output", "x", "--quiet"]
         with unittest.mock.patch.object(meshing, "generate", side_effect=AssertionError), \
                 self.assertRaisesRegex(contours.Unusable, r"raise --nodes to \d+00, or leave out what is too small, with --skip-small: rib_left_8 \(0\.\d+ ml\)$"):

@@ -88,7 +88,7 @@ static const struct argp parser = {
 
 /* ---- measuring --------------------------------------------------------------------------------------------------- */
 
-static trocar_status measure_row(bench *b, inverse *inv, int method, remesh_change change, int touched, scene_result *result, report *why) {
+static trocar_status measure_row(bench *b, inverse *inv, int method, remesh_change change, int touched, scene_result *result, trocar_error *why) {
     const options *o = b->options;
     if (method == REMESH_NESTED && change == MOVE_NODE) return TROCAR_OK;
     if (any_remesh_needs_dense(method) && !is_dense(inv)) return TROCAR_OK;
@@ -121,7 +121,7 @@ static int most_frequent(const int counts[MAX_PATCH + 1]) {
     return most;
 }
 
-static trocar_status measure_rows(bench *b, model_parts *s, bool valences, scene_result *result, report *why) {
+static trocar_status measure_rows(bench *b, model_parts *s, bool valences, scene_result *result, trocar_error *why) {
     int counts[MAX_PATCH + 1];
     trocar_status status = TROCAR_OK;
     remesh_timing_valences(&s->tissue, counts);
@@ -136,7 +136,7 @@ static trocar_status measure_rows(bench *b, model_parts *s, bool valences, scene
     return status;
 }
 
-static trocar_status measure_scene(bench *b, int index, report *why) {
+static trocar_status measure_scene(bench *b, int index, trocar_error *why) {
     static scene given;
     model_parts s;
     scene_result *result = &b->scenes[index];
@@ -227,7 +227,7 @@ static void write_json(const bench *b, FILE *out) {
     fputc('\n', out);
 }
 
-trocar_status bench_remesh(int count, char **arguments, report *why) {
+trocar_status bench_remesh(int count, char **arguments, trocar_error *why) {
     options o = {.samples = 200, .contacts = 10, .seconds = 3.0};
     argp_parse(&parser, count, arguments, 0, NULL, &o);
 

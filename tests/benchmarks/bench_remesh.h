@@ -3,9 +3,9 @@
 #ifndef TROCAR_BENCH_REMESH_H
 #define TROCAR_BENCH_REMESH_H
 
-#include "base/report.h"
+#include "base/error.h"
 
 /* Parses the options, measures, prints a table and, if requested, writes JSON. Returns BAD_INPUT for a bad scene; argp exits on bad options. */
-trocar_status bench_remesh(int count, char **arguments, report *why);
+trocar_status bench_remesh(int count, char **arguments, trocar_error *why);
 
 #endif

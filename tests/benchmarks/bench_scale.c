@@ -90,7 +90,7 @@ static const struct argp parser = {
 
 static const double APPROACH = 0.02; /* m, additional distance at the start, so that the needle's line has been measured before it touches the skin */
 
-static trocar_status create(const options *o, const char *path, measured *m, report *why) {
+static trocar_status create(const options *o, const char *path, measured *m, trocar_error *why) {
     const trocar_model_options options = {.watch.progress = progress_show};
     trocar_status status = trocar_scene_load(path, &m->scene, why);
     if (status == TROCAR_OK && o->inverse) status = trocar_scene_set(m->scene, "inverse", o->inverse, why);
@@ -103,7 +103,7 @@ static trocar_status create(const options *o, const char *path, measured *m, rep
     return status;
 }
 
-static trocar_status measure(const options *o, measured *m, report *why) {
+static trocar_status measure(const options *o, measured *m, trocar_error *why) {
     trocar_status status = TROCAR_OK;
     double dt = 1.0 / trocar_model_rate(m->model);
     for (int i = 0; i < SPEEDS && status == TROCAR_OK; i++) {
@@ -238,7 +238,7 @@ static void json_scene(json *j, const measured *m) {
 
 /* ---- the benchmark ----------------------------------------------------------------------------------------------- */
 
-static trocar_status run_scene(const options *o, int index, json *results, report *why) {
+static trocar_status run_scene(const options *o, int index, json *results, trocar_error *why) {
     static measured m;
     memset(&m, 0, sizeof m);
     trocar_status status = create(o, o->scene_paths[index], &m, why);
@@ -252,7 +252,7 @@ static trocar_status run_scene(const options *o, int index, json *results, repor
     return status;
 }
 
-trocar_status bench_scale(int count, char **arguments, report *why) {
+trocar_status bench_scale(int count, char **arguments, trocar_error *why) {
     options o = {.ticks = 1000, .depth = 0.08};
     argp_parse(&parser, count, arguments, 0, NULL, &o);
     openblas_set_num_threads(1);

@@ -6,14 +6,14 @@
 
 #include "common/realtime.h"
 
-void must(trocar_status status, const char *what, const report *why) {
+void must(trocar_status status, const char *what, const trocar_error *why) {
     if (status == TROCAR_OK) return;
     fprintf(stderr, "%s: %s\n", what, why->text);
     exit(1);
 }
 
 void live_worker_start(live_worker *w, trocar_sim *sim) {
-    report why;
+    trocar_error why;
     must(exchange_create(&w->exchange, NULL, &why), "worker", &why);
     w->awake = realtime_stay_awake(&why);
     w->worker = (worker){.exchange = &w->exchange, .sim = sim};

@@ -15,7 +15,7 @@ typedef struct {
 } live_worker;
 
 /* Prints the error message and exits if the call failed. */
-void must(trocar_status status, const char *what, const report *why);
+void must(trocar_status status, const char *what, const trocar_error *why);
 
 /* Starts the thread of the worker. */
 void live_worker_start(live_worker *w, trocar_sim *sim);

@@ -91,7 +91,7 @@ static void look_around(timing_run *run, int tet) {
 
 /* ---- measuring -------------------------------------------------------------------------------------------------------- */
 
-static trocar_status serve(timing_run *run, int64_t *time, report *why) {
+static trocar_status serve(timing_run *run, int64_t *time, trocar_error *why) {
     run->request.serial++;
     int64_t start = monotonic_ns();
     trocar_status status = remesher_serve(run->remesher, &run->request, run->snapshot, why);
@@ -100,7 +100,7 @@ static trocar_status serve(timing_run *run, int64_t *time, report *why) {
 }
 
 /* First requests the window, which is not timed; then adds and removes the node, both of which are timed. */
-static trocar_status time_one(timing_run *run, int tet, remesh_timing *result, report *why) {
+static trocar_status time_one(timing_run *run, int tet, remesh_timing *result, trocar_error *why) {
     int64_t unused, add = 0, removal = 0;
     look_around(run, tet);
     run->request.wanted.count--;
@@ -115,7 +115,7 @@ static trocar_status time_one(timing_run *run, int tet, remesh_timing *result, r
     return status;
 }
 
-static trocar_status time_all(timing_run *run, remesh_timing *result, report *why) {
+static trocar_status time_all(timing_run *run, remesh_timing *result, trocar_error *why) {
     const remesh_case *wanted = run->wanted;
     int64_t end = monotonic_ns() + (int64_t)(1e9 * wanted->seconds);
     for (int i = 0; i < wanted->contacts; i++) change_somewhere(run, wanted->change == MOVE_NODE ? ADD_INSIDE : wanted->change);
@@ -128,7 +128,7 @@ static trocar_status time_all(timing_run *run, remesh_timing *result, report *wh
     return TROCAR_OK;
 }
 
-trocar_status remesh_timing_measure(inverse *inv, const remesh_case *wanted, remesh_timing *result, report *why) {
+trocar_status remesh_timing_measure(inverse *inv, const remesh_case *wanted, remesh_timing *result, trocar_error *why) {
     memset(result, 0, sizeof *result);
     timing_run *run = calloc(1, sizeof *run);
     if (run) run->snapshot = calloc(1, sizeof *run->snapshot);

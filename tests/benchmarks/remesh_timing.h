@@ -25,7 +25,7 @@ typedef struct {
 const char *remesh_change_name(remesh_change change);
 
 /* Runs in the calling thread; errors as in remesher_create. */
-trocar_status remesh_timing_measure(inverse *inv, const remesh_case *wanted, remesh_timing *result, report *why);
+trocar_status remesh_timing_measure(inverse *inv, const remesh_case *wanted, remesh_timing *result, trocar_error *why);
 
 /* Counts the movable nodes for each size of the patch (0 .. MAX_PATCH). */
 void remesh_timing_valences(const tissue *t, int counts[MAX_PATCH + 1]);

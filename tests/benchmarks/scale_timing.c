@@ -46,7 +46,7 @@ static void look_ahead(scale_run *run) {
 
 /* When the worker has finished a request, it takes the newest one. After computing the rows, it measures what the mesh resolves on new lines, one line at a
    time, until a newer request arrives. */
-static trocar_status work(scale_run *run, report *why) {
+static trocar_status work(scale_run *run, trocar_error *why) {
     if (run->ready >= 0.0 && run->ready <= run->now) {
         compliance_snapshot *old = run->snapshot;
         run->snapshot = run->next;
@@ -124,7 +124,7 @@ static void note_crossing(scale_run *run) {
     run->tet = tet;
 }
 
-static trocar_status run_tick(scale_run *run, pose base, double dt, report *why) {
+static trocar_status run_tick(scale_run *run, pose base, double dt, trocar_error *why) {
     tick_output wrench;
     trocar_status status = work(run, why);
     if (status != TROCAR_OK) return status;
@@ -147,7 +147,7 @@ static pose base_at(const scale_case *wanted, double t) {
 
 void scale_timing_set_spacing(trocar_model *model, double spacing) { model->parts.insertion.settings.contact_spacing = spacing; }
 
-trocar_status scale_timing_measure(trocar_sim *sim, const scale_case *wanted, scale_timing *result, report *why) {
+trocar_status scale_timing_measure(trocar_sim *sim, const scale_case *wanted, scale_timing *result, trocar_error *why) {
     memset(result, 0, sizeof *result);
     scale_run *run = calloc(1, sizeof *run);
     if (run) *run = (scale_run){.sim = sim, .result = result, .ready = -1.0, .tet = -1, .snapshot = calloc(1, sizeof *run->snapshot),

@@ -7,7 +7,7 @@
 
 #include <stdbool.h>
 
-#include "base/report.h"
+#include "base/error.h"
 #include "common/timing.h"
 #include "shared/motion.h"
 #include "trocar.h"
@@ -34,7 +34,7 @@ typedef struct {
     int late_ticks;          /* number of ticks whose snapshot did not cover the tip */
 } scale_timing;
 
-trocar_status scale_timing_measure(trocar_sim *sim, const scale_case *wanted, scale_timing *result, report *why);
+trocar_status scale_timing_measure(trocar_sim *sim, const scale_case *wanted, scale_timing *result, trocar_error *why);
 
 /* Overrides the scene's smallest distance between contact nodes, m. */
 void scale_timing_set_spacing(trocar_model *model, double spacing);

@@ -47,7 +47,7 @@ static void start_relay(bool real_time) {
     const struct sockaddr_in address = {.sin_family = AF_INET, .sin_port = htons(7668), .sin_addr = {htonl(INADDR_LOOPBACK)}};
     wire_key secret = wire_secret_key("", 0);
     pthread_t thread;
-    report why;
+    trocar_error why;
     if (exchange_create(&shared, NULL, &why) != TROCAR_OK || relay_create(&r, &address, &secret, NULL, real_time, &shared, &why) != TROCAR_OK ||
         pthread_create(&thread, NULL, relay_run, &r) != 0) {
         fprintf(stderr, "latency: %s\n", why.text);

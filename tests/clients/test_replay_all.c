@@ -21,7 +21,7 @@
 
 #include "check.h"
 
-static report why;
+static trocar_error why;
 
 #define OK(call) do { if ((call) != TROCAR_OK) fail_msg("%s: %s", #call, why.text); } while (0)
 

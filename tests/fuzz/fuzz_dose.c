@@ -11,7 +11,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     static const double x[] = {0, 0, 1e-6, 1e-3, 0.03, -0.2, 1000}, y[] = {0, 0, 0, 2e-3, -0.01, 0.1, 1000}, z[] = {0, 0.01, -0.05, 1e-4, 0.02, -0.3, -1000};
     enum { POINTS = sizeof x / sizeof *x };
     double rate[POINTS];
-    report why = {""};
+    trocar_error why = {""};
     if (dose_source_read("table", (const char *)data, size, &s, &why) != TROCAR_OK) {
         REQUIRE(strncmp(why.text, "table:", 6) == 0);
         return 0;

@@ -28,7 +28,7 @@ static void check(const mesh *m) {
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     mesh m;
-    report why = {""};
+    trocar_error why = {""};
     trocar_status status = mesh_read(file_of(data, size), &m, &why);
     REQUIRE(status == TROCAR_OK || why.text[0] != '\0');
     if (status == TROCAR_OK) {

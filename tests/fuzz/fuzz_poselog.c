@@ -11,7 +11,7 @@
 
 static void read_wrenches(const char *path) {
     wrench_log log;
-    report why = {""};
+    trocar_error why = {""};
     if (wrench_log_read(path, &log, &why) != TROCAR_OK) {
         REQUIRE(strncmp(why.text, path, strlen(path)) == 0);
         REQUIRE(log.count == 0 && log.wrenches == NULL);
@@ -33,7 +33,7 @@ static void check_commands(const pose_log *log) {
 static void read_stream(const char *path, const pose_log *log) {
     pose_stream *stream;
     pose_step step;
-    report why;
+    trocar_error why;
     REQUIRE(pose_stream_open(path, -1, false, &stream, &why) == TROCAR_OK);
     for (int i = 0; i <= log->count; i++) {
         REQUIRE(pose_stream_next(stream, &step, &why) == TROCAR_OK);
@@ -45,7 +45,7 @@ static void read_stream(const char *path, const pose_log *log) {
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     pose_log log;
-    report why = {""};
+    trocar_error why = {""};
     const char *path = file_of(data, size);
     read_wrenches(path);
     if (pose_log_read_all(path, &log, &why) == TROCAR_OK) {

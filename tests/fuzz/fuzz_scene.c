@@ -7,7 +7,7 @@
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     static scene s;
-    report why = {""};
+    trocar_error why = {""};
     const char *path = file_of(data, size);
     if (scene_load(path, &s, &why) != TROCAR_OK) {
         REQUIRE(strncmp(why.text, path, strlen(path)) == 0);

@@ -20,7 +20,7 @@
 enum { MOST = 16 };
 
 /* Places the needle according to a command line and a scene with this text. The command line has up to MOST words, separated by spaces. */
-static trocar_status place(const char *scene, const char *options, haply_settings *settings, report *why) {
+static trocar_status place(const char *scene, const char *options, haply_settings *settings, trocar_error *why) {
     char path[] = "/tmp/test_haply_settings.XXXXXX", line[256], *words[MOST] = {"trocar-haply", "--scene", path};
     int count = 3, file = mkstemp(path);
     assert_true(file >= 0 && write(file, scene, strlen(scene)) == (ssize_t)strlen(scene) && close(file) == 0);
@@ -35,7 +35,7 @@ static trocar_status place(const char *scene, const char *options, haply_setting
 
 static void assert_base(const char *scene, const char *options, vec3 position, vec3 axis) {
     haply_settings settings;
-    report why = {""};
+    trocar_error why = {""};
     assert_int_equal(place(scene, options, &settings, &why), TROCAR_OK);
     mapping m;
     mapping_init(&m, &settings.mapping);
@@ -70,7 +70,7 @@ static void places_of_the_patient_are_millimetres_along_its_axes(void **state) {
 static void a_scene_that_does_not_say_is_refused(void **state) {
     (void)state;
     haply_settings settings;
-    report why = {""};
+    trocar_error why = {""};
     assert_int_equal(place(MINIMAL, "", &settings, &why), TROCAR_BAD_INPUT);
     assert_non_null(strstr(why.text, "has no needle.start"));
     assert_int_equal(place(MINIMAL NEEDLE, "--patient --start 1,2,3", &settings, &why), TROCAR_BAD_INPUT);

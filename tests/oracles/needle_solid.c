@@ -344,7 +344,7 @@ static void set_modulus(solid_model *model, double youngs_modulus) {
 }
 
 /* The compliance at the tip is proportional to 1 / E, so a single solve gives the factor on E with which it equals L^3 / (3 E I). */
-static trocar_status calibrate(solid_model *model, report *why) {
+static trocar_status calibrate(solid_model *model, trocar_error *why) {
     solid_tangent *tangent = malloc(sizeof *tangent);
     solid_state *state = malloc(sizeof *state);
     if (tangent && state) {
@@ -362,7 +362,7 @@ static trocar_status calibrate(solid_model *model, report *why) {
     return done ? TROCAR_OK : fail(why, TROCAR_NO_MEMORY, "needle: no memory to calibrate the tetrahedra");
 }
 
-trocar_status solid_create(const needle_parameters *given, solid_model *model, report *why) {
+trocar_status solid_create(const needle_parameters *given, solid_model *model, trocar_error *why) {
     if (!(given->poisson_ratio > -1.0 && given->poisson_ratio < 0.5))
         return fail(why, TROCAR_BAD_INPUT, "needle: poisson_ratio of the tetrahedra must be above -1 and below 0.5");
     trocar_status status = needle_create(given, &model->line, why);

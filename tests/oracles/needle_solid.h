@@ -46,7 +46,7 @@ typedef struct {
 } solid_tangent;
 
 /* These functions correspond to those of needle.h. */
-trocar_status solid_create(const needle_parameters *given, solid_model *model, report *why);
+trocar_status solid_create(const needle_parameters *given, solid_model *model, trocar_error *why);
 void solid_rest(const solid_model *model, pose base, solid_state *state);
 void solid_hold(const solid_model *model, pose base, solid_state *state);
 void solid_linearise(const solid_model *model, const solid_state *state, const vec3 *load, int first, solid_tangent *tangent);

@@ -33,7 +33,7 @@ double __real_needle_energy(const needle_model *model, const needle_state *state
 double __wrap_needle_energy(const needle_model *model, const needle_state *state);
 
 void solid_in_tissue(const needle_parameters *given) {
-    report why;
+    trocar_error why;
     s.on = given;
     if (!given || solid_create(given, &s.model, &why) == TROCAR_OK) return;
     fprintf(stderr, "%s\n", why.text);

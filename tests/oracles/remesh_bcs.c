@@ -13,7 +13,7 @@
 #include <string.h>
 
 /* Switches these dofs from force to displacement (`back` = -1), or back to force (1). */
-typedef trocar_status (*switching)(dense_remesher *, int n, int count, const int *dofs, double back, report *);
+typedef trocar_status (*switching)(dense_remesher *, int n, int count, const int *dofs, double back, trocar_error *);
 
 /* Adds the change to switched dofs, or removes it if `sign` is -1. */
 static void add_change(dense_remesher *r, const dense_change *c, double sign) {
@@ -22,14 +22,14 @@ static void add_change(dense_remesher *r, const dense_change *c, double sign) {
             if (c->dofs[a] >= c->dofs[b]) r->matrix[(size_t)c->dofs[b] * (size_t)r->ld + (size_t)c->dofs[a]] -= sign * c->change[a * c->count + b];
 }
 
-static trocar_status update(dense_remesher *r, const dense_change *c, switching switch_dofs, report *why) {
+static trocar_status update(dense_remesher *r, const dense_change *c, switching switch_dofs, trocar_error *why) {
     dense_isolate(r, c, 0.0);
     trocar_status status = switch_dofs(r, c->n, c->count - c->fresh, c->dofs, -1.0, why);
     if (status == TROCAR_OK) add_change(r, c, 1.0);
     return status == TROCAR_OK ? switch_dofs(r, c->n, c->count, c->dofs, 1.0, why) : status;
 }
 
-static trocar_status undo(dense_remesher *r, const dense_change *c, switching switch_dofs, report *why) {
+static trocar_status undo(dense_remesher *r, const dense_change *c, switching switch_dofs, trocar_error *why) {
     trocar_status status = switch_dofs(r, c->n, c->count, c->dofs, -1.0, why);
     if (status == TROCAR_OK) add_change(r, c, -1.0);
     return status == TROCAR_OK ? switch_dofs(r, c->n, c->count - c->fresh, c->dofs, 1.0, why) : status;
@@ -66,7 +66,7 @@ static void sweep(dense_remesher *r, int n, const dof_switch *now, const dof_swi
     }
 }
 
-static trocar_status switch_singly(dense_remesher *r, int n, int count, const int *dofs, double back, report *why) {
+static trocar_status switch_singly(dense_remesher *r, int n, int count, const int *dofs, double back, trocar_error *why) {
     double *columns[2] = {r->columns, r->weighted};
     if (count > 0) dense_take_columns(r, n, 1, dofs, columns[0]);
     for (int a = 0; a < count; a++) {
@@ -77,18 +77,18 @@ static trocar_status switch_singly(dense_remesher *r, int n, int count, const in
     return TROCAR_OK;
 }
 
-static trocar_status update_singly(dense_remesher *r, const dense_change *c, report *why) { return update(r, c, switch_singly, why); }
-static trocar_status undo_singly(dense_remesher *r, const dense_change *c, report *why) { return undo(r, c, switch_singly, why); }
+static trocar_status update_singly(dense_remesher *r, const dense_change *c, trocar_error *why) { return update(r, c, switch_singly, why); }
+static trocar_status undo_singly(dense_remesher *r, const dense_change *c, trocar_error *why) { return undo(r, c, switch_singly, why); }
 
 static const dense_operations singly = {update_singly, undo_singly, true, 1};
 
-trocar_status remesher_create_bcs(inverse *inv, remesher **created, report *why) { return dense_remesher_create(inv, &singly, created, why); }
+trocar_status remesher_create_bcs(inverse *inv, remesher **created, trocar_error *why) { return dense_remesher_create(inv, &singly, created, why); }
 
 /* ---- all at once -------------------------------------------------------------------------------------------------- */
 
 /* With P = +-(block of the dofs) = L L^T, the product (X L^-T) (X L^-T)^T is subtracted from or added to the remaining matrix, X becomes X P^-1, and the block
    becomes -+P^-1. */
-static trocar_status switch_block(dense_remesher *r, int n, int count, const int *dofs, double back, report *why) {
+static trocar_status switch_block(dense_remesher *r, int n, int count, const int *dofs, double back, trocar_error *why) {
     double *columns = r->columns, *scaled = r->weighted, *pivot = r->block;
     if (count == 0) return TROCAR_OK; /* a new node whose neighbours are all fixed */
     dense_take_columns(r, n, count, dofs, columns);
@@ -108,11 +108,11 @@ static trocar_status switch_block(dense_remesher *r, int n, int count, const int
     return TROCAR_OK;
 }
 
-static trocar_status update_blocked(dense_remesher *r, const dense_change *c, report *why) { return update(r, c, switch_block, why); }
-static trocar_status undo_blocked(dense_remesher *r, const dense_change *c, report *why) { return undo(r, c, switch_block, why); }
+static trocar_status update_blocked(dense_remesher *r, const dense_change *c, trocar_error *why) { return update(r, c, switch_block, why); }
+static trocar_status undo_blocked(dense_remesher *r, const dense_change *c, trocar_error *why) { return undo(r, c, switch_block, why); }
 
 static const dense_operations blocked = {update_blocked, undo_blocked, true, MAX_RANK};
 
-trocar_status remesher_create_bcs_blocked(inverse *inv, remesher **created, report *why) {
+trocar_status remesher_create_bcs_blocked(inverse *inv, remesher **created, trocar_error *why) {
     return dense_remesher_create(inv, &blocked, created, why);
 }

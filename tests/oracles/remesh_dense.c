@@ -59,7 +59,7 @@ static void collect_change(dense_remesher *r, int slot, int position) {
     }
 }
 
-static trocar_status dense_add(remesher *shared, int slot, report *why) {
+static trocar_status dense_add(remesher *shared, int slot, trocar_error *why) {
     dense_remesher *r = (dense_remesher *)shared;
     if (r->spoilt) return TROCAR_OK; /* dense_gather_rows adds all */
     collect_change(r, slot, shared->refined.count);
@@ -78,7 +78,7 @@ static void restore(dense_remesher *r) {
 static void dense_remove(remesher *shared, int slot, int position) {
     dense_remesher *r = (dense_remesher *)shared;
     const refinement *refined = &shared->refined;
-    report unused; /* all remaining nodes are then added again, which reports any error */
+    trocar_error unused; /* all remaining nodes are then added again, which reports any error */
     if (refined->count == 0) restore(r);
     if (r->spoilt || refined->count == 0) return;
     collect_change(r, slot, position);
@@ -87,7 +87,7 @@ static void dense_remove(remesher *shared, int slot, int position) {
 }
 
 /* An update that failed half-way leaves an unusable matrix. In this case, all nodes are added again, starting from the nominal inverse. */
-static trocar_status rebuild(dense_remesher *r, report *why) {
+static trocar_status rebuild(dense_remesher *r, trocar_error *why) {
     trocar_status status = TROCAR_OK;
     refinement *refined = &r->shared.refined;
     int all = refined->count;
@@ -97,7 +97,7 @@ static trocar_status rebuild(dense_remesher *r, report *why) {
     return status;
 }
 
-static trocar_status dense_gather_rows(remesher *shared, report *why) {
+static trocar_status dense_gather_rows(remesher *shared, trocar_error *why) {
     dense_remesher *r = (dense_remesher *)shared;
     trocar_status status = r->spoilt ? rebuild(r, why) : TROCAR_OK;
     if (status != TROCAR_OK) return status;
@@ -131,7 +131,7 @@ static double *large_matrix(size_t n) {
     return zeros;
 }
 
-trocar_status dense_remesher_create(inverse *inv, const dense_operations *operations, remesher **created, report *why) {
+trocar_status dense_remesher_create(inverse *inv, const dense_operations *operations, remesher **created, trocar_error *why) {
     dense_remesher *r = calloc(1, sizeof *r);
     *created = r ? &r->shared : NULL;
     if (!r) return fail(why, TROCAR_NO_MEMORY, "no memory");

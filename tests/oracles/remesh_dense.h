@@ -17,8 +17,8 @@ typedef struct {
 } dense_change;
 
 typedef struct {
-    trocar_status (*update)(dense_remesher *, const dense_change *, report *); /* adds a change to the stiffness */
-    trocar_status (*undo)(dense_remesher *, const dense_change *, report *);   /* removes a change; depending on the method, any change or only the last one */
+    trocar_status (*update)(dense_remesher *, const dense_change *, trocar_error *); /* adds a change to the stiffness */
+    trocar_status (*undo)(dense_remesher *, const dense_change *, trocar_error *); /* removes a change; depending on the method, any change or only the last one */
     bool any_order;
     int ranks;               /* number of columns of `columns` and `weighted` that the method requires */
 } dense_operations;
@@ -36,13 +36,13 @@ struct dense_remesher {
     double block[MAX_RANK * MAX_RANK]; /* scratch */
 };
 
-trocar_status remesher_create_woodbury(inverse *inv, remesher **created, report *why);
-trocar_status remesher_create_woodbury_general(inverse *inv, remesher **created, report *why);
-trocar_status remesher_create_bcs(inverse *inv, remesher **created, report *why);
-trocar_status remesher_create_bcs_blocked(inverse *inv, remesher **created, report *why);
+trocar_status remesher_create_woodbury(inverse *inv, remesher **created, trocar_error *why);
+trocar_status remesher_create_woodbury_general(inverse *inv, remesher **created, trocar_error *why);
+trocar_status remesher_create_bcs(inverse *inv, remesher **created, trocar_error *why);
+trocar_status remesher_create_bcs_blocked(inverse *inv, remesher **created, trocar_error *why);
 
 /* Functions shared by the methods. */
-trocar_status dense_remesher_create(inverse *inv, const dense_operations *operations, remesher **created, report *why);
+trocar_status dense_remesher_create(inverse *inv, const dense_operations *operations, remesher **created, trocar_error *why);
 
 /* Copies the columns of some dofs from the symmetric matrix, or stores them into it. */
 void dense_take_columns(const dense_remesher *r, int n, int count, const int *dofs, double *columns);

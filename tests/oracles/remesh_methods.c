@@ -5,7 +5,7 @@
 
 static const struct {
     const char *name;
-    trocar_status (*create)(inverse *, remesher **, report *);
+    trocar_status (*create)(inverse *, remesher **, trocar_error *);
 } methods[] = {
     [REMESH_WOODBURY - REMESH_METHODS] = {"woodbury", remesher_create_woodbury},
     [REMESH_WOODBURY_GENERAL - REMESH_METHODS] = {"woodbury-general", remesher_create_woodbury_general},
@@ -17,7 +17,7 @@ bool any_remesh_needs_dense(int method) { return method >= REMESH_METHODS; }
 
 const char *any_remesh_name(int method) { return method < REMESH_METHODS ? remesh_name((remesh_method)method) : methods[method - REMESH_METHODS].name; }
 
-trocar_status any_remesher_create(inverse *inv, int method, remesher **created, report *why) {
+trocar_status any_remesher_create(inverse *inv, int method, remesher **created, trocar_error *why) {
     *created = NULL;
     if (method < REMESH_METHODS) return remesher_create(inv, (remesh_method)method, created, why);
     if (!is_dense(inv)) return fail(why, TROCAR_BAD_INPUT, "remeshing: %s needs the dense inverse", any_remesh_name(method));

@@ -17,6 +17,6 @@ bool any_remesh_needs_dense(int method);
 const char *any_remesh_name(int method);
 
 /* Like remesher_create. Returns BAD_INPUT if the method needs a dense inverse and `inv` does not store one. */
-trocar_status any_remesher_create(inverse *inv, int method, remesher **created, report *why);
+trocar_status any_remesher_create(inverse *inv, int method, remesher **created, trocar_error *why);
 
 #endif

@@ -15,7 +15,7 @@ enum { BLOCK = 192 };        /* number of columns of the triangle that are updat
                                 */
 
 /* Leaves A in the part of `columns` that belongs to the change, and A M in the same part of `weighted`, from which `undo` reads them. */
-static trocar_status factor_change(dense_remesher *r, const dense_change *c, report *why) {
+static trocar_status factor_change(dense_remesher *r, const dense_change *c, trocar_error *why) {
     int n = c->count;
     double spring = r->matrix[0], *middle = r->block, block[MAX_RANK * MAX_RANK];
     double *columns = r->columns + (size_t)c->first * (size_t)r->ld, *weighted = r->weighted + (size_t)c->first * (size_t)r->ld;
@@ -34,7 +34,7 @@ static trocar_status factor_change(dense_remesher *r, const dense_change *c, rep
 /* Adds `sign` times A M A^T to the matrix. */
 typedef void (*addition)(dense_remesher *, const dense_change *, double sign);
 
-static trocar_status update(dense_remesher *r, const dense_change *c, addition add, report *why) {
+static trocar_status update(dense_remesher *r, const dense_change *c, addition add, trocar_error *why) {
     trocar_status status = factor_change(r, c, why);
     if (status == TROCAR_OK) add(r, c, -1.0);
     return status;
@@ -51,9 +51,9 @@ static void add_to_triangle(dense_remesher *r, const dense_change *c, double sig
     }
 }
 
-static trocar_status update_triangle(dense_remesher *r, const dense_change *c, report *why) { return update(r, c, add_to_triangle, why); }
+static trocar_status update_triangle(dense_remesher *r, const dense_change *c, trocar_error *why) { return update(r, c, add_to_triangle, why); }
 
-static trocar_status undo_triangle(dense_remesher *r, const dense_change *c, report *why) {
+static trocar_status undo_triangle(dense_remesher *r, const dense_change *c, trocar_error *why) {
     (void)why;
     add_to_triangle(r, c, 1.0);
     return TROCAR_OK;
@@ -61,7 +61,7 @@ static trocar_status undo_triangle(dense_remesher *r, const dense_change *c, rep
 
 static const dense_operations triangle = {update_triangle, undo_triangle, false, ALL_RANKS};
 
-trocar_status remesher_create_woodbury(inverse *inv, remesher **created, report *why) { return dense_remesher_create(inv, &triangle, created, why); }
+trocar_status remesher_create_woodbury(inverse *inv, remesher **created, trocar_error *why) { return dense_remesher_create(inv, &triangle, created, why); }
 
 /* ---- in the full matrix --------------------------------------------------------------------------------------------- */
 
@@ -70,9 +70,9 @@ static void add_to_square(dense_remesher *r, const dense_change *c, double sign)
     cblas_dgemm(CblasColMajor, CblasNoTrans, CblasTrans, c->n, c->n, c->count, sign, left, r->ld, right, r->ld, 1.0, r->matrix, r->ld);
 }
 
-static trocar_status update_square(dense_remesher *r, const dense_change *c, report *why) { return update(r, c, add_to_square, why); }
+static trocar_status update_square(dense_remesher *r, const dense_change *c, trocar_error *why) { return update(r, c, add_to_square, why); }
 
-static trocar_status undo_square(dense_remesher *r, const dense_change *c, report *why) {
+static trocar_status undo_square(dense_remesher *r, const dense_change *c, trocar_error *why) {
     (void)why;
     add_to_square(r, c, 1.0);
     return TROCAR_OK;
@@ -80,6 +80,6 @@ static trocar_status undo_square(dense_remesher *r, const dense_change *c, repor
 
 static const dense_operations square = {update_square, undo_square, false, ALL_RANKS};
 
-trocar_status remesher_create_woodbury_general(inverse *inv, remesher **created, report *why) {
+trocar_status remesher_create_woodbury_general(inverse *inv, remesher **created, trocar_error *why) {
     return dense_remesher_create(inv, &square, created, why);
 }

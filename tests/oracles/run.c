@@ -5,7 +5,7 @@
 
 #include "base/cache_line.h"
 
-trocar_status run_create(model_parts *parts, needle_run *r, report *why) {
+trocar_status run_create(model_parts *parts, needle_run *r, trocar_error *why) {
     *r = (needle_run){.parts = parts};
     trocar_status status = remesher_create(parts->inverse, parts->config.remeshing, &r->remesher, why);
     r->workspace = allocate_on_cache_lines(sizeof *r->workspace);
@@ -21,7 +21,7 @@ void run_free(needle_run *r) {
     remesher_free(r->remesher);
 }
 
-trocar_status run_step(needle_run *r, tick_input tick, insertion_state *state, compliance_snapshot *snapshot, tick_output *output, report *why) {
+trocar_status run_step(needle_run *r, tick_input tick, insertion_state *state, compliance_snapshot *snapshot, tick_output *output, trocar_error *why) {
     tick.model = &r->parts->insertion;
     tick.snapshot = snapshot;
     insertion_tick(&tick, state, r->workspace, output);
@@ -35,7 +35,7 @@ void run_save(const insertion_state *state, const compliance_snapshot *snapshot,
     memcpy(&saved->snapshot, snapshot, sizeof *snapshot);
 }
 
-trocar_status run_restore(needle_run *r, const checkpoint *saved, insertion_state *state, compliance_snapshot *snapshot, report *why) {
+trocar_status run_restore(needle_run *r, const checkpoint *saved, insertion_state *state, compliance_snapshot *snapshot, trocar_error *why) {
     memcpy(state, &saved->state, sizeof *state);
     memcpy(snapshot, &saved->snapshot, sizeof *snapshot);
     return remesher_resume(r->remesher, &state->request, snapshot, why);

@@ -24,7 +24,7 @@ import numpy as np
 import pydicom
 
 import trocar
-from trocar.brachy import _obstacles, plan as plans
+from trocar.brachy import _obstacles, _plan_command, plan as plans
 from trocar.brachy import rtplan
 
 SCENE, EXAMPLE = SOURCE / "meshes/implant.yaml", SOURCE / "docs/examples/implant-plan.yaml"
@@ -413,7 +413,7 @@ class Program(Case):
     def run_plan(self, *arguments):
         said, error = io.StringIO(), io.StringIO()
         with contextlib.redirect_stdout(said), contextlib.redirect_stderr(error):
-            status = plans.main([str(a) for a in arguments])
+            status = _plan_command.main([str(a) for a in arguments])
         return status, said.getvalue(), error.getvalue()
 
     def test_subcommands(self):

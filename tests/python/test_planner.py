@@ -25,7 +25,7 @@ import numpy as np
 import trocar
 from trocar import motion
 from trocar.studies import planner
-from trocar.brachy import plan as plans
+from trocar.brachy import _plan_command as plan_command, plan as plans
 from trocar.brachy.implant import Implant
 from trocar.brachy._obstacles import Embedding, Obstacle, contour_points, surface_points
 from trocar.studies._rehearsal import Aim, Rehearsal, Target
@@ -133,7 +133,7 @@ class PlanFormat(Case):
         errors = io.StringIO()
         with contextlib.redirect_stderr(errors), contextlib.redirect_stdout(io.StringIO()):
             command = ["show", str(self.write(text, "plan.yaml")), "--scene", str(SOURCE / "meshes/implant.yaml")]
-            self.assertEqual((plans.main(command), plans.main([*command, "--out", str(self.out / "plan.csv")])), (0, 2))
+            self.assertEqual((plan_command.main(command), plan_command.main([*command, "--out", str(self.out / "plan.csv")])), (0, 2))
         self.assertRegex(errors.getvalue(), r"plan.yaml:\d+: needle E3: the table has no roll")
         self.assertFalse((self.out / "plan.csv").exists())
 

@@ -16,7 +16,7 @@ static inline needle_parameters gauge18(int segments) {
 static inline needle_model needle_made(int segments) {
     needle_parameters p = gauge18(segments);
     needle_model model;
-    report why;
+    trocar_error why;
     if (needle_create(&p, &model, &why) != TROCAR_OK) {
         fprintf(stderr, "%s\n", why.text);
         abort();

@@ -8,7 +8,7 @@
 static inline solid_model solid_made(int segments) {
     needle_parameters p = gauge18(segments);
     solid_model model;
-    report why;
+    trocar_error why;
     if (solid_create(&p, &model, &why) != TROCAR_OK) {
         fprintf(stderr, "%s\n", why.text);
         abort();

@@ -186,7 +186,7 @@ static inline void client_insert(client *c) {
 /* Opens the client; its LCM reader thread inherits the priority of the calling thread. */
 static inline bool client_open(client *c, const char *scene_path) {
     scene s;
-    report why;
+    trocar_error why;
     if (scene_load(scene_path, &s, &why) != TROCAR_OK) return false;
     *c = (client){.session = 77, .limits = s.device};
     sched_setscheduler(0, SCHED_FIFO, &(struct sched_param){.sched_priority = 70}); /* ignored if the priority is not permitted */

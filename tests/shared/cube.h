@@ -57,7 +57,7 @@ static inline void cube_tets(mesh *m) {
 }
 
 /* Creates only the mesh, the materials and the fixed nodes. */
-static inline trocar_status cube_shape(cube *c, double irregular, report *why) {
+static inline trocar_status cube_shape(cube *c, double irregular, trocar_error *why) {
     memset(c, 0, sizeof *c);
     cube_nodes(&c->mesh, irregular);
     cube_tets(&c->mesh);
@@ -71,7 +71,7 @@ static inline trocar_status cube_shape(cube *c, double irregular, report *why) {
 }
 
 /* Creates the mesh, the materials, the fixed nodes, the stiffness and the inverse. `c` must not be moved in memory, because its parts point to each other. */
-static inline trocar_status cube_create(cube *c, double irregular, report *why) {
+static inline trocar_status cube_create(cube *c, double irregular, trocar_error *why) {
     trocar_status status = cube_shape(c, irregular, why);
     if (status == TROCAR_OK) status = tissue_create(&c->mesh, c->materials, c->fixed, STRAIN_BY_ELEMENT, &c->tissue, why);
     if (status == TROCAR_OK) status = inverse_create_dense(&c->tissue, (inverse_progress){0}, &c->inverse, why);

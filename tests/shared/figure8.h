@@ -28,7 +28,7 @@ static inline figure8_record *figure8_run(const simulation_config *config, doubl
     r->ticks = (int)(FIGURE8_DURATION * rate + 0.5);
     for (int i = 0; i < r->ticks; i++) {
         double t = (i + 1) / rate;
-        report why;
+        trocar_error why;
         insertion_tick(&(tick_input){.model = &l->parts.insertion, .snapshot = l->snapshot, .base = {.pose = motion_pose(script, lockstep_start(), t)}, .dt = 1 / rate},
                        &l->state, l->run.workspace, &l->wrench);
         if (l->snapshot->serial != l->state.request.serial && i % every_serve == 0

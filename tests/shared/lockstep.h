@@ -25,7 +25,7 @@ static inline pose lockstep_start(void) { return (pose){v3(0.005, 0.003, -0.201)
 
 static inline simulation_config lockstep_scene(const char *path) {
     scene s;
-    report why;
+    trocar_error why;
     if (scene_load(path, &s, &why) != TROCAR_OK) {
         fprintf(stderr, "%s\n", why.text);
         abort();
@@ -36,7 +36,7 @@ static inline simulation_config lockstep_scene(const char *path) {
 static inline simulation_config lockstep_config(void) { return lockstep_scene(MESHES "/figure8.yaml"); }
 
 /* Uses this remeshing method instead of that of the configuration. */
-static inline trocar_status lockstep_remesh_by(int method, needle_run *r, report *why) {
+static inline trocar_status lockstep_remesh_by(int method, needle_run *r, trocar_error *why) {
     remesher_free(r->remesher);
     return any_remesher_create(r->parts->inverse, method, &r->remesher, why);
 }
@@ -44,7 +44,7 @@ static inline trocar_status lockstep_remesh_by(int method, needle_run *r, report
 /* In `config`, `remeshing` may also be one of the methods in remesh_methods.h. */
 static inline lockstep *lockstep_create(const simulation_config *config, pose start) {
     lockstep *l = calloc(1, sizeof *l);
-    report why;
+    trocar_error why;
     l->snapshot = calloc(1, sizeof *l->snapshot);
     l->base = start;
     simulation_config given = *config;
@@ -70,7 +70,7 @@ static inline void lockstep_free(lockstep *l) {
 }
 
 static inline void lockstep_tick(lockstep *l, pose base, double dt) {
-    report why;
+    trocar_error why;
     l->base = base;
     tick_input tick = {.base = {base, l->base_compliance}, .dt = dt};
     if (run_step(&l->run, tick, &l->state, l->snapshot, &l->wrench, &why) != TROCAR_OK) {

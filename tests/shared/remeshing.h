@@ -29,7 +29,7 @@ static remesh_request request;
 
 static int remeshing_create(void **state) {
     (void)state;
-    report why;
+    trocar_error why;
     openblas_set_num_threads(1);
     tested = &body.tissue;
     if (cube_create(&body, 0.1, &why) != TROCAR_OK) return -1;
@@ -45,14 +45,14 @@ static int remeshing_destroy(void **state) {
 
 static remesher *start(int method) {
     remesher *r;
-    report why = {""};
+    trocar_error why = {""};
     if (any_remesher_create(tested_inverse, method, &r, &why) != TROCAR_OK) fail_msg("%s", why.text);
     memset(&request, 0, sizeof request);
     return r;
 }
 
 static void serve(remesher *r) {
-    report why = {""};
+    trocar_error why = {""};
     request.serial++;
     if (remesher_serve(r, &request, &snapshot, &why) != TROCAR_OK) fail_msg("%s", why.text);
 }
@@ -198,7 +198,7 @@ static void check_averaged(void) {
 static void check_averaged_by(volumetric_strain volumetric) {
     tissue t;
     inverse *inv;
-    report why;
+    trocar_error why;
     assert_int_equal(tissue_create(&body.mesh, body.materials, body.fixed, volumetric, &t, &why), TROCAR_OK);
     assert_int_equal(inverse_create_dense(&t, (inverse_progress){0}, &inv, &why), TROCAR_OK);
     with_tissue(&t, inv, check_averaged);
@@ -232,7 +232,7 @@ static void nodes_among_fixed_ones(void **state) {
     (void)state;
     tissue t;
     inverse *inv;
-    report why;
+    trocar_error why;
     bool fixed[CUBE_NODES];
     for (int n = 0; n < CUBE_NODES; n++) fixed[n] = n < 2 * CUBE_SIDE * CUBE_SIDE;
     assert_int_equal(tissue_create(&body.mesh, body.materials, fixed, STRAIN_BY_ELEMENT, &t, &why), TROCAR_OK);
@@ -277,7 +277,7 @@ static void check_tracks(void) {
 static void two_tracks_in_the_prostate(void **state) {
     (void)state;
     mesh m;
-    report why = {""};
+    trocar_error why = {""};
     tissue t;
     inverse *inv;
     if (mesh_read(MESHES "/prostate-570.msh", &m, &why) != TROCAR_OK) fail_msg("%s", why.text);

@@ -271,7 +271,7 @@ static void the_thread_bounds_the_rate_and_lets_go(void **unused) {
     (void)unused;
     joystick j = {.path = "/dev/zero", .force = {.full_force = 10, .limit = 1}};
     input *in;
-    report why;
+    trocar_error why;
     motors = (rendered){0};
     assert_int_equal(socketpair(AF_UNIX, SOCK_SEQPACKET, 0, ends), 0);
     double begin = seconds();

@@ -11,7 +11,7 @@ static int64_t loop_clock(void) { return loop_clock_now; }
 static int64_t to_ns(double seconds) { return llround(1e9 * seconds); }
 double rig_time(const closed_loop *l) { return 1e-9 * (double)l->now; }
 
-static void must(trocar_status status, const report *why) {
+static void must(trocar_status status, const trocar_error *why) {
     if (status == TROCAR_OK) return;
     fprintf(stderr, "%s\n", why->text);
     abort();
@@ -19,7 +19,7 @@ static void must(trocar_status status, const report *why) {
 
 closed_loop *rig_create(trocar_model *model, const trocar_device_limits *limits, const loop_properties *properties, const device_properties *device,
                          vec3 start) {
-    report why;
+    trocar_error why;
     closed_loop *l = aligned_alloc(64, (sizeof *l + 63) / 64 * 64);
     if (l == NULL) abort();
     memset(l, 0, sizeof *l);
@@ -66,7 +66,7 @@ static void deliver_pose(closed_loop *l) {
 
 /* Lets the worker answer immediately. */
 static void serve_worker(closed_loop *l) {
-    report why;
+    trocar_error why;
     trocar_work done = {0};
     struct pollfd p = {.fd = trocar_sim_work_descriptor(l->sim), .events = POLLIN};
     if (poll(&p, 1, 0) == 1) must(trocar_sim_work(l->sim, &done, &why), &why);

@@ -19,7 +19,7 @@
 #include <stdint.h>
 #include <cmocka.h>
 
-#include "common/allocations.h"
+#include "shared/allocator_calls.h"
 #include "trocar_client.h"
 #include "trocar_command_reply_t.h"
 #include "trocar_command_t.h"
@@ -99,10 +99,10 @@ static void poses_go_out_and_wrenches_come_in(void **state) {
     start_server();
     for (double end = now() + 10; !exchange(c, &w);) assert_true(now() < end);
     trocar_client_reset(c);
-    int64_t allocations = allocations_now();
+    int64_t allocations = allocator_calls();
     insert(c, &w);
     feel(c, &w, 0.2);
-    assert_int_equal(allocations_now(), allocations);
+    assert_int_equal(allocator_calls(), allocations);
     print_message("depth %.1f mm\n", 1e3 * w.depth);
     assert_true(w.depth > 0.010 && w.depth < 0.0201); /* the base advanced by 20 mm, and the tissue yielded by part of that distance */
     assert_true(w.contacts > 0 && w.tick > 0);

@@ -58,9 +58,9 @@ int __wrap_clock_gettime(clockid_t clock, struct timespec *t) {
     return result;
 }
 
-trocar_status __real_remesher_serve(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, report *why);
-trocar_status __wrap_remesher_serve(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, report *why);
-trocar_status __wrap_remesher_serve(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, report *why) {
+trocar_status __real_remesher_serve(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, trocar_error *why);
+trocar_status __wrap_remesher_serve(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, trocar_error *why);
+trocar_status __wrap_remesher_serve(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, trocar_error *why) {
     int64_t woken = monotonic_ns() + atomic_load(&fault->worker_nap) * INT64_C(1000000);
     while (monotonic_ns() < woken && atomic_load(&fault->worker_nap) > 0) sleep_until(monotonic_ns() + 1000000);
     return __real_remesher_serve(r, request, snapshot, why);
@@ -98,7 +98,7 @@ static void say_ready(void) { atomic_store(&fault->ready, true); }
 
 static int run_server(void) {
     server_options options = {.scene_path = SCENE, .allow_non_rt = true};
-    report why;
+    trocar_error why;
     server *s;
     prctl(PR_SET_PDEATHSIG, SIGKILL);
     stop_wake = eventfd(0, EFD_NONBLOCK);

@@ -23,7 +23,7 @@ sys.dont_write_bytecode = True
 import numpy as np
 
 import trocar
-from trocar.brachy import plan as plans
+from trocar.brachy import _plan_command as plan_command, plan as plans
 from trocar.brachy.virtual_operator import Operator as VirtualOperator
 
 SCENE = SOURCE / "meshes/implant.yaml"
@@ -65,7 +65,7 @@ class Operator(unittest.TestCase):
             folder = Path(name)
             (folder / "plan.yaml").write_text(PLAN)
             plan = plans.read(folder / "plan.yaml")
-            self.assertEqual(plans.main(["show", str(folder / "plan.yaml"), "--scene", str(SCENE), "--out", str(folder / "plan.csv")]), 0)
+            self.assertEqual(plan_command.main(["show", str(folder / "plan.yaml"), "--scene", str(SCENE), "--out", str(folder / "plan.csv")]), 0)
             server = self.server()
             log = folder / "implant.log"
             logger = subprocess.Popen(["lcm-logger", "--force", "--quiet", "--channel=TROCAR_(COMMAND|CONTACTS|SEEDS|STATUS)", log], stderr=subprocess.DEVNULL)

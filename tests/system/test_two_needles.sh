@@ -10,7 +10,7 @@ fail() { echo "FAILED: $*" >&2; tail -n 20 server device* top 2>/dev/null || tru
 
 sed "s|^mesh: *|mesh: $source/meshes/|" "$source/meshes/figure8.yaml" >pair.yaml
 echo 'needles: 2' >>pair.yaml
-"$build/server/trocar-server" --scene pair.yaml --allow-non-rt >server 2>&1 &
+LD_PRELOAD="$build/tests/liballocator_calls.so" "$build/server/trocar-server" --scene pair.yaml --allow-non-rt >server 2>&1 &
 until grep -qx ready server; do kill -0 $! || fail "no server"; sleep 0.05; done
 server=$!
 grep -q '^needles    2' server || fail "the server does not say how many needles it has"

@@ -1,128 +1,118 @@
-#!/usr/bin/python3
-"""Makes the verification report (REPORT.md next to this script, figures in plots/) from the checks' JSON files.
+"""Text of the verification report (REPORT.md), of its summary in docs/verification.md, and of README's row, from the tables in results/.
+scripts/pages/verification_summary writes it."""
+import re
 
-usage: report.py FOLDER     FOLDER: the output of scripts/verify, out/verify
+import results
+
+HEAD = """# Verification report
+
+Made by `scripts/pages/verification_summary` from the tables in `results`; do not edit. A row passes if its error is at most its limit; errors are
+relative unless the row's note says otherwise. Rows without a limit are only measured, and are not counted.
 """
-import json
-import os
-import platform
-import shutil
-import sys
-from pathlib import Path
-
-HERE = Path(__file__).resolve().parent
-sys.path.insert(0, str(HERE.parent / "shared"))
-from reports import COLOURS, axes_for, commit_of, line, output_of, write  # noqa: E402
-
-PLOTS = HERE / "plots"
-PACKAGES = ("libcholmod3", "libopenblas0-pthread", "libgmsh4.8", "calculix-ccx")
-STYLES = ("-", "--", ":", "-.")
-MANY = 30  # curves with at least this many points have no markers
+MEDIAN = re.compile(r"median of all (\d+) forces")  # row of needle_meshes
 
 
-def read_entries(folder):
-    return [entry for path in sorted(folder.glob("*.json")) for entry in json.loads(path.read_text())]
+def table(head, lines):
+    right = {"rows", "passed", "failed", "measured", "error / limit", "minutes", "limit", "error"}
+    rule = "|" + "|".join("---:" if name in right else "---" for name in head) + "|"
+    return "\n".join(["| " + " | ".join(head) + " |", rule, *("| " + " | ".join(str(cell).replace("|", "\\|") for cell in line) + " |" for line in lines)]) + "\n"
 
 
-def figure_number(value, digits=5):
-    return "" if value is None else f"{value:.{digits}g}"
+def worst(rows):
+    """Returns the largest ratio of error to limit as text. A limit of zero has no ratio."""
+    ratios = [float(row["error"]) / float(row["limit"]) for row in rows if row["pass"] and row["error"] and row["limit"] and float(row["limit"]) > 0]
+    return f"{max(ratios):.2g}" if ratios else ""
 
 
-def table(rows):
-    yield "| check | reference | value | expected | error | limit | |"
-    yield "|---|---|---:|---:|---:|---:|---|"
-    for row in rows:
-        unit = f" {row['unit']}" if row["unit"] else ""
-        value, expected = (figure_number(row[key]) and figure_number(row[key]) + unit for key in ("value", "expected"))
-        error, limit = (figure_number(row.get(key), 2) for key in ("error", "limit"))
-        verdict = ("measured" if row["kind"] == "measured" else "pass" if row["pass"] else "**fail**") + (f": {row['note']}" if row["note"] else "")
-        yield line((row["check"], row["reference"], value, expected, error, limit, verdict))
+def counts(rows):
+    number = lambda verdict: sum(row["pass"] == verdict for row in rows)
+    return number("yes") + number("no"), number("yes"), number("no") or "", number("") or "", worst(rows)
 
 
-# ---- figures ----
-
-def draw(curves, path):
-    with axes_for(curves, path) as axes:
-        for i, curve in enumerate(curves):
-            marker = "osv^D"[i % 5] if len(curve["x"]) < MANY else None
-            pairs = [(x, y) for x, y in zip(curve["x"], curve["y"]) if x is not None and y is not None]
-            axes.plot(*zip(*pairs), label=curve["label"], color=COLOURS[i % len(COLOURS)], linestyle=STYLES[i % len(STYLES)],
-                      marker=marker, markersize=4, linewidth=1.4)
-        if curves[0]["logarithmic"]:
-            axes.set_xscale("log")
-            axes.set_yscale("log")
+def grouped(rows, key):
+    groups = {}
+    for row in sorted(rows, key=key):
+        groups.setdefault(key(row), []).append(row)
+    return groups
 
 
-def figures(entries, folder):
-    """Draws or copies a section's figures into PLOTS; yields their file names."""
-    curves = {}
-    for entry in entries:
-        if entry["kind"] == "curve":
-            curves.setdefault(entry["figure"] + ".svg", []).append(entry)
-        elif entry["kind"] == "plot":
-            shutil.copy(folder / entry["plot"], PLOTS)
-            yield entry["plot"]
-    for name, lines in curves.items():
-        draw(lines, PLOTS / name)
-        yield name
+def changed(run, digest):
+    return run["mechanics"] != digest or run["commit"].endswith("-dirty")
 
 
-# ---- machine ----
+class Report:
+    def __init__(self):
+        self.runs, self.digest = results.runs(), results.digest_of_mechanics()
+        self.rows = [row | {"of": run["check"]} for run in self.runs for row in results.rows_of(run["check"])]
+        self.failing = [row for row in self.rows if row["pass"] == "no"]
+        self.oldest = min(run["date"] for run in self.runs)
 
-def machine():
-    names = [line.split(":")[1].strip() for line in open("/proc/cpuinfo") if line.startswith("model name")]
-    versions = ", ".join(f"{name} {output_of(HERE, 'dpkg-query', '-W', '-f', '${Version}', name)}" for name in PACKAGES)
-    return (f"{names[0] if names else platform.machine()}, {os.cpu_count()} processors, Linux {platform.release()}, "
-            f"{output_of(HERE, 'gcc', '--version').splitlines()[0]}; {versions}.")
+    def score(self):
+        rows, passed, *_ = counts(self.rows)
+        return f"{passed} of {rows} rows pass"
+
+    def age(self):
+        changes = sum(changed(run, self.digest) for run in self.runs)
+        commits = sorted({run["commit"] for run in self.runs if run["date"] == self.oldest})
+        oldest = f"The oldest checks ran on {self.oldest} (commit{'s' if len(commits) > 1 else ''} {', '.join(commits)})"
+        if not changes:
+            return oldest + "; the mechanics (`core/`) have not changed since any check ran."
+        which = "any check" if changes == len(self.runs) else f"{changes} of {len(self.runs)} checks"
+        return oldest + f". The mechanics (`core/`) have changed since {which} ran, and their rows may differ now."
+
+    def missing(self):
+        ran = {run["check"] for run in self.runs}
+        return [check for check in results.all_checks() if check not in ran]
+
+    def failures(self):
+        if self.failing:
+            yield table(("check", "reference", "error", "limit", "reason"),
+                        [(f"{row['section']}: {row['check']}", row["reference"], row["error"], row["limit"], row["note"]) for row in self.failing])
+
+    def checks(self):
+        for run in self.runs:
+            source = results.source_of(run["check"])
+            figures = ", ".join(f"[{i}](plots/{name})" for i, name in enumerate(run["figures"].split(), 1))
+            yield (f"[{run['check']}](results/{run['check']}.csv)", f"{purpose_of(source)} (`{source.relative_to(results.HERE)}`)", figures,
+                   run["commit"], run["date"], run["minutes"], "yes" if changed(run, self.digest) else "no")
+
+    def lines(self):
+        """The text of REPORT.md."""
+        measured = sum(row["pass"] == "" for row in self.rows)
+        yield HEAD
+        yield f"**{self.score()}**, {measured} more are measured. {self.age()}\n"
+        if self.failing:
+            yield "## Rows that fail\n"
+            yield from self.failures()
+        yield "## Sections\n"
+        yield "*Error / limit* is the largest of the section's rows. Limits of zero are left out.\n"
+        yield table(("section", "rows", "passed", "failed", "measured", "error / limit", "check"),
+                    [(section, *counts(rows), ", ".join(f"[{check}](results/{check}.csv)" for check in sorted({row["of"] for row in rows})))
+                     for section, rows in grouped(self.rows, lambda row: row["section"]).items()])
+        yield "## Checks\n"
+        yield ("The last full run of each check. *Changed* tells whether the C sources in `core/` have changed since. Processor, compiler and libraries are in "
+               "[`runs.csv`](results/runs.csv).\n")
+        yield table(("check", "what it does", "figures", "commit", "date", "minutes", "changed"), self.checks())
+        if self.missing():
+            yield f"Not yet recorded: {', '.join(self.missing())}.\n"
+
+    def summary(self):
+        """The lines between the markers in docs/verification.md."""
+        yield f"**{self.score()}**. {self.age()}\n"
+        yield table(("part", "rows", "passed", "failed", "measured", "error / limit"),
+                    [(part, *counts(rows)) for part, rows in grouped(self.rows, lambda row: row["section"].split(":")[0]).items()])
+        if self.failing:
+            yield "### Rows that fail\n"
+            yield from self.failures()
+
+    def readme(self):
+        """The text of README's row."""
+        error, forces = next((float(row["value"]), found[1]) for row in self.rows if (found := MEDIAN.match(row["check"])))
+        since = "changed" if any(changed(run, self.digest) for run in self.runs) else "unchanged"
+        return f"{self.score()}; median error of {forces} forces {100 * error:.1f} %; oldest {self.oldest}, mechanics {since} since"
 
 
-# ---- the report ----
-
-def subject_of(title):
-    """"Needle: bending of a rod" -> "Bending of a rod"."""
-    subject = title.split(":", 1)[-1].strip()
-    return subject[:1].upper() + subject[1:]
-
-
-def section_lines(title, entries, folder):
-    yield f"### {title}\n"
-    rows = [entry for entry in entries if entry["kind"] in ("row", "measured")]
-    if rows:
-        yield "\n".join(table(rows)) + "\n"
-    for name in figures(entries, folder):
-        yield f"![{Path(name).stem}](plots/{name})\n"
-
-
-def report_lines(entries, folder, commit):
-    rows = [entry for entry in entries if entry["kind"] == "row"]
-    passed = sum(row["pass"] for row in rows)
-    measured = sum(entry["kind"] == "measured" for entry in entries)
-    yield "# Verification report\n"
-    yield ("Made by `scripts/verify`; do not edit. A row passes if its error is at most its limit; errors are relative "
-           "unless the row says otherwise. Rows that are only measured have no limit and are not counted. Each check is described at the head of its source in this folder.\n")
-    yield f"**{passed} of {len(rows)} rows pass**, {measured} more are measured. Commit {commit}. {machine()}\n"
-    failing = [row for row in rows if not row["pass"]]
-    if failing:
-        yield "Rows that fail:\n"
-        yield "\n".join(f"- {row['section']}: {row['check']}" + (f": {row['note']}" if row["note"] else "") for row in failing) + "\n"
-    part = None
-    for title in sorted({entry["section"] for entry in entries}):
-        if title.split(":")[0] != part:
-            part = title.split(":")[0]
-            yield f"## {part}\n"
-        yield from section_lines(subject_of(title),
-                                 [entry for entry in entries if entry["section"] == title], folder)
-
-
-def main():
-    if len(sys.argv) != 2 or sys.argv[1].startswith("-"):
-        print(__doc__)
-        return 0 if "--help" in sys.argv else 2
-    folder = Path(sys.argv[1])
-    commit = commit_of(HERE)  # determined first, because replacing the plots changes the working tree
-    write(HERE, report_lines(read_entries(folder), folder, commit))
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+def purpose_of(source):
+    """Returns the first sentence of the source's description."""
+    text = re.search(r'(?:/\*|""")\s*(.*?)(?:\*/|""")', source.read_text(encoding="utf-8"), re.DOTALL)[1]
+    return re.match(r".*?\.(?=\s|$)", " ".join(text.split()))[0]

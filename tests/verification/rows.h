@@ -1,4 +1,4 @@
-/* Rows of the verification report. A check is a program `verify_NAME [--short] FOLDER` that writes FOLDER/NAME.json:
+/* Rows of the verification results. A check is a program `verify_NAME [--short] FOLDER` that writes FOLDER/NAME.json:
 
        int main(int argc, char **argv) {
            rows r = rows_begin(argc, argv, "Needle: bending");

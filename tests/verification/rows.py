@@ -1,4 +1,4 @@
-"""Rows of the verification report for checks in Python: `verify_NAME.py [--short] [--build FOLDER] FOLDER` writes
+"""Rows of the verification results for checks in Python: `verify_NAME.py [--short] [--build FOLDER] FOLDER` writes
 FOLDER/NAME.json. The functions correspond to those of rows.h:
 
     rows = Rows.from_arguments(__doc__, "Tissue: patch test")

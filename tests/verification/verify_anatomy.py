@@ -33,7 +33,7 @@ def maps(rows):
     with folder as place:
         for number in range(count):
             line, good, loss = label_stress.crowded_row(number, place, os.path.abspath(rows.build))
-            print(line, flush=True)
+            print(*line, sep=", ", flush=True)
             worst, failed = max(worst, abs(loss)), failed + (not good)
     rows.add(f"of {count} random label maps: not meshed, not loaded, or not pierced", "", failed, 0, failed, 0, "", "absolute")
     rows.error("largest change of a part's volume without a remark", "voxels", worst, label_stress.PART_LIMIT, "of the part")

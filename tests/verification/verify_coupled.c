@@ -100,7 +100,7 @@ static resultant reaction_of_fixed_nodes(lockstep *l) {
     const mesh *m = &l->parts.mesh;
     refinement refined;
     refined_mesh whole;
-    report why;
+    trocar_error why;
     resultant sum = {0};
     insertion_refinement(&l->state, &refined);
     if (refined_mesh_create(m, &refined, &whole, &why) != TROCAR_OK) exit(2);

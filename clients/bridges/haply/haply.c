@@ -358,7 +358,7 @@ static void on_tick(void *context) {
     else if ((b->key && !b->absent) || now - b->sent_at > INQUIRY) websocket_ask_to_write(&b->service);
 }
 
-static trocar_status run(bridge *b, report *why) {
+static trocar_status run(bridge *b, trocar_error *why) {
     int priority = 0;
     if (b->set.realtime && playing_use_realtime()) priority = PRIORITY_DEVICE - 1; /* the client's thread runs at the priority just below that of this thread */
     trocar_client_options server = {.url = b->set.lcm_url[0] ? b->set.lcm_url : NULL, .needle = b->set.needle, .priority = priority};
@@ -379,7 +379,7 @@ static trocar_status run(bridge *b, report *why) {
 
 int main(int count, char **arguments) {
     static bridge b;
-    report why;
+    trocar_error why;
     haply_parse(count, arguments, &b.set);
     playing_heed_signals();
     b.choice = b.set.choice;

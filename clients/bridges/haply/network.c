@@ -88,7 +88,7 @@ static bool start_timer(network *n, double rate) {
     return timerfd_settime(n->timer, 0, &(struct itimerspec){period, period}, NULL) == 0;
 }
 
-trocar_status network_create(double rate, void (*tick)(void *context), void *context, network **created, report *why) {
+trocar_status network_create(double rate, void (*tick)(void *context), void *context, network **created, trocar_error *why) {
     network *n = calloc(1, sizeof *n);
     if (!n) return fail(why, TROCAR_NO_MEMORY, "no memory for the network");
     *n = (network){.timer = -1, .tick = tick, .context = context};

@@ -6,7 +6,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "base/report.h"
+#include "base/error.h"
 
 enum { NETWORK_TEXT = 1 << 18 };  /* bytes, size of the longest message that can be received; a longer one is passed on as an empty string */
 
@@ -32,7 +32,7 @@ typedef struct {
 } websocket;
 
 /* Creates the event loop, which calls `tick` at `rate` times per second. */
-trocar_status network_create(double rate, void (*tick)(void *context), void *context, network **created, report *why);
+trocar_status network_create(double rate, void (*tick)(void *context), void *context, network **created, trocar_error *why);
 void network_free(network *n);
 
 /* Waits for events and handles them; also returns after a signal has arrived. */

@@ -10,7 +10,7 @@ typedef struct {
     yaml_parser_t parser;
     yaml_event_t event;
     const char *path;
-    report *why;
+    trocar_error *why;
 } reader;
 
 static trocar_status wrong(reader *r, const char *what) {
@@ -74,7 +74,7 @@ static trocar_status read_end(reader *r) {
     return r->event.type == YAML_STREAM_END_EVENT ? TROCAR_OK : wrong(r, "a second document: a profile has only one; remove this line or everything above it");
 }
 
-trocar_status profile_read(const char *path, profile_setter set, void *context, report *why) {
+trocar_status profile_read(const char *path, profile_setter set, void *context, trocar_error *why) {
     reader r = {.path = path, .why = why};
     const char *reason;
     FILE *file = input_open(path, &reason);

@@ -2,12 +2,12 @@
 #ifndef TROCAR_HAPLY_PROFILE_H
 #define TROCAR_HAPLY_PROFILE_H
 
-#include "base/report.h"
+#include "base/error.h"
 
 /* Receives each option of the profile; `place` is "FILE:LINE". Returns BAD_INPUT, with the reason in `why`, for a key that is not an option or has
    been given before. */
-typedef trocar_status (*profile_setter)(void *context, const char *place, const char *key, const char *value, report *why);
+typedef trocar_status (*profile_setter)(void *context, const char *place, const char *key, const char *value, trocar_error *why);
 
-trocar_status profile_read(const char *path, profile_setter set, void *context, report *why);
+trocar_status profile_read(const char *path, profile_setter set, void *context, trocar_error *why);
 
 #endif

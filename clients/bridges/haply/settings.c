@@ -3,6 +3,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "common/host_port.h"
 #include "profile.h"
 #include "shared/options.h"
 #include "shared/patient.h"
@@ -85,7 +86,7 @@ typedef struct {
 } profile;
 
 /* Sets an option from a profile. Error messages name the place in the profile. */
-static trocar_status set_from_profile(void *context, const char *place, const char *name, const char *value, report *why) {
+static trocar_status set_from_profile(void *context, const char *place, const char *name, const char *value, trocar_error *why) {
     profile *p = context;
     struct argp_state *state = p->state;
     const struct argp_option *o = option_list;
@@ -165,7 +166,7 @@ static error_t parse_option(int key, char *text, struct argp_state *state) {
 /* Reads the profile option and ignores all others. */
 static error_t parse_profile(int key, char *text, struct argp_state *state) {
     profile p = {.state = state};
-    report why;
+    trocar_error why;
     if (key == OPTION_PROFILE && profile_read(text, set_from_profile, &p, &why) != TROCAR_OK) argp_error(state, "%s", why.text);
     return 0;
 }
@@ -186,7 +187,7 @@ void haply_parse(int count, char **arguments, haply_settings *settings) {
     argp_parse(&parser, count, arguments, 0, NULL, settings);
 }
 
-static trocar_status place_in(const trocar_scene *scene, haply_settings *o, report *why) {
+static trocar_status place_in(const trocar_scene *scene, haply_settings *o, trocar_error *why) {
     mapping_settings *m = &o->mapping;
     patient_frame patient;
     pose start = {m->start, {1, 0, 0, 0}};
@@ -203,7 +204,7 @@ static trocar_status place_in(const trocar_scene *scene, haply_settings *o, repo
     return TROCAR_OK;
 }
 
-trocar_status haply_place(haply_settings *settings, report *why) {
+trocar_status haply_place(haply_settings *settings, trocar_error *why) {
     trocar_scene *scene;
     if (!settings->scene[0]) return TROCAR_OK;
     trocar_status status = trocar_scene_load(settings->scene, &scene, why);

@@ -4,7 +4,7 @@
 
 #include "mapping.h"
 #include "message.h"
-#include "base/report.h"
+#include "base/error.h"
 
 typedef struct {
     char host[256];
@@ -30,6 +30,6 @@ typedef struct {
 void haply_parse(int count, char **arguments, haply_settings *settings);
 
 /* Takes the needle's start, direction and length from the scene unless options specify them. */
-trocar_status haply_place(haply_settings *settings, report *why);
+trocar_status haply_place(haply_settings *settings, trocar_error *why);
 
 #endif

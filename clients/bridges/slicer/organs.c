@@ -46,7 +46,7 @@ static void name_organ(igtl_message *messages, int index, const char *name) {
         if (strcmp(messages[i].name, m->name) == 0) snprintf(m->name + IGTL_HEADER_NAME_SIZE - 2, 3, "%02u", (unsigned)index % 100);
 }
 
-trocar_status organs_make(const trocar_model *model, organ *organs, igtl_message *messages, report *why) {
+trocar_status organs_make(const trocar_model *model, organ *organs, igtl_message *messages, trocar_error *why) {
     size_t nodes = (size_t)trocar_model_node_count(model);
     int32_t *place = malloc(nodes * sizeof *place);
     bool made = place != NULL;

@@ -17,7 +17,7 @@ int organs_count(const trocar_model *model);
 
 /* Creates `organs_count` surfaces and their messages, which have no value yet. The faces of the surfaces point outwards. The name of a volume is truncated to
    20 bytes; if two truncated names are equal, the last letters of one of them are replaced by the volume's number. NO_MEMORY. */
-trocar_status organs_make(const trocar_model *model, organ *organs, igtl_message *messages, report *why);
+trocar_status organs_make(const trocar_model *model, organ *organs, igtl_message *messages, trocar_error *why);
 void organs_free(organ *organs, int count);
 
 /* Moves the surface with the tissue; `nodes` contains the current positions (m) of all nodes of the mesh, 3 coordinates each. */

@@ -43,7 +43,7 @@ static void name_all(outlets *o) {
     }
 }
 
-trocar_status outlets_create(outlets *o, const trocar_scene *scene, const trocar_model *model, slice_style style, double pixel, report *why) {
+trocar_status outlets_create(outlets *o, const trocar_scene *scene, const trocar_model *model, slice_style style, double pixel, trocar_error *why) {
     double patient[16];
     trocar_probe_shape probe;
     *o = (outlets){.model = model, .frame = ras_frame(scene), .registered = trocar_scene_patient_to_mesh(scene, patient) != 0, .needles = NEEDLES,

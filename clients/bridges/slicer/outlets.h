@@ -23,7 +23,7 @@ typedef struct {
 } outlets;
 
 /* Creates the messages; `pixel` is the size of a pixel in m. BAD_INPUT for the same reasons as slices_create; NO_MEMORY. */
-trocar_status outlets_create(outlets *o, const trocar_scene *scene, const trocar_model *model, slice_style style, double pixel, report *why);
+trocar_status outlets_create(outlets *o, const trocar_scene *scene, const trocar_model *model, slice_style style, double pixel, trocar_error *why);
 void outlets_free(outlets *o);
 
 /* Updates needles, organs and images from the newest deformation; before the first deformation, shows them at rest. */

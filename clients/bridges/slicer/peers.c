@@ -13,8 +13,8 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
+#include "common/host_port.h"
 #include "common/timing.h"
-#include "shared/options.h"
 
 enum { LARGEST_TRANSFORM = 65536, TRACKER = PEERS, PACES = 16 };
 static const int64_t SECOND = 1000000000;   /* ns */
@@ -367,7 +367,7 @@ void peers_handle(peers *p, const struct pollfd *events, int count) {
 
 /* ---- opening ---- */
 
-static trocar_status find_tracker(peers *p, report *why) {
+static trocar_status find_tracker(peers *p, trocar_error *why) {
     char host[256], port[6];
     const struct addrinfo wanted = {.ai_socktype = SOCK_STREAM};
     if (!split_host_port(p->settings.tracker, STANDARD_PORT, host, port))
@@ -377,7 +377,7 @@ static trocar_status find_tracker(peers *p, report *why) {
     return error == 0 ? TROCAR_OK : fail(why, TROCAR_BAD_INPUT, "--tracker %s: %s", p->settings.tracker, gai_strerror(error));
 }
 
-static trocar_status start_listening(peers *p, report *why) {
+static trocar_status start_listening(peers *p, trocar_error *why) {
     const peer_settings *s = &p->settings;
     char port[8];
     const int on = 1;
@@ -399,7 +399,7 @@ static trocar_status start_listening(peers *p, report *why) {
     return TROCAR_OK;
 }
 
-trocar_status peers_open(peers *p, const peer_settings *settings, report *why) {
+trocar_status peers_open(peers *p, const peer_settings *settings, trocar_error *why) {
     *p = (peers){.settings = *settings, .listener = -1};
     trocar_status status = settings->tracker ? find_tracker(p, why) : TROCAR_OK;
     return status == TROCAR_OK ? start_listening(p, why) : status;

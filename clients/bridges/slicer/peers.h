@@ -34,7 +34,7 @@ typedef struct {
 } peers;
 
 /* Starts listening. BAD_INPUT for an address or a port that cannot be used, and if the tracker's host is unknown. */
-trocar_status peers_open(peers *p, const peer_settings *settings, report *why);
+trocar_status peers_open(peers *p, const peer_settings *settings, trocar_error *why);
 void peers_close(peers *p);
 
 int peers_count(const peers *p); /* clients now */

@@ -7,7 +7,7 @@ static const double FAR = 1e4;        /* mm */
 
 patient_frame ras_frame(const trocar_scene *scene) {
     patient_frame frame = {.turn = {1, 0, 0, 0}};
-    report ignored;
+    trocar_error ignored;
     if (patient_frame_read(scene, &frame, &ignored) != TROCAR_OK) return frame;
     const quat half_turn = {0, 0, 0, 1}; /* a half turn about the axis that points to the head exchanges right and left, and front and back */
     frame.turn = q_multiply(frame.turn, half_turn);

@@ -223,13 +223,13 @@ static void widen_url(const char *url, size_t size, char *wider) {
         snprintf(wider + length, size - (size_t)length, "%crecv_buf_size=%d", strchr(url, '?') ? '&' : '?', most);
 }
 
-static trocar_status check_needle(const bridge *b, report *why) {
+static trocar_status check_needle(const bridge *b, trocar_error *why) {
     int needles = trocar_model_needles(b->model);
     if (b->options->needle < needles) return TROCAR_OK;
     return fail(why, TROCAR_BAD_INPUT, "--needle %d: %s has needles 0 to %d", b->options->needle, b->options->scene_path, needles - 1);
 }
 
-static trocar_status open_network(bridge *b, report *why) {
+static trocar_status open_network(bridge *b, trocar_error *why) {
     const char *url = b->options->lcm_url;
     char wider[512];
     widen_url(url, sizeof wider, wider);
@@ -251,7 +251,7 @@ static trocar_status open_network(bridge *b, report *why) {
     return status;
 }
 
-static trocar_status prepare(bridge *b, report *why) {
+static trocar_status prepare(bridge *b, trocar_error *why) {
     const options *o = b->options;
     const trocar_model_options mesh_only = {.mesh_only = 1, .log = {progress_warn, "trocar-slicer"}};
     b->shown = -2;
@@ -284,7 +284,7 @@ int main(int count, char **arguments) {
 
     static bridge b;
     b.options = &o;
-    report why;
+    trocar_error why;
     trocar_status status = prepare(&b, &why);
     if (status == TROCAR_OK) serve(&b);
     clean_up(&b);

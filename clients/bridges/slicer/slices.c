@@ -138,7 +138,7 @@ static fan frame_fan(const slices *s, slice_kind kind) {
     return (fan){NEAR[kind], far + MARGIN, fmin(WIDEST, atan2(fmax(high, -low) + MARGIN, 0.5 * far)), 0};
 }
 
-static trocar_status frame_slice(slices *s, slice_kind kind, report *why) {
+static trocar_status frame_slice(slices *s, slice_kind kind, trocar_error *why) {
     slice *v = &s->all[kind];
     fan f = frame_fan(s, kind);
     double half = kind == SLICE_AXIAL ? f.far * sin(f.side) : f.side, near = kind == SLICE_AXIAL ? f.near * cos(f.side) : f.near;
@@ -172,7 +172,7 @@ static bool make_speckle(slices *s) {
     return s->speckle != NULL;
 }
 
-trocar_status slices_create(slices *s, const trocar_scene *scene, const trocar_model *model, slice_style style, double pixel, report *why) {
+trocar_status slices_create(slices *s, const trocar_scene *scene, const trocar_model *model, slice_style style, double pixel, trocar_error *why) {
     pose start;
     *s = (slices){.style = style, .pixel = pixel, .model = model, .nodes = trocar_model_nodes(model)};
     trocar_scene_get_number(scene, "needle.outer_diameter", &s->needle_radius, NULL);

@@ -41,7 +41,7 @@ typedef struct {
 } slices;
 
 /* Creates both images; `pixel` is the size of a pixel (m). BAD_INPUT if an image would have more than 2048 pixels in a row or column; NO_MEMORY. */
-trocar_status slices_create(slices *s, const trocar_scene *scene, const trocar_model *model, slice_style style, double pixel, report *why);
+trocar_status slices_create(slices *s, const trocar_scene *scene, const trocar_model *model, slice_style style, double pixel, trocar_error *why);
 void slices_free(slices *s);
 
 /* The points of a needle from base to tip, in m. */

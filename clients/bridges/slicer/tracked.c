@@ -86,7 +86,7 @@ static void *run(void *context) {
     return NULL;
 }
 
-trocar_status tracked_needle_open(tracked_needle *t, const char *url, int needle, report *why) {
+trocar_status tracked_needle_open(tracked_needle *t, const char *url, int needle, trocar_error *why) {
     *t = (tracked_needle){.url = url, .needle = needle};
     pthread_mutex_init(&t->lock, NULL);
     pthread_cond_init(&t->news, NULL);

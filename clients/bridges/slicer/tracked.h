@@ -9,7 +9,7 @@
 #include <pthread.h>
 #include <stdbool.h>
 
-#include "base/report.h"
+#include "base/error.h"
 #include "base/vec.h"
 
 typedef struct {
@@ -25,7 +25,7 @@ typedef struct {
 } tracked_needle;
 
 /* Starts the thread. The needle is not held until the first pose arrives. SYSTEM. */
-trocar_status tracked_needle_open(tracked_needle *t, const char *url, int needle, report *why);
+trocar_status tracked_needle_open(tracked_needle *t, const char *url, int needle, trocar_error *why);
 void tracked_needle_close(tracked_needle *t); /* releases the needle */
 
 /* Takes a new pose of the needle's base (positions in m). */

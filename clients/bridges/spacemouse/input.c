@@ -74,7 +74,7 @@ static void *run(void *context) {
     return NULL;
 }
 
-trocar_status input_start(const input_driver *driver, void *device, input **created, report *why) {
+trocar_status input_start(const input_driver *driver, void *device, input **created, trocar_error *why) {
     input *in = aligned_alloc(alignof(input), sizeof *in);
     if (!in) return fail(why, TROCAR_NO_MEMORY, "no memory for the input device");
     memset(in, 0, sizeof *in);

@@ -5,7 +5,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#include "base/report.h"
+#include "base/error.h"
 
 enum { INPUT_AXES = 10, INPUT_BUTTONS = 32 };
 
@@ -33,7 +33,7 @@ typedef struct {
 typedef struct input input;
 
 /* Starts the thread, which reports the device's state on stderr and reopens the device whenever the connection to it is lost. */
-trocar_status input_start(const input_driver *driver, void *device, input **created, report *why);
+trocar_status input_start(const input_driver *driver, void *device, input **created, trocar_error *why);
 
 /* Ends the thread, switches the motors off and closes the device. NULL is allowed. */
 void input_stop(input *in);

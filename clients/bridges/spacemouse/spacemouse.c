@@ -251,7 +251,7 @@ static void run(bridge *b) {
 
 /* ---- set-up ---------------------------------------------------------------------------------------------------------- */
 
-static trocar_status read_scene(const options *o, pose *start, double *length, report *why) {
+static trocar_status read_scene(const options *o, pose *start, double *length, trocar_error *why) {
     trocar_scene *scene;
     if (!o->scene_path) {
         if (o->start_given) start->position = o->start;
@@ -268,7 +268,7 @@ static trocar_status read_scene(const options *o, pose *start, double *length, r
     return status;
 }
 
-static trocar_status drive(options *o, report *why) {
+static trocar_status drive(options *o, trocar_error *why) {
     bridge b = {.options = o, .pending = -1, .tick = -1};
     pose start = MOTION_START;
     double length = 0.2;
@@ -297,7 +297,7 @@ int main(int count, char **arguments) {
     argp_parse(&parser, count, arguments, 0, NULL, &o);
     signal(SIGPIPE, SIG_IGN); /* libspnav may write to a daemon that has already exited */
     playing_heed_signals();
-    report why;
+    trocar_error why;
     trocar_status status = drive(&o, &why);
     if (status == TROCAR_OK) return EXIT_SUCCESS;
     fprintf(stderr, "trocar-spacemouse: %s\n", why.text);

@@ -191,7 +191,7 @@ bool pilot_may_take(const pilot *p, int needle) {
 
 /* ---- life ---- */
 
-trocar_status pilot_open(pilot *p, lcm_t *lcm, report *why) {
+trocar_status pilot_open(pilot *p, lcm_t *lcm, trocar_error *why) {
     trocar_status status = publisher_create(&p->publisher, lcm, p->needle_length, why);
     if (status != TROCAR_OK) return status;
     p->feed->session = p->publisher.session;

@@ -40,7 +40,7 @@ typedef struct {
 
 /* Starts the publisher's thread. Uses `p`'s model, parking_poses, needle_length, feed and web, which must outlive the pilot. SYSTEM if LCM or the thread
    fails. */
-trocar_status pilot_open(pilot *p, lcm_t *lcm, report *why);
+trocar_status pilot_open(pilot *p, lcm_t *lcm, trocar_error *why);
 
 /* Releases the needle. Must also be called if pilot_open has failed or was not called. */
 void pilot_close(pilot *p);

@@ -27,7 +27,7 @@ static const int64_t SERVER_SILENCE = 100000000; /* ns without a wrench after wh
 static const rate_control_limits PROBE_LIMITS = {.max_speed = 0.02, .max_turn_rate = 0.3, .ramp = 0.15, .max_sideways = 0.05, .max_back = 0.1, .max_forward = 0.1,
                                                  .max_tilt = 0.35};
 
-trocar_status publisher_create(pose_publisher *p, lcm_t *lcm, double needle_length, report *why) {
+trocar_status publisher_create(pose_publisher *p, lcm_t *lcm, double needle_length, trocar_error *why) {
     *p = (pose_publisher){.lcm = lcm, .needle_length = needle_length, .limits = rate_control_defaults(needle_length), .probe_limits = PROBE_LIMITS, .seq = -1, .probe_seq = -1};
     p->session = session_new();
     p->wake = eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC);

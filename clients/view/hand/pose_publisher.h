@@ -68,7 +68,7 @@ typedef struct {
     int64_t probe_seq;
 } pose_publisher;
 
-trocar_status publisher_create(pose_publisher *p, lcm_t *lcm, double needle_length, report *why);
+trocar_status publisher_create(pose_publisher *p, lcm_t *lcm, double needle_length, trocar_error *why);
 void publisher_free(pose_publisher *p);
 
 /* Gives an order. If the ring is full, the order is dropped; the next one follows soon. Called by the web thread. */

@@ -99,7 +99,7 @@ static trocar_dose_grid choose_grid(const trocar_mesh *mesh, int target) {
     return grid;
 }
 
-static trocar_status prepare(dose_thread *t, const trocar_model *m, report *why) {
+static trocar_status prepare(dose_thread *t, const trocar_model *m, trocar_error *why) {
     const char *name = t->settings->source;
     size_t length = strlen(name);
     bool is_file = length > 5 && strcmp(name + length - 5, ".yaml") == 0;
@@ -145,18 +145,18 @@ static double distance(const trocar_dose_seed *a, const trocar_dose_seed *b) {
 static void add_seed(dose_thread *t, const trocar_dose_seed *rest, const trocar_dose_seed *now) {
     counted_seed *s = &t->counted[t->count];
     *s = (counted_seed){.rest = *rest, .now = *now};
-    report ignored;
+    trocar_error ignored;
     if (trocar_dose_add(t->dose, now, &s->id, &ignored) == TROCAR_OK) t->count++;
 }
 
 static void remove_seed(dose_thread *t, int index) {
-    report ignored;
+    trocar_error ignored;
     trocar_dose_remove(t->dose, t->counted[index].id, &ignored);
     t->counted[index] = t->counted[--t->count];
 }
 
 static void move_seed(dose_thread *t, counted_seed *s, const trocar_dose_seed *now) {
-    report ignored;
+    trocar_error ignored;
     if (distance(&s->now, now) > NOTICED && trocar_dose_move(t->dose, s->id, now, &ignored) == TROCAR_OK) s->now = *now;
 }
 
@@ -328,7 +328,7 @@ static void *run(void *context) {
 }
 
 /* Computes the dose that the plan gives to the organs. */
-static trocar_status note_plan(dose_thread *t, const plan_table *plan, const double direction[3], report *why) {
+static trocar_status note_plan(dose_thread *t, const plan_table *plan, const double direction[3], trocar_error *why) {
     trocar_dose_seed *seeds = calloc((size_t)plan->count + 1, sizeof *seeds);
     if (!seeds) return fail(why, TROCAR_NO_MEMORY, "no memory for the dose");
     for (int i = 0; i < plan->count; i++) {
@@ -342,7 +342,7 @@ static trocar_status note_plan(dose_thread *t, const plan_table *plan, const dou
     return TROCAR_OK;
 }
 
-trocar_status dose_thread_create(const trocar_model *model, const dose_settings *settings, const plan_table *plan, dose_thread **created, report *why) {
+trocar_status dose_thread_create(const trocar_model *model, const dose_settings *settings, const plan_table *plan, dose_thread **created, trocar_error *why) {
     dose_thread *t = calloc(1, sizeof *t);
     if (!t) return fail(why, TROCAR_NO_MEMORY, "no memory for the dose");
     t->settings = settings;

@@ -3,7 +3,7 @@
 #ifndef TROCAR_DOSE_THREAD_H
 #define TROCAR_DOSE_THREAD_H
 
-#include "base/report.h"
+#include "base/error.h"
 #include "shared/plan_table.h"
 #include "trocar.h"
 #include "trocar_deformation_t.h"
@@ -22,7 +22,7 @@ typedef struct dose_thread dose_thread;
 /* Starts the thread. Organs are the regions whose names contain prostate or gland, urethra, rectum. If `plan` is not NULL, the plan's dose in the
    organs is computed as well. `settings` must outlive the thread. BAD_INPUT for a seed model that does not exist or is invalid; SYSTEM; NO_MEMORY. */
 trocar_status dose_thread_create(const trocar_model *model, const dose_settings *settings, const plan_table *plan,
-                                 dose_thread **created, report *why);
+                                 dose_thread **created, trocar_error *why);
 void dose_thread_free(dose_thread *t);
 
 /* Passes the current seeds and displacements to the thread; NULL stands for no seeds, or for tissue at rest. Does not wait. */

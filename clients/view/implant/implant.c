@@ -52,7 +52,7 @@ static void write_reply(json *j, const void *what) {
     json_close(j, '}');
 }
 
-trocar_status implant_open(implant *i, const trocar_model *model, const implant_settings *settings, report *why) {
+trocar_status implant_open(implant *i, const trocar_model *model, const implant_settings *settings, trocar_error *why) {
     bool plans = settings->plan != NULL;
     int template = find_template(model);
     if (template < 0) return plans ? fail(why, TROCAR_BAD_INPUT, "--plan: the scene has no template (guides)") : TROCAR_OK;

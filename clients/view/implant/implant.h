@@ -23,7 +23,7 @@ typedef struct {
 
 /* Starts the dose thread and reads the plan. `settings` must outlive the implant. BAD_INPUT for an invalid plan or seed model, and for a plan in a
    scene without a template. */
-trocar_status implant_open(implant *i, const trocar_model *model, const implant_settings *settings, report *why);
+trocar_status implant_open(implant *i, const trocar_model *model, const implant_settings *settings, trocar_error *why);
 void implant_close(implant *i);
 
 /* Must be called after messages have been received. */

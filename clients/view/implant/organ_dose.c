@@ -6,7 +6,7 @@
 
 static const double SPACING = 1e-3; /* m, spacing of the voxels */
 
-trocar_status organ_create(organ *o, const trocar_model *m, const trocar_mesh *mesh, int region, report *why) {
+trocar_status organ_create(organ *o, const trocar_model *m, const trocar_mesh *mesh, int region, trocar_error *why) {
     *o = (organ){.name = trocar_model_region_name(m, region)};
     trocar_status status = trocar_structure_from_region(mesh, region, SPACING, &o->structure, why);
     if (status != TROCAR_OK) return status;

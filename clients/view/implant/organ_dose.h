@@ -4,7 +4,7 @@
 
 #include <stdbool.h>
 
-#include "base/report.h"
+#include "base/error.h"
 #include "trocar.h"
 
 typedef enum {
@@ -36,7 +36,7 @@ typedef struct {
 } organ;
 
 /* Divides a region of dimension 3 into voxels of 1 mm; `mesh` is needed for this call only. Errors as in trocar_structure_from_region. */
-trocar_status organ_create(organ *o, const trocar_model *m, const trocar_mesh *mesh, int region, report *why);
+trocar_status organ_create(organ *o, const trocar_model *m, const trocar_mesh *mesh, int region, trocar_error *why);
 void organ_free(organ *o);
 
 /* Computes the mean position of the voxels' centres. */

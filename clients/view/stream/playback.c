@@ -20,11 +20,11 @@ typedef struct {
     int probes_done, commands_done; /* number of probe poses and commands handled so far */
     waiting_drop waiting;
     int refused;             /* number of commands for seeds that are refused here although the server had not refused them */
-    report refusal;          /* reason for the first refusal */
+    trocar_error refusal;    /* reason for the first refusal */
     int gaps;
 } playback;
 
-static trocar_status prepare(playback *p, const char *path, report *cut, report *why) {
+static trocar_status prepare(playback *p, const char *path, trocar_error *cut, trocar_error *why) {
     trocar_status status = pose_log_read_to_cut(path, &p->poses, cut, why);
     if (status == TROCAR_OK) status = trocar_model_create(p->scene, NULL, &p->model, why);
     if (status == TROCAR_OK) status = trocar_sim_create(p->model, &p->sim, why);
@@ -41,13 +41,13 @@ static void clean_up(playback *p) {
     pose_log_free(&p->poses);
 }
 
-static void note_refusal(playback *p, const report *reason) {
+static void note_refusal(playback *p, const trocar_error *reason) {
     if (p->refused++ == 0) p->refusal = *reason;
 }
 
 /* Executes the commands for seeds that came before this pose. As in the server, a refused command changes nothing. */
 static void run_commands(playback *p, int pose) {
-    report reason;
+    trocar_error reason;
     if (!try_waiting_drop(&p->waiting, p->sim, 0)) note_refusal(p, &p->waiting.reason);
     for (; p->commands_done < p->poses.command_count && p->poses.commands[p->commands_done].next_pose <= pose; p->commands_done++) {
         const logged_command *logged = &p->poses.commands[p->commands_done];
@@ -60,7 +60,7 @@ static void say_refusals(const playback *p) {
     if (p->refused > 0) fprintf(stderr, "trocar-view: %d of %d commands refused; the first: %s\n", p->refused, p->commands_done, p->refusal.text);
 }
 
-static trocar_status play_tick(playback *p, int tick, plot_sample *sample, report *why) {
+static trocar_status play_tick(playback *p, int tick, plot_sample *sample, trocar_error *why) {
     double time = pose_log_time(&p->poses, tick), dt = pose_log_interval(&p->poses, tick, trocar_model_rate(p->model), &p->gaps);
     trocar_pose base = library_pose(pose_of_message(&p->poses.poses[tick]));
     trocar_output output;
@@ -74,7 +74,7 @@ static trocar_status play_tick(playback *p, int tick, plot_sample *sample, repor
 }
 
 /* Adds a picture of the last tick. */
-static trocar_status add_picture(playback *p, int tick, timeline *t, report *why) {
+static trocar_status add_picture(playback *p, int tick, timeline *t, trocar_error *why) {
     trocar_sim_take_picture(p->sim, p->messages.picture);
     viewer_messages_make_needle(&p->messages, 0, tick, p->poses.poses[tick].utime);
     trocar_status status = viewer_messages_make_tissue(&p->messages, tick, why);
@@ -88,7 +88,7 @@ static trocar_status add_picture(playback *p, int tick, timeline *t, report *why
     return timeline_add_seeds(t, &p->messages.seeds, why);
 }
 
-trocar_status playback_run(const trocar_scene *scene, const char *path, timeline *t, report *cut, report *why) {
+trocar_status playback_run(const trocar_scene *scene, const char *path, timeline *t, trocar_error *cut, trocar_error *why) {
     playback p = {.scene = scene};
     plot_sample sample;
     double next_picture = 0; /* s */
@@ -113,8 +113,8 @@ static int tick_at(const pose_log *poses, double at) {
     return tick;
 }
 
-trocar_status playback_moment(const trocar_scene *scene, const char *path, double at, timeline *t, report *cut,
-                              report *why) {
+trocar_status playback_moment(const trocar_scene *scene, const char *path, double at, timeline *t, trocar_error *cut,
+                              trocar_error *why) {
     playback p = {.scene = scene};
     plot_sample sample;
     trocar_status status = prepare(&p, path, cut, why);

@@ -91,7 +91,7 @@ static void on_wrench(const lcm_recv_buf_t *received, const char *channel, void 
     s.lateness_max = (float)f->timing.lateness_max;
     s.compute_p99 = (float)f->timing.compute_p99;
     s.compute_max = (float)f->timing.compute_max;
-    report why;
+    trocar_error why;
     timeline_add_sample(f->timeline, &s, &why); /* cannot fail in live mode, because the ring is preallocated */
 }
 
@@ -219,7 +219,7 @@ static void on_deformation(const lcm_recv_buf_t *received, const char *channel, 
         f->refused++;
         return;
     }
-    report why; /* if memory is exhausted, a picture is skipped */
+    trocar_error why; /* if memory is exhausted, a picture is skipped */
     needle_shown needles[TROCAR_MAX_NEEDLES];
     bool complete = false, known = false;
     for (int i = 0; i < f->needle_count; i++) {
@@ -238,7 +238,7 @@ static void on_deformation(const lcm_recv_buf_t *received, const char *channel, 
     trocar_deformation_t_decode_cleanup(&m);
 }
 
-trocar_status subscriber_open(subscriber *f, lcm_t *lcm, const trocar_model *model, timeline *t, report *why) {
+trocar_status subscriber_open(subscriber *f, lcm_t *lcm, const trocar_model *model, timeline *t, trocar_error *why) {
     static const char *const channels[] = {"TROCAR_WRENCH", "TROCAR_TIMING", "TROCAR_STATUS", "TROCAR_CONTACTS", "TROCAR_TRACKS", "TROCAR_DEFORMATION", "TROCAR_SEEDS",
                                            "TROCAR_REPLY", "TROCAR_PROBE_WRENCH", NULL};
     static const lcm_msg_handler_t handlers[] = {on_wrench, on_timing, on_status, on_contacts, on_tracks, on_deformation, on_seeds, on_reply, on_probe};

@@ -48,7 +48,7 @@ typedef struct {
 
 /* Subscribes; `t` must outlive it, and may be NULL. Ignores deformations of meshes with a number of nodes other than the model's, and needles that
    the model does not have. SYSTEM if LCM fails. */
-trocar_status subscriber_open(subscriber *f, lcm_t *lcm, const trocar_model *model, timeline *t, report *why);
+trocar_status subscriber_open(subscriber *f, lcm_t *lcm, const trocar_model *model, timeline *t, trocar_error *why);
 void subscriber_close(subscriber *f);
 
 /* True if a wrench arrived within the last half second in which this program was running. At most 0.15 s since the previous call are counted,

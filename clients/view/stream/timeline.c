@@ -3,7 +3,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-trocar_status timeline_create(timeline *t, bool live, int needles, report *why) {
+trocar_status timeline_create(timeline *t, bool live, int needles, trocar_error *why) {
     *t = (timeline){.live = live, .picture_bytes_most = PICTURE_BYTES, .picture_stride = 1};
     for (int i = 0; i < needles; i++) t->gathered[i].membrane = -1;
     t->picture_room = live ? 1 : 1024;
@@ -21,7 +21,7 @@ void timeline_free(timeline *t) {
 }
 
 /* Makes room for an entry: the arrays of a log grow; in live mode, the oldest entry is overwritten. */
-static trocar_status make_room(const timeline *t, int64_t count, void **array, size_t *room, size_t size, report *why) {
+static trocar_status make_room(const timeline *t, int64_t count, void **array, size_t *room, size_t size, trocar_error *why) {
     if (t->live || (size_t)count < *room) return TROCAR_OK;
     void *wider = realloc(*array, 2 * *room * size);
     if (!wider) return fail(why, TROCAR_NO_MEMORY, "no memory for a log of %.0f s", t->now);
@@ -31,7 +31,7 @@ static trocar_status make_room(const timeline *t, int64_t count, void **array, s
     return TROCAR_OK;
 }
 
-static trocar_status close_slot(timeline *t, int needle, report *why) {
+static trocar_status close_slot(timeline *t, int needle, trocar_error *why) {
     void *array = t->samples;
     trocar_status status = make_room(t, t->sample_end, &array, &t->sample_room, sizeof *t->samples, why);
     t->samples = array;
@@ -41,7 +41,7 @@ static trocar_status close_slot(timeline *t, int needle, report *why) {
     return TROCAR_OK;
 }
 
-trocar_status timeline_add_sample(timeline *t, const plot_sample *s, report *why) {
+trocar_status timeline_add_sample(timeline *t, const plot_sample *s, trocar_error *why) {
     plot_sample *gathered = &t->gathered[s->needle];
     uint32_t events = gathered->events | s->events;
     int32_t membrane = s->membrane >= 0 ? s->membrane : gathered->membrane;
@@ -76,7 +76,7 @@ static byte_buffer *next_place(timeline *t) {
 }
 
 trocar_status timeline_add_picture(timeline *t, double time, const needle_shown needles[], int count,
-                                   const trocar_probe *probe, const trocar_deformation_t *tissue, report *why) {
+                                   const trocar_probe *probe, const trocar_deformation_t *tissue, trocar_error *why) {
     void *array = t->pictures;
     trocar_status status = make_room(t, t->picture_end, &array, &t->picture_room, sizeof *t->pictures, why);
     t->pictures = array;
@@ -89,7 +89,7 @@ trocar_status timeline_add_picture(timeline *t, double time, const needle_shown 
     return place->failed ? fail(why, TROCAR_NO_MEMORY, "no memory for a picture") : TROCAR_OK;
 }
 
-trocar_status timeline_add_seeds(timeline *t, const trocar_seeds_t *seeds, report *why) {
+trocar_status timeline_add_seeds(timeline *t, const trocar_seeds_t *seeds, trocar_error *why) {
     byte_buffer *newest = &t->pictures[(size_t)(t->picture_end - 1) % t->picture_room];
     t->picture_bytes -= newest->room;
     encode_seeds(newest, seeds);

@@ -5,7 +5,7 @@
 #ifndef TROCAR_TIMELINE_H
 #define TROCAR_TIMELINE_H
 
-#include "base/report.h"
+#include "base/error.h"
 #include "view/stream/wire_format.h"
 
 #define SAMPLE_SLOT 0.01     /* s, time covered by one sample of a needle */
@@ -28,15 +28,15 @@ typedef struct {
 } timeline;
 
 /* Creates a timeline for `needles` needles, 1 to TROCAR_MAX_NEEDLES. NO_MEMORY. */
-trocar_status timeline_create(timeline *t, bool live, int needles, report *why);
+trocar_status timeline_create(timeline *t, bool live, int needles, trocar_error *why);
 void timeline_free(timeline *t);
 
 /* Adds the values of one tick of needle `s->needle`; `s` contains the events of this tick only. NO_MEMORY (log only). */
-trocar_status timeline_add_sample(timeline *t, const plot_sample *s, report *why);
+trocar_status timeline_add_sample(timeline *t, const plot_sample *s, trocar_error *why);
 
 /* As encode_picture. */
 trocar_status timeline_add_picture(timeline *t, double time, const needle_shown needles[], int count,
-                                   const trocar_probe *probe, const trocar_deformation_t *tissue, report *why);
+                                   const trocar_probe *probe, const trocar_deformation_t *tissue, trocar_error *why);
 
 /* Position of a reader: numbers of the next picture and sample. */
 typedef struct {
@@ -44,7 +44,7 @@ typedef struct {
 } timeline_cursor;
 
 /* Adds the seeds of the newest picture, after that picture. For a log only; in live mode, seeds arrive in messages of their own. */
-trocar_status timeline_add_seeds(timeline *t, const trocar_seeds_t *seeds, report *why);
+trocar_status timeline_add_seeds(timeline *t, const trocar_seeds_t *seeds, trocar_error *why);
 
 bool timeline_has_news(const timeline *t, const timeline_cursor *cursor);
 

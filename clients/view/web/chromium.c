@@ -24,7 +24,7 @@ static void run_browser(const char *profile, const char *url) {
     _exit(127);
 }
 
-trocar_status chromium_start(chromium *c, const char *url, report *why) {
+trocar_status chromium_start(chromium *c, const char *url, trocar_error *why) {
     *c = (chromium){.profile = "/tmp/trocar-view-XXXXXX"};
     if (!mkdtemp(c->profile)) return fail(why, TROCAR_SYSTEM, "cannot create %s: %s", c->profile, strerror(errno));
     c->process = fork();

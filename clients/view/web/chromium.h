@@ -5,7 +5,7 @@
 #include <stdbool.h>
 #include <sys/types.h>
 
-#include "base/report.h"
+#include "base/error.h"
 
 typedef struct {
     pid_t process;           /* process and process group; 0 if none is running */
@@ -13,7 +13,7 @@ typedef struct {
 } chromium;
 
 /* Starts the browser. SYSTEM if the process cannot be created. Use chromium_ended to check whether it runs. */
-trocar_status chromium_start(chromium *c, const char *url, report *why);
+trocar_status chromium_start(chromium *c, const char *url, trocar_error *why);
 bool chromium_ended(chromium *c);
 void chromium_stop(chromium *c);
 

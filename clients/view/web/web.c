@@ -306,7 +306,7 @@ static const struct lws_protocols protocols[] = {
     {0},
 };
 
-static trocar_status check_page(const char *page, report *why) {
+static trocar_status check_page(const char *page, trocar_error *why) {
     char index[4096];
     snprintf(index, sizeof index, "%s/index.html", page);
     if (access(index, R_OK) == 0) return TROCAR_OK;
@@ -314,7 +314,7 @@ static trocar_status check_page(const char *page, report *why) {
                 strerror(errno));
 }
 
-static trocar_status listen_here(web *w, report *why) {
+static trocar_status listen_here(web *w, trocar_error *why) {
     const web_settings *s = &w->settings;
     static struct lws_http_mount mount;
     mount = (struct lws_http_mount){.mountpoint = "/", .mountpoint_len = 1, .origin = s->page, .def = "index.html",
@@ -334,7 +334,7 @@ static trocar_status listen_here(web *w, report *why) {
     return fail(why, TROCAR_BAD_INPUT, "cannot listen on %s:%d: is the port in use? Choose another --port", place, s->port);
 }
 
-trocar_status web_create(const web_settings *settings, web **created, report *why) {
+trocar_status web_create(const web_settings *settings, web **created, trocar_error *why) {
     trocar_status status = check_page(settings->page, why);
     if (status != TROCAR_OK) return status;
     web *w = calloc(1, sizeof *w);
@@ -360,7 +360,7 @@ void web_free(web *w) {
 
 int web_port(const web *w) { return lws_get_vhost_listen_port(w->host); }
 
-trocar_status web_watch(web *w, int descriptor, void (*readable)(void *context), report *why) {
+trocar_status web_watch(web *w, int descriptor, void (*readable)(void *context), trocar_error *why) {
     if (w->watch_count == WATCHES) return fail(why, TROCAR_SYSTEM, "cannot watch more than %d descriptors", WATCHES);
     int own = dup(descriptor); /* libwebsockets closes the descriptors that it adopts */
     watch *added = &w->watches[w->watch_count];

@@ -50,12 +50,12 @@ typedef struct {
 
 /* Creates the server, which listens at once. The strings in `settings` must outlive it. BAD_INPUT if the page does not exist or the address cannot be
    used. */
-trocar_status web_create(const web_settings *settings, web **created, report *why);
+trocar_status web_create(const web_settings *settings, web **created, trocar_error *why);
 void web_free(web *w);
 int web_port(const web *w);
 
 /* Calls `readable` whenever the descriptor is readable. The caller keeps ownership of the descriptor. */
-trocar_status web_watch(web *w, int descriptor, void (*readable)(void *context), report *why);
+trocar_status web_watch(web *w, int descriptor, void (*readable)(void *context), trocar_error *why);
 
 /* Waits for events and handles them. */
 void web_round(web *w);

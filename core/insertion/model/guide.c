@@ -53,7 +53,7 @@ static const char *fault_of_directions(const guide_config *g, char *text, size_t
     return "rows_along";
 }
 
-const char *guide_fault(const guide_config *g, double needle_diameter, const char **key, report *words) {
+const char *guide_fault(const guide_config *g, double needle_diameter, const char **key, trocar_error *words) {
     words->text[0] = '\0';
     *key = fault_of_directions(g, words->text, sizeof words->text);
     if (words->text[0]) return words->text;

@@ -4,7 +4,7 @@
 
 #include <stdbool.h>
 
-#include "base/report.h"
+#include "base/error.h"
 #include "mesh/mesh.h"
 
 enum {
@@ -46,7 +46,7 @@ typedef struct {
 guide_config guide_defaults(void);
 
 /* Returns NULL if the guide is valid. Otherwise returns a description of the first fault and sets *key to the key concerned. `needle_diameter` is in m. */
-const char *guide_fault(const guide_config *given, double needle_diameter, const char **key, report *words);
+const char *guide_fault(const guide_config *given, double needle_diameter, const char **key, trocar_error *words);
 
 /* Converts a valid guide from the scene. */
 guide guide_make(const guide_config *given, double needle_diameter);

@@ -41,7 +41,7 @@ static void mark_bone(insertion_model *model) {
     }
 }
 
-trocar_status local_create(insertion_model *model, report *why) {
+trocar_status local_create(insertion_model *model, trocar_error *why) {
     const mesh *m = model->mesh;
     size_t n = (size_t)m->node_count;
     int *count = calloc(n, sizeof *count);

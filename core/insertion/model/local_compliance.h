@@ -50,7 +50,7 @@ double local_wave_speed(const insertion_model *model, int tet, vec3 x);
 
 /* Fills the arrays node_* of a model whose other members have been set, with means over the elements around each node. Returns NO_MEMORY if it cannot
    allocate them. */
-trocar_status local_create(insertion_model *model, report *why);
+trocar_status local_create(insertion_model *model, trocar_error *why);
 void local_free(insertion_model *model);
 
 #endif

@@ -14,7 +14,7 @@ import time
 import numpy as np
 
 from ..shapes import shells
-from . import inputs, torso
+from . import inputs, nrrd, torso
 
 SPACING = (1.5, 1.5, 2.0)
 ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__)))))
@@ -30,7 +30,7 @@ class Case:
         return os.path.join(self.folder, name)
 
     def nrrd(self, labels, place, names=None, name="x.seg.nrrd"):
-        inputs.write_nrrd(self.path(name), labels, place, names)
+        nrrd.write_nrrd(self.path(name), labels, place, names)
         return self.path(name)
 
 

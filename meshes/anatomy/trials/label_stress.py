@@ -1,4 +1,4 @@
-"""Runs label maps, surfaces and volume meshes of every kind through the program; prints Markdown tables, and fails if a result is not within the limits.
+"""Runs label maps, surfaces and volume meshes of every kind through the program; prints tables as CSV, and fails if a result is not within the limits.
 
 usage: python3 -m anatomy.trials.label_stress kinds [NODES [KIND...]]   the synthetic patient as every kind of file; default 570, all
        python3 -m anatomy.trials.label_stress random [FIRST [COUNT]]    random label maps: numbers of the maps; default 0 200
@@ -22,7 +22,7 @@ import scipy.sparse.csgraph
 
 from .. import __main__ as command, binding, limits, meshing, options, organ as organs_in, pipeline
 from ..shapes import voxels
-from . import inputs, insertion, patient, shipped
+from . import inputs, insertion, nrrd, patient, shipped, tables
 from ..shapes.contours import Unusable
 from ..limits import Crashed, TooLong
 from ..trouble import BadFile
@@ -128,13 +128,13 @@ def folder(p):
 
 
 def slicer(p):
-    inputs.write_nrrd(p.path("pelvis.seg.nrrd"), p.labels, p.place, inputs.NAMES, "right-anterior-superior")
+    nrrd.write_nrrd(p.path("pelvis.seg.nrrd"), p.labels, p.place, inputs.NAMES, "right-anterior-superior")
     return [p.path("pelvis.seg.nrrd"), *TWO], p.volumes
 
 
 def layers(p):
     whole = (p.solid() == 1).astype(np.uint8)
-    inputs.write_nrrd(p.path("two.seg.nrrd"), [whole, (p.labels == 2).astype(np.uint8)], p.place, {(0, 1): "Prostate", (1, 1): "Urethra"})
+    nrrd.write_nrrd(p.path("two.seg.nrrd"), [whole, (p.labels == 2).astype(np.uint8)], p.place, {(0, 1): "Prostate", (1, 1): "Urethra"})
     return [p.path("two.seg.nrrd"), "--roi", "Prostate", "--roi", "Urethra"], {**p.whole(), "Urethra": p.volumes["Urethra"]}
 
 
@@ -207,13 +207,13 @@ def kind_row(p, kind, nodes):
     angles = mesh.dihedral_angles()
     good = (abs(change) <= VOLUME_LIMIT and off.mean() <= MEAN_LIMIT and LEAST_ANGLE <= angles.min() and angles.max() <= GREATEST_ANGLE
             and abs(len(mesh.points) / nodes - 1) <= 0.1)
-    return (f"| {KINDS[kind][0]} | {', '.join(organ.roi for organ in organs)} | {len(mesh.points)} | {100 * change:+.2f} | {off.mean():.2f} | {off.max():.1f} "
-            f"| {angles.min():.1f} to {angles.max():.1f} | {seconds:.0f} | {megabytes:.0f} | {'yes' if good else 'NO'} |"), good
+    return (KINDS[kind][0], ", ".join(organ.roi for organ in organs), len(mesh.points), f"{100 * change:+.2f}", f"{off.mean():.2f}", f"{off.max():.1f}",
+            f"{angles.min():.1f}", f"{angles.max():.1f}", f"{seconds:.0f}", f"{megabytes:.0f}", "yes" if good else "no"), good
 
 
 def kinds(nodes=570, *chosen):
-    print("| input | regions | nodes | worst volume, % | surface off, mm: mean | greatest | angles, deg | processor, s | memory, MB | good |")
-    print("|" + 10 * "---|")
+    tables.row("input", "regions", "nodes", "worst_volume_percent", "mean_distance_mm", "greatest_distance_mm", "least_angle_deg", "greatest_angle_deg",
+               "processor_s", "memory_MB", "good")
     bad = 0
     with tempfile.TemporaryDirectory() as place:
         p = Patient(place)
@@ -224,8 +224,8 @@ def kinds(nodes=570, *chosen):
                     with concurrent.futures.ProcessPoolExecutor(1, multiprocessing.get_context("fork")) as own:
                         row, good = own.submit(kind_row, p, kind, int(nodes)).result()
                 except (*GOOD_REFUSALS, Crashed) as error:
-                    row, good = f"| {KINDS[kind][0]} | refused: {error} | | | | | | | | NO |", False
-                print(row, flush=True)
+                    row, good = (KINDS[kind][0], f"refused: {error}", *8 * [""], "no"), False
+                tables.row(*row)
                 bad += not good
     return bad
 
@@ -237,13 +237,12 @@ FORCE_LIMIT = 0.03      # largest permitted difference between forces, as a frac
 
 def forces(build, nodes=570):
     """Runs the script `insert` of trocar-device from the same place on the patient."""
-    print("| input | nodes | prostate, ml | largest force, N | to the first, % | rms difference of the curves, % of the largest force |")
-    print("|" + 6 * "---|")
+    tables.row("input", "nodes", "prostate_ml", "peak_N", "peak_to_first_percent", "rms_difference_percent_of_peak")
     build, curves, volumes = os.path.abspath(build), [], []
     with tempfile.TemporaryDirectory() as place:
         p = Patient(place)
         shipped.write_rtstruct(p.path("rt.dcm"), patient.outlines(patient.Gland(), 2.5))
-        inputs.write_nrrd(p.path("labels.seg.nrrd"), p.solid(), p.place, {1: "Prostate"})
+        nrrd.write_nrrd(p.path("labels.seg.nrrd"), p.solid(), p.place, {1: "Prostate"})
         made = p.surfaces(".stl")
         for name, path in (("RT Structure Set", p.path("rt.dcm")), ("label map", p.path("labels.seg.nrrd")), ("STL", made[0])):
             _, mesh, _, _ = make(path, "--roi", "Prostate", "--nodes", nodes, "--output", p.path("out"), "--entry=6,-2,-54", "--target=6,-2,0")
@@ -255,7 +254,7 @@ def forces(build, nodes=570):
             force, first = curves[-1], curves[0]
             largest = [np.linalg.norm(f, axis=1).max() for f in (force, first)]
             off = np.sqrt(((force - first) ** 2).sum(axis=1).mean()) / largest[1]
-            print(f"| {name} | {len(mesh.points)} | {volumes[-1]:.2f} | {largest[0]:.3f} | {100 * (largest[0] / largest[1] - 1):+.2f} | {100 * off:.2f} |", flush=True)
+            tables.row(name, len(mesh.points), f"{volumes[-1]:.2f}", f"{largest[0]:.3f}", f"{100 * (largest[0] / largest[1] - 1):+.2f}", f"{100 * off:.2f}")
             if abs(largest[0] / largest[1] - 1) > FORCE_LIMIT or abs(volumes[-1] / volumes[0] - 1) > VOLUME_LIMIT:
                 return 1
     return 0
@@ -300,18 +299,19 @@ def random_row(number, folder_):
     labels, place, soft, bones = random_map(number)
     began = used()[0]
     path = os.path.join(folder_, f"{number}.nrrd")
-    inputs.write_nrrd(path, labels, place)
+    nrrd.write_nrrd(path, labels, place)
     chosen = [argument for kind, values in (("--roi", soft), ("--bone", bones)) for v in values for argument in (kind, str(v))]
-    about = f"| {number} | {' x '.join(map(str, labels.shape[::-1]))} | {len(soft)} + {len(bones)} | "
+    about = (number, " x ".join(map(str, labels.shape[::-1])), len(soft), len(bones))
     try:
         organs, mesh, _, outlined = make(path, *chosen, "--nodes", 1500, "--output", os.path.join(folder_, "out"))
     except GOOD_REFUSALS as error:
-        return about + f"refused: {str(error).replace(path, 'file')} | | | {used()[0] - began:.0f} |", True
+        return (*about, f"refused: {str(error).replace(path, 'file')}", "", "", "", "", f"{used()[0] - began:.0f}"), True
     except Exception as error:  # any exception counts as a fault of the program
-        return about + f"FAILED: {type(error).__name__}: {error} | | | {used()[0] - began:.0f} |", False
+        return (*about, f"failed: {type(error).__name__}: {error}", "", "", "", "", f"{used()[0] - began:.0f}"), False
     change = max((mesh.region_volume(organ.name) / outlined[organ.name] - 1 for organ in organs if not organ.bone), key=abs)
     angles = mesh.dihedral_angles()
-    return about + f"{len(mesh.points)} nodes | {100 * change:+.2f} | {angles.min():.1f} to {angles.max():.1f} | {used()[0] - began:.0f} |", abs(change) <= VOLUME_LIMIT
+    return (*about, "meshed", len(mesh.points), f"{100 * change:+.2f}", f"{angles.min():.1f}", f"{angles.max():.1f}",
+            f"{used()[0] - began:.0f}"), abs(change) <= VOLUME_LIMIT
 
 
 def hurry():
@@ -322,15 +322,14 @@ def hurry():
 
 def random_maps(first=0, count=200):
     hurry()
-    print("| map | voxels | regions + bones | result | worst volume, % | angles, deg | processor, s |")
-    print("|" + 7 * "---|")
+    tables.row("map", "voxels", "regions", "bones", "result", "nodes", "worst_volume_percent", "least_angle_deg", "greatest_angle_deg", "processor_s")
     bad = 0
     with tempfile.TemporaryDirectory() as place:
         for number in range(int(first), int(first) + int(count)):
             row, good = random_row(number, place)
-            print(row, flush=True)
+            tables.row(*row)
             bad += not good
-    print(f"\n{int(count) - bad} of {count} meshed within 1 % of volume, or refused with a cause")
+    print(f"{int(count) - bad} of {count} meshed within 1 % of volume, or refused with a cause", file=sys.stderr)
     return bad
 
 
@@ -439,35 +438,35 @@ def crowded_row(number, folder_, build, size=SMALL, nodes=FEW):
     binding.trocar(build)
     labels, place, names, chosen = crowded_map(number, size)
     began, path = used()[0], os.path.join(folder_, f"{number}.seg.nrrd")
-    inputs.write_nrrd(path, labels, place, names)
-    about = f"| {number} | {len(names)}{' with body' if '--skin' in chosen else ''} | "
+    nrrd.write_nrrd(path, labels, place, names)
+    about = (number, len(names), "yes" if "--skin" in chosen else "no", f"{size:g}")
     try:
         organs, mesh, domain, _ = make(path, *chosen, "--nodes", nodes, "--output", os.path.join(folder_, "out"))
     except Exception as error:  # no map may be refused, so any exception is a fault
-        return about + f"FAILED: {type(error).__name__}: {str(error).replace(path, 'file')} | | | | | {used()[0] - began:.0f} | NO |", False, 0.0
+        return (*about, f"failed: {type(error).__name__}: {str(error).replace(path, 'file')}", *6 * [""], f"{used()[0] - began:.0f}", "no"), False, 0.0
     seconds = used()[0] - began
     worst, count = losses_in(organs, mesh, domain, labels, place, names)
+    measured = (len(mesh.points), count, f"{100 * worst:+.1f}")
     try:
         pushed = limits.run("push", insertion.push, os.path.join(folder_, "out.yaml"), build)
     except Exception as error:  # either the library has raised an exception, or it took too long
-        return about + f"{len(mesh.points)} nodes | {count} | {100 * worst:+.1f} | | NOT PUSHED: {error} | {seconds:.0f} | NO |", False, worst
+        return (*about, f"not pushed: {error}", *measured, "", "", "", f"{seconds:.0f}", "no"), False, worst
     pierced = pushed.region == organs[0].name
     good = abs(worst) <= PART_LIMIT and pierced and not pushed.failed
-    return (f"{about}{len(mesh.points)} nodes | {count} | {100 * worst:+.1f} | {pushed.peak:.2f} | {'yes' if pierced else pushed.region or 'no tissue'}, "
-            f"{1e3 * pushed.off_target:.1f} mm{' ' + pushed.failed if pushed.failed else ''} | {seconds:.0f} | {'yes' if good else 'NO'} |"), good, worst
+    return (*about, pushed.failed or "meshed", *measured, f"{pushed.peak:.2f}", "yes" if pierced else pushed.region or "no tissue", f"{1e3 * pushed.off_target:.1f}",
+            f"{seconds:.0f}", "yes" if good else "no"), good, worst
 
 
 def crowded(build, first=0, count=200, size=SMALL, nodes=FEW):
     hurry()
-    print("| map | labels | result | parts | worst loss not named, % | peak, N | in the first region, from the target | processor, s | good |")
-    print("|" + 9 * "---|")
+    tables.row("map", "labels", "body", "size", "result", "nodes", "parts", "worst_unnamed_loss_percent", "peak_N", "pierced", "off_target_mm", "processor_s", "good")
     bad = 0
     with tempfile.TemporaryDirectory() as place:
         for number in range(int(first), int(first) + int(count)):
             row, good, _ = crowded_row(number, place, os.path.abspath(build), float(size), int(nodes))
-            print(row, flush=True)
+            tables.row(*row)
             bad += not good
-    print(f"\n{int(count) - bad} of {count} load, are pierced, and lose no part by more than 5 % without a remark")
+    print(f"{int(count) - bad} of {count} load, are pierced, and lose no part by more than 5 % without a remark", file=sys.stderr)
     return bad
 
 

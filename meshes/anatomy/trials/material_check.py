@@ -11,7 +11,7 @@ import tempfile
 import numpy as np
 
 from .. import binding, materials
-from . import insertion, inputs, label_stress, torso
+from . import insertion, label_stress, nrrd, torso
 
 SPACING = (2.0, 2.0, 2.0)           # mm
 HALF = 45.0, 40.0, 25.0             # mm, half axes of the region, which is 25 mm deep from its surface to its middle
@@ -26,7 +26,7 @@ def make(folder):
     """Makes a scene with one region under a flat skin; returns its path."""
     grid = torso.Grid(SPACING, (-70, -60, -50), (70, 60, 50))
     path = os.path.join(folder, "region.seg.nrrd")
-    inputs.write_nrrd(path, grid.ellipsoid((0, 0, 0), HALF).astype(np.uint8), grid.place, {1: REGION})
+    nrrd.write_nrrd(path, grid.ellipsoid((0, 0, 0), HALF).astype(np.uint8), grid.place, {1: REGION})
     label_stress.make(path, "--nodes", NODES, "--output", os.path.join(folder, "out"))
     return os.path.join(folder, "out.yaml")
 

@@ -1,4 +1,4 @@
-"""Runs random synthetic patients through the pipeline: prints a Markdown table, and fails if a patient fails.
+"""Runs random synthetic patients through the pipeline: prints a table as CSV, and fails if a patient fails.
 
 usage: python3 -m anatomy.trials.stress [FIRST [COUNT]]     number of the first patient, and how many; default 0 50
 """
@@ -9,7 +9,7 @@ import numpy as np
 
 from .. import organ, pipeline
 from ..shapes import shells
-from . import patient
+from . import patient, tables
 
 VOLUME_LIMIT = 0.03                     # largest permitted error of a volume, as a fraction of the volume of the outlines as read
 MEAN_LIMIT, GREATEST_LIMIT = 1.0, 6.0   # mm, mean and greatest distance from the surface to the outlines without the defects, which move them by up to 10 mm
@@ -45,23 +45,21 @@ def run(number, folder):
     off = 1e3 * np.abs(shells.distances(mesh.surfaces["capsule"], pipeline.world(np.vstack(truth), domain.origin)))
     good = (abs(len(mesh.points) / 570 - 1) <= 0.1 and mesh.badness() <= 1 and abs(change) <= VOLUME_LIMIT
             and off.mean() <= MEAN_LIMIT and off.max() <= GREATEST_LIMIT)
-    return (f"| {number} | {gland.volume * 1e-3:.1f} | {spacing:.1f} | {len(organs[0].notes)} | {volume * 1e6:.1f} | {100 * change:+.2f} "
-            f"| {off.mean():.2f} | {off.max():.1f} | {len(mesh.points)} | {len(mesh.tets)} | {angles.min():.2f} | {angles.max():.2f} "
-            f"| {mesh.valence().max()} | {'yes' if good else 'NO'} |"), good
+    return (number, f"{gland.volume * 1e-3:.1f}", f"{spacing:.1f}", len(organs[0].notes), f"{volume * 1e6:.1f}", f"{100 * change:+.2f}", f"{off.mean():.2f}",
+            f"{off.max():.1f}", len(mesh.points), len(mesh.tets), f"{angles.min():.2f}", f"{angles.max():.2f}", mesh.valence().max(), "yes" if good else "no"), good
 
 
 def main():
     first, count = (int(v) for v in (sys.argv[1:] + ["0", "50"][len(sys.argv) - 1:]))
-    print("| patient | true ml | slices, mm | gaps and blanks | outlines, ml | mesh, % | off, mm: mean | greatest "
-          "| nodes | tetrahedra | least angle | greatest | valence | good |")
-    print("|" + 14 * "---|")
+    tables.row("patient", "true_ml", "slices_mm", "gaps_and_blanks", "outlines_ml", "mesh_percent", "mean_distance_mm", "greatest_distance_mm", "nodes",
+               "tetrahedra", "least_angle_deg", "greatest_angle_deg", "valence", "good")
     bad = 0
     with tempfile.TemporaryDirectory() as folder:
         for number in range(first, first + count):
             row, good = run(number, folder)
-            print(row, flush=True)
+            tables.row(*row)
             bad += not good
-    print(f"\n{count - bad} of {count} within the limits")
+    print(f"{count - bad} of {count} within the limits", file=sys.stderr)
     sys.exit(bad > 0)
 
 

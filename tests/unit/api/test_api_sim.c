@@ -13,9 +13,9 @@
 static bool fails;
 static int served;
 
-trocar_status __real_remesher_serve(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, report *why);
-trocar_status __wrap_remesher_serve(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, report *why);
-trocar_status __wrap_remesher_serve(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, report *why) {
+trocar_status __real_remesher_serve(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, trocar_error *why);
+trocar_status __wrap_remesher_serve(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, trocar_error *why);
+trocar_status __wrap_remesher_serve(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, trocar_error *why) {
     served++;
     if (!fails) return __real_remesher_serve(r, request, snapshot, why);
     snapshot->serial = request->serial; /* counts all requests as answered, except the one made by this tick */
@@ -66,7 +66,7 @@ static void a_failure_leaves_the_last_answer_in_force(void **unused) {
     host h = inserted(300);
     uint64_t answered = h.sim->needles[0].link.answered;
     trocar_work done;
-    report why;
+    trocar_error why;
     int failures = 0;
     fails = true;
     for (int t = 300; t < 400; t++) {

@@ -30,7 +30,7 @@ static cube body;
 static inverse *beneath;
 static int all[CUBE_NODES];
 static double dense[N * N];
-static report why;
+static trocar_error why;
 
 #define OK(call) do { if ((call) != TROCAR_OK) fail_msg("%s: %s", #call, why.text); } while (0)
 

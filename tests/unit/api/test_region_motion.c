@@ -76,7 +76,7 @@ typedef struct {
 /* Creates a simulation of a scene, which is freed, and an object that measures the gland's motion. The needle's base starts at `start`. */
 static followed follow(trocar_scene *scene, vec3 start) {
     followed f = {.base = {{start.x, start.y, start.z}, {1, 0, 0, 0}}};
-    report why;
+    trocar_error why;
     assert_int_equal(trocar_model_create(scene, NULL, &f.model, &why), TROCAR_OK);
     assert_int_equal(trocar_sim_create(f.model, &f.sim, &why), TROCAR_OK);
     assert_int_equal(trocar_sim_reset(f.sim, 0, &f.base, &why), TROCAR_OK);
@@ -95,7 +95,7 @@ static void forget(followed *f) {
 
 static trocar_scene *load(const char *path) {
     trocar_scene *scene;
-    report why;
+    trocar_error why;
     assert_int_equal(trocar_scene_load(path, &scene, &why), TROCAR_OK);
     return scene;
 }
@@ -105,14 +105,14 @@ static void move(followed *f, vec3 way, int ticks, double dt) {
     const double from[3] = {f->base.position[0], f->base.position[1], f->base.position[2]}, to[3] = {way.x, way.y, way.z};
     for (int i = 1; i <= ticks; i++) {
         trocar_output output;
-        report why;
+        trocar_error why;
         for (int k = 0; k < 3; k++) f->base.position[k] = from[k] + to[k] * i / ticks;
         assert_int_equal(trocar_sim_step(f->sim, 0, &f->base, dt, &output, &why), TROCAR_OK);
     }
 }
 
 static rigid_motion motion_now(followed *f) {
-    report why;
+    trocar_error why;
     assert_int_equal(trocar_view_displacements(trocar_sim_view(f->sim), f->displacements, &why), TROCAR_OK);
     return region_motion_of(&f->motion, f->displacements);
 }
@@ -154,7 +154,7 @@ static void gland_is_displaced_by_the_needle(void **unused) {
     (void)unused;
     followed f = follow(load(MESHES "/figure8.yaml"), v3(0.005, 0.003, -0.201));
     region_motion other;
-    report why;
+    trocar_error why;
     assert_int_equal(region_motion_create(f.model, "liver", &other, &why), TROCAR_BAD_INPUT);
     assert_non_null(strstr(why.text, "liver"));
     assert_true(v3_norm(motion_now(&f).shift) == 0.0);
@@ -181,7 +181,7 @@ typedef struct { double low, high, pushed, pulled; } coronal_turn; /* low, high:
 static void scale(trocar_scene *scene, const char *region, const char *key, double factor) {
     char path[128];
     double value;
-    report why;
+    trocar_error why;
     snprintf(path, sizeof path, "regions[%s].%s", region, key);
     assert_int_equal(trocar_scene_get_number(scene, path, &value, &why), TROCAR_OK);
     assert_int_equal(trocar_scene_set_number(scene, path, factor * value, &why), TROCAR_OK);
@@ -189,7 +189,7 @@ static void scale(trocar_scene *scene, const char *region, const char *key, doub
 
 static trocar_scene *twist_scene(twist_case given) {
     trocar_scene *scene = load(MESHES "/twist.yaml");
-    report why;
+    trocar_error why;
     for (int i = 0; i < trocar_scene_count(scene, "regions"); i++) {
         char key[64], region[64];
         snprintf(key, sizeof key, "regions[%d].name", i);
@@ -210,7 +210,7 @@ static trocar_scene *twist_scene(twist_case given) {
 /* Advances a needle by 120 mm parallel to the body's axis and withdraws it. */
 static coronal_turn insert_and_draw_back(const char *title, twist_case given) {
     trocar_scene *scene = twist_scene(given);
-    report why;
+    trocar_error why;
     double length;
     assert_int_equal(trocar_scene_get_number(scene, "needle.length", &length, &why), TROCAR_OK);
     followed f = follow(scene, v3(given.x, -0.004, -1e-3 - length));

@@ -113,7 +113,7 @@ static double between(trocar_model *model, const point_forces *p, int i, int j) 
     double sum = 0.0, blocks[12 * 12];
     const mesh *m = &model->parts.mesh;
     const int *a = m->tets[p->rows[i].tet], *b = m->tets[p->rows[j].tet];
-    report ignored;
+    trocar_error ignored;
     assert_int_equal(inverse_gather(model->parts.inverse, &(inverse_blocks){4, a, 4, b, blocks, 12}, &ignored), TROCAR_OK);
     const double u[] = {p->rows[i].direction.x, p->rows[i].direction.y, p->rows[i].direction.z};
     const double v[] = {p->rows[j].direction.x, p->rows[j].direction.y, p->rows[j].direction.z};
@@ -424,7 +424,7 @@ enum { FOUR = 4, PROBES = 40, SETTLING = 200, CHANGES = 1000 };
 
 static void gather_probes(trocar_model *model, double blocks[9 * PROBES * PROBES]) {
     int nodes[PROBES];
-    report ignored;
+    trocar_error ignored;
     for (int i = 0; i < PROBES; i++) nodes[i] = i * (model->parts.mesh.node_count / PROBES);
     assert_int_equal(inverse_gather(model->parts.inverse, &(inverse_blocks){PROBES, nodes, PROBES, nodes, blocks, 3 * PROBES}, &ignored), TROCAR_OK);
 }

@@ -46,17 +46,17 @@ static void wait_a_little(void) {
     for (int i = 0; i < now.slow; i++) tick_on();
 }
 
-trocar_status __real_remesher_serve(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, report *why);
-trocar_status __wrap_remesher_serve(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, report *why);
-trocar_status __wrap_remesher_serve(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, report *why) {
+trocar_status __real_remesher_serve(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, trocar_error *why);
+trocar_status __wrap_remesher_serve(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, trocar_error *why);
+trocar_status __wrap_remesher_serve(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, trocar_error *why) {
     trocar_status status = __real_remesher_serve(r, request, snapshot, why);
     wait_a_little();
     return status;
 }
 
-trocar_status __real_remesher_measure(remesher *r, const remesh_request *request, int most, compliance_snapshot *snapshot, report *why);
-trocar_status __wrap_remesher_measure(remesher *r, const remesh_request *request, int most, compliance_snapshot *snapshot, report *why);
-trocar_status __wrap_remesher_measure(remesher *r, const remesh_request *request, int most, compliance_snapshot *snapshot, report *why) {
+trocar_status __real_remesher_measure(remesher *r, const remesh_request *request, int most, compliance_snapshot *snapshot, trocar_error *why);
+trocar_status __wrap_remesher_measure(remesher *r, const remesh_request *request, int most, compliance_snapshot *snapshot, trocar_error *why);
+trocar_status __wrap_remesher_measure(remesher *r, const remesh_request *request, int most, compliance_snapshot *snapshot, trocar_error *why) {
     trocar_status status = __real_remesher_measure(r, request, most, snapshot, why);
     now.measured++;
     wait_a_little();

@@ -31,7 +31,7 @@ static void *write_blocks(void *context) {
 static void newest_value_is_never_torn_and_never_older(void **unused) {
     (void)unused;
     triple_buffer n;
-    report why;
+    trocar_error why;
     pthread_t writer;
     assert_int_equal(triple_buffer_create(&n, sizeof(block), &why), TROCAR_OK);
     assert_int_equal(pthread_create(&writer, NULL, write_blocks, &n), 0);
@@ -54,7 +54,7 @@ static void newest_value_is_never_torn_and_never_older(void **unused) {
 static void newest_value_is_fresh_once(void **unused) {
     (void)unused;
     triple_buffer n;
-    report why;
+    trocar_error why;
     bool fresh;
     assert_int_equal(triple_buffer_create(&n, sizeof(int), &why), TROCAR_OK);
     assert_int_equal(*(const int *)triple_buffer_read(&n, &fresh), 0);
@@ -74,7 +74,7 @@ static void newest_value_is_fresh_once(void **unused) {
 static void a_slot_that_is_read_does_not_change(void **unused) {
     (void)unused;
     triple_buffer n;
-    report why;
+    trocar_error why;
     assert_int_equal(triple_buffer_create(&n, sizeof(int), &why), TROCAR_OK);
     *(int *)triple_buffer_slot(&n) = 7;
     triple_buffer_publish(&n);
@@ -99,7 +99,7 @@ static void *push_all(void *context) {
 static void ring_preserves_all_values_in_order(void **unused) {
     (void)unused;
     spsc_ring r;
-    report why;
+    trocar_error why;
     pthread_t writer;
     assert_int_equal(spsc_ring_create(&r, 2 * sizeof(uint64_t), 100, &why), TROCAR_OK);
     assert_int_equal(pthread_create(&writer, NULL, push_all, &r), 0);
@@ -116,7 +116,7 @@ static void ring_preserves_all_values_in_order(void **unused) {
 static void ring_refuses_when_full_and_when_empty(void **unused) {
     (void)unused;
     spsc_ring r;
-    report why;
+    trocar_error why;
     int value = 0;
     assert_int_equal(spsc_ring_create(&r, sizeof value, 5, &why), TROCAR_OK);
     assert_int_equal(r.capacity, 8);

@@ -40,7 +40,7 @@ static int tear_down(void **state) {
 }
 
 /* Compares the replay with a log of the golden wrenches. */
-static trocar_status try_to_compare(const fixture *f, double tolerance, comparison *c, report *why) {
+static trocar_status try_to_compare(const fixture *f, double tolerance, comparison *c, trocar_error *why) {
     char path[] = "/tmp/test_comparison.XXXXXX";
     close(mkstemp(path));
     lcm_eventlog_t *log = lcm_eventlog_create(path, "w");
@@ -56,7 +56,7 @@ static trocar_status try_to_compare(const fixture *f, double tolerance, comparis
 }
 
 static comparison compare(const fixture *f, double tolerance) {
-    report why;
+    trocar_error why;
     comparison c;
     if (try_to_compare(f, tolerance, &c, &why) != TROCAR_OK) fail_msg("%s", why.text);
     return c;
@@ -130,7 +130,7 @@ static void rendered_wrenches_are_not_compared(void **state) {
 
 static void wrenches_of_another_recording_are_refused(void **state) {
     fixture *f = *state;
-    report why;
+    trocar_error why;
     comparison c;
     f->golden[3].session = 5;
     assert_int_equal(compare(f, 0).compared, COUNT / 5 - 1);
@@ -160,7 +160,7 @@ static void wrenches_whose_pose_was_not_recorded_are_left_out(void **state) {
     fclose(file);
     assert_non_null(strstr(text, "2 wrenches ignored: the recording lacks the poses that they answer\n"));
     free(text);
-    report why;
+    trocar_error why;
     for (int i = 0; i <= COUNT / 10; i++) f->golden[i].pose_seq = i; /* most of the poses were lost */
     assert_int_equal(try_to_compare(f, 0, &c, &why), TROCAR_BAD_INPUT);
     assert_non_null(strstr(why.text, "11 of 20 wrenches answer poses that are not in the recording"));

@@ -27,7 +27,7 @@ static int remove_folder(void **state) {
 
 static void appears_when_committed(void **state) {
     (void)state;
-    report why;
+    trocar_error why;
     output o;
     assert_int_equal(output_open(&o, path, &why), TROCAR_OK);
     fprintf(o.file, "whole");
@@ -44,7 +44,7 @@ static void appears_when_committed(void **state) {
 
 static void leaves_nothing_when_abandoned(void **state) {
     (void)state;
-    report why;
+    trocar_error why;
     output o;
     assert_int_equal(output_open(&o, path, &why), TROCAR_OK);
     output_abandon(&o);
@@ -55,7 +55,7 @@ static void leaves_nothing_when_abandoned(void **state) {
 /* With --csv /dev/null as root, renaming a temporary file would replace the device by a regular file. */
 static void special_files_are_written_in_place(void **state) {
     (void)state;
-    report why;
+    trocar_error why;
     output o;
     assert_int_equal(mkfifo(path, 0600), 0);
     int reader = open(path, O_RDONLY | O_NONBLOCK);
@@ -78,7 +78,7 @@ static void special_files_are_written_in_place(void **state) {
 
 static void full_disk_is_reported(void **state) {
     (void)state;
-    report why;
+    trocar_error why;
     output o = {.path = "/dev/full", .temporary = "/nowhere/x", .file = fopen("/dev/full", "w")};
     fprintf(o.file, "more than fits");
     assert_int_equal(output_commit(&o, &why), TROCAR_SYSTEM);
@@ -87,7 +87,7 @@ static void full_disk_is_reported(void **state) {
 
 static void unwritable_path_is_refused(void **state) {
     (void)state;
-    report why;
+    trocar_error why;
     output o;
     assert_int_equal(output_open(&o, "/nowhere/x.csv", &why), TROCAR_BAD_INPUT);
     assert_non_null(strstr(why.text, "/nowhere/x.csv"));

@@ -31,7 +31,7 @@ static trocar_needle_pose_t sample(int64_t k) {
 
 /* Writes `count` poses, with wrenches on another channel in between; `change` may corrupt the pose at `where`. */
 static void write_log(int count, int where, void (*change)(trocar_needle_pose_t *)) {
-    report why;
+    trocar_error why;
     lcm_eventlog_t *log = lcm_eventlog_create(path, "w");
     for (int k = 0; k < count; k++) {
         trocar_needle_pose_t p = sample(k);
@@ -51,7 +51,7 @@ static void overwrite(long offset, const char *bytes, size_t count) {
 }
 
 static void expect_bad(const char *place, const char *reason) {
-    report why;
+    trocar_error why;
     pose_log log;
     assert_int_equal(pose_log_read(path, &log, &why), TROCAR_BAD_INPUT);
     if (!strstr(why.text, path) || !strstr(why.text, place) || !strstr(why.text, reason)) fail_msg("message: %s", why.text);
@@ -60,7 +60,7 @@ static void expect_bad(const char *place, const char *reason) {
 
 static void reads_what_was_written(void **state) {
     (void)state;
-    report why;
+    trocar_error why;
     pose_log log;
     write_log(100, -1, NULL);
     assert_int_equal(pose_log_read(path, &log, &why), TROCAR_OK);
@@ -80,7 +80,7 @@ static void refuses_truncated_logs(void **state) {
     write_log(2, -1, NULL);
     for (long length = 2 * PAIR - 1; length > 0; length--) {
         assert_int_equal(truncate(path, length), 0);
-        report why;
+        trocar_error why;
         pose_log log;
         bool whole = length == PAIR + POSE_EVENT || length == PAIR || length == POSE_EVENT;
         assert_int_equal(pose_log_read(path, &log, &why), whole ? TROCAR_OK : TROCAR_BAD_INPUT);
@@ -95,7 +95,7 @@ static void reads_truncated_logs_up_to_the_last_event(void **state) {
     write_log(2, -1, NULL);
     for (long length = 2 * PAIR; length > 0; length--) {
         assert_int_equal(truncate(path, length), 0);
-        report why, cut;
+        trocar_error why, cut;
         pose_log log;
         char place[32];
         int poses = length >= PAIR + POSE_EVENT ? 2 : length >= POSE_EVENT ? 1 : 0;
@@ -109,7 +109,7 @@ static void reads_truncated_logs_up_to_the_last_event(void **state) {
     }
     write_log(3, -1, NULL);
     overwrite(PAIR, "XXXX", 4); /* damaged, not truncated */
-    report why, cut;
+    trocar_error why, cut;
     pose_log log;
     assert_int_equal(pose_log_read_to_cut(path, &log, &cut, &why), TROCAR_BAD_INPUT);
     assert_non_null(strstr(why.text, "damaged"));
@@ -144,7 +144,7 @@ static void refuses_damage_and_names_the_place(void **state) {
 static void reads_the_probe_with_the_same_care(void **state) {
     (void)state;
     enum { PROBE_EVENT = POSE_EVENT + 28 + 12 };
-    report why;
+    trocar_error why;
     pose_log log;
     const trocar_probe_pose_t poses[] = {{.utime = 1000500, .session = 5, .seq = 1, .orientation = {1, 0, 0, 0}},
                                          {.utime = 1000600, .session = 5, .seq = 2, .orientation = {2, 0, 0, 0}},
@@ -189,7 +189,7 @@ static void refuses_a_log_without_poses(void **state) {
     (void)state;
     write_log(0, -1, NULL);
     expect_bad(path, "nothing on channel TROCAR_POSE");
-    report why;
+    trocar_error why;
     pose_log log;
     assert_int_equal(pose_log_read("/nowhere/poses.log", &log, &why), TROCAR_BAD_INPUT);
     assert_non_null(strstr(why.text, "/nowhere/poses.log"));
@@ -204,7 +204,7 @@ static void ignores_duplicate_and_late_poses(void **state) {
     (void)state;
     void (*changes[])(trocar_needle_pose_t *) = {repeat_number, change_number_and_time};
     for (int i = 0; i < 2; i++) {
-        report why;
+        trocar_error why;
         pose_log log;
         write_log(6, 4, changes[i]);
         assert_int_equal(pose_log_read(path, &log, &why), TROCAR_OK);
@@ -218,7 +218,7 @@ static void ignores_duplicate_and_late_poses(void **state) {
 /* From a log of two devices, the poses of only one needle are read, by default those of the needle in the first pose. */
 static void reads_one_needle_of_several(void **state) {
     (void)state;
-    report why;
+    trocar_error why;
     pose_log log;
     lcm_eventlog_t *out = lcm_eventlog_create(path, "w");
     for (int64_t k = 0; k < 10; k++) {
@@ -245,7 +245,7 @@ static void reads_one_needle_of_several(void **state) {
 /* Release messages without the field `needle` refer to needle 0. */
 static void logs_without_needles_can_still_be_read(void **state) {
     (void)state;
-    report why;
+    trocar_error why;
     pose_log poses;
     wrench_log wrenches;
     assert_int_equal(pose_log_read(SOURCE_DIR "/tests/traces/figure8.log", &poses, &why), TROCAR_OK);
@@ -259,7 +259,7 @@ static void logs_without_needles_can_still_be_read(void **state) {
 }
 
 static void write_command(lcm_eventlog_t *log, int what, int64_t session, int needle, int seeds) {
-    report why;
+    trocar_error why;
     trocar_command_t m = {.session = session, .command = what, .needle = needle, .seeds = seeds};
     assert_int_equal(log_write_command(log, &m, path, &why), TROCAR_OK);
 }
@@ -267,7 +267,7 @@ static void write_command(lcm_eventlog_t *log, int what, int64_t session, int ne
 /* Each command is stored with the pose that follows it. Commands of other sessions, and commands that do not concern seeds, are skipped. */
 static void commands_for_seeds_are_read(void **state) {
     (void)state;
-    report why;
+    trocar_error why;
     pose_log log;
     lcm_eventlog_t *out = lcm_eventlog_create(path, "w");
     write_command(out, TROCAR_COMMAND_T_DROP_SEED, 7, 0, 1); /* a command that precedes the first pose */
@@ -303,7 +303,7 @@ static void replies_are_read(void **state) {
     static const struct { int command, needle, next_pose; logged_answer answer; } EXPECTED[] = {
         {TROCAR_COMMAND_T_DROP_SEED, 0, 2, ANSWER_DONE},  {TROCAR_COMMAND_T_DROP_SEED, 0, 3, ANSWER_DONE}, {TROCAR_COMMAND_T_TAKE, 1, 3, ANSWER_REFUSED},
         {TROCAR_COMMAND_T_UNDO, 0, 4, ANSWER_DONE},       {TROCAR_COMMAND_T_UNDO, 0, 4, ANSWER_REFUSED},  {TROCAR_COMMAND_T_LEAVE, 0, 5, ANSWER_UNKNOWN}};
-    report why;
+    trocar_error why;
     pose_log log;
     assert_int_equal(pose_log_read_all(SOURCE_DIR "/tests/fuzz/corpus/poselog/commands_with_replies.log", &log, &why), TROCAR_OK);
     assert_int_equal(log.count, 5);
@@ -337,7 +337,7 @@ static void assert_same_probe_pose(const trocar_probe_pose_t *a, const trocar_pr
 /* Every pose, every command and every pose of the probe appears in the same order as if the whole log were kept in memory. This holds for any file, including
    corrupt ones. */
 static void compare_with_stream(const char *file, int needle, bool all) {
-    report why, scan_why;
+    trocar_error why, scan_why;
     pose_log whole, scanned;
     trocar_status status = all ? pose_log_read_all(file, &whole, &why) : pose_log_read_needle(file, needle, &whole, &why);
     assert_int_equal(pose_log_scan(file, needle, all, &scanned, &scan_why), status);
@@ -381,7 +381,7 @@ static void streams_are_the_logs(void **state) {
     compare_with_stream(SOURCE_DIR "/tests/traces/figure8.log", -1, false);
     compare_with_stream(SOURCE_DIR "/tests/traces/figure8.log", 1, false);
     compare_with_stream("/nowhere", -1, true);
-    report why;
+    trocar_error why;
     srand(1);
     lcm_eventlog_t *out = lcm_eventlog_create(path, "w");
     for (int k = 0; k < 500; k++) { /* two needles and two sessions, with some late poses, and with probe poses and commands in between */
@@ -404,7 +404,7 @@ static void streams_are_the_logs(void **state) {
 /* If a sender reuses a command number, replies are assigned in the order of its commands. */
 static void replies_to_one_number_go_to_the_oldest_command(void **state) {
     (void)state;
-    report why;
+    trocar_error why;
     pose_log log;
     lcm_eventlog_t *out = lcm_eventlog_create(path, "w");
     trocar_needle_pose_t p = sample(0);
@@ -435,7 +435,7 @@ static void distinguishes_other_types_from_damage(void **state) {
 
 static void reads_wrenches_of_poses(void **state) {
     (void)state;
-    report why;
+    trocar_error why;
     lcm_eventlog_t *out = lcm_eventlog_create(path, "w");
     for (int k = -1; k < 9; k++) {
         trocar_needle_wrench_t w = {.tick = k, .pose_seq = k, .raw_force = {0, 0, 0.1 * k}};
@@ -452,7 +452,7 @@ static void reads_wrenches_of_poses(void **state) {
 
 static void non_finite_wrenches_are_skipped_and_counted(void **state) {
     (void)state;
-    report why;
+    trocar_error why;
     wrench_log log;
     lcm_eventlog_t *out = lcm_eventlog_create(path, "w");
     for (int k = 0; k < 5; k++) {
@@ -469,7 +469,7 @@ static void non_finite_wrenches_are_skipped_and_counted(void **state) {
 
 static void status_names_the_inverse(void **state) {
     (void)state;
-    report why;
+    trocar_error why;
     wrench_log log;
     trocar_needle_wrench_t w = {.pose_seq = 1, .server = 9};
     trocar_status_t status = {.host = "", .scene = "a.yaml", .inverse = "condensed", .message = ""};
@@ -486,7 +486,7 @@ static void status_names_the_inverse(void **state) {
 /* A log from an old release, whose wrenches do not name their server, gives the same values, except that the kind of inverse is unknown. */
 static void logs_without_servers_can_still_be_read(void **state) {
     (void)state;
-    report why;
+    trocar_error why;
     wrench_log log;
     assert_int_equal(wrench_log_read(SOURCE_DIR "/tests/traces/wrenches-without-server.log", &log, &why), TROCAR_OK);
     assert_true(log.count > 100 && log.inverse[0] == '\0');
@@ -501,7 +501,7 @@ static void logs_without_servers_can_still_be_read(void **state) {
 
 static void ignores_other_sessions(void **state) {
     (void)state;
-    report why;
+    trocar_error why;
     pose_log log;
     write_log(5, 3, change_session);
     assert_int_equal(pose_log_read(path, &log, &why), TROCAR_OK);

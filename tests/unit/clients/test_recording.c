@@ -9,7 +9,7 @@
 #include <string.h>
 #include <cmocka.h>
 
-static report why;
+static trocar_error why;
 
 /* Records 200 poses at 1 kHz; pose k is answered after (k + 1) us, so the percentiles are known exactly. */
 static recording conversation(void) {

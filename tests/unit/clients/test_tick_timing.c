@@ -33,7 +33,7 @@ static timing_case five_contacts(timed_motion motion, int ticks) {
 
 static void sweeps_with_the_requested_contacts(void **state) {
     (void)state;
-    report why;
+    trocar_error why;
     tick_timing row;
     timing_case wanted = five_contacts(TIMED_SWEEP, 50);
     assert_int_equal(tick_timing_measure(body.sim, body.scene, &wanted, &row, &why), TROCAR_OK);
@@ -46,7 +46,7 @@ static void sweeps_with_the_requested_contacts(void **state) {
 /* All timed ticks have the requested number of contacts, although a needle that advances during that many ticks would end with more. */
 static void advances_with_the_requested_contacts(void **state) {
     (void)state;
-    report why;
+    trocar_error why;
     tick_timing row;
     timing_case wanted = five_contacts(TIMED_ADVANCE, 1000);
     assert_int_equal(tick_timing_measure(body.sim, body.scene, &wanted, &row, &why), TROCAR_OK);
@@ -63,7 +63,7 @@ static void advances_with_the_requested_contacts(void **state) {
 /* At least half of the ticks took the median time or longer, and the total must not exceed the elapsed time. */
 static void times_do_not_exceed_elapsed_time(void **state) {
     (void)state;
-    report why;
+    trocar_error why;
     tick_timing row;
     timing_case wanted = five_contacts(TIMED_SWEEP, 200);
     int64_t start = monotonic_ns();
@@ -76,7 +76,7 @@ static void times_do_not_exceed_elapsed_time(void **state) {
 
 static void reports_the_number_of_contacts(void **state) {
     (void)state;
-    report why;
+    trocar_error why;
     tick_timing row;
     timing_case wanted = five_contacts(TIMED_SWEEP, 10);
     wanted.contacts = TROCAR_MAX_CONTACTS;

@@ -108,7 +108,7 @@ static void matching_faces_are_joined(void **unused) {
     block whole = {v3(-0.05, -0.04, 0), v3(0.05, 0.04, 0.1), {6, 5, 5}, 2, 1, 2, true};
     block parts[2] = {{whole.low, v3(0.05, 0.04, 0.04), {6, 5, 2}, 2, 1, 1, true}, {v3(-0.05, -0.04, 0.04), whole.high, {6, 5, 3}, 3, 2, 2, false}};
     mesh one, both;
-    report why;
+    trocar_error why;
     blocks_write_mesh(path, &whole, 1, 2, 1.0);
     assert_int_equal(mesh_read(path, &one, &why), TROCAR_OK);
     assert_string_equal(one.remarks.text, "");

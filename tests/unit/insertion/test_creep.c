@@ -209,7 +209,7 @@ static void restored_memory_continues_bit_identically(void **unused) {
     checkpoint *saved = malloc(sizeof *saved);
     tick_output first[3][20];
     for (int run = 0; run < 3; run++) {
-        report why;
+        trocar_error why;
         if (run == 0) run_save(&l->state, l->snapshot, saved);
         if (run == 1) lockstep_move(l, v3(0, 0.002, 0.030), 0.5, 1e-3); /* a detour */
         if (run == 2) {

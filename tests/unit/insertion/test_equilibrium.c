@@ -20,7 +20,7 @@ static void check_equilibrium(remesh_method method) {
     const mesh *m = &l->parts.mesh;
     refinement refined;
     refined_mesh whole;
-    report why;
+    trocar_error why;
     insertion_refinement(&l->state, &refined);
     assert_int_equal(refined_mesh_create(m, &refined, &whole, &why), TROCAR_OK);
     vec3 *u = calloc((size_t)whole.node_count, sizeof *u), *residual = calloc((size_t)whole.node_count, sizeof *residual);

@@ -8,7 +8,7 @@
 #include <time.h>
 #include <cmocka.h>
 
-#include "common/allocations.h"
+#include "shared/allocator_calls.h"
 #include "insertion/contact/contact_assembly.h"
 #include "lockstep.h"
 
@@ -539,7 +539,7 @@ static void a_restored_insertion_goes_on_to_the_bit(void **unused) {
     for (int i = 0; i < 500; i++) lockstep_tick(l, trembling(i / 1500.0, 3, 0.0, 0.05), 1e-3);
     assert_true(l->state.guides[0].faces[0].touching || l->state.guides[0].faces[1].touching);
     run_save(&l->state, l->snapshot, saved);
-    report why;
+    trocar_error why;
     assert_int_equal(run_restore(&other->run, saved, &other->state, other->snapshot, &why), TROCAR_OK);
     for (int i = 500; i < 1500; i++) {
         lockstep_tick(l, trembling(i / 1500.0, 3, 0.0, 0.05), 1e-3);
@@ -630,11 +630,11 @@ static int64_t now_ns(void) {
 }
 
 static tick_effort tick_alone(lockstep *l, pose base) {
-    report why;
+    trocar_error why;
     tick_input tick = {.model = &l->parts.insertion, .snapshot = l->snapshot, .base = {base, 0.0}, .dt = 1e-3};
-    int64_t allocations = allocations_now(), start = now_ns();
+    int64_t allocations = allocator_calls(), start = now_ns();
     insertion_tick(&tick, &l->state, l->run.workspace, &l->wrench);
-    tick_effort effort = {now_ns() - start, allocations_now() - allocations};
+    tick_effort effort = {now_ns() - start, allocator_calls() - allocations};
     l->base = base;
     if (l->snapshot->serial != l->state.request.serial) assert_int_equal(remesher_answer(l->run.remesher, &l->state.request, l->snapshot, &why), TROCAR_OK);
     return effort;

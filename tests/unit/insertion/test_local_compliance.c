@@ -19,7 +19,7 @@ static needle_model needle;
 static insertion_model model;
 
 static void create(double irregular, bool one_material) {
-    report why;
+    trocar_error why;
     assert_int_equal(cube_shape(&body, irregular, &why), TROCAR_OK);
     if (one_material) body.materials[1] = body.materials[0];
     needle_parameters p = {.length = 0.2, .outer_diameter = 2 * RADIUS, .youngs_modulus = 200e9, .poisson_ratio = 0.3, .segments = 40};
@@ -68,7 +68,7 @@ static void single_tip_matches_resolved_disc(void **state) {
     (void)state;
     create(0.0, true);
     for (int g = 0; g < 2; g++) body.materials[g].youngs_modulus = 20e3, body.materials[g].poisson_ratio = 0.45;
-    report why;
+    trocar_error why;
     local_free(&model);
     assert_int_equal(local_create(&model, &why), TROCAR_OK);
     double scale = RADIUS / 0.635e-3;

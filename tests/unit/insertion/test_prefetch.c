@@ -43,7 +43,7 @@ static void point_interpolates_the_rows_of_its_corners(void **unused) {
     assert_true(snapshot_covers(l->snapshot, point.corners, handles));
     for (int c = 0; c < 4; c++) {
         double rows[12 * 3];
-        report why;
+        trocar_error why;
         assert_int_equal(inverse_gather(l->parts.inverse, &(inverse_blocks){4, m->tets[tet], 1, &m->tets[tet][c], rows, 3}, &why), TROCAR_OK);
         mat3 found = compliance_to_point(l->snapshot, handles, point.weights, handles[c]);
         for (int a = 0; a < 3; a++)

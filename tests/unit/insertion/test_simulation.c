@@ -26,7 +26,7 @@ static recorded go_on(lockstep *l) {
 }
 
 static void restore(lockstep *l, const checkpoint *saved) {
-    report why;
+    trocar_error why;
     assert_int_equal(run_restore(&l->run, saved, &l->state, l->snapshot, &why), TROCAR_OK);
     l->base = l->state.needle.base;
 }

@@ -1,6 +1,6 @@
 /* Tests stiffening tissue: its laws are compared with their integrals and with a resolved disc, and their effect in the tick is tested.
    tests/verification/needle/verify_large_deflection.py compares the rigid needle with resolved hyperelastic elements. */
-#include "common/allocations.h"
+#include "shared/allocator_calls.h"
 #include "insertion/laws/stiffening.h"
 #include "insertion/step/tick.h"
 #include "lockstep.h"
@@ -211,7 +211,7 @@ static void nothing_is_gained_from_the_tissue(void **unused) {
         double least = 0.0, most = 0.0, left = INFINITY;
         unsigned seed = 1;
         for (int run = 0; run < 20; run++) {
-            report why;
+            trocar_error why;
             assert_int_equal(run_restore(&l->run, rest, &l->state, l->snapshot, &why), TROCAR_OK);
             l->base = start;
             l->wrench = at_rest;
@@ -270,11 +270,11 @@ static void time_ticks(lockstep *l, double *times, double *passes) {
         pose base = start;
         base.position.z += 5e-4 * (1.0 - cos(0.1 * (i + 1)));
         tick_input tick = {.model = &l->parts.insertion, .snapshot = l->snapshot, .base = {.pose = base}, .dt = 1e-3};
-        int64_t counted = allocations_now();
+        int64_t counted = allocator_calls();
         clock_gettime(CLOCK_THREAD_CPUTIME_ID, &before);
         insertion_tick(&tick, &l->state, l->run.workspace, &l->wrench);
         clock_gettime(CLOCK_THREAD_CPUTIME_ID, &after);
-        if (ALLOCATIONS_ARE_COUNTED) assert_int_equal(allocations_now() - counted, 0);
+        if (ALLOCATIONS_ARE_COUNTED) assert_int_equal(allocator_calls() - counted, 0);
         times[i] = after.tv_sec - before.tv_sec + 1e-9 * (after.tv_nsec - before.tv_nsec);
         *passes += (double)l->wrench.passes / (RUNS * TICKS);
     }
@@ -298,7 +298,7 @@ static void tick_allocates_nothing(void **unused) {
     }
     for (int run = 0; run < RUNS; run++)
         for (int k = 0; k < 2; k++) {
-            report why;
+            trocar_error why;
             assert_int_equal(run_restore(&l[k]->run, saved[k], &l[k]->state, l[k]->snapshot, &why), TROCAR_OK);
             time_ticks(l[k], &times[k][run * TICKS], &passes[k]);
         }
@@ -321,7 +321,7 @@ static void restored_simulation_continues_bit_identically(void **unused) {
     run_save(&l->state, l->snapshot, saved);
     pose base = l->base;
     vec3 first[100];
-    report why;
+    trocar_error why;
     for (int turn = 0; turn < 2; turn++) {
         l->base = base;
         for (int i = 0; i < 100; i++) {

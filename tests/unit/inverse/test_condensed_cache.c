@@ -68,7 +68,7 @@ static void another_writers_file_is_left_alone(void **state) {
     char other[1300];
     int order = 5, found = -1;
     file_mapping mapping = {0};
-    report why;
+    trocar_error why;
     struct stat s;
     snprintf(cache.path, sizeof cache.path, "%s/condensed-0000000000000007.inverse", directory);
     snprintf(other, sizeof other, "%s.%ld", cache.path, (long)getpid());
@@ -89,7 +89,7 @@ static void another_writers_file_is_left_alone(void **state) {
 static void room_is_checked_beforehand(void **state) {
     (void)state;
     condensed_cache cache = {.key = 7};
-    report why = {""};
+    trocar_error why = {""};
     symmetric_blocks small = {.count = 1}, huge = {.count = 20000000};
     snprintf(cache.path, sizeof cache.path, "%s/condensed-0000000000000007.inverse", directory);
     assert_int_equal(condensed_cache_check(&cache, &small, &why), TROCAR_OK);
@@ -112,7 +112,7 @@ static void old_halves_are_removed(void **state) {
     condensed_cache cache = {.key = 7};
     char path[200];
     int order = 5;
-    report why;
+    trocar_error why;
     for (int i = 0; i < LEFT; i++) {
         snprintf(path, sizeof path, "%s/%s", directory, left[i].name);
         FILE *file = fopen(path, "wb");

@@ -21,9 +21,9 @@ enum { REGION = 30, PATIENCE = 20 }; /* s */
 static sem_t factoring, drawn;
 static bool held, was_drawn;
 
-trocar_status __real_tissue_factor(tissue *t, int count, const int *nodes, report *why);
-trocar_status __wrap_tissue_factor(tissue *t, int count, const int *nodes, report *why);
-trocar_status __wrap_tissue_factor(tissue *t, int count, const int *nodes, report *why) {
+trocar_status __real_tissue_factor(tissue *t, int count, const int *nodes, trocar_error *why);
+trocar_status __wrap_tissue_factor(tissue *t, int count, const int *nodes, trocar_error *why);
+trocar_status __wrap_tissue_factor(tissue *t, int count, const int *nodes, trocar_error *why) {
     if (held) {
         struct timespec end;
         sem_post(&factoring);
@@ -35,7 +35,7 @@ trocar_status __wrap_tissue_factor(tissue *t, int count, const int *nodes, repor
 }
 
 static void *prepare(void *context) {
-    static report why;
+    static trocar_error why;
     return inverse_prepare(context, &why) == TROCAR_OK ? context : NULL;
 }
 
@@ -44,7 +44,7 @@ static void a_picture_does_not_wait_for_the_factorisation(void **state) {
     char directory[] = "/tmp/test_condensed.XXXXXX";
     static cube body;
     int region[REGION];
-    report notice, why;
+    trocar_error notice, why;
     tissue t;
     inverse *inv;
     condensed_region wanted = {.count = REGION, .nodes = region, .directory = directory};

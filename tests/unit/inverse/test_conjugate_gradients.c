@@ -5,7 +5,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "common/allocations.h"
+#include "shared/allocator_calls.h"
 #include "condensed/conjugate_gradients.h"
 #include "cube.h"
 
@@ -20,7 +20,7 @@ static double force[N], expected[N], largest;
 
 static int create(void **state) {
     (void)state;
-    report why;
+    trocar_error why;
     if (cube_create(&body, 0.1, &why) != TROCAR_OK || body.tissue.dof_count != N) return -1;
     if (tissue_stiffness(&body.tissue, &why) != TROCAR_OK || (!body.tissue.factor && tissue_factor(&body.tissue, 0, NULL, &why) != TROCAR_OK)) return -1;
     tissue *t = &body.tissue;
@@ -109,9 +109,9 @@ static void a_coarse_space_allocates_only_once(void **state) {
     double found[N], again[N];
     coarse_space *coarse = coarse_space_create(&body.tissue);
     assert_true(coarse_space_solve(coarse, force, found));
-    int64_t before = allocations_now();
+    int64_t before = allocator_calls();
     for (int i = 0; i < 10; i++) assert_true(coarse_space_solve(coarse, force, again));
-    if (ALLOCATIONS_ARE_COUNTED) assert_int_equal(allocations_now(), before);
+    if (ALLOCATIONS_ARE_COUNTED) assert_int_equal(allocator_calls(), before);
     assert_memory_equal(again, found, sizeof found);
     coarse_space_free(coarse);
 }

@@ -20,7 +20,7 @@ static cube body;
 
 static int create(void **state) {
     (void)state;
-    report why;
+    trocar_error why;
     return cube_create(&body, 0.1, &why) == TROCAR_OK ? 0 : -1;
 }
 
@@ -67,7 +67,7 @@ static void gathered_blocks_are_responses_to_unit_forces(void **state) {
     int rows[6] = {30, 124, 7, 62, 124, 99}, columns[3] = {62, 3, 88}; /* nodes 7 and 3 are fixed; the rows are unordered and contain repetitions */
     enum { LD = 11 };
     double blocks[18 * LD];
-    report why;
+    trocar_error why;
     assert_int_equal(inverse_gather(body.inverse, &(inverse_blocks){6, rows, 3, columns, blocks, LD}, &why), TROCAR_OK);
     for (int j = 0; j < 9; j++) {
         vec3 force[CUBE_NODES] = {{0, 0, 0}}, displacement[CUBE_NODES];
@@ -84,7 +84,7 @@ static void all_blocks_match_lapack(void **state) {
     (void)state;
     static const refinement none;
     reference expected;
-    report why;
+    trocar_error why;
     reference_create(&body.tissue, &none, &expected);
     int all[CUBE_NODES], n = 3 * CUBE_NODES;
     for (int i = 0; i < CUBE_NODES; i++) all[i] = i;
@@ -123,7 +123,7 @@ static void dense_matrix_uses_the_numbering_of_the_tissue(void **state) {
 /* Compares rows computed on demand with the whole matrix: one by one, several together, and as displacement fields. */
 static void sparse_rows_match_dense_rows(void **state) {
     (void)state;
-    report why;
+    trocar_error why;
     inverse *sparse;
     assert_int_equal(inverse_create_sparse(&body.tissue, SPARSE_CACHE, &sparse, &why), TROCAR_OK);
     assert_false(is_dense(sparse));
@@ -149,7 +149,7 @@ static void sparse_rows_match_dense_rows(void **state) {
 static void full_cache_gives_correct_results(void **state) {
     (void)state;
     enum { SIDE = 40, LD = 3 * SIDE };
-    report why;
+    trocar_error why;
     mesh m;
     tissue t;
     inverse *sparse, *dense;
@@ -195,7 +195,7 @@ static void sparse_inverse_reports_lack_of_memory(void **state) {
     trocar_status status = TROCAR_NO_MEMORY;
     for (int allowed = 0; status != TROCAR_OK && allowed < 1000; allowed++) {
         inverse *sparse = NULL;
-        report why = {""};
+        trocar_error why = {""};
         allocations_left = allowed;
         config->malloc_func = scarce_malloc;
         status = inverse_create_sparse(&body.tissue, 1e6, &sparse, &why);

@@ -26,7 +26,7 @@ static inverse *sparse;
 static thing things[THINGS];
 static int all[CUBE_NODES];
 static double dense[N * N], largest;
-static report why;
+static trocar_error why;
 
 /* While this is set, the allocator fails. */
 static bool out_of_memory;

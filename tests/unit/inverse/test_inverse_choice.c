@@ -37,7 +37,7 @@ static void every_choice_has_its_reason(void **state) {
          "sparse (3000 nodes: dense would take 0.648 GB, and there is no region_of_interest)"},
     };
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
-        report about;
+        trocar_error about;
         assert_int_equal(inverse_choose(&cases[i].facts, &about), cases[i].expected);
         assert_string_equal(about.text, cases[i].words);
     }

@@ -54,7 +54,7 @@ static void note_progress(const char *what, double fraction, void *context) {
 
 static int create(void **state) {
     (void)state;
-    report why;
+    trocar_error why;
     if (!mkdtemp(directory) || cube_create(&body, 0.1, &why) != TROCAR_OK) return -1;
     for (int i = 0; i < CUBE_NODES; i++) all[i] = i;
     for (int i = 0; i < REGION; i++) region[i] = 3 + 4 * i;
@@ -72,13 +72,13 @@ static int destroy(void **state) {
 typedef struct {
     tissue tissue;
     inverse *inverse;
-    report notice;
+    trocar_error notice;
     char path[1200];         /* path of the cache file */
 } condensed;
 
 /* Starts as a new process would, which finds only the file of the previous start. */
 static void start(condensed *c, double stiffness) {
-    report why;
+    trocar_error why;
     static region_material materials[2];
     memcpy(materials, body.materials, sizeof materials);
     materials[0].youngs_modulus *= stiffness;
@@ -94,7 +94,7 @@ static void stop(condensed *c) {
 
 static void assert_blocks(condensed *c, int count, const int *nodes) {
     static double found[N * N];
-    report why;
+    trocar_error why;
     assert_int_equal(inverse_gather(c->inverse, &(inverse_blocks){count, nodes, count, nodes, found, N}, &why), TROCAR_OK);
     for (int i = 0; i < 3 * count; i++)
         for (int j = 0; j < 3 * count; j++)
@@ -178,7 +178,7 @@ static void a_coarse_space_that_does_not_help_is_given_up(void **state) {
 static void single_precision_takes_half_the_room(void **state) {
     (void)state;
     condensed c;
-    report notice, why;
+    trocar_error notice, why;
     double found[9 * REGION * REGION];
     struct stat whole, half;
     start(&c, 1.0);
@@ -216,7 +216,7 @@ static void overflow_is_an_error(void **state) {
         region_material materials[2];
         tissue t;
         inverse *created;
-        report notice, why;
+        trocar_error notice, why;
         memcpy(materials, body.materials, sizeof materials);
         for (int k = 0; k < 2; k++) materials[k].youngs_modulus *= factors[i];
         assert_int_equal(tissue_assemble(&body.mesh, materials, body.fixed, STRAIN_BY_ELEMENT, &t, &why), TROCAR_OK);
@@ -266,12 +266,12 @@ static void failed_factorisation_is_reported(void **state) {
     assert_true(inverse_holds(c.inverse, inside));
     double block[9] = {7.0};
     for (int i = 0; i < 2; i++) {
-        report why = {""};
+        trocar_error why = {""};
         assert_int_equal(inverse_gather(c.inverse, &(inverse_blocks){1, &inside, 1, &outside, block, 3}, &why), TROCAR_BAD_INPUT);
         assert_non_null(strstr(why.text, "do not constrain the whole body"));
         assert_true(block[0] == 7.0);
     }
-    report why = {""};
+    trocar_error why = {""};
     assert_int_equal(inverse_prepare(c.inverse, &why), TROCAR_BAD_INPUT);
     assert_non_null(strstr(why.text, "do not constrain the whole body"));
     assert_null(c.tissue.factor);
@@ -287,7 +287,7 @@ static void failed_factorisation_is_reported(void **state) {
 static void factorisation_can_be_prepared(void **state) {
     (void)state;
     condensed c;
-    report why;
+    trocar_error why;
     start(&c, 1.0);
     stop(&c);
     start(&c, 1.0);
@@ -355,9 +355,9 @@ static void different_tissues_use_different_files(void **state) {
 }
 
 /* Checks that no inverse can be computed for the body's own tissue; the caller frees the tissue. */
-static report refused(tissue *t, condensed_region wanted, trocar_status expected) {
+static trocar_error refused(tissue *t, condensed_region wanted, trocar_status expected) {
     inverse *inv;
-    report notice, why;
+    trocar_error notice, why;
     assert_int_equal(tissue_assemble(&body.mesh, body.materials, body.fixed, STRAIN_BY_ELEMENT, t, &why), TROCAR_OK);
     progress_calls = 0;
     assert_int_equal(inverse_create_condensed(t, &wanted, &inv, &notice, &why), expected);
@@ -371,7 +371,8 @@ static void too_little_memory_is_reported_beforehand(void **state) {
     (void)state;
     tissue t;
     memory_left = 1e5;
-    report why = refused(&t, (condensed_region){.count = REGION, .nodes = region, .directory = directory, .progress = {note_progress, NULL}}, TROCAR_NO_MEMORY);
+    trocar_error why = refused(&t, (condensed_region){.count = REGION, .nodes = region, .directory = directory, .progress = {note_progress, NULL}},
+                               TROCAR_NO_MEMORY);
     assert_int_equal(progress_calls, 0);
     assert_non_null(strstr(why.text, "0.0001 GB are available"));
     assert_non_null(strstr(why.text, "region_of_interest"));
@@ -389,7 +390,7 @@ static void more_than_the_machine_has_is_bad_input(void **state) {
     (void)state;
     tissue t;
     memory_left = memory_ever = 1e4;
-    report why = refused(&t, (condensed_region){.count = REGION, .nodes = region, .directory = directory}, TROCAR_BAD_INPUT);
+    trocar_error why = refused(&t, (condensed_region){.count = REGION, .nodes = region, .directory = directory}, TROCAR_BAD_INPUT);
     assert_non_null(strstr(why.text, "1e-05 GB are available"));
     assert_non_null(strstr(why.text, condensed_cache_find(directory, &t, REGION, region, false).path));
     assert_int_equal(tissue_factor(&t, REGION, region, &why), TROCAR_BAD_INPUT);
@@ -401,7 +402,7 @@ static void more_than_the_machine_has_is_bad_input(void **state) {
 static void a_passing_shortage_is_not_final(void **state) {
     (void)state;
     condensed c;
-    report why;
+    trocar_error why;
     start(&c, 1.0);
     stop(&c);
     start(&c, 1.0);
@@ -427,7 +428,7 @@ static void fully_fixed_region_is_refused(void **state) {
 static void progress_is_reported_and_unwritable_cache_is_tolerated(void **state) {
     (void)state;
     condensed c;
-    report why;
+    trocar_error why;
     assert_int_equal(tissue_assemble(&body.mesh, body.materials, body.fixed, STRAIN_BY_ELEMENT, &c.tissue, &why), TROCAR_OK);
     assert_int_equal(inverse_create_condensed(&c.tissue, &(condensed_region){.count = REGION, .nodes = region, .directory = "/proc/nowhere", .progress = {note_progress, NULL}}, &c.inverse, &c.notice, &why), TROCAR_OK);
     assert_true(says(&c, "cannot be written"));
@@ -441,7 +442,7 @@ static void what_cannot_be_kept_is_not_made(void **state) {
     (void)state;
     tissue t;
     condensed_region wanted = {.count = REGION, .nodes = region, .directory = "/proc/nowhere", .must_be_saved = true, .progress = {note_progress, NULL}};
-    report why = refused(&t, wanted, TROCAR_SYSTEM);
+    trocar_error why = refused(&t, wanted, TROCAR_SYSTEM);
     assert_non_null(strstr(why.text, "cannot be written"));
     assert_int_equal(progress_calls, 0);
     tissue_free(&t);

@@ -17,7 +17,7 @@ static double all_blocks[N * N], largest;
 
 static int create(void **state) {
     (void)state;
-    report why;
+    trocar_error why;
     int all[CUBE_NODES];
     for (int i = 0; i < CUBE_NODES; i++) all[i] = i;
     if (cube_create(&body, 0.1, &why) != TROCAR_OK) return -1;
@@ -34,7 +34,7 @@ static int destroy(void **state) {
 
 /* Assembles and factorises the matrix; the `last_count` nodes starting at node 40, if any, are eliminated last. */
 static void assemble_and_factor(int last_count, tissue *t) {
-    report why;
+    trocar_error why;
     int last[LAST];
     for (int i = 0; i < LAST; i++) last[i] = 40 + i;
     assert_int_equal(tissue_assemble(&body.mesh, body.materials, body.fixed, STRAIN_BY_ELEMENT, t, &why), TROCAR_OK);
@@ -43,7 +43,7 @@ static void assemble_and_factor(int last_count, tissue *t) {
 
 /* Checks all pairs of free nodes, in random order, in blocks of every size from 1 to PRODUCT_BLOCK. */
 static void check_products(const tissue *t) {
-    report why;
+    trocar_error why;
     sparse_columns *h;
     assert_int_equal(sparse_columns_create(t, &h, &why), TROCAR_OK);
     int nodes[CUBE_NODES], dofs[CUBE_NODES], count = 0;
@@ -94,7 +94,7 @@ static void paths_of_nodes_eliminated_last_are_short(void **state) {
     (void)state;
     tissue t;
     sparse_columns *h;
-    report why;
+    trocar_error why;
     assemble_and_factor(LAST, &t);
     assert_int_equal(sparse_columns_create(&t, &h, &why), TROCAR_OK);
     for (int i = 0; i < LAST; i++) assert_true(sparse_columns_length(h, t.dof[40 + i]) <= 3 * LAST);

@@ -32,7 +32,7 @@ static int cubed(int n) { return n * n * n; }
 /* Creates a mesh of boxes that do not touch, with Kuhn's six tetrahedra per cell; the lower part is soft, the upper part stiff. */
 static mesh mesh_of(int count, const box *boxes) {
     static const int orders[6][3] = {{0, 1, 2}, {1, 2, 0}, {2, 0, 1}, {0, 2, 1}, {2, 1, 0}, {1, 0, 2}};
-    report why;
+    trocar_error why;
     mesh m = {.group_count = 2};
     for (int b = 0; b < count; b++) {
         m.node_count += cubed(boxes[b].cells + 1);
@@ -103,7 +103,7 @@ static void check(const mesh *m, const bool *fixed, volumetric_strain strain, in
     tissue t;
     substructure s;
     panels corner;
-    report why;
+    trocar_error why;
     int *nodes = malloc(((size_t)count + 1) * sizeof *nodes), free_nodes = 0;
     assert_int_equal(tissue_assemble(m, materials, fixed, strain, &t, &why), TROCAR_OK);
     for (int i = 0; i < count; i++) free_nodes += !fixed[region[i]];
@@ -183,7 +183,7 @@ static void loose_body_is_refused(void **state) {
             tissue t;
             substructure s;
             panels corner;
-            report why = {""};
+            trocar_error why = {""};
             fix_bottom(&m, fixed);
             for (int n = BOX; n < 2 * BOX; n++) fixed[n] = hinged && (n == BOX || n == BOX + CELLS);
             for (int n = box * BOX; n < (box + 1) * BOX; n++)
@@ -222,7 +222,7 @@ static void small_loose_piece_is_refused(void **state) {
         tissue t;
         substructure s;
         panels corner;
-        report why = {""};
+        trocar_error why = {""};
         for (int n = 0; n < m.node_count; n++) {
             fixed[n] = n < BESIDE ? m.nodes[n].z < 0.005 : n - BESIDE == (int)hinge || n - BESIDE == (int)other;
             bool inside = n < BESIDE ? fabs(m.nodes[n].x - 0.06) < 0.015 && fabs(m.nodes[n].y - 0.06) < 0.015 : trial >= 2 * TRIALS;
@@ -305,7 +305,7 @@ static void large_fronts_agree_with_the_factor(void **state) {
     static bool fixed[ALL];
     static int region[ALL], nodes[ALL];
     tissue t;
-    report why;
+    trocar_error why;
     mesh m = mesh_of(1, (box[]){upright(LARGE, 0.0)});
     fix_bottom(&m, fixed);
     assert_int_equal(tissue_assemble(&m, materials, fixed, STRAIN_BY_PATCH, &t, &why), TROCAR_OK);
@@ -363,7 +363,7 @@ static void inverse_of_a_wide_region_agrees_with_the_factor(void **state) {
         if (!fixed[n] && fabs(m.nodes[n].x - 0.08) < 0.045 && fabs(m.nodes[n].y - 0.08) < 0.045) region[count++] = n;
     for (int single = 0; single < 2; single++) {
         tissue t;
-        report why;
+        trocar_error why;
         double needed;
         symmetric_blocks inverses[2] = {{.count = count, .single = single}, {.count = count, .single = single}};
         condensed_region wanted = {.count = count, .nodes = region, .single = single};
@@ -403,7 +403,7 @@ static void memory_of_condensing_is_predicted(void **state) {
     for (int choice = 0; choice < 4; choice++) {
         int region[BOX], nodes[BOX], count = 0;
         tissue t;
-        report why;
+        trocar_error why;
         double predicted = 0.0, needed;
         for (int n = 0; n < BOX; n++)
             if (!fixed[n] && (choice >= 2 || in_column(&m, n, 0))) region[count++] = n;
@@ -439,7 +439,7 @@ static void condensing_leaves_blas_alone(void **state) {
     fix_bottom(&m, fixed);
     int region[BOX], nodes[BOX], count = 0;
     tissue t;
-    report why;
+    trocar_error why;
     double needed;
     for (int n = 0; n < BOX; n++)
         if (!fixed[n]) region[count++] = n;

@@ -45,7 +45,7 @@ static void centreline_of_a_needle_at_rest_is_straight(void **unused) {
 static void bad_parameters_are_refused(void **unused) {
     (void)unused;
     needle_model model;
-    report why;
+    trocar_error why;
     needle_parameters p = gauge18(1);
     assert_int_equal(needle_create(&p, &model, &why), TROCAR_BAD_INPUT);
     p = gauge18(40);

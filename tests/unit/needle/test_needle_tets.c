@@ -110,7 +110,7 @@ static void centreline_is_smooth_and_joins_the_centres(void **unused) {
 
 static void bad_parameters_are_refused(void **unused) {
     (void)unused;
-    report why;
+    trocar_error why;
     solid_model model;
     needle_parameters p = gauge18(40);
     p.poisson_ratio = 0.5;

@@ -121,7 +121,7 @@ static void check_linear_fields(volumetric_strain volumetric, int kinds) {
     static const mat3 turn = {{{0, -3, 2}, {3, 0, -1}, {-2, 1, 0}}}, strain = {{{2, 1, -1}, {1, -3, 2}, {-1, 2, 4}}};
     region_material even[2] = {body.materials[0], body.materials[0]};
     tissue t;
-    report why;
+    trocar_error why;
     assert_int_equal(tissue_assemble(&body.mesh, even, fixed, volumetric, &t, &why), TROCAR_OK);
     tested = &t;
     memset(&request, 0, sizeof request);
@@ -166,7 +166,7 @@ static void split_elements_stay_in_their_patch(void **state) {
     static const bool fixed[CUBE_NODES] = {[HELD] = true};
     tissue t;
     reference expected;
-    report why;
+    trocar_error why;
     assert_int_equal(tissue_assemble(&body.mesh, body.materials, fixed, STRAIN_BY_PATCH, &t, &why), TROCAR_OK);
     tested = &t;
     add_within_patches(&t, 40);

@@ -16,7 +16,7 @@ static cube body;
 
 static int create(void **state) {
     (void)state;
-    report why;
+    trocar_error why;
     return cube_create(&body, 0.1, &why) == TROCAR_OK ? 0 : -1;
 }
 

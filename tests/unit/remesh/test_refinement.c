@@ -16,7 +16,7 @@ static cube body;
 
 static int create(void **state) {
     (void)state;
-    report why;
+    trocar_error why;
     return cube_create(&body, 0.1, &why) == TROCAR_OK ? 0 : -1;
 }
 
@@ -179,7 +179,7 @@ static void children_partition_their_parent(void **state) {
     (void)state;
     refinement r = {0};
     refined_mesh out;
-    report why;
+    trocar_error why;
     cube_refine(&body, &r, 10, 5);
     for (int i = 0; i < 4; i++) refinement_add(&body.mesh, &r, 11, body.mesh.nodes[body.mesh.tets[11][i]], 90 + i);
     assert_int_equal(refined_mesh_create(&body.mesh, &r, &out, &why), TROCAR_OK);

@@ -41,7 +41,7 @@ static void remaining_nodes_keep_their_index(void **state) {
 static void full_inverse_methods_need_the_dense_inverse(void **state) {
     (void)state;
     inverse *sparse;
-    report why = {""};
+    trocar_error why = {""};
     assert_int_equal(inverse_create_sparse(&body.tissue, SPARSE_CACHE, &sparse, &why), TROCAR_OK);
     for (method = 0; method < ALL_REMESH_METHODS; method++) {
         remesher *r;
@@ -70,7 +70,7 @@ static void check_with_all(void) {
 static void sparse_inverse_gives_the_same_results(void **state) {
     (void)state;
     inverse *sparse;
-    report why;
+    trocar_error why;
     assert_int_equal(inverse_create_sparse(&body.tissue, SPARSE_CACHE, &sparse, &why), TROCAR_OK);
     with_tissue(&body.tissue, sparse, check_with_all);
     inverse_free(sparse);
@@ -97,7 +97,7 @@ static void looking_ahead_changes_no_answer(void) {
 static void sparse_inverse_prefetches(void **state) {
     (void)state;
     inverse *sparse;
-    report why;
+    trocar_error why;
     assert_int_equal(inverse_create_sparse(&body.tissue, SPARSE_CACHE, &sparse, &why), TROCAR_OK);
     with_tissue(&body.tissue, sparse, looking_ahead_changes_no_answer);
     inverse_free(sparse);
@@ -108,7 +108,7 @@ enum { HELD = CUBE_NODES / 2 };
 /* Returns a condensed inverse for the lower half of `t`, read from its file, so that nothing has been factorised. */
 static inverse *lower_half(tissue *t) {
     inverse *condensed = NULL;
-    report notice, why = {""};
+    trocar_error notice, why = {""};
     char directory[] = "/tmp/test_remesh.XXXXXX", command[64];
     int held[HELD];
     for (int i = 0; i < HELD; i++) held[i] = i;
@@ -168,7 +168,7 @@ static void check_refusals(void) {
     static const kind kinds[] = {INSIDE, ON_FACE};
     for (method = REMESH_NESTED; method <= REMESH_IMPLICIT; method++)
         for (int k = 0; k < 2; k++) {
-            report why = {""};
+            trocar_error why = {""};
             remesher *r = start(method);
             request.window_count = 30;
             for (int i = 0; i < 30; i++) request.window[i] = 2 * i;

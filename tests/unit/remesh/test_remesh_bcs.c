@@ -4,7 +4,7 @@
 #include "oracles/remesh_dense.h"
 
 static void expect_failure(remesher *r) {
-    report why = {""};
+    trocar_error why = {""};
     request.serial++;
     assert_int_equal(remesher_serve(r, &request, &snapshot, &why), TROCAR_NUMERIC);
     assert_non_null(strstr(why.text, "boundary-condition switch"));

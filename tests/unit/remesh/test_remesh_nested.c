@@ -3,7 +3,7 @@
 
 static void nested_refuses_moved_nodes(void **state) {
     (void)state;
-    report why = {""};
+    trocar_error why = {""};
     remesher *r = start(REMESH_NESTED);
     while (request.wanted.count == 0) add_nodes(MOVED, 1);
     request.serial++;
@@ -32,7 +32,7 @@ static void another_one_goes_on_to_the_bit(void **state) {
     (void)state;
     static compliance_snapshot other;
     remesher *r = start(REMESH_NESTED), *second = start(REMESH_NESTED);
-    report why = {""};
+    trocar_error why = {""};
     for (int n = 0; n < 12; n++) {
         choose_window(n % 4 == 3 ? 4 : 20 + 6 * n);
         add_nodes(ON_FACE, 3);

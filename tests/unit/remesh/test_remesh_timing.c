@@ -7,7 +7,7 @@ static void every_method_is_timed(void **state) {
     (void)state;
     for (method = 0; method < ALL_REMESH_METHODS; method++)
         for (remesh_change change = 0; change < REMESH_CHANGES; change++) {
-            report why = {""};
+            trocar_error why = {""};
             static remesh_timing result;
             remesh_case wanted = {.method = method, .change = change, .contacts = 5, .samples = 4, .seconds = 60.0};
             trocar_status status = remesh_timing_measure(tested_inverse, &wanted, &result, &why);
@@ -25,7 +25,7 @@ static void every_method_is_timed(void **state) {
 
 static void time_limit_allows_three_samples(void **state) {
     (void)state;
-    report why;
+    trocar_error why;
     static remesh_timing result;
     remesh_case wanted = {.method = REMESH_NESTED, .samples = 1000, .seconds = 0.0};
     assert_int_equal(remesh_timing_measure(tested_inverse, &wanted, &result, &why), TROCAR_OK);
@@ -39,7 +39,7 @@ static void valences_match_the_mesh(void **state) {
     for (int i = 0; i <= MAX_PATCH; i++) sum += counts[i];
     assert_int_equal(sum, 2 * 9); /* inner nodes, without those on the boundary between the regions */
     assert_int_equal(counts[15], sum); /* each of Kuhn's elements has 14 neighbours */
-    report why;
+    trocar_error why;
     static remesh_timing result;
     remesh_case wanted = {.method = REMESH_IMPLICIT, .change = MOVE_NODE, .touched = 14, .samples = 3, .seconds = 60.0};
     assert_int_equal(remesh_timing_measure(tested_inverse, &wanted, &result, &why), TROCAR_OK);

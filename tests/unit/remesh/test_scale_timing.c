@@ -15,7 +15,7 @@ static const double ABOVE = 1e-3; /* m, initial height of the tip above the skin
 
 static scale_timing *measured(double aside, const motion *script, double speed, double depth, double dt, const char *owner) {
     host h = {NULL};
-    report why;
+    trocar_error why;
     static scale_timing result;
     assert_int_equal(trocar_scene_load(MESHES "/figure8.yaml", &h.scene, &why), TROCAR_OK);
     assert_int_equal(trocar_scene_set(h.scene, "inverse", owner, &why), TROCAR_OK);

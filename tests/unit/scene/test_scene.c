@@ -50,7 +50,7 @@ static int remove_directory(void **state) {
     return rmdir(directory);
 }
 
-static trocar_status load_text(const char *text, scene *s, report *why) {
+static trocar_status load_text(const char *text, scene *s, trocar_error *why) {
     FILE *file = fopen(path, "w");
     assert_non_null(file);
     assert_true(fputs(text, file) >= 0);
@@ -61,7 +61,7 @@ static trocar_status load_text(const char *text, scene *s, report *why) {
 }
 
 static void load_good(const char *text, scene *s) {
-    report why = {""};
+    trocar_error why = {""};
     if (load_text(text, s, &why) != TROCAR_OK) fail_msg("%s", why.text);
 }
 
@@ -69,7 +69,7 @@ static void load_good(const char *text, scene *s) {
 static void assert_refused(const char *text, const char *words) {
     char expected[256];
     scene s;
-    report why = {""};
+    trocar_error why = {""};
     trocar_status status = load_text(text, &s, &why);
     snprintf(expected, sizeof expected, "%s%s", path, words);
     if (status != TROCAR_BAD_INPUT || strncmp(why.text, expected, strlen(expected)) != 0)
@@ -222,7 +222,7 @@ static void a_bad_region_of_interest_is_refused(void **state) {
 static void relaxation_is_read(void **state) {
     (void)state;
     scene s;
-    report why;
+    trocar_error why;
     char value[32];
     load_good(MINIMAL "relaxation: [{weight: 0.25, time: 0.15}, {weight: 0.1, time: 30}]\n", &s);
     assert_int_equal(s.simulation.relaxation_count, 2);
@@ -307,7 +307,7 @@ static void impossible_guides_are_refused(void **unused) {
 static void patient_coordinates_and_start_are_read(void **state) {
     (void)state;
     scene s;
-    report why;
+    trocar_error why;
     char text[1024];
     load_good(MINIMAL, &s);
     assert_int_equal(scene_get(&s, "patient_to_mesh", text, sizeof text, &why), TROCAR_OK);
@@ -341,7 +341,7 @@ static void wrong_patient_coordinates_and_starts_are_refused(void **state) {
 static void unreadable_files_are_named(void **state) {
     (void)state;
     scene s;
-    report why = {""};
+    trocar_error why = {""};
     assert_int_equal(scene_load("/nowhere/lost.yaml", &s, &why), TROCAR_BAD_INPUT);
     assert_non_null(strstr(why.text, "/nowhere/lost.yaml: cannot open"));
     assert_int_equal(scene_load(directory, &s, &why), TROCAR_BAD_INPUT);
@@ -461,7 +461,7 @@ static void names_longer_than_the_mesh_can_hold_are_refused(void **state) {
 static void recursive_aliases_are_handled(void **state) {
     (void)state;
     scene s;
-    report why = {""};
+    trocar_error why = {""};
     assert_int_equal(load_text("mesh: a\nregions: &r [*r]\nfixed: [b]\n", &s, &why), TROCAR_BAD_INPUT);
     assert_int_equal(load_text("mesh: a\nregions: [{name: x, friction: &f {static: *f}}]\nfixed: [b]\n", &s, &why), TROCAR_BAD_INPUT);
 }
@@ -469,7 +469,7 @@ static void recursive_aliases_are_handled(void **state) {
 static void figure_8_scene_is_valid(void **state) {
     (void)state;
     scene s;
-    report why = {""};
+    trocar_error why = {""};
     if (scene_load(MESHES "/figure8.yaml", &s, &why) != TROCAR_OK) fail_msg("%s", why.text);
     assert_string_equal(s.simulation.mesh_path, MESHES "/prostate-570.msh");
     assert_int_equal(s.simulation.region_count, 2);
@@ -498,7 +498,7 @@ static void assert_same_values(const parameter *expected, const double values[3]
 static void documented_parameter_table_is_correct(void **state) {
     (void)state;
     scene bare, figure8;
-    report why = {""};
+    trocar_error why = {""};
     load_good("mesh: a\nregions: [{name: all}]\nfixed: [b]\n", &bare);
     if (scene_load(MESHES "/figure8.yaml", &figure8, &why) != TROCAR_OK) fail_msg("%s", why.text);
     const calcification hard = calcification_defaults();

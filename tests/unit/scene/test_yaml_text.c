@@ -27,7 +27,7 @@ static void values_are_found_by_their_paths(void **state) {
         {"first", 2}, {"list", 3}, {"list[0]", 4}, {"list[0].name", 4}, {"list[0].inner.x", 5}, {"list[0].inner.y", 6},
         {"list[1].name", 8}, {"names", 9}, {"names[0]", 9}, {"names[1]", 10}, {"", 2}};
     yaml_text lines;
-    report why;
+    trocar_error why;
     assert_int_equal(yaml_open("t", TEXT, sizeof TEXT - 1, &lines, &why), TROCAR_OK);
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++)
         assert_int_equal(yaml_line(&lines, cases[i].path), cases[i].line);
@@ -39,7 +39,7 @@ static void incomplete_path_gives_its_parent(void **state) {
     static const struct { const char *path; int line; } cases[] = {
         {"list[1].inner.x", 8}, {"list[7].name", 3}, {"lost", 2}, {"first.x", 2}, {"first[0]", 2}, {"list[-1]", 3}, {"list.x", 3}};
     yaml_text lines;
-    report why;
+    trocar_error why;
     assert_int_equal(yaml_open("t", TEXT, sizeof TEXT - 1, &lines, &why), TROCAR_OK);
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++)
         assert_int_equal(yaml_line(&lines, cases[i].path), cases[i].line);
@@ -48,7 +48,7 @@ static void incomplete_path_gives_its_parent(void **state) {
 
 static void assert_refused(const char *text, const char *words) {
     yaml_text lines;
-    report why = {""};
+    trocar_error why = {""};
     assert_int_equal(yaml_open("scene.yaml", text, strlen(text), &lines, &why), TROCAR_BAD_INPUT);
     if (!strstr(why.text, words)) fail_msg("\"%s\" lacks \"%s\"", why.text, words);
 }

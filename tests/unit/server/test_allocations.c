@@ -5,7 +5,7 @@
 #include <string.h>
 #include <glib.h>
 
-#include "common/allocations.h"
+#include "shared/allocator_calls.h"
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -16,7 +16,7 @@
 static void all_allocator_functions_are_counted(void **unused) {
     (void)unused;
     if (!ALLOCATIONS_ARE_COUNTED) skip();
-    int64_t before = allocations_now();
+    int64_t before = allocator_calls();
     void *volatile p = malloc(10);
     p = realloc(p, 1000);
     free(p);
@@ -30,16 +30,16 @@ static void all_allocator_functions_are_counted(void **unused) {
     assert_int_equal(posix_memalign(&q, 64, 100), 0);
     assert_int_equal((uintptr_t)q % 64, 0);
     free(q);
-    assert_int_equal(allocations_now() - before, 11);
+    assert_int_equal(allocator_calls() - before, 11);
 }
 
 static void calls_from_shared_libraries_are_counted(void **unused) {
     (void)unused;
     if (!ALLOCATIONS_ARE_COUNTED) skip();
-    int64_t before = allocations_now();
+    int64_t before = allocator_calls();
     g_free(g_strdup("text")); /* in GLib */
     free(strdup("text"));     /* allocates inside the C library */
-    assert_int_equal(allocations_now() - before, 4);
+    assert_int_equal(allocator_calls() - before, 4);
 }
 
 static void *allocate_a_lot(void *counted) {
@@ -47,7 +47,7 @@ static void *allocate_a_lot(void *counted) {
         void *volatile p = malloc(10);
         free(p);
     }
-    *(int64_t *)counted = allocations_now();
+    *(int64_t *)counted = allocator_calls();
     return NULL;
 }
 
@@ -57,10 +57,10 @@ static void counts_are_per_thread(void **unused) {
     pthread_t thread;
     int64_t theirs = 0;
     assert_int_equal(pthread_create(&thread, NULL, allocate_a_lot, &theirs), 0);
-    int64_t before = allocations_now();
+    int64_t before = allocator_calls();
     pthread_join(thread, NULL);
     assert_in_range(theirs, 200, 210);
-    assert_true(allocations_now() - before <= 2);
+    assert_true(allocator_calls() - before <= 2);
 }
 
 int main(void) {

@@ -47,7 +47,7 @@ static void write_scene(const char *keys) {
 }
 
 static char text[2048];
-static trocar_status run(report *why) {
+static trocar_status run(trocar_error *why) {
     FILE *out = fmemopen(text, sizeof text, "w");
     trocar_status status = condense_scene(scene, out, why);
     fclose(out);
@@ -58,7 +58,7 @@ static const char condensed[] = "inverse: condensed\nregion_of_interest: {corrid
 
 static void is_made_once(void **state) {
     (void)state;
-    report why = {""};
+    trocar_error why = {""};
     write_scene(condensed);
     assert_int_equal(run(&why), TROCAR_OK);
     assert_non_null(strstr(text, "written to"));
@@ -68,7 +68,7 @@ static void is_made_once(void **state) {
 
 static void other_inverses_are_refused(void **state) {
     (void)state;
-    report why = {""};
+    trocar_error why = {""};
     write_scene("inverse: dense");
     assert_int_equal(run(&why), TROCAR_BAD_INPUT);
     assert_non_null(strstr(why.text, "dense"));
@@ -77,7 +77,7 @@ static void other_inverses_are_refused(void **state) {
 
 static void unwritable_file_is_an_error(void **state) {
     (void)state;
-    report why = {""};
+    trocar_error why = {""};
     snprintf(cache, sizeof cache, "/proc/nowhere");
     write_scene(condensed);
     assert_int_equal(run(&why), TROCAR_SYSTEM);

@@ -19,7 +19,7 @@ static bool readable(int descriptor) {
 static void initially_empty(void **unused) {
     (void)unused;
     exchange x;
-    report why;
+    trocar_error why;
     bool fresh;
     int64_t latency;
     assert_int_equal(exchange_create(&x, NULL, &why), TROCAR_OK);
@@ -35,7 +35,7 @@ static void initially_empty(void **unused) {
 static void wakes_before_the_wait_are_kept(void **unused) {
     (void)unused;
     exchange x;
-    report why;
+    trocar_error why;
     assert_int_equal(exchange_create(&x, NULL, &why), TROCAR_OK);
     for (int i = 0; i < 3; i++) eventfd_signal(x.worker_wake);
     assert_false(readable(x.io_wake));

@@ -50,7 +50,7 @@ static int close_scene(void **state) {
 
 static int begin(void **state) {
     fixture *f = *state;
-    report why;
+    trocar_error why;
     f->tick = made_time = 0;
     f->poses = (newest_poses){0};
     trocar_sim_free(f->host.sim);
@@ -72,7 +72,7 @@ static int end(void **state) {
 
 /* Lets the worker answer a quarter of a tick after the request. */
 static void serve_worker(fixture *f) {
-    report why;
+    trocar_error why;
     trocar_work done = {0};
     if (!readable(trocar_sim_work_descriptor(f->host.sim))) return;
     made_time += MS / 4;

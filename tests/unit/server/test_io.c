@@ -36,7 +36,7 @@ static void on_wrench(const lcm_recv_buf_t *b, const char *channel, const trocar
 
 static int open_fixture(void **state) {
     static fixture f;
-    report why;
+    trocar_error why;
     device_limits limits = device_defaults();
     memset(&f, 0, sizeof f);
     f.shutdown = eventfd(0, EFD_NONBLOCK);
@@ -197,7 +197,7 @@ static void bad_url_is_reported(void **unused) {
     (void)unused;
     exchange x;
     io o;
-    report why;
+    trocar_error why;
     device_limits limits = device_defaults();
     assert_int_equal(exchange_create(&x, NULL, &why), TROCAR_OK);
     assert_int_equal(io_create(&o, "nonsense://x", 1, &limits, false, -1, &x, &why), TROCAR_OK);

@@ -6,7 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "common/allocations.h"
+#include "shared/allocator_calls.h"
 #include "common/realtime.h"
 #include "haptic.h"
 #include "remesh/remesh.h"
@@ -41,7 +41,7 @@ static void missed_periods_are_skipped_and_counted(void **unused) {
     static diary d;
     static loop l;
     triple_buffer records;
-    report why;
+    trocar_error why;
     assert_int_equal(triple_buffer_create(&records, sizeof(loop_record), &why), TROCAR_OK);
     l = (loop){.rate_hz = 1000, .tick = keep_diary, .context = &d, .records = &records};
     loop_run(&l);
@@ -91,9 +91,9 @@ typedef struct {
 static int nap_ms;               /* ms, time added to each of the worker's answers */
 
 /* The linker replaces the library's own function with this wrapper. */
-trocar_status __real_remesher_serve(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, report *why);
-trocar_status __wrap_remesher_serve(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, report *why);
-trocar_status __wrap_remesher_serve(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, report *why) {
+trocar_status __real_remesher_serve(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, trocar_error *why);
+trocar_status __wrap_remesher_serve(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, trocar_error *why);
+trocar_status __wrap_remesher_serve(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, trocar_error *why) {
     if (nap_ms > 0) sleep_until(monotonic_ns() + nap_ms * (int64_t)1000000);
     return __real_remesher_serve(r, request, snapshot, why);
 }
@@ -125,7 +125,7 @@ static bool rigged_tick(void *context, const loop_wake *wake) {
 
 static void *haptic_thread(void *context) {
     rig *r = context;
-    report ignored;
+    trocar_error ignored;
     realtime_flush_denormals();
     realtime_touch_stack();
     realtime_set_priority(PRIORITY_HAPTIC, &ignored); /* ignored if the priority is not permitted */
@@ -135,7 +135,7 @@ static void *haptic_thread(void *context) {
 
 static rig *rig_create(int64_t ticks, const char *needles) {
     rig *r = allocate_on_cache_lines(sizeof *r);
-    report why = {""};
+    trocar_error why = {""};
     r->host = host_open_with(MESHES "/figure8.yaml", "needles", needles);
     if (exchange_create(&r->exchange, r->host.model, &why) != TROCAR_OK) fail_msg("%s", why.text);
     trocar_device_limits limits = trocar_scene_device(r->host.scene);
@@ -163,7 +163,7 @@ static void rig_free(rig *r) {
 
 static void expect_a_quiet_loop(int64_t ticks, const char *needles) {
     rig *r = rig_create(ticks, needles);
-    report why;
+    trocar_error why;
     bool locked = realtime_lock_memory(&why) == TROCAR_OK;
     rig_run(r);
     assert_int_equal(r->wrenches, ticks * r->haptic.needle_count);

@@ -12,7 +12,7 @@
 
 static void expect(const char *url, trocar_status expected, const char *named) {
     lcm_t *lcm = NULL;
-    report why = {""};
+    trocar_error why = {""};
     assert_int_equal(network_open(url, &lcm, &why), expected);
     if (named != NULL) assert_non_null(strstr(why.text, named));
     if (expected == TROCAR_OK) lcm_destroy(lcm);

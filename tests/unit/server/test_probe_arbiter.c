@@ -18,7 +18,7 @@
 
 static const int64_t SECOND = 1000000000;
 static char message[200];
-static report why;
+static trocar_error why;
 
 #define OK(call) do { if ((call) != TROCAR_OK) fail_msg("%s: %s", #call, why.text); } while (0)
 

@@ -72,7 +72,7 @@ static void a_touched_stack_does_not_fault(void **unused) {
 }
 
 static void *set_priority(void *policy) {
-    report why = {""};
+    trocar_error why = {""};
     struct sched_param p;
     bool granted = realtime_set_priority(PRIORITY_IO, &why) == TROCAR_OK;
     pthread_getschedparam(pthread_self(), policy, &p);
@@ -93,7 +93,7 @@ static void priority_is_set_or_the_limit_is_reported(void **unused) {
 
 static void checking_does_not_change_the_thread(void **unused) {
     (void)unused;
-    report why;
+    trocar_error why;
     realtime_check_permission(PRIORITY_HAPTIC, &why);
     assert_int_equal(sched_getscheduler(0), SCHED_OTHER);
     assert_int_equal(realtime_check_permission(1000, &why), TROCAR_SYSTEM); /* no system grants such a high priority */
@@ -101,7 +101,7 @@ static void checking_does_not_change_the_thread(void **unused) {
 }
 
 static void *check_as_a_service(void *skipped) {
-    report why = {""};
+    trocar_error why = {""};
     *(bool *)skipped = !become_a_service();
     if (*(bool *)skipped) return NULL;
     if (use_fifo(0)) return "Linux let the flag be cleared";
@@ -127,7 +127,7 @@ static void *check_without_permission(void *why) {
 
 static void missing_permission_has_its_own_status(void **unused) {
     (void)unused;
-    report why = {""};
+    trocar_error why = {""};
     pthread_t thread;
     void *status;
     pthread_create(&thread, NULL, check_without_permission, &why);
@@ -151,7 +151,7 @@ static void memory_is_locked_or_the_limit_is_reported(void **unused) {
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
     skip(); /* sanitizers disable mlockall */
 #endif
-    report why = {""};
+    trocar_error why = {""};
     if (realtime_lock_memory(&why) == TROCAR_OK) assert_true(locked_kilobytes() > 1000);
     else assert_non_null(strstr(why.text, "ulimit -l"));
     munlockall();
@@ -159,7 +159,7 @@ static void memory_is_locked_or_the_limit_is_reported(void **unused) {
 
 static void idle_states_are_disabled_or_the_reason_is_reported(void **unused) {
     (void)unused;
-    report why = {""};
+    trocar_error why = {""};
     int32_t allowed = -1;
     int descriptor = realtime_stay_awake(&why);
     if (descriptor < 0) {

@@ -28,7 +28,7 @@ typedef struct {
 
 static int open_fixture(void **state) {
     static fixture f;
-    report why;
+    trocar_error why;
     struct sockaddr_in address = {.sin_family = AF_INET, .sin_addr = {htonl(INADDR_LOOPBACK)}};
     socklen_t size = sizeof address;
     memset(&f, 0, sizeof f);
@@ -131,7 +131,7 @@ static void an_address_in_use_is_reported(void **state) {
     fixture *f = *state;
     relay other = {.socket = -1};
     exchange x;
-    report why;
+    trocar_error why;
     struct sockaddr_in address;
     socklen_t size = sizeof address;
     assert_int_equal(getsockname(f->relay.socket, (struct sockaddr *)&address, &size), 0);

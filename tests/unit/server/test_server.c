@@ -44,7 +44,7 @@ static void runs_and_stops_on_request(void **unused) {
     (void)unused;
     server_options o = options();
     server *s;
-    report why = {""};
+    trocar_error why = {""};
     readies = 0;
     stop = eventfd(0, EFD_NONBLOCK);
     assert_int_equal(server_create(&o, &s, &why), TROCAR_OK);
@@ -69,7 +69,7 @@ static void the_rate_can_be_replaced(void **unused) {
     (void)unused;
     server_options o = options();
     server *s;
-    report why;
+    trocar_error why;
     o.rate_hz = 250;
     assert_int_equal(server_create(&o, &s, &why), TROCAR_OK);
     char *text = described(s, server_describe);
@@ -85,7 +85,7 @@ static void bad_input_is_reported_and_nothing_starts(void **unused) {
     (void)unused;
     server_options o = options();
     server *s;
-    report why;
+    trocar_error why;
     o.scene_path = "no-such-scene.yaml";
     assert_int_equal(server_create(&o, &s, &why), TROCAR_BAD_INPUT);
     assert_non_null(strstr(why.text, "no-such-scene.yaml"));
@@ -99,7 +99,7 @@ static void bad_input_is_reported_and_nothing_starts(void **unused) {
 static void *create_as_a_service(void *complaint) {
     server_options o = options();
     server *s;
-    report why;
+    trocar_error why;
     o.allow_non_rt = false;
     if (!become_a_service()) return NULL;
     if (server_create(&o, &s, &why) != TROCAR_OK) return strcpy(complaint, why.text);
@@ -130,7 +130,7 @@ static void *create_without_permission(void *why) {
     o.allow_non_rt = false;
     if (server_create(&o, &s, why) != TROCAR_NO_REALTIME) return "not refused for lack of permission";
     o.allow_non_rt = true;
-    bool refused = server_create(&o, &s, why) == TROCAR_BAD_INPUT && strstr(((report *)why)->text, "no-such.msh") != NULL;
+    bool refused = server_create(&o, &s, why) == TROCAR_BAD_INPUT && strstr(((trocar_error *)why)->text, "no-such.msh") != NULL;
     return refused ? NULL : "the missing mesh is not reported";
 }
 
@@ -139,7 +139,7 @@ static void missing_permission_is_reported_before_reading_the_mesh(void **unused
     (void)unused;
     pthread_t thread;
     void *wrong;
-    report why;
+    trocar_error why;
     FILE *from = fopen(MESHES "/figure8.yaml", "r"), *scene = fopen("scene-without-mesh.yaml", "w");
     for (char line[256]; fgets(line, sizeof line, from) != NULL;) fputs(strncmp(line, "mesh:", 5) == 0 ? "mesh: no-such.msh\n" : line, scene);
     fclose(from);

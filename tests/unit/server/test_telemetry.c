@@ -49,7 +49,7 @@ KEEP_FIRST(tracks, trocar_tracks_t)
 
 static int open_with(void **state, const char *needles) {
     fixture *f = allocate_on_cache_lines(sizeof *f);
-    report why = {""};
+    trocar_error why = {""};
     *state = f;
     f->host = host_open_with(MESHES "/figure8.yaml", "needles", needles);
     telemetry_options given = {.lcm_url = "memq://", .scene_path = trocar_scene_path(f->host.scene), .rate_hz = 1000,

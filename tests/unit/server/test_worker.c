@@ -88,7 +88,7 @@ static int answer(fixture *f, int serial) {
 
 static int open_fixture(void **state) {
     fixture *f = *state = &fixed;
-    report why;
+    trocar_error why;
     memset(f, 0, sizeof *f);
     f->requested = eventfd(0, EFD_NONBLOCK);
     assert_int_equal(triple_buffer_create(&f->requests, sizeof(request), &why), TROCAR_OK);

@@ -100,12 +100,12 @@ static void drop_unused_nodes(mesh *m) {
     free(index);
 }
 
-static trocar_status finish(mesh *m, report *why) { return mesh_finish(m, 0, NULL, NULL, "box", why); }
+static trocar_status finish(mesh *m, trocar_error *why) { return mesh_finish(m, 0, NULL, NULL, "box", why); }
 
 static void make_box(mesh *m) {
     draft_box(m);
     triangle_list list = surface_triangles(m);
-    report why = {""};
+    trocar_error why = {""};
     trocar_status status = mesh_finish(m, list.count, (const int(*)[3])list.nodes, list.group, "box", &why);
     free(list.nodes);
     free(list.group);
@@ -270,7 +270,7 @@ static void locate_finds_the_far_side_of_a_slot(void **state) {
     }
     m.tet_count = kept;
     drop_unused_nodes(&m);
-    report why;
+    trocar_error why;
     assert_int_equal(finish(&m, &why), TROCAR_OK);
     vec3 left = v3(0.1 * BOX.x, 0.4 * BOX.y, 0.1 * BOX.z), right = v3(0.9 * BOX.x, 0.4 * BOX.y, 0.1 * BOX.z);
     int from = mesh_locate(&m, left, -1), to = mesh_locate(&m, right, from);
@@ -392,7 +392,7 @@ static void tip_resting_on_the_skin_enters_in_the_next_step(void **state) {
 /* ---- invalid meshes ---- */
 
 static void assert_refused(mesh *m, const char *words) {
-    report why = {""};
+    trocar_error why = {""};
     assert_int_equal(finish(m, &why), TROCAR_BAD_INPUT);
     assert_non_null(strstr(why.text, "box: "));
     if (!strstr(why.text, words)) fail_msg("%s lacks %s", why.text, words);
@@ -428,7 +428,7 @@ static void a_surface_off_the_faces_is_refused(void **state) {
     mesh m;
     draft_box(&m);
     int across[1][3] = {{grid_node(0, 0, 0), grid_node(CELLS, 0, 0), grid_node(0, CELLS, 0)}}, group[1] = {1};
-    report why;
+    trocar_error why;
     assert_int_equal(mesh_finish(&m, 1, (const int(*)[3])across, group, "box", &why), TROCAR_BAD_INPUT);
     assert_non_null(strstr(why.text, "\"skin\""));
     mesh_free(&m);

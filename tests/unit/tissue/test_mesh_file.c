@@ -66,7 +66,7 @@ static void write_file(const char *path, const char *text, size_t length) {
     fclose(file);
 }
 
-static trocar_status read_text(const char *name, const char *text, size_t length, mesh *m, report *why) {
+static trocar_status read_text(const char *name, const char *text, size_t length, mesh *m, trocar_error *why) {
     char path[128];
     snprintf(path, sizeof path, "%s/%s", directory, name);
     write_file(path, text, length);
@@ -76,13 +76,13 @@ static trocar_status read_text(const char *name, const char *text, size_t length
 }
 
 static void read_good(const char *name, const char *text, mesh *m) {
-    report why = {""};
+    trocar_error why = {""};
     if (read_text(name, text, strlen(text), m, &why) != TROCAR_OK) fail_msg("%s", why.text);
 }
 
 /* Checks that the file is refused with a message that contains the file's name and `words`, and that no memory remains allocated. */
 static void assert_refused(const char *name, const char *text, size_t length, const char *words) {
-    report why = {""};
+    trocar_error why = {""};
     mesh m;
     trocar_status status = read_text(name, text, length, &m, &why);
     if (status != TROCAR_BAD_INPUT) fail_msg("%s (%zu bytes): status %d where \"%s\" was expected", name, length, status, words);
@@ -127,7 +127,7 @@ static void assert_names(const mesh *m) {
 
 static void assert_reads(const char *text, size_t length) {
     mesh m;
-    report why = {""};
+    trocar_error why = {""};
     loads = 0;
     if (read_text("two.msh", text, length, &m, &why) != TROCAR_OK) fail_msg("%s", why.text);
     assert_two_tets(&m);
@@ -443,7 +443,7 @@ static void more_groups_than_a_bit_mask_holds_are_refused(void **state) {
 
 static void non_mesh_files_are_refused(void **state) {
     (void)state;
-    report why = {""};
+    trocar_error why = {""};
     mesh m;
     assert_int_equal(mesh_read("/nowhere/lost.msh", &m, &why), TROCAR_BAD_INPUT);
     assert_non_null(strstr(why.text, "/nowhere/lost.msh: cannot open"));
@@ -467,7 +467,7 @@ static void non_mesh_files_are_refused(void **state) {
 static void the_prostate_has_its_regions_and_surfaces(void **state) {
     (void)state;
     mesh m;
-    report why = {""};
+    trocar_error why = {""};
     if (mesh_read(MESHES "/prostate-570.msh", &m, &why) != TROCAR_OK) fail_msg("%s", why.text);
     assert_in_range(m.node_count, 541, 599);
     int prostate = mesh_find_group(&m, "prostate", 3), capsule = mesh_find_group(&m, "capsule", 2);

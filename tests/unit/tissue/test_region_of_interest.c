@@ -15,7 +15,7 @@ static mesh body;
 
 static int read_body(void **state) {
     (void)state;
-    report why;
+    trocar_error why;
     return mesh_read(MESHES "/prostate-570.msh", &body, &why) == TROCAR_OK ? 0 : -1;
 }
 
@@ -35,7 +35,7 @@ static void corridor_ends_at_its_end_points(void **state) {
     (void)state;
     roi_config given = {.from = v3(0.005, 0.003, 0.01), .to = v3(0.005, 0.003, 0.07), .radius = 0.02};
     int *nodes, count;
-    report why;
+    trocar_error why;
     assert_int_equal(roi_find(&body, &given, -1, &nodes, &count, &why), TROCAR_OK);
     int expected = 0;
     for (int i = 0; i < body.node_count; i++) { /* round ends */
@@ -54,7 +54,7 @@ static void regions_and_corridor_are_joined(void **state) {
     (void)state;
     roi_config given = {.region_count = 1, .regions = {"prostate"}, .from = v3(0, 0, 0), .to = v3(0, 0, 0.03), .radius = 0.02};
     int *nodes, count, *gland_only, gland_count;
-    report why;
+    trocar_error why;
     assert_int_equal(roi_find(&body, &given, -1, &nodes, &count, &why), TROCAR_OK);
     given.radius = 0.0;
     assert_int_equal(roi_find(&body, &given, -1, &gland_only, &gland_count, &why), TROCAR_OK);
@@ -69,7 +69,7 @@ static void regions_and_corridor_are_joined(void **state) {
 static void empty_region_is_refused(void **state) {
     (void)state;
     int *nodes, count;
-    report why;
+    trocar_error why;
     roi_config unknown = {.region_count = 1, .regions = {"liver"}}, outside = {.from = v3(1, 1, 1), .to = v3(1, 1, 2), .radius = 0.1};
     assert_int_equal(roi_find(&body, &unknown, -1, &nodes, &count, &why), TROCAR_BAD_INPUT);
     assert_non_null(strstr(why.text, "liver"));
@@ -80,7 +80,7 @@ static void small_mesh_is_entirely_of_interest(void **state) {
     (void)state;
     roi_config nothing = {0};
     int *nodes, count;
-    report why;
+    trocar_error why;
     assert_false(roi_given(&nothing));
     assert_int_equal(roi_find(&body, &nothing, -1, &nodes, &count, &why), TROCAR_OK);
     assert_int_equal(count, body.node_count);
@@ -115,7 +115,7 @@ static void default_region_of_a_large_mesh_is_around_the_skin_normal(void **stat
         memcpy(skin[skin_count], low, sizeof *skin);
         skin_group[skin_count++] = 1;
     }
-    report why;
+    trocar_error why;
     assert_int_equal(skin_count, 2 * CELLS * CELLS);
     assert_int_equal(mesh_finish(&m, skin_count, (const int (*)[3])skin, skin_group, "box", &why), TROCAR_OK);
     roi_config nothing = {0};

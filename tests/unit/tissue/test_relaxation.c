@@ -31,7 +31,7 @@ static double *creep_by_quadrature(int count, const relaxation_term *terms, doub
 
 static void check_against_quadrature(int count, const relaxation_term *terms, double step, int steps, double tolerance) {
     creep_series creep;
-    report why;
+    trocar_error why;
     assert_int_equal(creep_from_relaxation(count, terms, &creep, &why), TROCAR_OK);
     double *expected = creep_by_quadrature(count, terms, step, steps);
     for (int n = 1; n <= steps; n++) {
@@ -54,7 +54,7 @@ static void creep_and_relaxation_belong_together(void **unused) {
 static void long_term_values_are_inverse(void **unused) {
     (void)unused;
     creep_series creep;
-    report why;
+    trocar_error why;
     creep_from_relaxation(3, FORCE_AFTER_SECONDS, &creep, &why);
     double sum = 1.0;
     for (int k = 0; k < 3; k++) sum += creep.compliance[k];
@@ -79,7 +79,7 @@ static void impossible_series_are_refused(void **unused) {
     };
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
         creep_series creep;
-        report why;
+        trocar_error why;
         assert_int_equal(creep_from_relaxation(cases[i].count, cases[i].terms, &creep, &why), TROCAR_BAD_INPUT);
         if (strncmp(why.text, cases[i].words, strlen(cases[i].words)) != 0) fail_msg("\"%s\" where \"%s\" was expected", why.text, cases[i].words);
     }

@@ -152,7 +152,7 @@ static void create(block *b, double scale, double youngs_modulus) {
             if (corner < 3) at[orders[t % 6][corner]]++;
         }
     }
-    report why;
+    trocar_error why;
     for (int i = 0; i < MESH_MAX_GROUPS; i++) b->materials[i] = (region_material){.youngs_modulus = youngs_modulus, .poisson_ratio = 0.45};
     for (int n = 0; n < NODES; n++) fixed[n] = n < (NX + 1) * (NX + 1);
     trocar_mesh given = {.node_count = NODES, .tet_count = TETS, .nodes = nodes, .tets = tets, .region_count = 1, .regions = region};
@@ -168,7 +168,7 @@ static void destroy(block *b) {
 }
 
 static resolved_field measure(block *b, vec3 x, vec3 direction) {
-    report why;
+    trocar_error why;
     resolved_field field;
     int tet = mesh_locate(&b->mesh, x, -1);
     assert_true(tet >= 0);

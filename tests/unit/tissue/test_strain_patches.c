@@ -14,7 +14,7 @@ enum { WANTED = 8, LEAST = 4, MOST = 12 };
 
 static int *create(const mesh *m, int *count) {
     int *patch = malloc((size_t)m->tet_count * sizeof *patch);
-    report why = {""};
+    trocar_error why = {""};
     if (strain_patches_create(m, patch, count, &why) != TROCAR_OK) fail_msg("%s", why.text);
     return patch;
 }
@@ -69,7 +69,7 @@ static void meshes_are_divided_into_patches(void **state) {
     static const char *const paths[] = {MESHES "/prostate-570.msh", MESHES "/prostate.msh"};
     mesh m;
     cube c;
-    report why;
+    trocar_error why;
     for (size_t i = 0; i < sizeof paths / sizeof *paths; i++) {
         assert_int_equal(mesh_read(paths[i], &m, &why), TROCAR_OK);
         check_partition(&m, MOST);
@@ -83,7 +83,7 @@ static void meshes_are_divided_into_patches(void **state) {
 /* Regions that are assigned at random have connected components of all sizes, down to single tetrahedra. A patch that absorbs many remainders may be large. */
 static void scattered_regions_are_divided(void **state) {
     (void)state;
-    report why;
+    trocar_error why;
     for (int share = 1; share < 10; share++) {
         cube c;
         assert_int_equal(cube_shape(&c, 0.1, &why), TROCAR_OK);
@@ -95,7 +95,7 @@ static void scattered_regions_are_divided(void **state) {
 
 static void single_elements_are_patches(void **state) {
     (void)state;
-    report why;
+    trocar_error why;
     cube c;
     assert_int_equal(cube_shape(&c, 0.1, &why), TROCAR_OK);
     int tets = c.mesh.tet_count, count;
@@ -120,7 +120,7 @@ static uint64_t hash_of(const int *patch, int count) {
 static void patches_do_not_depend_on_run_machine_or_rounding(void **state) {
     (void)state;
     mesh m;
-    report why;
+    trocar_error why;
     int count, again_count;
     assert_int_equal(mesh_read(MESHES "/prostate-570.msh", &m, &why), TROCAR_OK);
     int *patch = create(&m, &count);
@@ -138,7 +138,7 @@ static void patches_do_not_depend_on_run_machine_or_rounding(void **state) {
 static void mirror_image_has_the_same_patches(void **state) {
     (void)state;
     cube c, image;
-    report why;
+    trocar_error why;
     int count, image_count;
     assert_int_equal(cube_shape(&c, 0.1, &why), TROCAR_OK);
     memset(&image, 0, sizeof image);

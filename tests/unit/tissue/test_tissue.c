@@ -85,7 +85,7 @@ static void element_equals_b_d_b(void **state) {
 /* ---- the assembled body ---- */
 
 static void make_uniform(cube *c, double e, double nu, volumetric_strain strain) {
-    report why = {""};
+    trocar_error why = {""};
     assert_int_equal(cube_shape(c, 0.1, &why), TROCAR_OK);
     c->materials[0] = c->materials[1] = (region_material){.youngs_modulus = e, .poisson_ratio = nu};
     if (tissue_create(&c->mesh, c->materials, c->fixed, strain, &c->tissue, &why) != TROCAR_OK) fail_msg("%s", why.text);
@@ -150,7 +150,7 @@ static void bar_in_tension_elongates_by_f_l_over_e_a(void **state) {
 /* ---- constraints ---- */
 
 static void assert_refused(cube *c, volumetric_strain strain, const char *words) {
-    report why = {""};
+    trocar_error why = {""};
     assert_int_equal(tissue_create(&c->mesh, c->materials, c->fixed, strain, &c->tissue, &why), TROCAR_BAD_INPUT);
     if (!strstr(why.text, words)) fail_msg("\"%s\" lacks \"%s\"", why.text, words);
 }
@@ -158,7 +158,7 @@ static void assert_refused(cube *c, volumetric_strain strain, const char *words)
 /* With too few fixed nodes, K is singular. If elements had no stiffness against some kind of strain, K would be singular in more cases. */
 static void check_loose_bodies(volumetric_strain strain) {
     cube c;
-    report why;
+    trocar_error why;
     assert_int_equal(cube_shape(&c, 0.1, &why), TROCAR_OK);
     memset(c.fixed, 0, sizeof c.fixed);
     assert_refused(&c, strain, "no node is fixed");
@@ -189,7 +189,7 @@ static void loose_bodies_are_refused(void **state) {
 
 /* Creates a mesh of two cubes that do not touch. */
 static void pair_of(cube *one, cube *two, mesh *pair) {
-    report why;
+    trocar_error why;
     assert_int_equal(cube_shape(one, 0.1, &why), TROCAR_OK);
     assert_int_equal(cube_shape(two, 0.1, &why), TROCAR_OK);
     *pair = (mesh){.node_count = 2 * CUBE_NODES, .tet_count = 2 * one->mesh.tet_count, .group_count = 2};
@@ -212,7 +212,7 @@ static void each_part_must_be_constrained(void **state) {
     pair_of(&one, &two, &pair);
     bool fixed[2 * CUBE_NODES] = {0};
     tissue t;
-    report why = {""};
+    trocar_error why = {""};
     memcpy(fixed, one.fixed, sizeof one.fixed);
     assert_int_equal(tissue_create(&pair, one.materials, fixed, STRAIN_BY_ELEMENT, &t, &why), TROCAR_BAD_INPUT);
     assert_non_null(strstr(why.text, "every part of the mesh"));

@@ -31,7 +31,7 @@ static int remove_file(void **state) {
 static void addresses_are_read(void **state) {
     (void)state;
     struct sockaddr_in a;
-    report why;
+    trocar_error why;
     assert_int_equal(settings_address("127.0.0.1:7668", &a, &why), TROCAR_OK);
     assert_int_equal(ntohl(a.sin_addr.s_addr), INADDR_LOOPBACK);
     assert_int_equal(ntohs(a.sin_port), 7668);
@@ -53,7 +53,7 @@ static void a_secret_is_needed_unless_only_this_machine_is_served(void **state) 
     (void)state;
     struct sockaddr_in local = {.sin_family = AF_INET, .sin_addr = {htonl(INADDR_LOOPBACK + 5)}}, any = {.sin_family = AF_INET};
     wire_key key, none = wire_secret_key("", 0);
-    report why;
+    trocar_error why;
     assert_int_equal(settings_secret(NULL, &local, &key, &why), TROCAR_OK);
     assert_memory_equal(&key, &none, sizeof key);
     assert_int_equal(settings_secret(NULL, &any, &key, &why), TROCAR_BAD_INPUT);
@@ -67,7 +67,7 @@ static void secrets_are_long_and_private(void **state) {
     struct sockaddr_in any = {.sin_family = AF_INET};
     char text[1100];
     wire_key key, wanted;
-    report why;
+    trocar_error why;
     memset(text, 's', sizeof text);
     wanted = wire_secret_key(text, 32);
     memcpy(text + 32, "\r\n\n", 3); /* line ends do not belong to the secret */

@@ -52,7 +52,7 @@ static int close_fixture(void **state) {
 
 static implant open_implant(const fixture *f, const implant_settings *settings) {
     implant i = {.dose = NULL};
-    report why = {""};
+    trocar_error why = {""};
     if (implant_open(&i, f->model, settings, &why) != TROCAR_OK) fail_msg("%s", why.text);
     return i;
 }
@@ -291,7 +291,7 @@ static void mistakes_are_refused_with_place_and_remedy(void **state) {
         {"hole,seed,x [m],y [m],z [m]\nG4,1,0.003,0.004,0.05\n", ":2: the seed is 5.0 mm beside hole G4"}};
     for (size_t k = 0; k < sizeof wrong / sizeof *wrong; k++) {
         implant i = {.dose = NULL};
-        report why = {""};
+        trocar_error why = {""};
         char *path = write_file(wrong[k].text);
         assert_int_equal(implant_open(&i, f->model, &(implant_settings){.plan = path, .dose = {"I-125 6711", 0.5, 145, 1.18}}, &why), TROCAR_BAD_INPUT);
         remove(path);
@@ -299,7 +299,7 @@ static void mistakes_are_refused_with_place_and_remedy(void **state) {
         implant_close(&i);
     }
     implant i = {.dose = NULL};
-    report why;
+    trocar_error why;
     assert_int_equal(implant_open(&i, f->model, &(implant_settings){.dose = {"Ra-226", 0.5, 145, 1.18}}, &why), TROCAR_BAD_INPUT);
     assert_int_equal(implant_open(&i, f->model, &(implant_settings){.plan = "/nowhere.csv", .dose = {"I-125 6711", 0.5, 145, 1.18}}, &why), TROCAR_BAD_INPUT);
     implant_close(&i);

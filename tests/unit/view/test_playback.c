@@ -18,7 +18,7 @@
 static void golden_trace_is_reproduced(void **unused) {
     (void)unused;
     trocar_scene *s;
-    report why, cut;
+    trocar_error why, cut;
     timeline t;
     assert_int_equal(trocar_scene_load(MESHES "/figure8.yaml", &s, &why), TROCAR_OK);
     assert_int_equal(timeline_create(&t, false, 1, &why), TROCAR_OK);
@@ -54,7 +54,7 @@ static double time_of_picture(const byte_buffer *encoded) {
 static void moment_matches_its_tick(void **unused) {
     (void)unused;
     trocar_scene *s;
-    report why, cut;
+    trocar_error why, cut;
     wrench_log golden;
     assert_int_equal(trocar_scene_load(MESHES "/figure8.yaml", &s, &why), TROCAR_OK);
     assert_int_equal(wrench_log_read(SOURCE_DIR "/tests/traces/figure8-golden.log", &golden, &why), TROCAR_OK);
@@ -79,7 +79,7 @@ static void seeds_of_a_log_are_shown(void **unused) {
     (void)unused;
     enum { STEPS = 100, PERIOD = 4000 /* us */ };
     static char path[] = "/tmp/trocar-seeds-XXXXXX";
-    report why, cut;
+    trocar_error why, cut;
     trocar_scene *s;
     timeline t;
     close(mkstemp(path));
@@ -114,7 +114,7 @@ static void seeds_of_a_log_are_shown(void **unused) {
 static void moment_after_the_end_is_refused(void **unused) {
     (void)unused;
     trocar_scene *s;
-    report why, cut;
+    trocar_error why, cut;
     timeline t;
     assert_int_equal(trocar_scene_load(MESHES "/figure8.yaml", &s, &why), TROCAR_OK);
     assert_int_equal(timeline_create(&t, false, 1, &why), TROCAR_OK);
@@ -136,7 +136,7 @@ static void truncated_log_plays_to_its_last_event(void **unused) {
     fclose(part);
 
     trocar_scene *s;
-    report why, cut;
+    trocar_error why, cut;
     timeline t;
     pose_log poses;
     assert_int_equal(pose_log_read_to_cut(path, &poses, &cut, &why), TROCAR_OK);
@@ -155,7 +155,7 @@ static void truncated_log_plays_to_its_last_event(void **unused) {
 static void missing_log_is_reported(void **unused) {
     (void)unused;
     trocar_scene *s;
-    report why, cut;
+    trocar_error why, cut;
     timeline t;
     assert_int_equal(trocar_scene_load(MESHES "/figure8.yaml", &s, &why), TROCAR_OK);
     assert_int_equal(timeline_create(&t, false, 1, &why), TROCAR_OK);

@@ -67,7 +67,7 @@ static void on_command(const lcm_recv_buf_t *b, const char *channel, const troca
 
 static fixture *open_fixture(void) {
     static fixture f;
-    report why;
+    trocar_error why;
     f = (fixture){.lcm = lcm_create("memq://"), .now = 1000 * MS};
     assert_non_null(f.lcm);
     f.on_pose = trocar_needle_pose_t_subscribe(f.lcm, "TROCAR_POSE", on_pose, &f);

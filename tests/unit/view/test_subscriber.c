@@ -27,7 +27,7 @@ typedef struct {
 
 static int open_fixture(void **state) {
     fixture *f = *state = calloc(1, sizeof *f);
-    report why = {""};
+    trocar_error why = {""};
     trocar_pose base = {{0.005, 0.003, -0.15}, {1, 0, 0, 0}};
     f->host = host_open_with(MESHES "/figure8.yaml", "needles", "2");
     trocar_sim_reset(f->host.sim, 0, &base, NULL);

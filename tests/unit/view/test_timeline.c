@@ -43,7 +43,7 @@ static seen read_once(const timeline *t, timeline_cursor *cursor) {
 }
 
 static void play(timeline *t, int from, int to) {
-    report why;
+    trocar_error why;
     trocar_contacts_t needle = {.orientation = {1, 0, 0, 0}};
     trocar_deformation_t tissue = {0};
     for (int ms = from; ms < to; ms++) {
@@ -56,7 +56,7 @@ static void play(timeline *t, int from, int to) {
 static void live_readers_get_the_newest_picture(void **unused) {
     (void)unused;
     timeline t;
-    report why;
+    trocar_error why;
     assert_int_equal(timeline_create(&t, true, 1, &why), TROCAR_OK);
     timeline_cursor quick = {0}, slow = {0};
     assert_false(timeline_has_news(&t, &quick));
@@ -77,7 +77,7 @@ static void live_readers_get_the_newest_picture(void **unused) {
 static void the_last_minute_is_kept(void **unused) {
     (void)unused;
     timeline t;
-    report why;
+    trocar_error why;
     assert_int_equal(timeline_create(&t, true, 1, &why), TROCAR_OK);
     play(&t, 0, 90000);
     timeline_cursor late = {0};
@@ -97,7 +97,7 @@ static void the_last_minute_is_kept(void **unused) {
 static void a_slot_keeps_all_its_events(void **unused) {
     (void)unused;
     timeline t;
-    report why;
+    trocar_error why;
     assert_int_equal(timeline_create(&t, false, 1, &why), TROCAR_OK);
     play(&t, 0, 30); /* the puncture occurs in the tick at 5 ms, between two samples */
     int found = 0;
@@ -109,7 +109,7 @@ static void a_slot_keeps_all_its_events(void **unused) {
 static void log_is_read_completely_in_parts(void **unused) {
     (void)unused;
     timeline t;
-    report why;
+    trocar_error why;
     assert_int_equal(timeline_create(&t, false, 1, &why), TROCAR_OK);
     play(&t, 0, 100000);
     timeline_cursor cursor = {0};
@@ -132,7 +132,7 @@ static void log_is_read_completely_in_parts(void **unused) {
 static void a_long_log_keeps_its_beginning(void **unused) {
     (void)unused;
     timeline t;
-    report why;
+    trocar_error why;
     assert_int_equal(timeline_create(&t, false, 1, &why), TROCAR_OK);
     play(&t, 0, 30);
     size_t one = t.pictures[0].room;
@@ -155,7 +155,7 @@ static void a_long_log_keeps_its_beginning(void **unused) {
 static void needles_have_slots_of_their_own(void **unused) {
     (void)unused;
     timeline t;
-    report why;
+    trocar_error why;
     assert_int_equal(timeline_create(&t, true, 2, &why), TROCAR_OK);
     for (int ms = 0; ms < 1000; ms++)
         for (int needle = 0; needle < 2; needle++) {

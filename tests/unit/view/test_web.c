@@ -48,7 +48,7 @@ static void only_own_pages_may_connect(void **unused) {
 static void missing_page_is_reported(void **unused) {
     (void)unused;
     web *w = NULL;
-    report why;
+    trocar_error why;
     assert_int_equal(web_create(&(web_settings){.page = "/nowhere"}, &w, &why), TROCAR_BAD_INPUT);
     assert_null(w);
     assert_non_null(strstr(why.text, "/nowhere/index.html"));
@@ -85,7 +85,7 @@ static void listens_on_one_address_only(void **unused) {
     static const char *const addresses[] = {NULL, "127.0.0.3"};
     for (int i = 0; i < 2; i++) {
         web *w = NULL;
-        report why;
+        trocar_error why;
         assert_int_equal(web_create(&(web_settings){.page = folder, .address = addresses[i]}, &w, &why), TROCAR_OK);
         assert_true(answers(addresses[i] ? addresses[i] : "127.0.0.1", web_port(w)));
         assert_false(answers("127.0.0.2", web_port(w)));
@@ -132,7 +132,7 @@ static void act(void *context, const web_action *action) {
 static bool may_drive(void *context, uint32_t needle) { return needle == 0 && !((fixture *)context)->no_server; }
 
 static void open_fixture(fixture *f, int patience) {
-    report why;
+    trocar_error why;
     *f = (fixture){0};
     bytes_append(&f->scene, "a scene.", 8);
     assert_int_equal(timeline_create(&f->timeline, true, 1, &why), TROCAR_OK);

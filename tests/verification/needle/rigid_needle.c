@@ -28,7 +28,7 @@ static const double RIGID = 1e7;   /* factor by which the modulus exceeds that o
 enum { DEEPER = 5, STEPS_PER_MM = 20 };
 static const double HOLDS = 1e6;   /* N/m and N, large enough to prevent sliding and cutting */
 
-static trocar_status configure(char **argument, simulation_config *c, report *why) {
+static trocar_status configure(char **argument, simulation_config *c, trocar_error *why) {
     mesh m;
     simulation_defaults(c);
     snprintf(c->mesh_path, sizeof c->mesh_path, "%s", argument[1]);
@@ -111,7 +111,7 @@ static double total_force(const body *b, int axis, double *tip_alone) {
 }
 
 /* Computes the tick's axial forces (N) on the needle, which is moved by 1 to 5 mm in steps. */
-static trocar_status forces_deeper(body *b, pose base, vec3 way, double *force, report *why) {
+static trocar_status forces_deeper(body *b, pose base, vec3 way, double *force, trocar_error *why) {
     tick_output wrench;
     double rest = 0.0;
     insertion_reset(&b->parts.insertion, base, &b->state);
@@ -129,7 +129,7 @@ static trocar_status forces_deeper(body *b, pose base, vec3 way, double *force, 
 
 /* Computes the total force with the tick, as the change of the wrench when the base moves by 1 mm while all contacts stick. (The wrench at rest is not exactly
    zero, because nodes are kept away from the faces of elements and therefore lie slightly off the needle.) */
-static trocar_status force_of_tick(body *b, pose base, vec3 way, double *force, report *why) {
+static trocar_status force_of_tick(body *b, pose base, vec3 way, double *force, trocar_error *why) {
     tick_output wrench;
     insertion_reset(&b->parts.insertion, base, &b->state);
     trocar_status status = TROCAR_OK;
@@ -152,7 +152,7 @@ static pose base_of(vec3 tip, double length, double angle, double azimuth) {
     return base;
 }
 
-static trocar_status start(body *b, char **argument, bool oblique, pose *base, report *why) {
+static trocar_status start(body *b, char **argument, bool oblique, pose *base, trocar_error *why) {
     simulation_config config;
     trocar_status status = configure(argument, &config, why);
     if (status == TROCAR_OK) status = model_parts_create(&config, &b->parts, why);
@@ -166,7 +166,7 @@ static trocar_status start(body *b, char **argument, bool oblique, pose *base, r
 }
 
 int main(int argc, char **argv) {
-    report why;
+    trocar_error why;
     pose base;
     bool oblique = argc == 11, stiffening = argc == 10;
     body *b = calloc(1, sizeof *b);

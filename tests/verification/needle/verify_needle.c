@@ -14,7 +14,7 @@ static needle_tangent tangent;
 static needle_model rod(int segments) {
     simulation_config config;
     needle_model model;
-    report why;
+    trocar_error why;
     simulation_defaults(&config);
     config.needle.bow = 0.0; /* straight, like the reference solutions */
     config.needle.segments = segments;

@@ -20,7 +20,7 @@ typedef struct {
     bool loaded;               /* true if a load case has started */
 } problem;
 
-static trocar_status set_material(problem *p, const char *line, report *why) {
+static trocar_status set_material(problem *p, const char *line, trocar_error *why) {
     char name[MESH_NAME];
     region_material material = {0};
     if (sscanf(line, "material %63s %lf %lf", name, &material.youngs_modulus, &material.poisson_ratio) != 3)
@@ -31,7 +31,7 @@ static trocar_status set_material(problem *p, const char *line, report *why) {
     return TROCAR_OK;
 }
 
-static trocar_status set_strain(problem *p, const char *line, report *why) {
+static trocar_status set_strain(problem *p, const char *line, trocar_error *why) {
     static const char *const words[] = {[STRAIN_BY_PATCH] = "patch", [STRAIN_BY_NODE] = "node", [STRAIN_BY_ELEMENT] = "element"};
     for (int i = 0; i < 3; i++)
         if (strcmp(line + strlen("strain "), words[i]) == 0) {
@@ -41,7 +41,7 @@ static trocar_status set_strain(problem *p, const char *line, report *why) {
     return fail(why, TROCAR_BAD_INPUT, "'%s': expected: strain patch, strain node or strain element", line);
 }
 
-static trocar_status fix_group(problem *p, const char *line, report *why) {
+static trocar_status fix_group(problem *p, const char *line, trocar_error *why) {
     char name[MESH_NAME];
     int group = sscanf(line, "fixed %63s", name) == 1 ? mesh_find_group(&p->mesh, name, -1) : -1;
     if (group < 0) return fail(why, TROCAR_BAD_INPUT, "'%s': expected: fixed GROUP, one of the mesh", line);
@@ -50,7 +50,7 @@ static trocar_status fix_group(problem *p, const char *line, report *why) {
     return TROCAR_OK;
 }
 
-static trocar_status add_load(problem *p, const char *line, report *why) {
+static trocar_status add_load(problem *p, const char *line, trocar_error *why) {
     int node;
     vec3 f;
     if (sscanf(line, "load %d %lf %lf %lf", &node, &f.x, &f.y, &f.z) != 4 || node < 0 || node >= p->mesh.node_count)
@@ -71,7 +71,7 @@ static void solve_case(problem *p) {
 }
 
 /* At the first load case, the materials and the fixed groups are complete, so the tissue is factorised. */
-static trocar_status begin_case(problem *p, report *why) {
+static trocar_status begin_case(problem *p, trocar_error *why) {
     trocar_status status = TROCAR_OK;
     solve_case(p);
     if (!p->loaded) status = tissue_create(&p->mesh, p->materials, p->fixed, p->strain, &p->tissue, why);
@@ -80,7 +80,7 @@ static trocar_status begin_case(problem *p, report *why) {
     return status;
 }
 
-static trocar_status read_line(problem *p, const char *line, report *why) {
+static trocar_status read_line(problem *p, const char *line, trocar_error *why) {
     if (strncmp(line, "load ", 5) == 0) return add_load(p, line, why);
     if (strncmp(line, "case", 4) == 0) return begin_case(p, why);
     if (strncmp(line, "fixed ", 6) == 0) return fix_group(p, line, why);
@@ -88,7 +88,7 @@ static trocar_status read_line(problem *p, const char *line, report *why) {
     return set_material(p, line, why);
 }
 
-static trocar_status run(const char *path, problem *p, report *why) {
+static trocar_status run(const char *path, problem *p, trocar_error *why) {
     trocar_status status = mesh_read(path, &p->mesh, why);
     if (status != TROCAR_OK) return status;
     size_t n = (size_t)p->mesh.node_count;
@@ -109,7 +109,7 @@ static trocar_status run(const char *path, problem *p, report *why) {
 
 int main(int argc, char **argv) {
     problem p = {0};
-    report why = {""};
+    trocar_error why = {""};
     if (argc != 2) {
         fprintf(stderr, "usage: %s MESH <INPUT >OUTPUT\n", argv[0]);
         return 2;

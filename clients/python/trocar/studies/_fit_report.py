@@ -4,17 +4,15 @@ from __future__ import annotations
 import json
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from .. import Scene, __version__
 from .._files import replacing
 from ._fit_problem import FitProblem
+from ._fit_result import Estimate, Fitted
 from ._summary import _start_plots, _table
-
-if TYPE_CHECKING:
-    from .fit import Estimate, Fitted
 
 
 def _number(value: float) -> str:

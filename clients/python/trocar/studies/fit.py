@@ -24,7 +24,6 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any, Callable, Sequence
@@ -33,9 +32,11 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import Error, Model, Sim, __version__
-from .._program import Progress, ended, say, whole_number
+from .._program import ended, say, whole_number
 from ._definition import BadStudy
+from . import _fit_report as report
 from ._fit_problem import BadFit, FitProblem, Unknown, read
+from ._fit_result import Estimate, Fitted
 from ._least_squares import Covariance, covariance, jacobian_at, minimise
 from ._measurements import Channel, Recording
 from ._runs import Pool
@@ -50,34 +51,6 @@ CORRELATED = 0.9        # absolute correlation above which two parameters are ha
 FROM_PRIOR = 0.8        # ratio of a parameter's standard deviation to that of its prior, above which the data have added little
 MISFIT = 1.5            # chi squared per degree of freedom above which the scene does not describe the data within the noise
 KEPT_MODELS = 4         # number of models whose inverse is kept for later simulations
-
-
-@dataclass
-class Estimate:
-    """An estimated parameter, with its 95 % confidence interval."""
-
-    key: str
-    unit: str
-    value: float
-    low: float
-    high: float
-    start: float
-    at_bound: bool = False
-    determined: bool = True    # false if the interval is as wide as the bounds
-
-
-@dataclass
-class Fitted:
-    """The result of a fit."""
-
-    estimates: list[Estimate]
-    correlations: Array         # (p, p) of the estimates
-    chi2: float                 # sum of squares of the data's residuals, each divided by its standard deviation
-    freedom: int                # number of data minus number of parameters
-    converged: bool
-    simulations: int            # number of simulations of all recordings
-    warnings: list[str] = field(default_factory=list)
-    predicted: list[list[Array]] = field(default_factory=list)    # means over the intervals, by recording and channel
 
 
 # ---- simulating -----------------------------------------------------------------------------------------------------------------------------
@@ -320,7 +293,6 @@ def _warn(result: Fitted) -> None:
 def _fit(given: argparse.Namespace) -> int:
     if not given.no_plots:
         import matplotlib    # noqa: F401    reports a missing package before the search
-    from . import _fit_report as report
     problem, out = read(given.fit), Path(given.out)
     try:
         out.mkdir(parents=True, exist_ok=True)
@@ -343,7 +315,6 @@ def _fit(given: argparse.Namespace) -> int:
 
 
 def _check(given: argparse.Namespace) -> int:
-    from . import _fit_report as report
     problem = read(given.fit)
     channels = _channels(problem)
     print(f"{problem.path}: {len(problem.recordings)} recordings with {sum(len(channel.values) for _, channel in channels)} samples, "

@@ -1,6 +1,6 @@
-/* Error handling: a function returns a status and writes one message into a report. */
-#ifndef TROCAR_REPORT_H
-#define TROCAR_REPORT_H
+/* Error handling: a function returns a status and writes one message, with place (file, line, key) and remedy, into a trocar_error. */
+#ifndef TROCAR_ERROR_H
+#define TROCAR_ERROR_H
 
 #include <stdarg.h>
 #include <stdio.h>
@@ -8,12 +8,9 @@
 #include "base/decimal.h"
 #include "trocar.h"
 
-/* The message about the first failure, with place (file, line, key) and remedy. */
-typedef trocar_error report;
-
 /* Writes the message and returns `status`, so that a caller can return the result directly. */
 __attribute__((format(printf, 3, 4)))
-static inline trocar_status fail(report *why, trocar_status status, const char *format, ...) {
+static inline trocar_status fail(trocar_error *why, trocar_status status, const char *format, ...) {
     va_list arguments;
     va_start(arguments, format);
     decimal_vprint(why->text, sizeof why->text, format, arguments);

@@ -6,7 +6,7 @@
 
 #include <cmocka.h>
 
-#include "shared/options.h"
+#include "common/host_port.h"
 
 static void check_split(const char *text, const char *standard_port, const char *wanted_host, const char *wanted_port) {
     char host[256], port[6];

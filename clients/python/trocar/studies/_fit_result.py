@@ -1,0 +1,37 @@
+"""The result of trocar-fit."""
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass
+class Estimate:
+    """An estimated parameter, with its 95 % confidence interval."""
+
+    key: str
+    unit: str
+    value: float
+    low: float
+    high: float
+    start: float
+    at_bound: bool = False
+    determined: bool = True    # false if the interval is as wide as the bounds
+
+
+@dataclass
+class Fitted:
+    """The result of a fit."""
+
+    estimates: list[Estimate]
+    correlations: Array         # (p, p) of the estimates
+    chi2: float                 # sum of squares of the data's residuals, each divided by its standard deviation
+    freedom: int                # number of data minus number of parameters
+    converged: bool
+    simulations: int            # number of simulations of all recordings
+    warnings: list[str] = field(default_factory=list)
+    predicted: list[list[Array]] = field(default_factory=list)    # means over the intervals, by recording and channel

@@ -1,0 +1,48 @@
+"""Results of the verification checks, kept in results/: the rows of each check in NAME.csv, and in runs.csv one line for each check's last full run."""
+import csv
+import hashlib
+from pathlib import Path
+
+HERE = Path(__file__).resolve().parent
+ROOT = HERE.parents[1]
+RESULTS, PLOTS = HERE / "results", HERE / "plots"
+ROW = ("section", "check", "reference", "value", "expected", "error", "limit", "unit", "pass", "note")  # pass: yes, no, or empty without a limit
+RUN = ("check", "commit", "mechanics", "date", "machine", "rows", "failed", "measured", "minutes", "figures")  # mechanics: digest_of_mechanics(); minutes of processor
+
+
+def read(path):
+    if not path.exists():
+        return []
+    with open(path, encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def write(path, columns, rows):
+    with open(path, "w", encoding="utf-8", newline="") as file:
+        writer = csv.DictWriter(file, columns, extrasaction="ignore", lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+def runs():
+    return read(RESULTS / "runs.csv")
+
+
+def rows_of(check):
+    return read(RESULTS / f"{check}.csv")
+
+
+def source_of(check):
+    return next(path for path in sorted(HERE.rglob(f"verify_{check}.*")) if path.suffix in (".c", ".py"))
+
+
+def all_checks():
+    return sorted(path.stem.removeprefix("verify_") for path in HERE.rglob("verify_*") if path.suffix in (".c", ".py"))
+
+
+def digest_of_mechanics():
+    """Returns a digest of the C sources in core/, which shows without the repository's history whether they have changed since a run."""
+    digest = hashlib.sha256()
+    for path in sorted(str(path.relative_to(ROOT)) for path in (ROOT / "core").rglob("*") if path.suffix in (".c", ".h")):
+        digest.update(path.encode() + b"\0" + (ROOT / path).read_bytes())
+    return digest.hexdigest()[:12]

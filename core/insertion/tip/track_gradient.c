@@ -45,7 +45,8 @@ static vec3 displacement_ahead(const tick_input *tick, const insertion_state *st
     double weights[4];
     tet = refinement_element(m, &state->refined, snapshot_known_contacts(tick->snapshot, &state->refined), tet, x, weights);
     if (!snapshot_covers(tick->snapshot, m->tets[tet], handles)) return at_tip;
-    return displacement_at(tick, state, creep, handles, weights);
+    double depth = state->tip.place.depth + tick->model->settings.gradient_span - fmax(left, 0.0), half = 0.5 * tick->snapshot->unresolved.step;
+    return v3_add(displacement_at(tick, state, creep, handles, weights), unresolved_mean(&tick->snapshot->unresolved, depth - half, depth + half));
 }
 
 vec3 track_gradient(const tick_input *tick, const insertion_state *state, const creep_step *creep) {

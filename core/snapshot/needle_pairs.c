@@ -73,7 +73,7 @@ void shaft_steps_lay(const mesh *m, const tissue_loads *own, double ahead, doubl
     int count = 0, tet = -1;
     steps->count = 0;
     for (int i = 0; i < own->count; i++)
-        if (own->loads[i].shaft.to > own->loads[i].shaft.from) pieces[count++] = &own->loads[i].shaft;
+        if (!own->loads[i].residual && own->loads[i].shaft.to > own->loads[i].shaft.from) pieces[count++] = &own->loads[i].shaft;
     if (count == 0) return;
     double length = pieces[count - 1]->to + ahead - pieces[0]->from;
     steps->start = pieces[0]->from;
@@ -167,14 +167,29 @@ trocar_status needle_pairs_find(needle_pairs *p, const shaft_steps *steps, const
     return TROCAR_OK;
 }
 
+static void add_force(const shaft_steps *steps, int from, int to, const mat3 *lacks, vec3 force, unresolved_shift *shift) {
+    for (int k = from; k < to; k++) shift->sum[k + 1] = v3_axpy(steps->step, m3_apply(&lacks[k], force), shift->sum[k + 1]);
+    shift->any = shift->any || to > from;
+}
+
 trocar_status needle_pairs_shift(needle_pairs *p, const shaft_steps *steps, const tissue_loads *loads, unresolved_shift *shift, report *why) {
     mat3 lacks[SHIFT_STEPS];
     for (int i = 0; i < loads->count; i++) {
         int from, to;
         trocar_status status = needle_pairs_find(p, steps, &loads->loads[i].shaft, &from, &to, lacks, why);
         if (status != TROCAR_OK) return status;
-        for (int k = from; k < to; k++) shift->sum[k + 1] = v3_axpy(steps->step, m3_apply(&lacks[k], loads->loads[i].force), shift->sum[k + 1]);
-        shift->any = shift->any || to > from;
+        add_force(steps, from, to, lacks, loads->loads[i].force, shift);
+    }
+    return TROCAR_OK;
+}
+
+trocar_status needle_pairs_residual_shift(needle_pairs *p, const shaft_steps *steps, const residual_loads *loads, unresolved_shift shift[MAX_RELAXATION], report *why) {
+    mat3 lacks[SHIFT_STEPS];
+    for (int i = 0; i < loads->count; i++) {
+        int from, to;
+        trocar_status status = needle_pairs_find(p, steps, &loads->loads[i].shaft, &from, &to, lacks, why);
+        if (status != TROCAR_OK) return status;
+        for (int term = 0; term < MAX_RELAXATION; term++) add_force(steps, from, to, lacks, loads->loads[i].load[term], &shift[term]);
     }
     return TROCAR_OK;
 }

@@ -1,8 +1,7 @@
 #!/bin/bash
 # Tests that the libraries export exactly the declared functions. Each public header compiles on its own in each language, is short, and has a name that no
 # system header has. The binary interface (ABI) equals tests/public/libtrocar.abi. To record an intended change: test_symbols.sh BUILD_DIR SOURCE_DIR --renew
-# usage: test_symbols.sh
-# BUILD_DIR SOURCE_DIR [--renew]
+# usage: test_symbols.sh BUILD_DIR SOURCE_DIR [--renew]
 set -euo pipefail
 build=$1 source=$2 # absolute
 library=$build/core/libtrocar.so include=$source/core/include

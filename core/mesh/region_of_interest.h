@@ -4,7 +4,7 @@
 
 #include "mesh/mesh.h"
 
-enum { REACH_MAX_REGIONS = 16, REACH_USUAL = 3000 /* default number of nodes */ };
+enum { REACH_MAX_REGIONS = 32, REACH_USUAL = 3000 /* default number of nodes */ };
 
 /* The region of interest as given in the scene: the union of regions and corridor. */
 typedef struct {

@@ -20,7 +20,7 @@ typedef struct {
     int surface_line, start_line; /* lines of the keys of surface and start in the scene file, for messages; 0 if not given in a file */
 } probe_config;
 
-enum { MAX_REGIONS = 16, MAX_MEMBRANES = 16, MAX_CALCIFICATIONS = 64, MAX_FIXED = 8 };
+enum { MAX_REGIONS = 32, MAX_MEMBRANES = 32, MAX_CALCIFICATIONS = 64, MAX_FIXED = 8 };
 
 typedef struct {
     const char *scene_path;              /* name used in messages while the model is created; NULL if the configuration is not from a file */

@@ -443,6 +443,23 @@ class Whole(unittest.TestCase):
         self.assertNotIn("capsule", text)
         self.assertRegex(open("x-quality.md", encoding="utf-8").read(), r"\| Left lobe \| 11\.62 \| 11\.62 \(.0\.0 %\)")
 
+    def test_twenty_small_lesions(self):
+        spacing, size, radius = 1.0, 90, 4.0
+        axes = np.meshgrid(*[(np.arange(size) - size / 2) * spacing] * 3, indexing="ij")
+        found = np.where(sum(axis ** 2 for axis in axes) < 42 ** 2, 1, 0).astype(np.uint8)
+        golden = np.pi * (3 - np.sqrt(5))       # the lesions are spread evenly over a sphere, about 12 mm apart
+        for k in range(20):
+            z = 24 * (1 - (2 * k + 1) / 20)
+            middle = np.sqrt(24 ** 2 - z ** 2) * np.cos(golden * k), np.sqrt(24 ** 2 - z ** 2) * np.sin(golden * k), z
+            found[sum((axis - m) ** 2 for axis, m in zip(axes, middle)) < radius ** 2] = 2 + k
+        names = {1: "Liver", **{2 + k: f"Lesion {k + 1}" for k in range(20)}}
+        nrrd.write_nrrd("x.seg.nrrd", found.transpose(2, 1, 0).copy(), np.diag([spacing] * 3 + [1.0]), names)
+        organs, mesh, _, _ = self.make("x.seg.nrrd", *[word for name in names.values() for word in ("--roi", name)], "--nodes", "3000", "--output", "x")
+        self.assertEqual(len(organs), 21)
+        for k in range(20):
+            voxels_of = np.count_nonzero(found == 2 + k) * spacing ** 3
+            self.assertAlmostEqual(mesh.region_volume(f"lesion_{k + 1}") * 1e9 / voxels_of, 1, delta=0.05)
+
     def start_of(self, scene):
         """Returns the position and direction of the needle's base."""
         words = re.search(r"start: \{position: \[(.*?)\], orientation: \[(.*?)\]", open(scene, encoding="utf-8").read())

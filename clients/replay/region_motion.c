@@ -56,14 +56,16 @@ rigid_motion rigid_motion_fit(int count, const vec3 *from, const vec3 *displacem
     return motion;
 }
 
-/* Lists the corners of the region's tetrahedra. */
+/* Lists the corners of the tetrahedra of the region and its parts. */
 static trocar_status find_nodes(const trocar_model *model, int region, region_motion *motion, trocar_error *why) {
     int node_count = trocar_model_node_count(model), tet_count = trocar_model_tet_count(model);
     bool *inside = calloc((size_t)node_count, sizeof *inside);
     motion->nodes = malloc((size_t)node_count * sizeof *motion->nodes);
     if (inside && motion->nodes) {
-        for (int t = 0; t < tet_count; t++)
-            for (int i = 0; i < 4 && trocar_model_tet_regions(model)[t] == region; i++) inside[trocar_model_tets(model)[4 * t + i]] = true;
+        for (int t = 0; t < tet_count; t++) {
+            int own = trocar_model_tet_regions(model)[t];
+            for (int i = 0; i < 4 && (own == region || trocar_model_part_of(model, own) == region); i++) inside[trocar_model_tets(model)[4 * t + i]] = true;
+        }
         for (int n = 0; n < node_count; n++)
             if (inside[n]) motion->nodes[motion->count++] = n;
     }

@@ -97,7 +97,7 @@ static const struct argp_option option_list[] = {
      "Compare with the wrenches in an LCM event log, written by --out or recorded; exit status 1 if they differ", 0},
     {"tolerance", OPTION_TOLERANCE, "PERCENT", 0,
      "Allowed difference, relative to each component's peak in GOLDEN or to 0.1 N and 2 mN m if the peak is smaller (default 1)", 0},
-    {"shift", OPTION_SHIFT, "FILE", 0, "Write shift and rotation of a region, the best rigid fit of its nodes, one row per tick", 0},
+    {"shift", OPTION_SHIFT, "FILE", 0, "Write shift and rotation of a region and its parts, the best rigid fit of their nodes, one row per tick", 0},
     {"region", OPTION_REGION, "NAME", 0, "Region for --shift (default: the scene's first)", 0},
     {"seeds", OPTION_SEEDS, "FILE", 0, "Write the seeds that the log's commands have left in the tissue, one row each: place and direction at the end and in the tissue at rest", 0},
     {"patient", OPTION_PATIENT, 0, 0, "Write files in the patient's coordinates (DICOM axes, positions in mm); the log keeps the mesh's", 0},

@@ -147,6 +147,8 @@ int trocar_model_region_dimension(const trocar_model *model, int index) {
     return has_region(model, index) ? model->parts.mesh.groups[index].dimension : -1;
 }
 
+int trocar_model_part_of(const trocar_model *model, int index) { return has_region(model, index) ? model->parts.wholes[index] : -1; }
+
 int trocar_model_find_region(const trocar_model *model, const char *name, int dimension) {
     return mesh_find_group(&model->parts.mesh, name, dimension);
 }

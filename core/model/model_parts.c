@@ -33,6 +33,11 @@ static trocar_status bind_regions(model_parts *s, trocar_error *why) {
         s->materials[group] = region->material;
         bound[group] = true;
     }
+    for (int g = 0; g < s->mesh.group_count; g++) s->wholes[g] = g;
+    for (int i = 0; i < s->config.region_count; i++) {
+        const region_config *region = &s->config.regions[i];
+        if (region->part_of[0]) s->wholes[mesh_find_group(&s->mesh, region->name, 3)] = mesh_find_group(&s->mesh, region->part_of, 3);
+    }
     for (int g = 0; g < s->mesh.group_count; g++)
         if (s->mesh.groups[g].dimension == 3 && !bound[g])
             return fail(why, TROCAR_BAD_INPUT, "regions: region \"%s\" of %s has no material; add it", s->mesh.groups[g].name, s->config.mesh_path);

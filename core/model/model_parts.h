@@ -10,6 +10,7 @@ typedef struct {
     bool shares;                        /* mesh, tissue and inverse belong to another model, which frees them */
     mesh mesh;
     region_material materials[MESH_MAX_GROUPS];
+    int wholes[MESH_MAX_GROUPS];        /* group of the region of which each group is a part, or its own index */
     membrane membranes[MAX_MEMBRANES];
     guide guides[MAX_GUIDES];
     int probe_surface;                  /* index of the probe's surface among the groups; -1 if there is no probe */

@@ -11,6 +11,22 @@ enum { MAX_FILE = 1 << 20 }; /* bytes, maximum size of a scene file; a typical s
 
 /* ---- values that must fit each other ---------------------------------------------------------------------------------------- */
 
+static const region_config *find_region(const simulation_config *c, const char *name) {
+    for (int i = 0; i < c->region_count; i++)
+        if (strcmp(c->regions[i].name, name) == 0) return &c->regions[i];
+    return NULL;
+}
+
+static void check_part(const simulation_config *c, int index, fault *f) {
+    char key[KEY_ROOM];
+    const region_config *region = &c->regions[index], *whole = find_region(c, region->part_of);
+    if (region->part_of[0] == '\0') return;
+    snprintf(key, sizeof key, "regions[%d].part_of", index);
+    if (!whole) reject(f, key, "there is no region \"%s\"", region->part_of);
+    else if (whole == region) reject(f, key, "\"%s\" is this region itself; omit the key", region->part_of);
+    else if (whole->part_of[0]) reject(f, key, "\"%s\" is itself a part of \"%s\"; write that name", region->part_of, whole->part_of);
+}
+
 static void check_region(const region_config *region, int index, fault *f) {
     char key[KEY_ROOM];
     const region_material *m = &region->material;
@@ -54,7 +70,10 @@ static void check_probe(const probe_config *probe, fault *f) {
 static void check_all(const scene *s, fault *f) {
     const simulation_config *c = &s->simulation;
     const needle_parameters *n = &c->needle;
-    for (int i = 0; i < c->region_count; i++) check_region(&c->regions[i], i, f);
+    for (int i = 0; i < c->region_count; i++) {
+        check_region(&c->regions[i], i, f);
+        check_part(c, i, f);
+    }
     for (int i = 0; i < c->calcification_count; i++) check_calcification(&c->calcifications[i], i, f);
     for (int i = 0; i < c->guide_count; i++) check_guide(&c->guides[i], n->outer_diameter, i, f);
     check_relaxation(c, f);

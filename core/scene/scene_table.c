@@ -53,6 +53,8 @@ const key_spec SCENE_TABLE[] = {
     {"phase_lock", "", WORD, OF(phase_lock), .words = switch_word, .doc = "true: the loop's ticks begin just after the device's poses arrive"},
 
     {"regions[].name", "", NAME, offsetof(region_config, name), .list = REGIONS, .required = true, .doc = "a physical volume of the mesh"},
+    {"regions[].part_of", "", NAME, offsetof(region_config, part_of), .list = REGIONS,
+     .doc = "the region that names the organ, such as prostate for a zone of the gland; the organ consists of it and all its parts"},
     {"regions[].youngs_modulus", "Pa", NUMBER, MATERIAL(youngs_modulus), &POSITIVE, .list = REGIONS, .doc = "of the tissue"},
     {"regions[].poisson_ratio", "", NUMBER, MATERIAL(poisson_ratio), &POISSON, .list = REGIONS, .doc = "of the tissue"},
     {"regions[].stiffening", "", NUMBER, MATERIAL(stiffening), &STIFFENING, .list = REGIONS,

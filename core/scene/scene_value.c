@@ -164,8 +164,8 @@ void take_value(scene *s, const key_spec *r, const char *key, void *base, const 
         device_use_profile(value->text, &s->device);
         break;
     case NAME:
-        if (r->list == NO_LIST) take_name(key, value->text, target, f);
-        else take_entry_name(s, r, key, value->text, target, f);
+        if (target == base && r->list != NO_LIST) take_entry_name(s, r, key, value->text, target, f); /* an entry's name is its first member */
+        else take_name(key, value->text, target, f);
         break;
     case NAMES: take_names(s, r, key, value, f); break;
     case FILE_PATH:

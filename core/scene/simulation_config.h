@@ -9,7 +9,10 @@
 #include "probe/probe.h"
 #include "remesh/remesh.h"
 
-typedef struct { char name[MESH_NAME]; region_material material; } region_config;
+typedef struct {
+    char name[MESH_NAME], part_of[MESH_NAME]; /* `part_of`: name of the region that stands for the organ to which this one belongs; empty: none */
+    region_material material;
+} region_config;
 typedef struct { char name[MESH_NAME]; double puncture_force; } membrane_config;
 
 typedef struct {

@@ -481,6 +481,7 @@ static void a_model_may_be_its_mesh_alone(void **state) {
     OK(trocar_model_prepare(model, &why));
     int body = trocar_model_find_region(model, "body", 3), skin = trocar_model_find_region(model, "skin", 2);
     assert_true(body >= 0 && skin >= 0 && trocar_model_find_region(model, "skin", 3) == -1);
+    assert_true(trocar_model_part_of(model, body) == body && trocar_model_part_of(model, -1) == -1 && trocar_model_part_of(model, 32) == -1);
     assert_string_equal(trocar_model_region_name(model, skin), "skin");
     assert_int_equal(trocar_model_region_dimension(model, body), 3);
     assert_int_equal(trocar_model_region_dimension(model, 99), -1);

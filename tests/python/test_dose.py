@@ -184,6 +184,17 @@ class DoseTest(unittest.TestCase):
             self.assertLessEqual(found, as_set(candidates[(angle > 0.25) | near], h))
             self.assertAlmostEqual(len(structure.points) * structure.voxel / abs(volumes).sum(), 1, delta=0.01)
 
+    def test_voxels_of_a_region_include_those_of_its_parts(self):
+        scene = trocar.Scene.load(SOURCE / "meshes/figure8.yaml")
+        apart = [brachy.Structure.from_region(trocar.Model(scene, mesh_only=True), name, 3e-3) for name in ("prostate", "surrounding")]
+        scene["regions[surrounding].part_of"] = "prostate"
+        model = trocar.Model(scene, mesh_only=True)
+        self.assertEqual(as_set(brachy.Structure.from_region(model, "prostate", 3e-3).points, 3e-3), as_set(apart[0].points, 3e-3) | as_set(apart[1].points, 3e-3))
+        self.assertEqual(as_set(brachy.Structure.from_region(model, "surrounding", 3e-3).points, 3e-3), as_set(apart[1].points, 3e-3))
+        self.assertEqual([model.groups[i] for i in model.part_of], ["prostate" if name == "surrounding" else name for name in model.groups])
+        with self.assertRaisesRegex(ValueError, 'no region "capsule"'):
+            model.tets_of("capsule")
+
     def test_voxels_of_a_region_and_their_displacements(self):
         model = trocar.Model(trocar.Scene.load(SOURCE / "meshes/figure8.yaml"))
         structure = brachy.Structure.from_region(model, "prostate", 2e-3)

@@ -18,6 +18,7 @@ import numpy as np
 import pelvis
 
 import trocar
+import trocar.brachy
 
 DT, SPEED = 1e-3, 0.08
 STEP = 1.0                 # mm, voxels of the labels
@@ -77,6 +78,10 @@ class Pelvis(unittest.TestCase):
         self.assertEqual(set(regions), set(wanted))
         for name, volume in wanted.items():
             self.assertAlmostEqual(regions[name] / volume, 1, delta=COARSE.get(name, 0.07), msg=name)
+
+    def test_the_organ_named_prostate_consists_of_both_zones(self):
+        gland = trocar.brachy.Structure.from_region(self.model, "prostate")
+        self.assertAlmostEqual(len(gland.points) * gland.voxel / (self.volume["prostate"] + self.volume["transition_zone"]), 1, delta=0.07)
 
     def test_moduli_are_those_of_the_page_of_parameters_and_within_their_ranges(self):
         text = (SOURCE / "meshes/PARAMETERS.md").read_text().split("## The pelvis")[1]

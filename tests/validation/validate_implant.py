@@ -50,7 +50,7 @@ def scene(name="implant"):
 
 class Gland:
     def __init__(self, model):
-        self.nodes = np.unique(model.tets[model.tet_regions == model.groups.index("prostate")])
+        self.nodes = np.unique(model.tets_of("prostate"))
         self.rest = model.nodes[self.nodes]
         self.base = self.rest[:, 2] > np.quantile(self.rest[:, 2], 0.85)
 

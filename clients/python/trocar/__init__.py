@@ -402,6 +402,19 @@ class Model:
         """Index into `groups` for each tetrahedron, (m,); read only, not a copy."""
         return np.asarray(_View(lib.trocar_model_tet_regions(self._handle), "i4", (lib.trocar_model_tet_count(self._handle),), self))
 
+    @property
+    def part_of(self) -> npt.NDArray[np.int32]:
+        """For each of `groups`, the index of the region of which it is a part (the scene's part_of), or its own index, (groups,)."""
+        return np.array([lib.trocar_model_part_of(self._handle, i) for i in range(len(self.groups))], np.int32)
+
+    def tets_of(self, region: str) -> npt.NDArray[np.int32]:
+        """Returns the tetrahedra of a region and of the regions that are parts of it: (k, 4) node indices. Raises ValueError if there is no region of this
+        name."""
+        index = lib.trocar_model_find_region(self._handle, region.encode(), 3)
+        if index < 0:
+            raise ValueError('no region "%s" of tetrahedra: there are %s' % (region, ", ".join(self.groups)))
+        return self.tets[(self.tet_regions == index) | (self.part_of[self.tet_regions] == index)]
+
     def surface(self, name: str) -> npt.NDArray[np.int32]:
         """Returns the triangles of a surface among the mesh's groups: (k, 3) node indices. Raises ValueError if there is no surface of this name."""
         if name not in self.groups:

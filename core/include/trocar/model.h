@@ -74,6 +74,10 @@ TROCAR_API const char *trocar_model_region_name(const trocar_model *model, int i
 TROCAR_API int trocar_model_region_dimension(const trocar_model *model, int index);    /* -1 if out of range */
 TROCAR_API int trocar_model_find_region(const trocar_model *model, const char *name, int dimension); /* index, or -1 */
 
+/* Returns the index of the volume of which a region is a part (key "regions[].part_of"), or its own index if it is not a part of another; -1 if out of range.
+   The organ with a region's name consists of this region and its parts. */
+TROCAR_API int trocar_model_part_of(const trocar_model *model, int index);
+
 /* Finds where the segment between two points (m) first enters the tissue at rest. Returns 1 and the point, or 0 if the segment does not enter it. */
 TROCAR_API int trocar_model_entry(const trocar_model *model, const double from[3], const double to[3], double point[3]);
 

@@ -168,6 +168,16 @@ static void gland_is_displaced_by_the_needle(void **unused) {
     forget(&f);
 }
 
+static void a_region_moves_with_its_parts(void **unused) {
+    (void)unused;
+    trocar_scene *scene = load(MESHES "/figure8.yaml");
+    report why;
+    assert_int_equal(trocar_scene_set(scene, "regions[surrounding].part_of", "prostate", &why), TROCAR_OK);
+    followed f = follow(scene, v3(0.005, 0.003, -0.201));
+    assert_int_equal(f.motion.count, trocar_model_node_count(f.model));
+    forget(&f);
+}
+
 /* ---- the loosely embedded gland of twist.yaml ---------------------------------------------------------------------------- */
 
 static const double PUBLISHED[2] = {-11.2, 13.8}; /* degrees in the coronal plane, measured in patients (Lagerburg et al. 2005) */
@@ -255,6 +265,7 @@ int main(void) {
         cmocka_unit_test(strain_is_not_a_rotation),
         cmocka_unit_test(coplanar_points_have_no_rotation),
         cmocka_unit_test(gland_is_displaced_by_the_needle),
+        cmocka_unit_test(a_region_moves_with_its_parts),
         cmocka_unit_test(needles_rotate_the_gland),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -391,6 +391,12 @@ static void values_of_the_wrong_shape_are_refused(void **state) {
     assert_refused("- mesh\n", ":1: expected keys with values");
 }
 
+static void a_part_of_a_part_is_refused(void **state) {
+    (void)state;
+    assert_refused("mesh: a\nregions: [{name: gland}, {name: zone, part_of: gland}, {name: cyst, part_of: zone}]\nfixed: [b]\n",
+                   ":2: regions[2].part_of: \"zone\" is itself a part of \"gland\"; write that name");
+}
+
 static void values_out_of_range_are_refused(void **state) {
     (void)state;
     static const struct { const char *piece, *other, *words; } cases[] = {
@@ -414,6 +420,8 @@ static void values_out_of_range_are_refused(void **state) {
         {"poisson_ratio: 0.41", "stiffening: -0.1", ":6: regions[0].stiffening: \"-0.1\": expected a number from 0 (linear) to 10"},
         {"poisson_ratio: 0.41", "stiffening: 1e6", ":6: regions[0].stiffening: \"1e6\": expected a number from 0 (linear) to 10"},
         {"poisson_ratio: 0.41", "stiffening: .nan", ":6: regions[0].stiffening: \".nan\": expected a number from 0 (linear) to 10"},
+        {"poisson_ratio: 0.41", "part_of: none", ":6: regions[0].part_of: there is no region \"none\""},
+        {"poisson_ratio: 0.41", "part_of: gland", ":6: regions[0].part_of: \"gland\" is this region itself; omit the key"},
         {"kinetic: 8", "kinetic: 15", ":9: regions[0].friction.kinetic: 15 N/m exceeds the static limit of 14 N/m"},
         {"viscous: 90", "viscous: -1", ":9: regions[0].friction.viscous: "},
         {"puncture_force: 1.1", "puncture_force: -1", ":12: membranes[0].puncture_force: "},
@@ -569,6 +577,7 @@ int main(void) {
         cmocka_unit_test(unknown_keys_are_refused),
         cmocka_unit_test(missing_mandatory_keys_are_reported),
         cmocka_unit_test(values_of_the_wrong_shape_are_refused),
+        cmocka_unit_test(a_part_of_a_part_is_refused),
         cmocka_unit_test(values_out_of_range_are_refused),
         cmocka_unit_test(names_longer_than_the_mesh_can_hold_are_refused),
         cmocka_unit_test(recursive_aliases_are_handled),

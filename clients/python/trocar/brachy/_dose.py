@@ -200,14 +200,11 @@ class Structure:
 
     @classmethod
     def from_region(cls, model: Model, region: str, spacing: float = 1e-3) -> Structure:
-        """Finds the voxels inside a region of a model's mesh, by its name."""
-        nodes, tets, regions = model.nodes, model.tets, model.tet_regions
-        index = lib.trocar_model_find_region(model._handle, region.encode(), 3)
-        if index < 0:
-            raise ValueError('no region "%s" of tetrahedra: there are %s' % (region, ", ".join(model.groups)))
+        """Finds the voxels inside a region of a model's mesh, by its name, and inside the regions that are parts of it."""
+        nodes, tets = model.nodes, model.tets_of(region)
         mesh = ffi.new("trocar_mesh *", {"node_count": len(nodes), "nodes": lib.trocar_model_nodes(model._handle), "tet_count": len(tets),
-                                         "tets": lib.trocar_model_tets(model._handle), "tet_region": _inputs(regions, "int32_t[]")})
-        made = cls._made(lib.trocar_structure_from_region, mesh, index, spacing)
+                                         "tets": _inputs(tets, "int32_t[]")})
+        made = cls._made(lib.trocar_structure_from_region, mesh, 0, spacing)
         made._nodes = len(nodes)
         return made
 

@@ -115,7 +115,7 @@ def surface_points(model: Model, name: str, spacing: float, most: float = math.i
 
 
 def region_points(model: Model, name: str, spacing: float, most: float = math.inf) -> Array:
-    return _simplex_points(model.nodes[model.tets[model.tet_regions == model.groups.index(name)]], spacing, most)
+    return _simplex_points(model.nodes[model.tets_of(name)], spacing, most)
 
 
 # ---- contours ---------------------------------------------------------------------------------------------------------------------------

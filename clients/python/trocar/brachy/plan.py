@@ -365,13 +365,13 @@ def planned_seeds(plan: Plan, model: Model) -> list[Planned]:
 
 
 def _regions_at(model: Model, points: npt.NDArray[np.float64]) -> list[str | None]:
-    """Returns the region that contains each of the points (k, 3); None for points outside the tissue."""
-    names = model.groups
-    return [names[model.tet_regions[tet]] if tet >= 0 else None for tet in locate(model, points)[0]]
+    """Returns the region that contains each of the points (k, 3), or the one of which that is a part; None for points outside the tissue."""
+    names, wholes = model.groups, model.part_of
+    return [names[wholes[model.tet_regions[tet]]] if tet >= 0 else None for tet in locate(model, points)[0]]
 
 
 def check(plan: Plan, model: Model) -> dict[str, int]:
-    """Counts the plan's seeds in each region. Raises BadPlan as `planned_seeds` does, and also for a seed that is not completely in the tissue."""
+    """Counts the plan's seeds in each region with its parts. Raises BadPlan as `planned_seeds` does, and also for a seed that is not completely in the tissue."""
     seeds, half = planned_seeds(plan, model), 0.5 * model.seed_size.length
     if not seeds:
         return {}

@@ -171,7 +171,7 @@ def _plot_paths(problem: Problem, model: Model, results: Sequence[Any], path: Pa
     """Plots needles, targets, the region of the targets, and obstacles in three planes."""
     plt = _start_plots()
     frame = Frame(model)
-    regions = [model.groups[i] for i in sorted({int(model.tet_regions[tet]) for tet in locate(model, [result.target for result in results])[0]})]
+    regions = [model.groups[i] for i in np.unique(model.part_of[model.tet_regions[locate(model, [result.target for result in results])[0]]])]
     bodies = [*((name, region_points(model, name, 1e-3)) for name in regions), *((o.name, o.points) for o in problem.obstacles)]
     colours = ["#009E73", "#CC79A7", "#D55E00", "#E69F00", "#8C564B", "#7F7F7F"]
     figure, axes = plt.subplots(1, 3, figsize=(9.5, 3.9), layout="constrained", gridspec_kw={"width_ratios": [1.5, 1.5, 1.2]})

@@ -118,7 +118,7 @@ def displaced(model: Model, point: npt.ArrayLike, displacements: Array) -> Array
 def _shift(r: Recording, region: str) -> list[float]:
     """Returns the mean displacement of the nodes."""
     model = r.sim.model
-    nodes = np.unique(model.tets[model.tet_regions == model.groups.index(region)])
+    nodes = np.unique(model.tets_of(region))
     mean = r.displacements()[nodes].mean(axis=0)
     return [*mean.tolist(), float(np.linalg.norm(mean))]
 
@@ -159,7 +159,7 @@ QUANTITIES = {
     "tip": Quantity("m", ("x", "y", "z"), True, "", lambda r, _: r.sim.centreline()[-1].tolist(), "where the tip is"),
     "tip_error": Quantity("m", ("",), True, "", _tip_error, "distance from the tip to where a rigid needle's tip would be"),
     "target_error": Quantity("m", ("",), True, "target", _target_error, "distance from the tip to this point of the tissue, which moves with it"),
-    "shift": Quantity("m", ("x", "y", "z", "length"), True, "region", _shift, "mean displacement of this region's nodes"),
+    "shift": Quantity("m", ("x", "y", "z", "length"), True, "region", _shift, "mean displacement of the nodes of this region and its parts"),
     "needle_energy": Quantity("J", ("",), True, "", lambda r, _: [r.sim.needle_energy()], "elastic energy of the bent needle"),
     "seed_error": Quantity("m", ("mean", "worst"), True, "", _seed_error, "distance of the seeds, in the tissue at rest, from their places in the plan", True),
     "seed_parts": Quantity("m", tuple(f"{part}_{way}" for part in SEED_PARTS for way in ("along", "across")), False, "", _seed_parts,

@@ -10,7 +10,7 @@
 static const double CLEAR = 0.005;      /* m, distance of the tip from the guide before insertion and after withdrawal */
 static const double PAUSE = 0.1;        /* s, rest before a needle is left and before a seed is dropped */
 static const double FURTHER = 1e-3;     /* m, by which a needle is drawn back if the previous seed is still in it */
-static const int REPEATS = 5;           /* maximum number of times that it is drawn back for this reason */
+static const int REPEATS = 20;          /* maximum number of times that it is drawn back for this reason */
 static const double AT_TARGET = 0.3e-3; /* m, distance within which the tip is where the image should show it */
 static const int CORRECTIONS = 5;       /* maximum number of further strokes towards a place that the needle itself displaces */
 

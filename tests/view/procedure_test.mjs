@@ -10,7 +10,7 @@ import { source, start, stop } from './parts.mjs'
 const SIZES = [[1280, 720], [1366, 768], [1280, 800], [1024, 768], [1440, 900], [1680, 1050], [1920, 1080], [768, 1024], [390, 844], [844, 390]]
 const NEEDED = '#next, #answer, #hole, #drop, #undo, #fresh, #take, #lever, #pad, #roll, #reset, #drive-note' // without scrolling
 const OUT = process.argv[4]
-const implant = path.join(source, 'meshes/implant.yaml')
+const pelvis = path.join(source, 'meshes/pelvis.yaml')
 const text = (id) => `document.getElementById('${id}').textContent`
 const says = (id, pattern) => until(page, `${pattern}.test(${text(id)})`)
 const tip = () => page.evaluate('trocar.stage.needles[0].tip.toArray()')
@@ -40,9 +40,9 @@ const press = async (key, done) => {
    seed elsewhere. */
 const plan = path.join(OUT, 'plan.csv')
 await writeFile(plan, 'hole,seed,x [m],y [m],z [m]\nC3.5,1,0.02,-0.005,0.05875\nC3.5,2,0.02,-0.005,0.04875\nF4,1,0.005,0,0.06\n')
-let view = await start('clients/view/trocar-view', '--scene', implant, '--plan', plan), server, page
+let view = await start('clients/view/trocar-view', '--scene', pelvis, '--plan', plan), server, page
 try {
-  server = await start('server/trocar-server', '--allow-non-rt', '--scene', implant)
+  server = await start('server/trocar-server', '--allow-non-rt', '--scene', pelvis)
   page = await open({ width: 900, height: 600 })
 
   await check('the page has the images, the grid and a first step', async () => {
@@ -238,7 +238,7 @@ try {
   await check('when the server is started anew, the page says that needles and seeds are gone', async () => {
     await stop(server)
     await until(page, `${text('link')} === 'no server'`)
-    server = await start('server/trocar-server', '--allow-non-rt', '--scene', implant)
+    server = await start('server/trocar-server', '--allow-non-rt', '--scene', pelvis)
     await says('answer', /The server has been restarted: the needles are out\./)
     await until(page, `${text('link')} === 'live' && parseFloat(${text('depth')}) === 0`)
     for (const [seeds, words] of [[1, ', and the seed is gone.'], [3, ', and the 3 seeds are gone.']])

@@ -28,7 +28,7 @@ static int host_of(const trocar_model *model) {
 
 static void find_brightness(slices *s, int host) {
     for (int r = 0; r < trocar_model_region_count(s->model); r++) {
-        const char *name = trocar_model_region_name(s->model, r);
+        const char *name = trocar_model_region_name(s->model, trocar_model_part_of(s->model, r));
         bool bone = isinf(trocar_model_material(s->model, r).cutting_force) != 0, gland = strstr(name, "prostate") || strstr(name, "gland");
         s->brightness[r] = bone ? BONE : r == host ? HOST : gland ? GLAND : OTHER - 0.05 * (r % 3);
     }

@@ -71,12 +71,19 @@ struct dose_thread {
 
 static const char *const WORDS[ORGANS][2] = {{"prostate", "gland"}, {"urethra", NULL}, {"rectum", NULL}};
 
-/* Returns the model's first region whose name contains one of the words, or -1. */
+/* Returns the model's first region that is not a part of another and whose name contains one of the words, or -1. */
 static int find_organ(const trocar_model *m, const char *const words[2]) {
     for (int r = 0; r < trocar_model_region_count(m); r++)
         for (int w = 0; w < 2 && words[w]; w++)
-            if (trocar_model_region_dimension(m, r) == 3 && strcasestr(trocar_model_region_name(m, r), words[w])) return r;
+            if (trocar_model_region_dimension(m, r) == 3 && trocar_model_part_of(m, r) == r && strcasestr(trocar_model_region_name(m, r), words[w])) return r;
     return -1;
+}
+
+/* Returns the model's mesh with its organs as regions: a region and its parts have the region's number. The array `organ_of_tet` is given by the caller. */
+static trocar_mesh mesh_of_organs(const trocar_model *m, int32_t *organ_of_tet) {
+    for (int t = 0; t < trocar_model_tet_count(m); t++) organ_of_tet[t] = trocar_model_part_of(m, trocar_model_tet_regions(m)[t]);
+    return (trocar_mesh){.node_count = trocar_model_node_count(m), .tet_count = trocar_model_tet_count(m), .nodes = trocar_model_nodes(m),
+                         .tets = trocar_model_tets(m), .tet_region = organ_of_tet};
 }
 
 /* Returns a dose grid for the bounding box of the target, or of the whole tissue if there is no target. */
@@ -99,13 +106,12 @@ static trocar_dose_grid choose_grid(const trocar_mesh *mesh, int target) {
     return grid;
 }
 
-static trocar_status prepare(dose_thread *t, const trocar_model *m, trocar_error *why) {
-    const char *name = t->settings->source;
-    size_t length = strlen(name);
-    bool is_file = length > 5 && strcmp(name + length - 5, ".yaml") == 0;
-    trocar_status status = is_file ? trocar_dose_source_load(name, &t->source, why) : trocar_dose_source_create(name, &t->source, why);
-    trocar_mesh mesh = {.node_count = trocar_model_node_count(m), .tet_count = trocar_model_tet_count(m), .nodes = trocar_model_nodes(m),
-                        .tets = trocar_model_tets(m), .tet_region = trocar_model_tet_regions(m)};
+/* Finds the organs, the shrinkage of the target, and the dose grid. */
+static trocar_status prepare_organs(dose_thread *t, const trocar_model *m, trocar_error *why) {
+    int32_t *organ_of_tet = malloc((size_t)trocar_model_tet_count(m) * sizeof *organ_of_tet);
+    if (!organ_of_tet) return fail(why, TROCAR_NO_MEMORY, "no memory for the dose");
+    trocar_mesh mesh = mesh_of_organs(m, organ_of_tet);
+    trocar_status status = TROCAR_OK;
     for (int i = 0; status == TROCAR_OK && i < ORGANS; i++) {
         int region = find_organ(m, WORDS[i]);
         if (region < 0) continue;
@@ -114,16 +120,26 @@ static trocar_status prepare(dose_thread *t, const trocar_model *m, trocar_error
         o->is_target = i == 0;
         o->shrinks = i < 2; /* the urethra, which runs through the gland, also shrinks */
     }
-    if (status != TROCAR_OK) return status;
     t->shrunk.scale = t->organ_count > 0 && t->organs[0].is_target ? 1.0 / cbrt(t->settings->swelling) : 1.0;
-    if (t->organ_count > 0) organ_centre(&t->organs[0], t->shrunk.centre);
-    t->node_count = mesh.node_count;
-    size_t size = sizeof(told_state) + 3 * (size_t)mesh.node_count * sizeof(double);
+    if (status == TROCAR_OK && t->organ_count > 0) organ_centre(&t->organs[0], t->shrunk.centre);
+    t->grid = choose_grid(&mesh, find_organ(m, WORDS[0]));
+    free(organ_of_tet);
+    return status;
+}
+
+static trocar_status prepare(dose_thread *t, const trocar_model *m, trocar_error *why) {
+    const char *name = t->settings->source;
+    size_t length = strlen(name);
+    bool is_file = length > 5 && strcmp(name + length - 5, ".yaml") == 0;
+    trocar_status status = is_file ? trocar_dose_source_load(name, &t->source, why) : trocar_dose_source_create(name, &t->source, why);
+    if (status == TROCAR_OK) status = prepare_organs(t, m, why);
+    if (status != TROCAR_OK) return status;
+    t->node_count = trocar_model_node_count(m);
+    size_t size = sizeof(told_state) + 3 * (size_t)t->node_count * sizeof(double);
     t->done = calloc(1, size);
     if (!t->done) return fail(why, TROCAR_NO_MEMORY, "no memory for the dose");
     status = triple_buffer_create(&t->told, size, why);
     if (status != TROCAR_OK) return status;
-    t->grid = choose_grid(&mesh, find_organ(m, WORDS[0]));
     status = trocar_dose_create(t->source, &t->grid, &t->dose, why);
     if (status != TROCAR_OK) return status;
     size_t count = (size_t)trocar_dose_point_count(t->dose);

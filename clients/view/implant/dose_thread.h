@@ -19,8 +19,9 @@ typedef struct {
 
 typedef struct dose_thread dose_thread;
 
-/* Starts the thread. Organs are the regions whose names contain prostate or gland, urethra, rectum. If `plan` is not NULL, the plan's dose in the
-   organs is computed as well. `settings` must outlive the thread. BAD_INPUT for a seed model that does not exist or is invalid; SYSTEM; NO_MEMORY. */
+/* Starts the thread. Organs are the regions whose names contain prostate or gland, urethra, rectum, with their parts. If `plan` is not NULL, the plan's
+   dose in the organs is computed as well. `settings` must outlive the thread. BAD_INPUT for a seed model that does not exist or is invalid; SYSTEM;
+   NO_MEMORY. */
 trocar_status dose_thread_create(const trocar_model *model, const dose_settings *settings, const plan_table *plan,
                                  dose_thread **created, trocar_error *why);
 void dose_thread_free(dose_thread *t);

@@ -28,14 +28,14 @@ typedef struct {
 typedef struct { double centre[3], scale; } shrinkage;
 
 typedef struct {
-    const char *name;        /* the region's name in the scene */
+    const char *name;        /* name of the region that stands for the organ */
     bool is_target, shrinks; /* `shrinks` is true if the organ shrinks together with the gland */
     trocar_structure *structure;
     double *points, *doses;  /* scratch */
     organ_result results[DOSE_STATES];
 } organ;
 
-/* Divides a region of dimension 3 into voxels of 1 mm; `mesh` is needed for this call only. Errors as in trocar_structure_from_region. */
+/* Divides a region of `mesh` into voxels of 1 mm; the mesh is needed for this call only. Errors as in trocar_structure_from_region. */
 trocar_status organ_create(organ *o, const trocar_model *m, const trocar_mesh *mesh, int region, trocar_error *why);
 void organ_free(organ *o);
 

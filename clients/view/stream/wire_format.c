@@ -85,6 +85,7 @@ static void write_regions(json *j, const trocar_scene *s, const trocar_model *m)
         list_entry region = entry_of(s, m, "regions", r, 3, "cutting_force");
         json_open(j, NULL, '{');
         json_text(j, "name", region.name);
+        json_text(j, "organ", trocar_model_region_name(m, trocar_model_part_of(m, region.group)));
         json_integer(j, "group", region.group);
         json_number(j, "youngsModulus", trocar_model_material(m, region.group).youngs_modulus);
         json_bool(j, "bone", region.bone);

@@ -16,7 +16,7 @@ const OTHERS = ['#8aa4c8', '#9ab87a', '#c49ad0', '#d0b080']
 
 export function regionColour(region, index) {
   if (region.bone) return '#e8dfc8'
-  return REGIONS.find(([name]) => region.name.toLowerCase().includes(name))?.[1] ?? OTHERS[index % OTHERS.length]
+  return REGIONS.find(([name]) => (region.organ ?? region.name).toLowerCase().includes(name))?.[1] ?? OTHERS[index % OTHERS.length]
 }
 
 export const CONTACT = { 0: '#3ddc97', 1: '#ff9f43', '-1': '#5b8cff' } // colour by contact state: sticking, sliding in, sliding out

@@ -156,7 +156,7 @@ export class Echo {
 
   addTissue(scene) {
     const host = hostOf(scene), fan = { probe: { value: this.probe }, reach: { value: this.reach }, spread: { value: this.spread }, ...this.doses }, defines = { ACROSS: this.plane.across, ISO100: shaded(ISODOSE[0].colour), ISO150: shaded(ISODOSE[1].colour), ISO200: shaded(ISODOSE[2].colour), ...(this.plane.across === 'z' ? { LINEAR: '' } : {}) }
-    this.greys = new Map(scene.regions.map((r, i) => [r.group, r.bone ? GREY.bone : r.group === host ? GREY.host : /prostate|gland/i.test(r.name) ? GREY.gland : GREY.other - 0.05 * (i % 3)]))
+    this.greys = new Map(scene.regions.map((r, i) => [r.group, r.bone ? GREY.bone : r.group === host ? GREY.host : /prostate|gland/i.test(r.organ) ? GREY.gland : GREY.other - 0.05 * (i % 3)]))
     const bone = bitsOfBone(scene)
     this.outlined = (inside, outside) => inside !== outside && outside !== OUTSIDE
     this.bony = (inside, outside, bits) => (bits & bone) !== 0

@@ -13,8 +13,8 @@ export function tetAt(scene, nodes, place, guess = -1) {
   return -1
 }
 
-/** Returns the name of a tetrahedron's region, '' if it has none. */
-export const regionOf = (scene, tet) => (tet >= 0 ? scene.regions.find(({ group }) => group === scene.tets[5 * tet])?.name ?? '' : '')
+/** Returns the name of a tetrahedron's organ: its region or the one of which that is a part; '' if there is none. */
+export const organOf = (scene, tet) => (tet >= 0 ? scene.regions.find(({ group }) => group === scene.tets[5 * tet])?.organ ?? '' : '')
 
 export class MaterialPoint {
   /** `rest` is the position in the tissue at rest, m. A point outside the tissue does not move. */

@@ -5,13 +5,13 @@ import { LATE } from '../age.js'
 import { TOUCH } from '../drive.js'
 import { AXIAL, Echo, SAGITTAL } from '../ultrasound_view.js'
 import { describeDose, shadeSlices } from './dose.js'
-import { MaterialPoint, regionOf, tetAt } from './material.js'
+import { MaterialPoint, organOf, tetAt } from './material.js'
 import { Seeds3D } from './seeds3d.js'
 import { SliceMarks } from './slice_marks.js'
 import { Template } from './template.js'
 
-const ORGANS = /prostate|gland|urethra|rectum/i
-const TARGET = /prostate|gland/i // regions in which seeds belong
+const ORGANS = /prostate|gland|urethra/i // in the middle of the images, which show the rectum's wall below them
+const TARGET = /prostate|gland/i // organs in which seeds belong
 const ASK_AGAIN = 500 // ms after which a hole is sent again if trocar-view has not acknowledged it
 const PUSH = TOUCH ? 'lever up' : 'hold W', PULL = TOUCH ? 'lever down' : 'hold S'
 const IN_LINE = 5e-4 // m, largest distance of the tip from the hole's axis at which the needle counts as aligned with the hole
@@ -72,7 +72,7 @@ export class Procedure {
     if (this.available) {
       this.template = new Template(scene.guides[index], index)
       for (const slice of [this.echo, this.sagittal]) {
-        slice.focus = (region) => ORGANS.test(region.name)
+        slice.focus = (region) => ORGANS.test(region.organ)
         slice.load(scene)
       }
       this.echo.include(this.template.corners().map((point) => [point.x, point.y]))
@@ -164,8 +164,8 @@ export class Procedure {
 
   /** Returns a warning about a seed outside the gland; '' if the seed is inside, or if the scene has no such region. */
   outOfTarget(tet) {
-    const target = this.scene.regions.find(({ name }) => TARGET.test(name))?.name, region = regionOf(this.scene, tet)
-    return !target || TARGET.test(region) ? '' : ` It is not in the ${target}${region ? `, but in “${region}”` : ', nor in the tissue'}.`
+    const target = this.scene.regions.find(({ organ }) => TARGET.test(organ))?.organ, organ = organOf(this.scene, tet)
+    return !target || TARGET.test(organ) ? '' : ` It is not in the ${target}${organ ? `, but in “${organ}”` : ', nor in the tissue'}.`
   }
 
   say(text, bad = false) {

@@ -1,9 +1,10 @@
 #!/usr/bin/python3
-"""Compares meshes/implant.yaml with measurements in patients.
+"""Compares meshes/implant.yaml and meshes/pelvis.yaml with measurements in patients.
 
-The scene was fitted to two numbers: the puncture force of the skin so that an 18 G needle meets 8.9 N in the perineum, and friction so that it then meets 5.6 N
-in the gland, both at 80 mm/s. Results for other gauges, for the motion and rotation of the gland, and for the final positions of seeds are predictions; those
-for shift and rotation are weak, because the published ranges contain 0.
+The first scene was fitted to two numbers: the puncture force of the skin so that an 18 G needle meets 8.9 N in the perineum, and friction so that it then meets
+5.6 N in the gland, both at 80 mm/s. The second has the same needles, skin and friction in the anatomy of a pelvis. Results for other gauges, and in the pelvis
+for the motion and rotation of the gland and the final positions of seeds, are predictions; those for shift and rotation are weak, because the published ranges
+contain 0.
 """
 import sys
 
@@ -70,7 +71,6 @@ def sideways(sim, hole):
 
 rows = Rows.from_arguments(__doc__, "Implant")
 model = trocar.Model(scene())
-gland = Gland(model)
 
 # ---- force ----
 speeds = (FIT_SPEED, 0.12) if rows.short else (0.05, FIT_SPEED, 0.12)
@@ -112,10 +112,10 @@ if not rows.short:
              regression=(11.3, 12.5), reason="the ratio of 1.75 is that of the diameters, 1.16, to the power of 3.8; areas grow with the power of 2; what else differed is not known here")
 
 # ---- the gland ----
+pelvis = trocar.Model(scene("pelvis"))
+gland = Gland(pelvis)
 if not rows.short:
-    four = scene()
-    four["needles"] = 4
-    sim = trocar.Sim(trocar.Model(four))
+    sim = trocar.Sim(pelvis)
     needles = [Needle(sim, hole, i) for i, hole in enumerate(HOLES[:4])]
     shifts = [0.0]
     for needle in needles:
@@ -124,11 +124,11 @@ if not rows.short:
             sim.step(other.pose(), DT, other.index)
         shifts.append(1e3 * gland.motion(sim)[1])
     rows.add("shift of the gland's base, 4 needles", STONE, ABSTRACT, (0, 30), shifts[-1], "mm", published="median 15 mm (0 to 30), with 16 needles", kind=PREDICTED, fitted=FORCES,
-             scatter=f"{shifts[1]:.1f} with one needle", weak=True, regression=(2.7, 3.7), note="the range begins at 0, and the median is far above; 16 needles were not tried")
+             scatter=f"{shifts[1]:.1f} with one needle", weak=True, regression=(7.8, 9.6), note="the range begins at 0; 16 needles were not tried")
     rows.curve("gland-shift", "model", range(5), shifts, "needles", "shift of the gland's base (mm)")
     shift = {}
     for speed in (0.005, 0.12):
-        sim = trocar.Sim(model)
+        sim = trocar.Sim(pelvis)
         Needle(sim, HOLES[0]).move(DEEP, speed)
         shift[speed] = 1e3 * gland.motion(sim)[0]
     rows.trend("the gland is moved less by a fast needle", MCLAUGHLIN, ABSTRACT, "base moved by up to 20 mm by a high-speed needle, 1 mm with the device", shift[0.12] < shift[0.005],
@@ -136,25 +136,24 @@ if not rows.short:
                note="the tendency only: neither 20 nor 1 mm is reached; the abstract calls the needle that moves the gland by 20 mm high-speed, too, but says of its videos that a timid needle tents it more; its speeds are not given")
     turns = []
     for x in (-0.02, 0.02):
-        sim = trocar.Sim(model)
+        sim = trocar.Sim(pelvis)
         needle = Needle(sim, (x, 0.0))
         for to in (*np.arange(0.04, DEEP + 0.001, 0.01), *np.arange(DEEP - 0.01, 0.03, -0.01)):
             needle.move(to, 0.05)
             turns.append(gland.motion(sim)[2])
     rows.add("greatest rotation of the gland in the coronal plane, either way", LAGERBURG, ABSTRACT, (0, 11.2), float(np.abs(turns).max()), "degrees", published="-11.2 to 13.8 degrees",
-             kind=PREDICTED, fitted=FORCES, scatter=f"{min(turns):.2f} to {max(turns):.2f}, needles 20 mm beside the middle", weak=True, regression=(1.5, 2.2))
+             kind=PREDICTED, fitted=FORCES, scatter=f"{min(turns):.2f} to {max(turns):.2f}, needles 20 mm beside the middle", weak=True, regression=(3.9, 5.1))
 
 # ---- seeds ----
 # A seed is left at the tip while the needle is drawn back. It belongs to the tissue that is there, and goes with it when the needle is gone.
 off = []
 for hole in holes:
-    sim = trocar.Sim(model)
+    sim = trocar.Sim(pelvis)
     needle = Needle(sim, hole)
     needle.move(DEEP, 0.05)
     for at in (0.07, 0.06, 0.05, 0.04):
         outputs = needle.move(at, 0.05)
         off.append(1e3 * (outputs[-1].depth - at))
 rows.add("misplacement of seeds along the needle, mean", SEEDS, ABSTRACT, (1.9, 5.7), float(np.mean(np.abs(off))), "mm", published="3.8 mm (no scatter given; judged within half)", kind=PREDICTED,
-         fitted=FORCES, scatter=f"{min(off):.1f} to {max(off):.1f}; only what the tissue's motion does",
-         regression=(1.28, 1.56) if rows.short else (1.18, 1.44), reason="the model has the tissue's motion alone; images, hands and seeds that drift add to what was measured")
+         fitted=FORCES, scatter=f"{min(off):.1f} to {max(off):.1f}; only what the tissue's motion does", note="images, hands and seeds that drift add to what was measured")
 sys.exit(rows.end())

@@ -203,11 +203,12 @@ try {
 
   await check('a tip or a seed that is not in the gland is told', async () => {
     assert.match(await page.evaluate("trocar.procedure.outOfTarget(-1)"), /It is not in the prostate, nor in the tissue/)
-    const regions = await page.evaluate('trocar.stage.scene.regions.map(({ name }) => name)')
+    const organs = await page.evaluate('trocar.stage.scene.regions.map(({ organ }) => organ)')
+    assert.equal(organs.filter((organ) => organ === 'prostate').length, 2) // both zones of the gland
     const said = await page.evaluate(`(${wordsForRegions})()`)
-    for (const [i, name] of regions.entries()) {
-      if (name === 'prostate') assert.equal(said[i], '')
-      else assert(said[i].includes(`in “${name}”`), said[i])
+    for (const [i, organ] of organs.entries()) {
+      if (organ === 'prostate') assert.equal(said[i], '')
+      else assert(said[i].includes(`in “${organ}”`), said[i])
     }
     assert.match(await page.evaluate(`(${throughTheTissue})()`), /come out of the tissue on its far side/)
   })

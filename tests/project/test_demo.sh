@@ -49,11 +49,11 @@ done
 [ -s out/implant.log ] && has_results || fail "no recording, or the other demo's results are gone"
 head -n1 out/implant-forces.csv >heading.csv
 ends_with 2 env PYTHONPATH=build/clients/python TROCAR_LIBRARY=build/core/libtrocar.so \
-    scripts/implant_report meshes/implant.yaml docs/examples/implant-plan.yaml out/implant.log heading.csv out
+    scripts/implant_report meshes/pelvis.yaml docs/examples/implant-plan.yaml out/implant.log heading.csv out
 says "implant_report: heading.csv: not the table of a complete implant"
 head -c 200000 out/implant.log >cut.log
 ends_with 2 env PYTHONPATH=build/clients/python TROCAR_LIBRARY=build/core/libtrocar.so \
-    scripts/implant_report meshes/implant.yaml docs/examples/implant-plan.yaml cut.log out/implant-forces.csv out
+    scripts/implant_report meshes/pelvis.yaml docs/examples/implant-plan.yaml cut.log out/implant-forces.csv out
 says "cut.log: byte"
 says "the log is truncated"
 ends_with 2 scripts/demo --short

@@ -20,7 +20,7 @@ def _of(words: str, unit: str = "", factor: float = 1.0, decimals: int = 0, plan
 
 
 MEASURES = {
-    "tip_error": _of("Distance of the farthest target from the end of the nearest needle track, in the tissue at rest", "mm", 1e3, 1),
+    "tip_error": _of("Distance of a tip from its target in the displaced tissue, while the needle was at its deepest; the largest of all targets", "mm", 1e3, 1),
     "seed_error": _of("Mean distance of the seeds from their planned places, in the tissue at rest", "mm", 1e3, 1, plan=True),
     "seed_error_largest": _of("Largest distance of a seed from its planned place", "mm", 1e3, 1, plan=True),
     "seeds_missing": _of("Planned seeds that were not left in the tissue", plan=True),

@@ -4,17 +4,20 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from os import PathLike, fspath
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from .. import Model
 from .._lcm_log import events
+from .._locate import locate
 
 Array = npt.NDArray[np.float64]
 
-CHANNELS = ("TROCAR_WRENCH", "TROCAR_DEFORMATION", "TROCAR_TRACKS", "TROCAR_SEEDS")
+CHANNELS = ("TROCAR_WRENCH", "TROCAR_DEFORMATION", "TROCAR_TRACKS", "TROCAR_SEEDS", "TROCAR_CONTACTS")
 # LCM's fingerprints of the message types; tests/python/test_training.py compares them with lcmtypes/trocar.lcm.
-FINGERPRINTS = dict(zip(CHANNELS, (0x3f878a766c95d360, 0xb6c802e121a810f4, 0xff4a2e4077a7cf58, 0x22281f3a8fc50383)))
+FINGERPRINTS = dict(zip(CHANNELS, (0x3f878a766c95d360, 0xb6c802e121a810f4, 0xff4a2e4077a7cf58, 0x22281f3a8fc50383, 0xcdae9db269781a73)))
 _WRENCH = np.dtype([(name, ">i8") for name in ("fingerprint", "utime", "tick", "session", "pose_seq", "pose_utime")]
                    + [(name, ">f8", 3) for name in ("force", "torque", "raw_force", "raw_torque")] + [("depth", ">f8")]
                    + [(name, ">i4") for name in ("contacts", "events", "membrane", "flags")] + [("server", ">i8"), ("needle", ">i4")])
@@ -32,6 +35,14 @@ class Seeds:
     direction: Array = field(default_factory=lambda: np.zeros((0, 3)))    # (k, 3) unit vectors to the distal ends, in the tissue at rest
     guide: npt.NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))    # (k,) -1: none
     hole: npt.NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))     # (k,) column + columns * row; -1: none
+
+
+class Sighting(NamedTuple):
+    """A needle in a frame of the tissue, as an image shows both."""
+
+    needle: int
+    depth: float                                # m, length of its track
+    offsets: Array                              # (k, 3) m, from the points that are watched, in the displaced tissue, to the tip
 
 
 class _Message:
@@ -57,11 +68,16 @@ class Recording:
     """What a log says about a run. Only messages of the server are used, so that recordings of the same run by different programs agree.
 
     wrenches: structured array, in the order of the log; paths: tracks (n, 3) m that needles have cut, in the tissue at rest; seeds: at the end;
-    displacement: largest displacement (m) of the chosen nodes in any frame, and `displacements`, that of each frame's nodes."""
+    displacement: largest displacement (m) of the chosen nodes in any frame; sightings: of needles that are held, in each frame."""
 
-    def __init__(self, path: str | PathLike[str], node_count: int, nodes: npt.NDArray[np.intp]):
-        """`nodes`: those whose displacement counts. Raises BadRecording."""
-        self.path, self._node_count, self._nodes = fspath(path), node_count, nodes
+    def __init__(self, path: str | PathLike[str], model: Model, nodes: npt.NDArray[np.intp], watched: Array):
+        """`nodes`: those whose displacement counts; watched (k, 3) m: points of the tissue at rest. Raises BadRecording."""
+        self.path, self._node_count, self._nodes, self._watched = fspath(path), len(model.nodes), nodes, watched
+        tets, self._weights = locate(model, watched)
+        self._corners = model.tets[tets]
+        self.sightings: list[Sighting] = []
+        self._depths: dict[int, float] = {}
+        self._tips: dict[int, tuple[int, Array]] = {}    # by needle: tick, and position (3,) m
         self.paths: list[Array] = []
         self.seeds = Seeds()
         self.displacement = 0.0
@@ -69,6 +85,7 @@ class Recording:
         self._servers: set[int] = set()
         self._tracks: dict[int, list[Array]] = {}
         wrenches: list[bytes] = []
+        readers = {"TROCAR_DEFORMATION": self._read_frame, "TROCAR_TRACKS": self._read_tracks, "TROCAR_SEEDS": self._read_seeds, "TROCAR_CONTACTS": self._read_contacts}
         for number, (channel, data) in enumerate(events(Path(path), BadRecording)):
             if channel not in FINGERPRINTS:
                 continue
@@ -79,8 +96,9 @@ class Recording:
                     if len(data) != _WRENCH.itemsize:
                         raise ValueError
                     wrenches.append(data)
+                    self._note_depth(np.frombuffer(data, _WRENCH)[0])
                 else:
-                    {"TROCAR_DEFORMATION": self._read_frame, "TROCAR_TRACKS": self._read_tracks, "TROCAR_SEEDS": self._read_seeds}[channel](_Message(data))
+                    readers[channel](_Message(data))
             except ValueError:
                 raise BadRecording(f"{path}: event {number}: {channel}: a message of another type, or damaged: record it with this release") from None
         self.wrenches = np.frombuffer(b"".join(wrenches), _WRENCH)
@@ -98,8 +116,21 @@ class Recording:
         if not np.isfinite(self.wrenches["raw_force"]).all() or not np.isfinite(self.wrenches["depth"]).all():
             raise BadRecording(f"{self.path}: a wrench is not finite: record it with this release")
 
+    def _note_depth(self, wrench: np.void) -> None:
+        self._depths[int(wrench["needle"])] = float(wrench["depth"]) if wrench["session"] != 0 else 0.0
+
+    def _read_contacts(self, message: _Message) -> None:
+        _, server, tick, _ = message.take("i8", 4)
+        self._servers.add(int(server))
+        message.take("f8", 5)
+        needle, count = message.take("i4", 2).tolist()
+        joints = message.take("f8", count, 3).astype(np.float64)
+        if count < 1:
+            raise ValueError
+        self._tips[needle] = int(tick), joints[-1]
+
     def _read_frame(self, message: _Message) -> None:
-        _, server, _ = message.take("i8", 3)
+        _, server, tick = message.take("i8", 3)
         self._servers.add(int(server))
         count = int(message.take("i4", 1)[0])
         if count != self._node_count:
@@ -109,6 +140,8 @@ class Recording:
             raise ValueError
         self.frames += 1
         self.displacement = max(self.displacement, float(np.linalg.norm(moved[self._nodes], axis=1).max()))
+        places = self._watched + np.einsum("ki,kij->kj", self._weights, moved[self._corners])
+        self.sightings += [Sighting(needle, self._depths.get(needle, 0.0), tip - places) for needle, (then, tip) in sorted(self._tips.items()) if then == tick]
 
     def _read_tracks(self, message: _Message) -> None:
         _, server, _ = message.take("i8", 3)

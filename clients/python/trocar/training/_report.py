@@ -281,7 +281,7 @@ def as_html(result: Result, runs: Sequence[Earlier] = (), reference: Earlier | N
     parts.append(_table(["", "measure", "this run", "criterion", "source"],
                         [["met" if ok else "not met", MEASURES[c.measure].words, shown(c.measure, value), _limit(c), c.source] for c, value, ok in result.judgements],
                         "Criteria", [2, 3]))
-    parts.append(_image(draw_sections(result), "Wanted and achieved places and the paths of the needles, in the tissue at rest, over sections of the organs"))
+    parts.append(_image(draw_sections(result), "Wanted and achieved places, over sections of the organs, and the paths of the needles in the tissue at rest"))
     if len(result.forces[0]):
         parts.append(_image(draw_forces(result), "Force on the hand"))
     if result.histograms:

@@ -12,7 +12,7 @@ from .. import brachy
 from .._locate import locate
 from ..brachy import plan as plans
 from ._measures import MEASURES
-from ._recording import Recording
+from ._recording import Recording, Sighting
 from ._task import Criterion, Target, Task
 
 Array = npt.NDArray[np.float64]
@@ -20,6 +20,7 @@ Array = npt.NDArray[np.float64]
 ENTERED = 2e-3     # m, depth at which a needle has entered the tissue; less is a touch of the skin
 TURN = 5e-3        # m, by which a needle is drawn back and pushed forward again in a redirection
 TAKEN = 5e-3       # m, a track that is longer when it appears belongs to a needle that had been left in the tissue
+DEEPEST = 5e-4     # m, difference from the greatest depth up to which a needle is at its deepest
 SAMPLE = 1e-3      # m, between the points of a path for which the region is determined
 RECTUM = 2e-6      # m^3, volume of the rectum with the highest doses
 
@@ -39,7 +40,7 @@ class Reached(NamedTuple):
 
     target: Target
     error: float | None      # m; None if no needle entered the tissue
-    tip: Array | None        # (3,) m, the end of the nearest track, in the tissue at rest
+    tip: Array | None        # (3,) m, the tip relative to the target in the displaced tissue, drawn from the target at rest
 
 
 class Histogram(NamedTuple):
@@ -96,8 +97,8 @@ def score(task: Task, log: str | PathLike[str]) -> Result:
     model = task.model
     gland = np.isin(model.tet_regions, [model.groups.index(name) for name in task.organs.get("gland", [])])
     nodes = np.unique(model.tets[gland] if gland.any() else model.tets)
-    recording = Recording(log, len(model.nodes), nodes)
-    reached = [_reached(target, recording.paths) for target in task.targets]
+    recording = Recording(log, model, nodes, np.reshape([target.position for target in task.targets], (-1, 3)))
+    reached = [_reached(target, i, recording) for i, target in enumerate(task.targets)]
     organs = _organs(task, recording.paths)
     forces, counts = _forces(recording), _passes(recording)
     measures: dict[str, float | None] = {
@@ -120,12 +121,28 @@ def score(task: Task, log: str | PathLike[str]) -> Result:
 # ---- needles ------------------------------------------------------------------------------------------------------------------------------
 
 
-def _reached(target: Target, paths: Sequence[Array]) -> Reached:
-    ends = [path[-1] for path in paths]
-    if not ends:
-        return Reached(target, None, None)
-    tip = min(ends, key=lambda end: float(np.linalg.norm(end - target.position)))
-    return Reached(target, float(np.linalg.norm(tip - target.position)), tip)
+def _reached(target: Target, number: int, recording: Recording) -> Reached:
+    """Returns how close a needle came to a target, as an image shows it: the least distance in those frames in which the needle was at its deepest. A needle that
+    passed through a target and went on has not reached it."""
+    best: Array | None = None
+    for needle in sorted({sighting.needle for sighting in recording.sightings}):
+        for visit in _visits([sighting for sighting in recording.sightings if sighting.needle == needle]):
+            deepest = max(sighting.depth for sighting in visit)
+            for offset in (sighting.offsets[number] for sighting in visit if sighting.depth >= deepest - DEEPEST):
+                if best is None or np.linalg.norm(offset) < np.linalg.norm(best):
+                    best = offset
+    return Reached(target, None, None) if best is None else Reached(target, float(np.linalg.norm(best)), target.position + best)
+
+
+def _visits(sightings: Sequence[Sighting]) -> list[list[Sighting]]:
+    """Splits the sightings of a needle into those of its visits to the tissue."""
+    visits: list[list[Sighting]] = [[]]
+    for sighting in sightings:
+        if sighting.depth >= ENTERED:
+            visits[-1].append(sighting)
+        elif visits[-1]:
+            visits.append([])
+    return [visit for visit in visits if visit]
 
 
 def _organs(task: Task, paths: Sequence[Array]) -> dict[str, float]:
@@ -192,6 +209,11 @@ def _misplacement(rows: Sequence[plans.Misplacement]) -> dict[str, float | None]
             "seeds_missing": sum(row.placed is None for row in rows), "seeds_extra": sum(row.planned is None for row in rows)}
 
 
+def _within(points: Array, others: Array) -> Array:
+    """Returns those points that lie in the bounding box of others: the prostatic urethra."""
+    return points[((points >= others.min(axis=0)) & (points <= others.max(axis=0))).all(axis=1)]
+
+
 def _histograms(task: Task, recording: Recording) -> list[Histogram]:
     """Returns the histograms of the organs with a role, in the tissue at rest; empty if the plan has no source or prescription."""
     plan = task.plan
@@ -199,10 +221,11 @@ def _histograms(task: Task, recording: Recording) -> list[Histogram]:
         return []
     source = brachy.Source(f"{plan.source.isotope} {plan.source.model}")
     planned, found = plans.planned_seeds(plan, task.model), []
-    for role, names in task.organs.items():
-        parts = [brachy.Structure.from_region(task.model, name) for name in names]
-        points, voxel = np.concatenate([part.points for part in parts]), parts[0].voxel
-        made = []
+    voxels = {role: [brachy.Structure.from_region(task.model, name) for name in names] for role, names in task.organs.items()}
+    for role, parts in voxels.items():
+        points, voxel, made = np.concatenate([part.points for part in parts]), parts[0].voxel, []
+        if role == "urethra" and "gland" in voxels:
+            points = _within(points, np.concatenate([part.points for part in voxels["gland"]]))
         for seeds in ([(s.position, s.direction) for s in planned], list(zip(recording.seeds.rest, recording.seeds.direction))):
             dose = brachy.Dose.at(source, points)
             for position, direction in seeds:

@@ -17,7 +17,7 @@ enum { OPTION_URL = 256, OPTION_BIND, OPTION_SOCKET, OPTION_HOST, OPTION_PAGE, O
 enum { LEAST_SIDE = 320, GREATEST_SIDE = 4096 /* pixels; the page renders at twice the resolution for anti-aliasing */ };
 
 static const struct argp_option option_list[] = {
-    {"scene", 's', "FILE", 0, "Scene of the server or of the log (required)", 0},
+    {"scene", 's', "FILE", 0, "Scene of the server or of the log (required without --task)", 0},
     {"lcm-url", OPTION_URL, "URL", 0, "LCM network (default $LCM_DEFAULT_URL)", 0},
     {0, 0, 0, 0, "Web server:", 1},
     {"port", 'p', "PORT", 0, "TCP port (default 8686; 0: any free one)", 1},

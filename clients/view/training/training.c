@@ -35,6 +35,7 @@ static pid_t start_scorer(const char *const *arguments, int *said) {
     if (*said < 0) return -1;
     pid_t process = fork();
     if (process == 0) {
+        setsid(); /* Linux shares processor time between sessions, so that a browser that draws in software does not starve it */
         dup2(*said, STDOUT_FILENO);
         dup2(*said, STDERR_FILENO);
         execv(program, (char *const *)all);

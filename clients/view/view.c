@@ -21,6 +21,7 @@
 #include "view/hand/pilot.h"
 #include "view/implant/implant.h"
 #include "view/stream/playback.h"
+#include "view/training/training.h"
 #include "view/web/chromium.h"
 #include "view_options.h"
 
@@ -44,6 +45,7 @@ typedef struct {
     subscriber feed;
     pilot pilot;
     implant implant;
+    training training;
     trocar_error cut;        /* where the log is truncated; empty if it is complete */
 
     output png;              /* --png only */
@@ -127,6 +129,7 @@ static char *describe(void *context, bool drives, bool driven, uint32_t steered)
         if (v->feed.probe.placed) write_probe(v, &j);
         write_needles(v, &j);
     }
+    training_write(&v->training, &v->feed, &j);
     if (*v->cut.text) json_text(&j, "message", v->cut.text);
     json_close(&j, '}');
     fclose(out);
@@ -135,7 +138,9 @@ static char *describe(void *context, bool drives, bool driven, uint32_t steered)
 
 static void act(void *context, const web_action *action) {
     view *v = context;
-    if (v->lcm) pilot_act(&v->pilot, action);
+    if (action->kind == ACTION_START) training_start(&v->training, &v->feed);
+    else if (action->kind == ACTION_FINISH) training_finish(&v->training, &v->feed);
+    else if (v->lcm) pilot_act(&v->pilot, action);
 }
 
 static void receive(view *v) {
@@ -219,6 +224,8 @@ static trocar_status open_web(view *v, trocar_error *why) {
     settings.page = page_folder(v->options, v->page, sizeof v->page);
     settings.timeline = &v->timeline;
     settings.scene = &v->encoded_scene;
+    settings.task_folder = v->training.task ? v->training.prepared : NULL;
+    settings.runs_folder = v->training.task ? v->training.runs : NULL;
     settings.sections = v->implant.sections;
     settings.section_count = IMPLANT_SECTIONS;
     settings.context = v;
@@ -238,6 +245,7 @@ static trocar_status open_live(view *v, trocar_error *why) {
     if (!v->lcm)
         return fail(why, TROCAR_SYSTEM, "cannot open LCM at %s: is there a multicast route (docs/troubleshooting.md)?", url ? url : "its default URL");
     trocar_status status = subscriber_open(&v->feed, v->lcm, v->model, &v->timeline, why);
+    if (status == TROCAR_OK) status = training_open(&v->training, v->lcm, why);
     if (status == TROCAR_OK) status = web_watch(v->web, lcm_get_fileno(v->lcm), on_lcm, why);
     if (status == TROCAR_OK && v->implant.dose) status = web_watch(v->web, dose_thread_descriptor(v->implant.dose), on_dose, why);
     if (status != TROCAR_OK) return status;
@@ -287,6 +295,7 @@ static trocar_status prepare(view *v, trocar_error *why) {
 static void clean_up(view *v) {
     if (v->web) web_free(v->web); /* freed first, because a driving browser releases the needle when its connection closes */
     pilot_close(&v->pilot);
+    training_close(&v->training);
     subscriber_close(&v->feed);
     implant_close(&v->implant);
     if (v->lcm) lcm_destroy(v->lcm);
@@ -340,6 +349,20 @@ static trocar_status take_picture(view *v, trocar_error *why) {
     return status == TROCAR_OK ? output_commit(&v->png, why) : status;
 }
 
+/* Takes the scene, the plan and its dose from the task. */
+static trocar_status read_task(view *v, view_options *o, trocar_error *why) {
+    training *t = &v->training;
+    if (!o->task) return TROCAR_OK;
+    trocar_status status = training_prepare(t, o->task, o->runs, why);
+    if (status != TROCAR_OK) return status;
+    o->scene_path = t->scene;
+    if (*t->plan) o->implant.plan = t->plan;
+    if (*t->source) o->implant.dose.source = t->source;
+    if (t->strength > 0.0) o->implant.dose.strength = t->strength;
+    if (t->prescription > 0.0) o->implant.dose.prescription = t->prescription;
+    return TROCAR_OK;
+}
+
 int main(int count, char **arguments) {
     view_options o = read_view_options(count, arguments);
     realtime_flush_denormals();   /* as in trocar-replay, so that the results are the same */
@@ -347,7 +370,8 @@ int main(int count, char **arguments) {
     static view v;
     v.options = &o;
     trocar_error why;
-    trocar_status status = prepare(&v, &why);
+    trocar_status status = read_task(&v, &o, &why);
+    if (status == TROCAR_OK) status = prepare(&v, &why);
     if (status == TROCAR_OK && o.png_path) status = take_picture(&v, &why);
     else if (status == TROCAR_OK) serve(&v);
     clean_up(&v);

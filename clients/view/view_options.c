@@ -11,12 +11,13 @@ const char *argp_program_version = "trocar-view " TROCAR_VERSION;
 error_t argp_err_exit_status = EXIT_BAD_INPUT;
 
 enum { OPTION_URL = 256, OPTION_BIND, OPTION_SOCKET, OPTION_HOST, OPTION_PAGE, OPTION_LOG, OPTION_PNG, OPTION_AT,
-       OPTION_SIZE, OPTION_VIEW, OPTION_CUT, OPTION_THEME, OPTION_SOURCE, OPTION_STRENGTH, OPTION_PRESCRIPTION, OPTION_SWELLING, OPTION_PLAN };
+       OPTION_SIZE, OPTION_VIEW, OPTION_CUT, OPTION_THEME, OPTION_SOURCE, OPTION_STRENGTH, OPTION_PRESCRIPTION, OPTION_SWELLING, OPTION_PLAN, OPTION_TASK,
+       OPTION_RUNS };
 
 enum { LEAST_SIDE = 320, GREATEST_SIDE = 4096 /* pixels; the page renders at twice the resolution for anti-aliasing */ };
 
 static const struct argp_option option_list[] = {
-    {"scene", 's', "FILE", 0, "Scene of the server or of the log (required)", 0},
+    {"scene", 's', "FILE", 0, "Scene of the server or of the log (required without --task)", 0},
     {"lcm-url", OPTION_URL, "URL", 0, "LCM network (default $LCM_DEFAULT_URL)", 0},
     {0, 0, 0, 0, "Web server:", 1},
     {"port", 'p', "PORT", 0, "TCP port (default 8686; 0: any free one)", 1},
@@ -38,6 +39,9 @@ static const struct argp_option option_list[] = {
     {"prescription", OPTION_PRESCRIPTION, "GY", 0, "Prescribed dose (default 145)", 3},
     {"swelling", OPTION_SWELLING, "RATIO", 0, "Volume of the gland on the day of the implant, divided by that after its swelling has gone (default 1.18)", 3},
     {"plan", OPTION_PLAN, "FILE", 0, "Show these planned seeds: the table that python3 -m trocar.brachy.plan show --out writes", 3},
+    {0, 0, 0, 0, "Training:", 4},
+    {"task", OPTION_TASK, "FILE", 0, "Guide a trainee through this task, record it, and show its report; --scene, --plan and the implant's options come from the task", 4},
+    {"runs", OPTION_RUNS, "FOLDER", 0, "The trainee's folder of recordings and reports (default ~/.local/share/trocar/runs)", 4},
     {0},
 };
 
@@ -74,6 +78,8 @@ static error_t parse_implant_option(int key, char *text, struct argp_state *stat
     case OPTION_PRESCRIPTION: i->dose.prescription = parse_number(state, "prescription", text, 1, 1e4), o->live_option = "--prescription"; break;
     case OPTION_SWELLING: i->dose.swelling = parse_number(state, "swelling", text, 1, 2), o->live_option = "--swelling"; break;
     case OPTION_PLAN: i->plan = text, o->live_option = "--plan"; break;
+    case OPTION_TASK: o->task = text, o->live_option = "--task"; break;
+    case OPTION_RUNS: o->runs = text; break;
     default: return ARGP_ERR_UNKNOWN;
     }
     return 0;
@@ -107,7 +113,9 @@ static error_t parse_option(int key, char *text, struct argp_state *state) {
     case OPTION_PNG: o->png_path = text; break;
     case ARGP_KEY_ARG: argp_error(state, "unexpected argument '%s'", text); break;
     case ARGP_KEY_END:
-        if (!o->scene_path) argp_error(state, "--scene is missing");
+        if (!o->scene_path && !o->task) argp_error(state, "--scene is missing");
+        if (o->scene_path && o->task) argp_error(state, "--scene: the task names its scene");
+        if (o->runs && !o->task) argp_error(state, "--runs needs --task");
         if (o->png_path && !o->log_path) argp_error(state, "--png needs --log");
         if (o->picture_option && !o->png_path) argp_error(state, "%s needs --png", o->picture_option);
         if (o->live_option && o->log_path) argp_error(state, "%s needs a live server, not --log", o->live_option);

@@ -16,6 +16,7 @@ typedef struct {
 
 typedef struct {
     const char *scene_path, *lcm_url, *log_path, *png_path;
+    const char *task, *runs; /* a task for a trainee, and the folder of runs; NULL if not given */
     double at;               /* s; INFINITY: the end of the log */
     picture picture;
     const char *picture_option;   /* name of the last option given that needs --png; NULL if there is none */

@@ -5,6 +5,9 @@ _trocar() {
     case $prev in
         --scene | --profile) _filedir '@(yaml|yml)' ;;
         --script) mapfile -t COMPREPLY < <(compgen -W "$("$1" --script list | cut -d' ' -f1) list" -- "$cur") ;;
+        --task | --course) _filedir '@(yaml|yml)' ;;
+        --html) _filedir html ;;
+        --runs | --prepare) _filedir -d ;;
         --poses | --compare | --out | --write-log | --log) _filedir log ;;
         --csv | --shift | --seeds) _filedir csv ;;
         --json-lines) _filedir jsonl ;;
@@ -38,9 +41,11 @@ _trocar() {
                 mapfile -t COMPREPLY < <(compgen -W "run check" -- "$cur")
             elif [[ $1 == *trocar-@(study|plan|fit) ]]; then
                 _filedir '@(yaml|yml)'
+            elif [[ $1 == *trocar-score ]]; then
+                _filedir log
             elif [[ $1 == *trocar-anatomy ]]; then
                 _filedir '@(dcm|csv|stl|ply)'
             fi ;;
     esac
-} && complete -F _trocar trocar-server trocar-device trocar-replay trocar-view trocar-top trocar-bench trocar-anatomy trocar-study trocar-plan trocar-fit \
+} && complete -F _trocar trocar-server trocar-device trocar-replay trocar-view trocar-top trocar-bench trocar-anatomy trocar-study trocar-plan trocar-fit trocar-score \
     trocar-haply trocar-slicer trocar-spacemouse

@@ -24,15 +24,17 @@ export function run(name, ...options) {
 
 const ended = (child) => child.exitCode !== null || child.signalCode !== null
 
-/** Starts a program with the scene and waits for its line "ready". */
-export async function start(name, ...options) {
-  const child = run(name, '--scene', scene, ...options)
+/** Waits for a program's line "ready". */
+export async function ready(child) {
   while (!child.said.includes('ready\n')) {
-    assert(!ended(child), `${name} ended: ${child.said}`)
+    assert(!ended(child), `${child.spawnfile} ended: ${child.said}`)
     await new Promise((done) => setTimeout(done, 20))
   }
   return child
 }
+
+/** Starts a program with the scene and waits until it is ready. */
+export const start = (name, ...options) => ready(run(name, '--scene', scene, ...options))
 
 export async function stop(child, signal = 'SIGTERM') {
   child?.kill(signal)

@@ -208,6 +208,8 @@ static void take_action(web *w, browser *b, const web_action *action) {
         if (w->driver == b) w->settings.act(w->settings.context, action);
         break;
     case ACTION_REMOVE:
+    case ACTION_START:
+    case ACTION_FINISH:
         if (!w->driver || w->driver == b) w->settings.act(w->settings.context, action);
         break;
     default: break;
@@ -316,8 +318,12 @@ static trocar_status check_page(const char *page, trocar_error *why) {
 
 static trocar_status listen_here(web *w, trocar_error *why) {
     const web_settings *s = &w->settings;
-    static struct lws_http_mount mount;
-    mount = (struct lws_http_mount){.mountpoint = "/", .mountpoint_len = 1, .origin = s->page, .def = "index.html",
+    static const struct lws_protocol_vhost_options log_type = {.name = ".log", .value = "application/octet-stream"},
+                                                   types = {.next = &log_type, .name = ".csv", .value = "text/csv"};
+    static struct lws_http_mount mount, task, runs;
+    runs = (struct lws_http_mount){.mountpoint = "/runs", .mountpoint_len = 5, .origin = s->runs_folder, .origin_protocol = LWSMPRO_FILE, .extra_mimetypes = &types};
+    task = (struct lws_http_mount){.mount_next = &runs, .mountpoint = "/task", .mountpoint_len = 5, .origin = s->task_folder, .origin_protocol = LWSMPRO_FILE};
+    mount = (struct lws_http_mount){.mount_next = s->task_folder ? &task : NULL, .mountpoint = "/", .mountpoint_len = 1, .origin = s->page, .def = "index.html",
                                     .origin_protocol = LWSMPRO_FILE};
     bool v6 = s->address && strchr(s->address, ':');
     const char *place = s->socket ? s->socket : s->address ? s->address : "127.0.0.1";

@@ -11,7 +11,7 @@ enum { WEB_PORT = 8686, WEB_BROWSERS = 16, WEB_ACTION_BYTES = 32, WEB_PATIENCE =
 
 /* A message from a browser; little-endian, 32 bytes. */
 typedef enum { ACTION_ACKNOWLEDGE = 1, ACTION_TAKE, ACTION_STEER, ACTION_RESET, ACTION_RELEASE, ACTION_PICTURE, ACTION_HOLE, ACTION_DROP, ACTION_UNDO,
-               ACTION_LEAVE, ACTION_REMOVE, ACTION_PROBE, ACTION_LAST = ACTION_PROBE } action_kind;
+               ACTION_LEAVE, ACTION_REMOVE, ACTION_PROBE, ACTION_START, ACTION_FINISH, ACTION_LAST = ACTION_FINISH } action_kind;
 typedef struct {
     uint32_t kind;
     float steer[6];          /* ACTION_STEER and ACTION_PROBE: right, up, forward, pitch, yaw, roll, each from -1 to 1; ACTION_HOLE: guide, column, row;
@@ -28,6 +28,7 @@ typedef struct {
 
 typedef struct {
     const char *page;        /* folder of the built page */
+    const char *task_folder, *runs_folder; /* served as task/ and runs/; NULL if there is no task */
     const char *address;     /* address to listen on; NULL: 127.0.0.1 */
     const char *socket;      /* path of a Unix socket to listen on instead of an address, or NULL */
     const char *host;        /* host name allowed besides localhost and `address`, or NULL */
@@ -42,7 +43,7 @@ typedef struct {
     char *(*describe)(void *context, bool drives, bool driven, uint32_t steered);  /* returns the state as JSON, freed by the caller; NULL: none.
                                                                                       `steered` is the number of the browser's last ACTION_STEER or
                                                                                       ACTION_PROBE, 0 before the first */
-    void (*act)(void *context, const web_action *action);        /* handles an action of the driving browser; ACTION_REMOVE also comes from
+    void (*act)(void *context, const web_action *action);        /* handles an action of the driving browser; ACTION_REMOVE, ACTION_START and ACTION_FINISH also come from
                                                                     another browser while none drives */
     bool (*may_drive)(void *context, uint32_t needle);  /* returns true if a browser may take and keep this needle; NULL: always */
     void (*take_png)(void *context, const void *png, size_t size); /* NULL: pictures are rejected */

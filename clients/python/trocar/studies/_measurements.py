@@ -2,7 +2,6 @@
 from __future__ import annotations
 
 import csv
-import struct
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Sequence
@@ -11,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .._files import open_input
+from .._lcm_log import events
 from ..motion import BadMotion, Table
 
 Array = npt.NDArray[np.float64]
@@ -18,8 +18,6 @@ Array = npt.NDArray[np.float64]
 LENGTHS = {"m": 1.0, "mm": 1e-3}
 UNITS = {"force": "N", "torque": "N m", "position": "m"}
 FORCES = ("fx", "fy", "fz", "tx", "ty", "tz")    # same columns as in the CSV of trocar-replay
-_MAGIC = 0xEDA1DA01    # first bytes of each event in an LCM log
-_HEAD = struct.Struct(">IqqII")
 
 
 class BadRecording(Exception):
@@ -160,26 +158,6 @@ def read_poses(path: Path) -> Table:
 # ---- LCM ------------------------------------------------------------------------------------------------------------------------------------
 
 
-def _events(path: Path) -> list[tuple[str, bytes]]:
-    """Returns channel and message of each event in an LCM log."""
-    try:
-        with open_input(path, "rb") as file:
-            data = file.read()
-    except OSError as error:
-        raise BadRecording(f"{path}: cannot be opened: {error.strerror}") from error
-    found, at = [], 0
-    while at < len(data):
-        if len(data) - at < _HEAD.size:
-            raise BadRecording(f"{path}: byte {at}: ends within an event: record it again, or cut it there")
-        magic, _, _, name, size = _HEAD.unpack_from(data, at)
-        body = at + _HEAD.size
-        if magic != _MAGIC or body + name + size > len(data):
-            raise BadRecording(f"{path}: byte {at}: no complete event of an LCM log: is it a recording by lcm-logger or trocar-device --log?")
-        found.append((data[body:body + name].decode("ascii", "replace"), data[body + name:body + name + size]))
-        at = body + name + size
-    return found
-
-
 def read_log(path: Path, every: float, kinds: Sequence[str]) -> Recording:
     """Reads the poses of the first needle and session in the log, and the wrenches that were computed for these poses, before limits and ramps are
     applied. Without wrenches in the log, the recording has no channels. Raises BadRecording."""
@@ -187,7 +165,7 @@ def read_log(path: Path, every: float, kinds: Sequence[str]) -> Recording:
     poses: list[list[float]] = []
     wrenches: list[list[float]] = []
     owner = None
-    for number, (channel, data) in enumerate(_events(path)):
+    for number, (channel, data) in enumerate(events(path, BadRecording)):
         if channel not in ("TROCAR_POSE", "TROCAR_WRENCH"):
             continue
         type_ = _messages._NEEDLE_POSE if channel == "TROCAR_POSE" else _messages._NEEDLE_WRENCH

@@ -1,7 +1,7 @@
 // The WebSocket connection to trocar-view. It reconnects automatically and acknowledges each update, which requests the next one.
 import { sections } from './decode.js'
 
-const ACKNOWLEDGE = 1, TAKE = 2, STEER = 3, RESET = 4, RELEASE = 5, PICTURE = 6, HOLE = 7, DROP = 8, UNDO = 9, LEAVE = 10, REMOVE = 11, PROBE = 12
+const ACKNOWLEDGE = 1, TAKE = 2, STEER = 3, RESET = 4, RELEASE = 5, PICTURE = 6, HOLE = 7, DROP = 8, UNDO = 9, LEAVE = 10, REMOVE = 11, PROBE = 12, START = 13, FINISH = 14
 const RETRY = 500, RETRY_REFUSED = 2000 // ms
 const TRY_AGAIN_LATER = 1013 // close code: trocar-view refused this page and gave a reason
 
@@ -60,5 +60,8 @@ export class Link {
   remove(needle) { this.send(REMOVE, [], null, needle) }
   /** Steers the probe; the arguments are the same as those of `steer`. */
   moveProbe(command, number) { this.send(PROBE, command, null, number) }
+  /** Starts and ends a trainee's task and its recording. */
+  startTask() { this.send(START) }
+  finishTask() { this.send(FINISH) }
   sendPicture(png) { this.send(PICTURE, [], png) }
 }

@@ -15,6 +15,7 @@ import { Probe } from './probe.js'
 import { Procedure } from './procedure/procedure.js'
 import { Stage } from './view3d.js'
 import { FRESH, showBanner, Silence, stateOf } from './state.js'
+import { Task } from './task.js'
 
 const STRIP_SPAN = 60 // s, live
 const asked = new URLSearchParams(location.search), posing = asked.has('picture') // `posing`: only render one picture and send it back
@@ -62,6 +63,7 @@ const link = new Link({
   status(received) {
     status = received
     noteServer()
+    task.hear(received.task)
     chooseOfStatus()
     statusAt = performance.now()
     age.hear(status.steered, statusAt)
@@ -72,7 +74,7 @@ const link = new Link({
 
 const drive = new Drive(link, age, { lever: element('lever'), pad: element('pad'), roll: element('roll'), tilt: element('tilt'), does: element('pad-does'), take: element('take'), reset: element('reset'), note: element('drive-note'), controls: element('controls') })
 
-const procedure = new Procedure({ stage, echo, drive, link, choose }), probe = new Probe({ stage, echo, procedure, drive, link, setSlice })
+const procedure = new Procedure({ stage, echo, drive, link, choose }), probe = new Probe({ stage, echo, procedure, drive, link, setSlice }), task = new Task(link, procedure)
 
 function takeScene(received) {
   scene = received
@@ -86,6 +88,7 @@ function takeScene(received) {
   stage.load(scene)
   echo.load(scene)
   procedure.load(scene)
+  task.load(scene)
   probe.load(scene)
   setCut(element('cut-axis').value)
   listLayers()
@@ -392,7 +395,7 @@ const ACTIONS = { Space: togglePlay, Comma: () => step(-1), Period: () => step(1
 const STEPS = ['Comma', 'Period', 'ArrowLeft', 'ArrowRight'] // these keys repeat while they are held down
 
 addEventListener('keydown', (event) => {
-  if (event.ctrlKey || event.metaKey || event.altKey || element('keys').open || event.target.matches('input[type=text]')
+  if (event.ctrlKey || event.metaKey || event.altKey || element('keys').open || element('task').open || event.target.matches('input[type=text]')
       || event.target.matches('select, input[type=range]') && event.code.startsWith('Arrow')) return
   if (event.key === '?') element('keys').showModal()
   else if (drive.key(event, true)) event.preventDefault()
@@ -452,4 +455,4 @@ if (posing) {
     pose()
   }, 50)
 }
-window.trocar = { stage, age, echo, plots, drive, probe, seek, goLive, setCut, setTheme, choose, procedure, get chosen() { return chosen }, get history() { return history }, get status() { return status }, get state() { return state }, get shown() { return shown }, get latency() { return latency } }
+window.trocar = { stage, age, echo, plots, drive, probe, task, seek, goLive, setCut, setTheme, choose, procedure, get chosen() { return chosen }, get history() { return history }, get status() { return status }, get state() { return state }, get shown() { return shown }, get latency() { return latency } }

@@ -346,6 +346,7 @@ export class Procedure {
   /* ---- drawing ---- */
 
   get needles() { return this.stage.needles }
+  get then() { return this.seedless ? '' : 'Then press “Drop seed”.' }
   get seedLength() { return this.scene.seedLength }
 
   /** Called in each frame: `picture` is the displayed picture; `following`: it is live. */
@@ -543,9 +544,9 @@ export class Procedure {
     if (depth === 0) return TOUCH ? 'Hold the lever up to push the needle in.' : 'Hold W, or the lever up, to push the needle in. Shift slows it down.'
     if (this.seedHere(chosen) && !this.planned) return 'The seed is left, and its dose is shown. Drop the next one farther out, draw the needle out, or press “Leave it in” and “New needle”.'
     const { along } = this.tipError(tip)
-    if (along > AT_TARGET) return `Push on (${PUSH}): ${mm(along)} mm to the target. Then press “Drop seed”.`
-    if (along < -AT_TARGET) return `Draw the needle back (${PULL}): ${mm(-along)} mm to the target. Then press “Drop seed”.`
-    return 'Press “Drop seed”.'
+    if (along > AT_TARGET) return `Push on (${PUSH}): ${mm(along)} mm to the target. ${this.then}`
+    if (along < -AT_TARGET) return `Draw the needle back (${PULL}): ${mm(-along)} mm to the target. ${this.then}`
+    return this.seedless ? 'The tip is at the target.' : 'Press “Drop seed”.'
   }
 
   /** True if the newest seed came from this needle in the chosen hole. */

@@ -1,0 +1,247 @@
+"""The score of a recorded run: the only implementation, for trocar-score and for trocar-view."""
+from __future__ import annotations
+
+from dataclasses import dataclass
+from os import PathLike
+from typing import NamedTuple, Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from .. import brachy
+from .._locate import locate
+from ..brachy import plan as plans
+from ._measures import MEASURES
+from ._recording import Recording, Sighting
+from ._task import Criterion, Target, Task
+
+Array = npt.NDArray[np.float64]
+
+ENTERED = 2e-3     # m, depth at which a needle has entered the tissue; less is a touch of the skin
+TURN = 5e-3        # m, by which a needle is drawn back and pushed forward again in a redirection
+TAKEN = 5e-3       # m, a track that is longer when it appears belongs to a needle that had been left in the tissue
+DEEPEST = 5e-4     # m, difference from the greatest depth up to which a needle is at its deepest
+SAMPLE = 1e-3      # m, between the points of a path for which the region is determined
+RECTUM = 2e-6      # m^3, volume of the rectum with the highest doses
+
+__all__ = ["MEASURES", "Histogram", "Judgement", "Result", "score"]
+
+
+class Judgement(NamedTuple):
+    """A criterion applied to a run."""
+
+    criterion: Criterion
+    value: float | None
+    met: bool
+
+
+class Reached(NamedTuple):
+    """How close a needle came to a target."""
+
+    target: Target
+    error: float | None      # m; None if no needle entered the tissue
+    tip: Array | None        # (3,) m, the tip relative to the target in the displaced tissue, drawn from the target at rest
+
+
+class Histogram(NamedTuple):
+    """Dose-volume histograms of an organ, as planned and as achieved."""
+
+    role: str
+    planned: brachy.DVH
+    achieved: brachy.DVH
+
+
+@dataclass
+class Extremes:
+    """The greatest depth (m) of a needle, and once it has been drawn back by TURN, the least depth since then."""
+
+    high: float = 0.0
+    low: float | None = None
+
+    def turned(self, depth: float) -> bool:
+        """Adds a depth; returns True if the needle has now been drawn back and pushed forward again by TURN."""
+        if self.low is None:
+            self.high = max(self.high, depth)
+            self.low = depth if depth <= self.high - TURN else None
+            return False
+        self.low = min(self.low, depth)
+        if depth < self.low + TURN:
+            return False
+        self.high, self.low = depth, None
+        return True
+
+
+@dataclass
+class Result:
+    """The score of a run. Values are in SI units, Gy and fractions; None if a value cannot be determined."""
+
+    task: Task
+    began: int                        # us since the epoch, of the first wrench
+    measures: dict[str, float | None]
+    reached: list[Reached]
+    seeds: list[plans.Misplacement]
+    organs: dict[str, float]          # regions that needles entered: length of the paths in them, m
+    judgements: list[Judgement]
+    paths: list[Array]                # (n, 3) m each, in the tissue at rest
+    forces: tuple[Array, Array]       # (n,) s after the first contact, and (n,) N
+    histograms: list[Histogram]
+
+    @property
+    def passed(self) -> bool:
+        """True if all criteria are met."""
+        return all(judgement.met for judgement in self.judgements)
+
+
+def score(task: Task, log: str | PathLike[str]) -> Result:
+    """Scores a recording of TROCAR_WRENCH, TROCAR_DEFORMATION, TROCAR_TRACKS and TROCAR_SEEDS. Raises BadRecording."""
+    model = task.model
+    gland = np.isin(model.tet_regions, [model.groups.index(name) for name in task.organs.get("gland", [])])
+    nodes = np.unique(model.tets[gland] if gland.any() else model.tets)
+    recording = Recording(log, model, nodes, np.reshape([target.position for target in task.targets], (-1, 3)))
+    reached = [_reached(target, i, recording) for i, target in enumerate(task.targets)]
+    organs = _organs(task, recording.paths)
+    forces, counts = _forces(recording), _passes(recording)
+    measures: dict[str, float | None] = {
+        **counts, "path": float(sum(np.linalg.norm(np.diff(path, axis=0), axis=1).sum() for path in recording.paths)),
+        "time": float(forces[0][-1]) if len(forces[0]) else None, "force": float(forces[1].max()) if len(forces[1]) else None,
+        "displacement": recording.displacement}
+    if task.targets:
+        measures["tip_error"] = None if any(r.error is None for r in reached) else max(r.error for r in reached)
+    if task.avoid:
+        measures["organs_touched"] = sum(name in organs for name in task.avoid)
+    seeds = plans.compare(task.plan, model, _placed(recording, model)) if task.plan else []
+    measures.update(_misplacement(seeds) if task.plan else {})
+    histograms = _histograms(task, recording)
+    measures.update(_doses(task, histograms))
+    measures = {name: measures[name] for name in MEASURES if name in measures}
+    judgements = [Judgement(c, measures.get(c.measure), c.met(measures.get(c.measure))) for c in task.criteria]
+    return Result(task, int(recording.wrenches["utime"][0]), measures, reached, seeds, organs, judgements, recording.paths, forces, histograms)
+
+
+# ---- needles ------------------------------------------------------------------------------------------------------------------------------
+
+
+def _reached(target: Target, number: int, recording: Recording) -> Reached:
+    """Returns how close a needle came to a target, as an image shows it: the least distance in those frames in which the needle was at its deepest. A needle that
+    passed through a target and went on has not reached it."""
+    best: Array | None = None
+    for needle in sorted({sighting.needle for sighting in recording.sightings}):
+        for visit in _visits([sighting for sighting in recording.sightings if sighting.needle == needle]):
+            deepest = max(sighting.depth for sighting in visit)
+            for offset in (sighting.offsets[number] for sighting in visit if sighting.depth >= deepest - DEEPEST):
+                if best is None or np.linalg.norm(offset) < np.linalg.norm(best):
+                    best = offset
+    return Reached(target, None, None) if best is None else Reached(target, float(np.linalg.norm(best)), target.position + best)
+
+
+def _visits(sightings: Sequence[Sighting]) -> list[list[Sighting]]:
+    """Splits the sightings of a needle into those of its visits to the tissue."""
+    visits: list[list[Sighting]] = [[]]
+    for sighting in sightings:
+        if sighting.depth >= ENTERED:
+            visits[-1].append(sighting)
+        elif visits[-1]:
+            visits.append([])
+    return [visit for visit in visits if visit]
+
+
+def _organs(task: Task, paths: Sequence[Array]) -> dict[str, float]:
+    """Returns the length (m) of the paths in each region that they enter."""
+    found: dict[str, float] = {}
+    for path in paths:
+        for start, end in zip(path[:-1], path[1:]):
+            length = float(np.linalg.norm(end - start))
+            count = max(int(np.ceil(length / SAMPLE)), 1)
+            tets = locate(task.model, start + np.outer((np.arange(count) + 0.5) / count, end - start))[0]
+            for region in task.model.tet_regions[tets[tets >= 0]]:
+                name = task.model.groups[region]
+                found[name] = found.get(name, 0.0) + length / count
+    return dict(sorted(found.items(), key=lambda item: -item[1]))
+
+
+def _forces(recording: Recording) -> tuple[Array, Array]:
+    """Returns time (s after the first contact) and force on the hand (N) of each tick in which a needle that is held is in the tissue."""
+    w = recording.wrenches
+    held = w[(w["session"] != 0) & (w["depth"] > 0.0)]
+    held = held[np.argsort(held["tick"], kind="stable")]
+    if not len(held):
+        return np.zeros(0), np.zeros(0)
+    return 1e-6 * (held["utime"] - held["utime"][0]).astype(np.float64), np.linalg.norm(held["raw_force"].astype(np.float64), axis=1)
+
+
+def _stretches(depths: Array) -> list[Array]:
+    """Splits the depths of a needle at those that are 0: outside the tissue, or without a hand."""
+    inside = np.flatnonzero(depths > 0.0)
+    return [depths[part] for part in np.split(inside, np.flatnonzero(np.diff(inside) > 1) + 1) if len(part)]
+
+
+def _passes(recording: Recording) -> dict[str, float]:
+    """Counts entries and redirections of all needles, from the lengths of their tracks. The length is 0 in the messages while nobody holds the needle; when a
+    resting needle is taken, it begins with the depth at which the needle rests."""
+    passes = redirections = 0
+    for needle in np.unique(recording.wrenches["needle"]):
+        entered, extremes = False, Extremes()
+        for depths in _stretches(recording.wrenches["depth"][recording.wrenches["needle"] == needle].astype(np.float64)):
+            if depths.max() < ENTERED:
+                continue
+            if depths[0] < TAKEN or not entered:
+                passes, entered, extremes = passes + 1, True, Extremes()
+            redirections += sum(extremes.turned(depth) for depth in depths.tolist())
+    return {"passes": passes, "redirections": redirections}
+
+
+# ---- seeds and dose -----------------------------------------------------------------------------------------------------------------------
+
+
+def _placed(recording: Recording, model: object) -> list[plans.Placed]:
+    seeds, found = recording.seeds, []
+    guides = model.guides
+    for i in range(len(seeds.rest)):
+        guide = guides[seeds.guide[i]] if 0 <= seeds.guide[i] < len(guides) and seeds.hole[i] >= 0 else None
+        hole = plans.hole_name(int(seeds.hole[i] % guide.columns), int(seeds.hole[i] // guide.columns)) if guide else ""
+        found.append(plans.Placed(i + 1, guide.name if guide else "", hole, seeds.rest[i], seeds.direction[i]))
+    return found
+
+
+def _misplacement(rows: Sequence[plans.Misplacement]) -> dict[str, float | None]:
+    errors = [1e-3 * float(np.linalg.norm(row.offset)) for row in rows if row.offset is not None]
+    return {"seed_error": float(np.mean(errors)) if errors else None, "seed_error_largest": max(errors) if errors else None,
+            "seeds_missing": sum(row.placed is None for row in rows), "seeds_extra": sum(row.planned is None for row in rows)}
+
+
+def _within(points: Array, others: Array) -> Array:
+    """Returns those points that lie in the bounding box of others: the prostatic urethra."""
+    return points[((points >= others.min(axis=0)) & (points <= others.max(axis=0))).all(axis=1)]
+
+
+def _histograms(task: Task, recording: Recording) -> list[Histogram]:
+    """Returns the histograms of the organs with a role, in the tissue at rest; empty if the plan has no source or prescription."""
+    plan = task.plan
+    if not plan or not plan.source or not plan.prescription:
+        return []
+    source = brachy.Source(f"{plan.source.isotope} {plan.source.model}")
+    planned, found = plans.planned_seeds(plan, task.model), []
+    voxels = {role: [brachy.Structure.from_region(task.model, name) for name in names] for role, names in task.organs.items()}
+    for role, parts in voxels.items():
+        points, voxel, made = np.concatenate([part.points for part in parts]), parts[0].voxel, []
+        if role == "urethra" and "gland" in voxels:
+            points = _within(points, np.concatenate([part.points for part in voxels["gland"]]))
+        for seeds in ([(s.position, s.direction) for s in planned], list(zip(recording.seeds.rest, recording.seeds.direction))):
+            dose = brachy.Dose.at(source, points)
+            for position, direction in seeds:
+                dose.add(position, direction, plan.source.strength)
+            made.append(brachy.DVH(dose.values, voxel))
+        found.append(Histogram(role, *made))
+    return found
+
+
+def _doses(task: Task, histograms: Sequence[Histogram]) -> dict[str, float]:
+    found: dict[str, float] = {}
+    for role, _, dvh in histograms:
+        if role == "gland":
+            found.update(D90=dvh.dose(0.9), V100=dvh.volume(task.plan.prescription), V150=dvh.volume(1.5 * task.plan.prescription))
+        elif role == "rectum":
+            found["rectum_D2cc"] = dvh.dose(min(RECTUM / (dvh.voxel * len(dvh.doses)), 1.0))
+        else:
+            found["urethra_D10"] = dvh.dose(0.1)
+    return found

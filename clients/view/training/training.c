@@ -1,0 +1,234 @@
+#define _GNU_SOURCE
+#include "view/training/training.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <limits.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/mman.h>
+#include <sys/stat.h>
+#include <sys/wait.h>
+#include <time.h>
+#include <unistd.h>
+
+#include "common/timing.h"
+#include "lcm_filter.h"
+
+#define CHANNELS "TROCAR_(POSE|WRENCH|COMMAND|REPLY|DEFORMATION|CONTACTS|TRACKS|SEEDS)"
+enum { QUEUE = 16384 /* messages; about five seconds */, ARGUMENTS = 16, NOT_STARTED = 127, CRITERIA_NOT_MET = 1 };
+
+/* ---- trocar-score ---- */
+
+/* Starts trocar-score from this program's folder with these arguments, NULL-terminated; `said` receives a file in memory with all that it prints. */
+static pid_t start_scorer(const char *const *arguments, int *said) {
+    char program[PATH_MAX] = "";
+    ssize_t length = readlink("/proc/self/exe", program, sizeof program - 1);
+    char *name = length > 0 ? strrchr(program, '/') : NULL;
+    if (!name || (size_t)(name - program) + sizeof "/trocar-score" > sizeof program) return -1;
+    strcpy(name, "/trocar-score");
+    const char *all[ARGUMENTS] = {program};
+    for (int i = 0; arguments[i] && i + 2 < ARGUMENTS; i++) all[i + 1] = arguments[i];
+    *said = memfd_create("trocar-score", MFD_CLOEXEC);
+    if (*said < 0) return -1;
+    pid_t process = fork();
+    if (process == 0) {
+        setsid(); /* Linux shares processor time between sessions, so that a browser that draws in software does not starve it */
+        dup2(*said, STDOUT_FILENO);
+        dup2(*said, STDERR_FILENO);
+        execv(program, (char *const *)all);
+        dprintf(STDERR_FILENO, "%s: %s: install python3-trocar\n", program, strerror(errno));
+        _exit(NOT_STARTED);
+    }
+    return process;
+}
+
+/* Reads what trocar-score has printed, up to the size of `text`, and closes the file. */
+static void read_said(int said, char *text, size_t size) {
+    ssize_t length = pread(said, text, size - 1, 0);
+    text[length > 0 ? length : 0] = '\0';
+    close(said);
+}
+
+static int exit_status(int status) { return WIFEXITED(status) ? WEXITSTATUS(status) : NOT_STARTED; }
+
+/* ---- preparing ---- */
+
+/* Copies the rest of a line after the key into `value`. Returns false if the line has another key. */
+static bool read_key(const char *line, const char *key, char *value, size_t size) {
+    size_t length = strlen(key);
+    if (strncmp(line, key, length) != 0 || line[length] != ' ') return false;
+    snprintf(value, size, "%s", line + length + 1);
+    return true;
+}
+
+static void read_options(training *t, char *said) {
+    char number[64], *rest = NULL;
+    for (char *line = strtok_r(said, "\n", &rest); line; line = strtok_r(NULL, "\n", &rest)) {
+        if (read_key(line, "scene", t->scene, sizeof t->scene) || read_key(line, "name", t->name, sizeof t->name)
+            || read_key(line, "plan", t->plan, sizeof t->plan) || read_key(line, "source", t->source, sizeof t->source)) continue;
+        if (read_key(line, "strength", number, sizeof number)) t->strength = strtod(number, NULL);
+        else if (read_key(line, "prescription", number, sizeof number)) t->prescription = strtod(number, NULL);
+    }
+}
+
+/* Creates a folder and those that contain it. */
+static trocar_status make_folders(const char *path, trocar_error *why) {
+    char part[TRAINING_PATH];
+    snprintf(part, sizeof part, "%s", path);
+    for (char *slash = strchr(part + 1, '/'); ; slash = strchr(slash + 1, '/')) {
+        if (slash) *slash = '\0';
+        if (mkdir(part, 0777) != 0 && errno != EEXIST) return fail(why, TROCAR_BAD_INPUT, "--runs: %s: cannot be created: %s", part, strerror(errno));
+        if (!slash) return TROCAR_OK;
+        *slash = '/';
+    }
+}
+
+static trocar_status choose_folder(training *t, const char *runs, trocar_error *why) {
+    const char *data = getenv("XDG_DATA_HOME"), *home = getenv("HOME");
+    int length = runs ? snprintf(t->runs, sizeof t->runs, "%s", runs)
+               : data && *data ? snprintf(t->runs, sizeof t->runs, "%s/trocar/runs", data)
+                               : snprintf(t->runs, sizeof t->runs, "%s/.local/share/trocar/runs", home ? home : ".");
+    if (length == 0 || length > TRAINING_PATH - 128) return fail(why, TROCAR_BAD_INPUT, "--runs: %s: choose another folder", runs ? runs : t->runs);
+    return make_folders(t->runs, why);
+}
+
+trocar_status training_prepare(training *t, const char *task, const char *runs, trocar_error *why) {
+    char said[4 * TRAINING_PATH];
+    int status = 0;
+    *t = (training){.task = task};
+    trocar_status chosen = choose_folder(t, runs, why);
+    if (chosen != TROCAR_OK) return chosen;
+    snprintf(t->prepared, sizeof t->prepared, "%.*s/.viewer", TRAINING_PATH - 16, t->runs); /* no task has this name */
+    pid_t process = start_scorer((const char *[]){"--task", task, "--prepare", t->prepared, NULL}, &t->said);
+    if (process < 0 || waitpid(process, &status, 0) != process) return fail(why, TROCAR_SYSTEM, "cannot start trocar-score: %s", strerror(errno));
+    read_said(t->said, said, sizeof said);
+    if (exit_status(status) != 0) return fail(why, TROCAR_BAD_INPUT, "--task: %.*s", (int)strcspn(said, "\n"), said);
+    read_options(t, said);
+    return TROCAR_OK;
+}
+
+/* ---- recording ---- */
+
+static void on_message(const lcm_recv_buf_t *received, const char *channel, void *context) {
+    training *t = context;
+    if (!t->log || t->full) return;
+    lcm_eventlog_event_t event = {.eventnum = t->events++, .timestamp = received->recv_utime, .channellen = (int32_t)strlen(channel),
+                                  .datalen = (int32_t)received->data_size, .channel = (char *)channel, .data = received->data};
+    t->full = lcm_eventlog_write_event(t->log, &event) != 0;
+}
+
+trocar_status training_open(training *t, lcm_t *lcm, trocar_error *why) {
+    static const char *const channels[] = {"TROCAR_WRENCH", "TROCAR_TIMING", "TROCAR_STATUS", "TROCAR_CONTACTS", "TROCAR_TRACKS", "TROCAR_DEFORMATION", "TROCAR_SEEDS",
+                                           "TROCAR_REPLY", "TROCAR_PROBE_WRENCH", "TROCAR_POSE", "TROCAR_COMMAND", NULL};
+    static const packet_wishes wishes = {.channels = channels}; /* those of the subscriber, and what trocar-replay needs */
+    if (!t->task) return TROCAR_OK;
+    lcm_filter_restrict(&wishes);
+    t->lcm = lcm;
+    t->heard = lcm_subscribe(lcm, CHANNELS, on_message, t);
+    if (!t->heard) return fail(why, TROCAR_SYSTEM, "cannot subscribe to " CHANNELS);
+    lcm_subscription_set_queue_capacity(t->heard, QUEUE);
+    return TROCAR_OK;
+}
+
+void training_close(training *t) {
+    if (t->heard) lcm_unsubscribe(t->lcm, t->heard);
+    if (t->log) lcm_eventlog_destroy(t->log);
+    if (t->scorer > 0) {
+        kill(t->scorer, SIGTERM);
+        waitpid(t->scorer, NULL, 0);
+        close(t->said);
+    }
+    *t = (training){.task = NULL};
+}
+
+/* ---- running ---- */
+
+/* Tells the page what prevents the start. */
+static bool refuse(training *t, const char *words) {
+    snprintf(t->message, sizeof t->message, "%.500s", words);
+    return false;
+}
+
+static bool may_start(training *t, subscriber *feed) {
+    if (!subscriber_alive(feed)) return refuse(t, "There is no server: start trocar-server with the task's scene.");
+    if (feed->seeds && feed->seeds->seed_count > 0) return refuse(t, "Seeds of an earlier run are in the tissue: restart the server, or take them back with Undo.");
+    for (int i = 0; i < feed->needle_count; i++) {
+        const trocar_tracks_t *tracks = feed->needles[i].tracks;
+        if (!tracks || tracks->point_count == 0) continue;
+        snprintf(t->message, sizeof t->message, "Needle %d has been in the tissue: pull it out, or hold “Reset”, before you start.", i);
+        return false;
+    }
+    return true;
+}
+
+void training_start(training *t, subscriber *feed) {
+    char path[2 * TRAINING_PATH], stamp[32];
+    trocar_error why;
+    if (!t->task || t->state == TRAINING_RUNNING || t->state == TRAINING_SCORING || !may_start(t, feed)) return;
+    time_t now = time(NULL);
+    struct tm utc;
+    strftime(stamp, sizeof stamp, "%Y-%m-%dT%H%M%SZ", gmtime_r(&now, &utc));
+    snprintf(path, sizeof path, "%s/%s", t->runs, t->name);
+    if (make_folders(path, &why) != TROCAR_OK) {
+        refuse(t, why.text);
+        return;
+    }
+    snprintf(t->run, sizeof t->run, "%s/%s", t->name, stamp);
+    snprintf(path, sizeof path, "%s/%s.log", t->runs, t->run);
+    t->log = lcm_eventlog_create(path, "w");
+    if (!t->log) {
+        refuse(t, "The recording cannot be written: see the folder of runs (--runs).");
+        return;
+    }
+    t->full = t->has_report = false;
+    t->events = 0;
+    t->message[0] = '\0';
+    t->began = subscriber_time(feed);
+    t->state = TRAINING_RUNNING;
+}
+
+void training_finish(training *t, const subscriber *feed) {
+    static char log[2 * TRAINING_PATH], html[2 * TRAINING_PATH], json_path[2 * TRAINING_PATH], csv[2 * TRAINING_PATH];
+    if (t->state != TRAINING_RUNNING) return;
+    lcm_eventlog_destroy(t->log);
+    t->log = NULL;
+    t->ended = subscriber_time(feed);
+    t->state = TRAINING_SCORED;
+    if (t->full) {
+        refuse(t, "The recording could not be written completely: is the disk full?");
+        return;
+    }
+    snprintf(log, sizeof log, "%s/%s.log", t->runs, t->run);
+    snprintf(html, sizeof html, "%s/%s.html", t->runs, t->run);
+    snprintf(json_path, sizeof json_path, "%s/%s.json", t->runs, t->run);
+    snprintf(csv, sizeof csv, "%s/%s.csv", t->runs, t->run);
+    t->scorer = start_scorer((const char *[]){log, "--task", t->task, "--runs", t->runs, "--html", html, "--json", json_path, "--csv", csv, NULL}, &t->said);
+    if (t->scorer > 0) t->state = TRAINING_SCORING;
+    else refuse(t, "trocar-score cannot be started.");
+}
+
+void training_poll(training *t) {
+    int status = 0;
+    if (t->scorer <= 0 || waitpid(t->scorer, &status, WNOHANG) != t->scorer) return;
+    t->scorer = 0;
+    t->state = TRAINING_SCORED;
+    t->has_report = exit_status(status) <= CRITERIA_NOT_MET;
+    read_said(t->said, t->message, sizeof t->message);
+    if (t->has_report) t->message[0] = '\0';
+    t->message[strcspn(t->message, "\n")] = '\0';
+}
+
+void training_write(training *t, const subscriber *feed, json *j) {
+    static const char *const words[] = {"ready", "running", "scoring", "scored"};
+    if (!t->task) return;
+    training_poll(t);
+    json_open(j, "task", '{');
+    json_text(j, "state", words[t->state]);
+    json_number(j, "elapsed", t->state == TRAINING_READY ? 0.0 : (t->state == TRAINING_RUNNING ? subscriber_time(feed) : t->ended) - t->began);
+    json_text(j, "report", t->has_report ? t->run : "");
+    json_text(j, "message", t->message);
+    json_close(j, '}');
+}

@@ -1,0 +1,59 @@
+/* A trainee's task: its description for the page, the recording of the run, and the report. trocar-score reads the task and makes the report from the
+   recording, so that its numbers are the same as those that trocar-score gives later. */
+#ifndef TROCAR_TRAINING_H
+#define TROCAR_TRAINING_H
+
+#include <lcm/lcm.h>
+#include <sys/types.h>
+
+#include "base/error.h"
+#include "shared/json.h"
+#include "view/implant/implant.h"
+#include "view/stream/subscriber.h"
+
+enum { TRAINING_PATH = 1024 };
+
+typedef enum { TRAINING_READY, TRAINING_RUNNING, TRAINING_SCORING, TRAINING_SCORED } training_state;
+
+typedef struct {
+    const char *task;        /* path of the task; NULL if there is none */
+    char runs[TRAINING_PATH];     /* folder of the trainee's runs */
+    char prepared[TRAINING_PATH]; /* folder with task.json and plan.csv, for the page and the viewer */
+    char scene[TRAINING_PATH], name[64], plan[TRAINING_PATH], source[64]; /* from the task; "" if it has none */
+    double strength, prescription;   /* U and Gy; 0 if the task has none */
+
+    lcm_t *lcm;
+    lcm_subscription_t *heard;
+    lcm_eventlog_t *log;     /* while the task is running */
+    bool full;               /* true if an event could not be written */
+    int64_t events;
+    training_state state;
+    double began, ended;     /* s, by subscriber_time */
+    char run[128];           /* NAME/TIME: the files of the last run in `runs`, without their endings */
+    pid_t scorer;            /* the process of trocar-score, while it runs */
+    int said;                /* its output */
+    bool has_report;
+    char message[512];       /* what went wrong, or ""; shown on the page */
+} training;
+
+/* Reads the task by trocar-score, which must be in the folder of this program. `runs`: NULL for the default, a folder in the user's home. BAD_INPUT with the
+   message of trocar-score if the task cannot be used. */
+trocar_status training_prepare(training *t, const char *task, const char *runs, trocar_error *why);
+
+/* Listens to the messages that are recorded. Call after subscriber_open. */
+trocar_status training_open(training *t, lcm_t *lcm, trocar_error *why);
+void training_close(training *t);
+
+/* Starts the task and its recording. Refused with a message for the page while seeds or tracks of earlier needles are in the tissue. */
+void training_start(training *t, subscriber *feed);
+
+/* Ends the task, and starts trocar-score. */
+void training_finish(training *t, const subscriber *feed);
+
+/* Notes whether trocar-score has ended. Does not wait. */
+void training_poll(training *t);
+
+/* Writes the member "task" of the page's status: state, elapsed time (s), the report's path without its ending, and the message. */
+void training_write(training *t, const subscriber *feed, json *j);
+
+#endif

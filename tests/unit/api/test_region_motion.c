@@ -171,7 +171,7 @@ static void gland_is_displaced_by_the_needle(void **unused) {
 static void a_region_moves_with_its_parts(void **unused) {
     (void)unused;
     trocar_scene *scene = load(MESHES "/figure8.yaml");
-    report why;
+    trocar_error why;
     assert_int_equal(trocar_scene_set(scene, "regions[surrounding].part_of", "prostate", &why), TROCAR_OK);
     followed f = follow(scene, v3(0.005, 0.003, -0.201));
     assert_int_equal(f.motion.count, trocar_model_node_count(f.model));

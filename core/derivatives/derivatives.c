@@ -6,10 +6,12 @@
 #include "api/ticking.h"
 #include "insertion/derivatives/tick_derivatives.h"
 #include "insertion/step/loads.h"
+#include "refinement/refined_field.h"
 
 static const double SAME_TIME = 1e-6; /* steps: a tick that exceeds one step by less than this is not divided. Rounding tolerance */
 
-_Static_assert(TROCAR_BASE_VARIABLES == (int)BASE_VARIABLES, "trocar/derivatives.h");
+_Static_assert(TROCAR_BASE_VARIABLES == (int)BASE_VARIABLES && TROCAR_MAX_PARAMETERS == MAX_VARIABLES - BASE_VARIABLES, "limits differ from the header's");
+_Static_assert(TROCAR_CUTTING_FORCE == (int)CUTTING_FORCE && TROCAR_FRICTION_VISCOUS == (int)FRICTION_VISCOUS, "the order differs from the header's");
 
 typedef struct {
     const trocar_sim *sim;
@@ -20,45 +22,56 @@ typedef struct {
 
 /* ---- targets ---------------------------------------------------------------------------------------------------------------- */
 
-/* Scratch vectors for each node. */
+/* The needle's refined mesh and nodal vectors on it. */
 typedef struct {
-    vec3 *force, *displacement;
-} nodal_scratch;
+    refinement refined;
+    vec3 added_force[MAX_CONTACTS], added[MAX_CONTACTS]; /* N, m: at the contact nodes */
+    vec3 *force, *displacement, *scratch;                /* N, m: at the nodes of the mesh; scratch memory of refined_displacement */
+} refined_scratch;
 
 /* By reciprocity, the displacement of a target along an axis under forces is their work in the field of a unit force along the axis at the target. */
-static void differentiate_target(const derivative_call *call, const tissue_loads *places, int skipped, const tick_derivatives *derivatives, int target,
-                                 nodal_scratch scratch) {
+static void differentiate_target(const derivative_call *call, const insertion_state *state, int guided, const tick_derivatives *derivatives, int target,
+                                 refined_scratch *scratch) {
     const model_parts *parts = &call->sim->model->parts;
     const mesh *m = &parts->mesh;
-    int variables = derivatives->count, tet = call->elements[target];
-    double weights[4];
+    int variables = derivatives->count, tet = call->elements[target], contacts = scratch->refined.count;
     const double *x = call->request->targets + 3 * target;
+    double weights[4];
     mesh_barycentric(m, tet, v3(x[0], x[1], x[2]), weights);
     for (int axis = 0; axis < 3; axis++) {
         double *row = call->results->targets + (3 * target + axis) * variables;
-        memset(scratch.force, 0, (size_t)m->node_count * sizeof *scratch.force);
-        for (int c = 0; c < 4; c++) scratch.force[m->tets[tet][c]] = v3(weights[c] * (axis == 0), weights[c] * (axis == 1), weights[c] * (axis == 2));
-        inverse_apply(parts->inverse, scratch.force, scratch.displacement);
-        for (int v = 0; v < variables; v++) row[v] = 0.0;
-        for (int i = 0; i < places->count; i++) {
-            vec3 moved = v3(0, 0, 0);
-            for (int c = 0; c < 4; c++) moved = v3_axpy(places->loads[i].weights[c], scratch.displacement[m->tets[places->loads[i].tet][c]], moved);
-            for (int v = 0; v < variables; v++) row[v] += v3_dot(moved, derivatives->of[v].load[skipped + i]);
+        vec3 at_tip = v3(0, 0, 0);
+        memset(scratch->force, 0, (size_t)m->node_count * sizeof *scratch->force);
+        memset(scratch->added_force, 0, sizeof scratch->added_force);
+        for (int c = 0; c < 4; c++) scratch->force[m->tets[tet][c]] = v3(weights[c] * (axis == 0), weights[c] * (axis == 1), weights[c] * (axis == 2));
+        refined_displacement(parts->inverse, &scratch->refined, (refined_vectors){scratch->force, scratch->added_force}, scratch->scratch,
+                             (refined_vectors){scratch->displacement, scratch->added});
+        bool tip = state->tip.place.phase == TIP_INSIDE && state->tip.known.tet >= 0;
+        for (int c = 0; c < 4 && tip; c++)
+            at_tip = v3_axpy(state->tip.known.weights[c], scratch->displacement[m->tets[state->tip.known.tet][c]], at_tip);
+        for (int v = 0; v < variables; v++) {
+            row[v] = tip ? v3_dot(at_tip, derivatives->of[v].load[guided + contacts]) : 0.0;
+            for (int k = 0; k < contacts; k++) row[v] += v3_dot(scratch->added[k], derivatives->of[v].load[guided + k]);
         }
     }
 }
 
 static trocar_status differentiate_targets(const derivative_call *call, const insertion_state *state, int guided, const tick_derivatives *derivatives, report *why) {
     if (!call->results->targets || call->request->target_count == 0) return TROCAR_OK;
-    size_t nodes = (size_t)call->sim->model->parts.mesh.node_count;
-    vec3 *memory = malloc(2 * nodes * sizeof *memory);
-    tissue_loads *places = malloc(sizeof *places);
-    trocar_status status = memory && places ? TROCAR_OK : fail(why, TROCAR_NO_MEMORY, "no memory for derivatives");
-    if (status == TROCAR_OK) insertion_place_loads(&call->sim->model->parts.insertion, state, places);
-    for (int t = 0; t < call->request->target_count && status == TROCAR_OK; t++)
-        differentiate_target(call, places, guided, derivatives, t, (nodal_scratch){memory, memory + nodes});
+    const model_parts *parts = &call->sim->model->parts;
+    size_t nodes = (size_t)parts->mesh.node_count;
+    vec3 *memory = malloc((2 * nodes + model_parts_field_scratch(parts)) * sizeof *memory);
+    refined_scratch *scratch = malloc(sizeof *scratch);
+    trocar_status status = memory && scratch ? TROCAR_OK : fail(why, TROCAR_NO_MEMORY, "no memory for derivatives");
+    if (status == TROCAR_OK) {
+        scratch->force = memory;
+        scratch->displacement = memory + nodes;
+        scratch->scratch = memory + 2 * nodes;
+        insertion_refinement(state, &scratch->refined);
+        for (int t = 0; t < call->request->target_count; t++) differentiate_target(call, state, guided, derivatives, t, scratch);
+    }
     free(memory);
-    free(places);
+    free(scratch);
     return status;
 }
 
@@ -77,6 +90,9 @@ static trocar_status differentiate(const tick_input *tick, const insertion_state
     const trocar_derivatives *to = call->results;
     tick_derivatives *found = malloc(sizeof *found);
     if (!found) return fail(why, TROCAR_NO_MEMORY, "no memory for derivatives");
+    found->count = BASE_VARIABLES + call->request->parameter_count;
+    for (int i = 0; i < call->request->parameter_count; i++)
+        found->parameters[i] = (tissue_parameter){(region_property)call->request->parameters[i].property, call->request->parameters[i].region};
     trocar_status status = insertion_differentiate(tick, state, workspace, found, why);
     for (int v = 0; v < found->count && status == TROCAR_OK; v++) {
         const variable_derivatives *of = &found->of[v];
@@ -101,6 +117,18 @@ static trocar_status locate_targets(const trocar_sim *sim, const trocar_derivati
     return TROCAR_OK;
 }
 
+static trocar_status check_request(const trocar_sim *sim, const trocar_derivative_request *request, report *why) {
+    if (request->target_count < 0) return fail(why, TROCAR_BAD_INPUT, "%d targets: expected 0 or more", request->target_count);
+    if (request->parameter_count < 0 || request->parameter_count > TROCAR_MAX_PARAMETERS)
+        return fail(why, TROCAR_BAD_INPUT, "%d parameters: expected 0 to %d", request->parameter_count, (int)TROCAR_MAX_PARAMETERS);
+    for (int i = 0; i < request->parameter_count; i++) {
+        const trocar_parameter *p = &request->parameters[i];
+        if (p->property < 0 || p->property >= (int)PROPERTIES) return fail(why, TROCAR_BAD_INPUT, "parameter %d: there is no property %d", i, p->property);
+        if (trocar_model_region_dimension(sim->model, p->region) != 3) return fail(why, TROCAR_BAD_INPUT, "parameter %d: region %d is not a volume", i, p->region);
+    }
+    return TROCAR_OK;
+}
+
 trocar_status trocar_sim_differentiate(trocar_sim *sim, int needle, const trocar_pose *base, double dt, const trocar_derivative_request *request,
                                        trocar_output *output, const trocar_derivatives *derivatives, trocar_error *error) {
     trocar_error ignored, *why = error ? error : &ignored;
@@ -108,11 +136,12 @@ trocar_status trocar_sim_differentiate(trocar_sim *sim, int needle, const trocar
     if (!request) request = &none;
     double longest = sim->model->parts.insertion.settings.longest_step;
     if (dt > longest * (1.0 + SAME_TIME)) return fail(why, TROCAR_BAD_INPUT, "dt of %g s: only a step of at most %g s has derivatives", dt, longest);
-    if (request->target_count < 0 || request->parameter_count != 0) return fail(why, TROCAR_BAD_INPUT, "parameters are not differentiated yet");
+    trocar_status status = check_request(sim, request, why);
+    if (status != TROCAR_OK) return status;
     int *elements = malloc((size_t)(request->target_count + 1) * sizeof *elements);
     if (!elements) return fail(why, TROCAR_NO_MEMORY, "no memory for %d targets", request->target_count);
     derivative_call call = {sim, request, derivatives, elements};
-    trocar_status status = locate_targets(sim, request, elements, why);
+    status = locate_targets(sim, request, elements, why);
     if (status == TROCAR_OK) status = sim_step(sim, needle, base, dt, &(after_tick){differentiate, &call}, output, why);
     free(elements);
     return status;

@@ -15,13 +15,14 @@ enum { MOST_ROWS = MAX_UNKNOWNS + 2 * MAX_POINTS };
 /* The linear system. Its unknowns are the changes of the contact problem's forces, in the points' frames, followed by the changes of the points' tangents, two
    for each point. A point's frame turns with its tangent: the force turns with it by B times the change of the tangent (turned_force). */
 typedef struct {
+    int variables;
     needle_influence needle;
     double force[MAX_POINTS][3];                     /* N, force at each point in its frame */
     double face, shaft;                              /* N, the tip's two forces along the needle */
     double response[MAX_UNKNOWNS][2 * MAX_POINTS];   /* m: change of each gap if the forces turn with the tangents */
     double matrix[MOST_ROWS * MOST_ROWS];            /* column by column */
-    double side[BASE_VARIABLES][MOST_ROWS];          /* right-hand sides, then the solution */
-    double gap[BASE_VARIABLES][MAX_UNKNOWNS];        /* m: change of the gaps if neither forces nor tangents change */
+    double side[MAX_VARIABLES][MOST_ROWS];          /* right-hand sides, then the solution */
+    double gap[MAX_VARIABLES][MAX_UNKNOWNS];        /* m: change of the gaps if neither forces nor tangents change */
     lapack_int pivots[MOST_ROWS];
 } linear_system;
 
@@ -32,12 +33,23 @@ static double compliance_of(const contact_problem *p, int i, int j) { return i <
 static int point_of(const contact_problem *p, int row) { return row < 2 * p->count ? row / 2 : row - 2 * p->count < p->count ? row - 2 * p->count : p->count - 1; }
 static int axis_of(const contact_problem *p, int row) { return row < 2 * p->count ? row % 2 : 2; }
 
-/* The law of a force along the needle: it sticks, or its force is `viscosity` times the slip beyond `origin` plus a constant. */
+static const shaft_hold *shaft_of(const insertion_state *state, const contact_point *p) {
+    return p->kind == POINT_TIP ? &state->tip.shaft : &state->contacts[p->handle].shaft;
+}
+
+/* Distance (m) slid since the shaft last stuck. */
+static double slid_distance(const tick_input *tick, const insertion_state *state, const contact_point *point) {
+    const shaft_hold *shaft = shaft_of(state, point);
+    return shaft->slid + roll_slip_length(shaft->slip, &shaft->roll, tick->model->needle->radius);
+}
+
+/* The law of a force along the needle: the contact sticks, or the force grows by `viscosity` times the slip. */
 typedef struct {
     bool sticks;
     double viscosity;        /* N/m */
     double slip;             /* m, slip that is left until the law changes */
-    double force;            /* N, force that is left until the law changes; sticking forces only */
+    double force;            /* N, force that is left until the law changes; sticking contacts only */
+    int piece;               /* piece of the staircase on which the tip slides; -1 otherwise */
 } axial_law;
 
 /* The law of the tip's end face, which climbs a staircase. */
@@ -46,17 +58,26 @@ static axial_law law_of_climber(const contact_problem *p, int i, double force) {
     int k = p->knot < s->count ? p->knot : s->count - 1, below = k - 1, piece = p->state[i] == SLIP_FORWARD ? k : below;
     double end = k > 0 ? s->level[below] + s->slope[below] * (s->at[k] - s->at[below]) : s->back;
     double beyond = piece + 1 < s->count ? s->at[piece + 1] : INFINITY;
-    axial_law law = {.sticks = p->state[i] == STICK, .force = smaller_of(s->level[k] - force, force - end)};
-    if (!law.sticks && piece >= 0) law.viscosity = s->slope[piece];
+    axial_law law = {.sticks = p->state[i] == STICK, .force = smaller_of(s->level[k] - force, force - end), .piece = -1};
+    if (!law.sticks && piece >= 0) law.viscosity = s->slope[piece], law.piece = piece;
     law.slip = smaller_of(fabs(p->slip[i] - s->at[k]), piece >= 0 ? fabs((piece == k ? beyond : s->at[piece]) - p->slip[i]) : INFINITY);
     return law;
 }
 
-static axial_law law_of(const contact_problem *p, int i, double force) {
+/* Change of the friction limit (N/m) of the shaft at a point per slip: it weakens while the shaft slides. */
+static double weakening(const tick_input *tick, const insertion_state *state, const contact_point *point) {
+    double distance = tick->model->settings.weakening_distance;
+    return point->shaft.excess / distance * exp(-slid_distance(tick, state, point) / distance);
+}
+
+static axial_law law_of(const tick_input *tick, const insertion_state *state, const insertion_workspace *w, int row, double force) {
+    const contact_problem *p = &w->problem;
+    int i = row - 2 * p->count, point = point_of(p, row);
     if (p->ahead.count > 0 && i == p->climber) return law_of_climber(p, i, force);
-    axial_law law = {.sticks = p->state[i] == STICK && p->upper[i] > p->lower[i], .slip = fabs(p->slip[i])};
+    axial_law law = {.sticks = p->state[i] == STICK && p->upper[i] > p->lower[i], .slip = fabs(p->slip[i]), .piece = -1};
     law.force = smaller_of(p->upper[i] - force, force - p->lower[i]);
-    if (!law.sticks) law.viscosity = p->viscosity[i][p->state[i] == SLIP_FORWARD];
+    if (law.sticks || point < w->points.guided) return law;
+    law.viscosity = p->viscosity[i][p->state[i] == SLIP_FORWARD] - weakening(tick, state, &w->points.list[point]);
     return law;
 }
 
@@ -83,17 +104,24 @@ static void read_forces(const insertion_state *state, const contact_points *poin
 /* Change of a force in its frame, per change of the tangent along axis a. */
 static double turned_force(const double force[3], int axis, int a) { return axis == 2 ? -force[a] : axis == a ? force[2] : 0.0; }
 
-/* Change of the gap `row` per unit force on the tissue at a point along an axis of its frame. At the tip, forces along the needle on the end face and on the
-   shaft are different unknowns: the force turns by the parts that the tissue feels there. */
+/* Sum of the force at point j that turns with the tangent along axis a, weighted by the point's rows: two across the needle and the first along it. At the tip,
+   forces along the needle on the end face and on the shaft are different unknowns: the force across turns into both by the parts that act there. */
+static double turned_sum(const linear_system *s, const insertion_workspace *w, int j, int a, const double across[2], const double along[2]) {
+    double on_shaft = w->points.list[j].kind == POINT_TIP ? w->tissue.sideways_on_shaft : 0.0;
+    double sum = turned_force(s->force[j], 2, a) * ((1.0 - on_shaft) * along[0] + on_shaft * along[1]);
+    for (int axis = 0; axis < 2; axis++) sum += across[axis] * turned_force(s->force[j], axis, a);
+    return sum;
+}
+
+/* Change of the gap `row` if the force at point j turns with the tangent along axis a. */
 static double gap_by_turning(const linear_system *s, const insertion_workspace *w, int row, int j, int a) {
     const contact_problem *p = &w->problem;
-    double sum = 0.0;
-    for (int axis = 0; axis < 2; axis++) sum += compliance_of(p, row, unknown(p->count, j, axis)) * turned_force(s->force[j], axis, a);
-    if (row < 2 * p->count && row / 2 == j) sum -= w->tissue.extra_lateral_compliance[j] * turned_force(s->force[j], row % 2, a); /* turns with the frame */
-    int along = unknown(p->count, j, 2);
-    double force = turned_force(s->force[j], 2, a), on_shaft = w->points.list[j].kind == POINT_TIP ? w->tissue.sideways_on_shaft : 0.0;
-    sum += compliance_of(p, row, along) * force * (1.0 - on_shaft);
-    return on_shaft > 0.0 ? sum + compliance_of(p, row, along + 1) * force * on_shaft : sum;
+    bool tip = w->points.list[j].kind == POINT_TIP;
+    int x = unknown(p->count, j, 0), z = unknown(p->count, j, 2);
+    double across[2] = {compliance_of(p, row, x), compliance_of(p, row, x + 1)};
+    const double along[2] = {compliance_of(p, row, z), tip ? compliance_of(p, row, z + 1) : 0.0};
+    if ((row == x || row == x + 1) && j >= w->points.guided) across[row - x] -= w->tissue.extra_lateral_compliance[j]; /* turns with the frame */
+    return turned_sum(s, w, j, a, across, along);
 }
 
 /* Displacement (m) of the tissue at the tip's end face minus that at its shaft, across the needle, which the local compliances allow. */
@@ -141,11 +169,14 @@ static vec3 unit_vector(int axis) { return v3(axis == 0, axis == 1, axis == 2); 
 /* Velocity (m) of a point that moves rigidly with the base. */
 static vec3 carried(const insertion_state *state, int variable, vec3 x) {
     vec3 axis = unit_vector(variable % 3);
+    if (variable >= BASE_VARIABLES) return v3(0, 0, 0);
     return variable < 3 ? axis : v3_cross(axis, v3_sub(x, state->needle.base.position));
 }
 
 /* Change of a direction that turns with the base. */
-static vec3 turned(int variable, vec3 direction) { return variable < 3 ? v3(0, 0, 0) : v3_cross(unit_vector(variable % 3), direction); }
+static vec3 turned(int variable, vec3 direction) {
+    return variable < 3 || variable >= BASE_VARIABLES ? v3(0, 0, 0) : v3_cross(unit_vector(variable % 3), direction);
+}
 
 /* Change of the forces on the needle in a frame that moves rigidly with the base: they do not turn with the base. Components in the points' frames. */
 static void turn_loads(const insertion_state *state, const contact_points *points, int variable, double load[POINT_AXES]) {
@@ -181,28 +212,94 @@ static void move_base(const insertion_state *state, const insertion_workspace *w
     }
 }
 
+/* ---- properties of the tissue ---------------------------------------------------------------------------------------------- */
+
+/* Length (m) of a share of the shaft in a region. */
+static double length_in(const insertion_state *state, shaft_share share, int region) {
+    double sum = 0.0;
+    for (int k = 0; k < state->stratum_count; k++) {
+        double from = larger_of(share.from, state->strata[k].depth), to = k + 1 < state->stratum_count ? smaller_of(share.to, state->strata[k + 1].depth) : share.to;
+        if (state->strata[k].region == region) sum += larger_of(to - from, 0.0);
+    }
+    return sum;
+}
+
+/* Change of the friction on a share of the shaft per unit of a property; the slip is fixed. */
+static double friction_change(const tick_input *tick, const insertion_state *state, const contact_problem *p, const contact_point *point, int i,
+                              const tissue_parameter *parameter) {
+    double length = length_in(state, point->share, parameter->region), weak = exp(-slid_distance(tick, state, point) / tick->model->settings.weakening_distance);
+    const roll_friction *roll = &shaft_of(state, point)->roll;
+    double way = roll_slip_length(p->slip[i], roll, tick->model->needle->radius);
+    double along = way > 0.0 ? p->slip[i] / way : (int)p->state[i]; /* part of the friction that acts along the needle */
+    switch (parameter->property) {
+    case FRICTION_STATIC: return along * length * weak;
+    case FRICTION_KINETIC: return along * length * (1.0 - weak);
+    case FRICTION_VISCOUS: return length * p->slip[i] / tick->dt;
+    default: return 0.0;
+    }
+}
+
+/* Change of the resistance ahead of the tip, which slides on this piece of the staircase. The tip's element determines the tissue. */
+static double cutting_change(const tick_input *tick, const insertion_state *state, const insertion_workspace *w, const tissue_parameter *parameter, int piece) {
+    const contact_problem *p = &w->problem;
+    const region_material *material = &tick->model->materials[parameter->region];
+    if (piece < 0 || tick->model->mesh->region[state->tip.place.tet] != parameter->region || p->ahead.slope[piece] == 0.0) return 0.0;
+    double most = 0.0, viscous = 0.0;
+    for (int k = 0; k <= piece; k++) {
+        const stretch_ahead *stretch = &w->ahead.stretches[w->ahead.of_knot[k]];
+        double end = k < piece ? p->ahead.at[k + 1] : p->slip[p->climber];
+        if (!stretch->stops) most = larger_of(most, stretch->resistance);
+        viscous += p->ahead.slope[k] * (end - p->ahead.at[k]);
+    }
+    if (parameter->property == CUTTING_FORCE) return material->cutting_force > 0.0 ? (most - material->spreading_force) / material->cutting_force : 1.0;
+    return parameter->property == CUTTING_VISCOSITY && material->cutting_viscosity > 0.0 ? viscous / material->cutting_viscosity : 0.0;
+}
+
+/* Change of a force along the needle per unit of a property; the slip is fixed. */
+static double resistance_change(const tick_input *tick, const insertion_state *state, const insertion_workspace *w, const tissue_parameter *parameter, int row, int piece) {
+    const contact_problem *p = &w->problem;
+    int i = row - 2 * p->count, point = point_of(p, row);
+    if (point < w->points.guided) return 0.0;
+    if (w->points.tip && i == p->count - 1) return cutting_change(tick, state, w, parameter, piece);
+    return friction_change(tick, state, p, &w->points.list[point], i, parameter);
+}
+
 /* ---- the system ------------------------------------------------------------------------------------------------------------ */
 
 static double *entry(linear_system *s, int order, int row, int column) { return &s->matrix[(size_t)column * (size_t)order + (size_t)row]; }
 
-/* The gap does not change, or the slip along the needle changes by the force divided by the viscosity. */
-static void close_gap(const insertion_workspace *w, linear_system *s, int order, int row, double yield) {
+/* Adds `factor` times the condition that the gap does not change. */
+static void close_gap(const insertion_workspace *w, linear_system *s, int order, int row, double factor) {
     const contact_problem *p = &w->problem;
     int rows = rows_of(p);
-    for (int c = 0; c < rows; c++) *entry(s, order, row, c) = compliance_of(p, row, c) + (c == row ? yield : 0.0);
-    for (int c = 0; c < 2 * p->count; c++) *entry(s, order, row, rows + c) = s->response[row][c];
-    for (int v = 0; v < BASE_VARIABLES; v++) s->side[v][row] = s->gap[v][row];
+    for (int c = 0; c < rows; c++) *entry(s, order, row, c) += factor * compliance_of(p, row, c);
+    for (int c = 0; c < 2 * p->count; c++) *entry(s, order, row, rows + c) += factor * s->response[row][c];
+    for (int v = 0; v < s->variables; v++) s->side[v][row] += factor * s->gap[v][row];
 }
 
-/* The force is constant, or, on the edge of a guide's hole, in proportion to the force across the needle. */
-static void keep_force(const tick_input *tick, const insertion_workspace *w, linear_system *s, int order, int row) {
+/* Friction on the edge of a guide's hole is in proportion to the force across the needle. */
+static void follow_edge(const tick_input *tick, const insertion_workspace *w, linear_system *s, int order, int row) {
     const contact_problem *p = &w->problem;
     int i = row - 2 * p->count;
-    for (int v = 0; v < BASE_VARIABLES; v++) s->side[v][row] = 0.0;
-    *entry(s, order, row, row) = 1.0;
     if (i >= w->points.guided || p->state[i] == STICK || !(w->edges[i].rubbing > 0.0)) return;
     double friction = (int)p->state[i] * tick->model->guides[w->points.list[i].guide].friction / w->edges[i].rubbing;
-    for (int a = 0; a < 2; a++) *entry(s, order, row, 2 * i + a) = -friction * s->force[i][a];
+    for (int a = 0; a < 2; a++) *entry(s, order, row, 2 * i + a) -= friction * s->force[i][a];
+}
+
+/* Near the surface, the force that cuts also does the work of the growing lateral support (bound_contacts). */
+static void follow_support(const insertion_workspace *w, linear_system *s, int order, int row) {
+    for (int i = w->points.guided; i < w->points.count; i++)
+        for (int a = 0; a < 2; a++) *entry(s, order, row, 2 * i + a) -= w->tissue.tightening[i] * s->force[i][a];
+}
+
+/* A force along the needle that slides: y = viscosity slip + what the parameters add, where the slip is the change of the gap. */
+static void follow_law(const tick_input *tick, const insertion_state *state, const insertion_workspace *w, const tick_derivatives *wanted, linear_system *s,
+                       int order, int row, const axial_law *law) {
+    *entry(s, order, row, row) = 1.0;
+    for (int v = 0; v < s->variables; v++) s->side[v][row] = v < BASE_VARIABLES ? 0.0 : resistance_change(tick, state, w, &wanted->parameters[v - BASE_VARIABLES], row, law->piece);
+    close_gap(w, s, order, row, law->viscosity);
+    follow_edge(tick, w, s, order, row);
+    if (law->piece >= 0 && law->viscosity > 0.0) follow_support(w, s, order, row);
 }
 
 /* The tangents turn as the forces on the needle change. */
@@ -220,18 +317,19 @@ static void turn_tangents(const insertion_workspace *w, linear_system *s, int or
     }
 }
 
-static bool solve(const tick_input *tick, const insertion_workspace *w, linear_system *s) {
+static bool solve(const tick_input *tick, const insertion_state *state, const insertion_workspace *w, const tick_derivatives *wanted, linear_system *s) {
     const contact_problem *p = &w->problem;
     int rows = rows_of(p), order = rows + 2 * p->count;
     for (int i = 0; i < order * order; i++) s->matrix[i] = 0.0;
     for (int row = 0; row < rows; row++) {
         axial_law law = {.sticks = true};
-        if (row >= 2 * p->count) law = law_of(p, row - 2 * p->count, axial_force(s, p, &w->points, row));
-        if (law.sticks || law.viscosity > 0.0) close_gap(w, s, order, row, law.sticks ? 0.0 : 1.0 / law.viscosity);
-        else keep_force(tick, w, s, order, row);
+        for (int v = 0; v < s->variables; v++) s->side[v][row] = 0.0;
+        if (row >= 2 * p->count) law = law_of(tick, state, w, row, axial_force(s, p, &w->points, row));
+        if (law.sticks) close_gap(w, s, order, row, 1.0);
+        else follow_law(tick, state, w, wanted, s, order, row, &law);
     }
     turn_tangents(w, s, order);
-    return LAPACKE_dgesv_work(LAPACK_COL_MAJOR, order, BASE_VARIABLES, s->matrix, order, s->pivots, s->side[0], MOST_ROWS) == 0;
+    return LAPACKE_dgesv_work(LAPACK_COL_MAJOR, order, s->variables, s->matrix, order, s->pivots, s->side[0], MOST_ROWS) == 0;
 }
 
 /* ---- results --------------------------------------------------------------------------------------------------------------- */
@@ -252,19 +350,26 @@ static vec3 to_world(const contact_points *points, int i, const double *change) 
 }
 
 /* Change of the damper's force (N, world frame) on the tissue at the tip. */
-static vec3 change_damping(const insertion_state *state, const insertion_workspace *w, const double *change) {
+static vec3 change_damping(const insertion_state *state, const insertion_workspace *w, const linear_system *s, const double *solution) {
     const contact_problem *p = &w->problem;
-    double dent = 0.0;
-    for (int i = 0; i < 3 * p->count; i++) dent += w->damper.column[unknown(p->count, i / 3, i % 3)] * change[i];
+    const double *column = w->damper.column;
+    int rows = rows_of(p);
+    double dent = product(rows, column, solution);
+    for (int i = 0; i < 2 * p->count; i++) {
+        int z = unknown(p->count, i / 2, 2);
+        const double along[2] = {column[z], w->points.list[i / 2].kind == POINT_TIP ? column[z + 1] : 0.0};
+        dent += turned_sum(s, w, i / 2, i % 2, &column[i / 2 * 2], along) * solution[rows + i];
+    }
     return v3_scale(-(1.0 - w->damper.relaxed) * dent / w->damper.yield, state->tip.place.direction);
 }
 
 /* Forces that displace the nominal mesh as much as the needle does. */
-static void find_loads(const insertion_state *state, const insertion_workspace *w, const double *change, variable_derivatives *to) {
+static void find_loads(const insertion_state *state, const insertion_workspace *w, const linear_system *s, const double *solution, const double *change,
+                       variable_derivatives *to) {
     for (int i = 0; i < w->points.count; i++)
         to->load[i] = i < w->points.guided ? v3(0, 0, 0) : v3_scale(w->creep.yield, to_world(&w->points, i, change));
     int t = w->points.count - 1;
-    if (w->points.tip) to->load[t] = v3_axpy(w->creep.yield, change_damping(state, w, change), to->load[t]);
+    if (w->points.tip) to->load[t] = v3_axpy(w->creep.yield, change_damping(state, w, s, solution), to->load[t]);
 }
 
 static void find_wrench(const tick_input *tick, const insertion_state *state, const insertion_workspace *w, const linear_system *s, int variable,
@@ -297,17 +402,17 @@ static void find_wrench(const tick_input *tick, const insertion_state *state, co
 /* The torque about the needle's axis turns with the axis, and changes as the base rolls. */
 static void add_roll(const tick_input *tick, const insertion_state *state, const insertion_workspace *w, int variable, variable_derivatives *to) {
     vec3 axis = q_axis(state->needle.base.orientation);
-    double rolled = variable < 3 ? 0.0 : v3_dot(unit_vector(variable % 3), axis);
+    double rolled = variable < 3 || variable >= BASE_VARIABLES ? 0.0 : v3_dot(unit_vector(variable % 3), axis);
     to->torque = v3_axpy(-roll_torque(state, &w->points), turned(variable, axis), to->torque);
     to->torque = v3_axpy(-rolled * roll_stiffness(tick, state, &w->points, &w->creep), axis, to->torque);
 }
 
 /* Change of the variable at which this contact would switch. */
-static double switches_at(const insertion_workspace *w, const linear_system *s, int row, int variable) {
+static double switches_at(const tick_input *tick, const insertion_state *state, const insertion_workspace *w, const linear_system *s, int row, int variable) {
     const contact_problem *p = &w->problem;
     const double *solution = s->side[variable];
     int rows = rows_of(p);
-    axial_law law = law_of(p, row - 2 * p->count, axial_force(s, p, &w->points, row));
+    axial_law law = law_of(tick, state, w, row, axial_force(s, p, &w->points, row));
     if (law.sticks) return law.force / fabs(solution[row]);
     double slip = s->gap[variable][row];
     for (int c = 0; c < rows; c++) slip -= compliance_of(p, row, c) * solution[c];
@@ -315,16 +420,16 @@ static double switches_at(const insertion_workspace *w, const linear_system *s, 
     return law.slip / fabs(slip);
 }
 
-static double range_of(const insertion_workspace *w, const linear_system *s, int variable) {
+static double range_of(const tick_input *tick, const insertion_state *state, const insertion_workspace *w, const linear_system *s, int variable) {
     const contact_problem *p = &w->problem;
     double least = INFINITY;
     for (int row = 2 * p->count; row < rows_of(p); row++)
-        if (!guides_is_open(&w->points, w->edges, point_of(p, row))) least = fmin(least, switches_at(w, s, row, variable)); /* fmin ignores 0 / 0 */
+        if (!guides_is_open(&w->points, w->edges, point_of(p, row))) least = fmin(least, switches_at(tick, state, w, s, row, variable)); /* fmin ignores 0 / 0 */
     return larger_of(least, 0.0);
 }
 
 static void differentiate_free(const tick_input *tick, const insertion_state *state, tick_derivatives *derivatives) {
-    for (int v = 0; v < BASE_VARIABLES; v++)
+    for (int v = 0; v < derivatives->count; v++)
         derivatives->of[v] = (variable_derivatives){.tip = carried(state, v, state->needle.joints[tick->model->needle->given.segments]), .range = INFINITY,
                                                     .direction = turned(v, needle_end_direction(tick, &state->needle))};
 }
@@ -335,21 +440,21 @@ static bool differentiate(const tick_input *tick, const insertion_state *state, 
     needle_influence_find(tick, w, &s->needle);
     read_forces(state, &w->points, s);
     find_response(state, w, s);
-    for (int v = 0; v < BASE_VARIABLES; v++) move_base(state, w, v, s);
-    if (!solve(tick, w, s)) return false;
-    for (int v = 0; v < BASE_VARIABLES; v++) {
+    s->variables = derivatives->count;
+    for (int v = 0; v < s->variables; v++) move_base(state, w, v, s);
+    if (!solve(tick, state, w, derivatives, s)) return false;
+    for (int v = 0; v < s->variables; v++) {
         double change[POINT_AXES];
         change_forces(w, s, s->side[v], change);
-        find_loads(state, w, change, &derivatives->of[v]);
+        find_loads(state, w, s, s->side[v], change, &derivatives->of[v]);
         find_wrench(tick, state, w, s, v, change, &derivatives->of[v]);
         add_roll(tick, state, w, v, &derivatives->of[v]);
-        derivatives->of[v].range = state->moving_on ? 0.0 : range_of(w, s, v);
+        derivatives->of[v].range = state->moving_on ? 0.0 : range_of(tick, state, w, s, v);
     }
     return true;
 }
 
 trocar_status insertion_differentiate(const tick_input *tick, const insertion_state *state, const insertion_workspace *workspace, tick_derivatives *derivatives, report *why) {
-    derivatives->count = BASE_VARIABLES;
     differentiate_free(tick, state, derivatives);
     if (workspace->points.count == 0) return TROCAR_OK;
     insertion_workspace *w = aligned_alloc(_Alignof(insertion_workspace), sizeof *w);

@@ -100,7 +100,7 @@ static trocar_status differentiate(const tick_input *tick, const insertion_state
         put(to->wrench, found->count, v, 3, of->torque);
         put(to->tip, found->count, v, 0, of->tip);
         put(to->direction, found->count, v, 0, of->direction);
-        if (to->range) to->range[v] = of->range;
+        if (to->range && v < BASE_VARIABLES) to->range[v] = of->range;
     }
     if (status == TROCAR_OK) status = differentiate_targets(call, state, workspace->points.guided, found, why);
     free(found);

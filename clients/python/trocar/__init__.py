@@ -28,7 +28,7 @@ import numpy.typing as npt
 
 from ._library import Error, _check, _Turn, _Watch, _write_log, ffi, lib
 
-__all__ = ["Batch", "Contact", "Error", "Event", "Guide", "Key", "Mesh", "Model", "Output", "Probe", "Scene", "Seed", "SeedSize", "Sim", "Track", "keys", "rollout"]
+__all__ = ["Batch", "Contact", "Derivatives", "Error", "Event", "Guide", "Key", "Mesh", "Model", "Output", "Probe", "Scene", "Seed", "SeedSize", "Sim", "Track", "keys", "rollout"]
 __version__ = "%d.%d.%d" % (lib.trocar_version() // 10000, lib.trocar_version() // 100 % 100, lib.trocar_version() % 100)
 
 
@@ -81,7 +81,7 @@ class Derivatives(NamedTuple):
     tip: npt.NDArray[np.float64]        #: (3, V): position of the needle's end, m
     direction: npt.NDArray[np.float64]  #: (3, V): direction of the needle's end, a unit vector
     targets: npt.NDArray[np.float64]    #: (T, 3, V): positions of the targets, m
-    range: npt.NDArray[np.float64]      #: (V,): smallest change of the variable, up or down, at which a contact starts or stops sliding (linear extrapolation)
+    range: npt.NDArray[np.float64]      #: (6,), m and rad: change of each variable of the base at which a contact would start or stop sliding, by linear extrapolation
 
 
 def _contact_names(enum: str) -> dict[int, str]:
@@ -582,7 +582,8 @@ class Sim:
         """
         points = np.ascontiguousarray(targets, np.float64).reshape(-1, 3)
         count = 6 + len(parameters)
-        arrays = {name: np.zeros(shape + (count,)) for name, shape in (("wrench", (6,)), ("tip", (3,)), ("direction", (3,)), ("targets", (len(points), 3)), ("range", ()))}
+        arrays = {name: np.zeros(shape + (count,)) for name, shape in (("wrench", (6,)), ("tip", (3,)), ("direction", (3,)), ("targets", (len(points), 3)))}
+        arrays["range"] = np.zeros(6)
         listed = ffi.new("trocar_parameter[]", [self._parameter(*pair) for pair in parameters])
         request = ffi.new("trocar_derivative_request *", {"parameters": listed, "parameter_count": len(parameters), "target_count": len(points),
                                                           "targets": ffi.from_buffer("double[]", points)})

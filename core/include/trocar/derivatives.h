@@ -41,8 +41,8 @@ typedef struct trocar_derivatives {
     double *tip;             /* [3][V]: position (m) of the needle's end */
     double *direction;       /* [3][V]: direction of the needle's end, a unit vector */
     double *targets;         /* [T][3][V]: positions (m) of the targets */
-    double *range;           /* [V]: smallest change of the variable, up or down, at which a contact would start or stop sliding, extrapolated linearly; INFINITY
-                                if none would */
+    double *range;           /* [6], m and rad: smallest change of each variable of the base, up or down, at which a contact would start or stop sliding,
+                                extrapolated linearly; INFINITY if none would */
 } trocar_derivatives;
 
 /* Computes a step as trocar_sim_step does, with the same results, and the derivatives of its results. The state before the step is kept fixed: only this step

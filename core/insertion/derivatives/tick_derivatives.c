@@ -449,7 +449,7 @@ static bool differentiate(const tick_input *tick, const insertion_state *state, 
         find_loads(state, w, s, s->side[v], change, &derivatives->of[v]);
         find_wrench(tick, state, w, s, v, change, &derivatives->of[v]);
         add_roll(tick, state, w, v, &derivatives->of[v]);
-        derivatives->of[v].range = state->moving_on ? 0.0 : range_of(tick, state, w, s, v);
+        if (v < BASE_VARIABLES) derivatives->of[v].range = state->moving_on ? 0.0 : range_of(tick, state, w, s, v);
     }
     return true;
 }

@@ -21,7 +21,7 @@ typedef struct {
     vec3 tip;                /* m: position of the needle's end */
     vec3 direction;          /* direction of the needle's end, a unit vector */
     vec3 load[MAX_POINTS];   /* N: forces that displace the nominal mesh as much as the needle does at each point; 0 for guides */
-    double range;            /* smallest change of the variable, up or down, at which a contact switches, extrapolated linearly; INFINITY if none does */
+    double range;            /* m or rad, for the pose of the base: smallest change, up or down, at which a contact switches, extrapolated linearly */
 } variable_derivatives;
 
 typedef struct {

@@ -16,7 +16,7 @@ static trocar_error why;
 
 #define OK(call) do { if ((call) != TROCAR_OK) fail_msg("%s: %s", #call, why.text); } while (0)
 
-enum { BASE = TROCAR_BASE_VARIABLES, PARAMETERS = 10, VARIABLES = BASE + PARAMETERS, TARGETS = 2, BLOCKS = 4 + TARGETS, VALUES = 3 * BLOCKS };
+enum { BASE = TROCAR_BASE_VARIABLES, PARAMETERS = 12, VARIABLES = BASE + PARAMETERS, TARGETS = 2, BLOCKS = 4 + TARGETS, VALUES = 3 * BLOCKS };
 static const char *const BLOCK_NAMES[BLOCKS] = {"force", "torque", "tip", "direction", "target", "target"};
 static const double DT = 1e-3; /* s */
 #define LENGTH 0.2             /* m, length of the needle: a rotation is measured by the distance by which it moves the end of a straight needle */
@@ -222,9 +222,12 @@ static void derivatives_are_those_of_small_motions(void **unused) {
     check(compare(20), 20);
 }
 
-static void derivatives_are_those_of_small_motions_in_a_thousand_states(void **unused) {
+/* The environment variable sets another number of states; 1000 take a few minutes. */
+static void derivatives_are_those_of_small_motions_in_many_states(void **unused) {
     (void)unused;
-    check(compare(1000), 1000);
+    const char *given = getenv("TROCAR_TEST_STATES");
+    int count = given ? atoi(given) : 200;
+    check(compare(count), count);
 }
 
 /* ---- properties of the tissue ------------------------------------------------------------------------------------------------- */
@@ -233,7 +236,8 @@ static const struct {
     const char *key;
     trocar_property property;
 } PROPERTIES[] = {{"cutting_force", TROCAR_CUTTING_FORCE}, {"cutting_viscosity", TROCAR_CUTTING_VISCOSITY}, {"friction.static", TROCAR_FRICTION_STATIC},
-                  {"friction.kinetic", TROCAR_FRICTION_KINETIC}, {"friction.viscous", TROCAR_FRICTION_VISCOUS}};
+                  {"friction.kinetic", TROCAR_FRICTION_KINETIC}, {"friction.viscous", TROCAR_FRICTION_VISCOUS},
+                  {"youngs_modulus", TROCAR_YOUNGS_MODULUS}};
 static const char *const REGIONS[] = {"prostate", "surrounding"};
 
 /* Without force, the state does not depend on these properties: a needle that starts in the tissue is held for two steps, and then moved. */
@@ -249,7 +253,7 @@ static void values_with(const set_up *like, const char *key, double value, const
     trocar_output out;
     set_up s = *like;
     OK(trocar_scene_set_number(scene, key, value, &why));
-    OK(trocar_model_derive(like->model, scene, &model, &why));
+    OK(trocar_model_create(scene, NULL, &model, &why));
     set_up_model(model, &s);
     start_in_tissue(&s, start);
     OK(trocar_sim_step(s.sim, 0, base, DT, &out, &why));
@@ -370,7 +374,7 @@ static void bad_requests_are_refused_before_the_step(void **unused) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(derivatives_are_those_of_small_motions),
-        cmocka_unit_test(derivatives_are_those_of_small_motions_in_a_thousand_states),
+        cmocka_unit_test(derivatives_are_those_of_small_motions_in_many_states),
         cmocka_unit_test(derivatives_are_those_of_small_changes_of_the_tissue),
         cmocka_unit_test(differentiating_changes_no_result),
         cmocka_unit_test(bad_requests_are_refused_before_the_step),

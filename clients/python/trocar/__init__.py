@@ -71,7 +71,7 @@ class Output(NamedTuple):
     switches: int
 
 
-_PROPERTIES = ("cutting_force", "cutting_viscosity", "friction_static", "friction_kinetic", "friction_viscous")
+_PROPERTIES = ("cutting_force", "cutting_viscosity", "friction_static", "friction_kinetic", "friction_viscous", "youngs_modulus")
 
 
 class Derivatives(NamedTuple):
@@ -575,7 +575,8 @@ class Sim:
         """Runs a tick as `step` does, with the same results, and differentiates these results for a fixed state before the tick.
 
         Variables: displacement of the base along x, y and z (m), rotation of the base about the world's x, y and z (rad), and then `parameters`: pairs of a
-        property ("cutting_force", "cutting_viscosity", "friction_static", "friction_kinetic" or "friction_viscous") and the name of a region.
+        property ("cutting_force", "cutting_viscosity", "friction_static", "friction_kinetic", "friction_viscous" or
+        "youngs_modulus") and the name of a region.
         targets (T, 3): material points of the tissue, in the tissue at rest (m).
 
         dt is at most 0.001 s. Raises Error for targets outside the tissue, and, after the tick, if the result has no derivatives. Releases the GIL.

@@ -14,7 +14,8 @@ typedef enum trocar_property {
     TROCAR_CUTTING_VISCOSITY,  /* N s/m */
     TROCAR_FRICTION_STATIC,    /* N/m */
     TROCAR_FRICTION_KINETIC,   /* N/m */
-    TROCAR_FRICTION_VISCOUS    /* N s/m^2 */
+    TROCAR_FRICTION_VISCOUS,   /* N s/m^2 */
+    TROCAR_YOUNGS_MODULUS      /* Pa; not for relaxing or stiffening tissue */
 } trocar_property;
 
 typedef struct trocar_parameter {
@@ -48,7 +49,8 @@ typedef struct trocar_derivatives {
 /* Computes a step as trocar_sim_step does, with the same results, and the derivatives of its results. The state before the step is kept fixed: only this step
    is differentiated. Contacts keep sticking or sliding as they do in this step; where one switches, derivatives jump (`range`). They also jump at events
    (trocar_output.events), and are exact only for an equilibrium: the smaller the scene's "contact.tolerance", the closer they are to differences between steps.
-   Forces of other needles and of the probe are kept fixed. Each target takes three solves with the full stiffness matrix. Errors as in trocar_sim_step. Also
+   Forces of other needles and of the probe are kept fixed. Each target takes three solves with the full stiffness matrix, and
+   each modulus one. Errors as in trocar_sim_step. Also
    BAD_INPUT, before the step: a step longer than 1 ms, a target outside the mesh, a parameter out of range; and, after the step, which has
    then been carried out: NUMERIC if the result was not finite or has no derivative; NO_MEMORY. `request` may be NULL. [alone, allocates] */
 TROCAR_API trocar_status trocar_sim_differentiate(trocar_sim *sim, int needle, const trocar_pose *base, double dt, const trocar_derivative_request *request,

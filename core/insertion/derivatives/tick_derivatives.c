@@ -6,6 +6,7 @@
 
 #include "insertion/contact/roll.h"
 #include "insertion/derivatives/needle_influence.h"
+#include "insertion/derivatives/tissue_parameters.h"
 #include "insertion/guide/guides.h"
 #include "insertion/laws/along_track.h"
 #include "insertion/step/passes.h"
@@ -17,31 +18,15 @@ enum { MOST_ROWS = MAX_UNKNOWNS + 2 * MAX_POINTS };
 typedef struct {
     int variables;
     needle_influence needle;
-    double force[MAX_POINTS][3];                     /* N, force at each point in its frame */
-    double face, shaft;                              /* N, the tip's two forces along the needle */
+    point_forces forces;
     double response[MAX_UNKNOWNS][2 * MAX_POINTS];   /* m: change of each gap if the forces turn with the tangents */
     double matrix[MOST_ROWS * MOST_ROWS];            /* column by column */
-    double side[MAX_VARIABLES][MOST_ROWS];          /* right-hand sides, then the solution */
-    double gap[MAX_VARIABLES][MAX_UNKNOWNS];        /* m: change of the gaps if neither forces nor tangents change */
+    double side[MAX_VARIABLES][MOST_ROWS];           /* right-hand sides, then the solution */
+    double gap[MAX_VARIABLES][MAX_UNKNOWNS];         /* m: change of the gaps if neither forces nor tangents change */
     lapack_int pivots[MOST_ROWS];
 } linear_system;
 
 /* ---- the contact problem ------------------------------------------------------------------------------------------------- */
-
-static int rows_of(const contact_problem *p) { return 2 * p->count + p->axial_count; }
-static double compliance_of(const contact_problem *p, int i, int j) { return i <= j ? p->compliance[i][j] : p->compliance[j][i]; }
-static int point_of(const contact_problem *p, int row) { return row < 2 * p->count ? row / 2 : row - 2 * p->count < p->count ? row - 2 * p->count : p->count - 1; }
-static int axis_of(const contact_problem *p, int row) { return row < 2 * p->count ? row % 2 : 2; }
-
-static const shaft_hold *shaft_of(const insertion_state *state, const contact_point *p) {
-    return p->kind == POINT_TIP ? &state->tip.shaft : &state->contacts[p->handle].shaft;
-}
-
-/* Distance (m) slid since the shaft last stuck. */
-static double slid_distance(const tick_input *tick, const insertion_state *state, const contact_point *point) {
-    const shaft_hold *shaft = shaft_of(state, point);
-    return shaft->slid + roll_slip_length(shaft->slip, &shaft->roll, tick->model->needle->radius);
-}
 
 /* The law of a force along the needle: the contact sticks, or the force grows by `viscosity` times the slip. */
 typedef struct {
@@ -84,19 +69,8 @@ static axial_law law_of(const tick_input *tick, const insertion_state *state, co
 /* Force (N) of unknown `row` along the needle. */
 static double axial_force(const linear_system *s, const contact_problem *p, const contact_points *points, int row) {
     int i = row - 2 * p->count;
-    if (points->tip && i >= p->count - 1) return i == p->count ? s->shaft : s->face;
-    return s->force[i][2];
-}
-
-static void read_forces(const insertion_state *state, const contact_points *points, linear_system *s) {
-    for (int i = 0; i < points->count; i++) {
-        vec3 f = m3_apply_transposed(&points->list[i].at.frame, point_force(state, &points->list[i]));
-        s->force[i][0] = f.x, s->force[i][1] = f.y, s->force[i][2] = f.z;
-    }
-    if (!points->tip) return;
-    const contact_point *tip = &points->list[points->count - 1];
-    s->shaft = state->tip.shaft.traction * (tip->share.to - tip->share.from);
-    s->face = s->force[points->count - 1][2] - s->shaft;
+    if (points->tip && i >= p->count - 1) return i == p->count ? s->forces.shaft : s->forces.face;
+    return s->forces.at[i][2];
 }
 
 /* ---- turning frames -------------------------------------------------------------------------------------------------------- */
@@ -108,8 +82,8 @@ static double turned_force(const double force[3], int axis, int a) { return axis
    forces along the needle on the end face and on the shaft are different unknowns: the force across turns into both by the parts that act there. */
 static double turned_sum(const linear_system *s, const insertion_workspace *w, int j, int a, const double across[2], const double along[2]) {
     double on_shaft = w->points.list[j].kind == POINT_TIP ? w->tissue.sideways_on_shaft : 0.0;
-    double sum = turned_force(s->force[j], 2, a) * ((1.0 - on_shaft) * along[0] + on_shaft * along[1]);
-    for (int axis = 0; axis < 2; axis++) sum += across[axis] * turned_force(s->force[j], axis, a);
+    double sum = turned_force(s->forces.at[j], 2, a) * ((1.0 - on_shaft) * along[0] + on_shaft * along[1]);
+    for (int axis = 0; axis < 2; axis++) sum += across[axis] * turned_force(s->forces.at[j], axis, a);
     return sum;
 }
 
@@ -131,10 +105,27 @@ static void part_at_tip(const linear_system *s, const insertion_state *state, co
     const principal_tensor *lateral = &w->tissue.lateral[t];
     const mat3 *frame = &w->points.list[t].at.frame;
     vec3 track = m3_apply_transposed(frame, state->tip.place.direction), easy = m3_apply_transposed(frame, lateral->easy);
-    vec3 force = v3(on_shaft * s->force[t][0], on_shaft * s->force[t][1], s->shaft);
+    vec3 force = v3(on_shaft * s->forces.at[t][0], on_shaft * s->forces.at[t][1], s->forces.shaft);
     vec3 local = v3_axpy(lateral->more * v3_dot(easy, force), easy, v3_axpy((shaft - lateral->least) * v3_dot(track, force), track, v3_scale(lateral->least, force)));
-    parted[0] = face * (1.0 - on_shaft) * s->force[t][0] - local.x;
-    parted[1] = face * (1.0 - on_shaft) * s->force[t][1] - local.y;
+    parted[0] = face * (1.0 - on_shaft) * s->forces.at[t][0] - local.x;
+    parted[1] = face * (1.0 - on_shaft) * s->forces.at[t][1] - local.y;
+}
+
+/* The tip's forces across the needle are one unknown, of which fixed fractions act on shaft and end face. If its forces along the needle turn with the tangent, their
+   parts across the needle act where they did before. Adds the difference that this makes to the tip's gaps. */
+static void turn_tip(const insertion_state *state, const insertion_workspace *w, linear_system *s) {
+    int t = w->points.count - 1;
+    const principal_tensor *lateral = &w->tissue.lateral[t];
+    const track_shares at = along_track(state, &w->points, &w->tissue, t);
+    double face = w->tissue.axial[t] + w->stiffening.end.slope, shaft = w->tissue.axial[t + 1];
+    double more = (1.0 - w->tissue.sideways_on_shaft) * s->forces.shaft - w->tissue.sideways_on_shaft * s->forces.face; /* on the shaft, less on the end face */
+    vec3 aside = m3_apply_transposed(&w->points.list[t].at.frame, lateral->easy);
+    const double easy[] = {aside.x, aside.y, aside.z, aside.z};
+    for (int i = 0; i < at.count; i++)
+        for (int a = 0; a < 2; a++) {
+            double same = at.axis[i] == a, around_shaft = lateral->least * same + (shaft - lateral->least) * at.along[i] * at.along[a] + lateral->more * easy[i] * easy[a];
+            s->response[at.row[i]][2 * t + a] += more * (at.on_shaft[i] * around_shaft - at.on_face[i] * face * same);
+        }
 }
 
 /* The gap vector turns against a turning frame. Its part across the needle (m) enters the gap along the needle, and the slip enters the gaps across it. */
@@ -148,8 +139,8 @@ static void add_turning_gaps(const insertion_state *state, const insertion_works
         for (int a = 0; a < 2; a++) {
             int along = unknown(p->count, i, 2);
             s->response[unknown(p->count, i, a)][2 * i + a] += slip;
-            s->response[along][2 * i + a] -= extra * s->force[i][a] - (tip ? on_shaft * parted[a] : 0.0);
-            if (tip) s->response[along + 1][2 * i + a] -= extra * s->force[i][a] + (1.0 - on_shaft) * parted[a];
+            s->response[along][2 * i + a] -= extra * s->forces.at[i][a] - (tip ? on_shaft * parted[a] : 0.0);
+            if (tip) s->response[along + 1][2 * i + a] -= extra * s->forces.at[i][a] + (1.0 - on_shaft) * parted[a];
         }
     }
 }
@@ -160,6 +151,7 @@ static void find_response(const insertion_state *state, const insertion_workspac
         for (int j = 0; j < p->count; j++)
             for (int a = 0; a < 2; a++) s->response[row][2 * j + a] = gap_by_turning(s, w, row, j, a);
     add_turning_gaps(state, w, s);
+    if (w->points.tip) turn_tip(state, w, s);
 }
 
 /* ---- moving the base -------------------------------------------------------------------------------------------------------- */
@@ -212,58 +204,6 @@ static void move_base(const insertion_state *state, const insertion_workspace *w
     }
 }
 
-/* ---- properties of the tissue ---------------------------------------------------------------------------------------------- */
-
-/* Length (m) of a share of the shaft in a region. */
-static double length_in(const insertion_state *state, shaft_share share, int region) {
-    double sum = 0.0;
-    for (int k = 0; k < state->stratum_count; k++) {
-        double from = larger_of(share.from, state->strata[k].depth), to = k + 1 < state->stratum_count ? smaller_of(share.to, state->strata[k + 1].depth) : share.to;
-        if (state->strata[k].region == region) sum += larger_of(to - from, 0.0);
-    }
-    return sum;
-}
-
-/* Change of the friction on a share of the shaft per unit of a property; the slip is fixed. */
-static double friction_change(const tick_input *tick, const insertion_state *state, const contact_problem *p, const contact_point *point, int i,
-                              const tissue_parameter *parameter) {
-    double length = length_in(state, point->share, parameter->region), weak = exp(-slid_distance(tick, state, point) / tick->model->settings.weakening_distance);
-    const roll_friction *roll = &shaft_of(state, point)->roll;
-    double way = roll_slip_length(p->slip[i], roll, tick->model->needle->radius);
-    double along = way > 0.0 ? p->slip[i] / way : (int)p->state[i]; /* part of the friction that acts along the needle */
-    switch (parameter->property) {
-    case FRICTION_STATIC: return along * length * weak;
-    case FRICTION_KINETIC: return along * length * (1.0 - weak);
-    case FRICTION_VISCOUS: return length * p->slip[i] / tick->dt;
-    default: return 0.0;
-    }
-}
-
-/* Change of the resistance ahead of the tip, which slides on this piece of the staircase. The tip's element determines the tissue. */
-static double cutting_change(const tick_input *tick, const insertion_state *state, const insertion_workspace *w, const tissue_parameter *parameter, int piece) {
-    const contact_problem *p = &w->problem;
-    const region_material *material = &tick->model->materials[parameter->region];
-    if (piece < 0 || tick->model->mesh->region[state->tip.place.tet] != parameter->region || p->ahead.slope[piece] == 0.0) return 0.0;
-    double most = 0.0, viscous = 0.0;
-    for (int k = 0; k <= piece; k++) {
-        const stretch_ahead *stretch = &w->ahead.stretches[w->ahead.of_knot[k]];
-        double end = k < piece ? p->ahead.at[k + 1] : p->slip[p->climber];
-        if (!stretch->stops) most = larger_of(most, stretch->resistance);
-        viscous += p->ahead.slope[k] * (end - p->ahead.at[k]);
-    }
-    if (parameter->property == CUTTING_FORCE) return material->cutting_force > 0.0 ? (most - material->spreading_force) / material->cutting_force : 1.0;
-    return parameter->property == CUTTING_VISCOSITY && material->cutting_viscosity > 0.0 ? viscous / material->cutting_viscosity : 0.0;
-}
-
-/* Change of a force along the needle per unit of a property; the slip is fixed. */
-static double resistance_change(const tick_input *tick, const insertion_state *state, const insertion_workspace *w, const tissue_parameter *parameter, int row, int piece) {
-    const contact_problem *p = &w->problem;
-    int i = row - 2 * p->count, point = point_of(p, row);
-    if (point < w->points.guided) return 0.0;
-    if (w->points.tip && i == p->count - 1) return cutting_change(tick, state, w, parameter, piece);
-    return friction_change(tick, state, p, &w->points.list[point], i, parameter);
-}
-
 /* ---- the system ------------------------------------------------------------------------------------------------------------ */
 
 static double *entry(linear_system *s, int order, int row, int column) { return &s->matrix[(size_t)column * (size_t)order + (size_t)row]; }
@@ -283,13 +223,13 @@ static void follow_edge(const tick_input *tick, const insertion_workspace *w, li
     int i = row - 2 * p->count;
     if (i >= w->points.guided || p->state[i] == STICK || !(w->edges[i].rubbing > 0.0)) return;
     double friction = (int)p->state[i] * tick->model->guides[w->points.list[i].guide].friction / w->edges[i].rubbing;
-    for (int a = 0; a < 2; a++) *entry(s, order, row, 2 * i + a) -= friction * s->force[i][a];
+    for (int a = 0; a < 2; a++) *entry(s, order, row, 2 * i + a) -= friction * s->forces.at[i][a];
 }
 
 /* Near the surface, the force that cuts also does the work of the growing lateral support (bound_contacts). */
 static void follow_support(const insertion_workspace *w, linear_system *s, int order, int row) {
     for (int i = w->points.guided; i < w->points.count; i++)
-        for (int a = 0; a < 2; a++) *entry(s, order, row, 2 * i + a) -= w->tissue.tightening[i] * s->force[i][a];
+        for (int a = 0; a < 2; a++) *entry(s, order, row, 2 * i + a) -= w->tissue.tightening[i] * s->forces.at[i][a];
 }
 
 /* A force along the needle that slides: y = viscosity slip + what the parameters add, where the slip is the change of the gap. */
@@ -311,7 +251,7 @@ static void turn_tangents(const insertion_workspace *w, linear_system *s, int or
         for (int j = 0; j < p->count; j++)
             for (int a = 0; a < 2; a++) {
                 double sum = i == 2 * j + a;
-                for (int axis = 0; axis < 3; axis++) sum += s->needle.turned[i][3 * j + axis] * turned_force(s->force[j], axis, a);
+                for (int axis = 0; axis < 3; axis++) sum += s->needle.turned[i][3 * j + axis] * turned_force(s->forces.at[j], axis, a);
                 *entry(s, order, rows + i, rows + 2 * j + a) = sum;
             }
     }
@@ -342,7 +282,7 @@ static void change_forces(const insertion_workspace *w, const linear_system *s, 
     for (int row = 0; row < rows; row++) change[3 * point_of(p, row) + axis_of(p, row)] += solution[row];
     for (int j = 0; j < p->count; j++)
         for (int axis = 0; axis < 3; axis++)
-            for (int a = 0; a < 2; a++) change[3 * j + axis] += turned_force(s->force[j], axis, a) * solution[rows + 2 * j + a];
+            for (int a = 0; a < 2; a++) change[3 * j + axis] += turned_force(s->forces.at[j], axis, a) * solution[rows + 2 * j + a];
 }
 
 static vec3 to_world(const contact_points *points, int i, const double *change) {
@@ -438,10 +378,14 @@ static void differentiate_free(const tick_input *tick, const insertion_state *st
 static bool differentiate(const tick_input *tick, const insertion_state *state, insertion_workspace *w, linear_system *s, tick_derivatives *derivatives) {
     passes_linearise(tick, state, w, true);
     needle_influence_find(tick, w, &s->needle);
-    read_forces(state, &w->points, s);
+    s->forces = point_forces_of(state, &w->points);
     find_response(state, w, s);
     s->variables = derivatives->count;
     for (int v = 0; v < s->variables; v++) move_base(state, w, v, s);
+    for (int v = BASE_VARIABLES; v < s->variables; v++) {
+        int i = v - BASE_VARIABLES;
+        if (derivatives->parameters[i].property == YOUNGS_MODULUS && !stiffen(tick, state, w, &s->forces, derivatives->parameters[i].region, derivatives->moved[i], s->gap[v])) return false;
+    }
     if (!solve(tick, state, w, derivatives, s)) return false;
     for (int v = 0; v < s->variables; v++) {
         double change[POINT_AXES];

@@ -3,17 +3,10 @@
 #ifndef TROCAR_TICK_DERIVATIVES_H
 #define TROCAR_TICK_DERIVATIVES_H
 
-#include "insertion/state/tick_data.h"
+#include "insertion/derivatives/tissue_parameters.h"
 
 /* Variables: displacement (m) of the base along the world's axes, and rotation (rad) of the base about them. */
 enum { BASE_VARIABLES = 6, MAX_VARIABLES = 64 };
-
-/* Further variables: properties of a region. */
-typedef enum { CUTTING_FORCE, CUTTING_VISCOSITY, FRICTION_STATIC, FRICTION_KINETIC, FRICTION_VISCOUS, PROPERTIES } region_property;
-typedef struct {
-    region_property property;
-    int region;              /* group index */
-} tissue_parameter;
 
 /* Derivatives with respect to one variable; world frame. */
 typedef struct {
@@ -27,11 +20,13 @@ typedef struct {
 typedef struct {
     int count;                                              /* number of variables: BASE_VARIABLES and the parameters */
     tissue_parameter parameters[MAX_VARIABLES - BASE_VARIABLES]; /* in */
+    vec3 moved[MAX_VARIABLES - BASE_VARIABLES][MAX_POINTS]; /* in, for moduli: m / Pa, change of the nominal mesh's displacement at each point under the
+                                                               present forces */
     variable_derivatives of[MAX_VARIABLES];                 /* out */
 } tick_derivatives;
 
 /* Computes the derivatives of the last step, which must have been the only step of its tick. `tick`, `state` and `workspace` are those of that tick, after
-   it. The state before the tick is kept fixed. The caller sets derivatives->count and the parameters. NO_MEMORY; NUMERIC if the equilibrium has no unique derivative. Allocates. */
+   it. The state before the tick is kept fixed. The caller sets the members of `derivatives` marked in. NO_MEMORY; NUMERIC if the equilibrium has no unique derivative. Allocates. */
 trocar_status insertion_differentiate(const tick_input *tick, const insertion_state *state, const insertion_workspace *workspace, tick_derivatives *derivatives, report *why);
 
 #endif

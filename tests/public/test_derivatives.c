@@ -271,13 +271,24 @@ static void values_with(const set_up *like, trocar_model *model, const trocar_po
     set_down(&s);
 }
 
+/* Force with torque, and the needle's end with its direction, both related by the needle's length: properties of the tissue hardly bend a straight needle, so that
+   torque and direction alone would be differences of larger numbers. */
+enum { GROUPS = 3 };
+static const char *const GROUP_NAMES[GROUPS] = {"wrench", "needle's end", "targets"};
+
+static double norm_of_group(double derivatives[VALUES][VARIABLES], double minus[VALUES][VARIABLES], int group, const double scales[VARIABLES]) {
+    const double lengths[GROUPS] = {1.0 / LENGTH, LENGTH, 1.0};
+    double first = norm_of(derivatives, minus, 2 * group, BASE, VARIABLES, scales), second = norm_of(derivatives, minus, 2 * group + 1, BASE, VARIABLES, scales);
+    return hypot(first, lengths[group] * second);
+}
+
 static void derivatives_are_those_of_small_changes_of_the_tissue(void **unused) {
     (void)unused;
     trocar_scene *scene = exact_scene();
     trocar_model *model;
     set_up s;
     int depends[PARAMETERS] = {0};
-    double largest[BLOCKS] = {0.0}, scales[VARIABLES];
+    double largest[GROUPS] = {0.0}, scales[VARIABLES];
     trocar_model *changed[PARAMETERS][2];
     OK(trocar_model_create(scene, NULL, &model, &why));
     set_up_model(model, &s);
@@ -289,8 +300,9 @@ static void derivatives_are_those_of_small_changes_of_the_tissue(void **unused) 
         double exact[VALUES][VARIABLES], range[BASE];
         trocar_output out;
         trocar_pose start = {{random_between(2e-3, 8e-3), random_between(0, 6e-3), random_between(-0.17, -0.135)}, {1, 0, 0, 0}}, base = start;
-        base.position[0] += random_between(-2e-4, 2e-4);
-        base.position[2] += (state % 3 == 2 ? -1.0 : 1.0) * random_between(0.5e-3, 3e-3);
+        /* The passes of a step end when the needle's shape does not change any more: it has to bend, so that they end after friction has settled, too. */
+        base.position[0] += random_between(0.3e-3, 1e-3);
+        base.position[2] += (state % 3 == 2 ? -1.0 : 1.0) * random_between(0.3e-3, 1.5e-3);
         choose_targets(&s);
         for (int i = 0; i < PARAMETERS; i++)
             parameters[i] = (trocar_parameter){.property = (int32_t)PROPERTIES[i / 2].property, .region = trocar_model_find_region(model, REGIONS[i % 2], 3)};
@@ -305,15 +317,13 @@ static void derivatives_are_those_of_small_changes_of_the_tissue(void **unused) 
             for (int k = 0; k < VALUES; k++) differences[k][BASE + i] = (high[k] - low[k]) / (0.002 * scales[BASE + i]);
             depends[i] += norm_of(differences, NULL, 0, BASE + i, BASE + i + 1, scales) > 1e-3;
         }
-        for (int block = 0; block < BLOCKS; block++) {
-            double error = norm_of(exact, differences, block, BASE, VARIABLES, scales) / norm_of(differences, NULL, block, BASE, VARIABLES, scales);
-            if (!(error < 1e-2)) fail_msg("state %d: relative error %g of %s", state, error, BLOCK_NAMES[block]);
-            largest[block] = fmax(largest[block], error);
+        for (int group = 0; group < GROUPS; group++) {
+            double error = norm_of_group(exact, differences, group, scales) / norm_of_group(differences, NULL, group, scales);
+            if (!(error < 1e-2)) fail_msg("state %d: relative error %g of the %s", state, error, GROUP_NAMES[group]);
+            largest[group] = fmax(largest[group], error);
         }
     }
-    print_message("largest relative errors:");
-    for (int block = 0; block < BLOCKS; block++) print_message(" %s %.1e", BLOCK_NAMES[block], largest[block]);
-    print_message("\n");
+    print_message("largest relative errors: %s %.1e, %s %.1e, %s %.1e\n", GROUP_NAMES[0], largest[0], GROUP_NAMES[1], largest[1], GROUP_NAMES[2], largest[2]);
     for (int i = 0; i < PARAMETERS; i++)
         if (depends[i] == 0) fail_msg("no force depended on %s of %s", PROPERTIES[i / 2].key, REGIONS[i % 2]);
     for (int i = 0; i < PARAMETERS; i++)

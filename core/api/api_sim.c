@@ -104,7 +104,7 @@ void trocar_sim_free(trocar_sim *sim) {
 
 /* ---- lockstep ------------------------------------------------------------------------------------------------------------ */
 
-trocar_status sim_step(trocar_sim *sim, int needle, const trocar_pose *base, double dt, const after_tick *after, trocar_output *output, report *why) {
+trocar_status sim_step(trocar_sim *sim, int needle, const trocar_pose *base, double dt, const after_tick *after, trocar_output *output, trocar_error *why) {
     pose at;
     if (!(dt > 0.0 && dt <= 1.0)) return fail(why, TROCAR_BAD_INPUT, "dt of %g s: above 0 and at most 1 s", dt);
     trocar_status status = check_needle(sim, needle, why);
@@ -114,7 +114,7 @@ trocar_status sim_step(trocar_sim *sim, int needle, const trocar_pose *base, dou
     sim_needle *n = &sim->needles[needle];
     bool outdated, finite = true;
     trocar_status derived = TROCAR_OK;
-    report reason;
+    trocar_error reason;
     status = worker_before_tick(sim, needle, &outdated, why);
     adopt_needle(sim, n);
     if (status == TROCAR_OK && link_refuses(&n->link, ON_TICK)) status = fail(why, TROCAR_BAD_INPUT, "needle %d rests: take it first", needle);

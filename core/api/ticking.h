@@ -37,11 +37,11 @@ void post_hold(trocar_sim *sim, sim_needle *needle, const compliance_snapshot *a
 
 /* Called after a tick whose result is finite, with the data of that tick, before the worker answers its request. */
 typedef struct {
-    trocar_status (*call)(const tick_input *tick, const insertion_state *state, const insertion_workspace *workspace, void *context, report *why);
+    trocar_status (*call)(const tick_input *tick, const insertion_state *state, const insertion_workspace *workspace, void *context, trocar_error *why);
     void *context;
 } after_tick;
 
 /* Implements trocar_sim_step. `after` may be NULL; its error is returned after the step has been completed. Implemented in api_sim.c. */
-trocar_status sim_step(trocar_sim *sim, int needle, const trocar_pose *base, double dt, const after_tick *after, trocar_output *output, report *why);
+trocar_status sim_step(trocar_sim *sim, int needle, const trocar_pose *base, double dt, const after_tick *after, trocar_output *output, trocar_error *why);
 
 #endif

@@ -57,7 +57,7 @@ static void differentiate_target(const derivative_call *call, const insertion_st
     }
 }
 
-static trocar_status differentiate_targets(const derivative_call *call, const insertion_state *state, int guided, const tick_derivatives *derivatives, report *why) {
+static trocar_status differentiate_targets(const derivative_call *call, const insertion_state *state, int guided, const tick_derivatives *derivatives, trocar_error *why) {
     if (!call->results->targets || call->request->target_count == 0) return TROCAR_OK;
     const model_parts *parts = &call->sim->model->parts;
     size_t nodes = (size_t)parts->mesh.node_count;
@@ -80,7 +80,7 @@ static trocar_status differentiate_targets(const derivative_call *call, const in
 
 /* Changes of the displacements (m / Pa, node_count) per unit of a region's modulus, under the present forces: -K^-1 dK/dE u, where dK/dE is the region's part of K
    divided by E. `scratch`: node_count entries. */
-static trocar_status soften(const derivative_call *call, int region, const vec3 *u, vec3 *scratch, vec3 *change, report *why) {
+static trocar_status soften(const derivative_call *call, int region, const vec3 *u, vec3 *scratch, vec3 *change, trocar_error *why) {
     const model_parts *parts = &call->sim->model->parts;
     trocar_status status = region_forces(&parts->tissue, region, u, scratch, why);
     if (status != TROCAR_OK) return status;
@@ -105,7 +105,7 @@ static int moduli_in(const tick_derivatives *derivatives) {
 }
 
 /* Fills derivatives->moved. `fields` receives one field of displacement changes for each modulus, in their order; to be freed by the caller. */
-static trocar_status differentiate_mesh(const derivative_call *call, const insertion_state *state, int guided, tick_derivatives *derivatives, vec3 **fields, report *why) {
+static trocar_status differentiate_mesh(const derivative_call *call, const insertion_state *state, int guided, tick_derivatives *derivatives, vec3 **fields, trocar_error *why) {
     const model_parts *parts = &call->sim->model->parts;
     size_t nodes = (size_t)parts->mesh.node_count, moduli = (size_t)moduli_in(derivatives);
     *fields = NULL;
@@ -154,7 +154,7 @@ static void put(double *rows, int variables, int v, int first, vec3 x) {
     rows[(first + 2) * variables + v] = x.z;
 }
 
-static trocar_status differentiate(const tick_input *tick, const insertion_state *state, const insertion_workspace *workspace, void *context, report *why) {
+static trocar_status differentiate(const tick_input *tick, const insertion_state *state, const insertion_workspace *workspace, void *context, trocar_error *why) {
     const derivative_call *call = context;
     const trocar_derivatives *to = call->results;
     tick_derivatives *found = malloc(sizeof *found);
@@ -180,7 +180,7 @@ static trocar_status differentiate(const tick_input *tick, const insertion_state
     return status;
 }
 
-static trocar_status locate_targets(const trocar_sim *sim, const trocar_derivative_request *request, int *elements, report *why) {
+static trocar_status locate_targets(const trocar_sim *sim, const trocar_derivative_request *request, int *elements, trocar_error *why) {
     for (int t = 0; t < request->target_count; t++) {
         const double *x = request->targets + 3 * t;
         bool finite = isfinite(x[0] + x[1] + x[2]);
@@ -190,7 +190,7 @@ static trocar_status locate_targets(const trocar_sim *sim, const trocar_derivati
     return TROCAR_OK;
 }
 
-static trocar_status check_request(const trocar_sim *sim, const trocar_derivative_request *request, report *why) {
+static trocar_status check_request(const trocar_sim *sim, const trocar_derivative_request *request, trocar_error *why) {
     if (request->target_count < 0) return fail(why, TROCAR_BAD_INPUT, "%d targets: expected 0 or more", request->target_count);
     if (request->parameter_count < 0 || request->parameter_count > TROCAR_MAX_PARAMETERS)
         return fail(why, TROCAR_BAD_INPUT, "%d parameters: expected 0 to %d", request->parameter_count, (int)TROCAR_MAX_PARAMETERS);

@@ -51,7 +51,7 @@ static void add_means(const tissue *t, int region, const vec3 *u, dilation *sums
     }
 }
 
-trocar_status region_forces(const tissue *t, int region, const vec3 *u, vec3 *force, report *why) {
+trocar_status region_forces(const tissue *t, int region, const vec3 *u, vec3 *force, trocar_error *why) {
     const mesh *m = t->mesh;
     memset(force, 0, (size_t)m->node_count * sizeof *force);
     for (int e = 0; e < m->tet_count; e++)

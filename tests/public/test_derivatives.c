@@ -213,7 +213,7 @@ static comparison compare(int count) {
 }
 
 static void check(comparison found, int count) {
-    for (int block = 0; block < BLOCKS; block++) assert_true(found.largest[block] < 2e-3);
+    for (int block = 0; block < BLOCKS; block++) assert_true(found.largest[block] < 1e-2);
     assert_true(10 * found.switches <= count);
 }
 
@@ -288,6 +288,7 @@ static void derivatives_are_those_of_small_changes_of_the_tissue(void **unused) 
     trocar_model *model;
     set_up s;
     int depends[PARAMETERS] = {0};
+    static const double limits[GROUPS] = {2e-2, 5e-2, 5e-2};
     double largest[GROUPS] = {0.0}, scales[VARIABLES];
     trocar_model *changed[PARAMETERS][2];
     OK(trocar_model_create(scene, NULL, &model, &why));
@@ -302,7 +303,7 @@ static void derivatives_are_those_of_small_changes_of_the_tissue(void **unused) 
         trocar_pose start = {{random_between(2e-3, 8e-3), random_between(0, 6e-3), random_between(-0.17, -0.135)}, {1, 0, 0, 0}}, base = start;
         /* The passes of a step end when the needle's shape does not change any more: it has to bend, so that they end after friction has settled, too. */
         base.position[0] += random_between(0.3e-3, 1e-3);
-        base.position[2] += (state % 3 == 2 ? -1.0 : 1.0) * random_between(0.3e-3, 1.5e-3);
+        base.position[2] += (state % 3 == 2 ? -1.0 : 1.0) * (state >= 8 ? 3e-3 : random_between(0.3e-3, 1.5e-3)); /* the last ones cut */
         choose_targets(&s);
         for (int i = 0; i < PARAMETERS; i++)
             parameters[i] = (trocar_parameter){.property = (int32_t)PROPERTIES[i / 2].property, .region = trocar_model_find_region(model, REGIONS[i % 2], 3)};
@@ -319,7 +320,7 @@ static void derivatives_are_those_of_small_changes_of_the_tissue(void **unused) 
         }
         for (int group = 0; group < GROUPS; group++) {
             double error = norm_of_group(exact, differences, group, scales) / norm_of_group(differences, NULL, group, scales);
-            if (!(error < 1e-2)) fail_msg("state %d: relative error %g of the %s", state, error, GROUP_NAMES[group]);
+            if (!(error < limits[group])) fail_msg("state %d: relative error %g of the %s", state, error, GROUP_NAMES[group]);
             largest[group] = fmax(largest[group], error);
         }
     }

@@ -398,7 +398,7 @@ static bool differentiate(const tick_input *tick, const insertion_state *state, 
     return true;
 }
 
-trocar_status insertion_differentiate(const tick_input *tick, const insertion_state *state, const insertion_workspace *workspace, tick_derivatives *derivatives, report *why) {
+trocar_status insertion_differentiate(const tick_input *tick, const insertion_state *state, const insertion_workspace *workspace, tick_derivatives *derivatives, trocar_error *why) {
     differentiate_free(tick, state, derivatives);
     if (workspace->points.count == 0) return TROCAR_OK;
     insertion_workspace *w = aligned_alloc(_Alignof(insertion_workspace), sizeof *w);

@@ -27,6 +27,6 @@ typedef struct {
 
 /* Computes the derivatives of the last step, which must have been the only step of its tick. `tick`, `state` and `workspace` are those of that tick, after
    it. The state before the tick is kept fixed. The caller sets the members of `derivatives` marked in. NO_MEMORY; NUMERIC if the equilibrium has no unique derivative. Allocates. */
-trocar_status insertion_differentiate(const tick_input *tick, const insertion_state *state, const insertion_workspace *workspace, tick_derivatives *derivatives, report *why);
+trocar_status insertion_differentiate(const tick_input *tick, const insertion_state *state, const insertion_workspace *workspace, tick_derivatives *derivatives, trocar_error *why);
 
 #endif

@@ -82,7 +82,7 @@ static double face_with(const tick_input *tick, const insertion_state *state, co
     region_material materials[MESH_MAX_GROUPS];
     insertion_model model = *tick->model;
     const needle_tip *tip = &state->tip;
-    report ignored;
+    trocar_error ignored;
     memcpy(materials, model.materials, sizeof materials);
     materials[region].youngs_modulus *= factor;
     model.materials = materials;

@@ -104,8 +104,7 @@ void trocar_sim_free(trocar_sim *sim) {
 
 /* ---- lockstep ------------------------------------------------------------------------------------------------------------ */
 
-trocar_status trocar_sim_step(trocar_sim *sim, int needle, const trocar_pose *base, double dt, trocar_output *output, trocar_error *error) {
-    trocar_error ignored, *why = error ? error : &ignored;
+trocar_status sim_step(trocar_sim *sim, int needle, const trocar_pose *base, double dt, const after_tick *after, trocar_output *output, trocar_error *why) {
     pose at;
     if (!(dt > 0.0 && dt <= 1.0)) return fail(why, TROCAR_BAD_INPUT, "dt of %g s: above 0 and at most 1 s", dt);
     trocar_status status = check_needle(sim, needle, why);
@@ -114,6 +113,8 @@ trocar_status trocar_sim_step(trocar_sim *sim, int needle, const trocar_pose *ba
     floating_mode before = flush_denormals();
     sim_needle *n = &sim->needles[needle];
     bool outdated, finite = true;
+    trocar_status derived = TROCAR_OK;
+    trocar_error reason;
     status = worker_before_tick(sim, needle, &outdated, why);
     adopt_needle(sim, n);
     if (status == TROCAR_OK && link_refuses(&n->link, ON_TICK)) status = fail(why, TROCAR_BAD_INPUT, "needle %d rests: take it first", needle);
@@ -121,12 +122,22 @@ trocar_status trocar_sim_step(trocar_sim *sim, int needle, const trocar_pose *ba
     if (status == TROCAR_OK) {
         const compliance_snapshot *answer = link_answer(&n->link);
         finite = run_tick(sim, needle, answer, at, dt, output) == TROCAR_OK; /* if a non-finite result restarted the insertion, the step continues normally */
+        if (after && finite) {
+            tick_input tick = tick_of(sim, needle, answer, dt);
+            derived = after->call(&tick, &n->state, sim->workspace, after->context, &reason);
+        }
         post_hold(sim, n, answer);
         status = worker_after_tick(sim, needle, answer, dt, why);
     }
     restore_floating_mode(before);
     if (!finite) host_log(&sim->model->log, TROCAR_LOG_WARNING, "needle %d: the result of a step was not finite; its insertion starts over", needle);
-    return status;
+    if (status == TROCAR_OK && after && !finite) return fail(why, TROCAR_NUMERIC, "needle %d: the result of the step was not finite; its insertion starts over", needle);
+    return status == TROCAR_OK && derived != TROCAR_OK ? fail(why, derived, "%s", reason.text) : status;
+}
+
+trocar_status trocar_sim_step(trocar_sim *sim, int needle, const trocar_pose *base, double dt, trocar_output *output, trocar_error *error) {
+    trocar_error ignored;
+    return sim_step(sim, needle, base, dt, NULL, output, error ? error : &ignored);
 }
 
 void trocar_sim_set_clock(trocar_sim *sim, int64_t (*clock)(void)) { sim->clock = sim->workspace->profile.clock = clock; }

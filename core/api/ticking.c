@@ -199,6 +199,14 @@ static void advance_time(round_clock *rounds, int needle, double dt) {
     rounds->ticked |= bit;
 }
 
+tick_input tick_of(const trocar_sim *sim, int index, const compliance_snapshot *snapshot, double dt) {
+    const sim_needle *needle = &sim->needles[index];
+    tick_input tick = {.model = &sim->model->parts.insertion, .snapshot = snapshot, .base = {needle->given, needle->base_compliance}, .dt = dt};
+    for (int i = 0; i < sim->needle_count; i++)
+        if (i != index) tick.others[tick.other_count++] = &sim->needles[i].state.tracks;
+    return tick;
+}
+
 trocar_status run_tick(trocar_sim *sim, int index, const compliance_snapshot *snapshot, pose base, double dt, trocar_output *output) {
     tick_output wrench;
     sim_needle *needle = &sim->needles[index];
@@ -208,9 +216,7 @@ trocar_status run_tick(trocar_sim *sim, int index, const compliance_snapshot *sn
     advance_time(&sim->rounds, index, dt);
     atomic_store_explicit(&sim->link.probe.time, llround(1e9 * sim->rounds.time), memory_order_relaxed);
     atomic_fetch_add_explicit(&needle->link.since_release, llround(1e9 * dt), memory_order_relaxed);
-    tick_input tick = {.model = model, .snapshot = snapshot, .base = {base, needle->base_compliance}, .dt = dt};
-    for (int i = 0; i < sim->needle_count; i++)
-        if (i != index) tick.others[tick.other_count++] = &sim->needles[i].state.tracks;
+    tick_input tick = tick_of(sim, index, snapshot, dt);
     insertion_tick(&tick, &needle->state, sim->workspace, &wrench);
     bool finite = insertion_is_finite(&needle->state, &wrench);
     if (finite) {

@@ -25,11 +25,23 @@ void adopt_needle(trocar_sim *sim, sim_needle *needle);
 /* Fills the message about a needle that is being left in the tissue, including the tracks of all needles. RT */
 void fill_message_of_left_needle(trocar_sim *sim, int needle);
 
+/* Input of a tick of this needle. RT */
+tick_input tick_of(const trocar_sim *sim, int needle, const compliance_snapshot *answer, double dt);
+
 /* Computes one tick with the snapshot `answer`. If the result is not finite, the insertion restarts, because a non-finite number would persist in the
    state; the status is then NUMERIC. RT */
 trocar_status run_tick(trocar_sim *sim, int needle, const compliance_snapshot *answer, pose base, double dt, trocar_output *output);
 
 /* Posts to the worker how the needle holds the tissue beside the probe. To be called after run_tick, with the same answer. RT */
 void post_hold(trocar_sim *sim, sim_needle *needle, const compliance_snapshot *answer);
+
+/* Called after a tick whose result is finite, with the data of that tick, before the worker answers its request. */
+typedef struct {
+    trocar_status (*call)(const tick_input *tick, const insertion_state *state, const insertion_workspace *workspace, void *context, trocar_error *why);
+    void *context;
+} after_tick;
+
+/* Implements trocar_sim_step. `after` may be NULL; its error is returned after the step has been completed. Implemented in api_sim.c. */
+trocar_status sim_step(trocar_sim *sim, int needle, const trocar_pose *base, double dt, const after_tick *after, trocar_output *output, trocar_error *why);
 
 #endif

@@ -42,6 +42,7 @@
 #include "trocar/picture.h"
 #include "trocar/rollout.h"
 #include "trocar/batch.h"
+#include "trocar/derivatives.h"
 #include "trocar/operator.h"
 #include "trocar/dose.h"
 

@@ -69,8 +69,7 @@ static void add_element(const tissue *t, int tet, cholmod_triplet *triplets) {
 
 /* ---- mean volumetric strain ---------------------------------------------------------------------------------------- */
 
-/* Lists the means of div u to which an element contributes equal parts of its volume: that of its patch, or those of its nodes. Returns their number. */
-static int means_of(const tissue *t, int tet, int means[4]) {
+int tissue_means_of(const tissue *t, int tet, int means[4]) {
     if (t->volumetric == STRAIN_BY_PATCH) {
         means[0] = t->patch[tet];
         return 1;
@@ -79,7 +78,7 @@ static int means_of(const tissue *t, int tet, int means[4]) {
     return 4;
 }
 
-static int mean_count(const tissue *t) { return t->volumetric == STRAIN_BY_PATCH ? t->patch_count : t->mesh->node_count; }
+int tissue_mean_count(const tissue *t) { return t->volumetric == STRAIN_BY_PATCH ? t->patch_count : t->mesh->node_count; }
 
 /* Adds an element's contribution to its means, one column for each mean. `whole`: volumes of the means. */
 static void add_divergence(const tissue *t, int tet, const double *whole, cholmod_triplet *triplets) {
@@ -88,7 +87,7 @@ static void add_divergence(const tissue *t, int tet, const double *whole, cholmo
     mesh_corners(m, tet, corners);
     const region_material *material = &t->materials[m->region[tet]];
     double volume = tet_gradients(corners, g), lambda = lame_lambda(material->youngs_modulus, material->poisson_ratio);
-    int *rows = triplets->i, *columns = triplets->j, means[4], count = means_of(t, tet, means);
+    int *rows = triplets->i, *columns = triplets->j, means[4], count = tissue_means_of(t, tet, means);
     double *values = triplets->x;
     for (int a = 0; a < count; a++) {
         double weight = volume / count * sqrt(lambda / whole[means[a]]);
@@ -109,14 +108,14 @@ static cholmod_sparse *volumetric_stiffness(tissue *t, int region, double *whole
     const mesh *m = t->mesh;
     size_t shares = 0;
     int means[4];
-    memset(whole, 0, (size_t)mean_count(t) * sizeof *whole);
+    memset(whole, 0, (size_t)tissue_mean_count(t) * sizeof *whole);
     for (int e = 0; e < m->tet_count; e++) {
         if (m->region[e] != region) continue;
-        int count = means_of(t, e, means);
+        int count = tissue_means_of(t, e, means);
         for (int a = 0; a < count; a++) whole[means[a]] += mesh_volume(m, e) / count;
         shares += (size_t)count;
     }
-    cholmod_triplet *triplets = cholmod_allocate_triplet((size_t)t->dof_count, (size_t)mean_count(t), 12 * shares + 1, 0, CHOLMOD_REAL, &t->common);
+    cholmod_triplet *triplets = cholmod_allocate_triplet((size_t)t->dof_count, (size_t)tissue_mean_count(t), 12 * shares + 1, 0, CHOLMOD_REAL, &t->common);
     if (!triplets) return NULL;
     for (int e = 0; e < m->tet_count; e++)
         if (m->region[e] == region) add_divergence(t, e, whole, triplets);
@@ -130,7 +129,7 @@ static cholmod_sparse *volumetric_stiffness(tissue *t, int region, double *whole
 }
 
 static bool add_volumetric_stiffness(tissue *t) {
-    double *whole = malloc((size_t)mean_count(t) * sizeof *whole), one[2] = {1.0, 0.0};
+    double *whole = malloc((size_t)tissue_mean_count(t) * sizeof *whole), one[2] = {1.0, 0.0};
     bool added = whole != NULL;
     for (int g = 0; g < t->mesh->group_count && added; g++) {
         if (t->mesh->groups[g].dimension != 3 || t->materials[g].poisson_ratio == 0.0) continue;

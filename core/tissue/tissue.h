@@ -79,6 +79,11 @@ tissue tissue_constants(const tissue *t);
 /* Elastic moduli for the part of the energy that is integrated by element. */
 void element_moduli(const tissue *t, int tet, double *youngs_modulus, double *poisson_ratio);
 
+/* Lists the means of div u to which an element contributes equal parts of its volume: that of its patch, or those of its nodes. Returns their number. Not for
+   STRAIN_BY_ELEMENT. tissue_mean_count: number of all means. */
+int tissue_means_of(const tissue *t, int tet, int means[4]);
+int tissue_mean_count(const tissue *t);
+
 /* 12 x 12 stiffness of a linear tetrahedron (node-major, 3 dofs per node), N/m. Zienkiewicz & Taylor, vol. 1. */
 void tet_stiffness(const vec3 corners[4], double youngs_modulus, double poisson_ratio, double k[12][12]);
 

@@ -28,7 +28,7 @@ import numpy.typing as npt
 
 from ._library import Error, _check, _Turn, _Watch, _write_log, ffi, lib
 
-__all__ = ["Batch", "Contact", "Error", "Event", "Guide", "Key", "Mesh", "Model", "Output", "Probe", "Scene", "Seed", "SeedSize", "Sim", "Track", "keys", "rollout"]
+__all__ = ["Batch", "Contact", "Derivatives", "Error", "Event", "Guide", "Key", "Mesh", "Model", "Output", "Probe", "Scene", "Seed", "SeedSize", "Sim", "Track", "keys", "rollout"]
 __version__ = "%d.%d.%d" % (lib.trocar_version() // 10000, lib.trocar_version() // 100 % 100, lib.trocar_version() % 100)
 
 
@@ -69,6 +69,19 @@ class Output(NamedTuple):
     membrane: int
     passes: int
     switches: int
+
+
+_PROPERTIES = ("cutting_force", "cutting_viscosity", "friction_static", "friction_kinetic", "friction_viscous", "youngs_modulus")
+
+
+class Derivatives(NamedTuple):
+    """Derivatives of the results of a tick with respect to V variables, see `Sim.differentiate`; all vectors are in the world frame."""
+
+    wrench: npt.NDArray[np.float64]     #: (6, V): force (N) and torque (N m) on the hand
+    tip: npt.NDArray[np.float64]        #: (3, V): position of the needle's end, m
+    direction: npt.NDArray[np.float64]  #: (3, V): direction of the needle's end, a unit vector
+    targets: npt.NDArray[np.float64]    #: (T, 3, V): positions of the targets, m
+    range: npt.NDArray[np.float64]      #: (6,), m and rad: change of each variable of the base at which a contact would start or stop sliding, by linear extrapolation
 
 
 def _contact_names(enum: str) -> dict[int, str]:
@@ -563,9 +576,43 @@ class Sim:
         pointer, _kept = _pose(pose)
         with self._turn:
             _check(lib.trocar_sim_step(self._handle, needle, pointer, dt, self._out, why), why)
-            out = self._out
-            return Output(np.array(list(out.force)), np.array(list(out.torque)), out.depth, out.contacts, out.events, out.membrane,
-                          out.passes, out.switches)
+            return self._output()
+
+    def _output(self) -> Output:
+        out = self._out
+        return Output(np.array(list(out.force)), np.array(list(out.torque)), out.depth, out.contacts, out.events, out.membrane,
+                      out.passes, out.switches)
+
+    def differentiate(self, pose: npt.ArrayLike, dt: float, targets: npt.ArrayLike = (), parameters: Sequence[tuple[str, str]] = (),
+                      needle: int = 0) -> tuple[Output, Derivatives]:
+        """Runs a tick as `step` does, with the same results, and differentiates these results for a fixed state before the tick.
+
+        Variables: displacement of the base along x, y and z (m), rotation of the base about the world's x, y and z (rad), and then `parameters`: pairs of a
+        property ("cutting_force", "cutting_viscosity", "friction_static", "friction_kinetic", "friction_viscous" or
+        "youngs_modulus") and the name of a region.
+        targets (T, 3): material points of the tissue, in the tissue at rest (m).
+
+        dt is at most 0.001 s. Raises Error for targets outside the tissue, and, after the tick, if the result has no derivatives. Releases the GIL.
+        """
+        points = np.ascontiguousarray(targets, np.float64).reshape(-1, 3)
+        count = 6 + len(parameters)
+        arrays = {name: np.zeros(shape + (count,)) for name, shape in (("wrench", (6,)), ("tip", (3,)), ("direction", (3,)), ("targets", (len(points), 3)))}
+        arrays["range"] = np.zeros(6)
+        listed = ffi.new("trocar_parameter[]", [self._parameter(*pair) for pair in parameters])
+        request = ffi.new("trocar_derivative_request *", {"parameters": listed, "parameter_count": len(parameters), "target_count": len(points),
+                                                          "targets": ffi.from_buffer("double[]", points)})
+        results = ffi.new("trocar_derivatives *", {name: ffi.from_buffer("double[]", array, require_writable=True) for name, array in arrays.items()})
+        why = ffi.new("trocar_error *")
+        pointer, _kept = _pose(pose)
+        with self._turn:
+            _check(lib.trocar_sim_differentiate(self._handle, needle, pointer, dt, request, self._out, results, why), why)
+            return self._output(), Derivatives(**arrays)
+
+    def _parameter(self, property_: str, region: str) -> dict[str, int]:
+        number = getattr(lib, "TROCAR_" + property_.upper(), None) if property_ in _PROPERTIES else None
+        if number is None:
+            raise ValueError("%r is none of the properties %s" % (property_, ", ".join(_PROPERTIES)))
+        return {"property": number, "region": lib.trocar_model_find_region(self.model._handle, region.encode(), 3)}
 
     def run(self, poses: npt.ArrayLike, dt: float, needle: int = 0, progress: Callable[[str, float], Any] | None = None) -> npt.NDArray[Any]:
         """Runs a `step` for each of the poses (steps, 7), which is faster than a loop in Python. Returns a structured array

@@ -153,16 +153,37 @@ static bool anchor_points(insertion_state *state, const contact_points *points) 
     return twisted;
 }
 
+/* Point i of the chain, counted without guides. */
+static roll_point chain_link(const tick_input *tick, const insertion_state *state, const contact_points *points, const creep_step *creep, int i) {
+    const contact_point *at = tissue_points(points);
+    roll_point point = point_at(tick, state, creep, &at[i]);
+    point.shaft = tick->model->needle->torsion / larger_of(at[i].arc - (i > 0 ? at[i - 1].arc : 0.0), LEAST_GAP);
+    point.remembered = creep_twist(tick, creep, points->guided + i);
+    return point;
+}
+
+double roll_stiffness(const tick_input *tick, const insertion_state *state, const contact_points *points, const creep_step *creep) {
+    roll_point chain[MAX_SHARES];
+    int n = points->count - points->guided;
+    double sum = 0.0;
+    for (int i = 0; i < n; i++) {
+        roll_friction roll = *roll_at(state, &tissue_points(points)[i]);
+        chain[i] = chain_link(tick, state, points, creep, i);
+        if (chain[i].bound.bound == 0.0 && chain[i].bound.viscosity > 0.0) roll.friction = SLIP_FORWARD; /* the shaft slides along, so that it turns freely */
+        take_law(&chain[i], &roll);
+        chain[i].offset = 0.0;
+    }
+    if (n > 0) solve_chain(n, 1.0, chain);
+    for (int i = 0; i < n; i++) sum += torque_of(&chain[i]);
+    return sum;
+}
+
 void roll_solve(const tick_input *tick, insertion_state *state, const contact_points *points, const creep_step *creep) {
     roll_point chain[MAX_SHARES];
     const contact_point *at = tissue_points(points);
     int n = points->count - points->guided;
     if (n == 0 || !anchor_points(state, points)) return;
-    for (int i = 0; i < n; i++) {
-        chain[i] = point_at(tick, state, creep, &at[i]);
-        chain[i].shaft = tick->model->needle->torsion / larger_of(at[i].arc - (i > 0 ? at[i - 1].arc : 0.0), LEAST_GAP);
-        chain[i].remembered = creep_twist(tick, creep, points->guided + i);
-    }
+    for (int i = 0; i < n; i++) chain[i] = chain_link(tick, state, points, creep, i);
     search(state, points, n, chain);
     for (int i = 0; i < n; i++) {
         roll_friction *roll = roll_of(state, &at[i]);

@@ -1,0 +1,42 @@
+/* Rows of the contact problem and the points to which they belong; forces in the points' frames. */
+#ifndef TROCAR_CONTACT_ROWS_H
+#define TROCAR_CONTACT_ROWS_H
+
+#include "insertion/contact/roll.h"
+
+static inline int rows_of(const contact_problem *p) { return 2 * p->count + p->axial_count; }
+static inline double compliance_of(const contact_problem *p, int i, int j) { return i <= j ? p->compliance[i][j] : p->compliance[j][i]; }
+static inline int axis_of(const contact_problem *p, int row) { return row < 2 * p->count ? row % 2 : 2; }
+static inline int point_of(const contact_problem *p, int row) {
+    return row < 2 * p->count ? row / 2 : row - 2 * p->count < p->count ? row - 2 * p->count : p->count - 1;
+}
+
+static inline const shaft_hold *shaft_of(const insertion_state *state, const contact_point *p) {
+    return p->kind == POINT_TIP ? &state->tip.shaft : &state->contacts[p->handle].shaft;
+}
+
+/* Distance (m) slid since the shaft last stuck, including the last step. */
+static inline double slid_distance(const tick_input *tick, const insertion_state *state, const contact_point *point) {
+    const shaft_hold *shaft = shaft_of(state, point);
+    return shaft->slid + roll_slip_length(shaft->slip, &shaft->roll, tick->model->needle->radius);
+}
+
+typedef struct {
+    double at[MAX_POINTS][3]; /* N, force on the body at each point, in the point's frame */
+    double face, shaft;       /* N, the tip's two forces along the needle */
+} point_forces;
+
+static inline point_forces point_forces_of(const insertion_state *state, const contact_points *points) {
+    point_forces forces = {.face = 0.0};
+    for (int i = 0; i < points->count; i++) {
+        vec3 f = m3_apply_transposed(&points->list[i].at.frame, point_force(state, &points->list[i]));
+        forces.at[i][0] = f.x, forces.at[i][1] = f.y, forces.at[i][2] = f.z;
+    }
+    if (!points->tip) return forces;
+    const contact_point *tip = &points->list[points->count - 1];
+    forces.shaft = state->tip.shaft.traction * (tip->share.to - tip->share.from);
+    forces.face = forces.at[points->count - 1][2] - forces.shaft;
+    return forces;
+}
+
+#endif

@@ -1,0 +1,23 @@
+/* How the contact problem changes with properties of the tissue, for fixed forces and slips. */
+#ifndef TROCAR_TISSUE_PARAMETERS_H
+#define TROCAR_TISSUE_PARAMETERS_H
+
+#include "insertion/derivatives/contact_rows.h"
+
+typedef enum { CUTTING_FORCE, CUTTING_VISCOSITY, FRICTION_STATIC, FRICTION_KINETIC, FRICTION_VISCOUS, YOUNGS_MODULUS, PROPERTIES } region_property;
+
+/* A property of a region. */
+typedef struct {
+    region_property property;
+    int region;              /* group index */
+} tissue_parameter;
+
+/* Change of the force in this row, which slides along the needle, per unit of the property. `piece`: piece of the staircase on which the tip slides. */
+double resistance_change(const tick_input *tick, const insertion_state *state, const insertion_workspace *w, const tissue_parameter *parameter, int row, int piece);
+
+/* Computes the changes of all gaps (m / Pa) per unit of a region's Young's modulus. `moved` (m / Pa): change of the nominal mesh's displacement at each point.
+   Returns false if there is no memory. */
+bool stiffen(const tick_input *tick, const insertion_state *state, const insertion_workspace *w, const point_forces *forces, int region, const vec3 moved[MAX_POINTS],
+             double gaps[MAX_UNKNOWNS]);
+
+#endif

@@ -109,7 +109,7 @@ static void take(bridge *b, pose newest, double now) {
 }
 
 /* Releases the needle, which a client does when it is closed, and opens the next client. */
-static trocar_status release(bridge *b, report *why) {
+static trocar_status release(bridge *b, trocar_error *why) {
     say("no poses: the needle is released");
     topics_publish(b->topics, &(needle_state){.base = b->to});
     b->held = false;
@@ -127,7 +127,7 @@ static void exchange(bridge *b, double now) {
     topics_publish(b->topics, &(needle_state){base, {w.force[0], w.force[1], w.force[2]}, {w.torque[0], w.torque[1], w.torque[2]}, w.depth});
 }
 
-static trocar_status run(bridge *b, report *why) {
+static trocar_status run(bridge *b, trocar_error *why) {
     double due = playing_now();
     while (!playing_interrupted()) {
         due = larger_of(due + 1 / b->options->rate, playing_now()); /* skips missed periods */
@@ -144,7 +144,7 @@ static trocar_status run(bridge *b, report *why) {
     return TROCAR_OK;
 }
 
-static trocar_status connect_and_run(const options *o, report *why) {
+static trocar_status connect_and_run(const options *o, trocar_error *why) {
     bridge b = {.options = o, .client = trocar_client_open(&o->client, why->text, sizeof why->text)};
     if (!b.client) return TROCAR_BAD_INPUT;
     trocar_status status = topics_open(&o->topics, &b.topics, why);
@@ -162,7 +162,7 @@ int main(int count, char **arguments) {
     options o = {.rate = 1000, .topics = {.name_space = "trocar", .frame = "world"}};
     argp_parse(&parser, count, arguments, 0, NULL, &o);
     playing_heed_signals();
-    report why;
+    trocar_error why;
     trocar_status status = connect_and_run(&o, &why);
     if (status == TROCAR_OK) return EXIT_SUCCESS;
     fprintf(stderr, "trocar-dds: %s\n", why.text);

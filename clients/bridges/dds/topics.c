@@ -43,7 +43,7 @@ static dds_entity_t create_entities(topics *t, const topic_settings *s) {
     return t->poses < 0 ? t->poses : t->wrenches < 0 ? t->wrenches : t->joints;
 }
 
-trocar_status topics_open(const topic_settings *settings, topics **opened, report *why) {
+trocar_status topics_open(const topic_settings *settings, topics **opened, trocar_error *why) {
     topics *t = calloc(1, sizeof *t);
     if (!t || !(t->frame = strdup(settings->frame))) {
         free(t);

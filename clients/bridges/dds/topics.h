@@ -6,7 +6,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#include "base/report.h"
+#include "base/error.h"
 #include "base/vec.h"
 
 enum { DOMAIN_MAX = 232 };                     /* the largest domain for which DDS has UDP ports */
@@ -20,7 +20,7 @@ typedef struct {
 typedef struct topics topics;
 
 /* Joins the domain and creates the topics. BAD_INPUT if CycloneDDS finds no network or cannot use its configuration. */
-trocar_status topics_open(const topic_settings *settings, topics **opened, report *why);
+trocar_status topics_open(const topic_settings *settings, topics **opened, trocar_error *why);
 void topics_close(topics *t);
 
 /* Gets the newest pose (m) that has arrived since the last call; false if there is none. Poses in another frame, with numbers that are not finite or with

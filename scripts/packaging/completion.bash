@@ -48,4 +48,4 @@ _trocar() {
             fi ;;
     esac
 } && complete -F _trocar trocar-server trocar-device trocar-replay trocar-view trocar-top trocar-bench trocar-anatomy trocar-study trocar-plan trocar-fit trocar-score \
-    trocar-haply trocar-slicer trocar-spacemouse
+    trocar-dds trocar-haply trocar-slicer trocar-spacemouse

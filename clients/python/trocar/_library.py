@@ -27,7 +27,8 @@ def _load():
     ffi.cdef(_declarations(header))
     number = {name: int(value) for name, value in re.findall(r"#define TROCAR_(MAJOR|MINOR|PATCH) (\d+)", header)}
     name = "libtrocar.so.%d.%d" % (number["MAJOR"], number["MINOR"])
-    lib = ffi.dlopen(os.environ.get("TROCAR_LIBRARY", name))
+    included = Path(__file__).with_name("libraries") / name    # in a wheel
+    lib = ffi.dlopen(os.environ.get("TROCAR_LIBRARY", str(included) if included.exists() else name))
     if lib.trocar_version() // 100 != 100 * number["MAJOR"] + number["MINOR"]:
         raise ImportError("%s is version %d, the module needs %d.%d" % (name, lib.trocar_version(), number["MAJOR"], number["MINOR"]))
     return ffi, lib

@@ -1,0 +1,42 @@
+/* Topics of a needle in ROS 2, over CycloneDDS: poses come in, wrenches and joint states go out. Names, types and quality of service (that of sensor data:
+   best effort, volatile, the last five samples) are those of ROS, so that ROS nodes can use the topics, but ROS is not needed. */
+#ifndef TROCAR_DDS_TOPICS_H
+#define TROCAR_DDS_TOPICS_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "base/error.h"
+#include "base/vec.h"
+
+enum { DOMAIN_MAX = 232 };                     /* the largest domain for which DDS has UDP ports */
+
+typedef struct {
+    int domain;                                /* as ROS_DOMAIN_ID */
+    const char *name_space;                    /* prefix of the topics, as in ROS without leading slash: "trocar" for /trocar/pose, ... */
+    const char *frame;                         /* frame_id of all messages */
+} topic_settings;
+
+typedef struct topics topics;
+
+/* Joins the domain and creates the topics. BAD_INPUT if CycloneDDS finds no network or cannot use its configuration. */
+trocar_status topics_open(const topic_settings *settings, topics **opened, trocar_error *why);
+void topics_close(topics *t);
+
+/* Gets the newest pose (m) that has arrived since the last call; false if there is none. Poses in another frame, with numbers that are not finite or with
+   an orientation that is not a unit quaternion are refused, and so are poses of a second publisher while the first one is not silent. The reason is printed
+   on stderr once, not for each pose. */
+bool topics_take_pose(topics *t, pose *newest);
+
+/* What is published about a needle. */
+typedef struct {
+    pose base;                                 /* m */
+    vec3 force, torque;                        /* N and N m, world frame: exerted by the needle's base on the hand, torque about the base */
+    double depth;                              /* m, length of the needle's track in the tissue */
+} needle_state;
+
+/* Publishes the wrench, and the joint state: insertion, with the depth and the axial force, and roll, with the rotation of the base about the needle's axis
+   (rad, the twist of its orientation, from -pi to pi) and the axial torque. */
+void topics_publish(topics *t, const needle_state *state);
+
+#endif

@@ -5,6 +5,7 @@
 #include "device/implant_errors.h"
 #include "device/implant_player.h"
 #include "device/player.h"
+#include "device/profile_check.h"
 #include "shared/options.h"
 #include "shared/output.h"
 #include "shared/patient.h"
@@ -23,11 +24,14 @@ typedef struct {
     bool follows_image;
     int seed;                /* -1 if not given, and likewise below */
     double image_error, splay, speed_spread;
+    profile_settings check;  /* of a device profile, instead of playing; check.profile is NULL if not given */
+    const char *check_option, *play_option; /* name of an option that applies only to this check, and of one that does not apply to it; NULL if none was given */
 } options;
 
 enum { OPTION_SPEED = 256, OPTION_REPORT, OPTION_CSV, OPTION_LOG, OPTION_URL, OPTION_START, OPTION_HAND, OPTION_REALTIME,
        OPTION_WAIT, OPTION_SETTLE, OPTION_NEEDLE, OPTION_SCENE, OPTION_PATIENT,
-       OPTION_PLAN, OPTION_OPERATOR, OPTION_STABILISE, OPTION_SEED, OPTION_IMAGE_ERROR, OPTION_SPLAY, OPTION_SPEED_SPREAD, OPTION_ERRORS };
+       OPTION_PLAN, OPTION_OPERATOR, OPTION_STABILISE, OPTION_SEED, OPTION_IMAGE_ERROR, OPTION_SPLAY, OPTION_SPEED_SPREAD, OPTION_ERRORS,
+       OPTION_PROFILE, OPTION_DEVICE_DELAY, OPTION_ROUND_TRIP };
 
 static const struct argp_option option_list[] = {
     {"script", 's', "NAME", 0, "Motion to play (default figure8); 'list' shows all", 0},
@@ -53,15 +57,21 @@ static const struct argp_option option_list[] = {
     {"splay", OPTION_SPLAY, "RAD", 0, "Tilt of the needle in its hole about each axis, rad, standard deviation; limited by the hole (default 0.0104)", 1},
     {"speed-spread", OPTION_SPEED_SPREAD, "S", 0, "Standard deviation of the logarithm of the needles' speeds (default 0.33)", 1},
     {"errors", OPTION_ERRORS, "FILE", 0, "Write the parts of each seed's misplacement: tissue, image, splay and remainder", 1},
-    {0, 0, 0, 0, "Connection:", 2},
-    {"lcm-url", OPTION_URL, "URL", 0, "LCM network (default $LCM_DEFAULT_URL)", 2},
-    {"realtime", OPTION_REALTIME, 0, 0, "Run under SCHED_FIFO where permitted", 2},
-    {"wait", OPTION_WAIT, "SECONDS", 0, "Give up if the server has not answered for this long (default 5)", 2},
-    {"settle", OPTION_SETTLE, "SECONDS", 0, "Wait before the script begins, while the server ramps the force up (default 0.3)", 2},
-    {0, 0, 0, 0, "Output:", 3},
-    {"report", OPTION_REPORT, "FILE", 0, "Also write the report as JSON", 3},
-    {"csv", OPTION_CSV, "FILE", 0, "Write every wrench as a row", 3},
-    {"write-log", OPTION_LOG, "FILE", 0, "Write the poses as an LCM event log instead of sending them; needs no network", 3},
+    {0, 0, 0, 0, "Check of a device profile:", 2},
+    {"profile", OPTION_PROFILE, "NAME or FILE", 0,
+     "Check this profile against a simulated device instead of sending poses: whether the needle's travel fits into the workspace, and the margins of stability "
+     "and passivity. --hand is the device with the hand, --rate the device's loop, and --scene has the travel. Status 1 if the profile is not suitable", 2},
+    {"device-delay", OPTION_DEVICE_DELAY, "SECONDS", 0, "Round trip between bridge and simulated device (default: the profile's)", 2},
+    {"round-trip", OPTION_ROUND_TRIP, "SECONDS", 0, "Round trip between bridge and server (default 0.001)", 2},
+    {0, 0, 0, 0, "Connection:", 3},
+    {"lcm-url", OPTION_URL, "URL", 0, "LCM network (default $LCM_DEFAULT_URL)", 3},
+    {"realtime", OPTION_REALTIME, 0, 0, "Run under SCHED_FIFO where permitted", 3},
+    {"wait", OPTION_WAIT, "SECONDS", 0, "Give up if the server has not answered for this long (default 5)", 3},
+    {"settle", OPTION_SETTLE, "SECONDS", 0, "Wait before the script begins, while the server ramps the force up (default 0.3)", 3},
+    {0, 0, 0, 0, "Output:", 4},
+    {"report", OPTION_REPORT, "FILE", 0, "Also write the report as JSON", 4},
+    {"csv", OPTION_CSV, "FILE", 0, "Write every wrench as a row", 4},
+    {"write-log", OPTION_LOG, "FILE", 0, "Write the poses as an LCM event log instead of sending them; needs no network", 4},
     {0},
 };
 
@@ -122,6 +132,25 @@ static const char *image_option(int key) {
     }
 }
 
+/* Returns the option's name if the option applies only to the check of a profile, or NULL. */
+static const char *check_option(int key) { return key == OPTION_DEVICE_DELAY ? "--device-delay" : key == OPTION_ROUND_TRIP ? "--round-trip" : NULL; }
+
+/* Returns the option's name if the option does not apply to the check of a profile, or NULL. */
+static const char *play_option(int key) {
+    switch (key) {
+    case OPTION_HAND:
+    case OPTION_REPORT: return NULL;
+    case OPTION_PLAN: return "--plan";
+    case OPTION_SPEED: return "--speed";
+    case OPTION_CSV: return "--csv";
+    case OPTION_URL: return "--lcm-url";
+    case OPTION_REALTIME: return "--realtime";
+    case OPTION_WAIT: return "--wait";
+    case OPTION_SETTLE: return "--settle";
+    default: return script_option(key);
+    }
+}
+
 static bool parse_operator(const struct argp_state *state, const char *kind) {
     if (strcmp(kind, "image") != 0 && strcmp(kind, "marks") != 0) argp_error(state, "--operator: no operator '%s': there are marks and image", kind);
     return strcmp(kind, "image") == 0;
@@ -132,6 +161,8 @@ static error_t parse_option(int key, char *text, struct argp_state *state) {
     if (script_option(key)) o->script_option = script_option(key);
     if (plan_option(key)) o->plan_option = plan_option(key);
     if (image_option(key)) o->image_option = image_option(key);
+    if (check_option(key)) o->check_option = check_option(key);
+    if (play_option(key)) o->play_option = play_option(key);
     switch (key) {
     case 's': o->play.script = parse_script(state, text); break;
     case 'r': o->play.rate = parse_number(state, "rate", text, 1, 20000); break;
@@ -155,7 +186,13 @@ static error_t parse_option(int key, char *text, struct argp_state *state) {
     case OPTION_HAND:
         o->play.hand = parse_hand(state, text);
         o->play.closed_loop = true;
+        o->check.mass = o->play.hand.mass;
+        o->check.damping = o->play.hand.damping;
+        o->check.stiffness = o->play.hand.stiffness;
         break;
+    case OPTION_PROFILE: o->check.profile = text; break;
+    case OPTION_DEVICE_DELAY: o->check.device_delay = parse_number(state, "device-delay", text, 0, 0.1); break;
+    case OPTION_ROUND_TRIP: o->check.round_trip = parse_number(state, "round-trip", text, 0, 0.1); break;
     case OPTION_URL: o->play.lcm_url = text; break;
     case OPTION_REALTIME: o->play.realtime = true; break;
     case OPTION_WAIT: o->play.patience = parse_number(state, "wait", text, 0.01, 3600); break;
@@ -172,6 +209,8 @@ static error_t parse_option(int key, char *text, struct argp_state *state) {
         if (o->plan_option && !o->plan_path) argp_error(state, "%s needs --plan", o->plan_option);
         if (o->image_option && !o->follows_image) argp_error(state, "%s needs --operator image", o->image_option);
         if (o->patient && !o->scene_path) argp_error(state, "--patient needs --scene");
+        if (o->check_option && !o->check.profile) argp_error(state, "%s needs --profile", o->check_option);
+        if (o->play_option && o->check.profile) argp_error(state, "--profile sends no poses: it cannot be combined with %s", o->play_option);
         break;
     default: return ARGP_ERR_UNKNOWN;
     }
@@ -328,17 +367,40 @@ static trocar_status choose_start(options *o, patient_frame *patient, trocar_err
     return status;
 }
 
+/* Returns SYSTEM if the profile is not suitable. */
+static trocar_status check_profile(options *o, trocar_error *why) {
+    static profile_result result;
+    output report_file = {0};
+    o->check.scene = o->scene_path;
+    o->check.rate = o->play.rate;
+    trocar_status status = o->report_path ? output_open(&report_file, o->report_path, why) : TROCAR_OK;
+    if (status == TROCAR_OK) status = profile_check(&o->check, &result, why);
+    if (status == TROCAR_OK && report_file.file) {
+        profile_write_json(&result, report_file.file);
+        status = output_commit(&report_file, why);
+    }
+    output_abandon(&report_file);
+    if (status != TROCAR_OK || profile_print(&result, stdout)) return status;
+    return fail(why, TROCAR_SYSTEM, "%s: not suitable for this device", o->check.profile);
+}
+
+static trocar_status send_poses(options *o, trocar_error *why) {
+    patient_frame patient;
+    trocar_status status = choose_start(o, &patient, why);
+    if (status != TROCAR_OK) return status;
+    if (o->play.duration == 0) o->play.duration = o->play.script->duration / o->play.speed;
+    return o->log_path ? write_log(o, why) : run_live(o, o->patient ? &patient : NULL, why);
+}
+
 int main(int count, char **arguments) {
     options o = {.play = {.script = motion_find("figure8"), .start = MOTION_START, .rate = 1000,
                           .speed = 1, .patience = 5, .settle = 0.3},
-                 .seed = -1, .image_error = -1, .splay = -1, .speed_spread = -1};
+                 .seed = -1, .image_error = -1, .splay = -1, .speed_spread = -1,
+                 .check = {.mass = -1, .damping = -1, .stiffness = -1, .device_delay = -1, .round_trip = 1e-3}};
     argp_parse(&parser, count, arguments, 0, NULL, &o);
 
     trocar_error why;
-    patient_frame patient;
-    trocar_status status = o.plan_path ? run_implant(&o, &why) : choose_start(&o, &patient, &why);
-    if (o.play.duration == 0) o.play.duration = o.play.script->duration / o.play.speed;
-    if (status == TROCAR_OK && !o.plan_path) status = o.log_path ? write_log(&o, &why) : run_live(&o, o.patient ? &patient : NULL, &why);
+    trocar_status status = o.check.profile ? check_profile(&o, &why) : o.plan_path ? run_implant(&o, &why) : send_poses(&o, &why);
     if (status == TROCAR_OK) return EXIT_SUCCESS;
     fprintf(stderr, "trocar-device: %s\n", why.text);
     return status == TROCAR_BAD_INPUT ? EXIT_BAD_INPUT : EXIT_FAILURE;

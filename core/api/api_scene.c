@@ -78,7 +78,7 @@ trocar_status trocar_scene_get_number(const trocar_scene *scene, const char *key
 
 const char *trocar_scene_path(const trocar_scene *scene) { return scene->values.path; }
 
-trocar_device_limits trocar_scene_device(const trocar_scene *scene) { return scene->values.device; }
+trocar_device_limits trocar_scene_device(const trocar_scene *scene) { return device_limits_at_needle(&scene->values.device, &scene->values.mapping); }
 
 int trocar_scene_start(const trocar_scene *scene, trocar_pose *start) {
     return start_out(scene->values.start, start);

@@ -9,11 +9,15 @@ device_limits device_defaults(void) {
                            .mass = 0.1, .delay = 2e-3};
 }
 
+device_mapping device_mapping_defaults(void) { return (device_mapping){.workspace = {NAN, NAN, NAN}, .scale = 1.0, .force_scale = 1.0}; }
+
 const char *const device_profiles[] = {"touch", "touch-x", "premium-1.5-6dof", "falcon", "omega.3", "delta.6", "sigma.7", NULL};
 
-/* Force (N), torque (N m; 0 if there is none) and stiffness of a virtual wall (N/m) that each device can render, in the order of device_profiles. */
-static const struct { double force, torque, stiffness; } RENDERED[] = {
-    {3.3, 0.0, 400.0}, {7.9, 0.0, 1000.0}, {8.5, 0.188, 800.0}, {8.0, 0.0, 3000.0}, {12.0, 0.0, 5000.0}, {20.0, 0.2, 5000.0}, {12.0, 0.2, 4000.0},
+/* Force (N), torque (N m; 0 if there is none) and stiffness of a virtual wall (N/m) that each device can render, and its workspace (m), in the order of
+   device_profiles. */
+static const struct { double force, torque, stiffness; vec3 workspace; } RENDERED[] = {
+    {3.3, 0.0, 400.0, {0.16, 0.12, 0.07}}, {7.9, 0.0, 1000.0, {0.2, 0.2, 0.2}}, {8.5, 0.188, 800.0, {0.24, 0.24, 0.24}}, {8.0, 0.0, 3000.0, {0.08, 0.08, 0.08}},
+    {12.0, 0.0, 5000.0, {0.15, 0.15, 0.15}}, {20.0, 0.2, 5000.0, {0.3, 0.3, 0.3}}, {12.0, 0.2, 4000.0, {0.15, 0.15, 0.15}},
 };
 _Static_assert(sizeof RENDERED / sizeof *RENDERED == sizeof device_profiles / sizeof *device_profiles - 1, "a row for each name");
 
@@ -21,16 +25,39 @@ _Static_assert(sizeof RENDERED / sizeof *RENDERED == sizeof device_profiles / si
    a light hand (tests/unit/server/test_virtual_coupling.c). */
 static const double FULL_SLEW = 3e-3;
 
+/* Returns the index of a profile, or -1. */
+static int find_profile(const char *name) {
+    for (int i = 0; device_profiles[i]; i++)
+        if (strcmp(device_profiles[i], name) == 0) return i;
+    return -1;
+}
+
 bool device_use_profile(const char *name, device_limits *limits) {
-    for (int i = 0; device_profiles[i]; i++) {
-        if (strcmp(device_profiles[i], name) != 0) continue;
-        limits->max_stiffness = RENDERED[i].stiffness;
-        limits->max_force = RENDERED[i].force;
-        limits->max_force_rate = RENDERED[i].force / FULL_SLEW;
-        if (RENDERED[i].torque == 0.0) return true;
-        limits->max_torque = RENDERED[i].torque;
-        limits->max_torque_rate = RENDERED[i].torque / FULL_SLEW;
-        return true;
-    }
-    return false;
+    int i = find_profile(name);
+    if (i < 0) return false;
+    limits->max_stiffness = RENDERED[i].stiffness;
+    limits->max_force = RENDERED[i].force;
+    limits->max_force_rate = RENDERED[i].force / FULL_SLEW;
+    if (RENDERED[i].torque == 0.0) return true;
+    limits->max_torque = RENDERED[i].torque;
+    limits->max_torque_rate = RENDERED[i].torque / FULL_SLEW;
+    return true;
+}
+
+vec3 device_workspace(const char *name) {
+    int i = find_profile(name);
+    return i < 0 ? device_mapping_defaults().workspace : RENDERED[i].workspace;
+}
+
+device_limits device_limits_at_needle(const device_limits *handle, const device_mapping *mapping) {
+    device_limits needle = *handle;
+    double motion = mapping->scale, force = mapping->force_scale;
+    needle.mass /= motion * force;
+    needle.max_stiffness /= motion * force;
+    needle.max_force /= force;
+    needle.max_force_rate /= force;
+    needle.max_torque /= force;
+    needle.max_torque_rate /= force;
+    needle.max_speed *= motion;
+    return needle;
 }

@@ -1,13 +1,10 @@
 #include "scene/scene.h"
 
-#include <errno.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/input_file.h"
 #include "scene/scene_document.h"
-
-enum { MAX_FILE = 1 << 20 }; /* bytes, maximum size of a scene file; a typical scene has a few thousand bytes */
+#include "scene/scene_file.h"
 
 /* ---- values that must fit each other ---------------------------------------------------------------------------------------- */
 
@@ -67,6 +64,10 @@ static void check_probe(const probe_config *probe, fault *f) {
     if (isfinite(probe->start.position.x) && probe->surface[0] == '\0') reject(f, "probe.start", "there is no probe without probe.surface");
 }
 
+static void check_mapping(const device_mapping *m, fault *f) {
+    if (m->workspace.x <= 0.0 || m->workspace.y <= 0.0 || m->workspace.z <= 0.0) reject(f, "device.workspace", "expected three numbers above 0 (m)");
+}
+
 static void check_all(const scene *s, fault *f) {
     const simulation_config *c = &s->simulation;
     const needle_parameters *n = &c->needle;
@@ -78,6 +79,7 @@ static void check_all(const scene *s, fault *f) {
     for (int i = 0; i < c->guide_count; i++) check_guide(&c->guides[i], n->outer_diameter, i, f);
     check_relaxation(c, f);
     check_probe(&c->probe, f);
+    check_mapping(&s->mapping, f);
     if (n->inner_diameter >= n->outer_diameter)
         reject(f, "needle.inner_diameter", "%g m is not below the outer diameter of %g m", n->inner_diameter, n->outer_diameter);
     if (n->outer_diameter >= n->length)
@@ -108,25 +110,11 @@ void scene_defaults(scene *s) {
     memset(s, 0, sizeof *s);
     simulation_defaults(&s->simulation);
     s->device = device_defaults();
+    s->mapping = device_mapping_defaults();
     s->rate_hz = 1000;
     s->start = (pose){v3(NAN, NAN, NAN), {1, 0, 0, 0}};
     s->start_depth = 0.066;
     s->patient_to_mesh[0] = NAN;
-}
-
-static trocar_status read_file(const char *path, char **text, size_t *length, trocar_error *why) {
-    const char *reason;
-    FILE *file = input_open(path, &reason);
-    if (!file) return fail(why, TROCAR_BAD_INPUT, "%s: cannot open the scene: %s", path, reason);
-    trocar_status status = TROCAR_OK;
-    *text = malloc(MAX_FILE);
-    *length = *text ? fread(*text, 1, MAX_FILE, file) : 0;
-    if (!*text) status = fail(why, TROCAR_NO_MEMORY, "%s: no memory to read it", path);
-    else if (ferror(file)) status = fail(why, TROCAR_BAD_INPUT, "%s: cannot read the scene: %s", path, strerror(errno));
-    else if (*length == MAX_FILE) status = fail(why, TROCAR_BAD_INPUT, "%s: too long for a scene file", path);
-    fclose(file);
-    if (status != TROCAR_OK) free(*text);
-    return status;
 }
 
 /* Records the lines of those values that are later checked against the mesh. */
@@ -167,7 +155,7 @@ trocar_status scene_load(const char *path, scene *s, trocar_error *why) {
     strcpy(s->path, path);
     char *yaml = NULL;
     size_t length = 0;
-    trocar_status status = read_file(path, &yaml, &length, why);
+    trocar_status status = scene_file_read(path, "scene", &yaml, &length, why);
     if (status != TROCAR_OK) return status;
     status = load_text(yaml, length, s, why);
     free(yaml);

@@ -13,8 +13,9 @@ typedef struct {
     simulation_config simulation;
     double rate_hz;          /* Hz, rate of the haptic loop */
     int phase_lock;          /* 1: ticks begin when poses arrive */
-    char profile[MESH_NAME]; /* name of the device profile; empty if there is none */
-    device_limits device;
+    char profile[1024];      /* name or path of the device profile; empty if there is none */
+    device_limits device;    /* at the handle */
+    device_mapping mapping;  /* between hand and needle */
     pose start;              /* initial pose of the needle's base, outside the tissue; its position is NAN if none is given */
     double start_depth;      /* m, depth to which scripted motions insert the needle, starting at `start` */
     int only_one;            /* value of keys that accept only one value, which is 0 */

@@ -15,6 +15,7 @@ static const range WEIGHT = {DBL_MIN, 1 - DBL_EPSILON, "a number above 0 and bel
 static const range ANGLE = {DBL_MIN, 1, "a number above 0, at most 1"};
 static const range STIFFENING = {0, 10, "a number from 0 (linear) to 10"};
 static const range DEVICE_DELAY = {0, 0.1, "a number from 0 to 0.1"};
+static const range SCALE = {0.01, 10, "a number from 0.01 to 10"};
 static const range BOW = {0, 0.01, "a number from 0 to 0.01"};
 static const range SLOPE = {0, 1, "a number from 0 to 1"};
 static const range RATE = {SCENE_MIN_RATE, SCENE_MAX_RATE, "a number from 250 to 10000"};
@@ -167,7 +168,7 @@ const key_spec SCENE_TABLE[] = {
     {"region_of_interest.corridor.to", "m", POINT, OF(simulation.roi.to), .required = true, .doc = "end of the corridor's axis"},
     {"region_of_interest.corridor.radius", "m", NUMBER, OF(simulation.roi.radius), &POSITIVE, .required = true, .doc = "of the corridor"},
 
-    {"device.profile", "", PROFILE, OF(profile), .words = profile_word, .doc = "a device by name; explicit keys override it"},
+    {"device.profile", "", PROFILE, OF(profile), .words = profile_word, .doc = "a device by name, or a file with keys of this section; explicit keys override it"},
     {"device.max_stiffness", "N/m", NUMBER, OF(device.max_stiffness), &STIFFNESS, .doc = "of the virtual coupling; .inf: none"},
     {"device.mass", "kg", NUMBER, OF(device.mass), &POSITIVE, .doc = "of device and hand at the handle; the coupling is designed for half of it"},
     {"device.delay", "s", NUMBER, OF(device.delay), &DEVICE_DELAY, .doc = "round trip between bridge and device, which poses do not show; the coupling is designed for it"},
@@ -175,10 +176,14 @@ const key_spec SCENE_TABLE[] = {
     {"device.max_torque", "N m", NUMBER, OF(device.max_torque), &POSITIVE, .doc = "largest torque sent to the hand"},
     {"device.max_force_rate", "N/s", NUMBER, OF(device.max_force_rate), &POSITIVE, .doc = "largest rate of change of the force"},
     {"device.max_torque_rate", "N m/s", NUMBER, OF(device.max_torque_rate), &POSITIVE, .doc = "largest rate of change of the torque"},
-    {"device.max_speed", "m/s", NUMBER, OF(device.max_speed), &POSITIVE, .doc = "poses that move faster are refused"},
+    {"device.max_speed", "m/s", NUMBER, OF(device.max_speed), &POSITIVE, .doc = "of the hand; poses that move faster are refused"},
     {"device.max_turn_rate", "rad/s", NUMBER, OF(device.max_turn_rate), &POSITIVE, .doc = "poses that turn faster are refused"},
     {"device.hold_time", "s", NUMBER, OF(device.hold_time), &NOT_NEGATIVE, .doc = "without a pose before the wrench is ramped down"},
     {"device.ramp_time", "s", NUMBER, OF(device.ramp_time), &POSITIVE, .doc = "of every ramp"},
+    {"device.workspace", "m", POINT, OF(mapping.workspace), .doc = "width, height and depth in which the hand moves the device; trocar-device --profile compares the needle's travel with the depth"},
+    {"device.scale", "", NUMBER, OF(mapping.scale), &SCALE, .doc = "motion of the needle per motion of the hand, which the bridge applies; other keys of this section hold at the handle"},
+    {"device.force_scale", "", NUMBER, OF(mapping.force_scale), &SCALE, .doc = "force on the hand per force on the needle, which the bridge applies"},
+    {"device.clutch", "", WORD, OF(mapping.clutch), .words = switch_word, .doc = "true: the bridge has a clutch, with which the hand moves while the needle stays where it is"},
 };
 enum { ROWS = sizeof SCENE_TABLE / sizeof *SCENE_TABLE };
 _Static_assert((int)ROWS <= (int)SCENE_KEYS_MOST, "trocar_key_at has no room for more keys: raise SCENE_KEYS_MOST");
@@ -247,6 +252,12 @@ void list_words(word_of word, char *list, size_t size) {
         used += (size_t)snprintf(list + used, size - used, "%s%s", i == 0 ? "" : word(i + 1) ? ", " : " or ", word(i));
 }
 
+void describe_words(const key_spec *r, char *text, size_t size) {
+    list_words(r->words, text, size);
+    size_t used = strlen(text);
+    if (r->kind == PROFILE) snprintf(text + used, size - used, ", or the path of a %s file", PROFILE_SUFFIX);
+}
+
 scene_key_info scene_key_at(int index) {
     static char lists[ROWS][WORDS_ROOM];
     static const char *const others[] = {[NAME] = "a name", [NAMES] = "a list of names", [FILE_PATH] = "a path", [DIRECTORY_PATH] = "a path",
@@ -254,7 +265,7 @@ scene_key_info scene_key_at(int index) {
     const key_spec *r = &SCENE_TABLE[index];
     const char *accepts = r->allowed ? r->allowed->words : r->kind == LENGTH_UNIT ? UNIT_WORDS : others[r->kind];
     if (r->words) {
-        list_words(r->words, lists[index], sizeof lists[index]);
+        describe_words(r, lists[index], sizeof lists[index]);
         accepts = lists[index];
     }
     static const trocar_key_kind kinds[] = {

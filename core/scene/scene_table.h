@@ -36,6 +36,11 @@ bool leads_on(const char *pattern, const char *next);
 /* Writes the words as "a, b or c". */
 void list_words(word_of word, char *list, size_t size);
 
+#define PROFILE_SUFFIX ".yaml" /* distinguishes the path of a profile from a name */
+
+/* Writes what a key of type WORD or PROFILE accepts. */
+void describe_words(const key_spec *r, char *text, size_t size);
+
 /* Returns the size in metres of a unit given by name; 0 if there is no such unit. */
 double unit_size(const char *name);
 

@@ -5,6 +5,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "scene/scene_file.h"
+
 #define ROTATION_ERROR 1e-3 /* tolerance for directions in the scene, which may have been rounded */
 
 void reject_at(fault *f, const char *place, const char *key, const char *format, ...) {
@@ -65,7 +67,7 @@ static int take_word(const key_spec *r, const char *key, const char *text, fault
     for (size_t i = 0; i < sizeof RETIRED / sizeof *RETIRED; i++)
         if (strcmp(RETIRED[i].key, r->key) == 0 && strcmp(RETIRED[i].word, text) == 0)
             reject(f, key, "this release has no \"%s\": %s", text, RETIRED[i].remedy);
-    list_words(r->words, list, sizeof list);
+    describe_words(r, list, sizeof list);
     if (!f->found) reject(f, key, "\"%s\": expected %s", text, list);
     return -1;
 }
@@ -80,7 +82,7 @@ static void take_name(const char *key, const char *text, char name[MESH_NAME], f
 static void take_path(const scene *s, const key_spec *r, const char *key, const char *text, char path[1024], fault *f) {
     const char *slash = strrchr(s->path, '/');
     int directory = slash && text[0] != '/' ? (int)(slash - s->path) + 1 : 0;
-    if (text[0] == '\0') reject(f, key, "expected the path of a %s", r->kind == FILE_PATH ? "file" : "directory");
+    if (text[0] == '\0') reject(f, key, "expected the path of a %s", r->kind == DIRECTORY_PATH ? "directory" : "file");
     int length = snprintf(path, 1024, "%.*s%s", directory, s->path, text);
     if (length < 0 || length >= 1024) reject(f, key, "path longer than 1023 characters");
 }
@@ -144,6 +146,73 @@ static void take_entry_name(scene *s, const key_spec *r, const char *key, const 
     take_name(key, text, name, f);
 }
 
+/* ---- device profiles ------------------------------------------------------------------------------------------------- */
+
+static bool is_path(const char *profile) {
+    size_t length = strlen(profile), suffix = strlen(PROFILE_SUFFIX);
+    return length > suffix && strcmp(profile + length - suffix, PROFILE_SUFFIX) == 0;
+}
+
+static void take_named_profile(scene *s, const key_spec *r, const char *key, const char *name, fault *f) {
+    if (take_word(r, key, name, f) < 0) return;
+    snprintf(s->profile, sizeof s->profile, "%s", name);
+    device_use_profile(name, &s->device);
+    s->mapping.workspace = device_workspace(name);
+}
+
+/* Takes one key of a profile file. A profile may name a built-in profile, whose values the other keys override, but not another file. */
+static void take_profile_key(scene *s, const yaml_value *file, int index, bool named, fault *f) {
+    yaml_value value;
+    const char *name = yaml_pair(file, index, &value);
+    char key[KEY_ROOM];
+    snprintf(key, sizeof key, "device.%s", name);
+    const key_spec *r = find_key(key);
+    if (!r) reject_at(f, name, "", "unknown key \"%s\": expected a key of the section \"device\" of scenes", name);
+    else if (yaml_key_repeated(file, index)) reject_at(f, name, "", "repeated key \"%s\"", name);
+    else if ((r->kind == PROFILE) != named) return;
+    else if (!named) take_value(s, r, name, s, &value, f);
+    else if (value.kind != YAML_TEXT || is_path(value.text)) reject_at(f, name, name, "expected the name of a device: a file cannot refer to another file");
+    else take_named_profile(s, r, name, value.text, f);
+}
+
+static void take_profile_file(scene *s, const char *key, const char *path, fault *f) {
+    trocar_error why;
+    yaml_text document;
+    char *text;
+    size_t length;
+    trocar_status status = scene_file_read(path, "profile", &text, &length, &why);
+    if (status == TROCAR_OK) {
+        status = yaml_open(path, text, length, &document, &why);
+        free(text);
+    }
+    if (status != TROCAR_OK) {
+        reject(f, key, "%s", why.text);
+        return;
+    }
+    fault inside = {.found = false};
+    yaml_value root = yaml_root(&document);
+    if (root.kind != YAML_MAPPING) reject(&inside, "", "expected keys with values");
+    for (int named = 1; named >= 0; named--)
+        for (int i = 0; i < root.count && !inside.found; i++) take_profile_key(s, &root, i, named, &inside);
+    if (inside.found)
+        reject(f, key, "%s:%d: %s%s%s", path, yaml_line(&document, inside.place), inside.key, *inside.key ? ": " : "", inside.words);
+    yaml_close(&document);
+}
+
+static void take_profile(scene *s, const key_spec *r, const char *key, const char *text, fault *f) {
+    if (!is_path(text)) {
+        take_named_profile(s, r, key, text, f);
+        return;
+    }
+    char path[1024] = "";
+    take_path(s, r, key, text, path, f);
+    if (f->found) return;
+    take_profile_file(s, key, path, f);
+    snprintf(s->profile, sizeof s->profile, "%s", path);
+}
+
+/* ---- any value ------------------------------------------------------------------------------------------------------------- */
+
 void take_value(scene *s, const key_spec *r, const char *key, void *base, const yaml_value *value, fault *f) {
     void *target = (char *)base + r->offset;
     bool list = r->kind == NAMES || r->kind == POINT || r->kind == ROTATION || r->kind == TRANSFORM;
@@ -158,11 +227,7 @@ void take_value(scene *s, const key_spec *r, const char *key, void *base, const 
     case COUNT: if (take_number(r, key, value->text, r->allowed, &number, f)) *(int *)target = (int)number; break;
     case WORD: if ((word = take_word(r, key, value->text, f)) >= 0) memcpy(target, &word, sizeof word); break;
     case LENGTH_UNIT: take_unit(key, value->text, target, f); break;
-    case PROFILE:
-        if (take_word(r, key, value->text, f) < 0) break;
-        take_name(key, value->text, target, f);
-        device_use_profile(value->text, &s->device);
-        break;
+    case PROFILE: take_profile(s, r, key, value->text, f); break;
     case NAME:
         if (target == base && r->list != NO_LIST) take_entry_name(s, r, key, value->text, target, f); /* an entry's name is its first member */
         else take_name(key, value->text, target, f);

@@ -1,16 +1,12 @@
 #include "coupling/virtual_coupling.h"
 
+#include "common/coupling_rule.h"
+
 static const double DEFAULT_ROUND_TRIP = 5e-3; /* s, assumed until a round trip has been measured */
 static const double RISE = 0.02, FALL = 0.002; /* filter weights per round trip, chosen so that the estimate stays near the longest of the last ten
                                                   round trips */
 static const double MEAN = 0.02;            /* weight of the newest interval between poses in the running mean */
 static const double ACTIVE_ENERGY = 1e-3;   /* J */
-
-/* A hand of mass m on a spring K and a damper B = 2 K T, both of which respond after a delay T, is stable for K T^2 / m < 0.53: the delay acts as a
-   damper of -K T, and the damper itself must be slow compared with the delay. At K T^2 / m = 0.25, the hand is stable even with a delay of 1.4 T or
-   any other spring in series, provided that the hand itself adds a damping of K T / 8. The margin is 0.125, because the device may be half as heavy as
-   stated. */
-static const double DELAY_MARGIN = 0.125, DAMPING = 2.0;
 
 enum { SWINGS = 4 };                        /* number of undamped swings after which the coupling is softened */
 static const double STEP = 2.0;             /* ratio between successive levels of caution; each level divides the stiffness by four */
@@ -136,8 +132,8 @@ pose coupling_hold(virtual_coupling *p, const trocar_device_limits *limits, pose
     p->known = p->delay + hold + limits->delay;
     double delay = p->caution.factor * p->known;
     p->unseen = delay - p->known + limits->delay;
-    p->stiffness = fmin(limits->max_stiffness, DELAY_MARGIN * limits->mass / (delay * delay));
-    p->damping = DAMPING * p->stiffness * delay;
+    p->stiffness = coupling_rule_stiffness(limits, delay);
+    p->damping = coupling_rule_damping(p->stiffness, delay);
     *compliance = 1.0 / (p->stiffness + p->damping / hold);
     double memory = p->damping / hold * *compliance; /* fraction of the stretch that the damper retains */
     return (pose){v3_axpy(-memory, p->before, hand.position), hand.orientation};

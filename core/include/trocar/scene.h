@@ -46,7 +46,8 @@ TROCAR_API const char *trocar_scene_path(const trocar_scene *scene);
 #define TROCAR_MIN_RATE 250.0
 #define TROCAR_MAX_RATE 10000.0
 
-/* Limits of the haptic device, from the keys "device.", for hosts that enforce them. */
+/* Limits of the haptic device, from the keys "device.", for hosts that enforce them. They apply to the needle: "device.scale" and "device.force_scale" convert
+   them from the hand's. */
 typedef struct trocar_device_limits {
     double max_stiffness;    /* N/m, stiffness of the virtual coupling; INFINITY: no coupling, the needle follows the device rigidly */
     double max_force;        /* N */

@@ -1,0 +1,46 @@
+/* The loop of a hand that holds a device, and a virtual coupling that presses against a rigid wall, sampled and delayed: how far it is from oscillation
+   (stability), and from feeding energy to a hand (passivity). The wall is the worst case, because tissue is a spring in series with the coupling. */
+#ifndef TROCAR_LOOP_MARGIN_H
+#define TROCAR_LOOP_MARGIN_H
+
+enum { LOOP_MAX_DELAY = 4096 };
+
+typedef struct {
+    double mass, damping, stiffness; /* kg, N s/m, N/m, all > 0: device and hand together, as in hand.h */
+    double coupling_stiffness, coupling_damping; /* N/m, N s/m: at the hand */
+    double period;           /* s, between two samples of the position; the force of a sample is constant for one period */
+    int delay;               /* periods from a sample until its force acts, from 0 to LOOP_MAX_DELAY */
+} haptic_loop;
+
+/* Returns the smallest damping (N s/m) of the device with which device and coupling are passive, and so stable with every passive hand:
+
+       b > sup over w of  (T / 2) / (1 - cos wT)  Re{ (1 - exp(-jwT)) H(exp(jwT)) },  0 < w <= pi / T,
+
+   with H(z) = z^-d (K + B (1 - 1/z) / T) (Colgate and Schenkel 1997, J. Robotic Systems 14(1):37-47); without delay this is K T / 2 + B. Stores the
+   frequency (Hz) of the supremum. */
+double loop_required_damping(const haptic_loop *loop, double *frequency);
+
+/* Returns the gain margin: the smallest factor of coupling_stiffness and coupling_damping at which the loop of this hand oscillates. By Nyquist's criterion it
+   is the smallest g > 0 with 1 + g P(z) H(z) = 0 on the unit circle, where P is the exact response of hand and device to a force that is constant for each
+   period. Stores the frequency (Hz) of the oscillation. INFINITY if there is none. */
+double loop_gain_margin(const haptic_loop *loop, double *frequency);
+
+/* Finds the same factor by simulations of the hand's motion after a knock; it lies between 1/1000 and 1000. */
+double loop_simulated_margin(const haptic_loop *loop);
+
+/* Limits of the force on the hand, and the resolution of the device. */
+typedef struct {
+    double max_force, max_force_rate; /* N, N/s */
+    double resolution;       /* m */
+} loop_limits;
+
+/* What a hand feels that moves its target at 0.1 m/s from 1 mm in front of a wall to 10 mm behind it, and then keeps still for 5 s. */
+typedef struct {
+    double rest_time;        /* s after the push until the hand moves by less than 0.5 mm for good; INFINITY if it does not come to rest */
+    double force;            /* N, largest */
+    double energy;           /* J, largest amount of energy that the force has put into hand and device at any time since contact */
+} loop_push_result;
+
+loop_push_result loop_push(const haptic_loop *loop, const loop_limits *limits);
+
+#endif

@@ -53,4 +53,28 @@ static inline void vector_on_device(const frame *f, const double world[3], doubl
     for (int j = 0; j < 3; j++) device[j] = f->turn[0][j] * world[0] + f->turn[1][j] * world[1] + f->turn[2][j] * world[2];
 }
 
+/* How the needle follows the hand: device.scale and device.force_scale of the scene, and a clutch. Set the first two; the rest starts at 0. */
+typedef struct hand_map {
+    double scale;        /* motion of the needle per motion of the hand */
+    double force_scale;  /* force on the hand per force on the needle */
+    double offset[3];    /* m, in the device's frame: position of the needle when the hand is at the device's origin */
+    double needle[3];    /* m, in the device's frame: last position of the needle */
+    double strength;     /* fraction of the force that is rendered */
+} hand_map;
+
+/* Computes the needle's position from the hand's, both in the device's frame. While the clutch is pressed, the needle stays where it is, and the hand feels no
+   force; then the needle goes on from there, and the force returns within 100 periods. The orientation follows the hand all the time. */
+static inline void map_hand(hand_map *m, int clutch, const double hand[3], double needle[3]) {
+    for (int i = 0; i < 3; i++) {
+        if (clutch) m->offset[i] = m->needle[i] - m->scale * hand[i];
+        m->needle[i] = needle[i] = m->offset[i] + m->scale * hand[i];
+    }
+    m->strength = clutch ? 0 : fmin(1, m->strength + 0.01);
+}
+
+/* Converts a force or a torque on the needle to that on the hand. */
+static inline void map_force(const hand_map *m, double force[3]) {
+    for (int i = 0; i < 3; i++) force[i] *= m->force_scale * m->strength;
+}
+
 #endif

@@ -50,6 +50,18 @@ static void the_needle_starts_as_the_scene_says(void **state) {
     assert_base(MINIMAL NEEDLE, "--point tip", v3(0.01, 0.02, -0.2), v3(1, 0, 0));
 }
 
+static void the_scales_are_those_of_the_scene(void **state) {
+    (void)state;
+    haply_settings settings;
+    trocar_error why = {""};
+    assert_int_equal(place(MINIMAL NEEDLE "device: {scale: 0.5, force_scale: 2}\n", "", &settings, &why), TROCAR_OK);
+    assert_true(settings.mapping.scale == 0.5 && settings.force_scale == 2);
+    assert_int_equal(place(MINIMAL NEEDLE "device: {scale: 0.5, force_scale: 2}\n", "--scale 3 --force-scale 0.1", &settings, &why), TROCAR_OK);
+    assert_true(settings.mapping.scale == 3 && settings.force_scale == 0.1);
+    assert_int_equal(place(MINIMAL NEEDLE, "", &settings, &why), TROCAR_OK);
+    assert_true(settings.mapping.scale == 1 && settings.force_scale == 1);
+}
+
 static void options_come_first(void **state) {
     (void)state;
     assert_base(MINIMAL NEEDLE, "--start 0.1,0.2,0.3", v3(0.1, 0.2, 0.3), v3(1, 0, 0));
@@ -80,7 +92,7 @@ static void a_scene_that_does_not_say_is_refused(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(the_needle_starts_as_the_scene_says),
-        cmocka_unit_test(options_come_first),
+        cmocka_unit_test(the_scales_are_those_of_the_scene), cmocka_unit_test(options_come_first),
         cmocka_unit_test(places_of_the_patient_are_millimetres_along_its_axes),
         cmocka_unit_test(a_scene_that_does_not_say_is_refused),
     };

@@ -29,8 +29,8 @@ static const struct argp_option option_list[] = {
     {"realtime", OPTION_REALTIME, 0, 0, "Run under SCHED_FIFO where permitted", 1},
     {0, 0, 0, 0, "Workspace, in the scene's frame unless said otherwise:", 2},
     {"rotation", OPTION_ROTATION, "W,X,Y,Z", 0, "From the device's frame to the scene's (default 0,0,0.7071068,0.7071068: forward is z, up is y)", 2},
-    {"scale", OPTION_SCALE, "FACTOR", 0, "Motion of the needle per motion of the hand (default 1)", 2},
-    {"scene", OPTION_SCENE, "FILE", 0, "Take start, direction and length of the needle from the server's scene", 2},
+    {"scale", OPTION_SCALE, "FACTOR", 0, "Motion of the needle per motion of the hand (default: the scene's device.scale, or 1)", 2},
+    {"scene", OPTION_SCENE, "FILE", 0, "Take start, direction and length of the needle, and the scales of motion and force, from the server's scene", 2},
     {"patient", OPTION_PATIENT, 0, 0, "--start and --offset are in the patient's coordinates: mm, DICOM axes; needs --scene", 2},
     {"point", OPTION_POINT, "POINT", 0, "The needle's point at the cursor: base or tip (default base)", 2},
     {"length", OPTION_LENGTH, "M", 0, "Length of the scene's needle, for --point tip (default: the scene's, or 0.2)", 2},
@@ -43,7 +43,7 @@ static const struct argp_option option_list[] = {
     {0, 0, 0, 0, "Force:", 3},
     {"max-force", OPTION_MAX_FORCE, "N", 0, "Largest force (default 3)", 3},
     {"max-force-rate", OPTION_MAX_RATE, "N/S", 0, "Largest change of the force per second (default 400)", 3},
-    {"force-scale", OPTION_FORCE_SCALE, "FACTOR", 0, "Force on the hand per force on the needle (default 1)", 3},
+    {"force-scale", OPTION_FORCE_SCALE, "FACTOR", 0, "Force on the hand per force on the needle (default: the scene's device.force_scale, or 1)", 3},
     {"tool-mass", OPTION_TOOL_MASS, "KG", 0, "Mass at the cursor whose weight is compensated, in addition to the service's own compensation (default 0)", 3},
     {"force-key", OPTION_FORCE_KEY, "KEY", 0, "Name of the force in set_cursor_force: vector or values (default: by the service's version)", 3},
     {0, 0, 0, 0, "Output:", 4},
@@ -119,7 +119,10 @@ static error_t parse_option(int key, char *text, struct argp_state *state) {
     case OPTION_RATE: o->rate = parse_number(state, "rate", text, 10, 4000); break;
     case OPTION_REALTIME: o->realtime = true; break;
     case OPTION_ROTATION: m->rotation = parse_rotation(state, "rotation", text); break;
-    case OPTION_SCALE: m->scale = parse_number(state, "scale", text, 0.01, 10); break;
+    case OPTION_SCALE:
+        m->scale = parse_number(state, "scale", text, 0.01, 10);
+        o->scale_given = true;
+        break;
     case OPTION_POINT: m->tip = parse_word(state, "point", text, "base", "tip"); break;
     case OPTION_LENGTH:
         m->length = parse_number(state, "length", text, 0.001, 1);
@@ -147,7 +150,10 @@ static error_t parse_option(int key, char *text, struct argp_state *state) {
     case OPTION_CLUTCH: parse_text(state, "clutch", text, sizeof o->choice.clutch, o->choice.clutch); break;
     case OPTION_MAX_FORCE: o->max_force = parse_number(state, "max-force", text, 0, 20); break;
     case OPTION_MAX_RATE: o->max_force_rate = parse_number(state, "max-force-rate", text, 1, 1e5); break;
-    case OPTION_FORCE_SCALE: o->force_scale = parse_number(state, "force-scale", text, 0, 10); break;
+    case OPTION_FORCE_SCALE:
+        o->force_scale = parse_number(state, "force-scale", text, 0, 10);
+        o->force_scale_given = true;
+        break;
     case OPTION_TOOL_MASS: o->tool_mass = parse_number(state, "tool-mass", text, 0, 1); break;
     case OPTION_FORCE_KEY: o->force_key = parse_word(state, "force-key", text, "vector", "values") ? "values" : "vector"; break;
     case OPTION_MEASURE_DELAY: o->measure_delay = true; break;
@@ -192,6 +198,8 @@ static trocar_status place_in(const trocar_scene *scene, haply_settings *o, troc
     patient_frame patient;
     pose start = {m->start, {1, 0, 0, 0}};
     trocar_status status = o->patient ? patient_frame_read(scene, &patient, why) : TROCAR_OK;
+    if (status == TROCAR_OK && !o->scale_given) status = trocar_scene_get_number(scene, "device.scale", &m->scale, why);
+    if (status == TROCAR_OK && !o->force_scale_given) status = trocar_scene_get_number(scene, "device.force_scale", &o->force_scale, why);
     if (status == TROCAR_OK && !o->length_given) status = trocar_scene_get_number(scene, "needle.length", &m->length, why);
     if (status != TROCAR_OK) return status;
     bool known = find_start(scene, NULL, NULL, &start);

@@ -15,7 +15,7 @@ typedef struct {
     int needle;
     double rate;             /* Hz */
     double report;           /* s between two reports; 0 selects a single report at the end */
-    bool realtime, start_given, length_given, direction_given;
+    bool realtime, start_given, length_given, direction_given, scale_given, force_scale_given;
     bool measure_delay;      /* measure the delay of the device instead of driving a needle */
     bool patient;            /* start and offset are given in patient coordinates, mm */
     char scene[1024];        /* path of the scene; empty if none was given */
@@ -29,7 +29,7 @@ typedef struct {
 /* Parses the command line and the profile; exits if an option is invalid. */
 void haply_parse(int count, char **arguments, haply_settings *settings);
 
-/* Takes the needle's start, direction and length from the scene unless options specify them. */
+/* Takes the needle's start, direction and length, and the scales of motion and force, from the scene unless options specify them. */
 trocar_status haply_place(haply_settings *settings, trocar_error *why);
 
 #endif

@@ -14,7 +14,7 @@ struct cMatrix3d {
 };
 struct cGenericHapticDevice {
     bool open(), close(), calibrate(bool force = false);
-    bool getPosition(cVector3d &position), getRotation(cMatrix3d &rotation);
+    bool getPosition(cVector3d &position), getRotation(cMatrix3d &rotation), getUserSwitch(int index, bool &pressed);
     bool setForceAndTorqueAndGripperForce(const cVector3d &force, const cVector3d &torque, double gripper);
 };
 typedef std::shared_ptr<cGenericHapticDevice> cGenericHapticDevicePtr;

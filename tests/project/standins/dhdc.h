@@ -10,6 +10,7 @@ int dhdEnableForce(unsigned char val, char ID = -1);
 int dhdGetPosition(double *px, double *py, double *pz, char ID = -1);
 int dhdGetOrientationFrame(double matrix[3][3], char ID = -1);
 int dhdSetForceAndTorque(double fx, double fy, double fz, double tx, double ty, double tz, char ID = -1);
+int dhdGetButton(int index, char ID = -1);
 const char *dhdErrorGetLastStr();
 }
 #endif

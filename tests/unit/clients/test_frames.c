@@ -1,5 +1,6 @@
 /* Tests docs/examples/frames.h, which converts between the frames of devices and the scene's world frame. */
 #include <stdlib.h>
+#include <string.h>
 #include "../docs/examples/frames.h"
 
 #include <setjmp.h>
@@ -68,7 +69,35 @@ static void quaternions(void **state) {
     }
 }
 
+/* The hand moves 40 mm forward, back with the clutch, and forward again, and the needle twice as far with a scale of 2. */
+static void a_clutch_adds_strokes(void **state) {
+    (void)state;
+    hand_map m = {.scale = 2, .force_scale = 0.5};
+    double needle[3], force[3];
+    for (int stroke = 0; stroke < 3; stroke++) {
+        for (int i = 0; i <= 40; i++) {
+            map_hand(&m, 0, (double[]){0, 0, 1e-3 * i}, needle);
+            assert_float_equal(needle[2], 80e-3 * stroke + 2e-3 * i, 1e-12);
+        }
+        for (int i = 40; i >= 0; i--) {
+            map_hand(&m, 1, (double[]){1e-3 * i, 0, 1e-3 * i}, needle);
+            expect((double[]){needle[0], needle[1], needle[2] - 80e-3 * (stroke + 1)}, 0, 0, 0);
+            map_force(&m, memcpy(force, (double[]){1, 2, 3}, sizeof force));
+            expect(force, 0, 0, 0);
+        }
+    }
+    double before = 0;
+    for (int i = 0; i < 100; i++) { /* the force returns without a jump */
+        map_hand(&m, 0, (double[]){0, 0, 0}, needle);
+        map_force(&m, memcpy(force, (double[]){0, 0, 2}, sizeof force));
+        assert_true(force[2] > before && force[2] - before < 0.011);
+        before = force[2];
+    }
+    assert_float_equal(before, 1, 1e-12);
+}
+
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(directions), cmocka_unit_test(a_tilted_stylus), cmocka_unit_test(quaternions)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(directions), cmocka_unit_test(a_tilted_stylus), cmocka_unit_test(quaternions),
+                                       cmocka_unit_test(a_clutch_adds_strokes)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -133,6 +133,61 @@ static void a_device_brings_its_limits(void **state) {
     assert_true(s.device.max_force_rate != device_defaults().max_force_rate);
 }
 
+/* Reads a scene whose profile is this text, in a file beside the scene. */
+static trocar_status load_with_profile(const char *profile, const char *device, scene *s, trocar_error *why) {
+    char place[96], text[256];
+    snprintf(place, sizeof place, "%s/mine.yaml", directory);
+    FILE *file = fopen(place, "w");
+    assert_non_null(file);
+    assert_true(fputs(profile, file) >= 0);
+    fclose(file);
+    snprintf(text, sizeof text, "mesh: a\nregions: [{name: all}]\nfixed: [b]\ndevice: {%s}\n", device);
+    trocar_status status = load_text(text, s, why);
+    unlink(place);
+    return status;
+}
+
+static void a_profile_may_be_a_file(void **state) {
+    (void)state;
+    scene s;
+    trocar_error why = {""};
+    device_limits expected = device_defaults();
+    device_use_profile("touch", &expected);
+    expected.mass = 0.25;
+    expected.delay = 6e-3;
+    expected.max_force = 2;
+    trocar_status status = load_with_profile("mass: 0.2\ndelay: 6e-3\nscale: 2\nforce_scale: 0.5\nclutch: true\nprofile: touch\nmax_force: 2\n",
+                                             "mass: 0.25, profile: mine.yaml", &s, &why);
+    if (status != TROCAR_OK) fail_msg("%s", why.text);
+    assert_memory_equal(&s.device, &expected, sizeof expected);
+    assert_true(s.mapping.scale == 2 && s.mapping.force_scale == 0.5 && s.mapping.clutch == 1);
+    assert_true(s.mapping.workspace.x == 0.16 && s.mapping.workspace.z == 0.07);
+    load_with_profile("workspace: [0.2, 0.3, 0.4]\nprofile: touch\n", "profile: mine.yaml", &s, &why);
+    assert_true(s.mapping.workspace.x == 0.2 && s.mapping.workspace.y == 0.3 && s.mapping.workspace.z == 0.4);
+}
+
+static void a_fault_in_a_profile_has_its_place(void **state) {
+    (void)state;
+    static const struct { const char *profile, *says; } bad[] = {
+        {"mass: 1\nscale: 0\n", "mine.yaml:2: scale: \"0\": expected a number from 0.01 to 10"},
+        {"mass: 1\n\nweight: 2\n", "mine.yaml:3: unknown key \"weight\""},
+        {"mass: 1\nmass: 2\n", "mine.yaml:1: repeated key \"mass\""},
+        {"profile: mine.yaml\n", "mine.yaml:1: profile: expected the name of a device"},
+        {"profile: hand\n", "mine.yaml:1: profile: \"hand\": expected touch, "},
+        {"[1, 2]\n", "mine.yaml:1: expected keys with values"},
+        {"", "mine.yaml"},
+        {"clutch: maybe\n", "mine.yaml:1: clutch: \"maybe\": expected false or true"},
+        {"workspace: [1, 2]\n", "mine.yaml:1: workspace: expected three numbers (m)"},
+        {"workspace: [1, 2, 0]\n", "device.workspace: expected three numbers above 0 (m)"},
+    };
+    for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
+        scene s;
+        trocar_error why = {""};
+        assert_int_equal(load_with_profile(bad[i].profile, "profile: mine.yaml", &s, &why), TROCAR_BAD_INPUT);
+        if (!strstr(why.text, bad[i].says)) fail_msg("no '%s' in: %s", bad[i].says, why.text);
+    }
+}
+
 static void omitted_keys_have_their_defaults(void **state) {
     (void)state;
     scene s;
@@ -536,6 +591,7 @@ static void documented_parameter_table_is_correct(void **state) {
         ONCE("device.max_force_rate", device.max_force_rate), ONCE("device.max_torque_rate", device.max_torque_rate),
         ONCE("device.max_speed", device.max_speed), ONCE("device.max_turn_rate", device.max_turn_rate),
         ONCE("device.hold_time", device.hold_time), ONCE("device.ramp_time", device.ramp_time),
+        ONCE("device.scale", mapping.scale), ONCE("device.force_scale", mapping.force_scale),
     };
 #undef ONCE
 #undef OF_REGIONS
@@ -562,6 +618,8 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(every_value_is_read),
         cmocka_unit_test(a_device_brings_its_limits),
+        cmocka_unit_test(a_profile_may_be_a_file),
+        cmocka_unit_test(a_fault_in_a_profile_has_its_place),
         cmocka_unit_test(omitted_keys_have_their_defaults),
         cmocka_unit_test(inverse_and_region_of_interest_are_read),
         cmocka_unit_test(mesh_unit_is_read),

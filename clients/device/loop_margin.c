@@ -69,13 +69,15 @@ static void keep_smallest(const haptic_loop *l, const transition *t, double angl
     *frequency = angle / (2.0 * M_PI * l->period);
 }
 
+static const double FIRST_ANGLE = 0.01;      /* start of the scan, as a fraction of the angle at the natural frequency of hand and device */
+static const double RATIO = 0.02;            /* largest relative step of the scan */
+
 double loop_gain_margin(const haptic_loop *l, double *frequency) {
     transition t = one_period(l);
-    int points = scan_points(l);
-    double margin = INFINITY;
+    double step = M_PI / scan_points(l), natural = sqrt(l->stiffness / l->mass) * l->period, margin = INFINITY;
     *frequency = NAN;
-    for (int i = 1; i < points; i++) {
-        double low = M_PI * i / points, high = M_PI * (i + 1) / points;
+    for (double low = fmin(step, FIRST_ANGLE * natural), high; low < M_PI; low = high) {
+        high = fmin(M_PI, low + fmin(step, RATIO * low)); /* also resolves hands that are slow compared with the sampling */
         if ((cimag(open_loop(l, &t, low)) > 0.0) != (cimag(open_loop(l, &t, high)) > 0.0))
             keep_smallest(l, &t, crossing(l, &t, low, high), &margin, frequency);
     }
@@ -122,7 +124,7 @@ static bool decays(const haptic_loop *l) {
 }
 
 double loop_simulated_margin(const haptic_loop *l) {
-    double low = 1e-3, high = 1e3;
+    double low = 1e-6, high = 1e6;
     while (high > 1.001 * low) {
         haptic_loop scaled = *l;
         double factor = sqrt(low * high);

@@ -25,7 +25,7 @@ double loop_required_damping(const haptic_loop *loop, double *frequency);
    period. Stores the frequency (Hz) of the oscillation. INFINITY if there is none. */
 double loop_gain_margin(const haptic_loop *loop, double *frequency);
 
-/* Finds the same factor by simulations of the hand's motion after a knock; it lies between 1/1000 and 1000. */
+/* Finds the same factor by simulations of the hand's motion after a knock; it lies between 1e-6 and 1e6. */
 double loop_simulated_margin(const haptic_loop *loop);
 
 /* Limits of the force on the hand, and the resolution of the device. */

@@ -30,6 +30,7 @@ closed_loop *rig_create(trocar_model *model, const trocar_device_limits *limits,
     haptic_init(&l->haptic, l->sim, trocar_model_needles(model), limits, 1.0 / properties->period, 0, &l->exchange);
     trocar_sim_set_clock(l->sim, loop_clock);
     device_init(&l->device, device, start, 0.0);
+    l->start = start;
     l->limiter = (limiter){.max_force = properties->max_force, .max_rate = properties->max_force_rate};
     l->felt = -1;
     l->now = 1;
@@ -99,13 +100,14 @@ static const trocar_needle_wrench_t *newest_wrench(const closed_loop *l) {
 static void run_bridge(closed_loop *l) {
     const trocar_needle_wrench_t *w = newest_wrench(l);
     vec3 force = v3(0, 0, 0);
-    if (w != NULL && w->session != 0) force = limiter_next(&l->limiter, v3(w->force[0], w->force[1], w->force[2]), v3(0, 0, 0), l->properties.sampling);
+    if (w != NULL && w->session != 0) force = limiter_next(&l->limiter, v3_scale(l->properties.force_scale, v3(w->force[0], w->force[1], w->force[2])), v3(0, 0, 0), l->properties.sampling);
     vec3 position = device_read(&l->device, rig_time(l));
     if (l->passivity.period > 0.0) force = passivity_next(&l->passivity, position, force);
     l->greatest_force = fmax(l->greatest_force, v3_norm(force));
     device_apply(&l->device, rig_time(l), force);
+    vec3 base = v3_axpy(l->properties.scale, v3_sub(position, l->start), l->start);
     l->seq++;
-    l->poses[l->seq % LOOP_FLIGHT] = (pose_sample){.held = true, .engagement = 1, .session = 1, .seq = l->seq, .base = {position, {1, 0, 0, 0}},
+    l->poses[l->seq % LOOP_FLIGHT] = (pose_sample){.held = true, .engagement = 1, .session = 1, .seq = l->seq, .base = {base, {1, 0, 0, 0}},
                                                    .wrench_tick = l->properties.names_wrenches && w != NULL && w->session != 0 ? w->tick : 0,
                                                    .received = l->now + to_ns(l->properties.network)};
     l->next_message += to_ns(l->properties.sampling);

@@ -15,6 +15,7 @@ typedef struct {
     double period, sampling; /* s; period: period of the server's tick; sampling: interval between two messages of the bridge */
     double network;          /* s, one-way delay between bridge and server */
     double max_force, max_force_rate; /* N and N/s, limits of the bridge */
+    double scale, force_scale; /* motion of the needle per motion of the hand, and force on the hand per force on the needle */
     bool names_wrenches;     /* true if the bridge reports which wrench it renders */
 } loop_properties;
 
@@ -25,6 +26,7 @@ typedef struct {
     haptic haptic;
     loop_properties properties;
     simulated_device device;
+    vec3 start;              /* m, where needle and hand are at the same place */
     limiter limiter;
     passivity passivity;     /* controller of the bridge; active if it has a period */
     int64_t now, next_tick, next_message; /* ns */

@@ -16,6 +16,7 @@ static const char USAGE[] =
     "  --mass      kg, of device and hand (default 0.05,0.1,0.2,0.5)\n"
     "  --delay     ms, each way between bridge and device (default 0,1,2,3,4,5,7,10)\n"
     "  --told      the scene's device.delay is that of the device\n"
+    "  --scale     motion of the needle per motion of the hand, and force on the hand per force on the needle, which bridge and scene apply, as 2:1 (default 1:1)\n"
     "  --set       KEY=VALUE of the scene, after the profile\n"
     "  --device    period (ms) and resolution (mm) of the device, as 1:0.05 (default 1:0.05)\n"
     "  --control   what keeps the hand from swinging: server (default), its observer of swings; known, blind: in place of it, a passivity observer and\n"
@@ -28,6 +29,7 @@ typedef struct { int count; char *values[MOST]; } list;
 static struct {
     list profiles, tissues, hands, masses, delays, keys, devices;
     bool told, check;
+    const char *scale;
     const char *control;
     int unstable;            /* points so far */
 } choice = {
@@ -38,6 +40,7 @@ static struct {
     .delays = {8, {"0", "1", "2", "3", "4", "5", "7", "10"}},
     .devices = {1, {"1:0.05"}},
     .control = "server",
+    .scale = "1:1",
 };
 
 #define EACH(value, list) for (char **value = (list).values; value < (list).values + (list).count; value++)
@@ -95,6 +98,12 @@ static void set(trocar_scene *scene, const char *key, const char *value) {
     exit(2);
 }
 
+static void set_number(trocar_scene *scene, const char *key, double value) {
+    char text[32];
+    snprintf(text, sizeof text, "%.9g", value);
+    set(scene, key, text);
+}
+
 static trocar_scene *open_scene(const char *profile, const surroundings *in) {
     trocar_error why;
     trocar_scene *scene;
@@ -104,6 +113,10 @@ static trocar_scene *open_scene(const char *profile, const surroundings *in) {
     }
     for (int i = 0; i < 4 && in->keys[i][0]; i++) set(scene, in->keys[i][0], in->keys[i][1]);
     if (strcmp(profile, "none") != 0) set(scene, "device.profile", profile);
+    double scale, force_scale;
+    pair(choice.scale, &scale, &force_scale);
+    set_number(scene, "device.scale", scale);
+    set_number(scene, "device.force_scale", force_scale);
     EACH(key, choice.keys) {
         char *value = strchr(*key, '=');
         if (value == NULL) continue;
@@ -120,15 +133,12 @@ static void judge(trocar_model *model, trocar_scene *scene, const char *profile,
     /* Imitates a bridge such as trocar-haply with its default settings. */
     loop_properties p = {.period = 1e-3, .sampling = 1e-3, .network = 0.1e-3, .max_force = 3, .max_force_rate = 400, .names_wrenches = true};
     device_properties d = {.mass = atof(mass), .delay = 1e-3 * atof(delay)};
+    pair(choice.scale, &p.scale, &p.force_scale);
     pair(hand, &d.stiffness, &d.damping);
     pair(device, &d.period, &d.resolution);
     d.period *= 1e-3;
     d.resolution *= 1e-3;
-    if (choice.told) {
-        char text[32];
-        snprintf(text, sizeof text, "%.9g", 2.0 * d.delay);
-        set(scene, "device.delay", text);
-    }
+    if (choice.told) set_number(scene, "device.delay", 2.0 * d.delay);
     trocar_device_limits limits = trocar_scene_device(scene);
     closed_loop *l = rig_create(model, &limits, &p, &d, v3(0.005, 0.003, -0.2 - in->gap));
     if (!is_server_in_control()) l->passivity = controller_of(&d, p.sampling, p.max_force);
@@ -170,14 +180,16 @@ static void draw(const char *profile, const surroundings *in) {
 
 static void parse(int count, char **arguments) {
     static const struct option options[] = {{"profile", 1, NULL, 'p'}, {"tissue", 1, NULL, 't'}, {"hand", 1, NULL, 'h'}, {"mass", 1, NULL, 'm'}, {"delay", 1, NULL, 'd'},
-                                            {"set", 1, NULL, 's'}, {"device", 1, NULL, 'v'}, {"told", 0, NULL, 'k'}, {"check", 0, NULL, 'c'}, {"control", 1, NULL, 'y'}, {0}};
+                                            {"set", 1, NULL, 's'}, {"device", 1, NULL, 'v'}, {"told", 0, NULL, 'k'}, {"check", 0, NULL, 'c'}, {"control", 1, NULL, 'y'},
+                                            {"scale", 1, NULL, 'x'}, {0}};
     list *lists[] = {['p'] = &choice.profiles, ['t'] = &choice.tissues, ['h'] = &choice.hands, ['m'] = &choice.masses, ['d'] = &choice.delays,
                      ['s'] = &choice.keys, ['v'] = &choice.devices};
     for (int key; (key = getopt_long(count, arguments, "", options, NULL)) != -1;) {
         choice.told |= key == 'k';
         choice.check |= key == 'c';
         if (key == 'y') choice.control = optarg;
-        if (key == 'k' || key == 'c' || key == 'y') continue;
+        if (key == 'x') choice.scale = optarg;
+        if (key == 'k' || key == 'c' || key == 'y' || key == 'x') continue;
         if (key == '?') exit((fputs(USAGE, stderr), 2));
         list *l = lists[key];
         l->count = 0;

@@ -72,7 +72,12 @@ static void keep_smallest(const haptic_loop *l, const transition *t, double angl
 static const double FIRST_ANGLE = 0.01;      /* start of the scan, as a fraction of the angle at the natural frequency of hand and device */
 static const double RATIO = 0.02;            /* largest relative step of the scan */
 
-double loop_gain_margin(const haptic_loop *l, double *frequency) {
+/* In units of sqrt(k m), half the critical damping. It keeps the poles of the open loop inside the unit circle, as Nyquist's criterion requires. */
+static const double LEAST_DAMPING = 1e-6;
+
+double loop_gain_margin(const haptic_loop *loop, double *frequency) {
+    haptic_loop damped = *loop, *l = &damped;
+    damped.damping = fmax(damped.damping, LEAST_DAMPING * sqrt(damped.stiffness * damped.mass));
     transition t = one_period(l);
     double step = M_PI / scan_points(l), natural = sqrt(l->stiffness / l->mass) * l->period, margin = INFINITY;
     *frequency = NAN;

@@ -6,7 +6,7 @@
 enum { LOOP_MAX_DELAY = 4096 };
 
 typedef struct {
-    double mass, damping, stiffness; /* kg, N s/m, N/m, all > 0: device and hand together, as in hand.h */
+    double mass, damping, stiffness; /* kg, N s/m, N/m; damping may be 0: device and hand together, as in hand.h */
     double coupling_stiffness, coupling_damping; /* N/m, N s/m: at the hand */
     double period;           /* s, between two samples of the position; the force of a sample is constant for one period */
     int delay;               /* periods from a sample until its force acts, from 0 to LOOP_MAX_DELAY */

@@ -128,7 +128,8 @@ static void print_loop(const profile_result *r, FILE *out) {
     if (isfinite(r->push.rest_time)) fprintf(out, "push onto bone      at rest within %.2f s", r->push.rest_time);
     else fprintf(out, "push onto bone      NOT AT REST after 5 s");
     fprintf(out, ", at most %.2f N; the hand has received at most %.2f mJ more than it gave\n", r->push.force, 1e3 * r->push.energy);
-    if (!is_stable(r) || r->stability_margin < LEAST_MARGIN) fprintf(out, "advice              measure delay and mass of the device and set them in the profile, or lower max_stiffness\n");
+    if (!is_stable(r) || r->stability_margin < LEAST_MARGIN)
+        fprintf(out, "advice              measure delay and mass of the device and set them in the profile, or lower max_stiffness\n");
 }
 
 bool profile_print(const profile_result *r, FILE *out) {

@@ -60,13 +60,14 @@ static void a_slow_hand_oscillates_when_the_delay_eats_its_damping(void **unused
 
 static void theory_and_simulation_agree(void **unused) {
     (void)unused;
-    static const double masses[] = {0.05, 0.3, 2}, dampings[] = {0.5, 5}, stiffnesses[] = {100, 2000};
+    static const double masses[] = {0.05, 0.3, 2}, dampings[] = {0, 0.5, 5}, stiffnesses[] = {100, 2000};
     double frequency;
     EACH(mass, masses) EACH(damping, dampings) EACH(stiffness, stiffnesses) for (int delay = 0; delay <= 16; delay += 4) {
         haptic_loop l = loop_of(*stiffness, 2 * *stiffness * PERIOD * (delay + 1), delay);
         l.mass = *mass;
         l.damping = *damping;
         double theory = loop_gain_margin(&l, &frequency), simulated = loop_simulated_margin(&l);
+        if (*damping == 0 && theory < 1e-3 && simulated < 1e-3) continue; /* no damping, and the coupling lags: any coupling makes it oscillate */
         if (fabs(simulated / theory - 1) > 0.02)
             fail_msg("%g kg, %g N s/m, %g N/m, %d periods: %g in theory, %g in simulation", *mass, *damping, *stiffness, delay, theory, simulated);
     }

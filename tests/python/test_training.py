@@ -26,7 +26,7 @@ sys.dont_write_bytecode = True
 import numpy as np
 
 import trocar
-from trocar.brachy import plan as plans
+from trocar.brachy import _plan_command, plan as plans
 from trocar.training import BadRecording, BadTask, Course, Task, score
 from trocar.training.program import main
 
@@ -504,7 +504,7 @@ class Reports(Case):
         status, said, _ = self.run_program("--task", path, "--prepare", self.out / "view")
         self.assertEqual((status, said), (0, f"scene {SCENE}\nname task\nplan {self.out}/view/plan.csv\nsource I-125 6711\nstrength 0.45\nprescription 145\n"))
         self.assertEqual(json.loads((self.out / "view/task.json").read_text())["title"], "An implant")
-        self.assertEqual(plans.main(["show", str(PLAN), "--scene", str(SCENE), "--out", str(self.out / "shown.csv")]), 0)
+        self.assertEqual(_plan_command.main(["show", str(PLAN), "--scene", str(SCENE), "--out", str(self.out / "shown.csv")]), 0)
         self.assertEqual((self.out / "view/plan.csv").read_text(), (self.out / "shown.csv").read_text())
 
 

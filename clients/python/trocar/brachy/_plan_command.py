@@ -15,7 +15,7 @@ from .plan import BadPlan, Frame, Misplacement, Placed, Planned, check, compare,
 # ---- tables -------------------------------------------------------------------------------------------------------------------------
 
 
-def _planned_table(seeds: Sequence[Planned], frame: Frame) -> list[list[str]]:
+def planned_table(seeds: Sequence[Planned], frame: Frame) -> list[list[str]]:
     head = ["hole", "seed", "x [m]", "y [m]", "z [m]"] + ([f"{name} [mm]" for name in frame.names] if frame.is_patient else [])
     rows = [head]
     for seed in seeds:
@@ -52,7 +52,7 @@ def _save(table: list[list[str]], path: str) -> None:
 
 def _show(given: argparse.Namespace, model: Model) -> None:
     plan = read(given.plan)
-    table = _planned_table(planned_seeds(without_steering(plan, "the table") if given.out else plan, model), Frame(model))
+    table = planned_table(planned_seeds(without_steering(plan, "the table") if given.out else plan, model), Frame(model))
     _save(table, given.out) if given.out else _print(table)
 
 

@@ -12,6 +12,7 @@ from typing import Any, Sequence
 from .. import __version__
 from .._program import ended, say
 from ..brachy import plan as plans
+from ..brachy._plan_command import planned_table
 from . import _report as report
 from ._measures import MEASURES, shown
 from ._recording import BadRecording
@@ -89,7 +90,7 @@ def _prepare(given: argparse.Namespace) -> int:
     print(f"name {task.name}")
     if task.plan:
         table = io.StringIO()
-        csv.writer(table, lineterminator="\n").writerows(plans._planned_table(plans.planned_seeds(task.plan, task.model), plans.Frame(task.model)))
+        csv.writer(table, lineterminator="\n").writerows(planned_table(plans.planned_seeds(task.plan, task.model), plans.Frame(task.model)))
         report.save(folder / "plan.csv", table.getvalue())
         print(f"plan {folder / 'plan.csv'}")
         if task.plan.source:

@@ -146,8 +146,29 @@ static trocar_pose reach_state(const set_up *s, void *state, size_t size) {
     return base;
 }
 
-/* Central differences from the saved state. */
-static void difference(const set_up *s, const void *state, size_t size, const trocar_pose *base, const double steps[BASE], double differences[VALUES][VARIABLES]) {
+/* Which contacts stick or slide after a step, and in which direction. */
+typedef struct {
+    int count, states[TROCAR_MAX_POINTS];
+    unsigned events;
+} active_set;
+
+static active_set active_set_of(const set_up *s, const trocar_output *out) {
+    trocar_contact contacts[TROCAR_MAX_POINTS];
+    active_set set = {.count = trocar_view_contacts(trocar_sim_view(s->sim), 0, contacts, TROCAR_MAX_POINTS), .events = out->events};
+    for (int i = 0; i < set.count; i++) set.states[i] = contacts[i].state;
+    return set;
+}
+
+static bool same_set(const active_set *a, const active_set *b) {
+    bool same = a->count == b->count && a->events == b->events;
+    for (int i = 0; i < a->count && same; i++) same = a->states[i] == b->states[i];
+    return same;
+}
+
+/* Central differences from the saved state. Returns false if the active sets differ from `here`. */
+static bool difference(const set_up *s, const void *state, size_t size, const trocar_pose *base, const active_set *here, const double steps[BASE],
+                       double differences[VALUES][VARIABLES]) {
+    bool same = true;
     for (int v = 0; v < BASE; v++) {
         double values[2][VALUES];
         for (int side = 0; side < 2; side++) {
@@ -156,9 +177,12 @@ static void difference(const set_up *s, const void *state, size_t size, const tr
             OK(trocar_sim_restore(s->sim, state, size, &why));
             OK(trocar_sim_step(s->sim, 0, &there, DT, &out, &why));
             read_values(s, &out, values[side]);
+            active_set there_set = active_set_of(s, &out);
+            same = same && same_set(&there_set, here);
         }
         for (int i = 0; i < VALUES; i++) differences[i][v] = (values[0][i] - values[1][i]) / (2.0 * steps[v]);
     }
+    return same;
 }
 
 /* Norm of a vector's derivatives, with each variable in units of its scale. */
@@ -174,10 +198,12 @@ typedef struct {
     double largest[BLOCKS];  /* relative error away from switches */
 } comparison;
 
-/* Compares in `count` random states. At a switch, a contact would start or stop sliding within the steps of the differences. */
+/* Compares in `count` random states. At a switch, a contact starts or stops sliding within the steps of the differences; `range` also knows of switches that the
+   contacts do not show, such as those of the shaft next to the tip. The steps are small because friction on a shaft that turns changes its direction within slips of
+   about 10 nm. */
 static comparison compare(int count) {
     static const double scales[VARIABLES] = {1, 1, 1, 1 / LENGTH, 1 / LENGTH, 1 / LENGTH};
-    static const double steps[BASE] = {1e-8, 1e-8, 1e-8, 1e-7, 1e-7, 1e-7}; /* m, rad */
+    static const double steps[BASE] = {1e-9, 1e-9, 1e-9, 1e-8, 1e-8, 1e-8}; /* m, rad */
     trocar_scene *scene = exact_scene();
     trocar_model *model;
     set_up s;
@@ -194,11 +220,11 @@ static comparison compare(int count) {
         choose_targets(&s);
         OK(trocar_sim_restore(s.sim, state, size, &why));
         differentiate(&s, &base, NULL, 0, &out, exact, range);
-        bool switches = false;
-        for (int v = 0; v < BASE; v++) switches = switches || range[v] < 2.0 * steps[v];
+        active_set here = active_set_of(&s, &out);
+        bool switches = !difference(&s, state, size, &base, &here, steps, differences);
+        for (int v = 0; v < BASE; v++) switches = switches || range[v] < steps[v];
         found.switches += switches;
         if (switches) continue;
-        difference(&s, state, size, &base, steps, differences);
         for (int block = 0; block < BLOCKS; block++)
             found.largest[block] = fmax(found.largest[block], norm_of(exact, differences, block, 0, BASE, scales) / norm_of(differences, NULL, block, 0, BASE, scales));
     }
@@ -212,9 +238,13 @@ static comparison compare(int count) {
     return found;
 }
 
+/* The derivatives neglect that the path which the tip cuts in this step turns with the needle: it moves the tip by the slip of one step, at most 60 um, times the
+   rotation, which moves a straight needle's end by the needle's length times the rotation. They also neglect that friction against turning depends on the slip
+   along the needle; this only affects the torque about the needle's axis. */
 static void check(comparison found, int count) {
-    for (int block = 0; block < BLOCKS; block++) assert_true(found.largest[block] < 1e-2);
-    assert_true(10 * found.switches <= count);
+    const double path = 60e-3 * DT / LENGTH;
+    for (int block = 0; block < BLOCKS; block++) assert_true(found.largest[block] < (block == 1 ? 2e-3 : path));
+    assert_true(20 * found.switches <= count);
 }
 
 static void derivatives_are_those_of_small_motions(void **unused) {
@@ -247,9 +277,22 @@ static void start_in_tissue(const set_up *s, const trocar_pose *start) {
     for (int t = 0; t < 2; t++) OK(trocar_sim_step(s->sim, 0, start, DT, &out, &why));
 }
 
+/* A scene in which viscosity is so low that a tip can cut in one step from rest. */
+static trocar_scene *scene_without_haste(void) {
+    static const char *const keys[] = {"cutting_viscosity", "friction.viscous"};
+    static const double values[] = {0.03, 3.0}; /* N s/m, N s/m^2 */
+    trocar_scene *scene = exact_scene();
+    for (int i = 0; i < 4; i++) {
+        char key[80];
+        snprintf(key, sizeof key, "regions[%s].%s", REGIONS[i % 2], keys[i / 2]);
+        OK(trocar_scene_set_number(scene, key, values[i / 2], &why));
+    }
+    return scene;
+}
+
 /* A model with one property changed. Only a modulus changes the stiffness matrix. */
 static trocar_model *model_with(const trocar_model *base, int parameter, double factor, double *value) {
-    trocar_scene *scene = exact_scene();
+    trocar_scene *scene = scene_without_haste();
     trocar_model *model;
     char key[80];
     snprintf(key, sizeof key, "regions[%s].%s", REGIONS[parameter % 2], PROPERTIES[parameter / 2].key);
@@ -261,14 +304,17 @@ static trocar_model *model_with(const trocar_model *base, int parameter, double 
     return model;
 }
 
-static void values_with(const set_up *like, trocar_model *model, const trocar_pose *start, const trocar_pose *base, double values[VALUES]) {
+/* Each simulation is new: the first step of one that was reset in the tissue may still use the resolution that the mesh had along the needle before the reset. */
+static active_set values_with(const set_up *like, trocar_model *model, const trocar_pose *start, const trocar_pose *base, double values[VALUES]) {
     trocar_output out;
     set_up s = *like;
     set_up_model(model, &s);
     start_in_tissue(&s, start);
     OK(trocar_sim_step(s.sim, 0, base, DT, &out, &why));
     read_values(&s, &out, values);
+    active_set set = active_set_of(&s, &out);
     set_down(&s);
+    return set;
 }
 
 /* Force with torque, and the needle's end with its direction, both related by the needle's length: properties of the tissue hardly bend a straight needle, so that
@@ -282,54 +328,61 @@ static double norm_of_group(double derivatives[VALUES][VARIABLES], double minus[
     return hypot(first, lengths[group] * second);
 }
 
+/* Changes of 0.1 % of a smooth function: relative errors of central differences are of the order of the square, 1e-6; ten times as much is allowed. */
+#define CHANGE 1e-3
+static const double CENTRAL = 10.0 * CHANGE * CHANGE;
+
 static void derivatives_are_those_of_small_changes_of_the_tissue(void **unused) {
     (void)unused;
-    trocar_scene *scene = exact_scene();
+    enum { STATES = 24 };
+    trocar_scene *scene = scene_without_haste();
     trocar_model *model;
     set_up s;
-    int depends[PARAMETERS] = {0};
-    static const double limits[GROUPS] = {2e-2, 5e-2, 5e-2};
+    int depends[PARAMETERS] = {0}, switches = 0;
     double largest[GROUPS] = {0.0}, scales[VARIABLES];
     trocar_model *changed[PARAMETERS][2];
     OK(trocar_model_create(scene, NULL, &model, &why));
-    set_up_model(model, &s);
     for (int i = 0; i < PARAMETERS; i++)
-        for (int side = 0; side < 2; side++) changed[i][side] = model_with(model, i, side == 0 ? 1.001 : 0.999, &scales[BASE + i]);
+        for (int side = 0; side < 2; side++) changed[i][side] = model_with(model, i, side == 0 ? 1.0 + CHANGE : 1.0 - CHANGE, &scales[BASE + i]);
     srand(2);
-    for (int state = 0; state < 12; state++) {
+    for (int state = 0; state < STATES; state++) {
         trocar_parameter parameters[PARAMETERS];
-        double exact[VALUES][VARIABLES], range[BASE];
+        double exact[VALUES][VARIABLES], differences[VALUES][VARIABLES], range[BASE];
         trocar_output out;
         trocar_pose start = {{random_between(2e-3, 8e-3), random_between(0, 6e-3), random_between(-0.17, -0.135)}, {1, 0, 0, 0}}, base = start;
-        /* The passes of a step end when the needle's shape does not change any more: it has to bend, so that they end after friction has settled, too. */
         base.position[0] += random_between(0.3e-3, 1e-3);
-        base.position[2] += (state % 3 == 2 ? -1.0 : 1.0) * (state >= 8 ? 3e-3 : random_between(0.3e-3, 1.5e-3)); /* the last ones cut */
+        base.position[2] += state % 3 == 2 ? -random_between(0.3e-3, 3e-3) : random_between(0.3e-3, 3e-3);
+        set_up_model(model, &s);
         choose_targets(&s);
         for (int i = 0; i < PARAMETERS; i++)
             parameters[i] = (trocar_parameter){.property = (int32_t)PROPERTIES[i / 2].property, .region = trocar_model_find_region(model, REGIONS[i % 2], 3)};
         start_in_tissue(&s, &start);
         differentiate(&s, &base, parameters, PARAMETERS, &out, exact, range);
         assert_true(out.contacts > 2);
-        double differences[VALUES][VARIABLES];
+        active_set here = active_set_of(&s, &out);
+        bool same = true;
         for (int i = 0; i < PARAMETERS; i++) {
-            double high[VALUES], low[VALUES];
-            values_with(&s, changed[i][0], &start, &base, high);
-            values_with(&s, changed[i][1], &start, &base, low);
-            for (int k = 0; k < VALUES; k++) differences[k][BASE + i] = (high[k] - low[k]) / (0.002 * scales[BASE + i]);
-            depends[i] += norm_of(differences, NULL, 0, BASE + i, BASE + i + 1, scales) > 1e-3;
+            double values[2][VALUES];
+            for (int side = 0; side < 2; side++) {
+                active_set there = values_with(&s, changed[i][side], &start, &base, values[side]);
+                same = same && same_set(&there, &here);
+            }
+            for (int k = 0; k < VALUES; k++) differences[k][BASE + i] = (values[0][k] - values[1][k]) / (2.0 * CHANGE * scales[BASE + i]);
         }
-        for (int group = 0; group < GROUPS; group++) {
-            double error = norm_of_group(exact, differences, group, scales) / norm_of_group(differences, NULL, group, scales);
-            if (!(error < limits[group])) fail_msg("state %d: relative error %g of the %s", state, error, GROUP_NAMES[group]);
-            largest[group] = fmax(largest[group], error);
-        }
+        set_down(&s);
+        switches += !same;
+        for (int i = 0; i < PARAMETERS && same; i++) depends[i] += norm_of(differences, NULL, 0, BASE + i, BASE + i + 1, scales) > 1e-3;
+        for (int group = 0; group < GROUPS && same; group++)
+            largest[group] = fmax(largest[group], norm_of_group(exact, differences, group, scales) / norm_of_group(differences, NULL, group, scales));
     }
-    print_message("largest relative errors: %s %.1e, %s %.1e, %s %.1e\n", GROUP_NAMES[0], largest[0], GROUP_NAMES[1], largest[1], GROUP_NAMES[2], largest[2]);
-    for (int i = 4; i < PARAMETERS; i++) /* friction and moduli; in these states, membranes stop most tips before they cut */
+    print_message("%d states, %d at a switch; largest relative errors: %s %.1e, %s %.1e, %s %.1e\n", STATES, switches, GROUP_NAMES[0], largest[0], GROUP_NAMES[1],
+                  largest[1], GROUP_NAMES[2], largest[2]);
+    for (int group = 0; group < GROUPS; group++) assert_true(largest[group] < CENTRAL);
+    assert_true(10 * switches <= STATES);
+    for (int i = 0; i < PARAMETERS; i++)
         if (depends[i] == 0) fail_msg("no force depended on %s of %s", PROPERTIES[i / 2].key, REGIONS[i % 2]);
     for (int i = 0; i < PARAMETERS; i++)
         for (int side = 0; side < 2; side++) trocar_model_free(changed[i][side]);
-    set_down(&s);
     trocar_model_free(model);
     trocar_scene_free(scene);
 }

@@ -49,10 +49,11 @@ static axial_law law_of_climber(const contact_problem *p, int i, double force) {
     return law;
 }
 
-/* Change of the friction limit (N/m) of the shaft at a point per slip: it weakens while the shaft slides. */
-static double weakening(const tick_input *tick, const insertion_state *state, const contact_point *point) {
-    double distance = tick->model->settings.weakening_distance;
-    return point->shaft.excess / distance * exp(-slid_distance(tick, state, point) / distance);
+/* Change of the friction (N/m) along the needle per slip: its limit weakens while the shaft's surface slides. If the shaft also turns, only a part of slip and friction
+   is along the needle; roll_bound_for_sliding includes the change of that part. */
+static double weakening(const tick_input *tick, const insertion_state *state, const contact_point *point, double slip) {
+    double distance = tick->model->settings.weakening_distance, along = part_along(tick, state, point, slip);
+    return along * along * point->shaft.excess / distance * exp(-slid_distance(tick, state, point) / distance);
 }
 
 static axial_law law_of(const tick_input *tick, const insertion_state *state, const insertion_workspace *w, int row, double force) {
@@ -62,7 +63,7 @@ static axial_law law_of(const tick_input *tick, const insertion_state *state, co
     axial_law law = {.sticks = p->state[i] == STICK && p->upper[i] > p->lower[i], .slip = fabs(p->slip[i]), .piece = -1};
     law.force = smaller_of(p->upper[i] - force, force - p->lower[i]);
     if (law.sticks || point < w->points.guided) return law;
-    law.viscosity = p->viscosity[i][p->state[i] == SLIP_FORWARD] - weakening(tick, state, &w->points.list[point]);
+    law.viscosity = p->viscosity[i][p->state[i] == SLIP_FORWARD] - weakening(tick, state, &w->points.list[point], p->slip[i]);
     return law;
 }
 
@@ -340,10 +341,10 @@ static void find_wrench(const tick_input *tick, const insertion_state *state, co
 }
 
 /* The torque about the needle's axis turns with the axis, and changes as the base rolls. */
-static void add_roll(const tick_input *tick, const insertion_state *state, const insertion_workspace *w, int variable, variable_derivatives *to) {
+static void add_roll(const tick_input *tick, const insertion_state *state, const insertion_workspace *w, int variable, double torque, variable_derivatives *to) {
     vec3 axis = q_axis(state->needle.base.orientation);
     double rolled = variable < 3 || variable >= BASE_VARIABLES ? 0.0 : v3_dot(unit_vector(variable % 3), axis);
-    to->torque = v3_axpy(-roll_torque(state, &w->points), turned(variable, axis), to->torque);
+    to->torque = v3_axpy(-torque, turned(variable, axis), to->torque);
     to->torque = v3_axpy(-rolled * roll_stiffness(tick, state, &w->points, &w->creep), axis, to->torque);
 }
 
@@ -374,8 +375,25 @@ static void differentiate_free(const tick_input *tick, const insertion_state *st
                                                     .direction = turned(v, needle_end_direction(tick, &state->needle))};
 }
 
-/* Differentiates the equilibrium in a copy of the workspace. Returns false if the system is singular. */
-static bool differentiate(const tick_input *tick, const insertion_state *state, insertion_workspace *w, linear_system *s, tick_derivatives *derivatives) {
+/* What equilibrium_find and tip_puncture changed after the passes is as it was during the passes, on which the equilibrium depends: the tip's place and lagging
+   push, and each shaft's rotation, because sliding and turning share one bound of friction. */
+static void undo_conclusion(const insertion_workspace *w, insertion_state *state) {
+    const pass_checkpoint *start = &w->start;
+    for (int i = w->points.guided; i < w->points.count; i++) {
+        const contact_point *p = &w->points.list[i];
+        shaft_hold *shaft = p->kind == POINT_TIP ? &state->tip.shaft : &state->contacts[p->handle].shaft;
+        const roll_friction *before = p->kind == POINT_TIP ? &start->tip.shaft.roll : &start->contacts[i].shaft.roll;
+        shaft->roll.turned = before->turned;
+        shaft->roll.torque = before->torque;
+    }
+    if (!w->points.tip) return;
+    state->tip.place = start->tip.place;
+    state->tip.filtered_push = start->tip.filtered_push;
+}
+
+/* Differentiates the equilibrium in copies of the workspace and of the state during the passes. `torque` (N m): torque on the tissue about the needle's axis.
+   Returns false if the system is singular. */
+static bool differentiate(const tick_input *tick, const insertion_state *state, double torque, insertion_workspace *w, linear_system *s, tick_derivatives *derivatives) {
     passes_linearise(tick, state, w, true);
     needle_influence_find(tick, w, &s->needle);
     s->forces = point_forces_of(state, &w->points);
@@ -392,7 +410,7 @@ static bool differentiate(const tick_input *tick, const insertion_state *state, 
         change_forces(w, s, s->side[v], change);
         find_loads(state, w, s, s->side[v], change, &derivatives->of[v]);
         find_wrench(tick, state, w, s, v, change, &derivatives->of[v]);
-        add_roll(tick, state, w, v, &derivatives->of[v]);
+        add_roll(tick, state, w, v, torque, &derivatives->of[v]);
         if (v < BASE_VARIABLES) derivatives->of[v].range = state->moving_on ? 0.0 : range_of(tick, state, w, s, v);
     }
     return true;
@@ -403,14 +421,18 @@ trocar_status insertion_differentiate(const tick_input *tick, const insertion_st
     if (workspace->points.count == 0) return TROCAR_OK;
     insertion_workspace *w = aligned_alloc(_Alignof(insertion_workspace), sizeof *w);
     linear_system *s = malloc(sizeof *s);
-    trocar_status status = w && s ? TROCAR_OK : fail(why, TROCAR_NO_MEMORY, "no memory for derivatives");
+    insertion_state *passes = malloc(sizeof *passes);
+    trocar_status status = w && s && passes ? TROCAR_OK : fail(why, TROCAR_NO_MEMORY, "no memory for derivatives");
     if (status == TROCAR_OK) {
         memcpy(w, workspace, sizeof *w);
+        memcpy(passes, state, sizeof *passes);
+        undo_conclusion(w, passes);
         w->profile.clock = NULL;
-        if (!differentiate(tick, state, w, s, derivatives))
+        if (!differentiate(tick, passes, roll_torque(state, &w->points), w, s, derivatives))
             status = fail(why, TROCAR_NUMERIC, "the equilibrium is at a limit of stability, where it has no derivative");
     }
     free(w);
     free(s);
+    free(passes);
     return status;
 }

@@ -24,9 +24,7 @@ static double length_in(const insertion_state *state, shaft_share share, int reg
 static double friction_change(const tick_input *tick, const insertion_state *state, const contact_problem *p, const contact_point *point, int i,
                               const tissue_parameter *parameter) {
     double length = length_in(state, point->share, parameter->region), weak = exp(-slid_distance(tick, state, point) / tick->model->settings.weakening_distance);
-    const roll_friction *roll = &shaft_of(state, point)->roll;
-    double way = roll_slip_length(p->slip[i], roll, tick->model->needle->radius);
-    double along = way > 0.0 ? p->slip[i] / way : (int)p->state[i]; /* part of the friction that acts along the needle */
+    double along = part_along(tick, state, point, p->slip[i]);
     switch (parameter->property) {
     case FRICTION_STATIC: return along * length * weak;
     case FRICTION_KINETIC: return along * length * (1.0 - weak);
@@ -92,11 +90,10 @@ static double face_with(const tick_input *tick, const insertion_state *state, co
     return face;
 }
 
-/* Change (m / (N Pa)) of that compliance. The step took it at a slightly different push; the relative change is the same. */
+/* Change (m / (N Pa)) of that compliance. */
 static double face_change(const tick_input *tick, const insertion_state *state, const insertion_workspace *w, int region) {
-    double low = face_with(tick, state, w, region, 1.0 - SMALL_CHANGE), high = face_with(tick, state, w, region, 1.0 + SMALL_CHANGE), whole = low + high;
-    double step = SMALL_CHANGE * tick->model->materials[region].youngs_modulus;
-    return whole > 0.0 || isnan(whole) ? w->tissue.axial[w->points.count - 1] * (high - low) / (whole * step) : 0.0;
+    double low = face_with(tick, state, w, region, 1.0 - SMALL_CHANGE), high = face_with(tick, state, w, region, 1.0 + SMALL_CHANGE);
+    return (high - low) / (2.0 * SMALL_CHANGE * tick->model->materials[region].youngs_modulus);
 }
 
 /* Adds the changes of the tip's local displacements: its shaft and its end face bear different forces. */

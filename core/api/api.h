@@ -58,7 +58,7 @@ typedef struct {
     remesher *remesher;      /* contact nodes of this needle */
     bool loaded;             /* whether u_free, as of the last answer, is nonzero anywhere */
     vec3 u_free[MAX_HANDLES]; /* m, free displacements, as in the last answer; computed once per request */
-    unresolved_shift unresolved, unresolved_residual[MAX_RELAXATION]; /* as in the last answer */
+    unresolved_shift unresolved;
     tissue_loads held;       /* the needle's forces on the tissue as the worker knows them; while it rests, its residual loads alone */
     resting_needle *resting; /* NULL if the needle has never rested */
     bool attached;           /* the needle is attached to the tissue */
@@ -81,7 +81,7 @@ struct trocar_sim {
     vec3 *field_scratch;     /* see trocar_view.scratch */
     /* Used by the worker: */
     inverse *inverse;        /* inverse to which resting needles and the probe are attached; the model's own inverse if nothing can be attached */
-    needle_pairs *pairs;     /* couplings between needles; NULL if there is only one needle, in elastic tissue */
+    needle_pairs *pairs;     /* couplings between needles; NULL if there is only one needle */
     resting_set resting;
     resting_scratch *resting_scratch; /* NULL until a needle is first left */
     uint64_t last_attached;  /* id of the most recently attached needle */

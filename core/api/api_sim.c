@@ -42,7 +42,7 @@ static trocar_status allocate(trocar_sim *sim, trocar_error *why) {
     if (status == TROCAR_OK) status = create_inverse(sim, why);
     if (sim->resting.inverse) sim->inverse = sim->resting.inverse;
     if (status == TROCAR_OK) status = create_probe(sim, why);
-    if (status == TROCAR_OK && (sim->needle_count > 1 || sim->model->parts.insertion.creep.count > 0))
+    if (status == TROCAR_OK && sim->needle_count > 1)
         status = needle_pairs_create(&sim->model->parts.tissue, sim->model->parts.needle.radius, &sim->pairs, why);
     sim->resting.pairs = sim->pairs;
     for (int i = 0; i < sim->needle_count && status == TROCAR_OK; i++) status = create_needle(sim, &sim->needles[i], why);

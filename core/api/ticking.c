@@ -169,27 +169,23 @@ void post_hold(trocar_sim *sim, sim_needle *needle, const compliance_snapshot *s
     link_publish_hold(&needle->link);
 }
 
-/* Posts the needle's forces to the worker, which passes them on to the other needles; from a single needle, it only needs the track. Resting needles and the
-   probe respond at intervals of their own. RT */
+/* Posts the needle's forces to the worker, which passes them on to the other needles. Resting needles and the probe respond at intervals of their own. RT */
 static void post_loads(trocar_sim *sim, sim_needle *needle, const compliance_snapshot *snapshot, double dt) {
     bool rest = atomic_load_explicit(&sim->link.resting, memory_order_relaxed) > 0 || atomic_load_explicit(&sim->link.probe.placed, memory_order_relaxed);
     const shown_probe *probe = shown_probe_of(sim);
     double period = response_period(probe ? probe->output.contacts : 0);
     bool fades = rest && atomic_load_explicit(&needle->link.since_release, memory_order_relaxed) < RELEASE_TIME + (int64_t)(1e9 * period);
     bool catches_up = probe && probe->output.stopped;
-    bool alone = !rest && sim->needle_count == 1, same_track = needle->loads.count == needle->link.posted_loads.count;
     needle->since_loads += dt;
-    if ((alone && same_track) || (rest && needle->since_loads < period) || !(fades || catches_up || loads_changed(needle))) return;
+    if ((!rest && sim->needle_count == 1) || (rest && needle->since_loads < period) || !(fades || catches_up || loads_changed(needle))) return;
     post_hold(sim, needle, snapshot);
     link_post_loads(&needle->link, &needle->loads);
     needle->since_loads = 0.0;
     wake_worker(&sim->link);
 }
 
-/* True if the worker needs the needle's forces: other bodies feel them, or the displacement of its track by its residual loads is to be found. RT */
-static bool is_felt(const trocar_sim *sim, const sim_needle *needle) {
-    return sim->needle_count > 1 || sim->probe || needle->state.memory.residual.count > 0;
-}
+/* True if other bodies feel the needle's forces. RT */
+static bool is_felt(const trocar_sim *sim) { return sim->needle_count > 1 || sim->probe; }
 
 /* Advances the time for a tick of this needle. Needles that tick one after another share a round, which advances the time by `dt` only once. RT */
 static void advance_time(round_clock *rounds, int needle, double dt) {
@@ -226,7 +222,7 @@ trocar_status run_tick(trocar_sim *sim, int index, const compliance_snapshot *sn
         seeds_keep(index, &sim->seeds);
     }
     needle->loads.count = 0;
-    if (is_felt(sim, needle)) insertion_add_loads(model, &needle->state, &needle->loads);
+    if (is_felt(sim)) insertion_add_loads(model, &needle->state, &needle->loads);
     needle->stamp = next_stamp();
     restore_floating_mode(before);
     needle->link.answered = snapshot->serial;

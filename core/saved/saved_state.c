@@ -147,14 +147,6 @@ static void pass_between_contacts(state_stream *s, int count, const int *slots, 
         }
 }
 
-static void pass_shift(state_stream *s, unresolved_shift *shift) {
-    STREAM(s, shift->any);
-    STREAM(s, shift->start);
-    STREAM(s, shift->step);
-    stream_count(s, &shift->count, SHIFT_STEPS);
-    STREAM_ENTRIES(s, shift->sum, shift->count + 1);
-}
-
 void saved_snapshot(state_stream *s, compliance_snapshot *snapshot) {
     int handles[MAX_HANDLES], contacts = 0;
     STREAM(s, snapshot->serial);
@@ -173,8 +165,12 @@ void saved_snapshot(state_stream *s, compliance_snapshot *snapshot) {
         if (snapshot->loaded) STREAM(s, snapshot->u_free[handles[i]]);
         for (int term = 0; term < MAX_RELAXATION && snapshot->has_residuals; term++) STREAM(s, snapshot->u_residual[term][handles[i]]);
     }
-    pass_shift(s, &snapshot->unresolved);
-    for (int term = 0; term < MAX_RELAXATION && snapshot->has_residuals; term++) pass_shift(s, &snapshot->unresolved_residual[term]);
+    unresolved_shift *shift = &snapshot->unresolved;
+    STREAM(s, shift->any);
+    STREAM(s, shift->start);
+    STREAM(s, shift->step);
+    stream_count(s, &shift->count, SHIFT_STEPS);
+    STREAM_ENTRIES(s, shift->sum, shift->count + 1);
     pass_compliance(s, count, handles, snapshot);
 }
 

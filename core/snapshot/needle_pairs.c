@@ -8,7 +8,7 @@ enum { FIELDS = 1024 };              /* lines whose fields are cached: enough fo
 static const double REACH = 3.0; /* edge lengths: distance from a line beyond which the line's patch has no nodes. Derived: a patch extends 1.6 edge
                                     lengths, plus up to one element */
 
-static const double LEAST_PIECE = 1e-5; /* m: smallest half length of a piece of shaft. Rounding tolerance */
+static const double LEAST_PIECE = 1e-5; /* m: smallest half length of a piece of shaft, and width over which its force is spread. Rounding tolerance */
 
 struct needle_pairs {
     resolver *resolver;
@@ -73,7 +73,7 @@ void shaft_steps_lay(const mesh *m, const tissue_loads *own, double ahead, doubl
     int count = 0, tet = -1;
     steps->count = 0;
     for (int i = 0; i < own->count; i++)
-        if (!own->loads[i].residual && own->loads[i].shaft.to > own->loads[i].shaft.from) pieces[count++] = &own->loads[i].shaft;
+        if (own->loads[i].shaft.to > own->loads[i].shaft.from) pieces[count++] = &own->loads[i].shaft;
     if (count == 0) return;
     double length = pieces[count - 1]->to + ahead - pieces[0]->from;
     steps->start = pieces[0]->from;
@@ -106,9 +106,8 @@ static double box_twice_integrated(double t, double width) {
 
 /* Lines interact along the range in which they overlap, measured along the bisector of their directions. Both lines then use the same measure, so that the
    forces are reciprocal. A force at a point of one line moves the other line over a length of twice the distance between them. Spread evenly over this
-   length, it has the same unresolved part of Kelvin's line force as of Kelvin's point force, at the distance beyond which the mesh resolves both. A needle in
-   its own old track is at least one radius away from the forces on the shaft's surface, as in line_field_lacks. */
-static meeting meet(const shaft_steps *steps, int k, const shaft_piece *piece, double radius) {
+   length, it has the same unresolved part of Kelvin's line force as of Kelvin's point force, at the distance beyond which the mesh resolves both. */
+static meeting meet(const shaft_steps *steps, int k, const shaft_piece *piece) {
     vec3 along = steps->at[k].direction, other = piece->direction;
     if (v3_dot(along, other) < 0.0) other = v3_scale(-1.0, other);
     vec3 between = v3_unit(v3_add(along, other));
@@ -118,7 +117,7 @@ static meeting meet(const shaft_steps *steps, int k, const shaft_piece *piece, d
     vec3 place = v3_axpy((middle - v3_dot(piece->place, between)) / lean, other, piece->place);
     double halfway = 0.5 * (middle + centre), apart = middle - centre; /* halfway: coordinate at which both lines see the same distance between them */
     vec3 here = v3_axpy((halfway - middle) / lean, along, steps->at[k].place), there = v3_axpy((halfway - middle) / lean, other, place);
-    double width = 2.0 * fmax(v3_norm(v3_sub(there, here)), radius);
+    double width = fmax(2.0 * v3_norm(v3_sub(there, here)), LEAST_PIECE);
     if (fabs(apart) >= half + half_piece + 0.5 * width) return (meeting){.part = 0.0};
     double common = box_twice_integrated(apart + half + half_piece, width) - box_twice_integrated(apart + half - half_piece, width) -
                     box_twice_integrated(apart - half + half_piece, width) + box_twice_integrated(apart - half - half_piece, width);
@@ -150,7 +149,7 @@ trocar_status needle_pairs_find(needle_pairs *p, const shaft_steps *steps, const
     for (int k = 0; k < steps->count; k++) {
         lacks[k] = (mat3){{{0}}};
         if (steps->at[k].tet < 0 || v3_norm(v3_sub(steps->at[k].place, middle)) > reach) continue;
-        meeting beside = meet(steps, k, piece, p->radius);
+        meeting beside = meet(steps, k, piece);
         if (beside.part == 0.0) continue;
         int found = mesh_locate(p->mesh, beside.place, tet);
         if (found < 0) continue;
@@ -168,30 +167,14 @@ trocar_status needle_pairs_find(needle_pairs *p, const shaft_steps *steps, const
     return TROCAR_OK;
 }
 
-static void add_force(const shaft_steps *steps, int from, int to, const mat3 *lacks, vec3 force, unresolved_shift *shift) {
-    for (int k = from; k < to; k++) shift->sum[k + 1] = v3_axpy(steps->step, m3_apply(&lacks[k], force), shift->sum[k + 1]);
-    shift->any = shift->any || to > from;
-}
-
 trocar_status needle_pairs_shift(needle_pairs *p, const shaft_steps *steps, const tissue_loads *loads, unresolved_shift *shift, trocar_error *why) {
     mat3 lacks[SHIFT_STEPS];
     for (int i = 0; i < loads->count; i++) {
         int from, to;
         trocar_status status = needle_pairs_find(p, steps, &loads->loads[i].shaft, &from, &to, lacks, why);
         if (status != TROCAR_OK) return status;
-        add_force(steps, from, to, lacks, loads->loads[i].force, shift);
-    }
-    return TROCAR_OK;
-}
-
-trocar_status needle_pairs_residual_shift(needle_pairs *p, const shaft_steps *steps, const residual_loads *loads, unresolved_shift shift[MAX_RELAXATION],
-                                          trocar_error *why) {
-    mat3 lacks[SHIFT_STEPS];
-    for (int i = 0; i < loads->count; i++) {
-        int from, to;
-        trocar_status status = needle_pairs_find(p, steps, &loads->loads[i].shaft, &from, &to, lacks, why);
-        if (status != TROCAR_OK) return status;
-        for (int term = 0; term < MAX_RELAXATION; term++) add_force(steps, from, to, lacks, loads->loads[i].load[term], &shift[term]);
+        for (int k = from; k < to; k++) shift->sum[k + 1] = v3_axpy(steps->step, m3_apply(&lacks[k], loads->loads[i].force), shift->sum[k + 1]);
+        shift->any = shift->any || to > from;
     }
     return TROCAR_OK;
 }

@@ -23,8 +23,8 @@ typedef struct {
     } at[SHIFT_STEPS];
 } shaft_steps;
 
-/* Divides the track on which these loads act, extended by `ahead` (m) beyond its end, into steps of at least `finest` (m). Residual loads are not on the
-   track. Without loads, there are no steps. */
+/* Divides the track on which these loads act, extended by `ahead` (m) beyond its end, into steps of at least `finest` (m). Without loads, there are no
+   steps. */
 void shaft_steps_lay(const mesh *m, const tissue_loads *own, double ahead, double finest, shaft_steps *steps);
 
 /* For each step, computes the mean displacement per unit force on the piece (m/N) that the mesh does not resolve. It is zero except for steps *from to
@@ -33,9 +33,5 @@ trocar_status needle_pairs_find(needle_pairs *p, const shaft_steps *steps, const
 
 /* Adds the displacement of the shaft that these loads cause and the mesh does not resolve. */
 trocar_status needle_pairs_shift(needle_pairs *p, const shaft_steps *steps, const tissue_loads *loads, unresolved_shift *shift, trocar_error *why);
-
-/* Does the same for residual loads, separately for each term. */
-trocar_status needle_pairs_residual_shift(needle_pairs *p, const shaft_steps *steps, const residual_loads *loads, unresolved_shift shift[MAX_RELAXATION],
-                                          trocar_error *why);
 
 #endif

@@ -16,7 +16,7 @@ enum {
 /* The piece of a needle's shaft that a contact point represents: a straight line along the track at that point. Used for held and resting needles, for
    contacts and the tip. */
 typedef struct {
-    double from, to;         /* m, depths along the track; equal if the force acts without a shaft */
+    double from, to;         /* m, depths along the track; equal if the force acts without a shaft, for example for residual loads */
     double depth;            /* m, depth at `place` */
     vec3 place, direction;   /* place, m: nominal point on the track; direction: unit vector along the track */
     line_in_tet line;        /* line on which the mesh's resolution is measured */
@@ -27,8 +27,7 @@ typedef struct {
     int tet;
     double weights[4];       /* barycentric */
     vec3 force;              /* N */
-    bool residual;           /* a residual load: the needle is no longer at `shaft` */
-    shaft_piece shaft;       /* the piece of shaft that exerts the force, or exerted it */
+    shaft_piece shaft;       /* the piece of shaft that exerts the force */
 } tissue_load;
 
 /* A residual load: a load that relaxing tissue remembers at a place that nothing touches any more. For each term of the creep series, it stores the
@@ -38,7 +37,6 @@ typedef struct {
     int tet;
     double weights[4];       /* barycentric */
     vec3 at;                 /* m, nominal position of the load */
-    shaft_piece shaft;       /* the piece of shaft that exerted the load */
     vec3 load[MAX_RELAXATION]; /* N */
 } residual_load;
 
@@ -108,6 +106,9 @@ typedef struct {
 /* Mean (m) over an interval of the track. RT */
 vec3 unresolved_mean(const unresolved_shift *shift, double from, double to);
 
+/* Value (m) at the beginning of the track. RT */
+static inline vec3 unresolved_at_entry(const unresolved_shift *shift) { return unresolved_mean(shift, shift->start, shift->start + shift->step); }
+
 /* The worker's answer: the inverse of the refined stiffness matrix between handles. The contact node in slot i is handle i; window entry k is handle
    MAX_CONTACTS + k. Rows of unused handles are meaningless. Immutable once published. */
 typedef struct {
@@ -124,7 +125,6 @@ typedef struct {
     bool has_residuals;      /* true if u_residual is not zero everywhere */
     double residual_time;    /* s, residual_loads.time of the request */
     vec3 u_residual[MAX_RELAXATION][MAX_HANDLES]; /* m, displacement at residual_time under the residual loads of each term */
-    unresolved_shift unresolved_residual[MAX_RELAXATION]; /* the part of it that the mesh does not resolve; unused if has_residuals is false */
     double compliance[SNAPSHOT_LD * SNAPSHOT_LD]; /* m/N, between handles i and j: [(3 i + a) * SNAPSHOT_LD + 3 j + b] */
 } compliance_snapshot;
 

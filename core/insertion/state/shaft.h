@@ -26,10 +26,6 @@ shaft_share shaft_share_of(const insertion_state *state, int k, bool tip);
    advanced to where the next one begins. RT */
 shaft_share shaft_next_share(const insertion_state *state, int k, bool tip, double *border);
 
-/* The piece of shaft that is in a share: that of the contact in `slot`, or of the tip. RT */
-shaft_piece shaft_piece_of_contact(const insertion_state *state, int slot, shaft_share share);
-shaft_piece shaft_piece_of_tip(const insertion_state *state, shaft_share share);
-
 /* Friction and stiffness of the tissue along a share of the track, summed over the strata in the share. RT */
 shaft_resistance shaft_resistance_of(const insertion_model *model, const insertion_state *state, shaft_share part);
 

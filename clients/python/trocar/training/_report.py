@@ -128,10 +128,9 @@ def _figure(width: float, height: float, widths: Sequence[float] = (1,)) -> tupl
     return figure, np.atleast_1d(figure.subplots(1, len(widths), width_ratios=widths))
 
 
-def _section(model: Model, regions: Iterable[str], axis: int, at: float) -> Array:
-    """Returns the outlines (n, 2, 3) m, of regions together, in the plane where coordinate `axis` is `at`, as segments."""
-    chosen = np.isin(model.tet_regions, [model.groups.index(name) for name in regions])
-    faces = np.sort(np.concatenate([np.delete(model.tets[chosen], corner, axis=1) for corner in range(4)]), axis=1)
+def _section(model: Model, tets: npt.NDArray[np.int32], axis: int, at: float) -> Array:
+    """Returns the outlines (n, 2, 3) m, of tetrahedra together, in the plane where coordinate `axis` is `at`, as segments."""
+    faces = np.sort(np.concatenate([np.delete(tets, corner, axis=1) for corner in range(4)]), axis=1)
     unique, times = np.unique(faces, axis=0, return_counts=True)
     corners = model.nodes[unique[times == 1]]
     height = corners[:, :, axis] - at - 1e-9
@@ -160,18 +159,17 @@ def draw_sections(result: Result) -> str:
     task, model, frame = result.task, result.task.model, Frame(result.task.model)
     wanted, achieved = _points(result)
     middle = wanted.mean(axis=0)
-    gland = np.isin(model.tet_regions, [model.groups.index(name) for name in task.organs.get("gland", [])])
-    around = np.concatenate([wanted, achieved, model.nodes[np.unique(model.tets[gland])]])
+    around = np.concatenate([wanted, achieved, model.nodes[np.unique(task.tets_of("gland"))]])
     low, high = 1e3 * (around.min(axis=0) - MARGIN), 1e3 * (around.max(axis=0) + MARGIN)
     in_roles = {name for names in task.organs.values() for name in names}
-    others = [model.groups[i] for i in np.unique(model.tet_regions) if model.groups[i] not in in_roles]
+    others = [model.groups[i] for i in np.unique(model.part_of[model.tet_regions]) if model.groups[i] not in in_roles]
     size = high - low
     figure, panels = _figure(10.5, 4.4, [size[0], size[1], size[0]])
     for panel, (title, axis, across, up) in zip(panels, (("axial", 2, 0, 1), ("sagittal", 0, 1, 2), ("coronal", 1, 0, 2))):
         for name in others:
-            panel.add_collection(LineCollection(1e3 * _section(model, [name], axis, middle[axis])[:, :, [across, up]], colors=OUTLINES, linewidths=0.7))
-        for role, names in task.organs.items():
-            panel.add_collection(LineCollection(1e3 * _section(model, names, axis, middle[axis])[:, :, [across, up]], colors=COLOURS[role], linewidths=1.5))
+            panel.add_collection(LineCollection(1e3 * _section(model, model.tets_of(name), axis, middle[axis])[:, :, [across, up]], colors=OUTLINES, linewidths=0.7))
+        for role in task.organs:
+            panel.add_collection(LineCollection(1e3 * _section(model, task.tets_of(role), axis, middle[axis])[:, :, [across, up]], colors=COLOURS[role], linewidths=1.5))
             panel.plot([], [], color=COLOURS[role], label=role)
         for path in result.paths:
             panel.plot(*1e3 * path[:, [across, up]].T, color="black", linewidth=0.8, alpha=0.6)

@@ -95,8 +95,8 @@ class Result:
 def score(task: Task, log: str | PathLike[str]) -> Result:
     """Scores a recording of TROCAR_WRENCH, TROCAR_DEFORMATION, TROCAR_TRACKS and TROCAR_SEEDS. Raises BadRecording."""
     model = task.model
-    gland = np.isin(model.tet_regions, [model.groups.index(name) for name in task.organs.get("gland", [])])
-    nodes = np.unique(model.tets[gland] if gland.any() else model.tets)
+    gland = task.tets_of("gland")
+    nodes = np.unique(gland if len(gland) else model.tets)
     recording = Recording(log, model, nodes, np.reshape([target.position for target in task.targets], (-1, 3)))
     reached = [_reached(target, i, recording) for i, target in enumerate(task.targets)]
     organs = _organs(task, recording.paths)

@@ -59,7 +59,7 @@ class Task:
     targets: list[Target] = field(default_factory=list)
     plan: plans.Plan | None = None
     plan_path: str = ""
-    organs: dict[str, list[str]] = field(default_factory=dict)    # role, one of ROLES: regions of the mesh
+    organs: dict[str, list[str]] = field(default_factory=dict)    # role, one of ROLES: regions of the mesh, each with its parts
     avoid: list[str] = field(default_factory=list)                # regions that no needle is to enter
     criteria: list[Criterion] = field(default_factory=list)
     hints: list[str] = field(default_factory=list)
@@ -69,6 +69,10 @@ class Task:
     def read(cls, path: str | PathLike[str]) -> Task:
         """Reads a task, its plan and the mesh of its scene. Raises BadTask, with file, line and remedy."""
         return _read_task(fspath(path))
+
+    def tets_of(self, role: str) -> npt.NDArray[np.int32]:
+        """Returns the tetrahedra of an organ, (k, 4) node indices; none if the task does not name its regions."""
+        return np.concatenate([self.model.tets[:0], *(self.model.tets_of(name) for name in self.organs.get(role, []))])
 
 
 @dataclass
@@ -127,6 +131,12 @@ def _regions(reader: Reader, node: Any, place: str, known: list[str]) -> list[st
     return names
 
 
+def _wholes(model: Model, names: list[str]) -> list[str]:
+    """Leaves out the parts of regions that are in the list as well."""
+    whole = dict(zip(model.groups, (model.groups[i] for i in model.part_of)))
+    return [name for name in names if whole[name] == name or whole[name] not in names]
+
+
 def _read_criterion(reader: Reader, node: Any, place: str, task: Task) -> Criterion:
     keys = reader.mapping(node, place, ("measure", "source"), ("least", "most"))
     name = reader.text(keys["measure"], f"{place}.measure")
@@ -182,7 +192,7 @@ def _read_task(path: str) -> Task:
     known = [model.groups[i] for i in np.unique(model.tet_regions)]
     if "organs" in keys:
         for role, node in reader.mapping(keys["organs"], "organs", (), ROLES).items():
-            task.organs[role] = _regions(reader, node, f"organs.{role}", known)
+            task.organs[role] = _wholes(model, _regions(reader, node, f"organs.{role}", known))
     if "avoid" in keys:
         task.avoid = _regions(reader, keys["avoid"], "avoid", known)
     task.criteria = [_read_criterion(reader, node, f"criteria[{i}]", task) for i, node in enumerate(reader.items(keys["criteria"], "criteria"))]

@@ -16,6 +16,7 @@
 #include <time.h>
 #include <unistd.h>
 
+#include "base/folders.h"
 #include "base/hash.h"
 
 enum { ALIGNMENT = 64 };     /* bytes, alignment of the matrix in the file */
@@ -103,17 +104,6 @@ cache_state condensed_cache_map(const condensed_cache *cache, int *order, symmet
 
 /* ---- writing ---------------------------------------------------------------------------------------------------------- */
 
-static bool make_folders(const char *path) {
-    char folder[sizeof((condensed_cache *)0)->path];
-    strcpy(folder, path);
-    for (char *slash = strchr(folder + 1, '/'); slash; slash = strchr(slash + 1, '/')) {
-        *slash = '\0';
-        if (mkdir(folder, 0777) != 0 && errno != EEXIST) return false;
-        *slash = '/';
-    }
-    return true;
-}
-
 static bool write_file(const char *path, uint64_t key, const int *order, const symmetric_blocks *matrix) {
     static const char zeros[ALIGNMENT];
     header h = header_of(key, order, matrix);
@@ -171,7 +161,7 @@ trocar_status condensed_cache_check(const condensed_cache *cache, const symmetri
     struct statvfs room;
     double bytes = (double)symmetric_blocks_bytes(matrix->count, matrix->single);
     find_folder(cache, folder);
-    if (!make_folders(cache->path) || access(folder, W_OK | X_OK) != 0)
+    if (!folders_create(folder) || access(folder, W_OK | X_OK) != 0)
         return fail(why, TROCAR_SYSTEM, "%s cannot be written: %s", cache->path, strerror(errno));
     double left = statvfs(folder, &room) == 0 ? (double)room.f_bavail * (double)room.f_frsize : bytes;
     if (left >= bytes) return TROCAR_OK;
@@ -193,12 +183,13 @@ static void remove_halves(const condensed_cache *cache) {
 }
 
 trocar_status condensed_cache_write(const condensed_cache *cache, const int *order, const symmetric_blocks *matrix, trocar_error *why) {
-    char beside[sizeof cache->path + 32];
+    char beside[sizeof cache->path + 32], folder[sizeof cache->path];
     uint64_t number; /* random, because processes in different containers that share the directory may have the same id */
     remove_halves(cache);
+    find_folder(cache, folder);
     if (getrandom(&number, sizeof number, 0) == sizeof number) {
         snprintf(beside, sizeof beside, "%s.%016llx", cache->path, (unsigned long long)number);
-        if (make_folders(cache->path) && write_file(beside, cache->key, order, matrix) && rename(beside, cache->path) == 0) {
+        if (folders_create(folder) && write_file(beside, cache->key, order, matrix) && rename(beside, cache->path) == 0) {
             condensed_cache_trim(cache, CONDENSED_CACHE_ROOM);
             return TROCAR_OK;
         }

@@ -9,11 +9,11 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/mman.h>
-#include <sys/stat.h>
 #include <sys/wait.h>
 #include <time.h>
 #include <unistd.h>
 
+#include "base/folders.h"
 #include "common/timing.h"
 #include "lcm_filter.h"
 
@@ -74,16 +74,10 @@ static void read_options(training *t, char *said) {
     }
 }
 
-/* Creates a folder and those that contain it. */
 static trocar_status make_folders(const char *path, trocar_error *why) {
-    char part[TRAINING_PATH];
-    snprintf(part, sizeof part, "%s", path);
-    for (char *slash = strchr(part + 1, '/'); ; slash = strchr(slash + 1, '/')) {
-        if (slash) *slash = '\0';
-        if (mkdir(part, 0777) != 0 && errno != EEXIST) return fail(why, TROCAR_BAD_INPUT, "--runs: %s: cannot be created: %s", part, strerror(errno));
-        if (!slash) return TROCAR_OK;
-        *slash = '/';
-    }
+    char folder[2 * TRAINING_PATH];
+    snprintf(folder, sizeof folder, "%s", path);
+    return folders_create(folder) ? TROCAR_OK : fail(why, TROCAR_BAD_INPUT, "--runs: %s: cannot be created: %s", folder, strerror(errno));
 }
 
 static trocar_status choose_folder(training *t, const char *runs, trocar_error *why) {

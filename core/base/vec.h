@@ -75,6 +75,7 @@ static inline void m3_add_block(mat3 *sum, double s, const double *block, int ld
         for (int j = 0; j < 3; j++) sum->m[i][j] += s * block[i * ld + j];
 }
 static inline void m3_add_scaled(mat3 *sum, double s, const mat3 *a) { m3_add_block(sum, s, &a->m[0][0], 3); }
+static inline vec3 m3_column(const mat3 *a, int j) { return v3(a->m[0][j], a->m[1][j], a->m[2][j]); }
 /* Returns the matrix whose columns are a, b and c. */
 static inline mat3 m3_columns(vec3 a, vec3 b, vec3 c) {
     return (mat3){{{a.x, b.x, c.x}, {a.y, b.y, c.y}, {a.z, b.z, c.z}}};

@@ -21,6 +21,13 @@ typedef struct {
     const int *elements;     /* [T], element of each target */
 } derivative_call;
 
+/* Interpolates a field at a point of an element. */
+static vec3 field_at(const mesh *m, int tet, const double weights[4], const vec3 *field) {
+    vec3 sum = v3(0, 0, 0);
+    for (int c = 0; c < 4; c++) sum = v3_axpy(weights[c], field[m->tets[tet][c]], sum);
+    return sum;
+}
+
 /* ---- targets ---------------------------------------------------------------------------------------------------------------- */
 
 /* The needle's refined mesh and nodal vectors on it. */
@@ -41,15 +48,13 @@ static void differentiate_target(const derivative_call *call, const insertion_st
     mesh_barycentric(m, tet, v3(x[0], x[1], x[2]), weights);
     for (int axis = 0; axis < 3; axis++) {
         double *row = call->results->targets + (3 * target + axis) * variables;
-        vec3 at_tip = v3(0, 0, 0);
         memset(scratch->force, 0, (size_t)m->node_count * sizeof *scratch->force);
         memset(scratch->added_force, 0, sizeof scratch->added_force);
         for (int c = 0; c < 4; c++) scratch->force[m->tets[tet][c]] = v3(weights[c] * (axis == 0), weights[c] * (axis == 1), weights[c] * (axis == 2));
         refined_displacement(parts->inverse, &scratch->refined, (refined_vectors){scratch->force, scratch->added_force}, scratch->scratch,
                              (refined_vectors){scratch->displacement, scratch->added});
         bool tip = state->tip.place.phase == TIP_INSIDE && state->tip.known.tet >= 0;
-        for (int c = 0; c < 4 && tip; c++)
-            at_tip = v3_axpy(state->tip.known.weights[c], scratch->displacement[m->tets[state->tip.known.tet][c]], at_tip);
+        vec3 at_tip = tip ? field_at(m, state->tip.known.tet, state->tip.known.weights, scratch->displacement) : v3(0, 0, 0);
         for (int v = 0; v < variables; v++) {
             row[v] = tip ? v3_dot(at_tip, derivatives->of[v].load[guided + contacts]) : 0.0;
             for (int k = 0; k < contacts; k++) row[v] += v3_dot(scratch->added[k], derivatives->of[v].load[guided + k]);
@@ -91,11 +96,7 @@ static trocar_status soften(const derivative_call *call, int region, const vec3 
 
 /* Interpolates at the points where the needle loads the tissue. */
 static void at_points(const mesh *m, const tissue_loads *places, int guided, const vec3 *field, vec3 moved[MAX_POINTS]) {
-    for (int i = 0; i < places->count; i++) {
-        const tissue_load *place = &places->loads[i];
-        moved[guided + i] = v3(0, 0, 0);
-        for (int c = 0; c < 4; c++) moved[guided + i] = v3_axpy(place->weights[c], field[m->tets[place->tet][c]], moved[guided + i]);
-    }
+    for (int i = 0; i < places->count; i++) moved[guided + i] = field_at(m, places->loads[i].tet, places->loads[i].weights, field);
 }
 
 static int moduli_in(const tick_derivatives *derivatives) {
@@ -138,8 +139,8 @@ static void add_fields(const derivative_call *call, const tick_derivatives *deri
             const double *x = call->request->targets + 3 * t;
             double weights[4], *to = call->results->targets + 3 * t * derivatives->count + BASE_VARIABLES + i;
             mesh_barycentric(m, call->elements[t], v3(x[0], x[1], x[2]), weights);
-            for (int c = 0; c < 4; c++)
-                for (int axis = 0; axis < 3; axis++) to[axis * derivatives->count] += weights[c] * (&field[m->tets[call->elements[t]][c]].x)[axis];
+            vec3 change = field_at(m, call->elements[t], weights, field);
+            for (int axis = 0; axis < 3; axis++) to[axis * derivatives->count] += (&change.x)[axis];
         }
     }
 }

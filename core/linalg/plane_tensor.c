@@ -5,8 +5,8 @@
 /* Axes of the plane across the track. */
 static void axes_across(vec3 direction, vec3 *x, vec3 *y) {
     mat3 frame = frame_along(direction);
-    *x = v3(frame.m[0][0], frame.m[1][0], frame.m[2][0]);
-    *y = v3(frame.m[0][1], frame.m[1][1], frame.m[2][1]);
+    *x = m3_column(&frame, 0);
+    *y = m3_column(&frame, 1);
 }
 
 plane_tensor plane_part(const mat3 *tensor, vec3 direction) {

@@ -25,11 +25,21 @@ needle_point needle_at(const needle_model *model, const needle_state *state, dou
 void needle_locate(const needle_model *model, const needle_state *state, int count, const double *arcs, needle_point *const *points);
 
 /* Unit vector along the centreline, toward the tip. RT */
-static inline vec3 needle_along(const needle_point *p) { return v3(p->frame.m[0][2], p->frame.m[1][2], p->frame.m[2][2]); }
+static inline vec3 needle_along(const needle_point *p) { return m3_column(&p->frame, 2); }
 
 /* Linearises about the current shape under the joint forces `load` (N, segments + 1), which determine the geometric stiffness. Computes the compliance
    between the joints with indices >= first. RT */
 void needle_linearise(const needle_model *model, const needle_state *state, const vec3 *load, int first, needle_tangent *tangent);
+
+/* Displacement (m) of a joint under a force (N) at another joint. RT */
+static inline vec3 needle_joint_moved(const needle_tangent *tangent, int joint, int other, vec3 force) {
+    const double f[3] = {force.x, force.y, force.z};
+    double moved[3] = {0.0};
+    for (int a = 0; a < 3; a++)
+        for (int b = 0; b < 3; b++)
+            moved[a] += (other > joint ? tangent->compliance[3 * joint + a][3 * other + b] : tangent->compliance[3 * other + b][3 * joint + a]) * f[b];
+    return v3(moved[0], moved[1], moved[2]);
+}
 
 /* Moves the needle to the linearised equilibrium under `load`. Returns the largest rotation of a segment (rad). RT */
 double needle_advance(const needle_model *model, const needle_tangent *tangent, const vec3 *load, needle_state *state);

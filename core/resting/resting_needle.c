@@ -17,17 +17,8 @@ static const double DEPENDENT = 1e-6; /* fraction: relative distance of a motion
 
 /* ---- linearising ---------------------------------------------------------------------------------------------------------- */
 
-/* Returns the point at which an unknown's force acts; see unknown(). */
-static int point_of(const resting_needle *r, int u) {
-    int along = u - 2 * r->point_count;
-    if (along < 0) return u / 2;
-    return along < r->point_count ? along : r->point_count - 1;
-}
-
 static vec3 direction_of(const resting_needle *r, int u) {
-    const mat3 *f = &r->points[point_of(r, u)].at.frame;
-    int axis = u < 2 * r->point_count ? u % 2 : 2;
-    return v3(f->m[0][axis], f->m[1][axis], f->m[2][axis]);
+    return m3_column(&r->points[point_of_unknown(r->point_count, u)].at.frame, axis_of_unknown(r->point_count, u));
 }
 
 /* Returns the element of the nominal mesh in which the point's force acts, or -1 if the force does not act on the mesh. */
@@ -45,7 +36,7 @@ static int element_of(const mesh *m, const insertion_state *state, const contact
 static void take_rows(const mesh *m, const insertion_state *state, resting_needle *r) {
     for (int u = 0; u < r->unknown_count; u++) {
         attached_row *row = &r->rows[u];
-        row->tet = element_of(m, state, &r->points[point_of(r, u)], row->weights);
+        row->tet = element_of(m, state, &r->points[point_of_unknown(r->point_count, u)], row->weights);
         row->direction = direction_of(r, u);
     }
 }
@@ -58,7 +49,7 @@ static void take_places(const insertion_model *model, const insertion_state *sta
 int resting_place(const resting_needle *r, int u) {
     int guided = 0;
     while (guided < r->point_count && r->points[guided].kind == POINT_GUIDE) guided++;
-    int place = point_of(r, u) - guided;
+    int place = point_of_unknown(r->point_count, u) - guided;
     return place >= 0 && place < r->places.count && r->rows[u].tet >= 0 ? place : -1;
 }
 
@@ -150,7 +141,7 @@ static trocar_status take_compliance(const mesh *m, const insertion_state *state
     for (int u = 0; u < r->unknown_count && status == TROCAR_OK; u++)
         for (int v = 0; v <= u; v++) {
             mat3 block = {{{0}}};
-            m3_add_block(&block, 1.0, blocks + 3 * point_of(r, u) * ld + 3 * point_of(r, v), ld);
+            m3_add_block(&block, 1.0, blocks + 3 * point_of_unknown(r->point_count, u) * ld + 3 * point_of_unknown(r->point_count, v), ld);
             r->compliance[u][v] = p->compliance[v][u] - yield * v3_dot(direction_of(r, u), m3_apply(&block, direction_of(r, v)));
         }
     free(blocks);
@@ -167,7 +158,7 @@ static void uncouple(resting_needle *r, int u) {
 }
 
 static bool is_open(const insertion_workspace *w, const resting_needle *r, int u) {
-    if (guides_is_open(&w->points, w->edges, point_of(r, u))) return true;
+    if (guides_is_open(&w->points, w->edges, point_of_unknown(r->point_count, u))) return true;
     int axial = u - 2 * r->point_count;
     return axial >= 0 && r->upper[axial] <= 0.0 && r->lower[axial] >= 0.0;
 }
@@ -183,7 +174,7 @@ static void take_motions(const insertion_workspace *w, pose base, double length,
         double *rows = r->motions[r->motion_count], size = 0.0, left = 0.0;
         base_motion t = given[g];
         for (int u = 0; u < r->unknown_count; u++) {
-            vec3 lever = v3_sub(r->points[point_of(r, u)].at.position, base.position);
+            vec3 lever = v3_sub(r->points[point_of_unknown(r->point_count, u)].at.position, base.position);
             rows[u] = is_open(w, r, u) ? 0.0 : v3_dot(direction_of(r, u), displaced(t, lever));
             size += rows[u] * rows[u];
         }
@@ -251,7 +242,7 @@ static trocar_status linearise(const tick_input *given, const insertion_state *s
     const contact_problem *p = &w->problem;
     r->point_count = p->count;
     r->axial_count = p->axial_count;
-    r->unknown_count = 2 * p->count + p->axial_count;
+    r->unknown_count = unknown_count(p);
     r->tip = w->points.tip;
     memcpy(r->points, w->points.list, (size_t)p->count * sizeof *r->points);
     memcpy(r->lower, p->lower, (size_t)p->axial_count * sizeof *r->lower);

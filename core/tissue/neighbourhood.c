@@ -22,7 +22,7 @@ void neighbourhood_free(neighbourhood *n) {
 
 static vec3 to_frame(const neighbourhood *n, vec3 x) { return m3_apply_transposed(&n->frame, v3_sub(x, n->origin)); }
 
-vec3 neighbourhood_direction(const neighbourhood *n) { return v3(n->frame.m[0][2], n->frame.m[1][2], n->frame.m[2][2]); }
+vec3 neighbourhood_direction(const neighbourhood *n) { return m3_column(&n->frame, 2); }
 
 static void forget(neighbourhood *n) {
     for (int i = 0; i < n->node_count; i++) n->local[n->nodes[i]] = -1;

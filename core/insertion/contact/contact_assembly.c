@@ -46,7 +46,7 @@ void points_list(const tick_input *tick, const insertion_state *state, contact_p
 static void place_on_shaft(const tick_input *tick, const insertion_state *state, const tissue_step *tissue, contact_point *p) {
     double length = tick->model->needle->given.length;
     bool tip = p->kind == POINT_TIP;
-    const shaft_hold *shaft = tip ? &state->tip.shaft : &state->contacts[p->handle].shaft;
+    const shaft_hold *shaft = point_shaft(state, p);
     double depth = tip ? state->tip.place.depth : state->contacts[p->handle].depth;
     p->arc = shaft_arc(shaft, depth, length);
     if (tip) {

@@ -46,9 +46,7 @@ void roll_follow_base(insertion_state *state, quat orientation) {
 }
 
 /* State of a tissue point's rotation; guides do not resist rotation of the shaft. */
-static const roll_friction *roll_at(const insertion_state *state, const contact_point *p) {
-    return p->kind == POINT_TIP ? &state->tip.shaft.roll : &state->contacts[p->handle].shaft.roll;
-}
+static const roll_friction *roll_at(const insertion_state *state, const contact_point *p) { return &point_shaft(state, p)->roll; }
 
 static roll_friction *roll_of(insertion_state *state, const contact_point *p) {
     return p->kind == POINT_TIP ? &state->tip.shaft.roll : &state->contacts[p->handle].shaft.roll;

@@ -4,26 +4,15 @@
 
 #include "insertion/contact/roll.h"
 
-static inline int rows_of(const contact_problem *p) { return 2 * p->count + p->axial_count; }
-static inline double compliance_of(const contact_problem *p, int i, int j) { return i <= j ? p->compliance[i][j] : p->compliance[j][i]; }
-static inline int axis_of(const contact_problem *p, int row) { return row < 2 * p->count ? row % 2 : 2; }
-static inline int point_of(const contact_problem *p, int row) {
-    return row < 2 * p->count ? row / 2 : row - 2 * p->count < p->count ? row - 2 * p->count : p->count - 1;
-}
-
-static inline const shaft_hold *shaft_of(const insertion_state *state, const contact_point *p) {
-    return p->kind == POINT_TIP ? &state->tip.shaft : &state->contacts[p->handle].shaft;
-}
-
 /* Distance (m) slid since the shaft last stuck, including the last step. */
 static inline double slid_distance(const tick_input *tick, const insertion_state *state, const contact_point *point) {
-    const shaft_hold *shaft = shaft_of(state, point);
+    const shaft_hold *shaft = point_shaft(state, point);
     return shaft->slid + roll_slip_length(shaft->slip, &shaft->roll, tick->model->needle->radius);
 }
 
 /* Part of the friction that acts along the needle, for a shaft that slides by `slip` (m) while it turns: -1 to 1. */
 static inline double part_along(const tick_input *tick, const insertion_state *state, const contact_point *point, double slip) {
-    double way = roll_slip_length(slip, &shaft_of(state, point)->roll, tick->model->needle->radius);
+    double way = roll_slip_length(slip, &point_shaft(state, point)->roll, tick->model->needle->radius);
     return way > 0.0 ? slip / way : 0.0;
 }
 

@@ -1,22 +1,11 @@
 #include "insertion/derivatives/needle_influence.h"
 
-static vec3 axis_of(const needle_point *p, int axis) { return v3(p->frame.m[0][axis], p->frame.m[1][axis], p->frame.m[2][axis]); }
-
-/* Displacement (m/N) of a joint under the force `force` at another joint. */
-static vec3 joint_moved(const needle_tangent *tangent, int joint, int other, vec3 force) {
-    const double f[3] = {force.x, force.y, force.z};
-    double moved[3] = {0.0};
-    for (int a = 0; a < 3; a++)
-        for (int b = 0; b < 3; b++) moved[a] += (other >= joint ? tangent->compliance[3 * joint + a][3 * other + b] : tangent->compliance[3 * other + b][3 * joint + a]) * f[b];
-    return v3(moved[0], moved[1], moved[2]);
-}
-
 /* Displacements (m/N) of the joints from `first` on under a unit force along `axis`, which the point distributes to its joints. */
 static void move_joints(const needle_tangent *tangent, int first, int segments, const needle_point *at, vec3 axis, vec3 *moved) {
     for (int joint = first; joint <= segments; joint++) {
         moved[joint] = v3(0, 0, 0);
         for (int k = 0; k < NEEDLE_POINT_JOINTS; k++)
-            if (at->weights[k] != 0.0) moved[joint] = v3_add(moved[joint], joint_moved(tangent, joint, at->first + k, v3_scale(at->weights[k], axis)));
+            if (at->weights[k] != 0.0) moved[joint] = v3_add(moved[joint], needle_joint_moved(tangent, joint, at->first + k, v3_scale(at->weights[k], axis)));
     }
 }
 
@@ -47,12 +36,12 @@ void needle_influence_find(const tick_input *tick, const insertion_workspace *w,
     for (int i = 0; i < points->count; i++) first = points->list[i].at.first < first ? points->list[i].at.first : first;
     for (int column = 0; column < 3 * points->count; column++) {
         const needle_point *from = &points->list[column / 3].at;
-        move_joints(&w->response.tangent, first, n, from, axis_of(from, column % 3), moved);
+        move_joints(&w->response.tangent, first, n, from, m3_column(&from->frame, column % 3), moved);
         for (int i = 0; i < points->count; i++) {
             const needle_point *p = &points->list[i].at;
             vec3 displaced = point_moved(p, moved), turned = v3_scale(1.0 / segment, tangent_of(p, moved));
-            for (int a = 0; a < 3; a++) influence->moved[3 * i + a][column] = v3_dot(axis_of(p, a), displaced);
-            for (int a = 0; a < 2; a++) influence->turned[2 * i + a][column] = v3_dot(axis_of(p, a), turned);
+            for (int a = 0; a < 3; a++) influence->moved[3 * i + a][column] = v3_dot(m3_column(&p->frame, a), displaced);
+            for (int a = 0; a < 2; a++) influence->turned[2 * i + a][column] = v3_dot(m3_column(&p->frame, a), turned);
         }
         influence->end[column] = moved[n];
         influence->end_turned[column] = v3_scale(1.0 / segment, v3_sub(moved[n], moved[n - 1]));

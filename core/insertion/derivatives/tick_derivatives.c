@@ -58,7 +58,7 @@ static double weakening(const tick_input *tick, const insertion_state *state, co
 
 static axial_law law_of(const tick_input *tick, const insertion_state *state, const insertion_workspace *w, int row, double force) {
     const contact_problem *p = &w->problem;
-    int i = row - 2 * p->count, point = point_of(p, row);
+    int i = row - 2 * p->count, point = point_of_unknown(p->count, row);
     if (p->ahead.count > 0 && i == p->climber) return law_of_climber(p, i, force);
     axial_law law = {.sticks = p->state[i] == STICK && p->upper[i] > p->lower[i], .slip = fabs(p->slip[i]), .piece = -1};
     law.force = smaller_of(p->upper[i] - force, force - p->lower[i]);
@@ -148,7 +148,7 @@ static void add_turning_gaps(const insertion_state *state, const insertion_works
 
 static void find_response(const insertion_state *state, const insertion_workspace *w, linear_system *s) {
     const contact_problem *p = &w->problem;
-    for (int row = 0; row < rows_of(p); row++)
+    for (int row = 0; row < unknown_count(p); row++)
         for (int j = 0; j < p->count; j++)
             for (int a = 0; a < 2; a++) s->response[row][2 * j + a] = gap_by_turning(s, w, row, j, a);
     add_turning_gaps(state, w, s);
@@ -188,10 +188,10 @@ static double product(int count, const double *a, const double *b) {
 static void move_base(const insertion_state *state, const insertion_workspace *w, int variable, linear_system *s) {
     const contact_problem *p = &w->problem;
     double load[POINT_AXES];
-    int rows = rows_of(p), axes = 3 * p->count;
+    int rows = unknown_count(p), axes = 3 * p->count;
     turn_loads(state, &w->points, variable, load);
     for (int row = 0; row < rows; row++) {
-        int i = point_of(p, row), axis = axis_of(p, row);
+        int i = point_of_unknown(p->count, row), axis = axis_of_unknown(p->count, row);
         const needle_point *at = &w->points.list[i].at;
         vec3 moved = m3_apply_transposed(&at->frame, carried(state, variable, at->position));
         const double rigid[3] = {moved.x, moved.y, moved.z};
@@ -212,7 +212,7 @@ static double *entry(linear_system *s, int order, int row, int column) { return 
 /* Adds `factor` times the condition that the gap does not change. */
 static void close_gap(const insertion_workspace *w, linear_system *s, int order, int row, double factor) {
     const contact_problem *p = &w->problem;
-    int rows = rows_of(p);
+    int rows = unknown_count(p);
     for (int c = 0; c < rows; c++) *entry(s, order, row, c) += factor * compliance_of(p, row, c);
     for (int c = 0; c < 2 * p->count; c++) *entry(s, order, row, rows + c) += factor * s->response[row][c];
     for (int v = 0; v < s->variables; v++) s->side[v][row] += factor * s->gap[v][row];
@@ -246,9 +246,9 @@ static void follow_law(const tick_input *tick, const insertion_state *state, con
 /* The tangents turn as the forces on the needle change. */
 static void turn_tangents(const insertion_workspace *w, linear_system *s, int order) {
     const contact_problem *p = &w->problem;
-    int rows = rows_of(p);
+    int rows = unknown_count(p);
     for (int i = 0; i < 2 * p->count; i++) {
-        for (int c = 0; c < rows; c++) *entry(s, order, rows + i, c) = s->needle.turned[i][3 * point_of(p, c) + axis_of(p, c)];
+        for (int c = 0; c < rows; c++) *entry(s, order, rows + i, c) = s->needle.turned[i][3 * point_of_unknown(p->count, c) + axis_of_unknown(p->count, c)];
         for (int j = 0; j < p->count; j++)
             for (int a = 0; a < 2; a++) {
                 double sum = i == 2 * j + a;
@@ -260,7 +260,7 @@ static void turn_tangents(const insertion_workspace *w, linear_system *s, int or
 
 static bool solve(const tick_input *tick, const insertion_state *state, const insertion_workspace *w, const tick_derivatives *wanted, linear_system *s) {
     const contact_problem *p = &w->problem;
-    int rows = rows_of(p), order = rows + 2 * p->count;
+    int rows = unknown_count(p), order = rows + 2 * p->count;
     for (int i = 0; i < order * order; i++) s->matrix[i] = 0.0;
     for (int row = 0; row < rows; row++) {
         axial_law law = {.sticks = true};
@@ -278,9 +278,9 @@ static bool solve(const tick_input *tick, const insertion_state *state, const in
 /* Changes of the forces on tissue and guides, in the points' frames (N). */
 static void change_forces(const insertion_workspace *w, const linear_system *s, const double *solution, double change[POINT_AXES]) {
     const contact_problem *p = &w->problem;
-    int rows = rows_of(p);
+    int rows = unknown_count(p);
     for (int i = 0; i < 3 * p->count; i++) change[i] = 0.0;
-    for (int row = 0; row < rows; row++) change[3 * point_of(p, row) + axis_of(p, row)] += solution[row];
+    for (int row = 0; row < rows; row++) change[3 * point_of_unknown(p->count, row) + axis_of_unknown(p->count, row)] += solution[row];
     for (int j = 0; j < p->count; j++)
         for (int axis = 0; axis < 3; axis++)
             for (int a = 0; a < 2; a++) change[3 * j + axis] += turned_force(s->forces.at[j], axis, a) * solution[rows + 2 * j + a];
@@ -294,7 +294,7 @@ static vec3 to_world(const contact_points *points, int i, const double *change) 
 static vec3 change_damping(const insertion_state *state, const insertion_workspace *w, const linear_system *s, const double *solution) {
     const contact_problem *p = &w->problem;
     const double *column = w->damper.column;
-    int rows = rows_of(p);
+    int rows = unknown_count(p);
     double dent = product(rows, column, solution);
     for (int i = 0; i < 2 * p->count; i++) {
         int z = unknown(p->count, i / 2, 2);
@@ -352,7 +352,7 @@ static void add_roll(const tick_input *tick, const insertion_state *state, const
 static double switches_at(const tick_input *tick, const insertion_state *state, const insertion_workspace *w, const linear_system *s, int row, int variable) {
     const contact_problem *p = &w->problem;
     const double *solution = s->side[variable];
-    int rows = rows_of(p);
+    int rows = unknown_count(p);
     axial_law law = law_of(tick, state, w, row, axial_force(s, p, &w->points, row));
     if (law.sticks) return law.force / fabs(solution[row]);
     double slip = s->gap[variable][row];
@@ -364,8 +364,8 @@ static double switches_at(const tick_input *tick, const insertion_state *state, 
 static double range_of(const tick_input *tick, const insertion_state *state, const insertion_workspace *w, const linear_system *s, int variable) {
     const contact_problem *p = &w->problem;
     double least = INFINITY;
-    for (int row = 2 * p->count; row < rows_of(p); row++)
-        if (!guides_is_open(&w->points, w->edges, point_of(p, row))) least = fmin(least, switches_at(tick, state, w, s, row, variable)); /* fmin ignores 0 / 0 */
+    for (int row = 2 * p->count; row < unknown_count(p); row++)
+        if (!guides_is_open(&w->points, w->edges, point_of_unknown(p->count, row))) least = fmin(least, switches_at(tick, state, w, s, row, variable)); /* fmin ignores 0 / 0 */
     return larger_of(least, 0.0);
 }
 

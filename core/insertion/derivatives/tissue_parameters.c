@@ -51,7 +51,7 @@ static double cutting_change(const tick_input *tick, const insertion_state *stat
 
 double resistance_change(const tick_input *tick, const insertion_state *state, const insertion_workspace *w, const tissue_parameter *parameter, int row, int piece) {
     const contact_problem *p = &w->problem;
-    int i = row - 2 * p->count, point = point_of(p, row);
+    int i = row - 2 * p->count, point = point_of_unknown(p->count, row);
     if (point < w->points.guided) return 0.0;
     if (w->points.tip && i == p->count - 1) return cutting_change(tick, state, w, parameter, piece);
     return friction_change(tick, state, p, &w->points.list[point], i, parameter);

@@ -122,7 +122,7 @@ static crossing_map map_of(const guide *g, const needle_point *at) {
     crossing_map j;
     vec3 along = needle_along(at);
     for (int i = 0; i < 2; i++) {
-        vec3 side = v3(at->frame.m[0][i], at->frame.m[1][i], at->frame.m[2][i]);
+        vec3 side = m3_column(&at->frame, i);
         vec3 moved = v3_axpy(-v3_dot(side, g->normal) / v3_dot(along, g->normal), along, side);
         for (int a = 0; a < 2; a++) j.m[a][i] = v3_dot(g->across[a], moved);
     }

@@ -29,7 +29,7 @@ static void turn(principal by, double *x, double *y) {
     *x = first;
 }
 
-static symmetric_system system_of(contact_problem *p) { return (symmetric_system){p->compliance, 2 * p->count + p->axial_count}; }
+static symmetric_system system_of(contact_problem *p) { return (symmetric_system){p->compliance, unknown_count(p)}; }
 
 /* Eliminates the lateral unknowns in the principal directions of each contact. The axial rows become the Schur complement: compliance and gap along the
    needle when all lateral gaps are closed. The lateral rows keep the factors for close_sideways(). */

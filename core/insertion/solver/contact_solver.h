@@ -54,6 +54,12 @@ typedef struct {
 
 /* Index of an unknown. Order: two lateral unknowns for each point, one axial unknown for each point, and finally that of the shaft next to the tip. RT */
 static inline int unknown(int count, int point, int axis) { return axis < 2 ? 2 * point + axis : 2 * count + point; }
+static inline int point_of_unknown(int count, int u) { return u < 2 * count ? u / 2 : u - 2 * count < count ? u - 2 * count : count - 1; }
+static inline int axis_of_unknown(int count, int u) { return u < 2 * count ? u % 2 : 2; }
+static inline int unknown_count(const contact_problem *p) { return 2 * p->count + p->axial_count; }
+
+/* Compliance (m/N) between two unknowns, of which the upper triangle is stored. RT */
+static inline double compliance_of(const contact_problem *p, int i, int j) { return i <= j ? p->compliance[i][j] : p->compliance[j][i]; }
 
 /* Solves exactly by pivoting. The solution is unique if needle and tissue together are stable whichever points slide; the Schur complement of the axial
    part is then positive definite. A needle far beyond its buckling load may be stable only because it sticks. One of several solutions is then found, and

@@ -28,7 +28,7 @@ static void find_lag(const tick_input *tick, insertion_state *state, insertion_w
     }
     for (int i = 0; i < all; i++) {
         w->continuation.lag[i] = p->gap[i];
-        for (int j = 0; j < all; j++) w->continuation.lag[i] -= (i < j ? p->compliance[i][j] : p->compliance[j][i]) * force[j];
+        for (int j = 0; j < all; j++) w->continuation.lag[i] -= compliance_of(p, i, j) * force[j];
     }
 }
 

@@ -8,23 +8,18 @@
 
 _Static_assert((int)MAX_HOLD_ROWS >= (int)MAX_UNKNOWNS, "a needle may stick at all points");
 
-static int point_of(const contact_problem *p, int u) {
-    int along = u - 2 * p->count;
-    return along < 0 ? u / 2 : along < p->count ? along : p->count - 1;
-}
-
 /* True if the force of this unknown changes when the tissue is displaced. Open guides exert no force, and sliding points exert a constant one. */
 static bool holds(const insertion_workspace *w, int u) {
     const contact_problem *p = &w->problem;
     int along = u - 2 * p->count;
-    if (guides_is_open(&w->points, w->edges, point_of(p, u))) return false;
+    if (guides_is_open(&w->points, w->edges, point_of_unknown(p->count, u))) return false;
     return along < 0 || (p->state[along] == STICK && p->upper[along] > p->lower[along]);
 }
 
 static attached_row row_of(const tick_input *tick, const insertion_state *state, const insertion_workspace *w, int u) {
-    const contact_point *point = &w->points.list[point_of(&w->problem, u)];
-    int axis = u < 2 * w->problem.count ? u % 2 : 2;
-    attached_row row = {.tet = -1, .direction = {point->at.frame.m[0][axis], point->at.frame.m[1][axis], point->at.frame.m[2][axis]}};
+    const contact_point *point = &w->points.list[point_of_unknown(w->problem.count, u)];
+    int axis = axis_of_unknown(w->problem.count, u);
+    attached_row row = {.tet = -1, .direction = m3_column(&point->at.frame, axis)};
     if (point->kind == POINT_TIP && state->tip.known.tet >= 0) {
         row.tet = state->tip.known.tet;
         memcpy(row.weights, state->tip.known.weights, sizeof row.weights);
@@ -46,7 +41,7 @@ void insertion_hold(const tick_input *tick, const insertion_state *state, insert
     w->creep.yield = 0.0;
     memset(w->tissue.tip_row, 0, sizeof w->tissue.tip_row);
     assemble_compliance(tick, state, w); /* the compliance of the needle's side alone */
-    for (int u = 0; u < 2 * p->count + p->axial_count; u++) {
+    for (int u = 0; u < unknown_count(p); u++) {
         if (!holds(w, u)) continue;
         int i = hold->count++;
         held[i] = u;

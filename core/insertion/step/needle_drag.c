@@ -31,12 +31,6 @@ void drag_shift_joints(const tick_input *tick, needle_response *response, const 
     if (response->drag == 0.0) return;
     for (int k = 1; k <= n; k++) {
         vec3 force = drag_at(tick, response, start, k);
-        const double f[3] = {force.x, force.y, force.z};
-        for (int i = 1; i <= n; i++) {
-            double moved[3] = {0.0};
-            for (int a = 0; a < 3; a++)
-                for (int b = 0; b < 3; b++) moved[a] += (k > i ? tangent->compliance[3 * i + a][3 * k + b] : tangent->compliance[3 * k + b][3 * i + a]) * f[b];
-            tangent->drift[i] = v3_add(tangent->drift[i], v3(moved[0], moved[1], moved[2]));
-        }
+        for (int i = 1; i <= n; i++) tangent->drift[i] = v3_add(tangent->drift[i], needle_joint_moved(tangent, i, k, force));
     }
 }

@@ -20,6 +20,7 @@ import time
 sys.dont_write_bytecode = True
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "../shared"))
 from in_namespace import in_namespace
+from lcm_packets import lcm_socket, message_of
 
 BUILD, SOURCE = sys.argv[1:3]
 TOP = f"{BUILD}/clients/trocar-top"
@@ -49,26 +50,20 @@ class Wrenches(threading.Thread):
 
     def __init__(self):
         super().__init__(daemon=True)
-        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 22)
-        self.socket.bind(("239.255.76.67", 7667))
-        self.socket.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, socket.inet_aton("239.255.76.67") + socket.inet_aton("127.0.0.1"))
+        self.socket = lcm_socket()
         self.of_tick, self.poses = {}, collections.deque(maxlen=10000)
         self.start()
 
     def run(self):
         while True:
-            packet = self.socket.recv(65536)
-            channel = packet[8:].split(b"\0")[0]
-            at = 8 + len(channel) + 1 + 8
+            channel, data = message_of(self.socket.recv(65536))
             if channel == b"TROCAR_WRENCH":
-                utime, tick = struct.unpack_from(">qq", packet, at)
-                force, torque = struct.unpack_from(">3d", packet, at + 40), struct.unpack_from(">3d", packet, at + 64)
-                depth, contacts, events = struct.unpack_from(">dii", packet, at + 136)
+                utime, tick = struct.unpack_from(">qq", data)
+                force, torque = struct.unpack_from(">3d", data, 40), struct.unpack_from(">3d", data, 64)
+                depth, contacts, events = struct.unpack_from(">dii", data, 136)
                 self.of_tick[tick] = utime, force, torque, depth, contacts, events
             elif channel == b"TROCAR_POSE":
-                self.poses.append(struct.unpack_from(">3d", packet, at + 24))
+                self.poses.append(struct.unpack_from(">3d", data, 24))
 
 
 def xyz(vector):

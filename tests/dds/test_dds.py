@@ -18,6 +18,7 @@ from pathlib import Path
 sys.dont_write_bytecode = True
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "shared"))
 from in_namespace import in_namespace
+from lcm_packets import lcm_socket, message_of, wait
 
 BUILD, SOURCE = sys.argv[1:3]
 BRIDGE = f"{BUILD}/clients/bridges/dds/trocar-dds"
@@ -25,33 +26,17 @@ START = (0.005, 0.003, -0.201)      # m, pose with the tip 1 mm in front of the 
 DOMAIN = "7"
 
 
-def wait(condition, what, patience=15):
-    end = time.monotonic() + patience
-    while not condition():
-        if time.monotonic() > end:
-            raise AssertionError(what() if callable(what) else what)
-        time.sleep(0.005)
-
-
 class Network:
     """The poses, wrenches and commands on LCM."""
 
     def __init__(self):
-        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 22)
-        self.socket.bind(("239.255.76.67", 7667))
-        self.socket.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, socket.inet_aton("239.255.76.67") + socket.inet_aton("127.0.0.1"))
+        self.socket = lcm_socket()
         self.poses, self.wrenches, self.commands = [], [], []
         threading.Thread(target=self.read, daemon=True).start()
 
     def read(self):
         while True:
-            packet = self.socket.recv(65536)
-            channel = packet[8:].split(b"\0")[0]
-            if packet[:4] != b"LC02":
-                continue
-            data = packet[8 + len(channel) + 1 + 8:]
+            channel, data = message_of(self.socket.recv(65536))
             if channel == b"TROCAR_POSE":
                 self.poses.append(struct.unpack_from(">7d", data, 24))
             elif channel == b"TROCAR_WRENCH":

@@ -21,6 +21,7 @@ from pathlib import Path
 sys.dont_write_bytecode = True
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "shared"))
 from in_namespace import in_namespace
+from lcm_packets import lcm_socket, message_of, wait
 
 BUILD, SOURCE = sys.argv[1:3]
 BRIDGE = f"{BUILD}/clients/bridges/spacemouse/trocar-spacemouse"
@@ -83,11 +84,7 @@ class Poses:
     """The poses on the network, decoded from LCM's packets: (s, position, orientation)."""
 
     def __init__(self):
-        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 22)
-        self.socket.bind(("239.255.76.67", 7667))
-        self.socket.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, socket.inet_aton("239.255.76.67") + socket.inet_aton("127.0.0.1"))
+        self.socket = lcm_socket()
         self.socket.setblocking(False)
         self.newest = None
 
@@ -96,12 +93,11 @@ class Poses:
         found = []
         while True:
             try:
-                packet = self.socket.recv(65536)
+                channel, data = message_of(self.socket.recv(65536))
             except BlockingIOError:
                 return found
-            magic, channel = packet[:4], packet[8:].split(b"\0")[0]
-            if magic == b"LC02" and channel == b"TROCAR_POSE":
-                utime, _, _, *numbers = struct.unpack_from(">qqq3d4d", packet, 8 + len(channel) + 1 + 8)
+            if channel == b"TROCAR_POSE":
+                utime, _, _, *numbers = struct.unpack_from(">qqq3d4d", data)
                 found.append((1e-6 * utime, numbers[:3], numbers[3:]))
                 self.newest = found[-1]
 
@@ -109,14 +105,6 @@ class Poses:
         self.take()
         time.sleep(seconds)
         return self.take()
-
-
-def wait(condition, what, patience=15):
-    end = time.monotonic() + patience
-    while not condition():
-        if time.monotonic() > end:
-            raise AssertionError(what)
-        time.sleep(0.005)
 
 
 class Program:

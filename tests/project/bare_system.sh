@@ -1,13 +1,13 @@
 #!/bin/bash
 # Installs the wheel with pip on a minimal system, made with debootstrap, and simulates 1000 insertions there. Run it by hand, as root; it takes four minutes.
 # The system has python3-pip and what stands in for PyPI: Debian's NumPy and cffi, which the wheel requires.
-# usage: bare_system.sh WHEEL [SUITE [MIRROR]]     by default bookworm, from deb.debian.org
+# usage: bare_system.sh WHEEL [SUITE [MIRROR]]     by default bookworm, from the mirror that debootstrap chooses
 set -euo pipefail
 [ $# -ge 1 ] || { sed -n '2,4s/^# //p' "$0"; exit 2; }
-wheel=$1 suite=${2:-bookworm} mirror=${3:-http://deb.debian.org/debian}
+wheel=$1 suite=${2:-bookworm}
 root=$(mktemp -d)
 trap 'umount "$root/proc" 2>/dev/null || true; rm -rf --one-file-system "$root"' EXIT
-debootstrap --variant=minbase --include=python3-pip "$suite" "$root" "$mirror" >"$root.log" || { tail "$root.log" >&2; exit 1; }
+debootstrap --variant=minbase --include=python3-pip "$suite" "$root" ${3:+"$3"} >"$root.log" || { tail "$root.log" >&2; exit 1; }
 rm "$root.log"
 mount -t proc proc "$root/proc"
 in_root() { chroot "$root" env -i PATH=/usr/local/bin:/usr/bin:/bin HOME=/root LC_ALL=C.UTF-8 "$@"; }

@@ -38,5 +38,7 @@ PYTHONPATH=$build/clients/python TROCAR_LIBRARY=$build/core/libtrocar.so insert 
 [ "$(wc -l <"$work/expected")" -eq 10 ] || fail "the build tree: $(cat "$work/expected")"
 (cd "$work" && env -u TROCAR_LIBRARY PYTHONPATH="$work/installed" /usr/bin/python3 -c "import trocar; print(trocar.__file__)") | grep -qF "$work/installed" || fail "another package is loaded"
 env -u TROCAR_LIBRARY PYTHONPATH="$work/installed" bash -c "$(declare -f insert); source=$source; insert" | diff "$work/expected" - || fail "the wheel computes other forces"
-grep -qE "^trocar-study [0-9.]+$" <<<"$(env -u TROCAR_LIBRARY PYTHONPATH="$work/installed" "$work/installed/bin/trocar-study" --version)" || fail "trocar-study"
+for program in trocar-study trocar-plan trocar-fit trocar-score; do
+    grep -qE "^$program [0-9.]+$" <<<"$(env -u TROCAR_LIBRARY PYTHONPATH="$work/installed" "$work/installed/bin/$program" --version)" || fail "$program"
+done
 echo passed

@@ -31,11 +31,15 @@ class Struct(NamedTuple):
 
 def read(path):
     """Returns (the comment at the head of the file, its structs)."""
-    head, structs, comment = None, [], []
+    head, structs, comment, inside = None, [], [], False
     with open(path, encoding="utf-8") as file:
         for text in file:
             code, _, doc = (part.strip() for part in text.partition("//"))
-            if not code and doc:
+            if code in ("{", "}"):
+                inside = code == "{"
+            elif not code and doc and inside:   # continues the comment of the line above
+                structs[-1].lines[-1] = structs[-1].lines[-1]._replace(doc=f"{structs[-1].lines[-1].doc} {doc}")
+            elif not code and doc:
                 comment.append(doc)
             elif code.startswith("package"):
                 head, comment = " ".join(comment), []
@@ -46,7 +50,7 @@ def read(path):
                 structs[-1].lines.append(Line(match[1], match[2], int(match[3], 0), doc))
             elif match := re.fullmatch(r"(\w+) (\w+(?:\[\w+\])*);", code):
                 structs[-1].lines.append(Line(match[1], match[2], None, doc))
-            elif code not in ("", "{", "}"):
+            elif code:
                 sys.exit(f"{path}: neither a field nor a constant: {code}")
     return head, structs
 

@@ -14,9 +14,9 @@ import numpy as np
 
 from anatomy.trials.nrrd import write_nrrd
 
-SIDE, BACK, FRONT = 60.0, -80.0, 60.0      # half the distance between the bony side walls; the sacrum; the front
-ABOVE = 25.0                     # tissue above the bladder
-SKIN = 6.0                       # skin and the tissue bonded to it
+SIDE, BACK, FRONT = 60.0, -80.0, 60.0      # half the distance between the bony side walls; y of the sacrum; y of the front
+ABOVE = 25.0                     # thickness of the tissue above the bladder
+SKIN = 6.0                       # thickness of the skin and the tissue bonded to it
 MIDDLE, HALF = (0.0, 0.0, 55.0), (24.0, 17.0, 20.0)                # of the gland
 RECTUM = (0.0, -32.5), 7.0, 4.0  # axis, radius of the content, thickness of the wall
 WITH_PROBE = (0.0, -35.5), 10.5, 3.5
@@ -155,7 +155,7 @@ class Funnel:
         return (t > 0) & (t < 1) & ((x / a) ** 2 + ((y - self.middle) / b) ** 2 < 1)
 
     def solids(self, occ):
-        def ring(z, half):      # Gmsh wants the longer half axis first
+        def ring(z, half):      # Gmsh requires the longer half axis first
             loop = occ.addEllipse(0, 0, 0, half[1], half[0])
             occ.rotate([(1, loop)], 0, 0, 0, 0, 0, 1, math.pi / 2)
             occ.translate([(1, loop)], 0, self.middle, z)
@@ -261,7 +261,7 @@ def build(gmsh, found):
     pieces = occ.fragment([pair for _, pair in inputs], [])[1]
     owner = {}
     for (name, _), made in reversed(list(zip(inputs, pieces))):
-        owner.update({pair: name for pair in made})      # the regions on top come last, and win
+        owner.update({pair: name for pair in made})      # the regions on top come last and take precedence
     hollow = [pair for pair, name in owner.items() if name in HOLLOW]
     occ.remove(hollow, recursive=True)
     occ.synchronize()

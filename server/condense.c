@@ -8,7 +8,7 @@
 static trocar_status describe(const trocar_model *model, FILE *out, trocar_error *why) {
     const char *description = trocar_model_description(model);
     if (strcmp(trocar_model_inverse(model), "condensed") != 0)
-        return fail(why, TROCAR_BAD_INPUT, "there is no condensed inverse to keep: the inverse is %s; set inverse: condensed and a region_of_interest",
+        return fail(why, TROCAR_BAD_INPUT, "there is no condensed inverse to save: the inverse is %s; set inverse: condensed and a region_of_interest",
                     description);
     fprintf(out, "inverse    %s\n", description);
     return TROCAR_OK;

@@ -102,6 +102,11 @@ static bool has_begun_anew(const haptic *h, const needle_command *c) {
 static void start_command(haptic *h, needle_command *c) {
     trocar_error why = {""};
     trocar_status status = TROCAR_OK;
+    if (c->change) {
+        status = trocar_sim_change(h->sim, c->change, c->change_time, &why);
+        answer_command(h, c, status != TROCAR_OK, why.text);
+        return;
+    }
     bool seeds = c->asked.command == TROCAR_COMMAND_T_DROP_SEED || c->asked.command == TROCAR_COMMAND_T_UNDO, hands_over = !seeds && !has_begun_anew(h, c);
     if (seeds) status = handle_held_seeds(h, &c->asked, &why);
     if (hands_over) status = hand_over_needle(h, c, &why);
@@ -122,11 +127,18 @@ static void finish_command(haptic *h, int needle) {
 }
 
 /* Starts at most one command per tick, so that a flood of commands does not delay any tick. While the queue of replies is full, commands wait,
-   because client and arbiter would wait forever for a lost reply. RT */
+   because client and arbiter would wait forever for a lost reply. A change of moduli waits until the last one is complete. RT */
 static void follow_commands(haptic *h) {
     spsc_ring *replies = &h->exchange->replies;
     needle_command c;
-    if (spsc_ring_has_room(replies) && spsc_ring_pop(&h->exchange->commands, &c)) start_command(h, &c);
+    bool waits = h->later.change && !trocar_sim_accepts(h->sim, h->later.change);
+    if (h->later.change && !waits && spsc_ring_has_room(replies)) {
+        start_command(h, &h->later);
+        h->later.change = NULL;
+    } else if (spsc_ring_has_room(replies) && spsc_ring_pop(&h->exchange->commands, &c)) {
+        if (c.change && !trocar_sim_accepts(h->sim, c.change)) h->later = c;
+        else start_command(h, &c);
+    }
     for (int i = 0; i < h->needle_count && spsc_ring_has_room(replies); i++) finish_command(h, i);
 }
 

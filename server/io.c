@@ -13,13 +13,14 @@
 #include "trocar_needle_wrench_t.h"
 #include "trocar_probe_wrench_t.h"
 #include "trocar_status_t.h"
+#include "trocar_values_t.h"
 
 enum { QUEUE = 256, MESSAGES_A_ROUND = 2 * QUEUE, WRENCH_BYTES = 512, REPLY_BYTES = 1024 };
 _Static_assert(REPLY_BYTES <= sizeof((outgoing_message *)0)->bytes, "every message fits");
 
 trocar_status io_create(io *o, const char *url, int needle_count, const trocar_device_limits *limits, bool realtime, int shutdown_wake,
                         exchange *x, trocar_error *why) {
-    *o = (io){.exchange = x, .url = url, .realtime = realtime, .shutdown_wake = shutdown_wake};
+    *o = (io){.exchange = x, .url = url, .realtime = realtime, .shutdown_wake = shutdown_wake, .changes.wake = x->io_wake};
     arbiter_init(&o->arbiter, needle_count, limits);
     probe_arbiter_init(&o->probe);
     atomic_init(&o->stop, false);
@@ -30,7 +31,13 @@ trocar_status io_create(io *o, const char *url, int needle_count, const trocar_d
     return fail(why, TROCAR_SYSTEM, "cannot create a semaphore: %s", strerror(errno));
 }
 
-void io_free(io *o) { sem_destroy(&o->ready); }
+void io_free(io *o) {
+    needle_command left;
+    while (o->exchange && spsc_ring_pop(&o->exchange->commands, &left)) changes_settle(&o->changes, &left);
+    while (o->exchange && spsc_ring_pop(&o->exchange->replies, &left)) changes_settle(&o->changes, &left);
+    changes_free(&o->changes);
+    sem_destroy(&o->ready);
+}
 
 /* Publishes a message, and passes it to the relay thread if there is one. If the ring is full, the relay's client does not get the message. */
 static int publish(io *o, const char *channel, int64_t session, const unsigned char *bytes, int size) {
@@ -43,17 +50,23 @@ static int publish(io *o, const char *channel, int64_t session, const unsigned c
     return lcm_publish(o->lcm, channel, bytes, (unsigned)size);
 }
 
-/* Sends the reply to a command. A lost datagram is acceptable here. */
-static void reply(io *o, const needle_command *c) {
+/* Sends a reply to a command. A lost datagram is acceptable here. */
+static void reply_with(io *o, const needle_command *c, int status, const char *message) {
     trocar_command_reply_t m = {.utime = wall_us(), .server = o->server, .session = c->asked.session, .seq = c->asked.seq, .command = c->asked.command,
-                                .needle = c->asked.needle, .status = c->refused ? TROCAR_COMMAND_REPLY_T_REFUSED : TROCAR_COMMAND_REPLY_T_DONE,
-                                .message = (char *)(uintptr_t)(c->refused ? c->why : "")};
+                                .needle = c->asked.needle, .status = status, .message = (char *)(uintptr_t)message};
     unsigned char bytes[REPLY_BYTES];
     int size = trocar_command_reply_t_encode(bytes, 0, sizeof bytes, &m);
     publish(o, "TROCAR_REPLY", m.session, bytes, size);
 }
 
+static void reply(io *o, const needle_command *c) {
+    if (c->refused) reply_with(o, c, TROCAR_COMMAND_REPLY_T_REFUSED, c->why);
+    else reply_with(o, c, TROCAR_COMMAND_REPLY_T_DONE, "");
+}
+
 static void settle(io *o, const needle_command *done) {
+    changes_settle(&o->changes, done);
+    if (done->change) o->values_shown = 0;
     arbiter_settle(&o->arbiter, done);
     reply(o, done);
 }
@@ -95,14 +108,51 @@ static void on_command(const lcm_recv_buf_t *received, const char *channel, void
     }
 }
 
+static void follow_verdict(io *o, change_verdict verdict, needle_command *command) {
+    switch (verdict) {
+    case CHANGE_LATER: return;
+    case CHANGE_MALFORMED:
+        arbiter_refuse(&o->arbiter, "a change refused: not a trocar.change_t of this version");
+        return;
+    case CHANGE_REFUSED:
+        arbiter_refuse(&o->arbiter, command->why);
+        reply(o, command);
+        return;
+    case CHANGE_PASS_ON:
+        if (spsc_ring_push(&o->exchange->commands, command)) return;
+        command->refused = true;
+        snprintf(command->why, sizeof command->why, "too many commands at once: wait for the reply");
+        settle(o, command);
+    }
+}
+
+/* A change of moduli, whose model has been built. */
+static void go_on_with_change(io *o) {
+    needle_command command;
+    change_verdict verdict = changes_ready(&o->changes, &command);
+    if (verdict == CHANGE_PASS_ON) o->arbiter.record.message[0] = '\0';
+    follow_verdict(o, verdict, &command);
+}
+
+static void on_change(const lcm_recv_buf_t *received, const char *channel, void *context) {
+    (void)channel;
+    io *o = context;
+    needle_command command;
+    change_verdict verdict = changes_take(&o->changes, received->data, received->data_size, &command);
+    if (verdict == CHANGE_LATER || verdict == CHANGE_PASS_ON) o->wait_shown = monotonic_ns();
+    if (verdict == CHANGE_LATER)
+        snprintf(o->arbiter.record.message, sizeof o->arbiter.record.message, "the tissue's stiffness with the new moduli is being computed; the change follows");
+    follow_verdict(o, verdict, &command);
+}
+
 static void on_status(const lcm_recv_buf_t *received, const char *channel, void *context) {
     (void)channel;
     io *o = context;
     other_server_hear(&o->arbiter.record.other, o->server, received->data, received->data_size, monotonic_ns());
 }
 
-static const char *const CHANNELS[] = {"TROCAR_POSE", "TROCAR_PROBE", "TROCAR_COMMAND", "REMOTE_COMMAND", "TROCAR_STATUS", NULL};
-static const lcm_msg_handler_t HANDLERS[] = {on_pose, on_probe, on_command, on_command, on_status};
+static const char *const CHANNELS[] = {"TROCAR_POSE", "TROCAR_PROBE", "TROCAR_COMMAND", "REMOTE_COMMAND", "TROCAR_CHANGE", "TROCAR_STATUS", NULL};
+static const lcm_msg_handler_t HANDLERS[] = {on_pose, on_probe, on_command, on_command, on_change, on_status};
 _Static_assert(sizeof CHANNELS / sizeof *CHANNELS == sizeof HANDLERS / sizeof *HANDLERS + 1, "one handler for each channel");
 /* all messages to the server are small enough for one packet */
 const packet_wishes IO_PACKETS = {.channels = CHANNELS, .whole_only = true, .origin = {"TROCAR_COMMAND", "REMOTE_COMMAND"}};
@@ -161,7 +211,7 @@ static void say_if_probe_stopped(io *o) {
     bool stopped = atomic_load_explicit(&o->exchange->probe_stopped, memory_order_relaxed);
     if (stopped && !o->probe_stopped)
         snprintf(o->arbiter.record.message, sizeof o->arbiter.record.message,
-                 "the tissue stopped the probe before its pose: draw it back, or see probe.max_force of the scene");
+                 "the tissue stopped the probe before it reached its pose: draw it back, or see probe.max_force of the scene");
     o->probe_stopped = stopped;
 }
 
@@ -174,13 +224,39 @@ static void publish_probe(io *o) {
     }
 }
 
+static const int64_t PERIOD = 1000000000; /* ns, of messages that are repeated */
+
+/* Tells the sender of a pending change, each second, that the server has not forgotten it. */
+static void publish_wait(io *o) {
+    int64_t now = monotonic_ns();
+    if (!o->changes.pending || now - o->wait_shown < PERIOD) return;
+    o->wait_shown = now;
+    reply_with(o, &o->changes.last, TROCAR_COMMAND_REPLY_T_PENDING,
+               o->changes.building ? "the tissue's stiffness with the new moduli is being computed" : "the last change of moduli is not yet complete");
+}
+
+/* Publishes the values that may change, each second and after a change. */
+static void publish_values(io *o) {
+    int64_t now = monotonic_ns();
+    trocar_values_t *m = &o->changes.shown;
+    if (m->count == 0 || (o->values_shown != 0 && now - o->values_shown < PERIOD)) return;
+    o->values_shown = now;
+    m->utime = wall_us();
+    m->server = o->server;
+    trocar_values_t_publish(o->lcm, "TROCAR_VALUES", m);
+}
+
 trocar_status io_round(io *o) {
+    o->changes.busy = false;
     trocar_status status = receive(o);
+    go_on_with_change(o);
     publish_replies(o);
     say_if_probe_stopped(o);
     hand_over(o);
     publish_wrenches(o);
     publish_probe(o);
+    publish_values(o);
+    publish_wait(o);
     return status;
 }
 

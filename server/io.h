@@ -6,6 +6,7 @@
 #include <semaphore.h>
 
 #include "exchange.h"
+#include "intake/changes.h"
 #include "intake/pose_arbiter.h"
 #include "intake/probe_arbiter.h"
 #include "lcm_filter.h"
@@ -27,6 +28,9 @@ typedef struct {
     lcm_t *lcm;
     pose_arbiter arbiter;
     probe_arbiter probe;
+    change_intake changes;       /* zero, so that nothing can be changed, until its creator fills it */
+    int64_t values_shown;        /* ns, monotonic: time at which the values were last published */
+    int64_t wait_shown;          /* ns, monotonic: time at which the last change arrived, or its sender was last told to wait */
     bool probe_stopped;      /* the tissue has stopped the probe, and the user has been informed */
     int64_t wrenches_unsent;     /* number of wrenches that the network refused to send */
 } io;

@@ -21,7 +21,7 @@ typedef struct {
     double credit;               /* number of datagrams that may be received now */
     int64_t credited;            /* ns, monotonic: time of the last change of `credit` */
     bool wrong_told;             /* the user has been told that a client has a wrong secret */
-    int64_t unpublished, unsent; /* messages of clients that LCM refused; datagrams to clients that the network refused */
+    int64_t unpublished, unsent; /* number of clients' messages that LCM refused, and number of datagrams to clients that the network refused */
 } relay;
 
 /* Binds the socket, connects to LCM, and adds the relay's buffers to the exchange. SYSTEM if the address cannot be used. */

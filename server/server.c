@@ -143,6 +143,7 @@ static trocar_status create_parts(server *s, trocar_error *why) {
     int needles = trocar_model_needles(s->model);
     haptic_init(&s->haptic, s->sim, needles, &limits, s->rate_hz, flags, x);
     trocar_status status = io_create(&s->io, s->options.lcm_url, needles, &limits, s->realtime, s->shutdown_wake, x, why);
+    if (status == TROCAR_OK) status = changes_create(&s->io.changes, s->sim, why);
     if (status != TROCAR_OK) return status;
     s->haptic.server = s->io.server = s->id;
     s->loop = (loop){.rate_hz = s->rate_hz, .tick = haptic_tick, .context = &s->haptic, .stages = s->haptic.stages,
@@ -208,6 +209,8 @@ void server_free(server *s) {
     if (s == NULL || server_busy(s)) return;
     relay_free(&s->relay);
     telemetry_free(&s->telemetry);
+    s->haptic.later.refused = true;
+    changes_settle(&s->io.changes, &s->haptic.later);
     io_free(&s->io);
     exchange_free(&s->exchange);
     trocar_sim_free(s->sim);
@@ -315,16 +318,15 @@ static double resident_mebibytes(void) {
 
 void server_describe(const server *s, FILE *out) {
     const trocar_model *m = s->model;
-    char mesh[1024], remeshing[64];
+    char mesh[1024];
     trocar_scene_get(s->scene, "mesh", mesh, sizeof mesh, NULL);
-    trocar_scene_get(s->scene, "remeshing", remeshing, sizeof remeshing, NULL);
     fprintf(out, "server     %016llx\n", (unsigned long long)s->id);
     fprintf(out, "scene      %s\n", trocar_scene_path(s->scene));
     fprintf(out, "mesh       %s: %d nodes, %d tetrahedra, %d regions, %d membranes\n", mesh, trocar_model_node_count(m),
             trocar_model_tet_count(m), trocar_scene_count(s->scene, "regions"), trocar_scene_count(s->scene, "membranes"));
     fprintf(out, "inverse    %s\n", trocar_model_description(m));
     if (trocar_model_needles(m) > 1) fprintf(out, "needles    %d, one session each\n", trocar_model_needles(m));
-    fprintf(out, "unknowns   %d; node addition by %s\n", trocar_model_unknowns(m), remeshing);
+    fprintf(out, "unknowns   %d\n", trocar_model_unknowns(m));
     fprintf(out, "rate       %g Hz\n", s->rate_hz);
     if (s->options.listen != NULL) fprintf(out, "unicast    udp://%s, %s\n", s->options.listen, s->options.secret_file != NULL ? "with a secret" : "without a secret");
     fprintf(out, "memory     %.0f MiB%s\n", resident_mebibytes(), s->realtime ? ", locked" : "");

@@ -66,7 +66,7 @@ static error_t parse_option(int key, char *text, struct argp_state *state) {
 static const struct argp parser = {
     option_list, parse_option, NULL,
     "Times each tick with about N contacts, as 'trocar-bench tick' does, in the scene as it is and with a relaxation series of three terms, a "
-    "guide before the skin and a base that turns at 6 rad/s. The two are measured in turns, and the last column is their ratio.", NULL, NULL, NULL};
+    "guide in front of the skin and a base that turns at 6 rad/s. The two are measured alternately, and the last column is their ratio.", NULL, NULL, NULL};
 
 /* ---- scenes ------------------------------------------------------------------------------------------------------ */
 

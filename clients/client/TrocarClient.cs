@@ -38,11 +38,13 @@ internal enum TrocarCommand : int {
     Take = 5,
     DropSeed = 6,
     Undo = 7,
+    Change = 8,
 }
 
 internal enum TrocarStatus : int {
     Done = 0,
     Refused = 1,
+    Pending = 2,
 }
 
 /// <summary>Bits of <c>Flags</c> in a wrench.</summary>
@@ -382,6 +384,7 @@ public sealed class TrocarClient : IDisposable {
         options = given ?? new TrocarOptions();
         if (!(options.Watchdog > 0 && options.MaxForce > 0 && options.MaxTorque > 0 && options.MaxForceRate > 0 && options.MaxTorqueRate > 0))
             throw new ArgumentException("Watchdog, MaxForce, MaxTorque, MaxForceRate and MaxTorqueRate must be above 0");
+        if (options.Needle < 0) throw new ArgumentException("Needle must be the index of a needle, from 0");
         force = new Limiter(options.MaxForce, options.MaxForceRate);
         torque = new Limiter(options.MaxTorque, options.MaxTorqueRate);
         session = RandomSession();

@@ -28,8 +28,8 @@
    Frames: the scene's world frame, in metres. Quaternions are w, x, y, z. The needle's axis is its local +z, from base to tip,
    and its bevel faces local +y.
 
-   Link with trocar::client (CMake) or trocar-client (pkg-config), or add trocar_client.c to your program: it is C99 and needs only the
-   operating system, Linux or Windows (on Windows, link ws2_32); macOS should work but is untested.
+   Link with trocar::client (CMake) or trocar-client (pkg-config), or add trocar_client.c to your program, also to one in C++: compile it as C99. It
+   needs only the operating system, Linux or Windows (link m and pthread; on Windows ws2_32); macOS should work but is untested.
 
    URLs of the form udp://HOST:PORT need trocar::client_unicast (CMake) or trocar-client-unicast (pkg-config), or trocar_client.c compiled with
    -DTROCAR_CLIENT_UNICAST and linked with nettle (on Windows bcrypt; on macOS nothing). */

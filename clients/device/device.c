@@ -22,9 +22,9 @@ typedef struct {
     const char *plan_option, *image_option; /* likewise for options that apply only to plans, and only to the operator who follows the image */
     const char *errors_path, *stabilise;
     bool follows_image;
-    int seed;                /* -1 if not given, and likewise below */
+    int seed;                /* -1 if not given; the same applies to the following members */
     double image_error, splay, speed_spread;
-    profile_settings check;  /* of a device profile, instead of playing; check.profile is NULL if not given */
+    profile_settings check;  /* for checking a device profile instead of playing; check.profile is NULL if not given */
     const char *check_option, *play_option; /* name of an option that applies only to this check, and of one that does not apply to it; NULL if none was given */
 } options;
 
@@ -38,7 +38,7 @@ static const struct argp_option option_list[] = {
     {"rate", 'r', "HZ", 0, "Poses per second (default 1000)", 0},
     {"duration", 'd', "SECONDS", 0, "How long to play; longer than the script repeats it (default: the script once)", 0},
     {"speed", OPTION_SPEED, "FACTOR", 0, "Play the script faster or slower (default 1)", 0},
-    {"scene", OPTION_SCENE, "FILE", 0, "Start at the scene's needle.start, in its direction, and push as deep as it says", 0},
+    {"scene", OPTION_SCENE, "FILE", 0, "Start at the scene's needle.start, in its direction, and insert to its depth", 0},
     {"start", OPTION_START, "X,Y,Z", 0, "Start of the base, m (default: the scene's, or 0.005,0.003,-0.201)", 0},
     {"patient", OPTION_PATIENT, 0, 0, "--start and --csv are in the patient's coordinates: mm, DICOM axes; needs --scene", 0},
     {"needle", OPTION_NEEDLE, "N", 0, "Index of the needle to hold, from 0 (default 0)", 0},
@@ -152,7 +152,7 @@ static const char *play_option(int key) {
 }
 
 static bool parse_operator(const struct argp_state *state, const char *kind) {
-    if (strcmp(kind, "image") != 0 && strcmp(kind, "marks") != 0) argp_error(state, "--operator: no operator '%s': there are marks and image", kind);
+    if (strcmp(kind, "image") != 0 && strcmp(kind, "marks") != 0) argp_error(state, "--operator: no operator '%s': expected marks or image", kind);
     return strcmp(kind, "image") == 0;
 }
 

@@ -1,4 +1,4 @@
-/* The misplacement of an implant's seeds, in parts: tissue, image, splay, and what remains. */
+/* The misplacement of an implant's seeds, divided into its parts: tissue, image, splay and remainder. */
 #ifndef TROCAR_IMPLANT_ERRORS_H
 #define TROCAR_IMPLANT_ERRORS_H
 
@@ -12,7 +12,7 @@ enum { ERROR_TOTAL, ERROR_TISSUE, ERROR_IMAGE, ERROR_SPLAY, ERROR_REMAINDER, ERR
 typedef struct {
     trocar_operator_seed seed;
     vec3 axis;               /* of the hole */
-    vec3 parts[ERROR_PARTS]; /* m, in the tissue at rest */
+    vec3 parts[ERROR_PARTS]; /* m, vectors in the tissue at rest */
 } seed_error;
 
 typedef struct {
@@ -20,7 +20,7 @@ typedef struct {
     seed_error seeds[TROCAR_MAX_SEEDS];
 } implant_errors;
 
-/* Compares the seeds that the server has told of with those that the operator dropped; the seeds of a needle are in the same order in both. */
+/* Compares the seeds that the server has reported with those that the operator dropped; the seeds of a needle are in the same order in both. */
 void implant_errors_find(const implant_plan *plan, const trocar_operator *op, const implant_watch *watch, implant_errors *errors);
 
 /* Prints the mean of each part over all seeds: along the needle (positive: too deep), its magnitude along the needle, and its magnitude across. */

@@ -21,7 +21,7 @@ typedef struct {
     const implant_play *play;
     implant_summary *summary;
     trocar_error *why;
-    trocar_client *client;   /* of the needle in the hand, because a client can hold only one needle; NULL before the first */
+    trocar_client *client;   /* client of the needle in the hand, because a client can hold only one needle; NULL before the first */
     trocar_client_wrench wrench;
     int needle;
     int priority;            /* priority of the client's thread; 0 keeps that of the calling thread */
@@ -137,7 +137,7 @@ static trocar_status await_done(player *p, const char *what) {
     return status != TROCAR_OK || answer == TROCAR_CLIENT_DONE ? status : fail_needle(p, what, reason);
 }
 
-/* Opens a client for a needle and closes that of the needle before. */
+/* Opens a client for a needle and closes the previous needle's client. */
 static trocar_status pick_up(player *p, int needle, const char *stage) {
     trocar_client_options options = {.url = p->play->lcm_url, .needle = needle, .priority = p->priority, .without_force = 1};
     char reason[512];
@@ -171,8 +171,8 @@ static trocar_status take(player *p, int needle) {
     return status == TROCAR_OK ? engage(p) : status;
 }
 
-/* Drops a seed. If the tissue has followed the needle while it was drawn back, the previous seed is still in the needle, and the server refuses; the operator is
-   told. Any other refusal ends the implant. */
+/* Drops a seed. If the tissue has followed the needle while it was drawn back, the previous seed is still in the needle, and the server refuses; the
+   operator is informed. Any other refusal ends the implant. */
 static trocar_status drop(player *p, bool *refused) {
     char reason[256];
     trocar_client_answer answer = TROCAR_CLIENT_NONE;
@@ -209,7 +209,7 @@ static trocar_status carry_out(player *p) {
     }
 }
 
-/* Waits until the server has told of all seeds, or until it should have. */
+/* Waits until the server has reported all seeds, or until it should have done so. */
 static trocar_status see_seeds(player *p) {
     double began = playing_now();
     trocar_status status = TROCAR_OK;

@@ -27,7 +27,8 @@ typedef struct {
     int greatest_force_needle; /* index of the needle that felt the greatest force */
 } implant_summary;
 
-/* Carries out the plan with this operator. At the end, `watch` has the seeds. SYSTEM if the server refuses a command or falls silent (the message gives the needle's hole and the reason), and after SIGINT
+/* Carries out the plan with this operator. At the end, `watch` contains the seeds. SYSTEM if the server refuses a command or falls silent (the
+ * message gives the needle's hole and the reason), and after SIGINT
    or SIGTERM. In these cases, the needles stay where they are. */
 trocar_status implant_carry_out(const implant_plan *plan, trocar_operator *op, const implant_play *play, implant_watch *watch, implant_summary *summary,
                                 trocar_error *why);

@@ -1,4 +1,5 @@
-/* What the server tells of an implant: the bases of the needles, the displacement of the tissue, and the seeds. The operator sees the depth marks on the needles
+/* What the server reports about an implant: the bases of the needles, the displacement of the tissue, and the seeds. The operator sees the depth
+ * marks on the needles
    at the template and, in the image, the displaced tissue. */
 #ifndef TROCAR_IMPLANT_WATCH_H
 #define TROCAR_IMPLANT_WATCH_H
@@ -20,7 +21,7 @@ typedef struct {
     double seeds[TROCAR_MAX_SEEDS][3]; /* m, centres in the tissue at rest */
 } implant_watch;
 
-/* Starts watching; `url` is NULL for LCM's default. SYSTEM if LCM fails. */
+/* Starts watching; `url` is NULL for LCM's default. Returns SYSTEM if LCM fails. */
 trocar_status implant_watch_open(implant_watch *w, const char *url, int node_count, trocar_error *why);
 
 /* Releases everything. May also be called after a failed open, and for a zeroed struct. */

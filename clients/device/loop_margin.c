@@ -72,7 +72,7 @@ static void keep_smallest(const haptic_loop *l, const transition *t, double angl
 static const double FIRST_ANGLE = 0.01;      /* start of the scan, as a fraction of the angle at the natural frequency of hand and device */
 static const double RATIO = 0.02;            /* largest relative step of the scan */
 
-/* In units of sqrt(k m), half the critical damping. It keeps the poles of the open loop inside the unit circle, as Nyquist's criterion requires. */
+/* In units of sqrt(k m), half the critical damping. This damping keeps the poles of the open loop inside the unit circle, as Nyquist's criterion requires. */
 static const double LEAST_DAMPING = 1e-6;
 
 double loop_gain_margin(const haptic_loop *loop, double *frequency) {
@@ -95,7 +95,7 @@ double loop_gain_margin(const haptic_loop *loop, double *frequency) {
 static const double DURATION = 5.0;          /* s */
 static const double SPEED = 0.1, GAP = 1e-3, PUSH = 11e-3; /* m/s and m, as in tests/stability/stability_map.c */
 static const double AT_REST = 0.5e-3;        /* m */
-static const double LOST = 10.0;             /* m, a motion that is certainly unstable */
+static const double LOST = 10.0;             /* m, amplitude above which a motion is certainly unstable */
 
 /* Positions that have been read, indexed by their number modulo the array's length. */
 typedef struct {

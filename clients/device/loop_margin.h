@@ -8,7 +8,7 @@ enum { LOOP_MAX_DELAY = 4096 };
 typedef struct {
     double mass, damping, stiffness; /* kg, N s/m, N/m; damping may be 0: device and hand together, as in hand.h */
     double coupling_stiffness, coupling_damping; /* N/m, N s/m: at the hand */
-    double period;           /* s, between two samples of the position; the force of a sample is constant for one period */
+    double period;           /* s, time between two samples of the position; the force of a sample is constant for one period */
     int delay;               /* periods from a sample until its force acts, from 0 to LOOP_MAX_DELAY */
 } haptic_loop;
 
@@ -34,7 +34,7 @@ typedef struct {
     double resolution;       /* m */
 } loop_limits;
 
-/* What a hand feels that moves its target at 0.1 m/s from 1 mm in front of a wall to 10 mm behind it, and then keeps still for 5 s. */
+/* Result of a push: the hand's target moves at 0.1 m/s from 1 mm in front of a wall to 10 mm behind it, and then stays there for 5 s. */
 typedef struct {
     double rest_time;        /* s after the push until the hand moves by less than 0.5 mm for good; INFINITY if it does not come to rest */
     double force;            /* N, largest */

@@ -8,7 +8,7 @@
 
 static const double HAND_DAMPING = 2.0, HAND_STIFFNESS = 500.0; /* N s/m and N/m: the hand of tests/stability/stability_map.c */
 static const double RESOLUTION = 0.05e-3;    /* m, as there */
-static const double LEAST_MARGIN = 2.0;      /* below this stability margin, the profile gets advice */
+static const double LEAST_MARGIN = 2.0;      /* below this stability margin, the check prints advice */
 
 /* ---- the profile ----------------------------------------------------------------------------------------------------- */
 
@@ -72,7 +72,7 @@ static void set_up_loop(const profile_settings *s, profile_result *r) {
     l->damping = s->damping >= 0.0 ? s->damping : HAND_DAMPING;
     l->stiffness = s->stiffness > 0.0 ? s->stiffness : HAND_STIFFNESS;
     l->period = period;
-    l->delay = (int)ceil((s->round_trip + r->device_delay) / period - 1e-9); /* the period for which a force is held comes in addition */
+    l->delay = (int)ceil((s->round_trip + r->device_delay) / period - 1e-9); /* excludes the period for which a force is held */
 }
 
 static void judge_loop(profile_result *r) {

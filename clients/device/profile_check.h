@@ -14,8 +14,8 @@ typedef struct {
     const char *scene;       /* path of the scene whose needle.start.depth is the needle's travel; NULL: the default depth */
     double mass, damping, stiffness; /* kg, N s/m, N/m: device and hand; not given: the profile's mass, 2 N s/m, 500 N/m */
     double device_delay;     /* s, round trip between bridge and device; not given: the profile's */
-    double round_trip;       /* s, between bridge and server */
-    double rate;             /* Hz, of the device's loop */
+    double round_trip;       /* s, round trip between bridge and server */
+    double rate;             /* Hz, rate of the device's loop */
 } profile_settings;
 
 typedef struct {
@@ -25,9 +25,9 @@ typedef struct {
     double scale, force_scale;
     bool clutch;
     double width, height, depth; /* m, workspace; NAN if unknown */
-    double travel;           /* m, of the needle */
+    double travel;           /* m, travel of the needle */
     int strokes;             /* number of motions of the hand for this travel; 0 if the workspace is unknown */
-    double device_delay;     /* s, of the simulated device */
+    double device_delay;     /* s, round-trip delay of the simulated device */
     double assumed_delay;    /* s, all delays for which the server designs the coupling */
     haptic_loop loop;
     double stability_margin, stability_frequency, simulated_margin, half_mass_margin; /* factors of the stiffness; Hz */

@@ -16,11 +16,12 @@ trocar_status pvd_open(pvd_series *p, const char *prefix, trocar_error *why) {
 }
 
 /* Adds a state to the list. Its file names are relative to the list's folder. */
-static void list_state(pvd_series *p, bool probe, double time) {
-    static const char *const parts[] = {"tissue", "needle", "probe"};
+static void list_state(pvd_series *p, bool probe, bool membranes, double time) {
+    static const char *const parts[] = {"tissue", "needle", "probe", "membranes"};
+    const bool written[] = {true, true, probe, membranes};
     const char *slash = strrchr(p->prefix, '/'), *name = slash ? slash + 1 : p->prefix;
-    for (int i = 0; i < (probe ? 3 : 2); i++)
-        fprintf(p->list.file, "<DataSet timestep=\"%.6f\" part=\"%d\" file=\"%s-%04d-%s.vtu\"/>\n", time, i, name, p->count, parts[i]);
+    for (int i = 0; i < 4; i++)
+        if (written[i]) fprintf(p->list.file, "<DataSet timestep=\"%.6f\" part=\"%d\" file=\"%s-%04d-%s.vtu\"/>\n", time, i, name, p->count, parts[i]);
 }
 
 bool pvd_is_due(const pvd_series *p, double time) { return p->list.file && time >= (double)p->count / PVD_HZ - 1e-9; }
@@ -34,7 +35,7 @@ trocar_status pvd_take(pvd_series *p, const trocar_model *model, trocar_picture 
     if (status == TROCAR_OK) status = vtu_write_needle(model, picture, output, patient, prefix, why);
     if (status == TROCAR_OK) status = vtu_write_probe(model, picture, patient, prefix, why);
     trocar_probe_shape ignored;
-    if (status == TROCAR_OK) list_state(p, trocar_model_probe(model, &ignored), time);
+    if (status == TROCAR_OK) list_state(p, trocar_model_probe(model, &ignored), vtu_has_membranes(model), time);
     p->count++;
     return status;
 }

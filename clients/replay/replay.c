@@ -22,7 +22,7 @@
 #include "shared/output.h"
 #include "shared/patient.h"
 #include "shared/poselog.h"
-#include "shared/seed_replay.h"
+#include "shared/command_replay.h"
 #include "trocar.h"
 
 const char *argp_program_version = "trocar-replay " TROCAR_VERSION;
@@ -71,6 +71,7 @@ typedef struct {
     int refused, refused_before; /* number of commands refused in this replay, and number that the server had already refused */
     trocar_error refusal;    /* reason for the first refusal in this replay */
     replayed_needle needles[TROCAR_MAX_NEEDLES];
+    waiting_change change;
     int gaps;                /* number of gaps longer than POSE_LOG_GAP */
 } replay;
 
@@ -90,7 +91,7 @@ static const struct argp_option option_list[] = {
     {"every", OPTION_EVERY, "N", 0, "Write only every Nth wrench, and no poses, to --out: a small golden log", 0},
     {"csv", OPTION_CSV, "FILE", 0, "Write one row per tick: time, base force and torque, depth, contacts, events, needle, positions of base and tip, the tip's roll minus the base's; in a scene with a probe, also its force on the hand, torque, contacts and position", 0},
     {"json-lines", OPTION_JSON, "FILE", 0, "Write the same as --csv as one JSON object per line", 0},
-    {"vtu", OPTION_VTU, "PREFIX", 0, "Write PREFIX-tissue.vtu, PREFIX-needle.vtu and, in a scene with a probe, PREFIX-probe.vtu", 0},
+    {"vtu", OPTION_VTU, "PREFIX", 0, "Write PREFIX-tissue.vtu, PREFIX-needle.vtu and, in scenes with a probe or with membranes that are stiff in their plane, PREFIX-probe.vtu and PREFIX-membranes.vtu", 0},
     {"pvd", OPTION_PVD, "PREFIX", 0, "Write a time series for ParaView, 30 states per second: PREFIX.pvd and its .vtu files", 0},
     {"at", OPTION_AT, "SECONDS", 0, "Time of the state that --vtu writes, counted from the first pose (default: the end)", 0},
     {"compare", OPTION_COMPARE, "GOLDEN", 0,
@@ -144,7 +145,7 @@ static error_t parse_option(int key, char *text, struct argp_state *state) {
 static const struct argp parser = {
     option_list, parse_option, NULL,
     "Runs recorded poses through the simulation in lockstep: one tick per pose, model time = the poses' utime. The same binary "
-    "gives identical bits. The probe moves with the log's TROCAR_PROBE.\vExit status: 0, 1 if it failed or differs from GOLDEN, 2 for bad input.", NULL, NULL, NULL};
+    "gives bit-identical results. The probe moves with the log's TROCAR_PROBE.\vExit status: 0, 1 if it failed or differs from GOLDEN, 2 for bad input.", NULL, NULL, NULL};
 
 /* ---- set-up ------------------------------------------------------------------------------------------------------ */
 
@@ -227,6 +228,7 @@ static void clean_up(replay *r) {
     output_abandon(&r->seeds_file);
     region_motion_free(&r->motion);
     trocar_picture_free(r->picture);
+    end_waiting_change(&r->change);
     trocar_sim_free(r->sim);
     trocar_model_free(r->model);
     trocar_scene_free(r->scene);
@@ -338,6 +340,7 @@ static trocar_status carry_out(replay *r, const logged_command *logged, trocar_e
     int needle = r->options->all ? c->needle : 0;
     replayed_needle *n = &r->needles[needle];
     trocar_status status;
+    if (logged->change) return replay_change(&r->change, r->sim, logged, why);
     if (r->options->all && n->begun && c->session != n->session)
         return fail(why, TROCAR_BAD_INPUT, "needle %d: another session holds the needle", needle);
     switch (c->command) {
@@ -380,7 +383,7 @@ static void try_again(replay *r, int needle) {
 
 static trocar_status log_command(replay *r, const logged_command *logged, trocar_error *why) {
     lcm_eventlog_t log = log_at(r);
-    trocar_status status = log_write_command(&log, &logged->command, r->options->log_path, why);
+    trocar_status status = logged->change ? log_write_change(&log, logged, r->options->log_path, why) : log_write_command(&log, &logged->command, r->options->log_path, why);
     if (status == TROCAR_OK && logged->answer != ANSWER_UNKNOWN)
         status = log_write_reply(&log, &logged->command, logged->answer == ANSWER_DONE, r->options->log_path, why);
     r->logged = log.eventcount;
@@ -390,7 +393,7 @@ static trocar_status log_command(replay *r, const logged_command *logged, trocar
 /* Executes a command. As in the server, a refused command changes nothing. */
 static trocar_status run_command(replay *r, const logged_command *logged, trocar_error *why) {
     trocar_error reason;
-    end_waiting(r, r->options->all ? logged->command.needle : 0, logged);
+    if (!logged->change) end_waiting(r, r->options->all ? logged->command.needle : 0, logged);
     bool refused_before = logged->answer == ANSWER_REFUSED;
     trocar_status status = refused_before ? TROCAR_OK : carry_out(r, logged, &reason);
     bool refused = status == TROCAR_BAD_INPUT || status == TROCAR_NUMERIC;
@@ -482,7 +485,9 @@ static double interval_of(replay *r, int tick) {
 static trocar_status run_tick(replay *r, int tick, trocar_error *why) {
     trocar_pose base = library_pose(pose_of_message(&r->now.pose));
     double dt = 0.0;
+    trocar_error reason;
     try_again(r, needle_of(r));
+    if (try_waiting_change(&r->change, r->sim, &reason) != TROCAR_OK) note_refusal(r, &reason);
     trocar_status status = run_commands(r, tick, why);
     if (status == TROCAR_OK) status = follow_probe(r, why);
     if (status != TROCAR_OK) return status;
@@ -543,7 +548,10 @@ static void summarise(const replay *r) {
     if (r->poses.probe_count) fprintf(stderr, "%d poses of the probe%s\n", r->poses.probe_count, r->has_probe ? "" : " skipped: the scene has none (probe.surface)");
     if (r->poses.skipped_probes)
         fprintf(stderr, "%" PRId64 " poses of the probe skipped, as the server refuses them: out of order, not finite, or of a second session\n", r->poses.skipped_probes);
-    if (r->poses.command_count) fprintf(stderr, "%d seeds\n", trocar_view_seeds(trocar_sim_view(r->sim), NULL, 0));
+    int seeds = trocar_view_seeds(trocar_sim_view(r->sim), NULL, 0), changes = 0;
+    for (int i = 0; i < r->poses.command_count; i++) changes += r->poses.commands[i].change != NULL;
+    if (changes) fprintf(stderr, "%d changes of the tissue\n", changes);
+    if (r->poses.command_count > changes) fprintf(stderr, "%d seeds\n", seeds);
     if (r->poses.skipped_commands)
         fprintf(stderr, "%" PRId64 " commands for seeds skipped: of other needles or sessions, or before the first pose\n", r->poses.skipped_commands);
 }
@@ -552,7 +560,7 @@ static void summarise(const replay *r) {
 static void name_other_owner(const replay *r) {
     const char *golden = r->comparison.inverse, *here = trocar_model_inverse(r->model);
     if (golden[0] == '\0' || strcmp(golden, here) == 0) return;
-    fprintf(stderr, "%s: recorded with the %s inverse, replayed with the %s one: results agree only to rounding; for identical bits set "
+    fprintf(stderr, "%s: recorded with the %s inverse, replayed with the %s one: results agree only to rounding errors; for bit-identical results set "
             "`inverse: %s` in the scene\n", r->options->golden_path, golden, here, golden);
 }
 

@@ -1,7 +1,5 @@
 #include "replay/vtu.h"
 
-#include <stdbool.h>
-
 #include "common/messages.h"
 #include "shared/output.h"
 
@@ -127,6 +125,85 @@ static void write_tissue(const trocar_model *model, const trocar_refined_mesh *m
     end_file(out);
 }
 
+/* ---- membranes --------------------------------------------------------------------------------------------------- */
+
+/* Returns the first surface, from `from` on, that is a membrane with a stiffness; -1 if there is none. */
+static int stiff_surface(const trocar_model *model, int from) {
+    for (int g = from; g < trocar_model_region_count(model); g++)
+        if (trocar_model_membrane(model, g).stiffness > 0.0) return g;
+    return -1;
+}
+
+bool vtu_has_membranes(const trocar_model *model) { return stiff_surface(model, 0) >= 0; }
+
+/* A triangle of a membrane. */
+typedef struct {
+    int place, surface;      /* place: 4 x tetrahedron + face, where the tetrahedron is the one with the smaller number; -1 if there are no more triangles */
+} membrane_triangle;
+
+static bool has_triangle(const trocar_model *model, membrane_triangle t) {
+    int neighbour = trocar_model_neighbours(model)[t.place];
+    return (neighbour < 0 || t.place / 4 < neighbour) && trocar_model_face_surfaces(model)[t.place] >> t.surface & 1;
+}
+
+/* Returns the triangle that follows; the first one follows {-1, stiff_surface(model, 0)}. */
+static membrane_triangle next_triangle(const trocar_model *model, membrane_triangle t) {
+    for (; t.surface >= 0; t = (membrane_triangle){-1, stiff_surface(model, t.surface + 1)})
+        for (t.place++; t.place < 4 * trocar_model_tet_count(model); t.place++)
+            if (has_triangle(model, t)) return t;
+    return (membrane_triangle){-1, -1};
+}
+
+static membrane_triangle first_triangle(const trocar_model *model) { return next_triangle(model, (membrane_triangle){-1, stiff_surface(model, 0)}); }
+
+#define EACH_TRIANGLE(t) (membrane_triangle t = first_triangle(model); t.place >= 0; t = next_triangle(model, t))
+
+/* Writes what follows the connectivity of triangles. */
+static void end_triangles(int count, FILE *out) {
+    begin_array("Int32", "offsets", 1, out);
+    for (int i = 1; i <= count; i++) fprintf(out, "%d\n", 3 * i);
+    end_array(out);
+    begin_array("UInt8", "types", 1, out);
+    for (int i = 0; i < count; i++) fprintf(out, "%d\n", VTK_TRIANGLE);
+    end_array(out);
+    fprintf(out, "</Cells>\n");
+}
+
+static void write_triangles(const trocar_model *model, int count, FILE *out) {
+    fprintf(out, "<Cells>\n");
+    begin_array("Int32", "connectivity", 1, out);
+    for EACH_TRIANGLE(t) {
+        const int32_t *corners = trocar_model_tets(model) + t.place / 4 * 4;
+        fprintf(out, "%d %d %d\n", corners[(t.place + 1) % 4], corners[(t.place + 2) % 4], corners[(t.place + 3) % 4]);
+    }
+    end_array(out);
+    end_triangles(count, out);
+}
+
+static void write_membranes(const trocar_model *model, const trocar_refined_mesh *m, const patient_frame *patient, FILE *out) {
+    int nodes = trocar_model_node_count(model), count = 0;
+    for EACH_TRIANGLE(t) count++;
+    fprintf(out, "<?xml version=\"1.0\"?>\n<VTKFile type=\"UnstructuredGrid\" version=\"0.1\" byte_order=\"LittleEndian\">\n<UnstructuredGrid>\n"
+                 "<Piece NumberOfPoints=\"%d\" NumberOfCells=\"%d\">\n<PointData Vectors=\"displacement\">\n", nodes, count);
+    write_vectors("displacement", m->displacements, nodes, patient, lengths_to_patient, out);
+    fprintf(out, "</PointData>\n<CellData Scalars=\"surface\">\n");
+    begin_array("Int32", "surface", 1, out);
+    for EACH_TRIANGLE(t) fprintf(out, "%d\n", t.surface);
+    end_array(out);
+    begin_array("Float64", "stiffness", 1, out);
+    for EACH_TRIANGLE(t) fprintf(out, "%.17g\n", trocar_model_membrane(model, t.surface).stiffness);
+    end_array(out);
+    begin_array("Float64", "poisson_ratio", 1, out);
+    for EACH_TRIANGLE(t) fprintf(out, "%.17g\n", trocar_model_membrane(model, t.surface).poisson_ratio);
+    end_array(out);
+    fprintf(out, "</CellData>\n");
+    write_points(m->nodes, nodes, patient, out);
+    write_triangles(model, count, out);
+    end_file(out);
+}
+
+/* ---- files ------------------------------------------------------------------------------------------------------- */
+
 static trocar_status open_part(output *file, const char *prefix, const char *part, trocar_error *why) {
     char path[1024];
     if (snprintf(path, sizeof path, "%s-%s.vtu", prefix, part) >= (int)sizeof path)
@@ -134,19 +211,25 @@ static trocar_status open_part(output *file, const char *prefix, const char *par
     return output_open(file, path, why);
 }
 
-trocar_status vtu_write_tissue(const trocar_model *model, trocar_picture *picture, const patient_frame *patient, const char *prefix,
-                               trocar_error *why) {
+typedef void (*mesh_writer)(const trocar_model *model, const trocar_refined_mesh *m, const patient_frame *patient, FILE *out);
+
+static trocar_status write_part(const trocar_model *model, const trocar_refined_mesh *m, const patient_frame *patient, const char *prefix, const char *part,
+                                mesh_writer write, trocar_error *why) {
     output file;
-    trocar_refined_mesh mesh;
-    trocar_status status = open_part(&file, prefix, "tissue", why);
+    trocar_status status = open_part(&file, prefix, part, why);
     if (status != TROCAR_OK) return status;
-    status = trocar_picture_refined_mesh(picture, &mesh, why);
-    if (status == TROCAR_OK) {
-        write_tissue(model, &mesh, patient, file.file);
-        status = output_commit(&file, why);
-    }
+    write(model, m, patient, file.file);
+    status = output_commit(&file, why);
     output_abandon(&file);
     return status;
+}
+
+trocar_status vtu_write_tissue(const trocar_model *model, trocar_picture *picture, const patient_frame *patient, const char *prefix,
+                               trocar_error *why) {
+    trocar_refined_mesh mesh;
+    trocar_status status = trocar_picture_refined_mesh(picture, &mesh, why);
+    if (status == TROCAR_OK) status = write_part(model, &mesh, patient, prefix, "tissue", write_tissue, why);
+    return status == TROCAR_OK && vtu_has_membranes(model) ? write_part(model, &mesh, patient, prefix, "membranes", write_membranes, why) : status;
 }
 
 /* ---- needle ------------------------------------------------------------------------------------------------------ */
@@ -271,13 +354,7 @@ static void write_probe_triangles(bool placed, FILE *out) {
     }
     for (int i = 0; placed && i < AROUND; i++) fprintf(out, "%d %d %d\n", rings * AROUND + i, rings * AROUND + (i + 1) % AROUND, AROUND * ALONG);
     end_array(out);
-    begin_array("Int32", "offsets", 1, out);
-    for (int i = 1; i <= count; i++) fprintf(out, "%d\n", 3 * i);
-    end_array(out);
-    begin_array("UInt8", "types", 1, out);
-    for (int i = 0; i < count; i++) fprintf(out, "%d\n", VTK_TRIANGLE);
-    end_array(out);
-    fprintf(out, "</Cells>\n");
+    end_triangles(count, out);
 }
 
 static void write_probe(const trocar_probe_shape *shape, const trocar_probe *p, const patient_frame *patient, FILE *out) {

@@ -18,7 +18,7 @@
 /* LCM's own reader trusts the lengths in the file, prints to stderr and resumes at the next magic number, so that it would treat a damaged log as a
    shorter one. This reader checks everything instead. An event on disk is big-endian: magic, event number (8), timestamp (8), two lengths (4 each),
    channel, data. */
-enum { EVENT_HEADER = 28, EVENT_CHANNEL_LENGTH = 20, EVENT_DATA_LENGTH = 24, CHANNEL_MAX = 63, DATA_MAX = 512, STATUS_MAX = 4096 };
+enum { EVENT_HEADER = 28, EVENT_CHANNEL_LENGTH = 20, EVENT_DATA_LENGTH = 24, CHANNEL_MAX = 63, DATA_MAX = 512, CHANGE_MAX = 4096, STATUS_MAX = 4096 };
 static const unsigned char event_magic[4] = {0xED, 0xA1, 0xDA, 0x01};
 
 /* A message type of an older release, which lacks the last fields: in poses, `needle`; in wrenches, `needle` or both `server` and `needle`; in a status,
@@ -267,7 +267,36 @@ static trocar_status note_command(const reader *r, const event_header *h, void *
     return add_command(&m, log, why);
 }
 
+/* Records a change of the values, whoever sent it, because it concerns all needles. */
+static trocar_status note_change(const reader *r, const event_header *h, void *context, trocar_error *why) {
+    pose_log *log = ((reading *)context)->poses;
+    unsigned char data[CHANGE_MAX] = {0};
+    trocar_change_t m;
+    trocar_status status = read_data(r, h, data, CHANGE_MAX, why);
+    if (status == TROCAR_OK) status = check_type(r, data, "change_t", __trocar_change_t_get_hash(), why);
+    if (status != TROCAR_OK) return status;
+    if (h->data_length > CHANGE_MAX || !change_fits(data, (size_t)h->data_length) || trocar_change_t_decode(data, 0, CHANGE_MAX, &m) < 0)
+        return bad_event(r, "not the length of a trocar.change_t: the log is damaged", why);
+    status = add_command(&(trocar_command_t){.utime = m.utime, .session = m.session, .command = TROCAR_COMMAND_T_CHANGE, .seq = m.seq}, log, why);
+    if (status == TROCAR_OK) {
+        logged_command *added = &log->commands[log->command_count - 1];
+        added->change_time = m.time;
+        added->change = m.values;
+        m.values = NULL; /* belongs to the log now */
+    }
+    free(m.values);
+    return status;
+}
+
 enum { MOST_UNANSWERED = 1024 }; /* maximum number of unanswered commands; a server has fewer pending */
+
+/* A change takes effect when the server replies, because moduli may need minutes of preparation. */
+static void move_to_end(pose_log *log, logged_command *change) {
+    logged_command moved = *change, *last = log->commands + log->command_count - 1;
+    memmove(change, change + 1, (size_t)(last - change) * sizeof *change);
+    moved.next_pose = log->count;
+    *last = moved;
+}
 
 /* Records the result of a command; replies of another message type are ignored. */
 static trocar_status note_reply(const reader *r, const event_header *h, void *context, trocar_error *why) {
@@ -283,7 +312,10 @@ static trocar_status note_reply(const reader *r, const event_header *h, void *co
         bool same = c->session == m.session && c->seq == m.seq && c->needle == m.needle && c->command == m.command;
         if (same && log->commands[i].answer == ANSWER_UNKNOWN) asked = &log->commands[i];
     }
-    if (asked) asked->answer = m.status == TROCAR_COMMAND_REPLY_T_DONE ? ANSWER_DONE : ANSWER_REFUSED;
+    if (asked && m.status != TROCAR_COMMAND_REPLY_T_PENDING) {
+        asked->answer = m.status == TROCAR_COMMAND_REPLY_T_DONE ? ANSWER_DONE : ANSWER_REFUSED;
+        if (asked->change) move_to_end(log, asked);
+    }
     trocar_command_reply_t_decode_cleanup(&m);
     return TROCAR_OK;
 }
@@ -411,8 +443,8 @@ static trocar_status take_command(const reader *r, const event_header *h, void *
     return add_command(&m, log, why);
 }
 
-static const wanted_channel ALL[] = {{POSE_CHANNEL, take_any_pose}, {COMMAND_CHANNEL, take_command}, {REPLY_CHANNEL, note_reply}, {PROBE_CHANNEL, note_probe}, {0}};
-static const wanted_channel OF_ONE[] = {{POSE_CHANNEL, take_pose}, {COMMAND_CHANNEL, note_command}, {REPLY_CHANNEL, note_reply}, {PROBE_CHANNEL, note_probe}, {0}};
+static const wanted_channel ALL[] = {{POSE_CHANNEL, take_any_pose}, {COMMAND_CHANNEL, take_command}, {CHANGE_CHANNEL, note_change}, {REPLY_CHANNEL, note_reply}, {PROBE_CHANNEL, note_probe}, {0}};
+static const wanted_channel OF_ONE[] = {{POSE_CHANNEL, take_pose}, {COMMAND_CHANNEL, note_command}, {CHANGE_CHANNEL, note_change}, {REPLY_CHANNEL, note_reply}, {PROBE_CHANNEL, note_probe}, {0}};
 
 static void begin_reading(reading *in, pose_log *log, int needle, bool keeps) {
     *log = (pose_log){.needle = needle, .most_needle = -1};
@@ -555,6 +587,7 @@ void wrench_log_free(wrench_log *log) {
 
 void pose_log_free(pose_log *log) {
     free(log->poses);
+    for (int i = 0; i < log->command_count; i++) free(log->commands[i].change);
     free(log->commands);
     free(log->probes);
     *log = (pose_log){0};
@@ -610,6 +643,14 @@ trocar_status log_write_command(lcm_eventlog_t *log, const trocar_command_t *mes
     uint8_t data[256];
     int length = trocar_command_t_encode(data, 0, sizeof data, message);
     return write_event(log, message->utime, COMMAND_CHANNEL, data, length, path, why);
+}
+
+trocar_status log_write_change(lcm_eventlog_t *log, const logged_command *change, const char *path, trocar_error *why) {
+    uint8_t data[CHANGE_MAX];
+    const trocar_command_t *c = &change->command;
+    trocar_change_t m = {.utime = c->utime, .session = c->session, .seq = c->seq, .time = change->change_time, .values = change->change};
+    int length = trocar_change_t_encode(data, 0, sizeof data, &m);
+    return write_event(log, m.utime, CHANGE_CHANNEL, data, length, path, why);
 }
 
 trocar_status log_write_reply(lcm_eventlog_t *log, const trocar_command_t *command, bool done, const char *path, trocar_error *why) {

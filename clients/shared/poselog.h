@@ -9,6 +9,7 @@
 #include "base/error.h"
 #include "base/vec.h"
 #include "trocar.h"
+#include "trocar_change_t.h"
 #include "trocar_command_t.h"
 #include "trocar_needle_pose_t.h"
 #include "trocar_needle_wrench_t.h"
@@ -20,15 +21,18 @@
 #define STATUS_CHANNEL "TROCAR_STATUS"
 #define COMMAND_CHANNEL "TROCAR_COMMAND"
 #define REPLY_CHANNEL "TROCAR_REPLY"
+#define CHANGE_CHANNEL "TROCAR_CHANGE"
 #define PROBE_CHANNEL "TROCAR_PROBE"
 
 /* The server's answer to a command; unknown if the log contains no reply to it. */
 typedef enum { ANSWER_UNKNOWN, ANSWER_DONE, ANSWER_REFUSED } logged_answer;
 
-/* A command, and the pose before which it arrived. */
+/* A command, and the pose before which it arrived; or a change, and the pose before which the server replied (without a reply: before which it arrived). */
 typedef struct {
     int next_pose;                /* index of that pose; equals the number of poses if the command arrived after the last one */
-    trocar_command_t command;
+    trocar_command_t command;     /* of a change: sender, number, TROCAR_COMMAND_T_CHANGE as its command, and needle 0 */
+    double change_time;           /* s, duration of a change; otherwise unused */
+    char *change;                 /* lines of "key: value"; NULL if this is not a change */
     logged_answer answer;
 } logged_command;
 
@@ -47,7 +51,7 @@ typedef struct {
     trocar_needle_pose_t *poses;  /* array of `count` poses; NULL if read by pose_log_scan */
     int command_count;
     /* array [command_count], in order: all commands if read by pose_log_read_all, otherwise only DROP_SEED and UNDO from the poses' session and
-       needle */
+       needle, and all changes */
     logged_command *commands;
     int probe_count;
     logged_probe *probes;         /* array [probe_count], in order: the poses of the probe that the server would accept; NULL if read by pose_log_scan */
@@ -129,6 +133,7 @@ trocar_status pose_log_move_probe(const pose_log *log, int i, const trocar_model
 
 /* Each function appends one event, whose timestamp is the message's (for a wrench, the pose's). SYSTEM if the event cannot be written. */
 trocar_status log_write_command(lcm_eventlog_t *log, const trocar_command_t *command, const char *path, trocar_error *why);
+trocar_status log_write_change(lcm_eventlog_t *log, const logged_command *change, const char *path, trocar_error *why);
 trocar_status log_write_reply(lcm_eventlog_t *log, const trocar_command_t *command, bool done, const char *path, trocar_error *why);
 trocar_status log_write_probe(lcm_eventlog_t *log, const trocar_probe_pose_t *pose, const char *path, trocar_error *why);
 trocar_status log_write_pose(lcm_eventlog_t *log, const trocar_needle_pose_t *pose, const char *path, trocar_error *why);

@@ -17,11 +17,13 @@
 #include "shared/json.h"
 #include "shared/options.h"
 #include "shared/output.h"
+#include "trocar_change_t.h"
 #include "view/hand/parking_poses.h"
 #include "view/hand/pilot.h"
 #include "view/implant/implant.h"
 #include "view/stream/playback.h"
 #include "view/training/training.h"
+#include "view/ultrasound/scanner.h"
 #include "view/web/chromium.h"
 #include "view_options.h"
 
@@ -45,6 +47,8 @@ typedef struct {
     subscriber feed;
     pilot pilot;
     implant implant;
+    scanner *scanner;        /* live only */
+    web_section ultrasound;  /* the newest images */
     training training;
     trocar_error cut;        /* where the log is truncated; empty if it is complete */
 
@@ -91,6 +95,23 @@ static void write_probe(const view *v, json *j) {
     json_close(j, '}');
 }
 
+/* Writes the values that may change during the run, and the answer to the last change. */
+static void write_values(const view *v, json *j) {
+    const trocar_values_t *values = v->feed.values;
+    const trocar_command_reply_t *reply = v->feed.change_reply;
+    if (values) {
+        json_open(j, "values", '{');
+        for (int i = 0; i < values->count; i++) json_exact(j, values->key[i], values->value[i]);
+        json_close(j, '}');
+    }
+    if (!reply) return;
+    json_open(j, "changed", '{');
+    json_integer(j, "number", reply->seq);
+    json_bool(j, "done", reply->status == TROCAR_COMMAND_REPLY_T_DONE);
+    json_text(j, "message", reply->message);
+    json_close(j, '}');
+}
+
 /* Writes the number of servers since the start, the reason why a browser has lost the needle, and the driven needle's destination. */
 static void write_pilot(view *v, json *j) {
     pilot *p = &v->pilot;
@@ -106,7 +127,7 @@ static void write_pilot(view *v, json *j) {
 }
 
 /* Returns the state of the browser and of the server, as JSON: see page/src/link.js. */
-static char *describe(void *context, bool drives, bool driven, uint32_t steered) {
+static char *describe(void *context, const web_page *page) {
     view *v = context;
     char *text = NULL;
     size_t length = 0;
@@ -118,15 +139,19 @@ static char *describe(void *context, bool drives, bool driven, uint32_t steered)
     json_open(&j, NULL, '{');
     json_number(&j, "now", now);
     json_bool(&j, "alive", alive);
-    json_bool(&j, "drives", drives);
-    json_bool(&j, "driven", driven);
-    json_integer(&j, "steered", steered);
+    json_bool(&j, "drives", page->driver == page->number);
+    json_bool(&j, "driven", page->driver != 0);
+    json_integer(&j, "page", page->number);
+    json_integer(&j, "pages", page->count);
+    json_integer(&j, "driver", page->driver);
+    json_integer(&j, "steered", page->steered);
     json_integer(&j, "needle", v->pilot.needle); /* written even while the server is silent, because the page may still drive the needle */
     write_pilot(v, &j);
     if (alive) {
         json_number(&j, "rate", v->feed.timing.rate_hz);
         json_bool(&j, "shown", subscriber_shows(&v->feed));
         if (v->feed.probe.placed) write_probe(v, &j);
+        write_values(v, &j);
         write_needles(v, &j);
     }
     training_write(&v->training, &v->feed, &j);
@@ -136,17 +161,39 @@ static char *describe(void *context, bool drives, bool driven, uint32_t steered)
     return text;
 }
 
+/* Has the next images computed once the last ones have been, and have been sent to a browser, because computing more images than are shown would slow down the
+   browser. */
+static void scan(view *v) {
+    if (v->scanner && !scanner_busy(v->scanner) && web_delivered(v->web, &v->ultrasound)) scanner_tell(v->scanner, &v->feed);
+}
+
+static void look(view *v, const web_action *action) {
+    if (!v->scanner) return;
+    scanner_look(v->scanner, action);
+    scan(v);
+}
+
 static void act(void *context, const web_action *action) {
     view *v = context;
     if (action->kind == ACTION_START) training_start(&v->training, &v->feed);
-    else if (action->kind == ACTION_FINISH) training_finish(&v->training, &v->feed);
+    else if (action->kind == ACTION_FINISH) training_finish(&v->training, &v->feed, action->needle);
+    else if (action->kind == ACTION_LOOK) look(v, action);
     else if (v->lcm) pilot_act(&v->pilot, action);
+}
+
+/* Passes a browser's change on to the server, which checks it. */
+static void change(void *context, const web_action *action, const char *values) {
+    const view *v = context;
+    if (!v->lcm) return;
+    trocar_change_t m = {.utime = wall_us(), .session = v->pilot.publisher.session, .seq = action->needle, .time = action->steer[0], .values = (char *)(uintptr_t)values};
+    trocar_change_t_publish(v->lcm, "TROCAR_CHANGE", &m);
 }
 
 static void receive(view *v) {
     while (lcm_handle_timeout(v->lcm, 0) > 0) continue;
     pilot_hear(&v->pilot);
     implant_hear(&v->implant, &v->feed);
+    scan(v);
 }
 
 /* True if a browser may drive this needle; handles pending messages first. */
@@ -179,6 +226,12 @@ static void on_lcm(void *context) {
 static void on_dose(void *context) {
     view *v = context;
     implant_note_dose(&v->implant);
+    web_news(v->web);
+}
+
+static void on_ultrasound(void *context) {
+    view *v = context;
+    if (scanner_take(v->scanner, &v->ultrasound.bytes)) v->ultrasound.version++;
     web_news(v->web);
 }
 
@@ -226,11 +279,12 @@ static trocar_status open_web(view *v, trocar_error *why) {
     settings.scene = &v->encoded_scene;
     settings.task_folder = v->training.task ? v->training.prepared : NULL;
     settings.runs_folder = v->training.task ? v->training.runs : NULL;
-    settings.sections = v->implant.sections;
-    settings.section_count = IMPLANT_SECTIONS;
+    for (int i = 0; i < IMPLANT_SECTIONS; i++) settings.sections[settings.section_count++] = &v->implant.sections[i];
+    settings.sections[settings.section_count++] = &v->ultrasound;
     settings.context = v;
     settings.describe = describe;
     settings.act = act;
+    settings.change = change;
     settings.may_drive = may_drive;
     settings.take_png = v->options->png_path ? take_png : NULL;
     encode_scene(&v->encoded_scene, v->scene, v->model, v->parking_poses, v->needle_count, v->options->log_path == NULL);
@@ -248,6 +302,8 @@ static trocar_status open_live(view *v, trocar_error *why) {
     if (status == TROCAR_OK) status = training_open(&v->training, v->lcm, why);
     if (status == TROCAR_OK) status = web_watch(v->web, lcm_get_fileno(v->lcm), on_lcm, why);
     if (status == TROCAR_OK && v->implant.dose) status = web_watch(v->web, dose_thread_descriptor(v->implant.dose), on_dose, why);
+    if (status == TROCAR_OK) status = scanner_create(v->scene, v->model, &v->scanner, why);
+    if (status == TROCAR_OK) status = web_watch(v->web, scanner_descriptor(v->scanner), on_ultrasound, why);
     if (status != TROCAR_OK) return status;
     v->pilot = (pilot){.model = v->model, .parking_poses = v->parking_poses, .needle_length = v->needle_length, .feed = &v->feed, .web = v->web};
     return pilot_open(&v->pilot, v->lcm, why);
@@ -295,6 +351,8 @@ static trocar_status prepare(view *v, trocar_error *why) {
 static void clean_up(view *v) {
     if (v->web) web_free(v->web); /* freed first, because a driving browser releases the needle when its connection closes */
     pilot_close(&v->pilot);
+    if (v->scanner) scanner_free(v->scanner);
+    bytes_free(&v->ultrasound.bytes);
     training_close(&v->training);
     subscriber_close(&v->feed);
     implant_close(&v->implant);

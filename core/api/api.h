@@ -5,6 +5,7 @@
 #include <stdatomic.h>
 
 #include "api/worker_protocol.h"
+#include "changes/elasticity.h"
 #include "model/model_parts.h"
 #include "probe/probe.h"
 #include "refinement/refined_mesh.h"
@@ -21,7 +22,8 @@ struct trocar_model {
     model_parts parts;       /* immutable data of the simulation, shared by all its runs */
     trocar_log log;          /* the host's */
     atomic_int users;        /* number of users: the host, until it frees the model, and the simulations, pictures and models created from it */
-    trocar_model *base;      /* model whose mesh, stiffness and inverse this one shares; NULL if it has its own */
+    trocar_model *base;      /* model whose mesh, and possibly stiffness and inverse, this one shares; NULL if it has its own */
+    trocar_model *next_retired; /* see model_release */
     uint64_t mesh_checksum;  /* of the mesh, the same for all models derived from this one */
     uint64_t checksum;       /* of everything that results depend on, to recognise its saved states */
     double rate_hz;
@@ -58,7 +60,7 @@ typedef struct {
     remesher *remesher;      /* contact nodes of this needle */
     bool loaded;             /* whether u_free, as of the last answer, is nonzero anywhere */
     vec3 u_free[MAX_HANDLES]; /* m, free displacements, as in the last answer; computed once per request */
-    unresolved_shift unresolved;
+    unresolved_shift unresolved, unresolved_residual[MAX_RELAXATION]; /* as in the last answer */
     tissue_loads held;       /* the needle's forces on the tissue as the worker knows them; while it rests, its residual loads alone */
     resting_needle *resting; /* NULL if the needle has never rested */
     bool attached;           /* the needle is attached to the tissue */
@@ -78,10 +80,14 @@ struct trocar_sim {
     int64_t (*clock)(void);  /* returns the time in ns; NULL if stages are not timed */
     round_clock rounds;
     seed_list seeds;
+    sim_changing *changing;  /* NULL, in a simulation of a batch, until the first change: the model's own values are in use */
     vec3 *field_scratch;     /* see trocar_view.scratch */
+    inverse *shown;          /* mixture for displacements, set when they are computed */
+    elasticity elasticity;   /* with a reference to each of its models. Ticking thread and worker: see elasticity.h */
     /* Used by the worker: */
-    inverse *inverse;        /* inverse to which resting needles and the probe are attached; the model's own inverse if nothing can be attached */
-    needle_pairs *pairs;     /* couplings between needles; NULL if there is only one needle */
+    inverse *mixed;          /* inverse of the tissue alone, with the present moduli */
+    inverse *inverse;        /* inverse to which resting needles and the probe are attached */
+    needle_pairs *pairs;     /* couplings between needles; NULL if there is only one needle, in elastic tissue */
     resting_set resting;
     resting_scratch *resting_scratch; /* NULL until a needle is first left */
     uint64_t last_attached;  /* id of the most recently attached needle */
@@ -108,6 +114,9 @@ struct trocar_picture {
     shown_probe probe;
     int next_resting;        /* index of the resting needle that is checked first */
     seed_list seeds;
+    trocar_model *from, *to; /* moduli: a reference to the models between which they are */
+    double weight;           /* of `to` */
+    inverse *mixed;          /* the inverse of the tissue with these moduli */
     vec3 *scratch;           /* see trocar_view.scratch */
     refined_mesh refined;    /* result of the last call of trocar_picture_refined_mesh */
     vec3 *force, *displacement; /* forces and displacements at the nodes of `refined` */
@@ -119,12 +128,29 @@ static inline trocar_model *model_share(trocar_model *model) {
     return model;
 }
 
+static inline moduli moduli_of(trocar_model *model) { return (moduli){model, &model->parts}; }
+
+/* Builds a model that differs from `base` in its moduli alone, which are those of `config`. Errors as in trocar_change_prepare. */
+trocar_status model_stiffen(trocar_model *base, const simulation_config *config, const trocar_watch *watch, trocar_model **created, trocar_error *why);
+
+/* Gives up a reference without freeing the model: if it was the last one, model_free_retired does so, in a thread that need not be RT. RT */
+void model_release(trocar_model *model);
+void model_free_retired(void);
+
 /* Creates a simulation. `workspace`: NULL for a simulation of its own; otherwise the simulation runs in lockstep alone, uses this workspace until it is given
    another one, has no descriptor for a worker, and takes up only the memory that it uses. NO_MEMORY, SYSTEM. Allocates. */
 trocar_status sim_create(trocar_model *model, insertion_workspace *workspace, trocar_sim **sim, trocar_error *why);
 
 /* Allocates memory for the state and saves it; to be freed by the caller. NO_MEMORY. */
 trocar_status sim_save_new(const trocar_sim *sim, void **state, size_t *bytes, trocar_error *why);
+
+/* Models with the values that the ticking thread and the worker use. RT */
+static inline const insertion_model *ticking_model(const trocar_sim *sim) {
+    return sim->changing ? &sim->changing->ticking.model : &sim->model->parts.insertion;
+}
+static inline const insertion_model *worker_model(const trocar_sim *sim) {
+    return sim->changing ? &sim->changing->worker.model : &sim->model->parts.insertion;
+}
 
 static inline bool has_needle(const trocar_model *model, int needle) { return needle >= 0 && needle < model->parts.config.needle_count; }
 

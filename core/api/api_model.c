@@ -110,6 +110,48 @@ trocar_status trocar_model_prepare(trocar_model *model, trocar_error *error) {
     return status;
 }
 
+trocar_status model_stiffen(trocar_model *base, const simulation_config *config, const trocar_watch *watch, trocar_model **created, trocar_error *why) {
+    trocar_model *m = calloc(1, sizeof *m);
+    if (!m) return fail(why, TROCAR_NO_MEMORY, "no memory for a model");
+    simulation_config changed = base->parts.config;
+    double *to[MAX_MODULI], *from[MAX_MODULI];
+    int count = simulation_moduli(&changed, to);
+    simulation_moduli((simulation_config *)config, from); /* only read here */
+    for (int i = 0; i < count; i++) *to[i] = *from[i];
+    changed.progress = watch ? (inverse_progress){watch->progress, watch->context, watch->cancelled} : (inverse_progress){0};
+    changed.keep_inverse = false;
+    floating_mode before = flush_denormals();
+    trocar_status status = model_parts_stiffen(&base->parts, &changed, &m->parts, why);
+    restore_floating_mode(before);
+    if (status != TROCAR_OK) {
+        free(m);
+        return status;
+    }
+    m->users = 1;
+    m->log = base->log;
+    m->base = model_share(base);
+    *created = m;
+    return TROCAR_OK;
+}
+
+static _Atomic(trocar_model *) retired; /* models without users, of all simulations */
+
+void model_release(trocar_model *model) {
+    if (atomic_fetch_sub_explicit(&model->users, 1, memory_order_acq_rel) > 1) return;
+    model->next_retired = atomic_load_explicit(&retired, memory_order_relaxed);
+    while (!atomic_compare_exchange_weak_explicit(&retired, &model->next_retired, model, memory_order_release, memory_order_relaxed)) {}
+}
+
+void model_free_retired(void) {
+    if (!atomic_load_explicit(&retired, memory_order_relaxed)) return;
+    trocar_model *next, *model = atomic_exchange_explicit(&retired, NULL, memory_order_acquire);
+    for (; model; model = next) {
+        next = model->next_retired;
+        model->users = 1;
+        trocar_model_free(model);
+    }
+}
+
 static bool has_region(const trocar_model *model, int index) { return index >= 0 && index < model->parts.mesh.group_count; }
 
 const char *trocar_model_inverse(const trocar_model *model) { return model->mesh_only ? "" : inverse_name(model->parts.inverse); }
@@ -169,6 +211,12 @@ trocar_material trocar_model_material(const trocar_model *model, int region) {
                              .cutting_viscosity = m->cutting_viscosity, .friction_static = m->friction_static,
                              .friction_kinetic = m->friction_kinetic, .friction_viscous = m->friction_viscous,
                              .spreading_force = m->spreading_force, .stiffening = m->stiffening};
+}
+
+trocar_membrane trocar_model_membrane(const trocar_model *model, int region) {
+    if (trocar_model_region_dimension(model, region) != 2) return (trocar_membrane){0};
+    const membrane_material *m = &model->parts.membrane_materials[region];
+    return (trocar_membrane){.stiffness = m->stiffness, .poisson_ratio = m->poisson_ratio};
 }
 
 int trocar_model_guide_count(const trocar_model *model) { return model->parts.config.guide_count; }

@@ -17,12 +17,16 @@ trocar_status trocar_picture_create(trocar_model *model, trocar_picture **create
     trocar_picture *p = calloc(1, sizeof *p);
     size_t states = (size_t)model->parts.config.needle_count * sizeof *p->states;
     if (p) p->states = malloc(states);
-    if (!p || !p->states) {
+    status = p && p->states ? inverse_create_mixed(model->parts.inverse, &p->mixed, why) : fail(why, TROCAR_NO_MEMORY, "no memory for a picture");
+    if (status != TROCAR_OK) {
+        if (p) free(p->states);
         free(p);
-        return fail(why, TROCAR_NO_MEMORY, "no memory for a picture");
+        return status;
     }
     memset(p->states, 0, states); /* writes to the memory now, so that no page fault occurs later */
     p->model = model_share(model);
+    p->from = model_share(model);
+    p->to = model_share(model);
     p->view = (trocar_view){.model = model, .picture = p, .scratch = &p->scratch};
     floating_mode before = flush_denormals();
     for (int i = 0; i < model->parts.config.needle_count; i++) {
@@ -41,8 +45,23 @@ void trocar_picture_free(trocar_picture *picture) {
     free(picture->scratch);
     free(picture->force);
     free(picture->displacement);
+    inverse_free(picture->mixed);
+    trocar_model_free(picture->from);
+    trocar_model_free(picture->to);
     trocar_model_free(picture->model);
+    model_free_retired();
     free(picture);
+}
+
+static void use_models(trocar_picture *picture, trocar_model *from, trocar_model *to, double weight) {
+    model_share(from);
+    model_share(to);
+    model_release(picture->from);
+    model_release(picture->to);
+    picture->from = from;
+    picture->to = to;
+    picture->weight = weight;
+    inverse_mix(picture->mixed, from->parts.inverse, to->parts.inverse, weight);
 }
 
 enum { RESTING_AT_ONCE = 2 }; /* maximum number of changed resting needles that one call copies */
@@ -61,6 +80,8 @@ void trocar_sim_take_picture(const trocar_sim *sim, trocar_picture *picture) {
         if (rests) room--, picture->next_resting = (i + 1) % sim->needle_count;
     }
     picture->time = sim->rounds.time;
+    const elasticity *e = &sim->elasticity;
+    use_models(picture, e->from.model, e->to.model, elasticity_weight(e));
     seeds_copy(&sim->seeds, sim->needle_count, &picture->seeds);
     const shown_probe *probe = shown_probe_of(sim);
     if (probe && probe->stamp != picture->probe.stamp) picture->probe = *probe;
@@ -74,6 +95,7 @@ void trocar_picture_copy(const trocar_picture *from, trocar_picture *to) {
         to->stamps[i] = from->stamps[i];
     }
     to->time = from->time;
+    use_models(to, from->from, from->to, from->weight);
     seeds_copy(&from->seeds, from->model->parts.config.needle_count, &to->seeds);
     if (from->probe.stamp != to->probe.stamp) to->probe = from->probe;
 }
@@ -93,7 +115,7 @@ trocar_status trocar_picture_refined_mesh(trocar_picture *p, trocar_refined_mesh
     if (!p->force || !p->displacement) return fail(why, TROCAR_NO_MEMORY, "no memory for a refined mesh of %zu nodes", room);
     const insertion_state *states[MAX_NEEDLES];
     states_of(p, states);
-    trocar_status status = field_of(p->model, states, &p->probe, &p->scratch, p->displacement, p->displacement + nominal, why);
+    trocar_status status = field_of(p->model, p->mixed, states, &p->probe, &p->scratch, p->displacement, p->displacement + nominal, why);
     if (status != TROCAR_OK) return status;
     memset(p->force, 0, room * sizeof *p->force);
     insertion_refinement(&p->states[0], &refined);

@@ -39,7 +39,7 @@ trocar_status trocar_sim_drop_seeds(trocar_sim *sim, int needle, int count, doub
     adopt_needle(sim, &sim->needles[needle]);
     if (link_refuses(&sim->needles[needle].link, ON_TICK)) return fail(why, TROCAR_BAD_INPUT, "needle %d rests: take it first", needle);
     floating_mode before = flush_denormals();
-    seed_refusal refusal = seeds_drop(&sim->model->parts.insertion, &sim->model->parts.config.seeds, &sim->needles[needle].state, needle, count, spacing,
+    seed_refusal refusal = seeds_drop(ticking_model(sim), &sim->model->parts.config.seeds, &sim->needles[needle].state, needle, count, spacing,
                                       &sim->seeds);
     restore_floating_mode(before);
     return refuse_drop(sim, needle, count, spacing, refusal, why);

@@ -1,4 +1,4 @@
-/* trocar.h: simulations, and steps in lockstep. */
+/* trocar.h: simulations, and steps in lockstep, one or many per call. */
 #include <stdlib.h>
 #include <string.h>
 
@@ -9,6 +9,7 @@
 #include "base/cache_line.h"
 #include "base/flush_denormals.h"
 #include "base/host_log.h"
+#include "base/host_watch.h"
 
 _Static_assert(TROCAR_MAX_CONTACTS == (int)MAX_CONTACTS && TROCAR_MAX_JOINTS == NEEDLE_MAX_SEGMENTS + 1 && TROCAR_MAX_NEEDLES == (int)MAX_NEEDLES,
                "limits differ from trocar.h");
@@ -24,13 +25,15 @@ static trocar_status create_needle(const trocar_sim *sim, sim_needle *needle, tr
     trocar_status status = link_create(&needle->link, sim->borrows_workspace, why);
     if (status == TROCAR_OK && sim->probe) status = link_create_holds(&needle->link, why);
     if (status != TROCAR_OK) return status;
-    return remesher_create(sim->inverse, sim->model->parts.config.remeshing, &needle->remesher, why);
+    return remesher_create(sim->inverse, &needle->remesher, why);
 }
 
 static trocar_status create_inverse(trocar_sim *sim, trocar_error *why) {
-    model_parts *parts = &sim->model->parts;
-    sim->inverse = parts->inverse;
-    return inverse_create_attached(parts->inverse, &sim->resting.inverse, why);
+    trocar_status status = inverse_create_mixed(sim->model->parts.inverse, &sim->mixed, why);
+    if (status == TROCAR_OK) status = inverse_create_mixed(sim->model->parts.inverse, &sim->shown, why);
+    if (status == TROCAR_OK) status = inverse_create_attached(sim->mixed, &sim->resting.inverse, why);
+    sim->inverse = sim->resting.inverse;
+    return status;
 }
 
 static trocar_status allocate(trocar_sim *sim, trocar_error *why) {
@@ -39,11 +42,11 @@ static trocar_status allocate(trocar_sim *sim, trocar_error *why) {
     if (!sim->borrows_workspace) sim->workspace = allocate_on_cache_lines(sizeof *sim->workspace);
     if (!sim->needles || !sim->workspace) return fail(why, TROCAR_NO_MEMORY, "no memory for a simulation");
     trocar_status status = sim_link_create(&sim->link, sim->model->parts.probe_surface >= 0, sim->borrows_workspace, why);
+    if (status == TROCAR_OK && !sim->borrows_workspace) status = changing_create(&sim->model->parts, &sim->changing, why);
     if (status == TROCAR_OK) status = create_inverse(sim, why);
-    if (sim->resting.inverse) sim->inverse = sim->resting.inverse;
     if (status == TROCAR_OK) status = create_probe(sim, why);
-    if (status == TROCAR_OK && sim->needle_count > 1)
-        status = needle_pairs_create(&sim->model->parts.tissue, sim->model->parts.needle.radius, &sim->pairs, why);
+    if (status == TROCAR_OK && (sim->needle_count > 1 || sim->model->parts.insertion.creep.count > 0))
+        status = needle_pairs_create(inverse_tissue(sim->mixed), sim->model->parts.needle.radius, &sim->pairs, why);
     sim->resting.pairs = sim->pairs;
     for (int i = 0; i < sim->needle_count && status == TROCAR_OK; i++) status = create_needle(sim, &sim->needles[i], why);
     return status;
@@ -61,6 +64,8 @@ trocar_status sim_create(trocar_model *model, insertion_workspace *workspace, tr
     trocar_sim *sim = calloc(1, sizeof *sim);
     if (!sim) return fail(why, TROCAR_NO_MEMORY, "no memory for a simulation");
     sim->model = model_share(model);
+    sim->elasticity.from = moduli_of(model_share(model));
+    sim->elasticity.to = moduli_of(model_share(model));
     sim->view = (trocar_view){.model = model, .sim = sim, .scratch = &sim->field_scratch};
     sim->needle_count = model->parts.config.needle_count;
     sim->workspace = workspace;
@@ -93,12 +98,18 @@ void trocar_sim_free(trocar_sim *sim) {
     resting_set_free(&sim->resting);
     needle_pairs_free(sim->pairs);
     inverse_free(sim->resting.inverse);
+    inverse_free(sim->mixed);
+    inverse_free(sim->shown);
+    trocar_model_free(sim->elasticity.from.model);
+    trocar_model_free(sim->elasticity.to.model);
     free(sim->resting_scratch);
     sim_link_free(&sim->link);
+    changing_free(sim->changing);
     free(sim->needles);
     if (!sim->borrows_workspace) free(sim->workspace);
     free(sim->field_scratch);
     trocar_model_free(sim->model);
+    model_free_retired();
     free(sim);
 }
 
@@ -120,7 +131,7 @@ trocar_status sim_step(trocar_sim *sim, int needle, const trocar_pose *base, dou
     if (status == TROCAR_OK && link_refuses(&n->link, ON_TICK)) status = fail(why, TROCAR_BAD_INPUT, "needle %d rests: take it first", needle);
     if (status == TROCAR_OK && outdated) status = answer_and_publish(sim, needle, why);
     if (status == TROCAR_OK) {
-        const compliance_snapshot *answer = link_answer(&n->link);
+        const compliance_snapshot *answer = link_answer(&n->link, n->state.request.insertion);
         finite = run_tick(sim, needle, answer, at, dt, output) == TROCAR_OK; /* if a non-finite result restarted the insertion, the step continues normally */
         if (after && finite) {
             tick_input tick = tick_of(sim, needle, answer, dt);
@@ -138,6 +149,25 @@ trocar_status sim_step(trocar_sim *sim, int needle, const trocar_pose *base, dou
 trocar_status trocar_sim_step(trocar_sim *sim, int needle, const trocar_pose *base, double dt, trocar_output *output, trocar_error *error) {
     trocar_error ignored;
     return sim_step(sim, needle, base, dt, NULL, output, error ? error : &ignored);
+}
+
+trocar_status trocar_sim_run(trocar_sim *sim, int needle, const trocar_pose *poses, int steps, double dt, const trocar_watch *watch, trocar_output *outputs,
+                             trocar_error *error) {
+    trocar_error ignored, *why = error ? error : &ignored;
+    if (steps < 0) return fail(why, TROCAR_BAD_INPUT, "%d steps: expected 0 or more", steps);
+    trocar_status status = TROCAR_OK;
+    trocar_error reason;
+    int done = 0;
+    memset(outputs, 0, (size_t)steps * sizeof *outputs);
+    while (done < steps && status == TROCAR_OK) {
+        int end = watch_next_look(done, steps);
+        for (; done < end && status == TROCAR_OK; done += status == TROCAR_OK) status = trocar_sim_step(sim, needle, &poses[done], dt, &outputs[done], &reason);
+        watch_report(watch, "run", (double)done / steps);
+        if (status == TROCAR_OK && done < steps && watch_cancels(watch)) status = fail(&reason, TROCAR_CANCELLED, "cancelled");
+    }
+    if (status == TROCAR_OK) return status;
+    memset(outputs + done, 0, (size_t)(steps - done) * sizeof *outputs);
+    return fail(why, status, "step %d: %.900s", done, reason.text);
 }
 
 void trocar_sim_set_clock(trocar_sim *sim, int64_t (*clock)(void)) { sim->clock = sim->workspace->profile.clock = clock; }

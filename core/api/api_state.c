@@ -32,7 +32,7 @@ enum { MOST_OTHER = 4096 };  /* bytes, more than everything that trocar_sim_stat
 
 size_t trocar_sim_state_size(const trocar_sim *sim) {
     size_t of_needle = sizeof(saved_needle) + sizeof(insertion_state) + sizeof(compliance_snapshot) + sizeof(resting_needle) + (sim->probe ? sizeof(needle_hold) : 0);
-    return sizeof(state_header) + sizeof(seed_list) + (size_t)sim->needle_count * of_needle + sizeof(probe_state) + MOST_OTHER;
+    return sizeof(state_header) + sizeof(seed_list) + (size_t)sim->needle_count * of_needle + sizeof(probe_state) + changing_state_size() + elasticity_state_size() + MOST_OTHER;
 }
 
 size_t trocar_state_bytes(const void *state) {
@@ -51,7 +51,7 @@ static void save_needle(state_stream *to, const trocar_sim *sim, int index) {
     int segments = sim->model->parts.needle.given.segments;
     STREAM(to, saved);
     saved_insertion(to, segments, (insertion_state *)state);
-    saved_snapshot(to, (compliance_snapshot *)link_answer(&needle->link));
+    saved_snapshot(to, (compliance_snapshot *)link_answer(&needle->link, state->request.insertion));
     if (phase == PHASE_RESTING || phase == PHASE_TAKING) saved_resting(to, segments, needle->resting);
 }
 
@@ -63,6 +63,8 @@ trocar_status trocar_sim_save(const trocar_sim *sim, void *state, size_t size, t
     STREAM(&to, header);
     STREAM(&to, s->since_response);
     STREAM(&to, s->rounds);
+    changing_save(&to, &s->model->parts, s->changing);
+    elasticity_save(&to, &s->elasticity, s->model);
     saved_seeds(&to, s->needle_count, &s->seeds);
     for (int i = 0; i < s->needle_count; i++) save_needle(&to, s, i);
     save_probe(&to, s);
@@ -112,6 +114,38 @@ static trocar_status check_state(const trocar_sim *sim, const void *state, size_
     return TROCAR_OK;
 }
 
+/* Finds or builds a model with these moduli, and adds a reference to it. */
+static trocar_status model_with(trocar_sim *sim, const simulation_config *config, trocar_model **found, trocar_error *why) {
+    trocar_model *const known[] = {sim->model, sim->elasticity.to.model, sim->elasticity.from.model};
+    for (size_t i = 0; i < sizeof known / sizeof *known; i++) {
+        if (!same_elasticity(&known[i]->parts.config, config)) continue;
+        *found = model_share(known[i]);
+        return TROCAR_OK;
+    }
+    return model_stiffen(sim->model, config, NULL, found, why);
+}
+
+static trocar_status restore_moduli(state_stream *from, trocar_sim *sim, trocar_error *why) {
+    trocar_model *models[2] = {NULL, NULL};
+    saved_elasticity *saved = malloc(sizeof *saved);
+    if (!saved) return fail(why, TROCAR_NO_MEMORY, "no memory for a saved state");
+    saved->config[0] = saved->config[1] = sim->model->parts.config;
+    elasticity_read(from, saved);
+    trocar_status status = model_with(sim, &saved->config[0], &models[0], why);
+    if (status == TROCAR_OK && saved->moves) status = model_with(sim, &saved->config[1], &models[1], why);
+    else if (status == TROCAR_OK) models[1] = model_share(models[0]);
+    if (status == TROCAR_OK) {
+        moduli before[] = {sim->elasticity.from, sim->elasticity.to};
+        elasticity_resume(&sim->elasticity, saved, moduli_of(models[0]), moduli_of(models[1]), sim->mixed, sim->changing);
+        if (sim->pairs) needle_pairs_soften(sim->pairs);
+        for (int i = 0; i < 2; i++) trocar_model_free(before[i].model);
+    } else {
+        trocar_model_free(models[0]);
+    }
+    free(saved);
+    return status;
+}
+
 /* Restores everything except the remesher, which can be restored only after the resting needles have been attached. */
 static trocar_status restore_needle(state_stream *from, trocar_sim *sim, sim_needle *needle, trocar_error *why) {
     saved_needle saved;
@@ -127,7 +161,7 @@ static trocar_status restore_needle(state_stream *from, trocar_sim *sim, sim_nee
     needle->attached = saved.phase == PHASE_RESTING || saved.phase == PHASE_TAKING;
     link_restore(&needle->link, (needle_phase)saved.phase, saved.since_release);
     if (!needle->attached) {
-        insertion_add_loads(&sim->model->parts.insertion, &needle->state, &needle->loads);
+        insertion_add_loads(ticking_model(sim), &needle->state, &needle->loads);
         copy_loads(&needle->loads, &needle->held);
         link_post_loads(&needle->link, &needle->loads); /* replaces loads posted before the restore */
         return TROCAR_OK;
@@ -136,7 +170,7 @@ static trocar_status restore_needle(state_stream *from, trocar_sim *sim, sim_nee
     if (status != TROCAR_OK) return status;
     saved_resting(from, segments, needle->resting);
     needle->held.count = 0;
-    insertion_add_residual_loads(&sim->model->parts.insertion, &needle->resting->anchor, &needle->held);
+    insertion_add_residual_loads(ticking_model(sim), &needle->resting->anchor, &needle->held);
     return TROCAR_OK;
 }
 
@@ -151,6 +185,8 @@ trocar_status trocar_sim_restore(trocar_sim *sim, const void *state, size_t size
     STREAM(&from, header);
     STREAM(&from, sim->since_response);
     STREAM(&from, sim->rounds);
+    status = changing_restore(&from, &sim->model->parts, &sim->changing, why);
+    if (status == TROCAR_OK) status = restore_moduli(&from, sim, why);
     saved_seeds(&from, sim->needle_count, &sim->seeds);
     for (int i = 0; i < sim->needle_count && status == TROCAR_OK; i++) status = restore_needle(&from, sim, &sim->needles[i], why);
     for (int i = 0; i < sim->needle_count && status == TROCAR_OK; i++)

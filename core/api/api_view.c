@@ -88,10 +88,18 @@ trocar_probe trocar_view_probe(const trocar_view *view) {
     return shown ? shown->output : (trocar_probe){.placed = 0};
 }
 
+/* The inverse of the tissue with its moduli of the moment. */
+static inverse *inverse_in(const trocar_view *view) {
+    if (!view->sim) return view->picture->mixed;
+    const elasticity *e = &view->sim->elasticity;
+    inverse_mix(view->sim->shown, e->from.parts->inverse, e->to.parts->inverse, elasticity_weight(e));
+    return view->sim->shown;
+}
+
 trocar_status trocar_view_displacements(const trocar_view *view, double *displacements, trocar_error *error) {
     trocar_error ignored;
     const insertion_state *states[MAX_NEEDLES];
     vec3 added[MAX_CONTACTS];
     for (int i = 0; i < view->model->parts.config.needle_count; i++) states[i] = state_at(view, i);
-    return field_of(view->model, states, probe_in(view), view->scratch, (vec3 *)(void *)displacements, added, error ? error : &ignored);
+    return field_of(view->model, inverse_in(view), states, probe_in(view), view->scratch, (vec3 *)(void *)displacements, added, error ? error : &ignored);
 }

@@ -55,7 +55,7 @@ void adopt_needle(trocar_sim *sim, sim_needle *n) {
     n->stamp = next_stamp();
     n->given = n->state.needle.base;
     n->loads.count = 0;
-    insertion_add_loads(&sim->model->parts.insertion, &n->state, &n->loads);
+    insertion_add_loads(ticking_model(sim), &n->state, &n->loads);
     link_adopt(&n->link, &n->state, &n->loads);
 }
 
@@ -93,6 +93,7 @@ trocar_status trocar_sim_leave(trocar_sim *sim, int needle, trocar_error *error)
     if (reason) return refuse(error, needle, reason);
     if (n->state.tip.place.phase == TIP_FREE) return refuse(error, needle, "it is not in the tissue: insert it before leaving it");
     if (n->state.moving_on) return refuse(error, needle, "it is on its way to another shape: hold it still first");
+    if (elasticity_left(&sim->elasticity) > 0.0) return refuse(error, needle, "the tissue's moduli are changing: wait until they have their new values");
     fill_message_of_left_needle(sim, needle);
     post_no_hold(sim, &n->link);
     link_leave(&n->link, &n->state);
@@ -127,7 +128,7 @@ trocar_status trocar_sim_reset(trocar_sim *sim, int needle, const trocar_pose *b
     sim_needle *n = &sim->needles[needle];
     adopt_needle(sim, n);
     n->given = at;
-    insertion_reset(&sim->model->parts.insertion, at, &n->state);
+    insertion_reset(ticking_model(sim), at, &n->state);
     seeds_keep(needle, &sim->seeds);
     n->stamp = next_stamp();
     n->loads.count = 0;
@@ -162,30 +163,34 @@ static bool loads_changed(const sim_needle *needle) {
 
 void post_hold(trocar_sim *sim, sim_needle *needle, const compliance_snapshot *snapshot) {
     if (!sim->probe || !atomic_load_explicit(&sim->link.probe.placed, memory_order_relaxed)) return;
-    tick_input tick = {.model = &sim->model->parts.insertion, .snapshot = snapshot, .base = {needle->given, needle->base_compliance}};
+    tick_input tick = {.model = ticking_model(sim), .snapshot = snapshot, .base = {needle->given, needle->base_compliance}};
     floating_mode before = flush_denormals();
     insertion_hold(&tick, &needle->state, sim->workspace, link_hold_slot(&needle->link));
     restore_floating_mode(before);
     link_publish_hold(&needle->link);
 }
 
-/* Posts the needle's forces to the worker, which passes them on to the other needles. Resting needles and the probe respond at intervals of their own. RT */
+/* Posts the needle's forces to the worker, which passes them on to the other needles; from a single needle, it only needs the track. Resting needles and the
+   probe respond at intervals of their own. RT */
 static void post_loads(trocar_sim *sim, sim_needle *needle, const compliance_snapshot *snapshot, double dt) {
     bool rest = atomic_load_explicit(&sim->link.resting, memory_order_relaxed) > 0 || atomic_load_explicit(&sim->link.probe.placed, memory_order_relaxed);
     const shown_probe *probe = shown_probe_of(sim);
     double period = response_period(probe ? probe->output.contacts : 0);
     bool fades = rest && atomic_load_explicit(&needle->link.since_release, memory_order_relaxed) < RELEASE_TIME + (int64_t)(1e9 * period);
     bool catches_up = probe && probe->output.stopped;
+    bool alone = !rest && sim->needle_count == 1, same_track = needle->loads.count == needle->link.posted_loads.count;
     needle->since_loads += dt;
-    if ((!rest && sim->needle_count == 1) || (rest && needle->since_loads < period) || !(fades || catches_up || loads_changed(needle))) return;
+    if ((alone && same_track) || (rest && needle->since_loads < period) || !(fades || catches_up || loads_changed(needle))) return;
     post_hold(sim, needle, snapshot);
     link_post_loads(&needle->link, &needle->loads);
     needle->since_loads = 0.0;
     wake_worker(&sim->link);
 }
 
-/* True if other bodies feel the needle's forces. RT */
-static bool is_felt(const trocar_sim *sim) { return sim->needle_count > 1 || sim->probe; }
+/* True if the worker needs the needle's forces: other bodies feel them, or the displacement of its track by its residual loads is to be found. RT */
+static bool is_felt(const trocar_sim *sim, const sim_needle *needle) {
+    return sim->needle_count > 1 || sim->probe || needle->state.memory.residual.count > 0;
+}
 
 /* Advances the time for a tick of this needle. Needles that tick one after another share a round, which advances the time by `dt` only once. RT */
 static void advance_time(round_clock *rounds, int needle, double dt) {
@@ -197,19 +202,32 @@ static void advance_time(round_clock *rounds, int needle, double dt) {
 
 tick_input tick_of(const trocar_sim *sim, int index, const compliance_snapshot *snapshot, double dt) {
     const sim_needle *needle = &sim->needles[index];
-    tick_input tick = {.model = &sim->model->parts.insertion, .snapshot = snapshot, .base = {needle->given, needle->base_compliance}, .dt = dt};
+    tick_input tick = {.model = ticking_model(sim), .snapshot = snapshot, .base = {needle->given, needle->base_compliance}, .dt = dt};
     for (int i = 0; i < sim->needle_count; i++)
         if (i != index) tick.others[tick.other_count++] = &sim->needles[i].state.tracks;
     return tick;
 }
 
+static void follow_moduli(trocar_sim *sim) {
+    elasticity *e = &sim->elasticity;
+    if (elasticity_left(e) > 0.0) wake_worker(&sim->link);
+    if (!elasticity_follow(e, &sim->changing->ticking, sim->rounds.time)) return;
+    model_release(e->from.model);
+    e->from = moduli_of(model_share(e->to.model));
+    elasticity_rest(e);
+}
+
 trocar_status run_tick(trocar_sim *sim, int index, const compliance_snapshot *snapshot, pose base, double dt, trocar_output *output) {
     tick_output wrench;
     sim_needle *needle = &sim->needles[index];
-    const insertion_model *model = &sim->model->parts.insertion;
+    const insertion_model *model = ticking_model(sim);
     floating_mode before = flush_denormals();
     needle->given = base;
     advance_time(&sim->rounds, index, dt);
+    if (sim->changing) {
+        values_follow(&sim->changing->ticking, sim->rounds.time);
+        follow_moduli(sim);
+    }
     atomic_store_explicit(&sim->link.probe.time, llround(1e9 * sim->rounds.time), memory_order_relaxed);
     atomic_fetch_add_explicit(&needle->link.since_release, llround(1e9 * dt), memory_order_relaxed);
     tick_input tick = tick_of(sim, index, snapshot, dt);
@@ -222,7 +240,7 @@ trocar_status run_tick(trocar_sim *sim, int index, const compliance_snapshot *sn
         seeds_keep(index, &sim->seeds);
     }
     needle->loads.count = 0;
-    if (is_felt(sim)) insertion_add_loads(model, &needle->state, &needle->loads);
+    if (is_felt(sim, needle)) insertion_add_loads(model, &needle->state, &needle->loads);
     needle->stamp = next_stamp();
     restore_floating_mode(before);
     needle->link.answered = snapshot->serial;
@@ -236,7 +254,7 @@ trocar_status trocar_sim_tick(trocar_sim *sim, int needle, const trocar_pose *ba
     sim_needle *n = &sim->needles[needle];
     adopt_needle(sim, n);
     if (link_refuses(&n->link, ON_TICK)) return TROCAR_BAD_INPUT;
-    const compliance_snapshot *snapshot = link_answer(&n->link);
+    const compliance_snapshot *snapshot = link_answer(&n->link, n->state.request.insertion);
     trocar_status status = run_tick(sim, needle, snapshot, at, dt, output);
     post_loads(sim, n, snapshot, dt);
     if (link_post_request(&n->link, &n->state.request, sim->clock ? sim->clock() : 0)) wake_worker(&sim->link);

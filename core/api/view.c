@@ -130,15 +130,15 @@ void spread_others(const trocar_model *model, const insertion_state *const state
     }
 }
 
-trocar_status field_of(trocar_model *model, const insertion_state *const states[], const shown_probe *probe, vec3 **scratch, vec3 *nominal, vec3 *added,
+trocar_status field_of(const trocar_model *model, inverse *inv, const insertion_state *const states[], const shown_probe *probe, vec3 **scratch, vec3 *nominal, vec3 *added,
                        trocar_error *why) {
-    model_parts *parts = &model->parts;
+    const model_parts *parts = &model->parts;
     if (!*scratch) *scratch = malloc(model_parts_field_scratch(parts) * sizeof **scratch);
     if (!*scratch) return fail(why, TROCAR_NO_MEMORY, "no memory for displacements");
     floating_mode before = flush_denormals();
     memset(nominal, 0, (size_t)parts->mesh.node_count * sizeof *nominal);
     spread_others(model, states, probe, nominal);
-    model_parts_field(parts, states[0], *scratch, nominal, added);
+    model_parts_field(parts, inv, states[0], *scratch, nominal, added);
     restore_floating_mode(before);
     return TROCAR_OK;
 }

@@ -27,7 +27,7 @@ int centreline_of(const trocar_model *model, const insertion_state *state, doubl
 void spread_others(const trocar_model *model, const insertion_state *const states[], const shown_probe *probe, vec3 *nominal);
 
 /* Computes the displacements of the mesh's nodes and of the first needle's contact nodes. Allocates *scratch if it is NULL; returns NO_MEMORY if that fails. */
-trocar_status field_of(trocar_model *model, const insertion_state *const states[], const shown_probe *probe, vec3 **scratch, vec3 *nominal, vec3 *added,
+trocar_status field_of(const trocar_model *model, inverse *inv, const insertion_state *const states[], const shown_probe *probe, vec3 **scratch, vec3 *nominal, vec3 *added,
                        trocar_error *why);
 
 #endif

@@ -8,6 +8,19 @@
 
 enum { MOST_ANSWERS = 4 };             /* number of requests answered in a row before other work gets its turn */
 
+/* Moves the mesh's compliance on while moduli change: what was computed from it is outdated. */
+static trocar_status follow_moduli(trocar_sim *sim, trocar_error *why) {
+    model_free_retired();
+    bool felt = false;
+    for (int i = 0; i < sim->needle_count; i++) felt |= sim->needles[i].served_changes == attached_changes(sim);
+    double now = 1e-9 * (double)atomic_load_explicit(&sim->link.probe.time, memory_order_relaxed);
+    if (!sim->changing || !elasticity_mix(&sim->elasticity, sim->mixed, &sim->changing->worker, now, felt)) return TROCAR_OK;
+    if (sim->pairs) needle_pairs_soften(sim->pairs);
+    sim->resting.changes++;
+    mark_stale(sim, NULL);
+    return press_probe(sim, why);
+}
+
 /* ---- in its own thread ------------------------------------------------------------------------------------------------------ */
 
 /* Copies the newest forces of held needles. Returns true if any of them are new. */
@@ -47,9 +60,11 @@ trocar_status trocar_sim_work(trocar_sim *sim, trocar_work *done, trocar_error *
     worker_is_awake(&sim->link);
     trocar_work work = {0};
     resting_change change;
+    changing_take(sim->changing);
     if (take_loads(sim)) sim->to_respond = true;
     if (take_probe_pose(sim)) sim->to_respond = true;
-    trocar_status status = change_resting(sim, &change, why);
+    trocar_status moved = follow_moduli(sim, why), status = change_resting(sim, &change, why);
+    if (moved != TROCAR_OK) status = moved;
     work.more = change.any;
     work.still_held = change.kept;
     for (int i = 0; i < sim->needle_count && !work.more; i++) {
@@ -78,10 +93,12 @@ int trocar_sim_work_descriptor(const trocar_sim *sim) { return sim->link.work_ev
 trocar_status worker_before_tick(trocar_sim *sim, int index, bool *outdated, trocar_error *why) {
     resting_change change;
     const sim_needle *needle = &sim->needles[index];
+    changing_take(sim->changing);
     for (int i = 0; i < sim->needle_count; i++)
         if (link_phase(&sim->needles[i].link) == PHASE_HELD && !sim->needles[i].attached) copy_loads(&sim->needles[i].loads, &sim->needles[i].held);
     bool moved = take_probe_pose(sim);
-    trocar_status status = change_resting(sim, &change, why);
+    trocar_status status = follow_moduli(sim, why);
+    if (status == TROCAR_OK) status = change_resting(sim, &change, why);
     if (status == TROCAR_OK && moved) status = press_probe(sim, why);
     *outdated = needle->served_changes != attached_changes(sim) || (moved && needle->served_shifts != attached_shifts(sim));
     return status;

@@ -34,18 +34,33 @@ static void lay_steps(const trocar_sim *sim, int index, const remesh_request *re
     shaft_steps_lay(m, &track, 0.0, finest, steps);
 }
 
-/* Finds the displacements caused by other needles that the mesh does not resolve. */
-static trocar_status find_unresolved(const trocar_sim *sim, int index, const remesh_request *request, const other_loads *others, unresolved_shift *shift,
-                                     trocar_error *why) {
-    shaft_steps steps;
+static void clear(const shaft_steps *steps, unresolved_shift *shift) {
     memset(shift, 0, sizeof *shift);
+    shift->start = steps->start;
+    shift->step = steps->step;
+    shift->count = steps->count;
+}
+
+static void add_up(unresolved_shift *shift) {
+    for (int k = 0; k < shift->count; k++) shift->sum[k + 1] = v3_add(shift->sum[k + 1], shift->sum[k]);
+}
+
+/* Finds the displacements caused by other needles and by the needle's own residual loads that the mesh does not resolve. */
+static trocar_status find_unresolved(const trocar_sim *sim, int index, const remesh_request *request, const other_loads *others, compliance_snapshot *snapshot,
+                                     trocar_error *why) {
+    shaft_steps steps = {.count = 0};
+    bool residuals = sim->pairs && request->residual_loads.count > 0;
+    unresolved_shift *shift = &snapshot->unresolved, *residual = snapshot->unresolved_residual;
+    if (sim->pairs) lay_steps(sim, index, request, &steps);
+    clear(&steps, shift);
+    for (int term = 0; term < MAX_RELAXATION; term++) clear(&steps, &residual[term]);
     if (!sim->pairs) return TROCAR_OK;
-    lay_steps(sim, index, request, &steps);
-    *shift = (unresolved_shift){.start = steps.start, .step = steps.step, .count = steps.count};
     trocar_status status = TROCAR_OK;
     for (int n = 0; n < others->count && status == TROCAR_OK; n++) status = needle_pairs_shift(sim->pairs, &steps, others->of[n], shift, why);
     if (status == TROCAR_OK) status = resting_set_shift(&sim->resting, link_phase(&sim->needles[index].link) != PHASE_LEAVING, &steps, shift, why);
-    for (int k = 0; k < steps.count; k++) shift->sum[k + 1] = v3_add(shift->sum[k + 1], shift->sum[k]);
+    if (status == TROCAR_OK && residuals) status = needle_pairs_residual_shift(sim->pairs, &steps, &request->residual_loads, residual, why);
+    add_up(shift);
+    for (int term = 0; term < MAX_RELAXATION && residuals; term++) add_up(&residual[term]);
     return status;
 }
 
@@ -58,14 +73,16 @@ static trocar_status fill_free(trocar_sim *sim, int index, const remesh_request 
         snapshot->loaded = needle->loaded;
         memcpy(snapshot->u_free, needle->u_free, sizeof snapshot->u_free);
         snapshot->unresolved = needle->unresolved;
+        memcpy(snapshot->unresolved_residual, needle->unresolved_residual, sizeof snapshot->unresolved_residual);
         return TROCAR_OK;
     }
     list_others(sim, index, &others);
     trocar_status status = free_displacement_find(sim->inverse, request, &others, snapshot, why);
     needle->loaded = snapshot->loaded;
-    if (status == TROCAR_OK) status = find_unresolved(sim, index, request, &others, &snapshot->unresolved, why);
+    if (status == TROCAR_OK) status = find_unresolved(sim, index, request, &others, snapshot, why);
     memcpy(needle->u_free, snapshot->u_free, sizeof needle->u_free);
     needle->unresolved = snapshot->unresolved;
+    memcpy(needle->unresolved_residual, snapshot->unresolved_residual, sizeof needle->unresolved_residual);
     needle->served_shifts = attached_shifts(sim);
     return status;
 }

@@ -96,7 +96,11 @@ static void set_phase(needle_link *link, needle_phase phase) {
     atomic_store_explicit(&link->phase, before - before % PHASES + PHASES + (unsigned)phase, memory_order_release);
 }
 
-const compliance_snapshot *link_answer(const needle_link *link) { return triple_buffer_read((triple_buffer *)&link->answers, NULL); }
+const compliance_snapshot *link_answer(const needle_link *link, uint64_t insertion) {
+    compliance_snapshot *answer = (compliance_snapshot *)triple_buffer_read((triple_buffer *)&link->answers, NULL); /* belongs to the reader until the next call */
+    if (answer->insertion != insertion) snapshot_empty(answer);
+    return answer;
+}
 
 const shown_needle *link_shown(const needle_link *link) {
     needle_phase phase = link_phase(link);

@@ -142,8 +142,8 @@ needle_phase link_phase(const needle_link *link);
 /* Returns NULL, or the reason why the event is not currently legal. */
 const char *link_refuses(const needle_link *link, needle_event event);
 
-/* Returns the newest answer. Its serial is 0 if there is none yet. */
-const compliance_snapshot *link_answer(const needle_link *link);
+/* Returns the newest answer, emptied if it is for an earlier insertion. Its serial is 0 if there is none yet. */
+const compliance_snapshot *link_answer(const needle_link *link, uint64_t insertion);
 
 /* Returns the needle as shown by the worker; NULL while the ticking thread's own state is the visible one. */
 const shown_needle *link_shown(const needle_link *link);

@@ -38,7 +38,7 @@ static trocar_status release_base(trocar_sim *sim, int index, const track_list *
     resting_scratch *scratch = sim->resting_scratch;
     const compliance_snapshot *snapshot = link_answer_slot(&n->link); /* not published: the needle is not ticked during the release */
     tick_output wrench;
-    tick_input tick = {.model = &sim->model->parts.insertion, .snapshot = snapshot, .dt = TICK, .base = {.pose = state->needle.base}, .others = {others}, .other_count = 1};
+    tick_input tick = {.model = worker_model(sim), .snapshot = snapshot, .dt = TICK, .base = {.pose = state->needle.base}, .others = {others}, .other_count = 1};
     state->base_shift = v3(0, 0, 0);
     trocar_status status = answer_fully(sim, index, &state->request, why);
     double size = 1.0; /* step size; it grows as long as sliding of the shaft keeps the wrench from falling */
@@ -85,7 +85,7 @@ static trocar_status attach_again(trocar_sim *sim, trocar_error *why) {
 /* Fills the slot that will be published next with the needle's current state. Returns the slot. */
 static const shown_needle *find_shown(trocar_sim *sim, sim_needle *n) {
     shown_needle *slot = link_shown_slot(&n->link);
-    resting_show(&sim->model->parts.insertion, n->resting, &sim->resting_scratch->workspace.response.tangent, &slot->state);
+    resting_show(worker_model(sim), n->resting, &sim->resting_scratch->workspace.response.tangent, &slot->state);
     slot->stamp = next_stamp();
     memcpy(n->shown_force, n->resting->force, sizeof n->shown_force);
     return slot;
@@ -109,7 +109,7 @@ static void show_changed(trocar_sim *sim, double difference, int most) {
 bool slip_some(trocar_sim *sim, bool all) {
     uint64_t before = sim->resting.shifts;
     if (sim->resting.count == 0) return false;
-    bool more = resting_set_slip(&sim->resting, &sim->model->parts.insertion, all ? INT_MAX : 1);
+    bool more = resting_set_slip(&sim->resting, worker_model(sim), all ? INT_MAX : 1);
     if (sim->resting.shifts != before) mark_stale(sim, NULL);
     if (!more) show_changed(sim, all ? SHOWN_ALL : SHOWN, all ? MAX_NEEDLES : SHOWN_AT_ONCE);
     return more;
@@ -160,8 +160,8 @@ trocar_status rest_again(trocar_sim *sim, trocar_error *why) {
 
 static void hold_loads(const trocar_sim *sim, const insertion_state *state, bool left_only, tissue_loads *loads) {
     loads->count = 0;
-    if (left_only) insertion_add_residual_loads(&sim->model->parts.insertion, state, loads);
-    else insertion_add_loads(&sim->model->parts.insertion, state, loads);
+    if (left_only) insertion_add_residual_loads(worker_model(sim), state, loads);
+    else insertion_add_loads(worker_model(sim), state, loads);
 }
 
 /* True if another held needle is in the tissue. */
@@ -182,7 +182,7 @@ static trocar_status lay_down(trocar_sim *sim, int index, unsigned seen, trocar_
         const left_needle *left = link_left(&n->link);
         memcpy(state, &left->state, sizeof *state);
         status = release_base(sim, index, &left->others, state, why);
-        if (status == TROCAR_OK) resting_bore(&sim->model->parts.insertion, &left->state, n->resting);
+        if (status == TROCAR_OK) resting_bore(worker_model(sim), &left->state, n->resting);
     }
     if (status == TROCAR_OK) {
         hold_loads(sim, state, false, &n->held); /* response to the other needles in their current state, before this needle is attached */
@@ -215,7 +215,7 @@ static trocar_status lay_down(trocar_sim *sim, int index, unsigned seen, trocar_
 static trocar_status detach(trocar_sim *sim, sim_needle *n, trocar_error *why) {
     trocar_status status = respond_to_loads(sim, true, why);
     resting_loads(n->resting, &n->held);
-    insertion_add_residual_loads(&sim->model->parts.insertion, &n->resting->anchor, &n->held);
+    insertion_add_residual_loads(worker_model(sim), &n->resting->anchor, &n->held);
     n->attached = false;
     trocar_status attached = attach_again(sim, why);
     return status == TROCAR_OK ? attached : status;

@@ -16,7 +16,7 @@ typedef void team_work(void *context, int i, int member);
    have returned. Different calls must not write to the same memory. The calling thread is member 0. */
 void team_run(team *t, int count, team_work *work, void *context);
 
-/* The same. While the calling thread waits for the others, it calls meanwhile(context) ten times per second. */
+/* Like team_run, but while the calling thread waits for the others, it calls meanwhile(context) ten times per second. */
 void team_run_watched(team *t, int count, team_work *work, void *context, void (*meanwhile)(void *context));
 
 #endif

@@ -40,7 +40,7 @@ typedef struct {
 /* By reciprocity, the displacement of a target along an axis under forces is their work in the field of a unit force along the axis at the target. */
 static void differentiate_target(const derivative_call *call, const insertion_state *state, int guided, const tick_derivatives *derivatives, int target,
                                  refined_scratch *scratch) {
-    const model_parts *parts = &call->sim->model->parts;
+    const model_parts *parts = call->sim->elasticity.to.parts;
     const mesh *m = &parts->mesh;
     int variables = derivatives->count, tet = call->elements[target], contacts = scratch->refined.count;
     const double *x = call->request->targets + 3 * target;
@@ -64,7 +64,7 @@ static void differentiate_target(const derivative_call *call, const insertion_st
 
 static trocar_status differentiate_targets(const derivative_call *call, const insertion_state *state, int guided, const tick_derivatives *derivatives, trocar_error *why) {
     if (!call->results->targets || call->request->target_count == 0) return TROCAR_OK;
-    const model_parts *parts = &call->sim->model->parts;
+    const model_parts *parts = call->sim->elasticity.to.parts;
     size_t nodes = (size_t)parts->mesh.node_count;
     vec3 *memory = malloc((2 * nodes + model_parts_field_scratch(parts)) * sizeof *memory);
     refined_scratch *scratch = malloc(sizeof *scratch);
@@ -86,7 +86,7 @@ static trocar_status differentiate_targets(const derivative_call *call, const in
 /* Changes of the displacements (m / Pa, node_count) per unit of a region's modulus, under the present forces: -K^-1 dK/dE u, where dK/dE is the region's part of K
    divided by E. `scratch`: node_count entries. */
 static trocar_status soften(const derivative_call *call, int region, const vec3 *u, vec3 *scratch, vec3 *change, trocar_error *why) {
-    const model_parts *parts = &call->sim->model->parts;
+    const model_parts *parts = call->sim->elasticity.to.parts;
     trocar_status status = region_forces(&parts->tissue, region, u, scratch, why);
     if (status != TROCAR_OK) return status;
     for (int i = 0; i < parts->mesh.node_count; i++) scratch[i] = v3_scale(-1.0 / parts->materials[region].youngs_modulus, scratch[i]);
@@ -107,7 +107,7 @@ static int moduli_in(const tick_derivatives *derivatives) {
 
 /* Fills derivatives->moved. `fields` receives one field of displacement changes for each modulus, in their order; to be freed by the caller. */
 static trocar_status differentiate_mesh(const derivative_call *call, const insertion_state *state, int guided, tick_derivatives *derivatives, vec3 **fields, trocar_error *why) {
-    const model_parts *parts = &call->sim->model->parts;
+    const model_parts *parts = call->sim->elasticity.to.parts;
     size_t nodes = (size_t)parts->mesh.node_count, moduli = (size_t)moduli_in(derivatives);
     *fields = NULL;
     memset(derivatives->moved, 0, sizeof derivatives->moved);
@@ -195,7 +195,8 @@ static trocar_status check_request(const trocar_sim *sim, const trocar_derivativ
     if (request->target_count < 0) return fail(why, TROCAR_BAD_INPUT, "%d targets: expected 0 or more", request->target_count);
     if (request->parameter_count < 0 || request->parameter_count > TROCAR_MAX_PARAMETERS)
         return fail(why, TROCAR_BAD_INPUT, "%d parameters: expected 0 to %d", request->parameter_count, (int)TROCAR_MAX_PARAMETERS);
-    const insertion_model *model = &sim->model->parts.insertion;
+    const insertion_model *model = ticking_model(sim);
+    if (elasticity_left(&sim->elasticity) > 0.0) return fail(why, TROCAR_BAD_INPUT, "the tissue's moduli are changing: wait until they have their new values");
     for (int i = 0; i < request->parameter_count; i++) {
         const trocar_parameter *p = &request->parameters[i];
         if (p->property == TROCAR_YOUNGS_MODULUS && (model->creep.count > 0 || model->stiffens))

@@ -34,6 +34,7 @@
 #include "trocar/scene.h"
 #include "trocar/model.h"
 #include "trocar/sim.h"
+#include "trocar/change.h"
 #include "trocar/needle.h"
 #include "trocar/rest.h"
 #include "trocar/probe.h"

@@ -50,6 +50,12 @@ int inverse_slice(const inverse *inv) { return inv->owner->slice ? inv->owner->s
 
 const char *inverse_name(const inverse *inv) { return inv->owner->name; }
 
+void inverse_apply_locked(inverse *inv, const double *force, double *displacement) {
+    pthread_mutex_lock(&inv->apply_lock);
+    inv->owner->apply(inv, force, displacement);
+    pthread_mutex_unlock(&inv->apply_lock);
+}
+
 void inverse_apply(inverse *inv, const vec3 *force, vec3 *displacement) {
     const tissue *t = inv->tissue;
     pthread_mutex_lock(&inv->apply_lock);

@@ -129,20 +129,13 @@ static trocar_status attached_gather(inverse *inv, const inverse_blocks *blocks,
     return block_cache_gather(&a->blocks, &(block_source){compute_tile, a, a->tile, TILE}, blocks, why);
 }
 
-/* Applies the base inverse, which other threads may use at the same time. */
-static void base_apply(inverse *base, const double *force, double *displacement) {
-    pthread_mutex_lock(&base->apply_lock);
-    base->owner->apply(base, force, displacement);
-    pthread_mutex_unlock(&base->apply_lock);
-}
-
 /* u = K^-1 (f + P df) */
 static void attached_apply(inverse *inv, const double *force, double *displacement) {
     attached_inverse *a = (attached_inverse *)inv;
     const tissue *t = inv->tissue;
     size_t n = (size_t)a->row_count;
     double *d = a->moved;
-    base_apply(a->base, force, displacement);
+    inverse_apply_locked(a->base, force, displacement);
     if (n == 0) return;
     for (size_t i = 0; i < n; i++) {
         d[i] = 0.0;
@@ -161,7 +154,7 @@ static void attached_apply(inverse *inv, const double *force, double *displaceme
             const double along[] = {a->rows[i].direction.x, a->rows[i].direction.y, a->rows[i].direction.z};
             for (int k = 0; k < 3 && dof >= 0; k++) a->sum[dof + k] -= a->rows[i].weights[c] * d[i] * along[k];
         }
-    base_apply(a->base, a->sum, displacement);
+    inverse_apply_locked(a->base, a->sum, displacement);
 }
 
 static trocar_status attached_prepare(inverse *inv, trocar_error *why) { return inverse_prepare(((attached_inverse *)inv)->base, why); }

@@ -1,6 +1,5 @@
 #include "inverse/inverse.h"
 
-#include <cblas.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -30,9 +29,15 @@ static trocar_status dense_gather(inverse *inv, const inverse_blocks *blocks, tr
     return TROCAR_OK;
 }
 
-static void dense_apply(inverse *inv, const double *force, double *displacement) {
-    int n = inv->tissue->dof_count;
-    cblas_dsymv(CblasColMajor, CblasUpper, n, 1.0, dense_of(inv), n, force, 1, 0.0, displacement, 1);
+/* Reads the columns of loaded nodes only: needles load few nodes, and the whole matrix has hundreds of megabytes. */
+static void dense_apply(inverse *inv, const double *force, double *restrict displacement) {
+    size_t n = (size_t)inv->tissue->dof_count;
+    memset(displacement, 0, n * sizeof *displacement);
+    for (size_t j = 0; j < n; j++) {
+        if (force[j] == 0.0) continue;
+        const double *restrict column = dense_of(inv) + j * n;
+        for (size_t i = 0; i < n; i++) displacement[i] += force[j] * column[i];
+    }
 }
 
 static void dense_release(inverse *inv) { free(dense_of(inv)); }

@@ -28,6 +28,9 @@ struct inverse {
     double *force, *displacement; /* dof_count: scratch memory of inverse_apply */
 };
 
+/* Applies an inverse that other threads may use at the same time: force and displacement have dof_count entries each. */
+void inverse_apply_locked(inverse *inv, const double *force, double *displacement);
+
 trocar_status inverse_init(inverse *inv, const inverse_owner *owner, tissue *t, trocar_error *why);
 
 #endif

@@ -53,6 +53,7 @@ static trocar_status bind_membranes(model_parts *s, trocar_error *why) {
             return fail(why, TROCAR_BAD_INPUT, "membranes: %s has no surface \"%s\"; it has: %s", s->config.mesh_path, given->name,
                         list_groups(&s->mesh, 2, known, sizeof known));
         s->membranes[i] = (membrane){group, given->puncture_force};
+        s->membrane_materials[group] = given->material;
     }
     return TROCAR_OK;
 }
@@ -142,6 +143,7 @@ static trocar_status build_tissue(model_parts *s, trocar_error *why) {
             for (int k = 0; k < s->mesh.groups[group].node_count; k++) fixed[s->mesh.groups[group].nodes[k]] = true;
     }
     if (status == TROCAR_OK) status = tissue_define(&s->mesh, s->materials, fixed, s->config.volumetric, &s->tissue, why);
+    s->tissue.membranes = s->membrane_materials;
     free(fixed);
     return status;
 }
@@ -276,6 +278,26 @@ static const char *region_key_that_differs(const simulation_config *a, const sim
     return NULL;
 }
 
+static const membrane_config *stiff_membrane(const simulation_config *c, const char *name) {
+    for (int i = 0; i < c->membrane_count; i++)
+        if (strcmp(c->membranes[i].name, name) == 0) return c->membranes[i].material.stiffness > 0.0 ? &c->membranes[i] : NULL;
+    return NULL;
+}
+
+/* As region_key_that_differs, for the membranes of `a` that are stiff; their order does not matter. */
+static const char *membrane_key_that_differs(const simulation_config *a, const simulation_config *b, char *text, size_t size) {
+    for (int i = 0; i < a->membrane_count; i++) {
+        const char *name = a->membranes[i].name;
+        const membrane_config *given = stiff_membrane(a, name), *other = stiff_membrane(b, name);
+        if (!given) continue;
+        bool same_stiffness = other && other->material.stiffness == given->material.stiffness;
+        if (same_stiffness && other->material.poisson_ratio == given->material.poisson_ratio) continue;
+        snprintf(text, size, "membranes[%s].%s", name, same_stiffness ? "poisson_ratio" : "stiffness");
+        return text;
+    }
+    return NULL;
+}
+
 static bool same_roi(const roi_config *a, const roi_config *b) {
     return a->region_count == b->region_count && a->radius == b->radius && memcmp(&a->from, &b->from, sizeof a->from) == 0 && memcmp(&a->to, &b->to, sizeof a->to) == 0
         && same_names(a->region_count, a->regions, b->regions);
@@ -286,16 +308,17 @@ static const char *first_membrane(const simulation_config *c) { return c->membra
 /* Returns the first key that differs among those on which the mesh, stiffness or inverse depends; NULL if none differs. `text` has room for a key. A
    condensed inverse covers the nodes near the first membrane and the probe, unless the scene specifies a region. */
 static const char *stiffness_key_that_differs(const simulation_config *a, const simulation_config *b, char *text, size_t size) {
-    const char *of_region = region_key_that_differs(a, b, text, size);
+    const char *of_material = region_key_that_differs(a, b, text, size);
+    if (!of_material) of_material = membrane_key_that_differs(a, b, text, size);
+    if (!of_material) of_material = membrane_key_that_differs(b, a, text, size);
     const struct { bool same; const char *key; } keys[] = {
         {strcmp(a->mesh_path, b->mesh_path) == 0, "mesh"},
         {a->mesh_unit == b->mesh_unit, "mesh_unit"},
-        {of_region == NULL, of_region},
+        {of_material == NULL, of_material},
         {a->fixed_count == b->fixed_count && same_names(a->fixed_count, a->fixed, b->fixed), "fixed"},
         {a->volumetric == b->volumetric, "volumetric_strain"},
         {a->inverse == b->inverse, "inverse"},
         {a->precision == b->precision, "inverse_precision"},
-        {a->remeshing == b->remeshing, "remeshing"},
         {same_roi(&a->roi, &b->roi), "region_of_interest"},
         {strcmp(first_membrane(a), first_membrane(b)) == 0, "membranes[0].name"},
         {strcmp(a->probe.surface, b->probe.surface) == 0, "probe.surface"},
@@ -306,7 +329,7 @@ static const char *stiffness_key_that_differs(const simulation_config *a, const 
 }
 
 trocar_status model_parts_derive(const model_parts *base, const simulation_config *config, model_parts *s, trocar_error *why) {
-    char text[64];
+    char text[128];
     memset(s, 0, sizeof *s);
     if (config->mesh_given || base->config.mesh_path[0] == '\0')
         return fail(why, TROCAR_BAD_INPUT, "mesh: a model whose mesh was given as arrays cannot be shared: build a separate model");
@@ -325,22 +348,53 @@ trocar_status model_parts_derive(const model_parts *base, const simulation_confi
     return status;
 }
 
+bool same_elasticity(const simulation_config *a, const simulation_config *b) {
+    double *of_a[MAX_MODULI], *of_b[MAX_MODULI];
+    int count = simulation_moduli((simulation_config *)a, of_a); /* only read here */
+    simulation_moduli((simulation_config *)b, of_b);
+    for (int i = 0; i < count; i++)
+        if (*of_a[i] != *of_b[i]) return false;
+    return true;
+}
+
+trocar_status model_parts_stiffen(const model_parts *base, const simulation_config *config, model_parts *s, trocar_error *why) {
+    char text[128];
+    memset(s, 0, sizeof *s);
+    s->config = *config;
+    s->shares = true;
+    s->mesh = base->mesh;
+    s->stiffened = region_key_that_differs(&base->config, config, text, sizeof text) || membrane_key_that_differs(&base->config, config, text, sizeof text)
+        || membrane_key_that_differs(config, &base->config, text, sizeof text);
+    trocar_status status = bind_to_mesh(s, why);
+    if (status == TROCAR_OK) status = needle_create(&config->needle, &s->needle, why);
+    if (status == TROCAR_OK && s->stiffened) status = build_tissue(s, why);
+    if (status == TROCAR_OK && s->stiffened) status = build_inverse(s, why);
+    if (!s->stiffened) {
+        s->tissue = tissue_constants(&base->tissue);
+        s->inverse = base->inverse;
+        s->about_inverse = base->about_inverse;
+    }
+    if (status == TROCAR_OK) status = build_insertion(s, why);
+    if (status != TROCAR_OK) model_parts_free(s);
+    return status;
+}
+
 size_t model_parts_field_scratch(const model_parts *s) { return REFINED_FIELD_SCRATCH * ((size_t)s->mesh.node_count + MAX_CONTACTS); }
 
 void model_parts_free(model_parts *s) {
     local_free(&s->insertion);
-    if (!s->shares) {
+    if (!s->shares || s->stiffened) {
         inverse_free(s->inverse);
         if (s->tissue.mesh) tissue_free(&s->tissue);
-        mesh_free(&s->mesh);
     }
+    if (!s->shares) mesh_free(&s->mesh);
     memset(s, 0, sizeof *s);
 }
 
-void model_parts_field(model_parts *s, const insertion_state *state, vec3 *scratch, vec3 *nominal, vec3 *added) {
+void model_parts_field(const model_parts *s, inverse *inv, const insertion_state *state, vec3 *scratch, vec3 *nominal, vec3 *added) {
     refinement refined;
     vec3 force[MAX_CONTACTS];
     insertion_refinement(state, &refined);
     insertion_forces(&s->insertion, state, nominal, force);
-    refined_displacement(s->inverse, &refined, (refined_vectors){nominal, force}, scratch, (refined_vectors){nominal, added});
+    refined_displacement(inv, &refined, (refined_vectors){nominal, force}, scratch, (refined_vectors){nominal, added});
 }

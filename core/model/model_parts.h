@@ -7,9 +7,11 @@
 
 typedef struct {
     simulation_config config;
-    bool shares;                        /* mesh, tissue and inverse belong to another model, which frees them */
+    bool shares;                        /* the mesh belongs to another model, which frees it; so do tissue and inverse, unless: */
+    bool stiffened;                     /* tissue and inverse are this model's own, although the mesh is shared */
     mesh mesh;
     region_material materials[MESH_MAX_GROUPS];
+    membrane_material membrane_materials[MESH_MAX_GROUPS]; /* by group; stiffness 0 for surfaces that are not membranes */
     int wholes[MESH_MAX_GROUPS];        /* group of the region of which each group is a part, or its own index */
     membrane membranes[MAX_MEMBRANES];
     guide guides[MAX_GUIDES];
@@ -31,12 +33,19 @@ trocar_status model_parts_create(const simulation_config *config, model_parts *s
    outlive it. Returns BAD_INPUT, naming the key, if the stiffness or inverse would differ, or if the mesh was given as arrays. */
 trocar_status model_parts_derive(const model_parts *base, const simulation_config *config, model_parts *s, trocar_error *why);
 
+/* True if their moduli agree: see simulation_moduli. The configurations must be of the same mesh. */
+bool same_elasticity(const simulation_config *a, const simulation_config *b);
+
+/* Builds the constant data for a configuration that differs from that of `base` in what same_elasticity compares. Shares the mesh, and tissue and inverse too
+   if K agrees; `base` must outlive it. */
+trocar_status model_parts_stiffen(const model_parts *base, const simulation_config *config, model_parts *s, trocar_error *why);
+
 void model_parts_free(model_parts *s);
 
 /* Computes the displacements (m) of the nominal nodes (node_count) and of the nodes of insertion_refinement() (MAX_CONTACTS). `scratch` has
    model_parts_field_scratch() entries; each thread needs its own array. On entry, `nominal` holds the nodal forces (N) of all other loads on the tissue.
    Does not allocate memory; not for the haptic thread. */
 size_t model_parts_field_scratch(const model_parts *s);
-void model_parts_field(model_parts *s, const insertion_state *state, vec3 *scratch, vec3 *nominal, vec3 *added);
+void model_parts_field(const model_parts *s, inverse *inv, const insertion_state *state, vec3 *scratch, vec3 *nominal, vec3 *added);
 
 #endif

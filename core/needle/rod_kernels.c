@@ -111,7 +111,7 @@ typedef struct {
     symmetric_series joint, segment;         /* N m; joint: stiffness of each joint; segment: diagonal block of each segment */
     matrix_series coupling;                  /* N m, coupling between segments k and k + 1 */
     vector_series arm;                       /* m, vector along each segment: length times axis */
-    vector_series beyond;                    /* N, sum of the loads on all joints beyond the joint before each segment */
+    vector_series beyond;                    /* N, for each segment, the sum of the loads on the joint at its far end and on all later joints */
     row_matrix sides[NEEDLE_MAX_SEGMENTS];   /* moments under unit forces beyond each segment; the fourth column contains the moments that relax the joints */
 } rod_chain;
 

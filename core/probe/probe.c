@@ -17,7 +17,7 @@ static const double LOADED_REACH = 3.0; /* probe radii: distance within which po
 static const double BRIDGE = 1.0 - M_SQRT1_2; /* probe radii, below 1: depth inside the probe of the midpoint of an edge whose ends touch the probe at
                                                  positions a right angle apart. Beyond this depth, the edge no longer follows the wall around the probe,
                                                  and the probe would pass between the edge's ends. Derived for that angle, which is chosen; force and field
-                                                 are within 1.5 % of another program's (verify_probe) */
+                                                 are within 1.8 % of another program's (verify_probe) */
 static const double LONG_EDGE = 0.5; /* probe radii: length of edges below which their midpoints are never pressed, because such edges would have to
                                         stretch to nearly three times their length to reach the depth BRIDGE. Derived for that depth */
 static const double STEP = 0.25; /* probe radii: largest step of the probe, so that the closest points on its surface move little. Chosen by judgement */

@@ -7,23 +7,8 @@
 #include "remesh/remesh_method.h"
 #include "remesh/resolved_line.h"
 
-/* ---- methods ----------------------------------------------------------------------------------------------------- */
-
-typedef struct {
-    const char *name;
-    trocar_status (*create)(inverse *, remesher **, trocar_error *);
-} method_entry;
-
-static const method_entry methods[REMESH_METHODS] = {
-    [REMESH_NESTED] = {"nested", remesher_create_nested},
-    [REMESH_IMPLICIT] = {"implicit", remesher_create_implicit},
-};
-
-const char *remesh_name(remesh_method method) { return methods[method].name; }
-
-trocar_status remesher_create(inverse *inv, remesh_method method, remesher **created, trocar_error *why) {
-    *created = NULL;
-    trocar_status status = methods[method].create(inv, created, why);
+trocar_status remesher_create(inverse *inv, remesher **created, trocar_error *why) {
+    trocar_status status = remesher_create_nested(inv, created, why);
     if (status == TROCAR_OK) return TROCAR_OK;
     remesher_free(*created);
     *created = NULL;
@@ -51,35 +36,15 @@ static trocar_status take_nodes(remesher *r, int count, const int *handles, troc
     return status == TROCAR_OK ? confirm(r, why) : status;
 }
 
-/* Compliance of the nominal mesh between the positions of two nodes. */
-static mat3 nominal_between(remesher *r, const added_node *node, const added_node *other) {
-    const mesh *m = r->tissue->mesh;
-    mat3 sum = {{{0}}};
-    double w[4], v[4];
-    mesh_barycentric(m, node->tet, node->position, w);
-    mesh_barycentric(m, other->tet, other->position, v);
-    for (int a = 0; a < 4; a++)
-        for (int b = 0; b < 4; b++) {
-            mat3 block = nominal_block(r, m->tets[node->tet][a], m->tets[other->tet][b]);
-            m3_add_scaled(&sum, w[a] * v[b], &block);
-        }
-    return sum;
-}
-
 /* `known`: the mesh's resolution at the node; NULL if it has to be measured. */
 static trocar_status add_node(remesher *r, int slot, const added_node *node, const resolved_field *known, trocar_error *why) {
     refinement *refined = &r->refined;
     refined->order[refined->count] = slot;
     refined->nodes[slot] = *node;
-    if (known) r->resolved[slot] = *known;
+    if (known) set_resolved(r, slot, known);
     trocar_status status = known ? TROCAR_OK : resolve_contact(r, slot, why);
     if (status == TROCAR_OK) status = r->operations->add(r, slot, why);
     if (status != TROCAR_OK) return status;
-    for (int i = 0; i <= refined->count && !r->operations->finds_between_contacts; i++) {
-        int other = refined->order[i], higher = slot > other ? slot : other, lower = slot > other ? other : slot;
-        mat3 between = nominal_between(r, &refined->nodes[lower], &refined->nodes[higher]);
-        for (int a = 0; a < 9; a++) r->between_contacts[lower].at[a / 3][a % 3][higher] = between.m[a / 3][a % 3];
-    }
     status = confirm(r, why);
     if (status == TROCAR_OK) refined->count++;
     else r->operations->remove(r, slot, refined->count);
@@ -233,6 +198,7 @@ bool remesher_look_ahead(remesher *r) {
 /* ---- a request ------------------------------------------------------------------------------------------------------- */
 
 static void fill(remesher *r, const remesh_request *request, compliance_snapshot *snapshot) {
+    snapshot->insertion = request->insertion;
     snapshot->serial = request->serial;
     memset(snapshot->ids, 0, sizeof snapshot->ids);
     for (int i = 0; i < r->refined.count; i++) snapshot->ids[r->refined.order[i]] = r->refined.nodes[r->refined.order[i]].id;

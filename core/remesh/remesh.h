@@ -6,20 +6,10 @@
 #include "inverse/inverse.h"
 #include "snapshot/snapshot.h"
 
-/* Methods that update the inverse when the mesh changes. Both compute rows only at the handles, whatever the size of the mesh. Both support every type of
-   contact node, except that the nested method does not support moved nodes. */
-typedef enum {
-    REMESH_NESTED,           /* bordered form, rank 3 for each node */
-    REMESH_IMPLICIT,         /* low-rank factors of the touched nodes, which are never multiplied out */
-    REMESH_METHODS,
-} remesh_method;
-
 typedef struct remesher remesher;
 
-const char *remesh_name(remesh_method method);
-
-/* `inv` must outlive the remesher. */
-trocar_status remesher_create(inverse *inv, remesh_method method, remesher **created, trocar_error *why);
+/* Creates a remesher by nested addition. Rows are computed only at the handles, whatever the size of the mesh. `inv` must outlive the remesher. */
+trocar_status remesher_create(inverse *inv, remesher **created, trocar_error *why);
 void remesher_free(remesher *r);
 
 /* Changes the refined mesh to the wanted one (removals first, then the new nodes in order) and fills the snapshot, including those lines of the needle

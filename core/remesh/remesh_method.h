@@ -1,4 +1,4 @@
-/* The interface of the methods that update the inverse; private to the methods' files. */
+/* The interface of a method that updates the inverse, private to the method's files; tests/oracles has others for comparison. */
 #ifndef TROCAR_REMESH_METHOD_H
 #define TROCAR_REMESH_METHOD_H
 
@@ -23,7 +23,7 @@ typedef struct {
 
 /* The inverse contains the nodes in the order of `refined`. A node that is being added or removed is in order[count] and is not counted. */
 typedef struct {
-    trocar_status (*add)(remesher *, int slot, trocar_error *);   /* adds the contact node in `slot` to the inverse, after all others */
+    trocar_status (*add)(remesher *, int slot, trocar_error *);   /* adds the contact node in `slot` to the inverse, after all others, and to between_contacts */
     void (*remove)(remesher *, int slot, int position);     /* removes the contact node in `slot` from the inverse; the nodes from `position` on in the
                                                                order were added after it */
     bool any_order;          /* true if `remove` accepts any node on which no later one depends; false if it accepts only the last node */
@@ -31,7 +31,6 @@ typedef struct {
                                                                                          needed */
     trocar_status (*gather)(remesher *, trocar_error *);          /* fills all rows in use; NULL if they are always up to date */
     void (*release)(remesher *);                            /* frees everything except the shared part */
-    bool finds_between_contacts; /* true if `add` fills the new node's part of between_contacts */
 } remesh_operations;
 
 /* Data common to all methods; first member of every method's struct. */
@@ -50,6 +49,7 @@ struct remesher {
     int piece_count;
     line_piece pieces[MAX_PIECES];   /* lines of the last request */
     resolved_field resolved[MAX_CONTACTS]; /* resolution of the mesh at each contact node */
+    struct { line_in_tet line; vec3 at; } measured[MAX_CONTACTS]; /* line and point (m) for which `resolved` was measured */
     contact_rows between_contacts[MAX_CONTACTS]; /* m/N, compliance of the nominal mesh, as in compliance_snapshot */
     residual_field residual;         /* displacement caused by the residual loads of the last request */
     patch patch;                     /* scratch */
@@ -66,7 +66,6 @@ trocar_status remesher_init(remesher *r, const remesh_operations *operations, in
 void remesher_release(remesher *r); /* frees the memory allocated by init */
 
 trocar_status remesher_create_nested(inverse *inv, remesher **created, trocar_error *why);
-trocar_status remesher_create_implicit(inverse *inv, remesher **created, trocar_error *why);
 
 /* Lists the handles in use: contact nodes in order, then the window. Returns their number. */
 int handles_in_use(const remesher *r, int handles[MAX_HANDLES]);

@@ -255,7 +255,7 @@ static void nested_release(remesher *shared) {
     sparse_free(r->factors, MAX_CONTACTS * sizeof *r->factors);
 }
 
-static const remesh_operations nested = {nested_add, nested_remove, true, nested_take_nodes, NULL, nested_release, true};
+static const remesh_operations nested = {nested_add, nested_remove, true, nested_take_nodes, NULL, nested_release};
 
 trocar_status remesher_create_nested(inverse *inv, remesher **created, trocar_error *why) {
     nested_remesher *r = calloc(1, sizeof *r);

@@ -26,14 +26,10 @@ static trocar_status measure_piece(remesher *r, const line_in_tet *line, line_pi
     return resolver_measure(r->resolver, line->tet, line->direction, MAX_RESOLVED, x, piece->at, why);
 }
 
-static bool same_vector(vec3 a, vec3 b) { return a.x == b.x && a.y == b.y && a.z == b.z; }
-
 /* Finds a piece with exactly the same line, because an answer must not depend on earlier requests. */
 static const line_piece *find_piece(const remesher *r, const line_in_tet *line) {
-    for (int i = 0; i < r->piece_count; i++) {
-        const line_in_tet *known = &r->pieces[i].line;
-        if (known->tet == line->tet && same_vector(known->point, line->point) && same_vector(known->direction, line->direction)) return &r->pieces[i];
-    }
+    for (int i = 0; i < r->piece_count; i++)
+        if (line_same(&r->pieces[i].line, line)) return &r->pieces[i];
     return NULL;
 }
 
@@ -60,16 +56,27 @@ trocar_status resolve_pieces(remesher *r, const remesh_request *request, int mos
     return TROCAR_OK;
 }
 
+void set_resolved(remesher *r, int slot, const resolved_field *resolved) {
+    r->resolved[slot] = *resolved;
+    r->measured[slot].line = r->refined.nodes[slot].line;
+    r->measured[slot].at = r->refined.nodes[slot].position;
+}
+
+/* After the inverse has changed, all nodes are added again, at the places where they were measured. */
 trocar_status resolve_contact(remesher *r, int slot, trocar_error *why) {
     const added_node *node = &r->refined.nodes[slot];
     line_in_tet line = node->line;
-    r->resolved[slot] = (resolved_field){0};
-    if (v3_norm(line.direction) == 0.0) return TROCAR_OK;
+    if (v3_norm(line.direction) == 0.0) {
+        set_resolved(r, slot, &(resolved_field){0});
+        return TROCAR_OK;
+    }
+    if (line_same(&r->measured[slot].line, &line) && v3_same(r->measured[slot].at, node->position)) return TROCAR_OK;
     const line_piece *known = find_piece(r, &line);
     line_piece measured;
     trocar_status status = known ? TROCAR_OK : measure_piece(r, &line, &measured, why);
     if (status != TROCAR_OK) return status;
     if (!known && r->piece_count < MAX_PIECES) r->pieces[r->piece_count++] = measured; /* a request often contains the same line more than once */
-    r->resolved[slot] = piece_at(known ? known : &measured, node->position);
+    resolved_field resolved = piece_at(known ? known : &measured, node->position);
+    set_resolved(r, slot, &resolved);
     return TROCAR_OK;
 }

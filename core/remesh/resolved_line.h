@@ -7,8 +7,11 @@
 /* True if the request contains a line that has not been measured. */
 bool lines_are_new(const remesher *r, const remesh_request *request);
 
-/* Updates the pieces for a request; measures up to `most` new lines. */
+/* Keeps only the measured lines that the request contains, and measures up to `most` of its new lines. */
 trocar_status resolve_pieces(remesher *r, const remesh_request *request, int most, trocar_error *why);
+
+/* Stores the resolution at the contact node in `slot`. */
+void set_resolved(remesher *r, int slot, const resolved_field *resolved);
 
 /* Measures the resolution at the contact node in `slot`, which is next in the order, in the mesh with the earlier nodes. */
 trocar_status resolve_contact(remesher *r, int slot, trocar_error *why);

@@ -60,26 +60,31 @@ static double part_on_step(const resting_needle *r, int place, int k) {
     return fmax(0.0, fmin(piece->to, from + r->steps.step) - fmax(piece->from, from)) / (piece->to - piece->from);
 }
 
-vec3 resting_moved(const resting_needle *r, int place, int from, int to, const vec3 *moved) {
-    vec3 sum = {0, 0, 0};
-    for (int k = from; k < to; k++) sum = v3_axpy(part_on_step(r, place, k), moved[k], sum);
-    return sum;
+trocar_status resting_lacks(needle_pairs *pairs, const resting_needle *r, const shaft_piece *piece, mat3 *lacks, bool *any, trocar_error *why) {
+    mat3 on_step[SHIFT_STEPS];
+    int from, to;
+    trocar_status status = needle_pairs_find(pairs, &r->steps, piece, &from, &to, on_step, why);
+    *any = status == TROCAR_OK && to > from;
+    for (int i = 0; i < r->places.count && *any; i++) {
+        lacks[i] = (mat3){{{0}}};
+        for (int k = from; k < to; k++) m3_add_scaled(&lacks[i], part_on_step(r, i, k), &on_step[k]);
+    }
+    return status;
 }
 
-/* Adds the displacements, caused by another needle's forces, that the mesh does not resolve, as blocks between places of this needle (rows) and of the
+/* Adds half of the displacements, caused by another needle's forces, that the mesh does not resolve, as blocks between places of this needle (rows) and of the
    other one. */
 static trocar_status add_lacks(needle_pairs *pairs, const resting_needle *r, const resting_needle *other, bool transposed, mat3 *blocks, int ld,
                                trocar_error *why) {
-    mat3 lacks[SHIFT_STEPS];
+    mat3 lacks[MAX_LOADS];
     for (int j = 0; j < other->places.count; j++) {
-        int from, to;
-        trocar_status status = needle_pairs_find(pairs, &r->steps, &other->places.loads[j].shaft, &from, &to, lacks, why);
+        bool any;
+        trocar_status status = resting_lacks(pairs, r, &other->places.loads[j].shaft, lacks, &any, why);
         if (status != TROCAR_OK) return status;
-        for (int i = 0; i < r->places.count && to > from; i++)
-            for (int k = from; k < to; k++) {
-                mat3 block = transposed ? m3_transposed(&lacks[k]) : lacks[k];
-                m3_add_scaled(&blocks[transposed ? j * ld + i : i * ld + j], 0.5 * part_on_step(r, i, k), &block);
-            }
+        for (int i = 0; i < r->places.count && any; i++) {
+            mat3 block = transposed ? m3_transposed(&lacks[i]) : lacks[i];
+            m3_add_scaled(&blocks[transposed ? j * ld + i : i * ld + j], 0.5, &block);
+        }
     }
     return TROCAR_OK;
 }

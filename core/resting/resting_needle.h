@@ -62,8 +62,9 @@ pose pose_moved(pose base, base_motion step);
 /* Returns the row's place as an index of `places`, or -1 if the row is at a guide. */
 int resting_place(const resting_needle *r, int u);
 
-/* Computes the displacement of a place from the displacements of the track's steps. */
-vec3 resting_moved(const resting_needle *r, int place, int from, int to, const vec3 *moved);
+/* Computes the part, which the mesh does not resolve, of the displacement of each place per unit force on a piece of another needle's shaft:
+   lacks[places.count], m/N. *any: false if all of it is zero; `lacks` is not set then. */
+trocar_status resting_lacks(needle_pairs *pairs, const resting_needle *r, const shaft_piece *piece, mat3 *lacks, bool *any, trocar_error *why);
 
 /* Computes the part of the compliance (m/N) between this needle's rows and those of another needle that the mesh does not resolve: [u * ld + v]. Allocates. */
 trocar_status resting_mutual(needle_pairs *pairs, const resting_needle *r, const resting_needle *other, double *compliance, int ld, trocar_error *why);

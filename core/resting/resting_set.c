@@ -19,8 +19,15 @@ static void forget_columns(resting_set *s) {
     }
 }
 
+static void forget_lacks(resting_set *s) {
+    for (int i = 0; i < MAX_NEEDLES; i++)
+        for (int n = 0; n < MAX_NEEDLES; n++) unresolved_cache_free(&s->caches[i][n]);
+    s->cached_at = s->changes;
+}
+
 void resting_set_free(resting_set *s) {
     forget_columns(s);
+    forget_lacks(s);
     free(s->force);
     free(s->move);
     free(s->load);
@@ -47,18 +54,17 @@ static bool make_room(resting_set *s, int count) {
 }
 
 /* Computes the part of the displacements (m) of a needle's rows, caused by held needles, that the mesh does not resolve. */
-static trocar_status find_displaced(const resting_set *s, const resting_needle *r, const other_loads *held, double *displacement, bool *any,
-                                    trocar_error *why) {
-    mat3 lacks[SHIFT_STEPS];
-    vec3 moved[SHIFT_STEPS], at[MAX_LOADS] = {{0, 0, 0}};
+static trocar_status find_displaced(resting_set *s, int index, const other_loads *held, double *displacement, bool *any, trocar_error *why) {
+    const resting_needle *r = s->needles[index];
+    vec3 at[MAX_LOADS] = {{0, 0, 0}};
     for (int n = 0; n < held->count; n++)
         for (int j = 0; j < held->of[n]->count; j++) {
-            int from, to;
-            trocar_status status = needle_pairs_find(s->pairs, &r->steps, &held->of[n]->loads[j].shaft, &from, &to, lacks, why);
+            const tissue_load *load = &held->of[n]->loads[j];
+            const mat3 *lacks;
+            trocar_status status = unresolved_cache_find(&s->caches[index][n], s->pairs, r, j, &load->shaft, &lacks, why);
             if (status != TROCAR_OK) return status;
-            for (int k = from; k < to; k++) moved[k] = m3_apply(&lacks[k], held->of[n]->loads[j].force);
-            for (int i = 0; i < r->places.count && to > from; i++) at[i] = v3_add(at[i], resting_moved(r, i, from, to, moved));
-            *any = *any || to > from;
+            for (int i = 0; i < r->places.count && lacks; i++) at[i] = v3_add(at[i], m3_apply(&lacks[i], load->force));
+            *any = *any || lacks;
         }
     for (int u = 0; u < r->unknown_count; u++) {
         int i = resting_place(r, u);
@@ -71,9 +77,10 @@ static trocar_status respond_aside(resting_set *s, const other_loads *held, troc
     memset(s->aside, 0, (size_t)inverse_attached_rows(s->inverse) * sizeof *s->aside);
     memset(s->aside_move, 0, (size_t)inverse_attached_motions(s->inverse) * sizeof *s->aside_move);
     bool before = s->any_aside;
+    if (s->cached_at != s->changes) forget_lacks(s);
     s->any_aside = false;
     for (int i = 0; i < s->count && s->pairs; i++) {
-        trocar_status status = find_displaced(s, s->needles[i], held, s->force + s->row[i], &s->any_aside, why);
+        trocar_status status = find_displaced(s, i, held, s->force + s->row[i], &s->any_aside, why);
         if (status != TROCAR_OK) return status;
     }
     if (s->any_aside) inverse_attached_displaced(s->inverse, s->force, s->aside, s->aside_move);

@@ -2,7 +2,7 @@
 #ifndef TROCAR_RESTING_SET_H
 #define TROCAR_RESTING_SET_H
 
-#include "resting/resting_needle.h"
+#include "resting/unresolved_cache.h"
 #include "snapshot/snapshot.h"
 
 typedef struct {
@@ -14,6 +14,8 @@ typedef struct {
     double *force, *move;    /* scratch: forces of all rows, and all motions */
     double *aside, *aside_move; /* responses to the part of the displacements caused by held needles that the mesh does not resolve */
     bool any_aside;          /* true if `aside` is not zero */
+    unresolved_cache caches[MAX_NEEDLES][MAX_NEEDLES]; /* of each resting needle, and each place in other_loads.of */
+    uint64_t cached_at;     /* value of `changes` for which the caches are valid */
     double *load;            /* N, for all rows: forces in the absence of held needles, other loads at the same places, and the fading part (see
                                 other_loads.attached) */
     double fading;           /* remaining fraction, from 1 to 0, of the needles' `fading` */
@@ -23,7 +25,7 @@ typedef struct {
     vec3 *nodal;
     int next_slip, quiet, slips_left; /* next needle to check; number of needles checked since the last slip; maximum number of remaining checks */
     bool slipped;            /* true if `load` does not contain the latest slips yet */
-    uint64_t changes;        /* number of changes of the set */
+    uint64_t changes;        /* number of changes of the set and of the moduli */
     uint64_t shifts;         /* number of changes of `load` */
 } resting_set;
 

@@ -6,7 +6,7 @@ uint64_t saved_layout(void) {
     static const size_t facts[] = {
         SAVED_FORMAT, sizeof(insertion_state), sizeof(needle_tip), sizeof(shaft_contact), sizeof(added_node), sizeof(share_memory), sizeof(residual_load), sizeof(stratum),
         sizeof(track_point), sizeof(line_in_tet), sizeof(compliance_snapshot), sizeof(line_piece), sizeof(resolved_field), sizeof(resting_needle), sizeof(contact_point),
-        sizeof(attached_row), sizeof(tissue_load), sizeof(shaft_steps), sizeof(seed_list), sizeof(seed), sizeof(probe_state), sizeof(pressed_point), sizeof(needle_hold)};
+        sizeof(attached_row), sizeof(tissue_load), sizeof(shaft_steps), sizeof(seed_list), sizeof(seed), sizeof(probe_state), sizeof(pressed_point), sizeof(needle_hold), sizeof(region_material), sizeof(membrane), sizeof(membrane_material), sizeof(calcification), sizeof(guide)};
     return hash_bytes(HASH_BASIS, facts, sizeof facts);
 }
 
@@ -54,6 +54,7 @@ static void pass_tracks(state_stream *s, track_list *tracks) {
 }
 
 static void pass_request(state_stream *s, remesh_request *request) {
+    STREAM(s, request->insertion);
     STREAM(s, request->serial);
     pass_refinement(s, &request->wanted);
     stream_count(s, &request->window_count, MAX_WINDOW);
@@ -147,8 +148,17 @@ static void pass_between_contacts(state_stream *s, int count, const int *slots, 
         }
 }
 
+static void pass_shift(state_stream *s, unresolved_shift *shift) {
+    STREAM(s, shift->any);
+    STREAM(s, shift->start);
+    STREAM(s, shift->step);
+    stream_count(s, &shift->count, SHIFT_STEPS);
+    STREAM_ENTRIES(s, shift->sum, shift->count + 1);
+}
+
 void saved_snapshot(state_stream *s, compliance_snapshot *snapshot) {
     int handles[MAX_HANDLES], contacts = 0;
+    STREAM(s, snapshot->insertion);
     STREAM(s, snapshot->serial);
     STREAM(s, snapshot->ids);
     STREAM(s, snapshot->window);
@@ -165,12 +175,8 @@ void saved_snapshot(state_stream *s, compliance_snapshot *snapshot) {
         if (snapshot->loaded) STREAM(s, snapshot->u_free[handles[i]]);
         for (int term = 0; term < MAX_RELAXATION && snapshot->has_residuals; term++) STREAM(s, snapshot->u_residual[term][handles[i]]);
     }
-    unresolved_shift *shift = &snapshot->unresolved;
-    STREAM(s, shift->any);
-    STREAM(s, shift->start);
-    STREAM(s, shift->step);
-    stream_count(s, &shift->count, SHIFT_STEPS);
-    STREAM_ENTRIES(s, shift->sum, shift->count + 1);
+    pass_shift(s, &snapshot->unresolved);
+    for (int term = 0; term < MAX_RELAXATION && snapshot->has_residuals; term++) pass_shift(s, &snapshot->unresolved_residual[term]);
     pass_compliance(s, count, handles, snapshot);
 }
 

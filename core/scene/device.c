@@ -16,8 +16,8 @@ const char *const device_profiles[] = {"touch", "touch-x", "premium-1.5-6dof", "
 /* Force (N), torque (N m; 0 if there is none) and stiffness of a virtual wall (N/m) that each device can render, and its workspace (m), in the order of
    device_profiles. */
 static const struct { double force, torque, stiffness; vec3 workspace; } RENDERED[] = {
-    {3.3, 0.0, 400.0, {0.16, 0.12, 0.07}}, {7.9, 0.0, 1000.0, {0.2, 0.2, 0.2}}, {8.5, 0.188, 800.0, {0.24, 0.24, 0.24}}, {8.0, 0.0, 3000.0, {0.08, 0.08, 0.08}},
-    {12.0, 0.0, 5000.0, {0.15, 0.15, 0.15}}, {20.0, 0.2, 5000.0, {0.3, 0.3, 0.3}}, {12.0, 0.2, 4000.0, {0.15, 0.15, 0.15}},
+    {3.3, 0.0, 400.0, {0.16, 0.12, 0.07}}, {7.9, 0.0, 1000.0, {0.16, 0.12, 0.12}}, {8.5, 0.188, 800.0, {0.381, 0.267, 0.191}},
+    {8.0, 0.0, 3000.0, {0.08, 0.08, 0.08}}, {12.0, 0.0, 5000.0, {0.15, 0.15, 0.15}}, {20.0, 0.2, 5000.0, {0.3, 0.3, 0.3}}, {12.0, 0.2, 4000.0, {0.15, 0.15, 0.15}},
 };
 _Static_assert(sizeof RENDERED / sizeof *RENDERED == sizeof device_profiles / sizeof *device_profiles - 1, "a row for each name");
 

@@ -199,7 +199,7 @@ static const key_spec *find_value(scene *s, const char *key, bool append, void *
     return r;
 }
 
-trocar_status scene_set(scene *s, const char *key, const char *value, trocar_error *why) {
+static trocar_status set(scene *s, const char *key, const char *value, bool live, trocar_error *why) {
     fault f = {.found = false};
     yaml_text document;
     scene *changed = malloc(sizeof *changed);
@@ -209,8 +209,9 @@ trocar_status scene_set(scene *s, const char *key, const char *value, trocar_err
     if (status == TROCAR_OK) {
         void *base;
         yaml_value root = yaml_root(&document);
-        const key_spec *r = find_value(changed, key, true, &base, &f);
-        if (r) take_value(changed, r, key, base, &root, &f);
+        const key_spec *r = find_value(changed, key, !live, &base, &f);
+        if (r && live && !r->live) reject(&f, key, "cannot change during a run: set it in the scene and start again");
+        else if (r) take_value(changed, r, key, base, &root, &f);
         status = report_fault("scene", &f, why);
         yaml_close(&document);
     }
@@ -218,6 +219,10 @@ trocar_status scene_set(scene *s, const char *key, const char *value, trocar_err
     free(changed);
     return status;
 }
+
+trocar_status scene_set(scene *s, const char *key, const char *value, trocar_error *why) { return set(s, key, value, false, why); }
+
+trocar_status scene_set_live(scene *s, const char *key, const char *value, trocar_error *why) { return set(s, key, value, true, why); }
 
 trocar_status scene_get(const scene *s, const char *key, char *value, size_t size, trocar_error *why) {
     fault f = {.found = false};

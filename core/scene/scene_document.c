@@ -33,6 +33,9 @@ static void take_list(scene *s, list_kind list, const yaml_value *value, fault *
 /* Keys of earlier releases, with their replacements. */
 static const struct { const char *key, *remedy; } RETIRED[] = {
     {"contact.resolution", "the simulator measures the mesh's resolution: remove the key"},
+    {"contact.placement", "contact nodes are added inside elements: remove the key"},
+    {"needle.model", "every needle is a geometrically exact rod: remove the key"},
+    {"remeshing", "contact nodes are added by nested addition, and scripts/bench measures other methods: remove the key"},
 };
 
 static void reject_unknown(fault *f, const char *key, const mapping *at, const char *name) {

@@ -18,7 +18,6 @@ typedef struct {
     device_mapping mapping;  /* between hand and needle */
     pose start;              /* initial pose of the needle's base, outside the tissue; its position is NAN if none is given */
     double start_depth;      /* m, depth to which scripted motions insert the needle, starting at `start` */
-    int only_one;            /* value of keys that accept only one value, which is 0 */
     double patient_to_mesh[16]; /* transform from the patient's coordinates (mm, LPS) to the mesh's (m), row by row; the first entry is NAN if none is given */
 } scene;
 

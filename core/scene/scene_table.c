@@ -31,17 +31,15 @@ _Static_assert(NEEDLE_MAX_SEGMENTS == 64, "the text of SEGMENTS says so");
         static const char *const words[] = {__VA_ARGS__};                          \
         return index < (int)(sizeof words / sizeof *words) ? words[index] : NULL;  \
     }
-WORDS(model_word, "rod")
-WORDS(placement_word, "inside")
 WORDS(strain_word, [STRAIN_BY_PATCH] = "patch", [STRAIN_BY_NODE] = "node", [STRAIN_BY_ELEMENT] = "element")
 WORDS(switch_word, "false", "true")
-static const char *remeshing_word(int index) { return index < REMESH_METHODS ? remesh_name((remesh_method)index) : NULL; }
 static const char *precision_word(int index) { return index < PRECISIONS ? inverse_precision_name((inverse_precision)index) : NULL; }
 static const char *inverse_word(int index) { return index < INVERSE_CHOICES ? inverse_choice_name((inverse_choice)index) : NULL; }
 static const char *profile_word(int index) { return device_profiles[index]; }
 
 #define OF(member) offsetof(scene, member)
 #define MATERIAL(member) offsetof(region_config, material.member)
+#define MEMBRANE(member) offsetof(membrane_config, material.member)
 #define CALCIFICATION(member) offsetof(calcification, member)
 #define GUIDE(member) offsetof(guide_config, member)
 
@@ -56,30 +54,33 @@ const key_spec SCENE_TABLE[] = {
     {"regions[].name", "", NAME, offsetof(region_config, name), .list = REGIONS, .required = true, .doc = "a physical volume of the mesh"},
     {"regions[].part_of", "", NAME, offsetof(region_config, part_of), .list = REGIONS,
      .doc = "the region that names the organ, such as prostate for a zone of the gland; the organ consists of it and all its parts"},
-    {"regions[].youngs_modulus", "Pa", NUMBER, MATERIAL(youngs_modulus), &POSITIVE, .list = REGIONS, .doc = "of the tissue"},
+    {"regions[].youngs_modulus", "Pa", NUMBER, MATERIAL(youngs_modulus), &POSITIVE, .live = true, .list = REGIONS, .doc = "of the tissue"},
     {"regions[].poisson_ratio", "", NUMBER, MATERIAL(poisson_ratio), &POISSON, .list = REGIONS, .doc = "of the tissue"},
-    {"regions[].stiffening", "", NUMBER, MATERIAL(stiffening), &STIFFENING, .list = REGIONS,
+    {"regions[].stiffening", "", NUMBER, MATERIAL(stiffening), &STIFFENING, .live = true, .list = REGIONS,
      .doc = "C20 / C10 of a Yeoh material, next to the needle; 0: the stress is linear in the strain"},
-    {"regions[].cutting_force", "N", NUMBER, MATERIAL(cutting_force), &FORCE, .list = REGIONS, .doc = "resistance at the tip; .inf is bone"},
-    {"regions[].cutting_viscosity", "N s/m", NUMBER, MATERIAL(cutting_viscosity), &NOT_NEGATIVE, .list = REGIONS,
+    {"regions[].cutting_force", "N", NUMBER, MATERIAL(cutting_force), &FORCE, .live = true, .list = REGIONS, .doc = "resistance at the tip; .inf is bone"},
+    {"regions[].cutting_viscosity", "N s/m", NUMBER, MATERIAL(cutting_viscosity), &NOT_NEGATIVE, .live = true, .list = REGIONS,
      .doc = "added resistance per speed of the tip"},
-    {"regions[].spreading_force", "N", NUMBER, MATERIAL(spreading_force), &NOT_NEGATIVE, .list = REGIONS,
+    {"regions[].spreading_force", "N", NUMBER, MATERIAL(spreading_force), &NOT_NEGATIVE, .live = true, .list = REGIONS,
      .doc = "resistance at the tip that remains in an old track, where tissue is spread but not cut"},
-    {"regions[].friction.static", "N/m", NUMBER, MATERIAL(friction_static), &NOT_NEGATIVE, .list = REGIONS,
+    {"regions[].friction.static", "N/m", NUMBER, MATERIAL(friction_static), &NOT_NEGATIVE, .live = true, .list = REGIONS,
      .doc = "limit of the shaft's friction per length while it sticks"},
-    {"regions[].friction.kinetic", "N/m", NUMBER, MATERIAL(friction_kinetic), &NOT_NEGATIVE, .list = REGIONS,
+    {"regions[].friction.kinetic", "N/m", NUMBER, MATERIAL(friction_kinetic), &NOT_NEGATIVE, .live = true, .list = REGIONS,
      .doc = "friction per length once it slides; at most the static limit"},
-    {"regions[].friction.viscous", "N s/m^2", NUMBER, MATERIAL(friction_viscous), &NOT_NEGATIVE, .list = REGIONS,
+    {"regions[].friction.viscous", "N s/m^2", NUMBER, MATERIAL(friction_viscous), &NOT_NEGATIVE, .live = true, .list = REGIONS,
      .doc = "added friction per length and sliding speed"},
 
     {"membranes[].name", "", NAME, offsetof(membrane_config, name), .list = MEMBRANES, .required = true, .doc = "a physical surface of the mesh"},
-    {"membranes[].puncture_force", "N", NUMBER, offsetof(membrane_config, puncture_force), &FORCE, .list = MEMBRANES, .required = true,
+    {"membranes[].puncture_force", "N", NUMBER, offsetof(membrane_config, puncture_force), &FORCE, .live = true, .list = MEMBRANES, .required = true,
      .doc = "force of the tip at which the membrane breaks; no effect below the cutting_force of the tissue; .inf is bone"},
+    {"membranes[].stiffness", "N/m", NUMBER, MEMBRANE(stiffness), &NOT_NEGATIVE, .live = true, .list = MEMBRANES,
+     .doc = "in its plane: Young's modulus times thickness; 0: the surface resists only the tip"},
+    {"membranes[].poisson_ratio", "", NUMBER, MEMBRANE(poisson_ratio), &POISSON, .list = MEMBRANES, .doc = "in its plane; matters only with a stiffness"},
 
     {"calcifications[].centre", "m", POINT, CALCIFICATION(centre), .list = CALCIFICATIONS, .required = true,
      .doc = "of a ball in the undeformed tissue, which is harder to cut"},
     {"calcifications[].radius", "m", NUMBER, CALCIFICATION(radius), &POSITIVE, .list = CALCIFICATIONS, .required = true, .doc = "of the ball"},
-    {"calcifications[].cutting_factor", "", NUMBER, CALCIFICATION(cutting_factor), &FACTOR, .list = CALCIFICATIONS,
+    {"calcifications[].cutting_factor", "", NUMBER, CALCIFICATION(cutting_factor), &FACTOR, .live = true, .list = CALCIFICATIONS,
      .doc = "cutting force in the ball, divided by the cutting_force of its region; where balls overlap, the largest counts"},
 
     {"relaxation[].weight", "", NUMBER, offsetof(relaxation_term, weight), &WEIGHT, .list = RELAXATION, .required = true,
@@ -89,7 +90,6 @@ const key_spec SCENE_TABLE[] = {
 
     {"fixed", "", NAMES, OF(simulation.fixed), .required = true, .doc = "physical groups held at zero displacement"},
 
-    {"needle.model", "", WORD, OF(only_one), .words = model_word, .doc = "every needle is a geometrically exact rod; the key is for scenes that say so"},
     {"needle.length", "m", NUMBER, OF(simulation.needle.length), &POSITIVE, .doc = "from base to tip"},
     {"needle.outer_diameter", "m", NUMBER, OF(simulation.needle.outer_diameter), &POSITIVE, .doc = "18 G by default"},
     {"needle.inner_diameter", "m", NUMBER, OF(simulation.needle.inner_diameter), &NOT_NEGATIVE, .doc = "0 is solid"},
@@ -122,8 +122,8 @@ const key_spec SCENE_TABLE[] = {
      .doc = "at least the needle's outer diameter"},
     {"guides[].thickness", "m", NUMBER, GUIDE(thickness), &NOT_NEGATIVE, .list = GUIDES,
      .doc = "of the plate; 0: one plane, which does not guide the needle's direction"},
-    {"guides[].stiffness", "N/m", NUMBER, GUIDE(stiffness), &POSITIVE, .list = GUIDES, .doc = "of a hole's edge"},
-    {"guides[].friction", "", NUMBER, GUIDE(friction), &NOT_NEGATIVE, .list = GUIDES, .doc = "coefficient of friction in the holes"},
+    {"guides[].stiffness", "N/m", NUMBER, GUIDE(stiffness), &POSITIVE, .live = true, .list = GUIDES, .doc = "of a hole's edge"},
+    {"guides[].friction", "", NUMBER, GUIDE(friction), &NOT_NEGATIVE, .live = true, .list = GUIDES, .doc = "coefficient of friction in the holes"},
 
     {"probe.surface", "", NAME, OF(simulation.probe.surface), .required = true, .doc = "a physical surface of the mesh that the probe presses, such as the rectum's wall; without it there is no probe"},
     {"probe.radius", "m", NUMBER, OF(simulation.probe.shape.radius), &POSITIVE, .doc = "of the ultrasound probe, a rigid cylinder"},
@@ -136,8 +136,6 @@ const key_spec SCENE_TABLE[] = {
     {"probe.start.orientation", "", ROTATION, OF(simulation.probe.start.orientation), .doc = "unit quaternion w, x, y, z that turns +z into its axis, from base to tip"},
 
     {"contact.spacing", "m", NUMBER, OF(simulation.insertion.contact_spacing), &POSITIVE, .doc = "least distance between contact nodes"},
-    {"contact.placement", "", WORD, OF(only_one), .words = placement_word,
-     .doc = "contact nodes are added halfway through elements; the key is for scenes that say so"},
     {"contact.weakening_distance", "m", NUMBER, OF(simulation.insertion.weakening_distance), &POSITIVE,
      .doc = "of sliding over which static friction falls to kinetic"},
     {"contact.prefetch_distance", "m", NUMBER, OF(simulation.insertion.prefetch_distance), &NOT_NEGATIVE,
@@ -156,7 +154,6 @@ const key_spec SCENE_TABLE[] = {
     {"tracks.angle", "rad", NUMBER, OF(simulation.insertion.track_angle), &ANGLE,
      .doc = "largest angle between an old track and the direction of the cut at which the tip follows the track"},
 
-    {"remeshing", "", WORD, OF(simulation.remeshing), .words = remeshing_word, .doc = "method that updates the inverse when the mesh changes"},
     {"inverse", "", WORD, OF(simulation.inverse), .words = inverse_word,
      .doc = "auto: dense below 1 GB, else condensed with a region_of_interest, else sparse"},
     {"volumetric_strain", "", WORD, OF(simulation.volumetric), .words = strain_word, .doc = "averaged over patches of tetrahedra or at nodes, which prevents locking, or by element"},
@@ -216,6 +213,7 @@ void *append_entry(scene *s, list_kind list) {
     void *entry = entry_of(s, list, (*count_of(s, list))++);
     memset(entry, 0, LIST_TABLE[list].stride);
     if (list == REGIONS) ((region_config *)entry)->material = region_defaults();
+    if (list == MEMBRANES) ((membrane_config *)entry)->material = membrane_defaults();
     if (list == CALCIFICATIONS) *(calcification *)entry = calcification_defaults();
     if (list == GUIDES) *(guide_config *)entry = guide_defaults();
     return entry;

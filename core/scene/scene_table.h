@@ -19,6 +19,7 @@ typedef struct {
     word_of words;           /* WORD, PROFILE */
     list_kind list;
     bool required;
+    bool live;               /* the value may change during a run */
     const char *doc;
 } key_spec;
 

@@ -49,26 +49,12 @@ static void take_unit(const char *key, const char *text, double *unit, fault *f)
     else reject(f, key, "\"%s\": expected %s", text, UNIT_WORDS);
 }
 
-/* Words of earlier releases, with their replacements. */
-static const struct { const char *key, *word, *remedy; } RETIRED[] = {
-    {"remeshing", "woodbury", "used only by scripts/bench for comparison: remove the key, or set nested"},
-    {"remeshing", "woodbury-general", "used only by scripts/bench for comparison: remove the key, or set nested"},
-    {"remeshing", "bcs", "used only by scripts/bench for comparison: remove the key, or set nested"},
-    {"remeshing", "bcs-blocked", "used only by scripts/bench for comparison: remove the key, or set nested"},
-    {"contact.placement", "faces", "scripts/bench measures such nodes: remove the key, or set inside"},
-    {"contact.placement", "moved", "scripts/bench measures such nodes: remove the key, or set inside"},
-    {"needle.model", "tetrahedra", "scripts/verify compares it with the rod: remove the key, or set rod"},
-};
-
 static int take_word(const key_spec *r, const char *key, const char *text, fault *f) {
     char list[WORDS_ROOM];
     for (int i = 0; r->words(i); i++)
         if (strcmp(text, r->words(i)) == 0) return i;
-    for (size_t i = 0; i < sizeof RETIRED / sizeof *RETIRED; i++)
-        if (strcmp(RETIRED[i].key, r->key) == 0 && strcmp(RETIRED[i].word, text) == 0)
-            reject(f, key, "this release has no \"%s\": %s", text, RETIRED[i].remedy);
     describe_words(r, list, sizeof list);
-    if (!f->found) reject(f, key, "\"%s\": expected %s", text, list);
+    reject(f, key, "\"%s\": expected %s", text, list);
     return -1;
 }
 
@@ -240,7 +226,7 @@ void take_value(scene *s, const key_spec *r, const char *key, void *base, const 
     case TRANSFORM: take_transform(r, key, value, target, f); break;
     }
 }
-_Static_assert(sizeof(remesh_method) == sizeof(int) && sizeof(inverse_choice) == sizeof(int) && sizeof(inverse_precision) == sizeof(int)
+_Static_assert(sizeof(inverse_choice) == sizeof(int) && sizeof(inverse_precision) == sizeof(int)
                && sizeof(volumetric_strain) == sizeof(int), "a word is stored as an int");
 
 /* ---- printing ------------------------------------------------------------------------------------------------------- */

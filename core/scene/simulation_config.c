@@ -7,6 +7,8 @@ region_material region_defaults(void) {
                              .friction_static = 12.0, .friction_kinetic = 7.0, .friction_viscous = 100.0};
 }
 
+membrane_material membrane_defaults(void) { return (membrane_material){.stiffness = 0.0, .poisson_ratio = 0.45}; }
+
 calcification calcification_defaults(void) { return (calcification){.centre = v3(NAN, NAN, NAN), .cutting_factor = 5.0}; }
 
 void simulation_defaults(simulation_config *config) {
@@ -20,8 +22,17 @@ void simulation_defaults(simulation_config *config) {
         .insertion = {.contact_spacing = 2e-3, .weakening_distance = 1e-3, .prefetch_distance = 15e-3, .longest_step = 1e-3,
                       .most_steps = 4, .track_reach = 1.0, .track_angle = 0.09, .max_passes = 8, .tolerance = 1e-8,
                       .bone_compliance = 8e-5, .surface_friction = 0.5, .gradient_span = 5e-3},
-        .remeshing = REMESH_NESTED,
         .inverse = INVERSE_AUTO,
         .volumetric = STRAIN_BY_PATCH,
     };
+}
+
+int simulation_moduli(simulation_config *config, double *moduli[MAX_MODULI]) {
+    int count = 0;
+    for (int i = 0; i < config->region_count; i++) {
+        moduli[count++] = &config->regions[i].material.youngs_modulus;
+        moduli[count++] = &config->regions[i].material.stiffening;
+    }
+    for (int i = 0; i < config->membrane_count; i++) moduli[count++] = &config->membranes[i].material.stiffness;
+    return count;
 }

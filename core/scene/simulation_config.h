@@ -13,7 +13,11 @@ typedef struct {
     char name[MESH_NAME], part_of[MESH_NAME]; /* `part_of`: name of the region that stands for the organ to which this one belongs; empty: none */
     region_material material;
 } region_config;
-typedef struct { char name[MESH_NAME]; double puncture_force; } membrane_config;
+typedef struct {
+    char name[MESH_NAME];
+    double puncture_force;   /* N */
+    membrane_material material;
+} membrane_config;
 
 typedef struct {
     char surface[MESH_NAME]; /* surface that the probe presses; empty if there is no probe */
@@ -40,7 +44,6 @@ typedef struct {
     int needle_count;                    /* number of identical needles in the same tissue, 1 to MAX_NEEDLES */
     seed_size seeds;
     insertion_settings insertion;
-    remesh_method remeshing;
     inverse_choice inverse;
     inverse_precision precision;
     probe_config probe;
@@ -51,9 +54,15 @@ typedef struct {
     inverse_progress progress;           /* reports progress during a long start; its function may be NULL */
 } simulation_config;
 
-/* Sets the defaults listed in docs/reference/scene.md; names and mesh are empty. */
+/* Sets the defaults listed in docs/reference/scene.csv; names and mesh are empty. */
 void simulation_defaults(simulation_config *config);
 region_material region_defaults(void);
+membrane_material membrane_defaults(void);
 calcification calcification_defaults(void); /* the centre is NAN and the radius 0 until they are given */
+
+/* Points `moduli` to the values of a configuration that a change of moduli replaces: Young's moduli and stiffening of the regions, and the stiffness of the
+   membranes. Returns their number. */
+enum { MAX_MODULI = 2 * MAX_REGIONS + MAX_MEMBRANES };
+int simulation_moduli(simulation_config *config, double *moduli[MAX_MODULI]);
 
 #endif

@@ -8,7 +8,7 @@ enum { FIELDS = 1024 };              /* lines whose fields are cached: enough fo
 static const double REACH = 3.0; /* edge lengths: distance from a line beyond which the line's patch has no nodes. Derived: a patch extends 1.6 edge
                                     lengths, plus up to one element */
 
-static const double LEAST_PIECE = 1e-5; /* m: smallest half length of a piece of shaft, and width over which its force is spread. Rounding tolerance */
+static const double LEAST_PIECE = 1e-5; /* m: smallest half length of a piece of shaft. Rounding tolerance */
 
 struct needle_pairs {
     resolver *resolver;
@@ -40,15 +40,9 @@ void needle_pairs_free(needle_pairs *p) {
 
 /* ---- fields ---------------------------------------------------------------------------------------------------------- */
 
-static bool same_vector(vec3 a, vec3 b) { return a.x == b.x && a.y == b.y && a.z == b.z; }
-
-static bool same_line(const line_in_tet *a, const line_in_tet *b) {
-    return a->tet == b->tet && same_vector(a->point, b->point) && same_vector(a->direction, b->direction);
-}
-
 static trocar_status find_field(needle_pairs *p, const line_in_tet *line, const line_field **found, trocar_error *why) {
     for (int i = 0; i < p->count; i++)
-        if (same_line(&p->lines[i], line)) {
+        if (line_same(&p->lines[i], line)) {
             *found = p->fields[i];
             return TROCAR_OK;
         }
@@ -64,6 +58,12 @@ static trocar_status find_field(needle_pairs *p, const line_in_tet *line, const 
     return status;
 }
 
+/* Fields depend on the moduli only through their scale. */
+void needle_pairs_soften(needle_pairs *p) {
+    for (int i = 0; i < p->count; i++)
+        if (p->lines[i].tet >= 0) p->fields[i]->softness = resolver_softness(p->resolver, p->lines[i].tet);
+}
+
 /* ---- tracks ---------------------------------------------------------------------------------------------------------- */
 
 static vec3 place_at(const shaft_piece *piece, double depth) { return v3_axpy(depth - piece->depth, piece->direction, piece->place); }
@@ -73,7 +73,7 @@ void shaft_steps_lay(const mesh *m, const tissue_loads *own, double ahead, doubl
     int count = 0, tet = -1;
     steps->count = 0;
     for (int i = 0; i < own->count; i++)
-        if (own->loads[i].shaft.to > own->loads[i].shaft.from) pieces[count++] = &own->loads[i].shaft;
+        if (!own->loads[i].residual && own->loads[i].shaft.to > own->loads[i].shaft.from) pieces[count++] = &own->loads[i].shaft;
     if (count == 0) return;
     double length = pieces[count - 1]->to + ahead - pieces[0]->from;
     steps->start = pieces[0]->from;
@@ -106,8 +106,9 @@ static double box_twice_integrated(double t, double width) {
 
 /* Lines interact along the range in which they overlap, measured along the bisector of their directions. Both lines then use the same measure, so that the
    forces are reciprocal. A force at a point of one line moves the other line over a length of twice the distance between them. Spread evenly over this
-   length, it has the same unresolved part of Kelvin's line force as of Kelvin's point force, at the distance beyond which the mesh resolves both. */
-static meeting meet(const shaft_steps *steps, int k, const shaft_piece *piece) {
+   length, it has the same unresolved part of Kelvin's line force as of Kelvin's point force, at the distance beyond which the mesh resolves both. A needle in
+   its own old track is at least one radius away from the forces on the shaft's surface, as in line_field_lacks. */
+static meeting meet(const shaft_steps *steps, int k, const shaft_piece *piece, double radius) {
     vec3 along = steps->at[k].direction, other = piece->direction;
     if (v3_dot(along, other) < 0.0) other = v3_scale(-1.0, other);
     vec3 between = v3_unit(v3_add(along, other));
@@ -117,7 +118,7 @@ static meeting meet(const shaft_steps *steps, int k, const shaft_piece *piece) {
     vec3 place = v3_axpy((middle - v3_dot(piece->place, between)) / lean, other, piece->place);
     double halfway = 0.5 * (middle + centre), apart = middle - centre; /* halfway: coordinate at which both lines see the same distance between them */
     vec3 here = v3_axpy((halfway - middle) / lean, along, steps->at[k].place), there = v3_axpy((halfway - middle) / lean, other, place);
-    double width = fmax(2.0 * v3_norm(v3_sub(there, here)), LEAST_PIECE);
+    double width = 2.0 * fmax(v3_norm(v3_sub(there, here)), radius);
     if (fabs(apart) >= half + half_piece + 0.5 * width) return (meeting){.part = 0.0};
     double common = box_twice_integrated(apart + half + half_piece, width) - box_twice_integrated(apart + half - half_piece, width) -
                     box_twice_integrated(apart - half + half_piece, width) + box_twice_integrated(apart - half - half_piece, width);
@@ -138,6 +139,9 @@ static mat3 lacks_between(const needle_pairs *p, const line_field *of, const sha
     return mean;
 }
 
+/* Fraction of Kelvin's solution for an infinite body that a shaft's load at this depth causes: near the surface, the tissue carries it as the mesh has it. */
+static double embedded_part(const needle_pairs *p, double depth) { return fmin(depth / (EMBEDDING_DEPTH * p->radius), 1.0); }
+
 trocar_status needle_pairs_find(needle_pairs *p, const shaft_steps *steps, const shaft_piece *piece, int *from, int *to, mat3 *lacks, trocar_error *why) {
     const line_field *of = NULL, *own = NULL;
     const line_in_tet *own_line = NULL;
@@ -149,22 +153,27 @@ trocar_status needle_pairs_find(needle_pairs *p, const shaft_steps *steps, const
     for (int k = 0; k < steps->count; k++) {
         lacks[k] = (mat3){{{0}}};
         if (steps->at[k].tet < 0 || v3_norm(v3_sub(steps->at[k].place, middle)) > reach) continue;
-        meeting beside = meet(steps, k, piece);
+        meeting beside = meet(steps, k, piece, p->radius);
         if (beside.part == 0.0) continue;
         int found = mesh_locate(p->mesh, beside.place, tet);
         if (found < 0) continue;
         tet = found;
         trocar_status status = of ? TROCAR_OK : find_field(p, &piece->line, &of, why);
-        if (status == TROCAR_OK && !(own_line && same_line(own_line, &steps->at[k].line))) {
+        if (status == TROCAR_OK && !(own_line && line_same(own_line, &steps->at[k].line))) {
             own_line = &steps->at[k].line;
             status = find_field(p, own_line, &own, why);
         }
         if (status != TROCAR_OK) return status;
-        lacks[k] = m3_scaled(beside.part, lacks_between(p, of, steps, k, own, tet, beside.place));
+        lacks[k] = m3_scaled(embedded_part(p, 0.5 * (piece->from + piece->to)) * beside.part, lacks_between(p, of, steps, k, own, tet, beside.place));
         if (*to == 0) *from = k;
         *to = k + 1;
     }
     return TROCAR_OK;
+}
+
+static void add_force(const shaft_steps *steps, int from, int to, const mat3 *lacks, vec3 force, unresolved_shift *shift) {
+    for (int k = from; k < to; k++) shift->sum[k + 1] = v3_axpy(steps->step, m3_apply(&lacks[k], force), shift->sum[k + 1]);
+    shift->any = shift->any || to > from;
 }
 
 trocar_status needle_pairs_shift(needle_pairs *p, const shaft_steps *steps, const tissue_loads *loads, unresolved_shift *shift, trocar_error *why) {
@@ -173,8 +182,33 @@ trocar_status needle_pairs_shift(needle_pairs *p, const shaft_steps *steps, cons
         int from, to;
         trocar_status status = needle_pairs_find(p, steps, &loads->loads[i].shaft, &from, &to, lacks, why);
         if (status != TROCAR_OK) return status;
-        for (int k = from; k < to; k++) shift->sum[k + 1] = v3_axpy(steps->step, m3_apply(&lacks[k], loads->loads[i].force), shift->sum[k + 1]);
-        shift->any = shift->any || to > from;
+        add_force(steps, from, to, lacks, loads->loads[i].force, shift);
+    }
+    return TROCAR_OK;
+}
+
+/* Fraction of a shaft's cross-section that is outside another shaft of the same radius, whose axis is at this distance. */
+static double outside(double distance, double radius) {
+    double t = fmin(0.5 * distance / radius, 1.0);
+    return 1.0 - 2.0 / M_PI * (acos(t) - t * sqrt(1.0 - t * t));
+}
+
+/* The needle feels its own residual loads as far as it is not in the hole where it exerted them: there, its present share is what the tissue holds it with.
+   They move the shaft near the surface less, as they act less from there. */
+static double residual_part(const needle_pairs *p, const shaft_steps *steps, int k, const shaft_piece *piece) {
+    double apart = v3_norm(v3_cross(piece->direction, v3_sub(steps->at[k].place, piece->place)));
+    return outside(apart, p->radius) * embedded_part(p, k * steps->step);
+}
+
+trocar_status needle_pairs_residual_shift(needle_pairs *p, const shaft_steps *steps, const residual_loads *loads, unresolved_shift shift[MAX_RELAXATION],
+                                          trocar_error *why) {
+    mat3 lacks[SHIFT_STEPS];
+    for (int i = 0; i < loads->count; i++) {
+        int from, to;
+        trocar_status status = needle_pairs_find(p, steps, &loads->loads[i].shaft, &from, &to, lacks, why);
+        if (status != TROCAR_OK) return status;
+        for (int k = from; k < to; k++) lacks[k] = m3_scaled(residual_part(p, steps, k, &loads->loads[i].shaft), lacks[k]);
+        for (int term = 0; term < MAX_RELAXATION; term++) add_force(steps, from, to, lacks, loads->loads[i].load[term], &shift[term]);
     }
     return TROCAR_OK;
 }

@@ -11,6 +11,9 @@ typedef struct needle_pairs needle_pairs;
 trocar_status needle_pairs_create(const tissue *t, double radius, needle_pairs **created, trocar_error *why);
 void needle_pairs_free(needle_pairs *p);
 
+/* To be called after the tissue's moduli have changed. */
+void needle_pairs_soften(needle_pairs *p);
+
 /* A needle's track, divided into short steps. */
 typedef struct {
     double start, step;      /* m, depth at which the first step starts, and length of a step */
@@ -23,15 +26,19 @@ typedef struct {
     } at[SHIFT_STEPS];
 } shaft_steps;
 
-/* Divides the track on which these loads act, extended by `ahead` (m) beyond its end, into steps of at least `finest` (m). Without loads, there are no
-   steps. */
+/* Divides the track on which these loads act, extended by `ahead` (m) beyond its end, into steps of at least `finest` (m). Residual loads are not on the
+   track. Without loads, there are no steps. */
 void shaft_steps_lay(const mesh *m, const tissue_loads *own, double ahead, double finest, shaft_steps *steps);
 
-/* For each step, computes the mean displacement per unit force on the piece (m/N) that the mesh does not resolve. It is zero except for steps *from to
-   *to - 1; `lacks` has room for SHIFT_STEPS entries. NUMERIC if a patch has no stiffness; NO_MEMORY. */
+/* For each step, computes the mean displacement per unit force on the piece (m/N) that the mesh does not resolve; loads near the surface cause less of it. It
+   is zero except for steps *from to *to - 1; `lacks` has room for SHIFT_STEPS entries. NUMERIC if a patch has no stiffness; NO_MEMORY. */
 trocar_status needle_pairs_find(needle_pairs *p, const shaft_steps *steps, const shaft_piece *piece, int *from, int *to, mat3 *lacks, trocar_error *why);
 
 /* Adds the displacement of the shaft that these loads cause and the mesh does not resolve. */
 trocar_status needle_pairs_shift(needle_pairs *p, const shaft_steps *steps, const tissue_loads *loads, unresolved_shift *shift, trocar_error *why);
+
+/* Does the same for the needle's own residual loads, separately for each term, except within their holes and near the surface. */
+trocar_status needle_pairs_residual_shift(needle_pairs *p, const shaft_steps *steps, const residual_loads *loads, unresolved_shift shift[MAX_RELAXATION],
+                                          trocar_error *why);
 
 #endif

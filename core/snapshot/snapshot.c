@@ -6,6 +6,12 @@ static int handle_of(const compliance_snapshot *snapshot, int node) {
     return -1;
 }
 
+void snapshot_empty(compliance_snapshot *snapshot) {
+    snapshot->serial = 0;
+    snapshot->piece_count = 0;
+    snapshot->loaded = snapshot->has_residuals = snapshot->unresolved.any = false;
+}
+
 bool snapshot_covers(const compliance_snapshot *snapshot, const int nodes[4], int handles[4]) {
     if (snapshot->serial == 0) return false;
     for (int c = 0; c < 4; c++) {

@@ -16,7 +16,7 @@ enum {
 /* The piece of a needle's shaft that a contact point represents: a straight line along the track at that point. Used for held and resting needles, for
    contacts and the tip. */
 typedef struct {
-    double from, to;         /* m, depths along the track; equal if the force acts without a shaft, for example for residual loads */
+    double from, to;         /* m, depths along the track; equal if the force acts without a shaft */
     double depth;            /* m, depth at `place` */
     vec3 place, direction;   /* place, m: nominal point on the track; direction: unit vector along the track */
     line_in_tet line;        /* line on which the mesh's resolution is measured */
@@ -27,7 +27,8 @@ typedef struct {
     int tet;
     double weights[4];       /* barycentric */
     vec3 force;              /* N */
-    shaft_piece shaft;       /* the piece of shaft that exerts the force */
+    bool residual;           /* a residual load: the needle is no longer at `shaft` */
+    shaft_piece shaft;       /* the piece of shaft that exerts the force, or exerted it */
 } tissue_load;
 
 /* A residual load: a load that relaxing tissue remembers at a place that nothing touches any more. For each term of the creep series, it stores the
@@ -37,6 +38,7 @@ typedef struct {
     int tet;
     double weights[4];       /* barycentric */
     vec3 at;                 /* m, nominal position of the load */
+    shaft_piece shaft;       /* the piece of shaft that exerted the load */
     vec3 load[MAX_RELAXATION]; /* N */
 } residual_load;
 
@@ -75,6 +77,7 @@ enum { MAX_PIECES = 16 };
 
 /* The tick's request for data on the tissue. Each request is complete, so that only the newest one matters. */
 typedef struct {
+    uint64_t insertion;      /* number of resets before it */
     uint64_t serial;
     refinement wanted;
     int window_count;
@@ -106,12 +109,10 @@ typedef struct {
 /* Mean (m) over an interval of the track. RT */
 vec3 unresolved_mean(const unresolved_shift *shift, double from, double to);
 
-/* Value (m) at the beginning of the track. RT */
-static inline vec3 unresolved_at_entry(const unresolved_shift *shift) { return unresolved_mean(shift, shift->start, shift->start + shift->step); }
-
 /* The worker's answer: the inverse of the refined stiffness matrix between handles. The contact node in slot i is handle i; window entry k is handle
    MAX_CONTACTS + k. Rows of unused handles are meaningless. Immutable once published. */
 typedef struct {
+    uint64_t insertion;      /* that of the answered request */
     uint64_t serial;         /* serial of the answered request; 0 if there has been no answer yet */
     uint64_t ids[MAX_CONTACTS]; /* id of the contact node in each slot; 0 if the slot is free */
     int window[MAX_WINDOW];  /* nominal node at each place of the window; -1 if the place is free */
@@ -125,8 +126,12 @@ typedef struct {
     bool has_residuals;      /* true if u_residual is not zero everywhere */
     double residual_time;    /* s, residual_loads.time of the request */
     vec3 u_residual[MAX_RELAXATION][MAX_HANDLES]; /* m, displacement at residual_time under the residual loads of each term */
+    unresolved_shift unresolved_residual[MAX_RELAXATION]; /* the part of it that the mesh does not resolve; unused if has_residuals is false */
     double compliance[SNAPSHOT_LD * SNAPSHOT_LD]; /* m/N, between handles i and j: [(3 i + a) * SNAPSHOT_LD + 3 j + b] */
 } compliance_snapshot;
+
+/* Makes the snapshot one without an answer. RT */
+void snapshot_empty(compliance_snapshot *snapshot);
 
 /* Finds the handles of four nominal nodes in the snapshot; returns false if any is missing. RT */
 bool snapshot_covers(const compliance_snapshot *snapshot, const int nodes[4], int handles[4]);

@@ -5,7 +5,7 @@
 #include "tissue/tissue.h"
 
 /* Computes the part of K u that belongs to a region (group index of dimension 3): `force` (N) under the displacements u (m), node_count entries each. The sum
-   over all regions is K u at the nodes that are not fixed. NO_MEMORY. */
+   over all regions is K u at the nodes that are not fixed, except for the membranes' part. NO_MEMORY. */
 trocar_status region_forces(const tissue *t, int region, const vec3 *u, vec3 *force, trocar_error *why);
 
 #endif

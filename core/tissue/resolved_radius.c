@@ -330,13 +330,17 @@ static void move_all(resolver *r, int axis, line_field *field) {
     for (int i = 0; i < r->around.node_count; i++) field->moved[i][axis] = v3(r->moved[3 * i], r->moved[3 * i + 1], r->moved[3 * i + 2]);
 }
 
+double resolver_softness(const resolver *r, int tet) {
+    const region_material *material = &r->around.tissue->materials[r->around.tissue->mesh->region[tet]];
+    return 1.0 / shear_modulus(material->youngs_modulus, material->poisson_ratio);
+}
+
 trocar_status resolver_spread(resolver *r, const line_in_tet *line, line_field *field, trocar_error *why) {
-    const region_material *material = &r->around.tissue->materials[r->around.tissue->mesh->region[line->tet]];
     neighbourhood_take(&r->around, line->tet, line->point, line->direction, (patch_reach){.radius = RADIUS, .half_length = HALF_LENGTH});
     field->line = *line;
     field->frame = r->around.frame;
     field->poisson_ratio = r->around.poisson_ratio;
-    field->softness = 1.0 / shear_modulus(material->youngs_modulus, material->poisson_ratio);
+    field->softness = resolver_softness(r, line->tet);
     field->count = r->around.node_count;
     memcpy(field->nodes, r->around.nodes, (size_t)field->count * sizeof *field->nodes);
     for (int along = 0; along < 2; along++) {

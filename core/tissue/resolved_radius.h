@@ -6,6 +6,9 @@
 
 #include "tissue/tissue.h"
 
+static const double EMBEDDING_DEPTH = 4.0; /* radii: depth below the surface from which a disc or a shaft counts as embedded in an infinite body. Fitted to
+                                              resolved finite elements with a disc, within 2 % */
+
 /* Correction for a line force that ends near the needle's tip, where the lateral compliance of the mesh differs from that of a cylinder with the resolved
    radius. `more` is added to the logarithm of the radius. It is a mean over the directions across the line; along the line, the effect is too small to be
    measured on a patch. */
@@ -24,7 +27,8 @@ void line_end_add_scaled(line_end *to, double scale, const line_end *from);
 /* Sum of all members: finite only if all of them are. RT */
 double line_end_total(const line_end *end);
 
-/* The measurement at one point on the line. The material is uniform and equal to that of the point's element, so that only the mesh matters. */
+/* The measurement at one point on the line. The material is uniform and equal to that of the point's element, without membranes, so that only the mesh
+   matters. */
 typedef struct {
     double lateral, axial;   /* m, radius of a rigid cylinder with the mesh's compliance to a line force; across the line, a geometric mean over the
                                 directions */
@@ -38,6 +42,8 @@ typedef struct {
     int tet;
     vec3 point, direction;   /* point, m: a point on the line; direction: a unit vector */
 } line_in_tet;
+
+static inline bool line_same(const line_in_tet *a, const line_in_tet *b) { return a->tet == b->tet && v3_same(a->point, b->point) && v3_same(a->direction, b->direction); }
 
 /* Displacement of the mesh around an endless line under a unit force per unit length, for a shear modulus of 1. Its difference from Kelvin's solution is the
    part of the interaction between this needle and nearby ones that the mesh does not resolve. */
@@ -64,6 +70,9 @@ trocar_status resolver_measure(resolver *r, int tet, vec3 direction, int count, 
 
 /* Computes the field of one line. NUMERIC if the patch has no stiffness. */
 trocar_status resolver_spread(resolver *r, const line_in_tet *line, line_field *field, trocar_error *why);
+
+/* 1 / mu (m^2/N) of an element: the scale of its lines' fields. */
+double resolver_softness(const resolver *r, int tet);
 
 /* The part of the displacement at x (with these weights in element `tet`) that the mesh does not resolve, divided by the force per unit length on the line
    (m^2/N, world frame). If x is closer to the line than `radius` (m), that distance is used. Zero outside the patch, where the mesh resolves the field. */

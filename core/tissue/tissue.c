@@ -45,7 +45,21 @@ void element_moduli(const tissue *t, int tet, double *youngs_modulus, double *po
     *poisson_ratio = whole ? material->poisson_ratio : 0.0;
 }
 
-/* Adds the lower triangle of one element's stiffness to the triplets. */
+/* Adds the lower triangle of an element's stiffness, [3 a + i][3 b + j] for its nodes a and b, to the triplets. */
+static void add_lower(const tissue *t, int count, const int *nodes, const double *k, cholmod_triplet *triplets) {
+    int *rows = triplets->i, *columns = triplets->j;
+    double *values = triplets->x;
+    for (int a = 0; a < 3 * count; a++)
+        for (int b = 0; b < 3 * count; b++) {
+            int row = t->dof[nodes[a / 3]], column = t->dof[nodes[b / 3]];
+            if (row < 0 || column < 0 || row + a % 3 < column + b % 3) continue;
+            size_t at = triplets->nnz++;
+            rows[at] = row + a % 3;
+            columns[at] = column + b % 3;
+            values[at] = k[a * 3 * count + b];
+        }
+}
+
 static void add_element(const tissue *t, int tet, cholmod_triplet *triplets) {
     const mesh *m = t->mesh;
     vec3 corners[4];
@@ -53,18 +67,13 @@ static void add_element(const tissue *t, int tet, cholmod_triplet *triplets) {
     double k[12][12], youngs_modulus, poisson_ratio;
     element_moduli(t, tet, &youngs_modulus, &poisson_ratio);
     tet_stiffness(corners, youngs_modulus, poisson_ratio, k);
+    add_lower(t, 4, m->tets[tet], &k[0][0], triplets);
+}
 
-    int *rows = triplets->i, *columns = triplets->j;
-    double *values = triplets->x;
-    for (int a = 0; a < 12; a++)
-        for (int b = 0; b < 12; b++) {
-            int row = t->dof[m->tets[tet][a / 3]], column = t->dof[m->tets[tet][b / 3]];
-            if (row < 0 || column < 0 || row + a % 3 < column + b % 3) continue;
-            size_t at = triplets->nnz++;
-            rows[at] = row + a % 3;
-            columns[at] = column + b % 3;
-            values[at] = k[a][b];
-        }
+static void add_membranes(const tissue *t, cholmod_triplet *triplets) {
+    membrane_face found;
+    for (int i = 0; i < 4 * t->mesh->tet_count; i++)
+        if (membrane_on_face(t->mesh, t->membranes, i / 4, i % 4, &found)) add_lower(t, 3, found.nodes, &found.stiffness[0][0], triplets);
 }
 
 /* ---- mean volumetric strain ---------------------------------------------------------------------------------------- */
@@ -152,10 +161,11 @@ static trocar_status create_patches(tissue *t, trocar_error *why) {
 }
 
 static trocar_status assemble(tissue *t, trocar_error *why) {
-    size_t n = (size_t)t->dof_count, entries = (size_t)t->mesh->tet_count * 78;
+    size_t n = (size_t)t->dof_count, entries = (size_t)t->mesh->tet_count * 78 + (size_t)membrane_face_count(t->mesh, t->membranes) * 45;
     cholmod_triplet *triplets = cholmod_allocate_triplet(n, n, entries, -1, CHOLMOD_REAL, &t->common);
     if (!triplets) return fail(why, TROCAR_NO_MEMORY, "no memory to assemble %zu stiffness entries", entries);
     for (int e = 0; e < t->mesh->tet_count; e++) add_element(t, e, triplets);
+    add_membranes(t, triplets);
     t->stiffness = cholmod_triplet_to_sparse(triplets, 0, &t->common);
     cholmod_free_triplet(&triplets, &t->common);
     bool whole = t->stiffness && (t->volumetric == STRAIN_BY_ELEMENT || add_volumetric_stiffness(t));
@@ -227,5 +237,5 @@ void tissue_free(tissue *t) {
 
 tissue tissue_constants(const tissue *t) {
     return (tissue){.mesh = t->mesh, .volumetric = t->volumetric, .patch = t->patch, .patch_count = t->patch_count, .materials = t->materials,
-                    .fixed = t->fixed, .dof_count = t->dof_count, .dof = t->dof};
+                    .membranes = t->membranes, .fixed = t->fixed, .dof_count = t->dof_count, .dof = t->dof};
 }

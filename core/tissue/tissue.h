@@ -6,6 +6,7 @@
 #include <suitesparse/cholmod.h>
 
 #include "mesh/mesh.h"
+#include "tissue/membrane_stiffness.h"
 
 /* Material of a region. */
 typedef struct {
@@ -31,6 +32,8 @@ typedef struct {
     volumetric_strain volumetric;
     int *patch, patch_count;   /* tet_count: patch of each tetrahedron, see strain_patches.h; NULL if the strain is not averaged by patch */
     const region_material *materials; /* materials by group index; only entries of dimension 3 are used */
+    const membrane_material *membranes; /* by group index, MESH_MAX_GROUPS; only entries of dimension 2 are used. NULL: none. Set by the caller of tissue_define
+                                           before K is assembled */
     bool *fixed;               /* node_count: true if the node's displacement is zero */
     int dof_count;             /* free displacements */
     int *dof;                  /* node_count: first of each node's three dofs, or -1 if the node is fixed */

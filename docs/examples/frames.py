@@ -1,5 +1,7 @@
 #!/usr/bin/python3
-"""Loads frames.h5 of trocar-study one insertion at a time, in the form that data sets of PyTorch and similar libraries require, even with several workers.
+"""Loads frames.h5 of trocar-study one insertion at a time, in the form that data sets of PyTorch and similar libraries require, even with several workers:
+
+    torch.utils.data.DataLoader(Insertions("frames.h5"), batch_size=8, shuffle=True, num_workers=2)
 
 usage: frames.py FRAMES.h5
 """

@@ -124,7 +124,7 @@ def nearest_free(target, places, bones, spared=()):
 
 
 def note_of(through):
-    return ["from everywhere the way leads through regions that a needle should spare: choose it with --entry and --target"] if through else []
+    return ["every path leads through regions that a needle should avoid: choose one with --entry and --target"] if through else []
 
 
 def through_skin(target, skin, bones, spared=(), cut=None):
@@ -137,7 +137,7 @@ def through_skin(target, skin, bones, spared=(), cut=None):
             raise Unusable("needle", "the image cuts off the body on all sides, so that it has no skin: leave --skin out")
     found = nearest_free(target, places[::1 + len(places) // 20000], bones, spared)
     if found is None:
-        raise Unusable("needle", "bones are in the way from everywhere on the skin: say where it goes in, with --entry and --target")
+        raise Unusable("needle", "bones block every path from the skin: choose one with --entry and --target")
     return Path(found[0], target, note_of(found[1]))
 
 
@@ -164,7 +164,7 @@ def on_skin(skin, entry, target):
     way = (target - entry) / np.linalg.norm(target - entry)
     met = [point for point in (first_hit(shell, entry - (BEHIND - 1e-3) * way, target) for shell in skin) if point is not None]
     if not met:
-        raise Unusable("needle", "the way through the template does not meet the skin: it starts in the body, or leads past it: move --template")
+        raise Unusable("needle", "the path through the template does not meet the skin: it starts in the body, or leads past it: move --template")
     return min(met, key=lambda point: (point - entry) @ way)
 
 
@@ -225,14 +225,14 @@ def start_in(mesh, entry, target, gland, plate=None):
     every = [first_hit(shell, entry - 0.3 * way, target) for name, shell in mesh.surfaces.items() if name not in ("skin",)]
     before = [point for point in every if point is not None and (skin is None or (point - skin) @ way < -1e-6)]
     if skin is None or before:
-        raise Unusable("needle", "the line from --entry to --target does not come through the mesh's skin first: move the entry, raise --margin, "
+        raise Unusable("needle", "the line from --entry to --target does not meet the mesh's skin first: move the entry, raise --margin, "
                        "or take the patient's own skin with --skin")
     push, length = needle_for(skin, target, plate)
     met = first_hit(mesh.boundary(gland), skin, skin + push * way)
     depth = f"meets {gland} {1e3 * np.linalg.norm(met - skin):.0f} mm below the skin" if met is not None else f"does not meet {gland}"
     bone = first_hit(mesh.surfaces["bone"], skin, target) if "bone" in mesh.surfaces else None
     if bone is not None:
-        depth += f"; bone is in its way after {1e3 * np.linalg.norm(bone - skin):.0f} mm: choose the way with --entry and --target"
+        depth += f"; bone is in its way after {1e3 * np.linalg.norm(bone - skin):.0f} mm: choose the path with --entry and --target"
     return Start(skin - (length + AHEAD) * way, orientation(way), skin, push, depth, length, met is None or bone is not None)
 
 

@@ -12,11 +12,11 @@ def load(path, nodes):
     try:
         trocar = binding.trocar()
     except ImportError as error:
-        print(f"anatomy: the scene was not tried: {error}: install python3-trocar, or in a checkout build the library with scripts/build demo", file=sys.stderr)
+        print(f"anatomy: the scene was not tested: {error}: install python3-trocar, or in a checkout build the library with scripts/build demo", file=sys.stderr)
         return
     said = limits.run("loading the scene", refused, trocar, path, nodes > WHOLE)
     if said:
-        raise Unusable("scene", f"the library refuses what was made: {said}")
+        raise Unusable("scene", f"the library rejects the scene: {said}")
 
 
 def refused(trocar, path, mesh_only):

@@ -48,7 +48,7 @@ def rows_of(domain, made):
         rows.append(row_of(region, [parts[part][1] for part in members], [taken(lost, part) for part in members], None if region.hollow else held))
     for part, (region, n) in enumerate(parts):
         if part not in found:
-            reason = "other regions have its place" if taken(lost, part) > 0.5 else NARROW
+            reason = "other regions occupy its place" if taken(lost, part) > 0.5 else NARROW
             rows.append(dataclasses.replace(row_of(region, [n], [taken(lost, part)], 0.0), gone=reason))
     order = {region.name: k for k, region in enumerate(domain.regions)}
     return sorted((row for row in rows if row.read is not None), key=lambda row: (order[row.name], -row.read))
@@ -111,7 +111,7 @@ def note_overlaps(called, domain, outlined):
             organ.note(f"{100 * share:.1f} % of it lie outside the mesh's box and are left out")
         elif share >= SEEN:
             other = called.get(domain.regions[winner].name)
-            organ.note(f"{100 * share:.1f} % of it overlap {other.roi if other else 'the body'} and are assigned to that")
+            organ.note(f"{100 * share:.1f} % of it overlap {other.roi if other else 'the body'} and are assigned to it")
 
 
 def note_missed(organs, domain, made):

@@ -240,7 +240,7 @@ def domain_of(organs, nodes, corridor, crop=False, plan=None):
         for shell in kept:
             thin = SLENDER * 2 * shell.volume() / shell.area()
             domain.bodies.append(meshing.Body(organ.name, surface_name(organ, organs), placed(shell), share * shell.volume() * 1e-9, thin * 1e-3, organ.bone))
-    for body, parent in zip(domain.bodies, domain.parents()):  # enclosed bodies are not part of the body
+    for body, parent in zip(domain.bodies, domain.parents()):  # a body's volume excludes the bodies that it encloses
         if parent is not None:
             outlined[domain.bodies[parent].name] -= body.volume
     return domain, outlined

@@ -51,7 +51,7 @@ def text(title, mesh, soft, bones, walls, **more):
     place), and `template` or None."""
     found = more.get("found") or {name: materials.find(name) for name in [*soft, "surrounding"]}
     wall_of = more.get("wall_of") or {}
-    lines = [f"# {title}", "# All values are in SI units, and assumptions; a key that is left out has its default (docs/reference/scene.md).", "",
+    lines = [f"# {title}", "# All values are in SI units, and assumptions; a key that is left out has its default (docs/reference/scene.csv).", "",
              f"mesh: {mesh}"]
     patient, needle = place(more["matrix"], more["start"]) if "matrix" in more else ([], ["", "needle: {}                      # 18 G, 200 mm"])
     lines += [*patient, "", "regions:"]
@@ -67,6 +67,6 @@ def text(title, mesh, soft, bones, walls, **more):
     quiet = [name for name in walls if name not in felt]
     if quiet:
         lines += [f"# surfaces without resistance: {', '.join(quiet)}"]
-    lines += ["", "fixed: [fixed, bone]            # bone holds the tissue around it; leave it out, and the tissue moves along it" if bones else "fixed: [fixed]"]
+    lines += ["", "fixed: [fixed, bone]            # bone holds the tissue around it; leave it out, and the tissue can move along it" if bones else "fixed: [fixed]"]
     plate = guide(more["template"], more["matrix"]) if more.get("template") else []
     return "\n".join([*lines, *needle, *plate]) + "\n"

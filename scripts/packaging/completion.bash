@@ -34,7 +34,7 @@ _trocar() {
             elif [[ $1 == *trocar-bench && $cword -eq 1 ]]; then
                 mapfile -t COMPREPLY < <(compgen -W "$("$1" --help | sed -n 's/^  \([a-z]\+\)  .*/\1/p')" -- "$cur")
             elif [[ $1 == *trocar-study && $cword -eq 1 ]]; then
-                mapfile -t COMPREPLY < <(compgen -W "run collect summary" -- "$cur")
+                mapfile -t COMPREPLY < <(compgen -W "estimate run collect summary" -- "$cur")
             elif [[ $1 == *trocar-plan && $cword -eq 1 ]]; then
                 mapfile -t COMPREPLY < <(compgen -W "run check carry-out" -- "$cur")
             elif [[ $1 == *trocar-fit && $cword -eq 1 ]]; then

@@ -43,6 +43,28 @@ bool seeds_fit(const void *data, size_t size) {
     return seeds >= 0 && seeds <= TROCAR_MAX_SEEDS && size == count_at + 4 + SEED * (size_t)seeds;
 }
 
+/* Returns the offset after the string at this offset, or 0 if it does not fit or is not terminated. */
+static size_t after_string(const void *data, size_t size, size_t offset) {
+    int64_t length = length_at(data, size, offset);
+    if (length < 1 || (size_t)length > size - offset - 4) return 0;
+    offset += 4 + (size_t)length;
+    return ((const char *)data)[offset - 1] == '\0' ? offset : 0;
+}
+
+bool change_fits(const void *data, size_t size) {
+    enum { VALUES = FINGERPRINT + 4 * 8 };
+    return after_string(data, size, VALUES) == size;
+}
+
+bool values_fit(const void *data, size_t size) {
+    enum { COUNT = FINGERPRINT + 2 * 8, VALUE = 8 };
+    int64_t count = length_at(data, size, COUNT);
+    size_t offset = COUNT + 4;
+    if (count < 0 || (size_t)count > size / VALUE) return false;
+    for (int64_t i = 0; i < count && offset > 0; i++) offset = after_string(data, size, offset);
+    return offset > 0 && offset + VALUE * (size_t)count == size;
+}
+
 bool reply_fits(const void *data, size_t size) {
     enum { MESSAGE = FINGERPRINT + 4 * 8 + 3 * 4 };
     int64_t length = length_at(data, size, MESSAGE);

@@ -10,6 +10,8 @@ bool contacts_fit(const void *data, size_t size);
 bool tracks_fit(const void *data, size_t size);
 bool deformation_fits(const void *data, size_t size, int node_count);
 bool seeds_fit(const void *data, size_t size);
+bool change_fits(const void *data, size_t size);
+bool values_fit(const void *data, size_t size);
 bool reply_fits(const void *data, size_t size);
 bool status_fits(const void *data, size_t size);
 

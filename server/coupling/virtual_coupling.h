@@ -44,7 +44,7 @@ typedef struct {
     coupling_caution caution;
     swing_observer swings;
     double stiffness, damping; /* current stiffness (N/m) and damping (N s/m) of the coupling; 0 if the coupling is rigid */
-    vec3 stretch;            /* m, from the needle's base to the hand */
+    vec3 stretch;            /* m, vector from the needle's base to the hand */
     vec3 before;             /* m, stretch when the last pose arrived, from which the damper's extension is counted */
     double age;              /* s, sum of the ticks' lengths since the last pose arrived */
     double energy, lowest;   /* J, energy that the hand has put into the coupling since the engagement, and the minimum of that energy */

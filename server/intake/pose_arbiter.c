@@ -256,8 +256,13 @@ command_verdict arbiter_command(pose_arbiter *in, const void *data, size_t size,
     return refuse(in, command);
 }
 
-/* A needle left in the tissue has no owner. A needle that was taken or removed is engaged by the next pose; after the reset of a held needle, that
-   pose may already have arrived. */
+void arbiter_refuse(pose_arbiter *in, const char *reason) {
+    in->record.commands_refused++;
+    say(in, "%s", reason);
+}
+
+/* After LEAVE, the needle has no owner. After TAKE, or the RESET of a resting needle, the next pose begins a new engagement. The RESET of a held needle
+   set `begin_anew` when the command arrived, and a pose may have cleared it since; a refusal therefore restores it only if no new engagement has begun. */
 void arbiter_settle(pose_arbiter *in, const needle_command *done) {
     const trocar_command_t *m = &done->asked;
     arbiter_needle *n = &in->needles[m->needle];

@@ -67,6 +67,9 @@ typedef enum {
    the command came from another machine, which may shut down the server only if its session owns a needle. */
 command_verdict arbiter_command(pose_arbiter *in, const void *data, size_t size, bool distant, int64_t now, needle_command *command);
 
+/* Counts a refused command that is not for a needle, and records the reason. */
+void arbiter_refuse(pose_arbiter *in, const char *reason);
+
 /* Records that the haptic thread has executed or refused a command. */
 void arbiter_settle(pose_arbiter *in, const needle_command *done);
 

@@ -6,6 +6,7 @@
 #include <stdint.h>
 
 #include "base/vec.h"
+#include "trocar.h"
 #include "trocar_command_t.h"
 
 /* From the IO thread to the haptic thread: the newest pose of the probe */
@@ -20,6 +21,9 @@ typedef struct {
     trocar_command_t asked;
     uint64_t engagement;         /* number of the needle's engagement at the time of the request */
     bool anew;                   /* at the time of the request, the next pose was already going to start a new engagement */
+    trocar_change *change;       /* the values to change to; NULL if this is no change */
+    trocar_change *replaced;     /* the values before it, which the IO thread frees when the command returns */
+    double change_time;          /* s */
     bool refused;
     char why[256];
 } needle_command;

@@ -65,7 +65,7 @@ static gate_verdict answer(gate_result *result, wire_kind kind, const wire_hands
     return GATE_ANSWER;
 }
 
-/* Tells a client that its secret is wrong. This answer is not authentic, and a few are sent per second. */
+/* Tells a client that its secret is wrong. This answer is not authenticated, and only a few are sent per second. */
 static gate_verdict refuse_secret(gate *g, const struct sockaddr_in *from, wire_handshake *h, int64_t now, gate_result *result) {
     g->counts.forged++;
     g->wrong = *from;
@@ -126,7 +126,7 @@ static bool is_shutdown(const wire_message *m) {
 /* Returns the channel on which to publish a message; NULL if clients may not send it. SHUTDOWN is published on the channel on which the server treats it as
    one from another machine. The server's arbiters check everything else. */
 static const char *published(const wire_message *m) {
-    static const char *const relayed[] = {"TROCAR_POSE", "TROCAR_COMMAND", "TROCAR_PROBE"};
+    static const char *const relayed[] = {"TROCAR_POSE", "TROCAR_COMMAND", "TROCAR_PROBE", "TROCAR_CHANGE"};
     if (m->size < SESSION + 8 || m->size > WIRE_MESSAGE_MOST) return NULL;
     if (strcmp(m->channel, "TROCAR_COMMAND") == 0 && is_shutdown(m)) return "REMOTE_COMMAND";
     for (size_t i = 0; i < sizeof relayed / sizeof *relayed; i++)

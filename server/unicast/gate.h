@@ -62,7 +62,7 @@ typedef enum {
 typedef struct {
     unsigned char answer[WIRE_MOST];
     size_t answer_size;
-    const char *channel;         /* the channel on which to publish the message: TROCAR_POSE, TROCAR_PROBE, TROCAR_COMMAND or, for SHUTDOWN,
+    const char *channel;         /* the channel on which to publish the message: TROCAR_POSE, TROCAR_PROBE, TROCAR_COMMAND, TROCAR_CHANGE or, for SHUTDOWN,
                                     REMOTE_COMMAND */
     const unsigned char *bytes;  /* the message, inside the datagram */
     size_t size;

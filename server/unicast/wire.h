@@ -47,7 +47,7 @@ typedef struct {
 
 typedef struct {
     uint64_t counter;
-    const char *channel;         /* the following two point into the datagram */
+    const char *channel;         /* this and the next member point into the datagram */
     const unsigned char *bytes;
     size_t size;
 } wire_message;

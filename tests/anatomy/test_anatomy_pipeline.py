@@ -1,8 +1,8 @@
 #!/usr/bin/python3
 """Tests names and materials of regions, and the handling of surfaces that cannot be meshed."""
+import csv
 import math
 import os
-import re
 import tempfile
 import unittest
 import unittest.mock
@@ -32,8 +32,8 @@ class Names(unittest.TestCase):
         self.assertRegex(regions[3], r"surrounding +# surrounding: assumed.*\n    youngs_modulus: 30e3")
 
     def test_materials_are_those_of_the_table(self):
-        with open(os.path.join(SOURCE, "meshes/PARAMETERS.md"), encoding="utf-8") as file:
-            rows = re.findall(r"^\| ([a-z ]+) \| ([\d.e]+) \| ([\d.]+) \| (\d+) \| (\d+) \|", file.read(), re.M)
+        with open(os.path.join(SOURCE, "meshes/parameters/materials.csv"), encoding="utf-8", newline="") as file:
+            rows = [row[:5] for row in csv.reader(file)][1:]
         known = {name: row.material for name, row in materials.TABLE.items()} | {"any other": materials.OTHER.material, "surrounding": materials.SURROUNDING.material}
         self.assertEqual({name: tuple(map(float, values)) for name, *values in rows},
                          {name: (m.modulus, m.cutting, m.static, m.kinetic) for name, m in known.items()})

@@ -302,7 +302,7 @@ class Way(Case):
             within = scipy.ndimage.distance_transform_edt(own, np.linalg.norm(place[:3, :3], axis=0)[::-1])
 
             def room(point, place=place, within=within):
-                """mm, distance from a voxel of the liver to the next voxel of another part"""
+                """mm, distance from a voxel of the liver to the nearest voxel of another part"""
                 return within[tuple(np.rint(np.linalg.solve(place[:3, :3], point - place[:3, 3])).astype(int)[::-1])]
             self.assertLess(room(liver[0].centre()), approach.ASIDE)
             self.assertGreater(room(approach.middle_of(liver)), approach.ASIDE)
@@ -352,7 +352,7 @@ class Parts(Case):
         labels_, place = ball(40, 14.0)
         nrrd.write_nrrd("x.nrrd", labels_, place)
         with unittest.mock.patch.object(binding, "trocar", lambda: None), unittest.mock.patch.object(check, "refused", lambda *_: "no face of any tetrahedron"), \
-                self.assertRaisesRegex(contours.Unusable, "the library refuses what was made: no face of any tetrahedron"):
+                self.assertRaisesRegex(contours.Unusable, "the library rejects the scene: no face of any tetrahedron"):
             self.run_("x.nrrd", "--nodes", 300, "--output", "x", "--quiet")
         self.assertEqual(os.listdir("."), ["x.nrrd"])
 

@@ -14,7 +14,7 @@
 #include "shared/options.h"
 #include "shared/output.h"
 
-enum { MAX_SCENES = 16, MAX_ROWS_OF_SCENE = ALL_REMESH_METHODS * (REMESH_CHANGES + MAX_PATCH), SWEEPS = 20 };
+enum { MAX_SCENES = 16, MAX_ROWS_OF_SCENE = REMESH_METHODS * (REMESH_CHANGES + MAX_PATCH), SWEEPS = 20 };
 
 typedef struct {
     const char *scene_paths[MAX_SCENES], *json_path;
@@ -88,10 +88,10 @@ static const struct argp parser = {
 
 /* ---- measuring --------------------------------------------------------------------------------------------------- */
 
-static trocar_status measure_row(bench *b, inverse *inv, int method, remesh_change change, int touched, scene_result *result, trocar_error *why) {
+static trocar_status measure_row(bench *b, inverse *inv, remesh_method method, remesh_change change, int touched, scene_result *result, trocar_error *why) {
     const options *o = b->options;
     if (method == REMESH_NESTED && change == MOVE_NODE) return TROCAR_OK;
-    if (any_remesh_needs_dense(method) && !is_dense(inv)) return TROCAR_OK;
+    if (remesh_needs_dense(method) && !is_dense(inv)) return TROCAR_OK;
     row *r = &result->rows[result->row_count];
     r->given = (remesh_case){.method = method, .change = change, .touched = touched, .contacts = o->contacts, .samples = o->samples,
                              .seconds = o->seconds};
@@ -126,7 +126,7 @@ static trocar_status measure_rows(bench *b, model_parts *s, bool valences, scene
     trocar_status status = TROCAR_OK;
     remesh_timing_valences(&s->tissue, counts);
     if (b->options->touched == 0) b->options->touched = most_frequent(counts);
-    for (int method = 0; method < ALL_REMESH_METHODS && status == TROCAR_OK; method++) {
+    for (remesh_method method = 0; method < REMESH_METHODS && status == TROCAR_OK; method++) {
         status = measure_row(b, s->inverse, method, ADD_INSIDE, 0, result, why);
         if (status == TROCAR_OK) status = measure_row(b, s->inverse, method, ADD_ON_FACE, 0, result, why);
         for (int touched = 5; touched <= MAX_PATCH && status == TROCAR_OK; touched++)
@@ -142,7 +142,6 @@ static trocar_status measure_scene(bench *b, int index, trocar_error *why) {
     scene_result *result = &b->scenes[index];
     trocar_status status = scene_load(b->options->scene_paths[index], &given, why);
     given.simulation.volumetric = STRAIN_BY_ELEMENT;
-    given.simulation.remeshing = REMESH_NESTED;
     if (status == TROCAR_OK) status = model_parts_create(&given.simulation, &s, why);
     if (status != TROCAR_OK) return status;
     result->nodes = s.mesh.node_count;
@@ -171,7 +170,7 @@ static void print_scene(const bench *b, int index, FILE *out) {
     fprintf(out, "\nmethod            change  nodes   samples    add us: p50       p99       max    remove us: p50\n");
     for (int i = 0; i < result->row_count; i++) {
         const row *r = &result->rows[i];
-        fprintf(out, "%-16s  %-6s  %5d  %8d  %13.1f  %8.1f  %8.1f  %16.1f\n", any_remesh_name(r->given.method), remesh_change_name(r->given.change),
+        fprintf(out, "%-16s  %-6s  %5d  %8d  %13.1f  %8.1f  %8.1f  %16.1f\n", remesh_name(r->given.method), remesh_change_name(r->given.change),
                 touched_by(&r->given), r->time.samples, micro(&r->time.add, 0.5), micro(&r->time.add, 0.99), 1e6 * histogram_max(&r->time.add),
                 micro(&r->time.remove, 0.5));
     }
@@ -186,7 +185,7 @@ static void write_time(json *j, const char *name, const histogram *time) {
 
 static void write_row(json *j, const row *r) {
     json_line(j), json_open(j, NULL, '{');
-    json_text(j, "method", any_remesh_name(r->given.method));
+    json_text(j, "method", remesh_name(r->given.method));
     json_text(j, "change", remesh_change_name(r->given.change));
     json_integer(j, "touched_nodes", touched_by(&r->given));
     json_integer(j, "samples", r->time.samples);

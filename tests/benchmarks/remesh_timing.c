@@ -136,7 +136,7 @@ trocar_status remesh_timing_measure(inverse *inv, const remesh_case *wanted, rem
     if (status == TROCAR_OK) {
         run->tissue = inverse_tissue(inv);
         run->wanted = wanted;
-        status = any_remesher_create(inv, wanted->method, &run->remesher, why);
+        status = remesher_create_by(inv, wanted->method, &run->remesher, why);
         if (status == TROCAR_OK) status = time_all(run, result, why);
         remesher_free(run->remesher);
         free(run->snapshot);

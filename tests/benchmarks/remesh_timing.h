@@ -9,7 +9,7 @@
 typedef enum { ADD_INSIDE, ADD_ON_FACE, MOVE_NODE, REMESH_CHANGES } remesh_change;
 
 typedef struct {
-    int method;
+    remesh_method method;
     remesh_change change;
     int touched;             /* for moved nodes: only those whose patch has this many nodes are used; 0 means any number */
     int contacts;            /* contact nodes already present, added in the same way (for moved nodes: inside elements) */

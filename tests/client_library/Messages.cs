@@ -34,7 +34,20 @@ static class Messages {
         return to ?? new BigEndianWriter();
     }
 
+    // Options that cannot be are refused before anything is opened.
+    static void Refuse(TrocarOptions bad) {
+        try {
+            new TrocarClient(bad).Dispose();
+        } catch (ArgumentException) {
+            return;
+        }
+        throw new Exception("impossible options are accepted");
+    }
+
     static void Main() {
+        Refuse(new TrocarOptions { Needle = -1 });
+        Refuse(new TrocarOptions { Watchdog = double.NaN });
+        Refuse(new TrocarOptions { MaxForce = -1 });
         var input = new BinaryReader(new BufferedStream(Console.OpenStandardInput()));
         using (var output = new BinaryWriter(new BufferedStream(Console.OpenStandardOutput()))) {
             for (int letter; (letter = input.BaseStream.ReadByte()) >= 0;) {

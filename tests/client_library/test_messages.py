@@ -1,6 +1,6 @@
 #!/usr/bin/python3
 """Compares the messages of the Python and C# clients with those of lcm-gen: random messages are decoded and re-encoded to the same bytes, damaged messages are
-refused, and random datagrams do not crash the Python client. (test_client.py and tests/fuzz send them to the other clients.)
+refused, random datagrams do not crash the Python client, and it waits for pending changes. (test_client.py and tests/fuzz send them to the other clients.)
 
 usage: test_messages.py SOURCE_DIR python|csharp
 """
@@ -10,6 +10,8 @@ import struct
 import subprocess
 import sys
 import tempfile
+import time
+from types import SimpleNamespace
 
 SOURCE, LANGUAGE = sys.argv[1:3]
 ROUNDS = 2000
@@ -72,6 +74,14 @@ def try_python(types, cases):
         if letter != "r":   # the clients do not send strings
             assert kinds[letter].encode(**found) == data, letter
     datagrams(client, [data for _, data, _ in cases])
+    pending(client, types)
+    for bad in ({"needle": -1}, {"watchdog": float("nan")}, {"max_force": -1}):     # refused before anything is opened
+        try:
+            client.Client(**bad)
+        except ValueError as error:
+            assert next(iter(bad)) in str(error)
+        else:
+            raise AssertionError(bad)
 
 
 class Alone:
@@ -97,6 +107,34 @@ def datagrams(client, messages):
         c._take_datagram(packet if rng.random() < 0.8 else packet[:rng.randrange(len(packet))], ("127.0.0.1", rng.randrange(2)))
         wrench = c.newest()
         assert sum(x * x for x in wrench.force) <= 20 ** 2 * (1 + 1e-9)
+
+
+def pending(client, types):
+    """While the server reports that a change is pending, the client waits for its reply longer than for others."""
+    c, clock = Alone(client), [100.0]
+    client.time = SimpleNamespace(**{**vars(time), "monotonic": lambda: clock[0]})     # a clock of the test's own
+    c._send = lambda channel, message: None
+    reply = types.command_reply_t()
+    reply.server, reply.session, reply.command = 1, c._session, types.command_t.CHANGE
+
+    def hear(seq, status):
+        reply.seq, reply.status, reply.message = seq, status, "computing"
+        c._take_message(b"TROCAR_REPLY", reply.encode())
+
+    for number, told in ((1, True), (2, False)):
+        assert c.change({"regions[0].youngs_modulus": 1e3})
+        for _ in range(20):
+            clock[0] += 1.0
+            if told:
+                hear(number, reply.PENDING)
+                assert c.reply() == (client.Answer.WAITING, "computing") and not c.change({"a": 1})
+        hear(number - 1, reply.PENDING)     # about an earlier change
+        clock[0] += 2.9
+        assert c.reply()[0] is (client.Answer.WAITING if told else client.Answer.UNANSWERED)
+        clock[0] += 0.2
+        assert c.reply()[0] is client.Answer.UNANSWERED
+        hear(number, reply.DONE)
+        assert c.reply()[0] is client.Answer.DONE
 
 
 def try_csharp(folder, cases):

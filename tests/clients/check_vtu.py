@@ -1,11 +1,12 @@
 #!/usr/bin/python3
-"""Checks the balance of forces in PREFIX-tissue.vtu and PREFIX-needle.vtu, written by trocar-replay --vtu.
+"""Checks the balance of forces in PREFIX-tissue.vtu, PREFIX-membranes.vtu (if there is one) and PREFIX-needle.vtu, written by trocar-replay --vtu.
 
 Shares nothing with the simulator: the tissue's stiffness is assembled here, element by element, from B^T D B with the strain matrix B from the inverse of the
 matrix of corner coordinates. Prints a table; exit status 0 if all checks pass, 1 if one
 fails, 2 if a file cannot be read.
 """
 import argparse
+import os
 import sys
 import xml.etree.ElementTree as ElementTree
 
@@ -110,6 +111,28 @@ def internal_forces(grid, tets):
     return forces, volumes
 
 
+def membrane_forces(membranes, points):
+    """Returns the internal forces of triangles in plane stress at their nodes, from N = C strain in axes that lie in each triangle."""
+    corners = membranes.connectivity.reshape(-1, 3)
+    x, u = points[corners], membranes.point_data["displacement"][corners]
+    first = x[:, 1] - x[:, 0]
+    first /= np.linalg.norm(first, axis=1)[:, None]
+    normal = np.cross(first, x[:, 2] - x[:, 0])
+    axes = np.stack([first, np.cross(normal / np.linalg.norm(normal, axis=1)[:, None], first)], 1)  # (triangles, 2, 3)
+    flat, moved = np.einsum("tik,tnk->tni", axes, x - x[:, :1]), np.einsum("tik,tnk->tni", axes, u)
+    rows = np.concatenate([np.ones(flat.shape[:2] + (1,)), flat], axis=2)
+    gradients, area = np.linalg.inv(rows)[:, 1:, :], np.abs(np.linalg.det(rows)) / 2
+    strain = np.einsum("tjn,tni->tij", gradients, moved)
+    strain = (strain + strain.transpose(0, 2, 1)) / 2
+    nu = membranes.cell_data["poisson_ratio"]
+    c = (membranes.cell_data["stiffness"] / (1 - nu ** 2))[:, None, None]
+    force = c * ((1 - nu)[:, None, None] * strain + nu[:, None, None] * np.trace(strain, axis1=1, axis2=2)[:, None, None] * np.eye(2))  # N/m
+    local = np.einsum("t,tjn,tij,tik->tnk", area, gradients, force, axes)
+    forces = np.zeros_like(points)
+    np.add.at(forces, corners, local)
+    return forces
+
+
 def patch_volumetric_stress(grid, volumes, divergence, modulus):
     """Returns lambda div u, with div u averaged by volume over each patch of cells."""
     patch = grid.cell_data["volumetric_patch"].astype(int)
@@ -133,7 +156,7 @@ def most_tets_on_a_face(tets):
     return np.unique(faces, axis=0, return_counts=True)[1].max()
 
 
-def check_tissue(grid, table, volume):
+def check_tissue(grid, table, volume, membranes=None):
     """Checks the residual, the supports and the mesh of the tissue; returns the sum of the forces that the needle exerts on it."""
     if np.any(grid.types != TETRAHEDRON):
         raise ValueError("the tissue has cells other than linear tetrahedra")
@@ -141,6 +164,11 @@ def check_tissue(grid, table, volume):
     applied, displacement = grid.point_data["applied_force"], grid.point_data["displacement"]
     fixed = grid.point_data["fixed"] != 0
     forces, volumes = internal_forces(grid, tets)
+    if membranes:
+        count = len(membranes.points)
+        table.at_most("membranes: nodes that are not those of the tissue, m", np.abs(membranes.points - grid.points[:count]).max(), 0)
+        table.at_most("membranes: displacements that are not the tissue's, m", np.abs(membranes.point_data["displacement"] - displacement[:count]).max(), 0)
+        forces += membrane_forces(membranes, grid.points)
     largest = np.max(np.linalg.norm(applied, axis=1))
 
     table.above("tissue: least volume of a tetrahedron, m^3", volumes.min(), 0)
@@ -172,7 +200,8 @@ def check_needle(grid, table):
 def check(prefix, volume=None, unloaded=False):
     """Prints the table for one pair of files; returns True if all checks pass."""
     tissue, needle, table = Grid(prefix + "-tissue.vtu"), Grid(prefix + "-needle.vtu"), Table()
-    on_tissue = check_tissue(tissue, table, volume)
+    membranes = Grid(prefix + "-membranes.vtu") if os.path.exists(prefix + "-membranes.vtu") else None
+    on_tissue = check_tissue(tissue, table, volume, membranes)
     on_needle, scale = check_needle(needle, table)
     if not unloaded:
         table.above("needle: sum of the forces' sizes, N", scale, 0)

@@ -17,6 +17,7 @@ import check_vtu
 SIZE = np.array([0.02, 0.03, 0.04])       # m
 CELLS = 2                                 # number of cells along each axis; the layers meet at half the height
 LAYERS = ((20e3, 0.3), (50e3, 0.45))      # Pa, Poisson's ratio
+MEMBRANE = (400.0, 0.3)                   # N/m, Poisson's ratio: of the side x = 0
 
 
 def lame(youngs_modulus, poisson_ratio):
@@ -91,6 +92,29 @@ def solved_case():
         "base_torque": np.cross(line - line[0], force).sum(axis=0, keepdims=True)}
 
 
+def membrane_case():
+    """Returns the solved case with a membrane on the side x = 0. In its plane it has the layers' strain, and therefore a constant stress in each layer; its forces
+    per length load the sides y = 0, y = SIZE and z = SIZE, and the interface."""
+    case = solved_case()
+    points, tets, stiffness, nu = case["points"], case["tets"], *MEMBRANE
+    triangles = np.array([face for tet in tets for face in itertools.combinations(tet, 3) if np.all(points[list(face), 0] == 0)])
+    case["triangles"], case["applied_force"] = triangles, case["applied_force"].copy()
+    for a, b in {tuple(sorted(edge)) for face in triangles.tolist() for edge in itertools.combinations(face, 2)}:
+        for c in (c for face in triangles.tolist() if a in face and b in face for c in face if c not in (a, b)):
+            slope = slopes()[int(points[[a, b, c], 2].mean() > SIZE[2] / 2)]
+            n = stiffness / (1 - nu ** 2) * np.array([[nu * slope[2], (1 - nu) / 2 * slope[1]], [(1 - nu) / 2 * slope[1], slope[2]]])  # y, z
+            along = points[b, 1:] - points[a, 1:]
+            across = np.array([along[1], -along[0]])
+            across *= np.sign(across @ (points[a, 1:] - points[c, 1:]))
+            for node in (a, b):
+                if not case["fixed"][node]:
+                    case["applied_force"][node, 1:] += n @ across / 2
+    case["force"][2] += -case["applied_force"].sum(axis=0) - case["force"].sum(axis=0)
+    case["base_force"] = case["force"].sum(axis=0, keepdims=True)
+    case["base_torque"] = np.cross(case["line"] - case["line"][0], case["force"]).sum(axis=0, keepdims=True)
+    return case
+
+
 def data_array(name, values):
     values = np.asarray(values)
     components = values.shape[1] if values.ndim > 1 else 1
@@ -120,6 +144,12 @@ def write_case(case, prefix):
               pick("base_position", "base_force", "base_torque"))
 
 
+def write_membranes(case, prefix):
+    count = len(case["triangles"])
+    write_vtu(prefix + "-membranes.vtu", case["points"], case["triangles"], 5, {"displacement": case["displacement"]},
+              {"stiffness": np.full(count, MEMBRANE[0]), "poisson_ratio": np.full(count, MEMBRANE[1])}, {})
+
+
 class CheckVtu(unittest.TestCase):
     def setUp(self):
         self.directory = tempfile.TemporaryDirectory()
@@ -128,6 +158,8 @@ class CheckVtu(unittest.TestCase):
 
     def verdict(self, case, **options):
         write_case(case, self.prefix)
+        if "triangles" in case:
+            write_membranes(case, self.prefix)
         printed = io.StringIO()
         with contextlib.redirect_stdout(printed):
             good = check_vtu.check(self.prefix, **options)
@@ -175,6 +207,13 @@ class CheckVtu(unittest.TestCase):
         case["volumetric_patch"] = np.arange(len(case["tets"])) // 6  # each Kuhn cube lies in one layer and has a uniform strain
         self.assertTrue(self.verdict(case)[0])
         case["volumetric_patch"][:] = 0  # across the layers
+        self.assertFalse(self.verdict(case)[0])
+
+    def test_membranes_carry_their_part(self):
+        good, printed = self.verdict(membrane_case())
+        self.assertTrue(good, printed)
+        case = membrane_case()
+        case["triangles"] = case["triangles"][1:]
         self.assertFalse(self.verdict(case)[0])
 
     def test_not_a_number_is_refused(self):

@@ -58,7 +58,7 @@ bad_input() {
     touch marker && sleep 0.02
     refuses "--plan needs --scene" "$device" --plan plan.csv
     refuses "--operator needs --plan" "$device" --operator image
-    refuses "there are marks and image" "$device" --plan plan.csv --scene "$template" --operator blind
+    refuses "expected marks or image" "$device" --plan plan.csv --scene "$template" --operator blind
     refuses "--splay needs --operator image" "$device" --plan plan.csv --scene "$template" --splay 0
     refuses "--stabilise: the scene's template has no hole Z9" "$device" --plan plan.csv --scene "$template" --stabilise C4,Z9
     refuses "--stabilise: hole E3 is taken" "$device" --plan plan.csv --scene "$template" --stabilise E3
@@ -213,6 +213,15 @@ balance() {
     for at in 0.3 1.0 1.38 1.8; do
         "$programs/trocar-replay" --scene "$scene" --poses poses.log --vtu "at-$at" --at $at --quiet
         "$source/tests/clients/check_vtu.py" "at-$at"
+    done
+    # membranes that are stiff in their plane, with each kind of inverse
+    for inverse in dense sparse condensed; do
+        sed "s|^mesh: |mesh: $source/meshes/|; /^inverse:/d; /puncture_force:/a\\    stiffness: 300" "$scene" >stiff.yaml
+        printf 'inverse: %s\ncache: .\n' $inverse >>stiff.yaml
+        "$programs/trocar-replay" --scene stiff.yaml --poses poses.log --vtu stiff --at 1.38 --quiet
+        [ -e stiff-membranes.vtu ] || fail "no file of membranes"
+        "$source/tests/clients/check_vtu.py" stiff
+        ! cmp --quiet stiff-needle.vtu at-1.38-needle.vtu || fail "membranes without effect"
     done
 }
 

@@ -217,6 +217,89 @@ static void resets_take_effect_at_once(void **state) {
     free(r.force);
 }
 
+/* ---- changes of the tissue ------------------------------------------------------------------------------------------------ */
+
+static logged_command ask(recording *r, const char *values) {
+    logged_command m = {.command = {.utime = r->utime, .session = 99, .command = TROCAR_COMMAND_T_CHANGE, .seq = r->seq++}, .change_time = 0.1, .change = (char *)(uintptr_t)values};
+    OK(log_write_change(r->log, &m, path, &why));
+    return m;
+}
+
+static void answer(recording *r, const logged_command *m, bool done) { OK(log_write_reply(r->log, &m->command, done, path, &why)); }
+
+static trocar_change *prepared(recording *r, const logged_command *m) {
+    trocar_change *change;
+    OK(trocar_change_create(r->sim, &change, &why));
+    OK(trocar_change_set(change, m->change, &why));
+    OK(trocar_change_prepare(change, NULL, &why));
+    return change;
+}
+
+static void carry_out(recording *r, trocar_change *change) {
+    OK(trocar_sim_change(r->sim, change, 0.1, &why));
+    trocar_change_free(change);
+}
+
+/* The reply to the first change of moduli comes after 40 ms. The second one was carried out when the first was complete, although its reply was recorded before. The
+   third was refused. */
+static void record_changes(recording *r) {
+    enum { BUILT = 40, END = 400 };
+    static const trocar_pose start = {{0, 0.003, -0.201}, {1, 0, 0, 0}};
+    logged_command softer = {0};
+    trocar_change *waits = NULL;
+    OK(trocar_sim_reset(r->sim, 0, &start, &why));
+    for (int t = 0; t <= END; t++) {
+        if (t == 150) {
+            logged_command m = ask(r, "regions[surrounding].cutting_force: 0.5");
+            carry_out(r, prepared(r, &m));
+            answer(r, &m, true);
+        }
+        if (t == 200) softer = ask(r, "regions[prostate].youngs_modulus: 30e3\nregions[surrounding].youngs_modulus: 15e3");
+        if (t == 200 + BUILT) {
+            carry_out(r, prepared(r, &softer));
+            answer(r, &softer, true);
+        }
+        if (t == 220 + BUILT) {
+            assert_true(trocar_sim_changing(r->sim) > 0.0);
+            logged_command m = ask(r, "membranes[skin].stiffness: 100");
+            waits = prepared(r, &m);
+            answer(r, &m, true);
+            m = ask(r, "regions[prostate].youngs_modulus: 90e3");
+            answer(r, &m, false);
+        }
+        if (waits && trocar_sim_accepts(r->sim, waits)) {
+            carry_out(r, waits);
+            waits = NULL;
+        }
+        pose_at(r, 0, 0.0, -0.201 + 1e-4 * t, 0.0);
+    }
+    assert_null(waits);
+}
+
+static void changes_take_effect_at_the_reply(void **state) {
+    (void)state;
+    enum { ROOM = 1024 };
+    static double force[ROOM][3];
+    recording r = {.utime = 1000000, .force = calloc(ROOM, sizeof *r.force)};
+    trocar_model *model = log_two_needles(&r, record_changes);
+    char line[600];
+    static const char *const modes[] = {"", "--all"};
+    for (int i = 0; i < 2; i++) {
+        snprintf(line, sizeof line, "%s --csv %s --out %s 2>%s/text", modes[i], csv, out, folder);
+        assert_int_equal(run(line), 0);
+        assert_int_equal(read_forces(force, ROOM), r.ticks);
+        for (int k = 0; k < r.ticks; k++)
+            for (int a = 0; a < 3; a++) assert_close(force[k][a], r.force[k][a], 1e-9);
+        snprintf(line, sizeof line, "grep -q '^4 changes of the tissue' %s/text", folder);
+        assert_int_equal(system(line), 0);
+        rename(out, path); /* replay the output: the changes wait as long */
+    }
+    remove_folder();
+    trocar_sim_free(r.sim);
+    trocar_model_free(model);
+    free(r.force);
+}
+
 /* The probe is pressed 5 mm into the skin next to a needle, with a pose in every tenth tick. Poses of another session and old poses are ignored. */
 static void record_with_probe(recording *r) {
     trocar_pose base = {{0, 0.003, -0.201}, {1, 0, 0, 0}};
@@ -309,6 +392,6 @@ static void the_probe_of_a_log_moves_as_it_did(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {cmocka_unit_test(a_log_with_commands_replays_as_it_was),
-        cmocka_unit_test(resets_take_effect_at_once), cmocka_unit_test(the_probe_of_a_log_moves_as_it_did)};
+        cmocka_unit_test(resets_take_effect_at_once), cmocka_unit_test(changes_take_effect_at_the_reply), cmocka_unit_test(the_probe_of_a_log_moves_as_it_did)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -234,7 +234,7 @@ def releases_the_needle(peer, network, bridge):
 
 
 def respects_quality_of_service(network):
-    """A reliable subscriber gets nothing from a best-effort publisher, as in ROS; its poses are taken. Another domain is another network."""
+    """A reliable subscriber gets nothing from a best-effort publisher, as in ROS; its own poses are accepted. Another domain is another network."""
     reliable, elsewhere = Peer("reliable"), Peer(domain="8")
     network.poses.clear()
     wait(lambda: reliable.publish(START) or time.sleep(0.01) or network.poses, "poses of a reliable publisher are not taken")

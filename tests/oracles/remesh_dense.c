@@ -61,6 +61,7 @@ static void collect_change(dense_remesher *r, int slot, int position) {
 
 static trocar_status dense_add(remesher *shared, int slot, trocar_error *why) {
     dense_remesher *r = (dense_remesher *)shared;
+    find_between_contacts(shared, slot);
     if (r->spoilt) return TROCAR_OK; /* dense_gather_rows adds all */
     collect_change(r, slot, shared->refined.count);
     trocar_status status = r->operations->update(r, &r->change, why);
@@ -122,8 +123,8 @@ static void dense_release(remesher *shared) {
     free(r->weighted);
 }
 
-static const remesh_operations last_first = {dense_add, dense_remove, false, NULL, dense_gather_rows, dense_release, false};
-static const remesh_operations in_any_order = {dense_add, dense_remove, true, NULL, dense_gather_rows, dense_release, false};
+static const remesh_operations last_first = {dense_add, dense_remove, false, NULL, dense_gather_rows, dense_release};
+static const remesh_operations in_any_order = {dense_add, dense_remove, true, NULL, dense_gather_rows, dense_release};
 
 static double *large_matrix(size_t n) {
     double *zeros = calloc(n * n, sizeof *zeros);
@@ -144,7 +145,7 @@ trocar_status dense_remesher_create(inverse *inv, const dense_operations *operat
     r->columns = calloc(n * ranks, sizeof(double)); /* memory pages that no change has reached are never touched */
     r->weighted = calloc(n * ranks, sizeof(double));
     if (!r->matrix || !r->nominal || !r->columns || !r->weighted)
-        return fail(why, TROCAR_NO_MEMORY, "no memory for two more dense inverses (%.1f GB); choose remeshing: nested or implicit",
+        return fail(why, TROCAR_NO_MEMORY, "no memory for two more dense inverses (%.1f GB)",
                     8e-9 * (double)(n * n));
     restore(r);
     return status;

@@ -2,7 +2,7 @@
 #ifndef TROCAR_REMESH_DENSE_H
 #define TROCAR_REMESH_DENSE_H
 
-#include "remesh/remesh.h"
+#include "oracles/remesh_methods.h"
 #include "remesh/remesh_method.h"
 
 typedef struct dense_remesher dense_remesher;
@@ -36,6 +36,7 @@ struct dense_remesher {
     double block[MAX_RANK * MAX_RANK]; /* scratch */
 };
 
+trocar_status remesher_create_implicit(inverse *inv, remesher **created, trocar_error *why); /* not of this kind */
 trocar_status remesher_create_woodbury(inverse *inv, remesher **created, trocar_error *why);
 trocar_status remesher_create_woodbury_general(inverse *inv, remesher **created, trocar_error *why);
 trocar_status remesher_create_bcs(inverse *inv, remesher **created, trocar_error *why);

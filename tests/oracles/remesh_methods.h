@@ -1,22 +1,26 @@
-/* Remeshing methods that are needed only for comparison, in addition to those of the library: the paper's methods, which update the whole dense inverse. */
+/* Nested addition, the library's method of remeshing, side by side with methods that are needed only for comparison. */
 #ifndef TROCAR_ORACLES_REMESH_METHODS_H
 #define TROCAR_ORACLES_REMESH_METHODS_H
 
 #include "remesh/remesh.h"
 
-/* The numbering continues that of the library's methods. */
-enum {
-    REMESH_WOODBURY = REMESH_METHODS, /* the paper's eq. 4, on one triangle of the matrix */
+typedef enum {
+    REMESH_NESTED,           /* that of the library */
+    REMESH_IMPLICIT,         /* low-rank factors of the touched nodes, which are never multiplied out */
+    REMESH_WOODBURY,         /* the paper's eq. 4, on one triangle of the whole dense inverse; so do the next ones */
     REMESH_WOODBURY_GENERAL, /* the paper's eq. 4, on the full matrix */
     REMESH_BCS,              /* the paper's eq. 3, boundary-condition switches one by one */
     REMESH_BCS_BLOCKED,      /* the paper's eq. 3, all switches of a patch at once */
-    ALL_REMESH_METHODS,
-};
+    REMESH_METHODS,
+} remesh_method;
 
-bool any_remesh_needs_dense(int method);
-const char *any_remesh_name(int method);
+bool remesh_needs_dense(remesh_method method);
+const char *remesh_name(remesh_method method);
 
 /* Like remesher_create. Returns BAD_INPUT if the method needs a dense inverse and `inv` does not store one. */
-trocar_status any_remesher_create(inverse *inv, int method, remesher **created, trocar_error *why);
+trocar_status remesher_create_by(inverse *inv, remesh_method method, remesher **created, trocar_error *why);
+
+/* For `add` of a method: fills the new node's part of between_contacts. */
+void find_between_contacts(remesher *r, int slot);
 
 #endif

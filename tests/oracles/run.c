@@ -7,7 +7,7 @@
 
 trocar_status run_create(model_parts *parts, needle_run *r, trocar_error *why) {
     *r = (needle_run){.parts = parts};
-    trocar_status status = remesher_create(parts->inverse, parts->config.remeshing, &r->remesher, why);
+    trocar_status status = remesher_create(parts->inverse, &r->remesher, why);
     r->workspace = allocate_on_cache_lines(sizeof *r->workspace);
     r->field_scratch = calloc(model_parts_field_scratch(parts), sizeof *r->field_scratch);
     if (status == TROCAR_OK && !(r->workspace && r->field_scratch)) status = fail(why, TROCAR_NO_MEMORY, "no memory");
@@ -43,5 +43,5 @@ trocar_status run_restore(needle_run *r, const checkpoint *saved, insertion_stat
 
 void run_displacement(needle_run *r, const insertion_state *state, vec3 *nominal, vec3 *added) {
     memset(nominal, 0, (size_t)r->parts->mesh.node_count * sizeof *nominal);
-    model_parts_field(r->parts, state, r->field_scratch, nominal, added);
+    model_parts_field(r->parts, r->parts->inverse, state, r->field_scratch, nominal, added);
 }

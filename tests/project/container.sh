@@ -1,32 +1,63 @@
 #!/bin/bash
-# Starts the container image with podman in a network of its own, fetches the viewer's page, inserts a needle with trocar-device, and stops the container. Run it by
-# hand, as root, after `scripts/package image`. usage: container.sh BUILD_DIR IMAGE [PODMAN_OPTION...]     BUILD_DIR has trocar-device; IMAGE is out/trocar-VERSION.oci.tar
+# Starts the container image with podman in a network of its own, fetches the viewer's page, inserts a needle with trocar-device, and stops the container; then
+# starts it with published ports, fetches the page and inserts a needle with a client that shares a secret, through the container's bridge. Run it by hand, as
+# root, after `scripts/package image`; podman needs runc (with cgroups v1) and the CNI plugins: apt install podman runc containernetworking-plugins.
+# usage: container.sh BUILD_DIR IMAGE [PODMAN_OPTION...]     BUILD_DIR has trocar-device and insertion; IMAGE is out/trocar-VERSION.oci.tar
 set -euo pipefail
-[ $# -ge 2 ] || { sed -n '2,3s/^# //p' "$0"; exit 2; }
+[ $# -ge 2 ] || { sed -n '2,5s/^# //p' "$0"; exit 2; }
 source=$(cd "$(dirname "$0")/../.." && pwd)
 [ -n "${TROCAR_INSIDE-}" ] || exec env TROCAR_INSIDE=1 "$source/scripts/netns" "$0" "$@"
 build=$1 image=$2
 shift 2
+options=("$@")
 work=$(mktemp -d)
-fail() { echo "FAILED: $*" >&2; cat "$work"/* >&2; exit 1; }
+fail() { echo "FAILED: $*" >&2; tail -n 20 "$work"/{said,device} >&2 || true; exit 1; }
+now() { date +%s%N; }
+began=$(now)
 name=$(podman load --quiet --input "$image" | sed 's/^Loaded image: //')
-began=$(date +%s%N)
-podman run --rm --name trocar-trial --network host "$@" "$name" >"$work/said" 2>&1 &
-run=$!
+echo "loaded after $((($(now) - began) / 1000000)) ms"
 trap 'podman kill trocar-trial >/dev/null 2>&1 || true; rm -rf "$work"' EXIT
-until grep -qx ready "$work/said" && grep -q "^scene" "$work/said" && curl -sf -o "$work/page" http://127.0.0.1:8686/; do
-    kill -0 $run 2>/dev/null || fail "the container has ended"
-    [ $(($(date +%s%N) - began)) -lt 60000000000 ] || fail "neither server nor page"
-    sleep 0.1
-done
-echo "server and page after $((($(date +%s%N) - began) / 1000000)) ms"
-grep "real time" "$work/said" || true
-grep -q "<script" "$work/page" || fail "no page"
+
+# start [OPTION...] -- [ARGUMENT...]: runs the container in the background, and waits for server and page.
+start() {
+    local given=()
+    while [ "$1" != -- ]; do given+=("$1"); shift; done
+    shift
+    began=$(now)
+    podman run --rm --name trocar-trial "${given[@]}" "${options[@]}" "$name" "$@" >"$work/said" 2>&1 &
+    run=$!
+    until grep -qx ready "$work/said" && grep -q "^scene" "$work/said" && curl -sf -o "$work/page" http://127.0.0.1:8686/; do
+        kill -0 $run 2>/dev/null || fail "the container has ended"
+        [ $(($(now) - began)) -lt 60000000000 ] || fail "neither server nor page"
+        sleep 0.1
+    done
+    echo "server and page after $((($(now) - began) / 1000000)) ms"
+    grep "real time" "$work/said" || true
+    grep -q "<script" "$work/page" || fail "no page"
+}
+
+stop() {
+    podman stop --time 10 trocar-trial >/dev/null
+    local status=0
+    wait $run || status=$?
+    [ $status -eq 0 ] || fail "status $status after SIGTERM"
+    grep -E "^lateness" "$work/said"
+}
+
+start --network host --
 "$build/clients/trocar-device" --script insert --scene "$source/meshes/prostate.yaml" >"$work/device" 2>&1 || fail "the device"
 grep -E "^(deepest|on the hand, z)" "$work/device" || fail "no forces"
-podman stop --time 10 trocar-trial >/dev/null
-status=0
-wait $run || status=$?
-[ $status -eq 0 ] || fail "status $status after SIGTERM"
-grep -E "^lateness" "$work/said"
+stop
+
+# The server reads a copy of the secret that belongs to its user in the container.
+mkdir "$work/secret"
+(umask 077; head -c 32 /dev/urandom | base64 >"$work/secret/ours"; cp "$work/secret/ours" "$work/secret/servers")
+chown "$(podman run --rm --network none --entrypoint id "${options[@]}" "$name" -u)" "$work/secret/servers"
+chmod 755 "$work" "$work/secret"
+start -p 127.0.0.1:8686:8686 -p 127.0.0.1:7668:7668/udp -v "$work/secret:/secret:ro" -- /usr/share/trocar/scenes/figure8.yaml --listen 0.0.0.0:7668 \
+    --secret-file /secret/servers
+TROCAR_SECRET_FILE=$work/secret/ours "$build/tests/client_library/insertion" udp://127.0.0.1:7668 >"$work/device" 2>&1 || fail "the client"
+awk '{ felt[$1] = $2 } END { print "published ports: " felt["answered"] " of " felt["periods"] " periods answered, deepest " 1e3 * felt["depth"] " mm, " felt["force"] " N"
+    exit !(felt["depth"] > 0.01 && felt["force"] > 0.1) }' "$work/device" || fail "no forces over unicast"
+stop
 echo passed

@@ -1,6 +1,6 @@
 #!/usr/bin/python3
 """Tests that scripts/pages/constants reads constants and their comments and turns them into variables that a compiler accepts; that every constant of the
-mechanics has a unit, a purpose and a source, and that docs/reference/constants.md agrees with these comments and the measured changes.
+mechanics has a unit, a purpose and a source, and that docs/reference/constants.csv agrees with these comments and the measured changes.
 
 usage: test_constants.py SOURCE_DIR
 """

@@ -57,6 +57,8 @@ ends_with 2 env PYTHONPATH=build/clients/python TROCAR_LIBRARY=build/core/libtro
 says "cut.log: byte"
 says "the log is truncated"
 ends_with 2 scripts/demo --short
+ends_with 1 scripts/demo --implant --view none
+says "there is no task meshes/tasks/none.yaml"
 
 echo "another one in the same folder"
 exec 8<scripts/demo

@@ -309,12 +309,6 @@ def check_examples(source):
     return faults
 
 
-def check_made(source):
-    """Checks that the reference pages generated from the headers are up to date; the tests `reference` and `figures` check the other generated files. Returns
-    the faults."""
-    return ["docs/reference/: see above"] if subprocess.run([source / "scripts/pages/docs_library", "--check"]).returncode != 0 else []
-
-
 def check_readme(source):
     """Checks the length of README.md and that it shows docs/examples/bridge.c. Returns the faults."""
     text = (source / "README.md").read_text()
@@ -366,7 +360,7 @@ def main(arguments):
     sys.dont_write_bytecode = True
     docs = load_script(source / "scripts/docs")
     faults, run, excused = check_blocks(source)
-    faults += check_readme(source) + check_quoted(source) + check_made(source) + check_links(source, docs) + check_examples(source)
+    faults += check_readme(source) + check_quoted(source) + check_links(source, docs) + check_examples(source)
 
     netns = source / "scripts/netns"
     private = subprocess.run([netns, "true"], capture_output=True).returncode == 0

@@ -317,7 +317,7 @@ static int push_after_touch(double aside, double *along) {
     return punctured;
 }
 
-/* The path on which the hand came to the skin has no influence on the forces that follow. */
+/* The path on which the hand reached the skin does not affect the later forces. */
 static void a_needle_that_comes_from_the_side_feels_the_same_skin(void **state) {
     (void)state;
     static double straight[PUSHES], aside[PUSHES];

@@ -278,7 +278,7 @@ static void start_in_tissue(const set_up *s, const trocar_pose *start) {
     for (int t = 0; t < 2; t++) OK(trocar_sim_step(s->sim, 0, start, DT, &out, &why));
 }
 
-/* A scene in which viscosity is so low that a tip can cut in one step from rest. */
+/* A scene in which viscosity is so low that a tip can cut in one step from rest. Its membranes are stiff in their plane: they belong to no region's modulus. */
 static trocar_scene *scene_without_haste(void) {
     static const char *const keys[] = {"cutting_viscosity", "friction.viscous"};
     static const double values[] = {0.03, 3.0}; /* N s/m, N s/m^2 */
@@ -288,6 +288,8 @@ static trocar_scene *scene_without_haste(void) {
         snprintf(key, sizeof key, "regions[%s].%s", REGIONS[i % 2], keys[i / 2]);
         OK(trocar_scene_set_number(scene, key, values[i / 2], &why));
     }
+    OK(trocar_scene_set_number(scene, "membranes[skin].stiffness", 100, &why));
+    OK(trocar_scene_set_number(scene, "membranes[capsule].stiffness", 300, &why));
     return scene;
 }
 

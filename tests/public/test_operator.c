@@ -223,7 +223,8 @@ static void in_rigid_tissue_errors_are_those_drawn(void **state) {
     trocar_operator_free(op);
 }
 
-/* In tissue that moves as a whole, an operator who follows the image, without errors, loses only the motion across the needle, and one who reads the marks all. */
+/* In tissue that moves as a whole, an operator who follows the image, without errors, misses a seed only by the motion across the needle; one who
+ * reads the marks misses it by the whole motion. */
 static void motion_is_followed_along_the_needle(void **state) {
     (void)state;
     static left_seed left[TROCAR_MAX_SEEDS];

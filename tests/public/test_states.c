@@ -181,12 +181,43 @@ static void a_wrong_state_is_refused_and_changes_nothing(void **unused) {
     trocar_model_free(other);
 }
 
+/* Forces (N) of a needle that is reset to a place inside the tissue, from another place or not, and then pushed further. */
+static void run_from_inside(trocar_model *model, bool elsewhere, trocar_output *outputs) {
+    trocar_sim *sim;
+    OK(trocar_sim_create(model, &sim, &why));
+    if (elsewhere) {
+        trocar_pose outside = pose_at(0, 0), oblique = {{-0.0337, 2e-3, -0.1825}, {0.9962, 0, 0.0872, 0}}; /* the same tip, 10 degrees */
+        OK(trocar_sim_reset(sim, 0, &outside, &why));
+        push(sim, 0, 0, TICKS, outputs);
+        OK(trocar_sim_reset(sim, 0, &oblique, &why));
+        for (int t = 0; t < 5; t++) OK(trocar_sim_step(sim, 0, &oblique, 1e-3, outputs, &why));
+    }
+    trocar_pose inside = pose_at(0, HALF);
+    OK(trocar_sim_reset(sim, 0, &inside, &why));
+    push(sim, 0, HALF, TICKS, outputs);
+    trocar_sim_free(sim);
+}
+
+static void after_a_reset_the_forces_do_not_depend_on_what_was_before(void **unused) {
+    (void)unused;
+    static trocar_output first[TICKS], later[TICKS];
+    trocar_model *model = model_again();
+    run_from_inside(model, false, first);
+    run_from_inside(model, true, later);
+    assert_true(fabs(first[TICKS - 1].force[2]) > 0.1);
+    for (int t = HALF; t < TICKS; t++)
+        for (int a = 0; a < 3; a++)
+            if (fabs(first[t].force[a] - later[t].force[a]) > 1e-9) fail_msg("tick %d: %g and %g N", t, first[t].force[a], later[t].force[a]);
+    trocar_model_free(model);
+}
+
 int main(void) {
     const char *path = getenv("TROCAR_TEST_STATE");
     if (path) return go_on(path);
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(a_state_goes_on_in_another_process),
         cmocka_unit_test(a_wrong_state_is_refused_and_changes_nothing),
+        cmocka_unit_test(after_a_reset_the_forces_do_not_depend_on_what_was_before),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -33,7 +33,8 @@ def only(*holes, seeds=2):
 
 
 def stiff_scene():
-    """Tissue that is a thousand times stiffer and hardly rubs: it does not move. The hole's clearance is large, so that a needle can tilt in it."""
+    """Tissue that is a thousand times stiffer, with hardly any friction, so that it does not move. The hole's clearance is large, so that a needle
+    can tilt in it."""
     scene = trocar.Scene.load(SCENE)
     for name in scene.names("regions"):
         scene[f"regions[{name}].youngs_modulus"] = 1e3 * scene[f"regions[{name}].youngs_modulus"]
@@ -81,8 +82,9 @@ class Rigid(unittest.TestCase):
 
 class Soft(unittest.TestCase):
     def test_the_image_is_followed(self):
-        """The operator who follows the image, without errors, leaves less than the tolerance of an approach, 0.3 mm, and what the tissue moves while it is drawn
-        back; the operator who reads the marks leaves all of the tissue's motion. Misplacement is the same as that found by comparing seeds and plan."""
+        """For an operator without errors who follows the image, the misplacement is less than the tolerance of an approach, 0.3 mm, plus the tissue's
+        motion while the needle is drawn back; for an operator who reads the marks, it includes all of the tissue's motion. Misplacement is the same
+        as that found by comparing seeds and plan."""
         plan = only("E3", "F3")
         followed, sim = carry_out(SOFT, plan, follows_image=True, **PERFECT)
         marks, _ = carry_out(SOFT, plan)
@@ -150,7 +152,7 @@ class Studies(unittest.TestCase):
         self.assertAlmostEqual(row["seed_error.mean [m]"], np.linalg.norm(error.total), delta=1e-9)
 
     def test_refusals(self):
-        for old, new, words in (("operator: image, ", "", "motion.image_error: only with operator"), ("image,", "photograph,", "there are marks and image"),
+        for old, new, words in (("operator: image, ", "", "motion.image_error: only with operator"), ("image,", "photograph,", "expected marks or image"),
                                 ("image, image_error: 1e-3, stabilise: [C4]", "marks, speed: 0.1", None)):
             if words:
                 with self.assertRaisesRegex(definition.BadStudy, words):

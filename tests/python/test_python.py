@@ -225,6 +225,32 @@ class PythonTest(unittest.TestCase):
         sim.reset([0.005, 0.003, -0.201, 1, 0, 0, 0])
         self.assertEqual(sim.tracks(), [])
 
+    def test_changes_during_a_run(self):
+        """The same values from the beginning, in a derived model, give the same forces; bad values change nothing."""
+        values = {"membranes[skin].puncture_force": 1.5, "regions[surrounding].cutting_force": 0.8}
+        at = lambda depth: [0.005, 0.003, depth - 0.2, 1, 0, 0, 0]
+        model = trocar.Model(trocar.Scene.load(FIGURE8))
+        changed, built = trocar.Sim(model), trocar.Sim(model.derive(**values))
+        for sim in changed, built:
+            sim.reset(at(-0.002))
+        before = changed.parameters
+        self.assertEqual(before["membranes[skin].puncture_force"], 0.6)
+        for bad, words in (({"needle.length": 0.1}, "cannot change during a run"), ({"membranes[skin].puncture_force": -1}, "at least 0"), ({}, "nothing"),
+                           ({"membranes[skin].puncture_force": np.inf}, "bone")):
+            with self.assertRaisesRegex(trocar.Error, words):
+                changed.change(bad)
+        with self.assertRaisesRegex(trocar.Error, "0.1 to 60 s"):
+            changed.change(values, time=0.01)
+        self.assertEqual(changed.parameters, before)
+        changed.change(values, time=0.1)
+        self.assertAlmostEqual(changed.changing, 0.1)
+        self.assertEqual(changed.parameters, {**before, **values})
+        for i in range(100):
+            changed.step(at(-0.002), 0.001), built.step(at(-0.002), 0.001)
+        self.assertEqual(changed.changing, 0.0)
+        for depth in np.arange(0, 0.02, 1e-4):
+            self.assertEqual(list(changed.step(at(depth), 0.001).force), list(built.step(at(depth), 0.001).force))
+
     def test_save_and_restore(self):
         pose = lambda tick: [0.005, 0.003, -0.201 + 1e-4 * tick, 1, 0, 0, 0]
         sim = trocar.Sim(self.model)

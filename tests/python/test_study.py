@@ -32,6 +32,7 @@ import numpy as np
 
 import trocar
 from trocar.studies import _definition as definition
+from trocar.studies import _estimate as costs
 from trocar.studies import _runs as runs
 from trocar import motion
 from trocar.studies import frames, sensitivity
@@ -100,8 +101,8 @@ class Derived(unittest.TestCase):
         self.assertGreater(np.abs(forces[0] - forces[2]).max(), 0.1)
 
     def test_refuses_another_stiffness(self):
-        for key, value in (("regions[prostate].youngs_modulus", 20e3), ("regions[surrounding].poisson_ratio", 0.4), ("inverse", "sparse"),
-                           ("remeshing", "implicit"), ("volumetric_strain", "element"), ("mesh_unit", 2), ("fixed", ["skin"]), ("probe.surface", "skin")):
+        for key, value in (("regions[prostate].youngs_modulus", 20e3), ("regions[surrounding].poisson_ratio", 0.4), ("membranes[skin].stiffness", 100), ("inverse", "sparse"),
+                           ("volumetric_strain", "element"), ("mesh_unit", 2), ("fixed", ["skin"]), ("probe.surface", "skin")):
             scene = trocar.Scene.load(SCENE)
             try:
                 scene[key] = value
@@ -208,7 +209,7 @@ class Reading(Case):
                 ("motion:", "movement:", r':2: unknown key "movement": there are scene, motion'),
                 ("scene: ", "scene: no-", r":1: scene: no file"),
                 ("method: random", "method: halton", r':3: samples.method: "halton": there are sobol'),
-                ("method: random", "method: sobol", r":3: samples.count: 12 is no power of 2.*write 8 or 16"),
+                ("method: random", "method: sobol", r":3: samples.count: 12 is not a power of 2.*write 8 or 16"),
                 ("count: 12, ", "", r':3: samples: missing key "count"'),
                 (f"{kinetic}: {{uniform: [5, 13]}}", "needle.start.depth: {uniform: [0.05, 0.07]}", r":5: .*needle.start.depth: the motion's start and depth .*vary motion.x, "),
                 ("shift: {region: prostate}", "target_error: {target: [0, 0, 0.04], coordinates: patient}", r":11: .*target_error.coordinates: .*the scene has no patient_to_mesh"),
@@ -461,6 +462,14 @@ class Running(Case):
         with h5py.File(self.out / "o/result.h5") as file:
             np.testing.assert_array_equal(file["results"], [row.results for row in studies.results(study, self.out / "o")])
 
+    def test_membranes_belong_to_the_stiffness(self):
+        friction = "regions[surrounding].friction.kinetic: {uniform: [5, 13]}"
+        for key, columns in (("regions[surrounding].friction.kinetic", []), ("membranes[skin].puncture_force", []), ("membranes[skin].stiffness", [0])):
+            path = self.write(a=("count: 12", "count: 2"), b=(friction, f"{key}: {{uniform: [5, 13]}}"))
+            self.assertEqual(studies.read(path).stiffness_columns(), columns)
+        self.assertEqual(self.main("run", path, "--out", self.out / "o", "--quiet")[0], 0)
+        self.assertEqual([row.status for row in studies.results(studies.read(path), self.out / "o")], ["ok", "ok"])
+
     def test_a_run_that_fails_is_a_row(self):
         path = self.write(a=("count: 12", "count: 4"), b=("regions[surrounding].friction.kinetic: {uniform: [5, 13]}", "needle.inner_diameter: {values: [0.8e-3, 2e-3]}"))
         status, _, errors = self.main("run", path, "--out", self.out / "o", "--quiet")
@@ -541,6 +550,79 @@ def opened_by(insertions):
     return insertions.opened[0], os.getpid(), found
 
 
+class Estimates(Case):
+    def test_the_estimate_is_what_runs_cost(self):
+        """Compares the predicted processor time with that of other runs, and the predicted sizes with those of the files."""
+        path = self.write(edit=("count: 12", "count: 40"), safe=("[5, 13]", "[5, 11]"))
+        cost = costs.estimate(studies.read(path, True))
+        self.assertEqual((cost.runs, cost.pilots, cost.models), (40, 3, 1))
+        self.assertAlmostEqual(cost.duration, 0.06)
+        self.assertFalse((self.out / "o").exists())
+        before = sum(os.times()[:4])
+        self.result(path, "o", "--record", "frames", "--workers", "1")
+        spent = sum(os.times()[:4]) - before    # of this process and its children
+        self.assertTrue(0.5 < cost.seconds / spent < 1.5, (cost, spent))
+        sizes = [file.stat().st_size for file in (self.out / "o/frames").glob("*.h5")]
+        self.assertEqual(len(sizes), 40)
+        self.assertTrue(abs(cost.frames / sum(sizes) - 1) < 0.1, (cost.frames, sum(sizes)))
+        self.assertTrue(abs(cost.table / (self.out / "o/result.csv").stat().st_size - 1) < 0.05)
+
+    def test_runs_with_models_of_their_own(self):
+        cost = costs.estimate(studies.read(self.write(edit=("friction.kinetic: {uniform: [5, 13]}", "youngs_modulus: {uniform: [2e4, 4e4]}"))))
+        self.assertEqual((cost.models, cost.frames), (0, 0))
+
+    def test_the_program_says_it(self):
+        status, output, _ = self.main("estimate", self.write(edit=("count: 12", "count: 100000")), "--out", self.out / "o", "--workers", "200", "--record", "frames")
+        self.assertEqual(status, 0)
+        self.assertRegex(output, r"runs +100000, of 0\.06 s")
+        self.assertRegex(output, r"the study +[\d.]+ core-hours: \d+ (s|min) with 200 workers")
+        self.assertRegex(output, r"frames [\d.]+ GB")
+        self.assertEqual(os.listdir(self.out), ["study.yaml"])
+
+    def test_a_study_whose_runs_fail_is_refused(self):
+        path = self.write(edit=("regions[surrounding].friction.kinetic: {uniform: [5, 13]}", "needle.inner_diameter: {uniform: [2e-3, 3e-3]}"))
+        status, _, errors = self.main("estimate", path, "--out", self.out / "o")
+        self.assertEqual(status, 2)
+        self.assertRegex(errors, "the runs tried all fail.*inner_diameter")
+
+
+class Labels(Case):
+    def test_other_programs_understand_the_files(self):
+        text = STUDY + "# " + 100000 * "x" + "\n"     # longer than a compact attribute of HDF5
+        path = self.write(text, edit=("count: 12", "count: 3"))
+        self.result(path, "o", "--record", "frames", "--hdf5")
+        for name in ("result", "frames"):
+            with h5py.File(self.out / f"o/{name}.h5") as file:
+                self.assertEqual(file.attrs["study"], path.read_text())
+                self.assertEqual(file.attrs["source"], f"trocar {trocar.__version__}")
+                for data in file.values():
+                    if not h5py.h5ds.is_scale(data.id):
+                        self.assertTrue(all(len(axis) == 1 for axis in data.dims), data.name)
+                self.assertEqual([axis[0].name for axis in file["parameters"].dims], ["/run", "/parameter"])
+                self.assertEqual(file["parameter_unit"].asstr()[:].tolist(), ["N/m", "m"])
+        with h5py.File(self.out / "o/result.h5") as file:
+            self.assertEqual(file["result"].asstr()[:].tolist()[:3], ["peak_force", "work", "tip.x@0.02"])
+            self.assertEqual(file["result_unit"].asstr()[:].tolist()[:3], ["N", "J", "m"])
+
+    def test_xarray_reads_them(self):
+        try:
+            import h5netcdf
+            import xarray
+        except ImportError:
+            self.skipTest("install python3-xarray and python3-h5netcdf")
+        path = self.write(edit=("count: 12", "count: 3"))
+        self.result(path, "o", "--record", "frames", "--hdf5")
+        rows = studies.results(studies.read(path), self.out / "o")
+        with xarray.open_dataset(self.out / "o/result.h5", engine="h5netcdf") as table, xarray.open_dataset(self.out / "o/frames.h5", engine="h5netcdf") as film:
+            np.testing.assert_array_equal(table.results.sel(result="work"), [row.results[1] for row in rows])
+            self.assertEqual(dict(film.sizes), {"run": 3, "time": 4, "axis": 3, "pose_part": 7, "node": len(MODEL.nodes), "tet": len(MODEL.tets), "corner": 4,
+                                                "joint": film.centreline.shape[2], "contact": film.contact_kind.shape[2], "parameter": 2})
+            self.assertEqual(film.force.sel(run=1, axis="z").dims, ("time",))
+            self.assertEqual((film.force.attrs["units"], film.time.attrs["units"]), ("N", "s"))
+            with h5py.File(self.out / "o/frames.h5") as file:
+                np.testing.assert_array_equal(film.force.sel(run=2, axis="z").values, file["force"][2, :, 2])
+
+
 class Frames(Case):
     def test_the_size_is_said_before_it_starts(self):
         """Compares the predicted size with the file of a run with a longer motion; also tests the prediction for a study that is too large to run."""
@@ -580,6 +662,21 @@ class Frames(Case):
         os.waitpid(child, 0)
         self.assertEqual(os.read(read, 1), b"\1")
         np.testing.assert_array_equal(parts[0][2]["force"], expected)
+
+    def test_pytorch_loads_with_workers(self):
+        try:
+            import torch
+        except ImportError:
+            self.skipTest("install python3-torch")
+        self.result(self.write(edit=("count: 12", "count: 5")), "o", "--record", "frames")
+        sys.path.insert(0, str(SOURCE / "docs/examples"))
+        self.addCleanup(sys.path.remove, str(SOURCE / "docs/examples"))
+        import frames as example
+        insertions = example.Insertions(self.out / "o/frames.h5")
+        batches = list(torch.utils.data.DataLoader(insertions, batch_size=2, num_workers=2))
+        self.assertEqual([len(batch["force"]) for batch in batches], [2, 2, 1])
+        with h5py.File(self.out / "o/frames.h5") as file:
+            np.testing.assert_array_equal(torch.cat([batch["displacements"] for batch in batches]).numpy(), file["displacements"][:])
 
     def test_frames(self):
         path = self.write(edit=("count: 12", "count: 3"))

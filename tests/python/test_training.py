@@ -397,8 +397,10 @@ class Shipped(Case):
         course = Course.read(SOURCE / "meshes/tasks/course.yaml")
         self.assertEqual(len(course.tasks), 6)
         for path in course.tasks:
-            for criterion in Task.read(path).criteria:
+            task = Task.read(path)
+            for criterion in task.criteria:
                 self.assertTrue(criterion.source, path)
+            self.assertEqual(list(task.translations), ["de"], path)
 
 
 class Page(HTMLParser):
@@ -475,6 +477,42 @@ class Reports(Case):
             made.append([(self.out / f"{name}.{kind}").read_bytes() for kind in ("html", "json", "csv")])
         self.assertEqual(*made)
 
+    def test_other_languages_have_the_same_numbers(self):
+        path, cells = self.task(TARGETS), {}
+        translation = "title: Zwei Ziele\ntext: Erreichen Sie beide.\nhints: [Sehen Sie zweimal hin.]\nsources: [eine Wahl, eine Wahl]\n"
+        self.task(translation, "task.de.yaml")
+        for language in ("en", "de", "xx"):
+            self.assertEqual(self.run_program(self.out / "run.log", "--task", path, "--language", language, "--html", self.out / "r.html", "--json", self.out / f"{language}.json")[0], 0)
+            text = (self.out / "r.html").read_text()
+            self.assertIn(f'<html lang="{"de" if language == "de" else "en"}">', text)
+            cells[language] = Page(text)
+        self.assertEqual(cells["xx"].words, cells["en"].words)               # a language without texts is English
+        self.assertIn("Zwei Ziele", cells["de"].words)
+        self.assertNotIn("Two targets", cells["de"].words)
+        number = re.compile(r"[\d.]+ ?(?:mm|N|s|%|Gy)?$")
+        values = [[number.search(cell).group() for cell in page.cells if number.search(cell)] for page in (cells["en"], cells["de"])]
+        self.assertEqual(*values)
+        self.assertEqual((self.out / "en.json").read_text(), (self.out / "de.json").read_text())
+        described = self.run_program("--task", path, "--prepare", self.out / "view") and json.loads((self.out / "view/task.json").read_text())["texts"]
+        self.assertEqual((described["de"]["title"], described["de"]["hints"], described["en"]["title"]), ("Zwei Ziele", ["Sehen Sie zweimal hin."], "Two targets"))
+        self.assertEqual(described["de"]["criteria"][0]["limit"], described["en"]["criteria"][0]["limit"].replace("at most", "höchstens"))
+        for before, after, words in (("[eine Wahl, eine Wahl]", "[eine Wahl]", "task.de.yaml:4: sources: 1 texts, the task has 2"),
+                                     ("text:", "texte:", 'task.de.yaml:2: unknown key "texte"')):
+            self.task(translation.replace(before, after), "task.de.yaml")
+            with self.assertRaisesRegex(BadTask, words):
+                Task.read(path)
+
+    def test_all_languages_have_the_same_texts(self):
+        from trocar.training import _words
+        from trocar.training._measures import MEASURES
+        texts = {code: json.loads((_words.FOLDER / f"{code}.json").read_text()) for code in _words.languages()}
+        self.assertGreater(len(texts), 1)
+        places = lambda text: sorted(re.findall(r"{\w+}", text))
+        for code, own in texts.items():
+            self.assertEqual(list(own), list(texts["en"]), code)
+            self.assertEqual([places(text) for text in own.values()], [places(text) for text in texts["en"].values()], code)
+        self.assertEqual([key for key in texts["en"] if key.startswith("measure.")], [f"measure.{name}" for name in MEASURES])
+
     def test_exit_status(self):
         path = self.task(TARGETS.replace("most: 5e-3", "most: 3.9e-3"))
         self.assertEqual(self.run_program(self.out / "run.log", "--task", path)[0], 1)
@@ -500,7 +538,7 @@ class Reports(Case):
         page = Page((self.out / "r.html").read_text())
         at = next(i for i, cell in enumerate(page.cells) if cell == "tip_error")
         self.assertEqual(page.cells[at + 2:at + 6], ["4.0 mm", "9.0 mm", "1.5 mm", "0.7 mm"])    # this run, the run before, the best so far, the reference
-        self.assertIn("after 2 earlier runs", page.words)
+        self.assertIn("after earlier runs: 2", page.words)
         (runs / "a.json").write_text("{}")
         status, _, said = self.run_program(self.out / "run.log", "--task", path, "--runs", self.out / "runs")
         self.assertEqual((status, "a.json: not a report of trocar-score" in said), (2, True))
@@ -522,7 +560,7 @@ class Reports(Case):
         path = self.task(PLANNED)
         status, said, _ = self.run_program("--task", path, "--prepare", self.out / "view")
         self.assertEqual((status, said), (0, f"scene {SCENE}\nname task\nplan {self.out}/view/plan.csv\nsource I-125 6711\nstrength 0.45\nprescription 145\n"))
-        self.assertEqual(json.loads((self.out / "view/task.json").read_text())["title"], "An implant")
+        self.assertEqual(json.loads((self.out / "view/task.json").read_text())["texts"]["en"]["title"], "An implant")
         self.assertEqual(_plan_command.main(["show", str(PLAN), "--scene", str(SCENE), "--out", str(self.out / "shown.csv")]), 0)
         self.assertEqual((self.out / "view/plan.csv").read_text(), (self.out / "shown.csv").read_text())
 

@@ -105,7 +105,7 @@ static inline simulation_config blocks_config(const char *path, int regions) {
         region->material = region_defaults();
         region->material.youngs_modulus = 20e3;
     }
-    c.membranes[c.membrane_count++] = (membrane_config){"skin", 0.6};
+    c.membranes[c.membrane_count++] = (membrane_config){.name = "skin", .puncture_force = 0.6};
     snprintf(c.fixed[c.fixed_count++], MESH_NAME, "fixed");
     return c;
 }

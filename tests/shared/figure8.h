@@ -18,9 +18,10 @@ typedef struct {
 } figure8_record;
 
 /* With `every_serve`, the worker answers only once in this many ticks. */
-static inline figure8_record *figure8_run(const simulation_config *config, double rate, int every_serve) {
+static inline figure8_record *figure8_run_by(remesh_method method, const simulation_config *config, double rate, int every_serve) {
     figure8_record *r = calloc(1, sizeof *r);
     lockstep *l = lockstep_create(config, lockstep_start());
+    lockstep_remesh_by(l, method);
     const motion *script = motion_find("figure8");
     vec3 last = v3(0, 0, 0);
     double quiet = 0.0;
@@ -48,6 +49,10 @@ static inline figure8_record *figure8_run(const simulation_config *config, doubl
     }
     lockstep_free(l);
     return r;
+}
+
+static inline figure8_record *figure8_run(const simulation_config *config, double rate, int every_serve) {
+    return figure8_run_by(REMESH_NESTED, config, rate, every_serve);
 }
 
 static inline double figure8_peak(const figure8_record *r, int from, int to) {

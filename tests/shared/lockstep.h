@@ -35,31 +35,28 @@ static inline simulation_config lockstep_scene(const char *path) {
 
 static inline simulation_config lockstep_config(void) { return lockstep_scene(MESHES "/figure8.yaml"); }
 
-/* Uses this remeshing method instead of that of the configuration. */
-static inline trocar_status lockstep_remesh_by(int method, needle_run *r, trocar_error *why) {
-    remesher_free(r->remesher);
-    return any_remesher_create(r->parts->inverse, method, &r->remesher, why);
-}
-
-/* In `config`, `remeshing` may also be one of the methods in remesh_methods.h. */
 static inline lockstep *lockstep_create(const simulation_config *config, pose start) {
     lockstep *l = calloc(1, sizeof *l);
     trocar_error why;
     l->snapshot = calloc(1, sizeof *l->snapshot);
     l->base = start;
-    simulation_config given = *config;
-    int method = (int)config->remeshing;
-    bool dense = any_remesh_needs_dense(method);
-    if (dense) given.remeshing = REMESH_IMPLICIT, given.inverse = INVERSE_DENSE;
-    trocar_status status = model_parts_create(&given, &l->parts, &why);
+    trocar_status status = model_parts_create(config, &l->parts, &why);
     if (status == TROCAR_OK) status = run_create(&l->parts, &l->run, &why);
-    if (status == TROCAR_OK && dense) status = lockstep_remesh_by(method, &l->run, &why);
     if (status != TROCAR_OK) {
         fprintf(stderr, "%s\n", why.text);
         abort();
     }
     insertion_reset(&l->parts.insertion, start, &l->state);
     return l;
+}
+
+/* Uses this remeshing method from here on. For a simulation that has just been created. */
+static inline void lockstep_remesh_by(lockstep *l, remesh_method method) {
+    trocar_error why;
+    remesher_free(l->run.remesher);
+    if (remesher_create_by(l->parts.inverse, method, &l->run.remesher, &why) == TROCAR_OK) return;
+    fprintf(stderr, "%s\n", why.text);
+    abort();
 }
 
 static inline void lockstep_free(lockstep *l) {

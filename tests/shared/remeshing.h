@@ -43,10 +43,10 @@ static int remeshing_destroy(void **state) {
     return 0;
 }
 
-static remesher *start(int method) {
+static remesher *start(remesh_method method) {
     remesher *r;
     trocar_error why = {""};
-    if (any_remesher_create(tested_inverse, method, &r, &why) != TROCAR_OK) fail_msg("%s", why.text);
+    if (remesher_create_by(tested_inverse, method, &r, &why) != TROCAR_OK) fail_msg("%s", why.text);
     memset(&request, 0, sizeof request);
     return r;
 }
@@ -98,7 +98,7 @@ static inline void add_nodes(kind wanted, int count) {
 }
 
 /* Adds nodes of every kind that the method supports, some of them close to vertices and edges. */
-static inline void add_mixed(int method, int count) {
+static inline void add_mixed(remesh_method method, int count) {
     static const double at[4][4] = {{1, 0, 0, 0}, {0.5, 0.5, 0, 0}, {0.3, 0.3, 0.4, 0}, {0, 0.001, 0.999, 0}};
     for (int i = 0; i < count; i++) {
         int tet = rand() % 4 ? (61 * (rand() % 6) + 3) % tested->mesh->tet_count : rand() % tested->mesh->tet_count;
@@ -154,7 +154,7 @@ static void assert_blocks_right(double tolerance) {
 
 /* ---- tests ---- */
 
-static int method; /* under test */
+static remesh_method method; /* under test */
 
 static void check(remesher *r) {
     serve(r);
@@ -424,7 +424,7 @@ static void contacts_yield_as_in_the_nominal_mesh(void **state) {
 }
 
 /* Runs all of these tests with each of the given methods. */
-static inline int run_remeshing_tests(const int *methods, int count) {
+static inline int run_remeshing_tests(const remesh_method *methods, int count) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(snapshots_equal_an_inversion_from_scratch),
         cmocka_unit_test(averaged_strain_is_the_nominal_mesh_s),
@@ -440,7 +440,7 @@ static inline int run_remeshing_tests(const int *methods, int count) {
     srand(1);
     for (int m = 0; m < count; m++) {
         method = methods[m];
-        failed += cmocka_run_group_tests_name(any_remesh_name(method), tests, remeshing_create, remeshing_destroy);
+        failed += cmocka_run_group_tests_name(remesh_name(method), tests, remeshing_create, remeshing_destroy);
     }
     return failed;
 }

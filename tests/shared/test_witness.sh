@@ -1,6 +1,7 @@
 #!/bin/sh
-# Tests the witness: a sanitizer's report is detected wherever it appears in the output, and a process left in the background does not delay the witness. usage:
-# test_witness.sh WITNESS
+# Tests the witness: a failure on a stalled machine is not judged; a sanitizer's report is
+# detected wherever it appears in the output; and a process left in the background does not delay the witness.
+# usage: test_witness.sh WITNESS
 set -eu
 witness=$1
 
@@ -15,6 +16,9 @@ ends_with() {
 
 report='echo "WARNING: ThreadSanitizer: data race"'
 ends_with 0 'exit 0'
+export TROCAR_WITNESS_STALLED=yes
+ends_with 77 'echo "0 is not 1"; exit 1'
+unset TROCAR_WITNESS_STALLED
 ends_with 77 'exit 77'
 ends_with 137 'kill -KILL $$'
 ends_with 0 'sleep 60 &'

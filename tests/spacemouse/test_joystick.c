@@ -154,10 +154,10 @@ static void the_mapping_scales_turns_and_cuts(void **unused) {
     c = mapping_command(&m, &state);
     assert_true(c.forward == 1 && c.right == 0 && c.yaw == 0);
     assert_false(mapping_parse_buttons(&m, "jump=1", why, sizeof why));
-    assert_string_equal(why, "'jump' is none of clutch, reset, leave, seed, undo");
+    assert_string_equal(why, "'jump' is not one of clutch, reset, leave, seed, undo");
 }
 
-/* The needle points along x and z in equal parts, and the hand feels 2 N along -x: a force of 2 cos 45 degrees N opposes the push. */
+/* The needle points at 45 degrees between x and z, and the hand feels 2 N along -x: a force of 2 cos 45 degrees N opposes the push. */
 static void the_push_is_along_the_needle(void **unused) {
     (void)unused;
     quat q = q_exp(v3(0, 0.25 * M_PI, 0));

@@ -360,9 +360,9 @@ def main():
 
 
 def check_options():
-    refuses("--axes", "sideways=x", why="'sideways' is none of right, up, forward")
-    refuses("--axes", "forward=-w", why="'-w' is none of x, y, z, rx")
-    refuses("--axes", "forward", why="'' is none of x")
+    refuses("--axes", "sideways=x", why="'sideways' is not one of right, up, forward")
+    refuses("--axes", "forward=-w", why="'-w' is not one of x, y, z, rx")
+    refuses("--axes", "forward", why="'' is not one of x")
     refuses("--buttons", "clutch=99", why="0 to 31")
     refuses("--buttons", "reset=", why="expected the number of a button")
     refuses("--full-force", "5", why="--full-force needs --joystick")

@@ -26,7 +26,7 @@ typedef struct {
     haptic haptic;
     loop_properties properties;
     simulated_device device;
-    vec3 start;              /* m, where needle and hand are at the same place */
+    vec3 start;              /* m, position at which needle and hand coincide */
     limiter limiter;
     passivity passivity;     /* controller of the bridge; active if it has a period */
     int64_t now, next_tick, next_message; /* ns */

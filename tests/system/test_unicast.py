@@ -103,7 +103,7 @@ class Server:
         return self.log.read()
 
     def processor_time(self):
-        """s of the relay thread."""
+        """Returns the processor time (s) of the relay thread."""
         for task in os.listdir(f"/proc/{self.process.pid}/task"):
             with open(f"/proc/{self.process.pid}/task/{task}/comm") as name, open(f"/proc/{self.process.pid}/task/{task}/schedstat") as times:
                 if name.read().strip() == "trocar-relay":
@@ -111,7 +111,7 @@ class Server:
 
 
 class Bus(threading.Thread):
-    """Hears what lcm-logger hears on the server's machine."""
+    """Receives what lcm-logger receives on the server's machine."""
 
     def __init__(self, types):
         super().__init__(daemon=True)

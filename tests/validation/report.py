@@ -1,37 +1,41 @@
 #!/usr/bin/python3
-"""Makes the validation report (REPORT.md next to this script, figures in plots/) from the experiments' JSON files.
+"""Makes the validation report (REPORT.md and results.csv next to this script, figures in plots/) from the experiments' JSON files.
 
 usage: report.py FOLDER     FOLDER: the output of scripts/validate, out/validate
 """
+import csv
 import json
 import sys
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent / "shared"))
-from reports import COLOURS, axes_for, commit_of, line, write  # noqa: E402
+from reports import COLOURS, axes_for, commit_of, write  # noqa: E402
 
 PLOTS = HERE / "plots"
 OURS, STYLES = COLOURS[:5], ("-", "--", "-.")  # published curves are black and dotted
 
 
-def verdict(row):
-    parts = ["inside" if row["inside"] else "**outside**", row["note"] if row["inside"] else row["reason"]]
-    if row["regression"]:
-        parts.append(("" if row["kept"] else "**left the** ") + f"regression interval {row['regression']}")
-    return "; ".join(part for part in parts if part)
+COLUMNS = ("section", "quantity", "source", "certainty", "published", "trocar", "kind", "fitted", "inside", "remark", "regression interval")
 
 
 def kind(row):
     return row["kind"] + (", weak" if row["weak"] else ", tendency" if row["trend"] else "")
 
 
-def table(rows):
-    yield "| quantity | source | how sure | published | trocar | | fitted | |"
-    yield "|---|---|---|---|---|---|---|---|"
-    for row in rows:
-        ours = row["ours"] + (f" ({row['scatter']})" if row["scatter"] else "")
-        yield line((row["quantity"], row["source"], row["sure"], row["published"], ours, kind(row), row["fitted"], verdict(row)))
+def ours(row):
+    return row["ours"] + (f" ({row['scatter']})" if row["scatter"] else "")
+
+
+def write_rows(rows, path):
+    """Writes all that is known about each row as CSV."""
+    with open(path, "w", newline="", encoding="utf-8") as file:
+        table = csv.writer(file, lineterminator="\n")
+        table.writerow(COLUMNS)
+        for row in rows:
+            table.writerow((row["section"], row["quantity"], row["source"], row["sure"], row["published"], ours(row), kind(row), row["fitted"],
+                            "yes" if row["inside"] else "no", row["note"] if row["inside"] else row["reason"],
+                            row["regression"] + ("" if row["kept"] else ", left")))
 
 
 def draw(curves, path):
@@ -44,11 +48,12 @@ def draw(curves, path):
 def report_lines(entries, commit):
     rows = [entry for entry in entries if entry["entry"] == "row"]
     yield "# Validation report\n"
-    yield ("Made by `scripts/validate`; do not edit. What the words mean, and what was left out, is in [docs/validation.md](../../docs/validation.md). "
-           f"Each experiment is described at the head of its script in this folder. Commit {commit}.\n")
+    yield (f"Made by `scripts/validate` from commit {commit}; do not edit. [`results.csv`](results.csv) lists all rows: published number and source, its certainty, "
+           "trocar's number, the fitted parameters and remarks. [Validation](../../docs/validation.md) explains the terms, and the head of each script in this "
+           "folder its experiment.\n")
     groups = (("predictions of numbers are inside", lambda r: kind(r) == "predicted"),
               ("predictions of a tendency hold", lambda r: kind(r) == "predicted, tendency"),
-              ("weak predictions are inside: the published range holds 0, so a model without any motion would be as well", lambda r: r["weak"]),
+              ("weak predictions are inside: the published range contains 0, so a model without any motion would also be inside", lambda r: r["weak"]),
               ("rows of consistency hold", lambda r: r["kind"] == "consistency"), ("fits are inside", lambda r: r["kind"] == "fitted"))
     for text, chosen in groups:
         group = [r for r in rows if chosen(r)]
@@ -57,10 +62,12 @@ def report_lines(entries, commit):
     outside = [r for r in rows if not r["inside"]]
     if outside:
         yield "Outside, each with the reason:\n"
-        yield "\n".join(f"- {r['section']}: {r['quantity']}: {r['ours']}, published {r['published']}: {r['reason'] or 'not explained'}" for r in outside) + "\n"
-    for section in sorted({entry["section"] for entry in entries}):
+        alike = {}
+        for r in outside:
+            alike.setdefault((r["section"], r["reason"] or "not explained"), []).append(r["quantity"])
+        yield "\n".join(f"- {section}: {'; '.join(quantities)}: {reason}" for (section, reason), quantities in alike.items()) + "\n"
+    for section in sorted({entry["section"] for entry in entries if entry["entry"] == "curve"}):
         yield f"## {section}\n"
-        yield "\n".join(table([r for r in rows if r["section"] == section])) + "\n"
         figures = {}
         for entry in entries:
             if entry["entry"] == "curve" and entry["section"] == section:
@@ -75,6 +82,7 @@ def main():
         print(__doc__)
         return 0 if "--help" in sys.argv else 2
     entries = [entry for path in sorted(Path(sys.argv[1]).glob("*.json")) for entry in json.loads(path.read_text())]
+    write_rows([entry for entry in entries if entry["entry"] == "row"], HERE / "results.csv")
     write(HERE, report_lines(entries, commit_of(HERE)))
     return 0
 

@@ -56,6 +56,13 @@ class Rows:
         self._add(quantity, source, sure, published or f"{low:g} to {high:g} {unit}", low <= ours <= high, f"{ours:.{digits}g} {unit}".strip(),
                   kind, fitted, reason, note, ours, unit, regression, scatter, weak=weak)
 
+    def interval(self, quantity, source, sure, published, value, ours, unit, *, kind, fitted, reason="", note="", digits=2, regression=None):
+        """Adds a published mean, median or maximum, and the numbers of many runs, `ours` = (5 %, median, 95 %); the row is inside if the published value lies between
+        5 and 95 %. `reason` and `regression` as in `add`, for the median."""
+        low, middle, high = ours
+        self._add(quantity, source, sure, published, low <= value <= high, f"{low:.{digits}g} to {high:.{digits}g} {unit}".strip(), kind, fitted, reason, note, middle, unit,
+                  regression, f"median {middle:.{digits}g}")
+
     def trend(self, quantity, source, sure, published, holds, ours, *, kind, fitted, reason="", note="", number=None, unit="", regression=None):
         """Adds a published tendency without comparable numbers. If the tendency does not hold, the row needs a reason, and `number` and `regression` as in
         `add`."""

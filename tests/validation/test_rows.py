@@ -39,6 +39,17 @@ class TestRows(unittest.TestCase):
         self.assertEqual(self.seeds(3.8, reason="known", regression=(1.2, 1.4)), 1)     # the number is now inside, so the reason no longer applies
         self.assertEqual(self.seeds(float("nan"), reason="known", regression=(1.2, 1.4)), 1)
 
+    def test_interval(self):
+        def status(ours, **options):
+            self.rows.entries.clear()
+            with contextlib.redirect_stdout(io.StringIO()):
+                self.rows.interval("shift", "paper", ABSTRACT, "15 mm", 15.0, ours, "mm", kind=PREDICTED, fitted="", **options)
+            return self.rows.end()
+        self.assertEqual(status((10, 12, 16)), 0)
+        self.assertEqual(status((5, 8, 12)), 1)
+        self.assertEqual(status((5, 8, 12), reason="known", regression=(7, 9)), 0)
+        self.assertEqual(status((5, 9.5, 12), reason="known", regression=(7, 9)), 1)
+
     def test_tendency(self):
         for number, status in ((1.0, 0), (0.5, 1)):
             self.rows.entries.clear()

@@ -55,16 +55,16 @@ rows = Rows.from_arguments(__doc__, "Liver")
 modulus = fit_modulus()
 stiffening = 0.18 if rows.short else fit_stiffening(modulus)
 linear = f"E = {1e-3 * modulus:.0f} kPa to the linear term"
-fitted = f"{linear}, stiffening {stiffening:.2f} to the force up to 8 mm; the same polynomial gives the verdict, and 2.50 N is put in: tests the shape of the curve beyond 8 mm only"
+fitted = f"{linear}, stiffening {stiffening:.2f} to the force up to 8 mm; the same polynomial is the reference, and 2.50 N is an input, so this tests only the shape of the curve beyond 8 mm"
 way, force, rupture = curve(modulus, stiffening, 0.07)
-rows.add("displacement at the puncture, 2.50 N", OKAMURA, SECONDARY, (15.0, 18.4), way[rupture], "mm", published="16.7 mm (no scatter given; judged within 10 %)", kind=CONSISTENT, fitted=fitted)
+rows.add("displacement at the puncture, 2.50 N", OKAMURA, SECONDARY, (15.0, 18.4), way[rupture], "mm", published="16.7 mm (no scatter given; tolerance 10 %)", kind=CONSISTENT, fitted=fitted)
 linear_way, linear_force, linear_rupture = curve(modulus, 0, 0.07)
-rows.add("the same without stiffening", OKAMURA, SECONDARY, (15.0, 18.4), linear_way[linear_rupture], "mm", published="16.7 mm (no scatter given; judged within 10 %)", kind=CONSISTENT,
-         fitted=f"{linear}; so it is 2.50 N over that term", regression=(50.5, 53.5), reason="the default material is linear; the row shows what stiffening is for")
-rows.add("Young's modulus that the first millimetres need", MODULI, TABLE, (3.0, 7.8), 1e-3 * modulus, "kPa", published="5.4 +- 1.2 kPa (judged within two deviations)", kind=PREDICTED,
-         fitted="E to the linear term", regression=(28.5, 31.5), reason="the trace is that of the capsule, presumably much stiffer than the liver below it; membranes of the model have a puncture force but no stiffness")
+rows.add("the same without stiffening", OKAMURA, SECONDARY, (15.0, 18.4), linear_way[linear_rupture], "mm", published="16.7 mm (no scatter given; tolerance 10 %)", kind=CONSISTENT,
+         fitted=f"{linear}; so the result is 2.50 N divided by that term", regression=(50.5, 53.5), reason="the default material is linear; the row shows the effect of stiffening")
+rows.add("Young's modulus that fits the first millimetres", MODULI, TABLE, (3.0, 7.8), 1e-3 * modulus, "kPa", published="5.4 +- 1.2 kPa (tolerance two standard deviations)", kind=PREDICTED,
+         fitted="E to the linear term", regression=(28.5, 31.5), reason="the trace includes the capsule, which is presumably much stiffer than the liver below it; in the linear model, a capsule of 820 N/m (8.2 MPa, 0.1 mm) changes the force of a dent by only 0.3 %, because the tension of a stretched membrane is not modelled")
 deep = np.interp(60, way, force)
-rows.add("force at 60 mm", OKAMURA, SECONDARY, (0.9 * (CUTTING + 0.060 * FRICTION), 1.1 * (CUTTING + 0.060 * FRICTION)), deep, "N", published="1.58 N, the sum of cutting and friction (judged within 10 %)",
+rows.add("force at 60 mm", OKAMURA, SECONDARY, (0.9 * (CUTTING + 0.060 * FRICTION), 1.1 * (CUTTING + 0.060 * FRICTION)), deep, "N", published="1.58 N, the sum of cutting and friction (tolerance 10 %)",
          kind=FITTED, fitted="cutting force and friction as published")
 rows.curve("liver", "model, stiffening", way[::10], force[::10], "displacement (mm)", "force (N)")
 upto = linear_way < 30

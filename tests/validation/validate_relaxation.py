@@ -38,14 +38,14 @@ def fitted_weight():
 rows = Rows.from_arguments(__doc__, "Relaxation")
 weight = 0.34 if rows.short else fitted_weight()
 course = held(weight, 8)
-rows.add("force left 8 s after the needle stops", SOURCE, DOUBTFUL, (0.4, 0.6), course[-1], "of the peak", published="about 0.5 of the peak; judged within 0.1", kind=FITTED,
+rows.add("force left 8 s after the needle stops", SOURCE, DOUBTFUL, (0.4, 0.6), course[-1], "of the peak", published="about 0.5 of the peak; tolerance 0.1", kind=FITTED,
          fitted=f"two terms of weight {weight:.2f}, at the published times")
 # This fraction tells the two terms apart: 0.75 s is five times the faster relaxation time, so the faster term has decayed completely by then, and the slower one
 # by 26 %.
 early = (1 - course[750]) / (1 - course[-1])
 rows.trend("course of the decay", SOURCE, DOUBTFUL, "two time constants, near 0.15 and 2.5 s", 0.3 < early < 0.8,
            f"{100 * early:.0f} % of what is lost in 8 s is lost in the first 0.75 s", kind=CONSISTENT,
-           fitted="the force after 8 s; the times are put in")
+           fitted="the force after 8 s; the times are inputs")
 time = 1e-3 * np.arange(1, len(course) + 1)
 rows.curve("relaxation", f"model, two terms of weight {weight:.2f}", time[::20], course[::20], "time since the needle stopped (s)", "force over its peak")
 rows.curve("relaxation", "published, order of magnitude", [8], [LEFT], "time since the needle stopped (s)", "force over its peak", published=True)

@@ -54,7 +54,7 @@ if not rows.short:
     depths = np.array([0.02, 0.03, 0.04, 0.05, 0.06])
     meat = {gauge: [deflection(MEAT, slope, d, depth) for depth in depths] for gauge, d in (("22 G", G22), ("25 G", G25))}
     rates = [m / (100 * d) for values in meat.values() for m, d in zip(values, depths)]
-    rows.add("22 and 25 G through meat, mean of 20 to 60 mm", DRUMMOND, ABSTRACT, (0.5, 1.5), float(np.mean(rates)), "mm per cm", published="about 1 mm per cm, depth unknown; judged within half",
+    rows.add("22 and 25 G through meat, mean of 20 to 60 mm", DRUMMOND, ABSTRACT, (0.5, 1.5), float(np.mean(rates)), "mm per cm", published="about 1 mm per cm, depth unknown; tolerance half",
              kind=PREDICTED, fitted=f"{fit}, in the gel", scatter=f"{min(rates):.2f} to {max(rates):.2f}")
     for gauge, values in meat.items():
         rows.curve("steering-depth", f"{gauge}, model, 30 kPa", 1e3 * depths, values, "depth (mm)", "sideways (mm)")
@@ -95,9 +95,9 @@ if not rows.short:
     model = nitinol(bevel)
     shares = np.array([0, 0.25, 0.5, 0.75, 1])
     curvatures = np.array([curvature(model, 0.12, share) for share in shares])
-    rows.add("radius of the track", WEBSTER, SECONDARY, (0.18, 0.25), 1 / curvatures[0], "m", published="about 0.22 m; judged within 0.18 to 0.25", kind=FITTED, fitted=f"bevel slope {bevel:.3f}")
+    rows.add("radius of the track", WEBSTER, SECONDARY, (0.18, 0.25), 1 / curvatures[0], "m", published="about 0.22 m; accepted: 0.18 to 0.25", kind=FITTED, fitted=f"bevel slope {bevel:.3f}")
     off = np.max(np.abs(curvatures - curvatures[0] * (1 - shares))) / curvatures[0]
-    rows.trend("curvature while spinning during part of the way", DUTY, SECONDARY, "falls in proportion to that part, to 0", off < 0.1,
+    rows.trend("curvature while spinning during part of the insertion", DUTY, SECONDARY, "falls in proportion to that part, to 0", off < 0.1,
                f"within {100 * off:.0f} % of the line", kind=PREDICTED, fitted="bevel slope, without spinning")
     rows.curve("duty-cycle", "model", 100 * shares, curvatures, "part of the way with spinning (%)", "curvature (1/m)")
     rows.curve("duty-cycle", "published: in proportion", [0, 100], [1 / 0.22, 0], "part of the way with spinning (%)", "curvature (1/m)", published=True)

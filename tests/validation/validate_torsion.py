@@ -37,7 +37,7 @@ torsion = 75e9 / (2 * 1.33) * np.pi / 32 * NITINOL["outer_diameter"] ** 4
 rows.trend("lag of the tip of a 0.57 mm nitinol needle, 100 mm deep, with patients' friction", LAG_SOURCE, ABSTRACT,
            "more than 45 degrees in some phantoms; torques in patients are large enough for similar errors", lags[-1] > 45,
            f"{lags[-1]:.0f} degrees", kind=PREDICTED, fitted="friction per length, to the axial force in patients; in proportion to the circumference",
-           number=lags[-1], unit="degrees", regression=(6.3, 7.7), reason="45 degrees need more friction on the thin needle than patients' tissue gives in this scene: see the next row")
+           number=lags[-1], unit="degrees", regression=(6.3, 7.7), reason="a lag of 45 degrees requires more friction on the thin needle than the tissue of patients causes in this scene; see the next row")
 phantom = tuple(f * 45 / lags[-1] for f in (thin[1], thin[1], 0))
 needed = float(np.degrees(lag(phantom, [DEPTH]))[0])
 rows.add("lag in a phantom whose friction is scaled to it", LAG_SOURCE, ABSTRACT, (40, 60), needed, "degrees", published="more than 40 to 45 degrees", kind=FITTED,
@@ -51,9 +51,9 @@ if not rows.short:
 model = trocar.Model(block(30e3, friction=(60, 40, 0)))
 turns, deep = ((0, 20), 0.04) if rows.short else ((0, 5, 10, 20, 40), 0.06)
 axial = [push(Bench(model).move(deep, 0.01, turn=turn))[-1] for turn in turns]
-rows.trend("axial force of a needle that turns while it goes in", LIN, ABSTRACT, "less the faster it turns", all(a > b for a, b in zip(axial, axial[1:])),
+rows.trend("axial force of a needle that turns during insertion", LIN, ABSTRACT, "less the faster it turns", all(a > b for a, b in zip(axial, axial[1:])),
            f"{axial[0]:.2f} N without turning, {axial[-1]:.2f} N at {turns[-1]} rad/s (10 mm/s, {1e3 * deep:g} mm deep)", kind=PREDICTED,
-           fitted="nothing; here it is friction that falls, there cutting as well")
+           fitted="nothing; in the model only friction decreases, in the experiment also cutting")
 if not rows.short:
     rows.curve("turning", f"model, 10 mm/s, {1e3 * deep:g} mm deep", turns, axial, "rate of turning (rad/s)", "axial force (N)")
 sys.exit(rows.end())

@@ -56,8 +56,8 @@ class Report:
         commits = sorted({run["commit"] for run in self.runs if run["date"] == self.oldest})
         oldest = f"The oldest checks ran on {self.oldest} (commit{'s' if len(commits) > 1 else ''} {', '.join(commits)})"
         if not changes:
-            return oldest + "; the mechanics (`core/`) have not changed since any check ran."
-        which = "any check" if changes == len(self.runs) else f"{changes} of {len(self.runs)} checks"
+            return oldest + "; the mechanics (`core/`) have not changed since then."
+        which = "all checks" if changes == len(self.runs) else f"{changes} of {len(self.runs)} checks"
         return oldest + f". The mechanics (`core/`) have changed since {which} ran, and their rows may differ now."
 
     def missing(self):
@@ -71,9 +71,8 @@ class Report:
 
     def checks(self):
         for run in self.runs:
-            source = results.source_of(run["check"])
             figures = ", ".join(f"[{i}](plots/{name})" for i, name in enumerate(run["figures"].split(), 1))
-            yield (f"[{run['check']}](results/{run['check']}.csv)", f"{purpose_of(source)} (`{source.relative_to(results.HERE)}`)", figures,
+            yield (f"[{run['check']}](results/{run['check']}.csv)", *counts([row for row in self.rows if row["of"] == run["check"]]), figures,
                    run["commit"], run["date"], run["minutes"], "yes" if changed(run, self.digest) else "no")
 
     def lines(self):
@@ -84,15 +83,10 @@ class Report:
         if self.failing:
             yield "## Rows that fail\n"
             yield from self.failures()
-        yield "## Sections\n"
-        yield "*Error / limit* is the largest of the section's rows. Limits of zero are left out.\n"
-        yield table(("section", "rows", "passed", "failed", "measured", "error / limit", "check"),
-                    [(section, *counts(rows), ", ".join(f"[{check}](results/{check}.csv)" for check in sorted({row["of"] for row in rows})))
-                     for section, rows in grouped(self.rows, lambda row: row["section"]).items()])
         yield "## Checks\n"
-        yield ("The last full run of each check. *Changed* tells whether the C sources in `core/` have changed since. Processor, compiler and libraries are in "
-               "[`runs.csv`](results/runs.csv).\n")
-        yield table(("check", "what it does", "figures", "commit", "date", "minutes", "changed"), self.checks())
+        yield ("The last full run of each check `verify_NAME`, whose head says what it compares. *Error / limit*: the largest of its rows, without limits of zero. "
+               "*Changed*: whether the C sources in `core/` have changed since. Processor, compiler and libraries are in [`runs.csv`](results/runs.csv).\n")
+        yield table(("check", "rows", "passed", "failed", "measured", "error / limit", "figures", "commit", "date", "minutes", "changed"), self.checks())
         if self.missing():
             yield f"Not yet recorded: {', '.join(self.missing())}.\n"
 
@@ -101,18 +95,9 @@ class Report:
         yield f"**{self.score()}**. {self.age()}\n"
         yield table(("part", "rows", "passed", "failed", "measured", "error / limit"),
                     [(part, *counts(rows)) for part, rows in grouped(self.rows, lambda row: row["section"].split(":")[0]).items()])
-        if self.failing:
-            yield "### Rows that fail\n"
-            yield from self.failures()
 
     def readme(self):
         """The text of README's row."""
         error, forces = next((float(row["value"]), found[1]) for row in self.rows if (found := MEDIAN.match(row["check"])))
         since = "changed" if any(changed(run, self.digest) for run in self.runs) else "unchanged"
         return f"{self.score()}; median error of {forces} forces {100 * error:.1f} %; oldest {self.oldest}, mechanics {since} since"
-
-
-def purpose_of(source):
-    """Returns the first sentence of the source's description."""
-    text = re.search(r'(?:/\*|""")\s*(.*?)(?:\*/|""")', source.read_text(encoding="utf-8"), re.DOTALL)[1]
-    return re.match(r".*?\.(?=\s|$)", " ".join(text.split()))[0]

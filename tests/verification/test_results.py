@@ -87,7 +87,7 @@ class TestResults(unittest.TestCase):
         self.assertRegex(run["commit"], "^[0-9a-f]{7}$")
         self.assertTrue((self.here / "plots/beam.svg").exists())
         text = self.report()
-        for words in ("**2 of 2 rows pass**, 1 more are measured", "| Beam: tip | 2 | 2 |  | 1 | 0.55 |", "Checks a beam. (`verify_beam.py`)", "Not yet recorded: rod."):
+        for words in ("**2 of 2 rows pass**, 1 more are measured", "| [beam](results/beam.csv) | 2 | 2 |  | 1 | 0.55 |", "Not yet recorded: rod."):
             self.assertIn(words, text)
         self.assertNotIn("Rows that fail", text)
         self.assertIn("| 2 of 2 rows pass; median error of 3 forces 1.1 %;", (self.root / "README.md").read_text())
@@ -114,7 +114,7 @@ class TestResults(unittest.TestCase):
         self.assertEqual(self.pages("--check"), 1)
         self.run_check("rod")
         self.assertTrue(self.table("runs")[1]["commit"].endswith("-dirty"))
-        self.assertIn("have changed since any check ran", self.report()) # a run of uncommitted mechanics proves nothing about a commit
+        self.assertIn("have changed since all checks ran", self.report()) # a run of uncommitted mechanics proves nothing about a commit
         self.commit()
         self.run_check("rod")
         self.assertIn("have changed since 1 of 2 checks ran", self.report())

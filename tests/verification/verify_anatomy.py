@@ -56,7 +56,7 @@ def every_material(rows):
         path, failed = material_check.make(folder), []
         for name, entry in materials.TABLE.items():
             line, good = material_check.row(path, name, entry)
-            print(line, flush=True)
+            print(*line, sep=", ", flush=True)
             failed += [] if good else [name]
     rows.add(f"of {len(materials.TABLE)} materials: not entered", "", len(failed), 0, len(failed), 0, "", ": ".join(["absolute", *failed]))
 

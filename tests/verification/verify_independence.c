@@ -49,10 +49,8 @@ static void check_passes(rows *r) {
 static void check_remeshing(rows *r) {
     simulation_config c = lockstep_config();
     figure8_record *nested = figure8_run(&c, 500, 1);
-    c.remeshing = (remesh_method)REMESH_WOODBURY;
-    figure8_record *woodbury = figure8_run(&c, 500, 1);
+    figure8_record *woodbury = figure8_run_by(REMESH_WOODBURY, &c, 500, 1);
     compare(r, "remeshing by Woodbury's formula", woodbury, "nested refinement", nested, 0.0, 1e-6);
-    c.remeshing = REMESH_NESTED;
     c.inverse = INVERSE_SPARSE;
     figure8_record *sparse = figure8_run(&c, 500, 1);
     compare(r, "columns of the inverse from a sparse factor", sparse, "dense inverse", nested, 0.0, 1e-6);

@@ -18,17 +18,20 @@ const MOMENTS = [ // name, time (s), direction of the cut, and condition for wha
   ['retraction', 1.47, 'x', ({ force, contacts, sticking, gland }) => force > 0.3 && sticking > contacts / 2 && gland < -2e-5],
 ]
 
+const AT_REST = '!trocar.stage.dirty && !trocar.stage.coarse && trocar.stage.finished() && !trocar.echo.dirty'
+
 const player = await start('clients/view/trocar-view', '--log', LOG)
 try {
   const page = await open({ width: 1440, height: 900 }), whole = 'trocar.history.pictures.length > 0 && trocar.history.end >= trocar.status.now - 0.011'
   await until(page, whole)
   for (const [name, time, cut, seen] of MOMENTS) {
     await page.evaluate(`trocar.setCut('${cut}', 0.55); trocar.seek(${time})`)
-    await until(page, `Math.abs(trocar.shown?.time - ${time}) < 0.05 && !trocar.stage.dirty && !trocar.stage.coarse && trocar.stage.finished() && !trocar.echo.dirty`)
+    await until(page, `Math.abs(trocar.shown?.time - ${time}) < 0.05 && ${AT_REST}`)
     const scenery = await page.evaluate(sceneryShown)
     assert(seen(scenery), `${name}: ${JSON.stringify(scenery)}`)
     assert.deepEqual(await page.evaluate(coloursOfCut), await page.evaluate(`trocar.stage.recut(), (${coloursOfCut})()`), 'the cut has the colours of the legend')
     await page.waitForTimeout(300) // plots are redrawn less often than the view
+    await until(page, AT_REST)
     await page.screenshot({ path: path.join(out, `${name}.png`) })
     console.log(`ok picture ${name}`)
   }

@@ -7,13 +7,15 @@ const PATIENCE = 150000 // ms, enough for a busy machine; the tests in this fold
 export const browser = await launch()
 export const faults = []
 
-/** Opens a page in its own window, with further options of its context; an error in the page fails the run. */
-export async function open(size = { width: 1000, height: 640 }, options = {}) {
+/** Opens a page in its own window, with further options of its context, and calls `prepare` with the page before it is loaded; an error in the page fails the run. */
+export async function open(size = { width: 1000, height: 640 }, options = {}, prepare = () => {}) {
   const page = await (await browser.newContext({ viewport: size, colorScheme: 'dark', ...options })).newPage()
   page.setDefaultTimeout(PATIENCE)
   page.on('pageerror', (error) => faults.push(error.stack))
   page.on('console', (message) => { if (message.type() === 'error' && !/WebSocket connection/.test(message.text())) faults.push(message.text()) })
+  await prepare(page)
   await page.goto(ADDRESS)
+  await until(page, 'true')
   return page
 }
 
@@ -24,12 +26,29 @@ const lost = (page) => page.evaluate('trocar.drive.lost')
 /** Waits until the expression is true in the page. (Playwright's own wait uses eval in the page, which the page's security policy forbids.) */
 export async function until(page, expression) {
   for (const end = Date.now() + PATIENCE; Date.now() < end;) {
-    if (await page.evaluate(expression)) return
+    if (await page.evaluate(`'trocar' in window && (${expression})`)) return // the page's scripts may still be loading
     if (driver && await lost(driver)) assert.fail(`the needle was let go before ${expression}`)
     await new Promise((done) => setTimeout(done, 50))
   }
-  assert.fail(`never: ${expression}; status ${JSON.stringify(await page.evaluate('trocar.status'))}`)
+  assert.fail(`never: ${expression}; status ${await page.evaluate('JSON.stringify({ ...trocar.status, values: undefined })')}`)
 }
+
+/** Holds a key down until the expression is true; presses it up to `times` times, because on a busy machine the needle or the probe may stop in the meantime. */
+export async function pressUntil(page, key, done, times = 20) {
+  for (let i = 0; i < times && !await page.evaluate(done); i++) {
+    await page.keyboard.down(key)
+    for (const end = Date.now() + 3000; Date.now() < end && !await page.evaluate(done);) await page.waitForTimeout(30)
+    await page.keyboard.up(key)
+  }
+  await until(page, done)
+}
+
+/** Returns the position of a hole's centre on the screen. */
+export const holeOnScreen = (page, hole) => page.evaluate((name) => {
+  const { procedure, echo } = trocar, { template } = procedure, place = template.place(template.find(name)), box = echo.canvas.getBoundingClientRect()
+  const [x, y] = echo.toPixel(place.x, place.y), ratio = echo.marks.width / box.width
+  return [box.left + x / ratio, box.top + y / ratio]
+}, hole)
 
 export async function check(name, body) {
   const start = Date.now()
@@ -37,18 +56,18 @@ export async function check(name, body) {
   console.log(`ok ${name} (${((Date.now() - start) / 1000).toFixed(1)} s)`)
 }
 
-/** Takes the needle. */
-export async function hold(page) {
-  if (!await page.evaluate('trocar.status.drives')) await page.click('#take')
+/** Takes the needle; `take` does it, if not a click. */
+export async function hold(page, take = () => page.click('#take')) {
+  if (!await page.evaluate('trocar.status.drives')) await take(page)
   await until(page, 'trocar.status.drives && trocar.status.owned === "here"')
 }
 
 /** Runs a check while the page holds the needle. If the server or the page is silent for too long, as on a busy machine, the needle is released, and
- * the check is repeated. */
-export async function driven(name, page, body) {
+ * the check is repeated. `take`: see hold. */
+export async function driven(name, page, body, take) {
   await check(name, async () => {
     for (let attempt = 1; ; attempt++) {
-      await hold(page)
+      await hold(page, take)
       driver = page
       try {
         return await body()
@@ -67,13 +86,18 @@ export async function driven(name, page, body) {
 /** Checks in both themes that axe-core finds no violations, and that no element overlaps another or is cut off. */
 export async function checkLayout(page, name) {
   if (!await page.evaluate('"axe" in window')) await page.evaluate(axe)
-  for (const theme of ['light', 'dark']) { // the pages are dark before and after this check
-    await page.evaluate((theme) => trocar.setTheme(theme), theme)
-    await page.evaluate(plainGround, theme)
-    const { violations, contrast } = await page.evaluate(objections)
-    assert.deepEqual(violations, [], `${name}, ${theme}`)
-    assert(contrast, 'axe-core has looked at contrasts')
-    await page.evaluate(plainGround, null)
+  await page.evaluate(stopDrawing)
+  try {
+    for (const theme of ['light', 'dark']) { // the pages are dark before and after this check
+      await page.evaluate((theme) => trocar.setTheme(theme), theme)
+      await page.evaluate(plainGround, theme)
+      const { violations, contrast } = await page.evaluate(objections)
+      assert.deepEqual(violations, [], `${name}, ${theme}`)
+      assert(contrast, 'axe-core has looked at contrasts')
+      await page.evaluate(plainGround, null)
+    }
+  } finally {
+    await page.evaluate(drawAgain)
   }
   assert.deepEqual(await page.evaluate(layoutFaults), [], name)
   assert.deepEqual(await page.evaluate(textFaults), [], name)
@@ -84,16 +108,26 @@ export async function checkInView(page, selectors, name) {
   assert.deepEqual(await page.evaluate(hiddenParts, selectors), [], name)
 }
 
-/** Runs in the page: returns axe-core's violations, and whether it checked contrast. (Transferring all results takes longer than the check.) */
+/** Run in the page: drawing in software would take most of the time in which axe-core looks at the page. */
+function stopDrawing() {
+  window.later = { draw: window.requestAnimationFrame, frames: [] }
+  window.requestAnimationFrame = (frame) => later.frames.push(frame)
+}
+function drawAgain() {
+  window.requestAnimationFrame = later.draw
+  later.frames.forEach((frame) => requestAnimationFrame(frame))
+}
+
+/** Runs in the page: returns axe-core's violations, and whether it checked contrast. (Transferring all results takes longer than the check.) The size of click
+ *  targets is checked only on touch screens. */
 async function objections() {
-  const { violations, passes } = await axe.run({ resultTypes: ['violations'] })
+  const { violations, passes } = await axe.run({ resultTypes: ['violations'], rules: { 'target-size': { enabled: matchMedia('(pointer: coarse)').matches } } })
   return { violations: violations.map(({ id, nodes }) => `${id}: ${nodes.map(({ target, any }) => `${target} ${any.map(({ message }) => message)}`)}`),
            contrast: passes.some(({ id }) => id === 'color-contrast') }
 }
 
 /** Runs in the page: sets a plain background for the text on the 3D view, because axe-core cannot assess contrast on gradients and canvases. Uses the end of
- * the
- *  gradient that has the lower contrast. */
+ *  the gradient that has the lower contrast. */
 function plainGround(theme) {
   const stage = document.getElementById('stage'), hidden = theme ? 'hidden' : ''
   stage.style.background = { dark: '#1d2732', light: '#e0e7ee' }[theme] ?? ''

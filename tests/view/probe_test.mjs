@@ -3,22 +3,14 @@
    usage: probe_test.mjs BUILD_DIR SOURCE_DIR OUT_DIR */
 import assert from 'node:assert/strict'
 import path from 'node:path'
-import { browser, check, checkLayout, driven, faults, open, until } from './page.mjs'
+import { browser, check, checkLayout, driven, faults, open, pressUntil, until } from './page.mjs'
 import { source, start, stop } from './parts.mjs'
 
 const OUT = process.argv[4], trus = path.join(source, 'meshes/trus.yaml')
 const words = () => page.evaluate("document.getElementById('probe-force').textContent")
 const probe = () => page.evaluate('trocar.shown.probe && { y: trocar.shown.probe.position[1], z: trocar.shown.probe.position[2], force: [...trocar.shown.probe.force] }')
 
-/** Holds a key down until the expression is true. (On a busy machine, the probe may stop in the meantime.) */
-const press = async (key, done) => {
-  for (let times = 0; times < 20 && !await page.evaluate(done); times++) {
-    await page.keyboard.down(key)
-    for (const end = Date.now() + 3000; Date.now() < end && !await page.evaluate(done);) await page.waitForTimeout(30)
-    await page.keyboard.up(key)
-  }
-  await until(page, done)
-}
+const press = (key, done) => pressUntil(page, key, done)
 
 const view = await start('clients/view/trocar-view', '--scene', trus)
 let server, page

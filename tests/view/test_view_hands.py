@@ -6,7 +6,6 @@ usage: test_view_hands.py BUILD_DIR SOURCE_DIR
 """
 import os
 import signal
-import subprocess
 import sys
 import tempfile
 import unittest
@@ -21,16 +20,6 @@ in_namespace(SOURCE)
 SCENE = SOURCE / "meshes/implant.yaml"
 LENGTH, FACE = 0.2, -0.025                                     # m, length of the scene's needle, and z of the template's face
 place = lambda column, row: (5e-3 * (6 - column), 5e-3 * (row - 6))    # m, x and y of a hole; column A is on the patient's right
-
-
-def start(*command):
-    program = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
-    said = []
-    for line in program.stdout:
-        if line == "ready\n":
-            return program, said
-        said.append(line)
-    raise AssertionError(f"{command[0]} ended: {said}")
 
 
 class Hands(unittest.TestCase):
@@ -48,12 +37,12 @@ class Hands(unittest.TestCase):
     def start_server(self):
         """Uses real-time priority if permitted, because a gap between the poses at the skin may make a needle buckle."""
         try:
-            return start(BUILD / "server/trocar-server", "--scene", SCENE)[0]
+            return web.start(BUILD / "server/trocar-server", "--scene", SCENE)[0]
         except AssertionError:
-            return start(BUILD / "server/trocar-server", "--scene", SCENE, "--allow-non-rt")[0]
+            return web.start(BUILD / "server/trocar-server", "--scene", SCENE, "--allow-non-rt")[0]
 
     def open_view(self):
-        self.view, said = start(BUILD / "clients/view/trocar-view", "--scene", SCENE, "--port", "0", "--page", self.page)
+        self.view, said = web.start(BUILD / "clients/view/trocar-view", "--scene", SCENE, "--port", "0", "--page", self.page)
         self.port = int(said[0].rstrip("/\n").rsplit(":", 1)[1])
 
     def browse(self):
@@ -75,7 +64,10 @@ class Hands(unittest.TestCase):
         browser.until(done)
 
     def state(self, browser, needle):
-        described = browser.status["needles"][needle]
+        needles = browser.status.get("needles")    # absent while the server is silent
+        if not needles:
+            return None, None
+        described = needles[needle]
         return described.get("state"), described.get("owned")
 
     def go_to(self, browser, column, row):

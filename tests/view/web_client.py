@@ -2,9 +2,21 @@
 import json
 import socket
 import struct
+import subprocess
 
 ACKNOWLEDGE, TAKE, STEER, RESET, RELEASE, _, HOLE, DROP, UNDO, LEAVE, REMOVE, PROBE = range(1, 13)
 PICTURE, SAMPLES, STATUS, REPLY = 2, 3, 4, 6
+
+
+def start(*command):
+    """Starts a program and waits until it is ready; returns it and the lines that it has printed before."""
+    program = subprocess.Popen([str(word) for word in command], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+    said = []
+    for line in program.stdout:
+        if line == "ready\n":
+            return program, said
+        said.append(line)
+    raise AssertionError(f"{command[0]} ended: {said}")
 
 
 class Browser:

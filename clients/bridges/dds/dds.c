@@ -12,7 +12,7 @@
 const char *argp_program_version = "trocar-dds " TROCAR_VERSION;
 error_t argp_err_exit_status = EXIT_BAD_INPUT;
 
-static const double LONGEST_PERIOD = 0.1;   /* s without a pose after which none is sent to the server, so that its watchdog takes the force away */
+static const double LONGEST_PERIOD = 0.1;   /* s without a pose after which none is sent to the server, so that its watchdog removes the force */
 static const double SILENCE = 2;            /* s without a pose after which the needle is released; the server uses the same time */
 
 typedef struct {
@@ -79,7 +79,7 @@ static error_t parse_option(int key, char *text, struct argp_state *state) {
 
 static const struct argp parser = {
     option_list, parse_option, NULL,
-    "Connects a needle of trocar-server to ROS 2, by DDS and without ROS: poses of its base come in (geometry_msgs/PoseStamped), wrenches (WrenchStamped) and "
+    "Connects a needle of trocar-server to ROS 2, over DDS and without ROS: poses of its base come in (geometry_msgs/PoseStamped), wrenches (WrenchStamped) and "
     "joint states go out, with the quality of service of sensor data.\vThe needle is held from the first pose on, and released when poses have been missing "
     "for two seconds.", NULL, NULL, NULL};
 
@@ -90,7 +90,7 @@ typedef struct {
     topics *topics;
     trocar_client *client;
     bool held;
-    double heard, period;                   /* s: arrival time of the newest pose, and time from the pose before to it */
+    double heard, period;                   /* s: arrival time of the newest pose, and time between it and the previous pose */
     pose from, to;                          /* the needle's pose when the newest pose arrived, and the pose toward which it moves */
 } bridge;
 

@@ -9,8 +9,8 @@
 #include "ros.h"
 #include "shared/server_choice.h"
 
-enum { DEPTH = 5 };                            /* samples, as in ROS's profile for sensor data */
-static const double SILENCE = 1;               /* s without poses from a publisher after which another one is heard */
+enum { DEPTH = 5 }; /* number of samples kept, as in ROS's profile for sensor data */
+static const double SILENCE = 1;               /* s without poses from a publisher after which another one is accepted */
 static const double UNIT_TOLERANCE = 1e-3;     /* the server's */
 
 struct topics {

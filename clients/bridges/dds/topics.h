@@ -24,7 +24,7 @@ trocar_status topics_open(const topic_settings *settings, topics **opened, troca
 void topics_close(topics *t);
 
 /* Gets the newest pose (m) that has arrived since the last call; false if there is none. Poses in another frame, with numbers that are not finite or with
-   an orientation that is not a unit quaternion are refused, and so are poses of a second publisher while the first one is not silent. The reason is printed
+   an orientation that is not a unit quaternion are refused, and so are poses of a second publisher while the first one is still sending. The reason is printed
    on stderr once, not for each pose. */
 bool topics_take_pose(topics *t, pose *newest);
 

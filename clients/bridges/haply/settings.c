@@ -47,7 +47,7 @@ static const struct argp_option option_list[] = {
     {"tool-mass", OPTION_TOOL_MASS, "KG", 0, "Mass at the cursor whose weight is compensated, in addition to the service's own compensation (default 0)", 3},
     {"force-key", OPTION_FORCE_KEY, "KEY", 0, "Name of the force in set_cursor_force: vector or values (default: by the service's version)", 3},
     {0, 0, 0, 0, "Output:", 4},
-    {"measure-delay", OPTION_MEASURE_DELAY, 0, 0, "Push the device gently for 5 s, print its delay and mass for the scene, and end", 4},
+    {"measure-delay", OPTION_MEASURE_DELAY, 0, 0, "Push the device gently for 5 s, print its delay and mass for the scene, and exit", 4},
     {"report", OPTION_REPORT, "SECONDS", 0, "Print rate and round trip this often; 0: at the end only (default 10)", 4},
     {0},
 };
@@ -178,7 +178,7 @@ static error_t parse_profile(int key, char *text, struct argp_state *state) {
 }
 
 static const char DESCRIPTION[] =
-    "Connects a Haply Inverse3 and its handle to trocar-server, through the Haply Inverse Service. Protocol-tested, not yet on hardware: begin with a "
+    "Connects a Haply Inverse3 and its handle to trocar-server, through the Haply Inverse Service. Tested with a simulated service, but not on hardware: begin with a "
     "small --max-force.";
 static const struct argp profile_parser = {.options = option_list, .parser = parse_profile, .doc = DESCRIPTION};
 static const struct argp parser = {.options = option_list, .parser = parse_option, .doc = DESCRIPTION};

@@ -43,15 +43,17 @@ static void name_all(outlets *o) {
     }
 }
 
-trocar_status outlets_create(outlets *o, const trocar_scene *scene, const trocar_model *model, slice_style style, double pixel, trocar_error *why) {
+trocar_status outlets_create(outlets *o, const trocar_scene *scene, const trocar_model *model, const slice_settings *images, trocar_error *why) {
     double patient[16];
     trocar_probe_shape probe;
     *o = (outlets){.model = model, .frame = ras_frame(scene), .registered = trocar_scene_patient_to_mesh(scene, patient) != 0, .needles = NEEDLES,
                    .probe = -1, .images = -1, .organ_count = organs_count(model)};
+    trocar_scene_get_number(scene, "needle.outer_diameter", &o->needle_radius, NULL);
+    o->needle_radius *= 0.5;
     o->count = NEEDLES + PER_NEEDLE * trocar_model_needles(model);
     if (trocar_model_probe(model, &probe)) o->probe = o->count, o->count += PER_PROBE;
     o->light_count = o->count;
-    if (style != SLICES_NONE) o->images = o->count, o->count += SLICES;
+    if (images->style != SLICES_NONE) o->images = o->count, o->count += SLICES;
     int surfaces = o->count;
     o->count += o->organ_count;
     o->messages = calloc((size_t)o->count, sizeof *o->messages);
@@ -63,7 +65,7 @@ trocar_status outlets_create(outlets *o, const trocar_scene *scene, const trocar
         if (!igtl_make_curve(&o->messages[o->needles + PER_NEEDLE * i + CURVE], trocar_model_segments(model) + 1))
             return fail(why, TROCAR_NO_MEMORY, "no memory for the needles' shapes");
     trocar_status status = organs_make(model, o->organs, o->messages + surfaces, why);
-    return status == TROCAR_OK ? slices_create(&o->slices, scene, model, style, pixel, why) : status;
+    return status == TROCAR_OK ? slices_create(&o->slices, scene, model, images, why) : status;
 }
 
 void outlets_free(outlets *o) {
@@ -114,22 +116,24 @@ static void displace(const outlets *o, const trocar_deformation_t *d) {
 void outlets_show_picture(outlets *o, const subscriber *feed) {
     const trocar_deformation_t *d = feed->deformation;
     int64_t utime = d ? d->utime : wall_us();
-    slice_needle needles[TROCAR_MAX_NEEDLES];
-    int shown = 0;
     displace(o, d);
     for (int i = 0; i < feed->needle_count; i++) {
         const trocar_contacts_t *c = feed->needles[i].contacts;
         if (!c || c->joint_count < 2) continue;
         show_needle(o, i, c);
-        needles[shown++] = (slice_needle){c->joint_count, c->centreline};
     }
     for (int i = 0; i < o->organ_count; i++) organ_move(&o->organs[i], utime, &o->frame, o->nodes);
     pose probe = load_pose(feed->probe.base.position, feed->probe.base.orientation);
-    slices_draw(&o->slices, o->nodes, feed->probe.placed ? &probe : NULL, needles, shown);
-    for (int k = 0; k < SLICES && o->images >= 0; k++) {
+    bodies_take(&o->bodies, feed, o->model, o->needle_radius);
+    slices_tell(&o->slices, utime, o->nodes, feed->probe.placed ? &probe : NULL, &o->bodies);
+}
+
+void outlets_show_images(outlets *o) {
+    const drawn_slices *drawn = slices_take(&o->slices);
+    for (int k = 0; k < SLICES && drawn; k++) {
         const slice *v = &o->slices.all[k];
-        ras_matrix matrix = slice_matrix(&o->slices, (slice_kind)k, &o->frame);
-        igtl_set_image(&o->messages[o->images + k], utime, &matrix, v->width, v->height, v->grey);
+        ras_matrix matrix = slice_matrix(&o->slices, drawn, (slice_kind)k, &o->frame);
+        igtl_set_image(&o->messages[o->images + k], drawn->utime, &matrix, v->raster.width, v->raster.height, drawn->grey + v->first);
     }
 }
 

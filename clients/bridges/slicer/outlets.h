@@ -19,15 +19,20 @@ typedef struct {
     organ *organs;
     int organ_count;
     slices slices;
+    body_list bodies;        /* needles and seeds */
+    double needle_radius;    /* m */
     double *nodes;           /* m, current positions of the mesh's nodes, 3 coordinates each */
 } outlets;
 
-/* Creates the messages; `pixel` is the size of a pixel in m. BAD_INPUT for the same reasons as slices_create; NO_MEMORY. */
-trocar_status outlets_create(outlets *o, const trocar_scene *scene, const trocar_model *model, slice_style style, double pixel, trocar_error *why);
+/* Creates the messages. BAD_INPUT for the same reasons as slices_create; NO_MEMORY. */
+trocar_status outlets_create(outlets *o, const trocar_scene *scene, const trocar_model *model, const slice_settings *images, trocar_error *why);
 void outlets_free(outlets *o);
 
-/* Updates needles, organs and images from the newest deformation; before the first deformation, shows them at rest. */
+/* Updates needles and organs from the newest deformation, and has the images drawn; before the first deformation, shows them at rest. */
 void outlets_show_picture(outlets *o, const subscriber *feed);
+
+/* Updates the images, if new ones have been drawn. */
+void outlets_show_images(outlets *o);
 
 /* Updates the values that change more often than pictures arrive: the forces, and the probe. */
 void outlets_show_forces(outlets *o, const subscriber *feed);

@@ -24,9 +24,8 @@ static const int64_t OTHER_SENDER = 1000000000;    /* ns of silence from the cur
 typedef struct {
     const char *scene_path, *lcm_url, *needle_name, *probe_name;
     double rate;             /* Hz */
-    double pixel;            /* m */
     int needle;              /* index of the needle that is driven by a tracker */
-    slice_style images;
+    slice_settings images;
     peer_settings peers;
 } options;
 
@@ -57,7 +56,7 @@ typedef struct {
 
 /* ---- command line ---- */
 
-enum { OPTION_URL = 256, OPTION_BIND, OPTION_IMAGES, OPTION_PIXEL, OPTION_NEEDLE, OPTION_NEEDLE_FROM, OPTION_PROBE_FROM, OPTION_TRACKER };
+enum { OPTION_URL = 256, OPTION_BIND, OPTION_IMAGES, OPTION_PIXEL, OPTION_GAIN, OPTION_RANGE, OPTION_DEPTH, OPTION_NEEDLE, OPTION_NEEDLE_FROM, OPTION_PROBE_FROM, OPTION_TRACKER };
 
 static const struct argp_option option_list[] = {
     {"scene", 's', "FILE", 0, "Scene of the server (required)", 0},
@@ -66,8 +65,11 @@ static const struct argp_option option_list[] = {
     {"port", 'p', "PORT", 0, "TCP port (default 18944; 0: any free one)", 1},
     {"bind", OPTION_BIND, "ADDRESS", 0, "Address to listen on; 0.0.0.0: all (default 127.0.0.1: this machine only)", 1},
     {"rate", 'r', "HZ", 0, "Values per second of each message, 1 to 60 (default 30); the server itself sends needles and organs 30 times", 1},
-    {"images", OPTION_IMAGES, "STYLE", 0, "Images: echo, which resemble ultrasound; regions, at each pixel the volume's number in the scene's list; or none (default echo)", 1},
+    {"images", OPTION_IMAGES, "STYLE", 0, "Images: echo, simulated ultrasound; regions, at each pixel the volume's number in the scene's list; or none (default echo)", 1},
     {"pixel", OPTION_PIXEL, "MM", 0, "Size of the images' pixels, 0.1 to 5 (default 0.5)", 1},
+    {"gain", OPTION_GAIN, "DB", 0, "Gain of the ultrasound, -40 to 40 (default 0)", 1},
+    {"dynamic-range", OPTION_RANGE, "DB", 0, "Dynamic range of the ultrasound, from black to white, 20 to 100 (default 60)", 1},
+    {"depth", OPTION_DEPTH, "MM", 0, "Depth of the images from the probe's surface, 20 to 150 (default: as deep as the gland, and 14 mm more)", 1},
     {0, 0, 0, 0, "Trackers:", 2},
     {"needle", OPTION_NEEDLE, "INDEX", 0, "Needle that is driven (default 0)", 2},
     {"needle-from", OPTION_NEEDLE_FROM, "NAME", 0, "TRANSFORM whose poses the needle's base follows (default StylusToReference)", 2},
@@ -97,8 +99,11 @@ static error_t parse_option(int key, char *text, struct argp_state *state) {
     case 'r': o->rate = parse_number(state, "rate", text, 1, 60); break;
     case OPTION_URL: o->lcm_url = text; break;
     case OPTION_BIND: o->peers.address = text; break;
-    case OPTION_IMAGES: o->images = parse_style(state, text); break;
-    case OPTION_PIXEL: o->pixel = 1e-3 * parse_number(state, "pixel", text, 0.1, 5); break;
+    case OPTION_IMAGES: o->images.style = parse_style(state, text); break;
+    case OPTION_GAIN: o->images.gain = parse_number(state, "gain", text, -40, 40); break;
+    case OPTION_RANGE: o->images.range = parse_number(state, "dynamic-range", text, 20, 100); break;
+    case OPTION_DEPTH: o->images.depth = 1e-3 * parse_number(state, "depth", text, 20, 150); break;
+    case OPTION_PIXEL: o->images.pixel = 1e-3 * parse_number(state, "pixel", text, 0.1, 5); break;
     case OPTION_NEEDLE: o->needle = parse_index(state, "needle", text); break;
     case OPTION_NEEDLE_FROM: o->needle_name = parse_transform(state, "needle-from", text); break;
     case OPTION_PROBE_FROM: o->probe_name = parse_transform(state, "probe-from", text); break;
@@ -115,7 +120,7 @@ static error_t parse_option(int key, char *text, struct argp_state *state) {
 
 static const struct argp parser = {
     option_list, parse_option, NULL,
-    "Shows a running trocar-server in 3D Slicer, PLUS and other programs by OpenIGTLink, and lets trackers move its needle and probe."
+    "Shows a running trocar-server in 3D Slicer, PLUS and other programs over OpenIGTLink, and lets trackers move its needle and probe."
     "\vCoordinates are RAS in mm: the patient's, if the scene has patient_to_mesh, else the mesh's axes.", NULL, NULL, NULL};
 
 /* ---- trackers ---- */
@@ -125,7 +130,7 @@ static bool may_move(mover *m, const char *who, const char *name) {
     int64_t now = monotonic_ns();
     bool same = strcmp(who, m->who) == 0, silent = m->heard == 0 || now - m->heard > OTHER_SENDER;
     if (!same && !silent) {
-        if (!m->other_said) fprintf(stderr, "trocar-slicer: %s: \"%s\" comes from %s already, ignored\n", who, name, m->who);
+        if (!m->other_said) fprintf(stderr, "trocar-slicer: %s: \"%s\" ignored: it already comes from %s\n", who, name, m->who);
         m->other_said = true;
         return false;
     }
@@ -192,16 +197,18 @@ static void show_news(bridge *b) {
 }
 
 static void serve(bridge *b) {
-    struct pollfd events[PEERS + 3];
+    struct pollfd events[PEERS + 4];
     printf("port %d\nready\n", b->peers.port);
     fflush(stdout);
     while (!playing_interrupted()) {
         events[0] = (struct pollfd){.fd = lcm_get_fileno(b->lcm), .events = POLLIN};
         int count = peers_watch(&b->peers, events + 1);
         bool pending = newest_picture(b) != b->shown && peers_count(&b->peers) > 0;
-        if (poll(events, (nfds_t)count + 1, pending ? 1 : 50) < 0) continue;
+        events[count + 1] = (struct pollfd){.fd = slices_descriptor(&b->outlets.slices), .events = POLLIN}; /* ignored if -1 */
+        if (poll(events, (nfds_t)count + 2, pending ? 1 : 50) < 0) continue;
         for (int i = 0; i < MESSAGES && lcm_handle_timeout(b->lcm, 0) > 0; i++) continue;
         peers_handle(&b->peers, events + 1, count);
+        outlets_show_images(&b->outlets);
         show_news(b);
     }
 }
@@ -259,10 +266,10 @@ static trocar_status prepare(bridge *b, trocar_error *why) {
     trocar_status status = trocar_scene_load(o->scene_path, &b->scene, why);
     if (status == TROCAR_OK) status = trocar_model_create(b->scene, &mesh_only, &b->model, why);
     if (status == TROCAR_OK) status = check_needle(b, why);
-    if (status == TROCAR_OK) status = outlets_create(&b->outlets, b->scene, b->model, o->images, o->pixel, why);
+    if (status == TROCAR_OK) status = outlets_create(&b->outlets, b->scene, b->model, &o->images, why);
     if (status != TROCAR_OK) return status;
     if (!b->outlets.registered)
-        fprintf(stderr, "trocar-slicer: %s has no patient_to_mesh: the mesh's x, y and z are taken for right, front and head\n", o->scene_path);
+        fprintf(stderr, "trocar-slicer: %s has no patient_to_mesh: the mesh's x, y and z are used as right, front and head\n", o->scene_path);
     return open_network(b, why);
 }
 
@@ -277,7 +284,7 @@ static void clean_up(bridge *b) {
 }
 
 int main(int count, char **arguments) {
-    options o = {.rate = 30, .pixel = 0.5e-3, .needle_name = "StylusToReference", .probe_name = "ProbeToReference",
+    options o = {.rate = 30, .images = {.pixel = 0.5e-3, .range = 60}, .needle_name = "StylusToReference", .probe_name = "ProbeToReference",
                  .peers = {.address = "127.0.0.1", .port = PORT}};
     argp_parse(&parser, count, arguments, 0, NULL, &o);
     playing_heed_signals();

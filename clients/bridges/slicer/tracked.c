@@ -62,8 +62,8 @@ static void hold(tracked_needle *t, trocar_client *server) {
         if (trocar_client_newest(server, &wrench)) answered = due;
         bool was_deaf = deaf;
         deaf = due - answered > DEAF;
-        if (deaf && !was_deaf) fprintf(stderr, "trocar-slicer: the server does not take the tracked needle: is it held elsewhere, or refused? trocar-top shows why\n");
-        if (!deaf && was_deaf) fprintf(stderr, "trocar-slicer: the server takes the tracked needle\n");
+        if (deaf && !was_deaf) fprintf(stderr, "trocar-slicer: the server does not accept the tracked needle: trocar-top shows whether it is held elsewhere, or why poses are refused\n");
+        if (!deaf && was_deaf) fprintf(stderr, "trocar-slicer: the server accepts the tracked needle\n");
         due += STEP;
         if (due < monotonic_ns()) due = monotonic_ns();
     }

@@ -50,7 +50,7 @@ bool mapping_parse_axes(mapping *m, const char *text, const char *const *axis_na
         }
         if (move < 0) list(move_names, MOVES, known, sizeof known);
         else list(axis_names, INPUT_AXES, known, sizeof known);
-        snprintf(why, size, "'%s' is none of %s", move < 0 ? name : value, known);
+        snprintf(why, size, "'%s' is not one of %s", move < 0 ? name : value, known);
         return false;
     }
     return true;
@@ -64,7 +64,7 @@ bool mapping_parse_buttons(mapping *m, const char *text, char *why, size_t size)
         long button = strtol(value, &end, 10);
         if (action < 0) {
             list(action_names, ACTIONS, known, sizeof known);
-            snprintf(why, size, "'%s' is none of %s", name, known);
+            snprintf(why, size, "'%s' is not one of %s", name, known);
             return false;
         }
         if (!value[0] || *end || button < 0 || button >= INPUT_BUTTONS) {

@@ -48,10 +48,10 @@ static const struct argp_option option_list[] = {
     {"joystick", 'j', "FILE", OPTION_ARG_OPTIONAL, "A joystick instead of a 3Dconnexion device: /dev/input/event..., or the first in /dev/input/by-id", 0},
     {"axes", OPTION_AXES, "LIST", 0,
      "Axes of the device that move the needle (default right=x,up=y,forward=z,pitch=rx,yaw=ry,roll=rz; with --joystick "
-     "forward=-y,right=x,up=-hat0y,roll=rz); others stay still", 0},
+     "forward=-y,right=x,up=-hat0y,roll=rz); other motions are disabled", 0},
     {"buttons", OPTION_BUTTONS, "LIST", 0,
      "Numbers of the buttons for clutch (the needle is still while it is held), reset, leave (again: take), seed and undo (default clutch=0,reset=1)", 0},
-    {"dead-zone", OPTION_DEAD_ZONE, "SHARE", 0, "Share of the full deflection that does not move the needle (default 0.05)", 0},
+    {"dead-zone", OPTION_DEAD_ZONE, "SHARE", 0, "Fraction of the full deflection below which the needle does not move (default 0.05)", 0},
     {"full-scale", OPTION_FULL_SCALE, "COUNTS", 0, "Full deflection of a 3Dconnexion device (default 350)", 0},
     {"max-speed", OPTION_SPEED, "M/S", 0, "Speed along the needle at full deflection; half of it sideways (default 0.04)", 0},
     {"max-turn", OPTION_TURN, "RAD/S", 0, "Tilting at full deflection; twice that about the needle's axis (default 0.5)", 0},
@@ -62,7 +62,7 @@ static const struct argp_option option_list[] = {
     {"needle", OPTION_NEEDLE, "N", 0, "Index of the needle to hold, from 0 (default 0)", 1},
     {0, 0, 0, 0, "Force feedback of a joystick:", 2},
     {"full-force", OPTION_FORCE, "N", 0, "Axial force of the needle that is rendered by the joystick's full force (default 10); negative: reversed", 2},
-    {"force-limit", OPTION_LIMIT, "SHARE", 0, "Share of the joystick's full force that is never exceeded (default 0.5)", 2},
+    {"force-limit", OPTION_LIMIT, "SHARE", 0, "Limit of the force, as a fraction of the joystick's full force (default 0.5)", 2},
     {"force-direction", OPTION_DIRECTION, "DEGREES", 0, "Direction of the force against forward: 0 towards the user (default), 90 to the left, 180 away, 270 to the right", 2},
     {0, 0, 0, 0, "Connection:", 3},
     {"lcm-url", OPTION_URL, "URL", 0, "LCM network, or udp://HOST:PORT of a server with --listen; the secret is in $TROCAR_SECRET_FILE (default $LCM_DEFAULT_URL)", 3},
@@ -129,7 +129,7 @@ static error_t parse_option(int key, char *text, struct argp_state *state) {
 
 static const struct argp parser = {
     option_list, parse_option, NULL,
-    "Drives a needle of trocar-server with a 3Dconnexion device (by spacenavd) or a joystick: the deflection is a velocity. A joystick with force feedback "
+    "Drives a needle of trocar-server with a 3Dconnexion device (through spacenavd) or a joystick: the deflection is a velocity. A joystick with force feedback "
     "renders the axial force.\vDevice, spacenavd and server may disconnect and return at any time; meanwhile the needle stays where it is.", NULL, NULL, NULL};
 
 /* ---- the loop ------------------------------------------------------------------------------------------------------ */

@@ -21,7 +21,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import IntFlag
 from os import PathLike, fspath
-from typing import Any, Callable, Iterator, NamedTuple, Sequence
+from typing import Any, Callable, Iterator, Mapping, NamedTuple, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -636,6 +636,39 @@ class Sim:
         once. Saved and restored with the state."""
         with self._turn:
             return lib.trocar_view_time(self._view)
+
+    def change(self, values: Mapping[str, float], time: float = 0.5) -> None:
+        """Changes friction, cutting and puncture forces, moduli, calcifications and guides from now on, for all needles:
+        sim.change({"membranes[skin].puncture_force": 2.0}). `parameters` lists the keys. During `time` seconds of simulated time (0.1 to 60), every value
+        moves to its new one, so that no force jumps. A change of moduli first builds a model, which takes as long as Model(). Raises Error, without effect,
+        for a key that cannot change during a run, for a bad value, and for a change of moduli while the last one is under way or a needle rests."""
+        why, handle = ffi.new("trocar_error *"), ffi.new("trocar_change **")
+        lines = "\n".join("%s: %s" % (key, ".inf" if value == np.inf else value) for key, value in values.items())
+        with self._turn:
+            _check(lib.trocar_change_create(self._handle, handle, why), why)
+            change = ffi.gc(handle[0], lib.trocar_change_free)
+            _check(lib.trocar_change_set(change, lines.encode(), why), why)
+            _check(lib.trocar_change_prepare(change, ffi.NULL, why), why)
+            _check(lib.trocar_sim_change(self._handle, change, time, why), why)
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        """Keys that `change` accepts, with their values; a change that has not ended is still approaching them."""
+        why, handle = ffi.new("trocar_error *"), ffi.new("trocar_change **")
+        key, value, found = ffi.new("char[]", lib.TROCAR_CHANGE_KEY), ffi.new("double *"), {}
+        with self._turn:
+            _check(lib.trocar_change_create(self._handle, handle, why), why)
+        change = ffi.gc(handle[0], lib.trocar_change_free)
+        for index in range(lib.trocar_change_count(change)):
+            lib.trocar_change_at(change, index, key, value)
+            found[ffi.string(key).decode(errors="replace")] = value[0]
+        return found
+
+    @property
+    def changing(self) -> float:
+        """Simulated time, s, until the last change is complete; 0 if it is."""
+        with self._turn:
+            return lib.trocar_sim_changing(self._handle)
 
     def set_probe(self, pose: npt.ArrayLike) -> None:
         """Moves the probe's base to `pose` (7,): x y z (m), w x y z. The next `step` first presses the probe there."""

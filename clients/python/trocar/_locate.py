@@ -12,14 +12,22 @@ if TYPE_CHECKING:
 Array = npt.NDArray[np.float64]
 
 
+def weight_gradients(corners: Array) -> Array:
+    """Returns the gradients (k, 3, 3), in 1/m, of the barycentric weights of corners 1 to 3 of tetrahedra with these corners (k, 4, 3). Written out,
+    because OpenBLAS solves even 3 x 3 systems with several threads, which wait for each other for seconds on a busy machine."""
+    a, b, c = (corners[:, 1:] - corners[:, :1]).transpose(1, 0, 2)
+    normals = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=1)
+    return normals / np.einsum("ti,ti->t", a, normals[:, 0])[:, None, None]
+
+
 def locate(model: Model, points: npt.ArrayLike) -> tuple[npt.NDArray[np.intp], Array]:
     """Returns the tetrahedra (k,) that contain the points (k, 3) (m, at rest), or -1 for points outside the tissue, and the points' barycentric
     weights (k, 4)."""
     corners = model.nodes[model.tets]
-    inverse = np.linalg.inv((corners[:, 1:] - corners[:, :1]).transpose(0, 2, 1))
+    gradients = weight_gradients(corners)
     tets, weights = [], []
     for point in np.asarray(points, np.float64):
-        inner = np.einsum("tij,tj->ti", inverse, point - corners[:, 0])
+        inner = np.einsum("tij,tj->ti", gradients, point - corners[:, 0])
         every = np.concatenate([1.0 - inner.sum(axis=1, keepdims=True), inner], axis=1)
         best = int(every.min(axis=1).argmax())
         tets.append(best if every[best].min() > -1e-9 else -1)

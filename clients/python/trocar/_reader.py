@@ -21,7 +21,8 @@ class Reader:
         self.yaml = yaml
         try:
             with open_input(path, encoding="utf-8") as file:
-                root = yaml.compose(file, Loader=yaml.SafeLoader)
+                self.source = file.read()
+            root = yaml.compose(self.source, Loader=yaml.SafeLoader)
         except OSError as fault:
             raise error(f"{path}: cannot be opened: {fault.strerror}") from fault
         except UnicodeDecodeError as fault:

@@ -178,7 +178,7 @@ const char *pilot_trouble(const pilot *p, int needle) {
     const trocar_status_t *status = status_of(p, needle);
     bool held = status == NULL || status->state == TROCAR_STATUS_T_HELD || (needle == p->needle && p->handing != HANDING_NOTHING);
     if (!subscriber_alive(p->feed)) return "nothing was heard from the server for half a second";
-    if (owner != 0 && owner != p->publisher.session) return "another client has it";
+    if (owner != 0 && owner != p->publisher.session) return "another client holds it";
     return held ? NULL : "it rests";
 }
 

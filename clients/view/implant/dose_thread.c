@@ -14,11 +14,12 @@
 #include <unistd.h>
 
 #include "base/triple_buffer.h"
-#include "common/timing.h"
 #include "common/eventfd_signal.h"
+#include "common/timing.h"
 #include "shared/json.h"
 #include "view/hand/hole_approach.h"
 #include "view/implant/organ_dose.h"
+#include "view/stream/section_box.h"
 
 enum {
     ORGANS = 3,
@@ -62,9 +63,9 @@ struct dose_thread {
     bool started;
     triple_buffer told;      /* triple buffer of told_state. The threads do not share a lock, because this thread, which has low priority, could hold
                                 it for a long time */
-    int news, ready;         /* eventfds that signal new input for the thread, and a new result from the thread */
+    int news;                /* eventfd that signals new input for the thread */
     atomic_bool stop;
-    _Atomic(byte_buffer *) result; /* NULL: taken */
+    section_box result;
 };
 
 /* ---- organs and grid ---------------------------------------------------------------------------------------------------- */
@@ -305,20 +306,6 @@ static void wait_for_news(const dose_thread *t, int64_t patience) {
     if (ppoll(&(struct pollfd){.fd = t->news, .events = POLLIN}, 1, patience < 0 ? NULL : &limit, NULL) > 0 && read(t->news, &count, sizeof count) < 0) return;
 }
 
-static void publish(dose_thread *t, byte_buffer result) {
-    byte_buffer *given = malloc(sizeof *given);
-    if (!given || result.length == 0) {
-        bytes_free(&result);
-        free(given);
-        return;
-    }
-    *given = result;
-    byte_buffer *old = atomic_exchange(&t->result, given);
-    if (old) bytes_free(old);
-    free(old);
-    eventfd_signal(t->ready);
-}
-
 /* Computes the dose for each new input. While the tissue moves, the thread works at most half of the time. */
 static void *run(void *context) {
     dose_thread *t = context;
@@ -335,7 +322,7 @@ static void *run(void *context) {
         first = false;
         count_seeds(t, state);
         compute_organs(t, state, other_seeds);
-        publish(t, encode(t));
+        section_box_put(&t->result, encode(t));
         memcpy(t->done, state, sizeof *state + 3 * (size_t)t->node_count * sizeof *state->nodal);
         int64_t ended = monotonic_ns(), spent = ended - began;
         rested = ended + (spent > PAUSE ? spent : PAUSE);
@@ -363,8 +350,8 @@ trocar_status dose_thread_create(const trocar_model *model, const dose_settings 
     if (!t) return fail(why, TROCAR_NO_MEMORY, "no memory for the dose");
     t->settings = settings;
     t->news = eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC);
-    t->ready = eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC);
-    trocar_status status = t->news >= 0 && t->ready >= 0 ? prepare(t, model, why) : fail(why, TROCAR_SYSTEM, "cannot create an eventfd: %s", strerror(errno));
+    section_box_create(&t->result);
+    trocar_status status = t->news >= 0 && t->result.ready >= 0 ? prepare(t, model, why) : fail(why, TROCAR_SYSTEM, "cannot create an eventfd: %s", strerror(errno));
     if (status == TROCAR_OK && plan) status = note_plan(t, plan, trocar_model_guide(model, find_template(model)).normal, why);
     int error = status == TROCAR_OK ? pthread_create(&t->thread, NULL, run, t) : 0;
     t->started = status == TROCAR_OK && error == 0;
@@ -387,11 +374,8 @@ void dose_thread_free(dose_thread *t) {
     if (t->source) trocar_dose_source_free(t->source);
     free(t->values);
     free(t->levels);
-    byte_buffer *result = atomic_exchange(&t->result, NULL);
-    if (result) bytes_free(result);
-    free(result);
+    section_box_free(&t->result);
     if (t->news >= 0) close(t->news);
-    if (t->ready >= 0) close(t->ready);
     free(t);
 }
 
@@ -414,15 +398,6 @@ void dose_thread_tell(dose_thread *t, const trocar_seeds_t *seeds, const trocar_
     eventfd_signal(t->news);
 }
 
-int dose_thread_descriptor(const dose_thread *t) { return t->ready; }
+int dose_thread_descriptor(const dose_thread *t) { return t->result.ready; }
 
-bool dose_thread_take(dose_thread *t, byte_buffer *section) {
-    uint64_t count;
-    if (read(t->ready, &count, sizeof count) < 0) return false;
-    byte_buffer *result = atomic_exchange(&t->result, NULL);
-    if (!result) return false;
-    bytes_free(section);
-    *section = *result;
-    free(result);
-    return true;
-}
+bool dose_thread_take(dose_thread *t, byte_buffer *section) { return section_box_take(&t->result, section); }

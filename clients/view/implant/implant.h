@@ -7,7 +7,7 @@
 #include "view/web/web.h"
 
 typedef enum { IMPLANT_SEEDS, IMPLANT_REPLY, IMPLANT_DOSE, IMPLANT_PLAN, IMPLANT_SECTIONS } implant_section;
-_Static_assert((int)IMPLANT_SECTIONS <= (int)WEB_SECTIONS, "see web.h");
+_Static_assert((int)IMPLANT_SECTIONS < (int)WEB_SECTIONS, "see web.h");
 
 typedef struct {
     const char *plan;        /* path of a plan's table; NULL if there is none */

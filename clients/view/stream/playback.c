@@ -6,7 +6,7 @@
 #include "common/messages.h"
 #include "common/viewer_messages.h"
 #include "shared/poselog.h"
-#include "shared/seed_replay.h"
+#include "shared/command_replay.h"
 #include "view/stream/subscriber.h"
 
 static const double CLOCK = 1e-6; /* s, resolution of the times in a log */
@@ -19,7 +19,8 @@ typedef struct {
     viewer_messages messages;
     int probes_done, commands_done; /* number of probe poses and commands handled so far */
     waiting_drop waiting;
-    int refused;             /* number of commands for seeds that are refused here although the server had not refused them */
+    waiting_change change;
+    int refused;             /* number of commands that are refused here although the server had not refused them */
     trocar_error refusal;    /* reason for the first refusal */
     int gaps;
 } playback;
@@ -35,6 +36,7 @@ static trocar_status prepare(playback *p, const char *path, trocar_error *cut, t
 }
 
 static void clean_up(playback *p) {
+    end_waiting_change(&p->change);
     viewer_messages_free(&p->messages);
     trocar_sim_free(p->sim);
     trocar_model_free(p->model);
@@ -45,12 +47,17 @@ static void note_refusal(playback *p, const trocar_error *reason) {
     if (p->refused++ == 0) p->refusal = *reason;
 }
 
-/* Executes the commands for seeds that came before this pose. As in the server, a refused command changes nothing. */
+/* Executes the changes, and the commands for seeds, that came before this pose. As in the server, a refused command changes nothing. */
 static void run_commands(playback *p, int pose) {
     trocar_error reason;
     if (!try_waiting_drop(&p->waiting, p->sim, 0)) note_refusal(p, &p->waiting.reason);
+    if (try_waiting_change(&p->change, p->sim, &reason) != TROCAR_OK) note_refusal(p, &reason);
     for (; p->commands_done < p->poses.command_count && p->poses.commands[p->commands_done].next_pose <= pose; p->commands_done++) {
         const logged_command *logged = &p->poses.commands[p->commands_done];
+        if (logged->change) {
+            if (replay_change(&p->change, p->sim, logged, &reason) != TROCAR_OK) note_refusal(p, &reason);
+            continue;
+        }
         if (!end_waiting_drop(&p->waiting, p->sim, 0, logged)) note_refusal(p, &p->waiting.reason);
         if (replay_seed_command(&p->waiting, p->sim, 0, logged, &reason) != TROCAR_OK) note_refusal(p, &reason);
     }

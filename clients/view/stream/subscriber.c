@@ -44,10 +44,13 @@ static void forget_needles(subscriber *f) {
 static void forget_seeds(subscriber *f) {
     if (f->seeds) trocar_seeds_t_destroy(f->seeds);
     if (f->reply) trocar_command_reply_t_destroy(f->reply);
+    if (f->change_reply) trocar_command_reply_t_destroy(f->change_reply);
+    if (f->values) trocar_values_t_destroy(f->values);
     if (f->deformation) trocar_deformation_t_destroy(f->deformation);
     f->seeds = NULL;
     f->deformation = NULL;
-    f->reply = NULL;
+    f->reply = f->change_reply = NULL;
+    f->values = NULL;
     f->seeds_heard++;
     f->replies_heard++;
 }
@@ -178,13 +181,32 @@ static void on_reply(const lcm_recv_buf_t *received, const char *channel, void *
         f->refused++;
         return;
     }
-    if (m.server == f->choice.followed && m.session == f->session && m.command != TROCAR_COMMAND_T_RELEASE) {
-        if (f->reply) trocar_command_reply_t_destroy(f->reply);
+    bool settled = m.status != TROCAR_COMMAND_REPLY_T_PENDING;
+    if (settled && m.server == f->choice.followed && m.session == f->session && m.command != TROCAR_COMMAND_T_RELEASE) {
+        bool changes = m.command == TROCAR_COMMAND_T_CHANGE;
+        trocar_command_reply_t **last = changes ? &f->change_reply : &f->reply;
+        if (*last) trocar_command_reply_t_destroy(*last);
         make_printable(m.message);
-        f->reply = trocar_command_reply_t_copy(&m);
-        f->replies_heard++;
+        *last = trocar_command_reply_t_copy(&m);
+        f->replies_heard += !changes;
     }
     trocar_command_reply_t_decode_cleanup(&m);
+}
+
+static void on_values(const lcm_recv_buf_t *received, const char *channel, void *context) {
+    (void)channel;
+    subscriber *f = context;
+    trocar_values_t m = {0};
+    if (!values_fit(received->data, received->data_size) || trocar_values_t_decode(received->data, 0, (int)received->data_size, &m) < 0) {
+        f->refused++;
+        return;
+    }
+    if (m.server == f->choice.followed) {
+        if (f->values) trocar_values_t_destroy(f->values);
+        for (int i = 0; i < m.count; i++) make_printable(m.key[i]);
+        f->values = trocar_values_t_copy(&m);
+    }
+    trocar_values_t_decode_cleanup(&m);
 }
 
 static void on_probe(const lcm_recv_buf_t *received, const char *channel, void *context) {
@@ -240,8 +262,8 @@ static void on_deformation(const lcm_recv_buf_t *received, const char *channel, 
 
 trocar_status subscriber_open(subscriber *f, lcm_t *lcm, const trocar_model *model, timeline *t, trocar_error *why) {
     static const char *const channels[] = {"TROCAR_WRENCH", "TROCAR_TIMING", "TROCAR_STATUS", "TROCAR_CONTACTS", "TROCAR_TRACKS", "TROCAR_DEFORMATION", "TROCAR_SEEDS",
-                                           "TROCAR_REPLY", "TROCAR_PROBE_WRENCH", NULL};
-    static const lcm_msg_handler_t handlers[] = {on_wrench, on_timing, on_status, on_contacts, on_tracks, on_deformation, on_seeds, on_reply, on_probe};
+                                           "TROCAR_REPLY", "TROCAR_PROBE_WRENCH", "TROCAR_VALUES", NULL};
+    static const lcm_msg_handler_t handlers[] = {on_wrench, on_timing, on_status, on_contacts, on_tracks, on_deformation, on_seeds, on_reply, on_probe, on_values};
     static const packet_wishes wishes = {.channels = channels}; /* accepts fragments, because the deformation of a large mesh arrives in several */
     lcm_filter_restrict(&wishes);
     *f = (subscriber){.node_count = trocar_model_node_count(model), .needle_count = trocar_model_needles(model), .timeline = t,

@@ -12,6 +12,7 @@
 #include "trocar_needle_wrench_t.h"
 #include "trocar_seeds_t.h"
 #include "trocar_status_t.h"
+#include "trocar_values_t.h"
 #include "view/stream/timeline.h"
 
 /* The newest messages about one needle. */
@@ -40,6 +41,8 @@ typedef struct {
     trocar_seeds_t *seeds;   /* NULL before the first message */
     trocar_deformation_t *deformation; /* likewise */
     trocar_command_reply_t *reply; /* reply to the last command of `session` other than RELEASE; NULL before the first */
+    trocar_command_reply_t *change_reply; /* reply to the last change that `session` asked for; NULL before the first */
+    trocar_values_t *values; /* values that may change during the run; NULL before the first message */
     int64_t session;         /* the session that gives commands; set by the owner */
     int64_t seeds_heard, replies_heard; /* number of messages so far, from all servers; a change of server counts as well */
     server_choice choice;    /* only messages of the followed server are used */

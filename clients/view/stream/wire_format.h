@@ -25,7 +25,7 @@ void bytes_clear(byte_buffer *b);  /* empties the buffer and keeps its memory */
 void bytes_free(byte_buffer *b);
 
 typedef enum { SECTION_SCENE = 1, SECTION_PICTURE, SECTION_SAMPLES, SECTION_STATUS, SECTION_SEEDS, SECTION_REPLY, SECTION_DOSE,
-               SECTION_PLAN } section_kind;
+               SECTION_PLAN, SECTION_ULTRASOUND } section_kind;
 
 /* Begin a section, append its bytes, end it. section_begin returns the argument of section_end. */
 size_t section_begin(byte_buffer *b, section_kind kind);
@@ -63,7 +63,7 @@ void encode_samples(byte_buffer *out, const plot_sample *samples, size_t count);
 /* Encodes a section that consists of JSON alone: STATUS, REPLY, PLAN. */
 void encode_json(byte_buffer *out, section_kind kind, const char *json);
 
-/* Encodes a section that consists of JSON, padding and then bytes: DOSE. */
+/* Encodes a section that consists of JSON, padding and then bytes: DOSE, ULTRASOUND. */
 void encode_json_and_bytes(byte_buffer *out, section_kind kind, const char *json, size_t length, const void *bytes, size_t count);
 
 void encode_seeds(byte_buffer *out, const trocar_seeds_t *seeds);

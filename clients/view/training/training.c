@@ -17,7 +17,7 @@
 #include "common/timing.h"
 #include "lcm_filter.h"
 
-#define CHANNELS "TROCAR_(POSE|WRENCH|COMMAND|REPLY|DEFORMATION|CONTACTS|TRACKS|SEEDS)"
+#define CHANNELS "TROCAR_(POSE|WRENCH|COMMAND|CHANGE|REPLY|DEFORMATION|CONTACTS|TRACKS|SEEDS)"
 enum { QUEUE = 16384 /* messages; about five seconds */, ARGUMENTS = 16, NOT_STARTED = 127, CRITERIA_NOT_MET = 1 };
 
 /* ---- trocar-score ---- */
@@ -116,7 +116,7 @@ static void on_message(const lcm_recv_buf_t *received, const char *channel, void
 
 trocar_status training_open(training *t, lcm_t *lcm, trocar_error *why) {
     static const char *const channels[] = {"TROCAR_WRENCH", "TROCAR_TIMING", "TROCAR_STATUS", "TROCAR_CONTACTS", "TROCAR_TRACKS", "TROCAR_DEFORMATION", "TROCAR_SEEDS",
-                                           "TROCAR_REPLY", "TROCAR_PROBE_WRENCH", "TROCAR_POSE", "TROCAR_COMMAND", NULL};
+                                           "TROCAR_REPLY", "TROCAR_PROBE_WRENCH", "TROCAR_VALUES", "TROCAR_POSE", "TROCAR_COMMAND", "TROCAR_CHANGE", NULL};
     static const packet_wishes wishes = {.channels = channels}; /* those of the subscriber, and what trocar-replay needs */
     if (!t->task) return TROCAR_OK;
     lcm_filter_restrict(&wishes);
@@ -184,8 +184,8 @@ void training_start(training *t, subscriber *feed) {
     t->state = TRAINING_RUNNING;
 }
 
-void training_finish(training *t, const subscriber *feed) {
-    static char log[2 * TRAINING_PATH], html[2 * TRAINING_PATH], json_path[2 * TRAINING_PATH], csv[2 * TRAINING_PATH];
+void training_finish(training *t, const subscriber *feed, uint32_t language) {
+    static char code[3], log[2 * TRAINING_PATH], html[2 * TRAINING_PATH], json_path[2 * TRAINING_PATH], csv[2 * TRAINING_PATH];
     if (t->state != TRAINING_RUNNING) return;
     lcm_eventlog_destroy(t->log);
     t->log = NULL;
@@ -195,11 +195,12 @@ void training_finish(training *t, const subscriber *feed) {
         refuse(t, "The recording could not be written completely: is the disk full?");
         return;
     }
+    snprintf(code, sizeof code, "%c%c", language ? (int)(language & 0x7f) : 'e', language ? (int)(language >> 8 & 0x7f) : 'n');
     snprintf(log, sizeof log, "%s/%s.log", t->runs, t->run);
     snprintf(html, sizeof html, "%s/%s.html", t->runs, t->run);
     snprintf(json_path, sizeof json_path, "%s/%s.json", t->runs, t->run);
     snprintf(csv, sizeof csv, "%s/%s.csv", t->runs, t->run);
-    t->scorer = start_scorer((const char *[]){log, "--task", t->task, "--runs", t->runs, "--html", html, "--json", json_path, "--csv", csv, NULL}, &t->said);
+    t->scorer = start_scorer((const char *[]){log, "--task", t->task, "--runs", t->runs, "--language", code, "--html", html, "--json", json_path, "--csv", csv, NULL}, &t->said);
     if (t->scorer > 0) t->state = TRAINING_SCORING;
     else refuse(t, "trocar-score cannot be started.");
 }

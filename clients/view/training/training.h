@@ -47,10 +47,10 @@ void training_close(training *t);
 /* Starts the task and its recording. Refused with a message for the page while seeds or tracks of earlier needles are in the tissue. */
 void training_start(training *t, subscriber *feed);
 
-/* Ends the task, and starts trocar-score. */
-void training_finish(training *t, const subscriber *feed);
+/* Ends the task, and starts trocar-score. `language`: of the report, two letters as an ASCII code each, the first in the lowest byte; 0 for English. */
+void training_finish(training *t, const subscriber *feed, uint32_t language);
 
-/* Notes whether trocar-score has ended. Does not wait. */
+/* Checks whether trocar-score has ended. Does not wait. */
 void training_poll(training *t);
 
 /* Writes the member "task" of the page's status: state, elapsed time (s), the report's path without its ending, and the message. */

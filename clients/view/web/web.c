@@ -22,6 +22,7 @@ static const lws_usec_t STATUS_PERIOD = 100000; /* us */
 typedef struct browser {
     struct browser *next;
     struct lws *wsi;
+    int number;              /* see web_page */
     timeline_cursor cursor;
     bool has_scene, wants_status;
     int64_t versions[WEB_SECTIONS]; /* versions of the sections that the browser has received */
@@ -97,16 +98,16 @@ static int filter(const web *w, struct lws *wsi, bool socket) {
 
 static void append_status(web *w, browser *b) {
     b->wants_status = false;
-    char *json = w->settings.describe(w->settings.context, b == w->driver, w->driver != NULL, b->steered);
+    char *json = w->settings.describe(w->settings.context, &(web_page){b->number, w->browser_count, w->driver ? w->driver->number : 0, b->steered});
     if (json) encode_json(&w->update, SECTION_STATUS, json);
     free(json);
 }
 
-static bool has_newest(const web *w, const browser *b, int section) { return b->versions[section] == w->settings.sections[section].version; }
+static bool has_newest(const web *w, const browser *b, int section) { return b->versions[section] == w->settings.sections[section]->version; }
 
 static void append_sections(web *w, browser *b) {
     for (int i = 0; i < w->settings.section_count; i++) {
-        const web_section *s = &w->settings.sections[i];
+        const web_section *s = w->settings.sections[i];
         if (!has_newest(w, b, i)) bytes_append(&w->update, s->bytes.data, s->bytes.length);
         b->versions[i] = s->version;
     }
@@ -147,6 +148,14 @@ static bool has_news(const web *w, const browser *b) {
 
 static void offer(const web *w, const browser *b) {
     if (b->in_flight < IN_FLIGHT && has_news(w, b)) lws_callback_on_writable(b->wsi);
+}
+
+bool web_delivered(const web *w, const web_section *section) {
+    int i = 0;
+    while (w->settings.sections[i] != section) i++;
+    for (const browser *b = w->browsers; b; b = b->next)
+        if (has_newest(w, b, i)) return true;
+    return w->browsers == NULL;
 }
 
 void web_news(web *w) {
@@ -212,6 +221,7 @@ static void take_action(web *w, browser *b, const web_action *action) {
     case ACTION_FINISH:
         if (!w->driver || w->driver == b) w->settings.act(w->settings.context, action);
         break;
+    case ACTION_LOOK: w->settings.act(w->settings.context, action); break;
     default: break;
     }
 }
@@ -227,6 +237,15 @@ static bool take_message(web *w, browser *b) {
         w->settings.take_png(w->settings.context, m->data + sizeof action, m->length - sizeof action);
         return true;
     }
+    if (action.kind == ACTION_CHANGE) {
+        char text[WEB_TEXT + 1];
+        size_t length = m->length - sizeof action;
+        if (length > WEB_TEXT) return false;
+        memcpy(text, m->data + sizeof action, length);
+        text[length] = '\0';
+        if (w->settings.change) w->settings.change(w->settings.context, &action, text);
+        return true;
+    }
     if (m->length != sizeof action || action.kind < ACTION_ACKNOWLEDGE || action.kind > ACTION_LAST || action.kind == ACTION_PICTURE) return false;
     take_action(w, b, &action);
     return true;
@@ -234,7 +253,7 @@ static bool take_message(web *w, browser *b) {
 
 /* Receives part of a message. Returns -1 to close the connection. */
 static int receive(web *w, browser *b, const void *data, size_t length) {
-    size_t most = w->settings.take_png ? PNG_BYTES : WEB_ACTION_BYTES;
+    size_t most = w->settings.take_png ? PNG_BYTES : WEB_ACTION_BYTES + WEB_TEXT;
     if (b->refused) return 0;
     if (b->received.length + length > most || !lws_frame_is_binary(b->wsi)) return -1;
     b->silent = 0;
@@ -247,10 +266,20 @@ static int receive(web *w, browser *b, const void *data, size_t length) {
 
 /* ---- connections ---- */
 
+/* Returns the smallest number from 1 that no browser has. */
+static int free_number(const web *w) {
+    for (int number = 1;; number++) {
+        const browser *b = w->browsers;
+        while (b && b->number != number) b = b->next;
+        if (!b) return number;
+    }
+}
+
 static void add_browser(web *w, browser *b, struct lws *wsi) {
     *b = (browser){.next = w->browsers, .wsi = wsi, .wants_status = true, .refused = w->browser_count == WEB_BROWSERS};
     lws_callback_on_writable(wsi);
     if (b->refused) return;
+    b->number = free_number(w);
     w->browsers = b;
     w->browser_count++;
 }

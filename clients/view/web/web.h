@@ -7,16 +7,18 @@
 
 typedef struct web web;
 
-enum { WEB_PORT = 8686, WEB_BROWSERS = 16, WEB_ACTION_BYTES = 32, WEB_PATIENCE = 100, WEB_SECTIONS = 4 };
+enum { WEB_PORT = 8686, WEB_BROWSERS = 16, WEB_ACTION_BYTES = 32, WEB_PATIENCE = 100, WEB_SECTIONS = 5, WEB_TEXT = 512 }; /* WEB_TEXT: most bytes of text */
 
-/* A message from a browser; little-endian, 32 bytes. */
+/* A message from a browser; little-endian, 32 bytes, after which ACTION_CHANGE has text and ACTION_PICTURE has a picture. */
 typedef enum { ACTION_ACKNOWLEDGE = 1, ACTION_TAKE, ACTION_STEER, ACTION_RESET, ACTION_RELEASE, ACTION_PICTURE, ACTION_HOLE, ACTION_DROP, ACTION_UNDO,
-               ACTION_LEAVE, ACTION_REMOVE, ACTION_PROBE, ACTION_START, ACTION_FINISH, ACTION_LAST = ACTION_FINISH } action_kind;
+               ACTION_LEAVE, ACTION_REMOVE, ACTION_PROBE, ACTION_START, ACTION_FINISH, ACTION_LOOK, ACTION_CHANGE, ACTION_LAST = ACTION_CHANGE } action_kind;
 typedef struct {
     uint32_t kind;
     float steer[6];          /* ACTION_STEER and ACTION_PROBE: right, up, forward, pitch, yaw, roll, each from -1 to 1; ACTION_HOLE: guide, column, row;
-                                ACTION_DROP: seeds */
-    uint32_t needle;         /* ACTION_TAKE, ACTION_REMOVE: index of the needle; ACTION_STEER and ACTION_PROBE: a number that the next status returns */
+                                ACTION_DROP: seeds; ACTION_LOOK: places of the axial and the sagittal image and their depth, m, and 1 if the sagittal one is
+                                wanted; ACTION_CHANGE: s */
+    uint32_t needle;         /* ACTION_TAKE, ACTION_REMOVE: index of the needle; ACTION_STEER and ACTION_PROBE: a number that the next status returns; ACTION_FINISH: language of the report, see training_finish; ACTION_CHANGE: a number that
+                                the status with the reply returns */
 } web_action;
 _Static_assert(sizeof(web_action) == WEB_ACTION_BYTES, "link.js writes 32 bytes");
 
@@ -25,6 +27,13 @@ typedef struct {
     byte_buffer bytes;       /* encoded section */
     int64_t version;         /* incremented with each change; 0 before the first */
 } web_section;
+
+/* A browser, as the state for it describes it. */
+typedef struct {
+    int number, count;       /* its number from 1 to WEB_BROWSERS, the smallest free one when it connected; number of connected browsers */
+    int driver;              /* number of the browser that drives a needle, 0 if none does */
+    uint32_t steered;        /* number of its last ACTION_STEER or ACTION_PROBE, 0 before the first */
+} web_page;
 
 typedef struct {
     const char *page;        /* folder of the built page */
@@ -37,14 +46,13 @@ typedef struct {
                                 disconnected; 0: WEB_PATIENCE */
     const timeline *timeline;
     const byte_buffer *scene; /* the encoded scene, which is sent first */
-    const web_section *sections; /* [section_count], at most WEB_SECTIONS; sent after the scene */
+    const web_section *sections[WEB_SECTIONS]; /* [section_count]; sent after the scene */
     int section_count;
     void *context;           /* passed to the functions below */
-    char *(*describe)(void *context, bool drives, bool driven, uint32_t steered);  /* returns the state as JSON, freed by the caller; NULL: none.
-                                                                                      `steered` is the number of the browser's last ACTION_STEER or
-                                                                                      ACTION_PROBE, 0 before the first */
+    char *(*describe)(void *context, const web_page *page);      /* returns the state as JSON for this browser, freed by the caller; NULL: none */
     void (*act)(void *context, const web_action *action);        /* handles an action of the driving browser; ACTION_REMOVE, ACTION_START and ACTION_FINISH also come from
-                                                                    another browser while none drives */
+                                                                    another browser while none drives, ACTION_LOOK from any */
+    void (*change)(void *context, const web_action *action, const char *values); /* handles ACTION_CHANGE of any browser, with its text; NULL: ignored */
     bool (*may_drive)(void *context, uint32_t needle);  /* returns true if a browser may take and keep this needle; NULL: always */
     void (*take_png)(void *context, const void *png, size_t size); /* NULL: pictures are rejected */
 } web_settings;
@@ -63,6 +71,9 @@ void web_round(web *w);
 
 /* Tells the server that the timeline has new data. */
 void web_news(web *w);
+
+/* True if the newest version of this section, one of the settings' sections, has been handed over for sending to a browser, or if there is no browser. */
+bool web_delivered(const web *w, const web_section *section);
 
 /* Takes the needle from the driving browser, if there is one. */
 void web_let_go(web *w);

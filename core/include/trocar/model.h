@@ -104,6 +104,13 @@ typedef struct trocar_material {
 } trocar_material;
 TROCAR_API trocar_material trocar_model_material(const trocar_model *model, int region); /* all members are 0 if the region is not a volume. [any, RT] */
 
+/* Elasticity of a surface in its plane, from the keys "membranes[]." of the same name. */
+typedef struct trocar_membrane {
+    double stiffness;         /* N/m, Young's modulus times thickness; 0 if the surface resists only the tip */
+    double poisson_ratio;
+} trocar_membrane;
+TROCAR_API trocar_membrane trocar_model_membrane(const trocar_model *model, int region); /* all members are 0 if the region is not a membrane. [any, RT] */
+
 /* A guide, from the key "guides[]". Columns and rows are counted from 0. On the front face, the axis of hole (column, row) is at origin + (column -
    (columns - 1) / 2) spacing across[0] + (row - (rows - 1) / 2) spacing across[1]. */
 typedef struct trocar_guide {

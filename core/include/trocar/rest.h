@@ -10,7 +10,7 @@ extern "C" {
 
 /* Leaves a needle. It is LEAVING until the worker (in lockstep, the next step) has found its equilibrium, and then RESTING. If there is no equilibrium,
    that call fails and the needle stays HELD. BAD_INPUT if the needle is out of range, is outside the tissue, is moving to another equilibrium, or already
-   rests, or if the remeshing method is neither nested nor implicit. [tick, RT, wakes] */
+   rests. [tick, RT, wakes] */
 TROCAR_API trocar_status trocar_sim_leave(trocar_sim *sim, int needle, trocar_error *error);
 
 /* Takes a resting needle. It is TAKING until the worker (in lockstep, the next step) has handed it over. The pose of the first tick should be

@@ -71,7 +71,7 @@ void points_locate(const tick_input *tick, const insertion_state *state, contact
         p->target = p->kind == POINT_TIP ? v3_add(tip_position(&state->tip.place), tissue->free_at_tip)
                                          : v3_add(state->contacts[p->handle].track, creep_free(tick, state, creep, p->handle));
         if (p->kind == POINT_TIP) p->target = v3_axpy(state->tip.dent.offset, state->tip.place.direction, p->target);
-        p->target = v3_add(p->target, unresolved_mean(&tick->snapshot->unresolved, p->share.from, p->share.to));
+        p->target = v3_add(p->target, creep_unresolved(tick, state, creep, p->share.from, p->share.to));
         if (tick->model->creep.count > 0) p->target = v3_add(p->target, creep->moved[i]);
     }
 }

@@ -119,7 +119,8 @@ static void turn_tip(const insertion_state *state, const insertion_workspace *w,
     const principal_tensor *lateral = &w->tissue.lateral[t];
     const track_shares at = along_track(state, &w->points, &w->tissue, t);
     double face = w->tissue.axial[t] + w->stiffening.end.slope, shaft = w->tissue.axial[t + 1];
-    double more = (1.0 - w->tissue.sideways_on_shaft) * s->forces.shaft - w->tissue.sideways_on_shaft * s->forces.face; /* on the shaft, less on the end face */
+    /* N per rad: force that a turn adds on the shaft and takes from the end face */
+    double more = (1.0 - w->tissue.sideways_on_shaft) * s->forces.shaft - w->tissue.sideways_on_shaft * s->forces.face;
     vec3 aside = m3_apply_transposed(&w->points.list[t].at.frame, lateral->easy);
     const double easy[] = {aside.x, aside.y, aside.z, aside.z};
     for (int i = 0; i < at.count; i++)

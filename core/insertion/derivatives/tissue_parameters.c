@@ -67,7 +67,7 @@ static vec3 shaft_change(const principal_tensor *lateral, double axial, vec3 tra
     return v3_axpy(-part.axial * axial * along, track, v3_scale(-part.lateral, across));
 }
 
-/* Parts of the stiffness along a share of the shaft that a region contributes, divided by its modulus (1 / Pa). */
+/* Returns the fractions of a share's lateral and axial stiffness that a region contributes, divided by the region's modulus (1 / Pa). */
 static lateral_axial part_of_share(const tick_input *tick, const insertion_state *state, const contact_point *p, int region) {
     const region_material *material = &tick->model->materials[region];
     double length = length_in(state, p->share, region) / material->youngs_modulus;
@@ -90,7 +90,7 @@ static double face_with(const tick_input *tick, const insertion_state *state, co
     return face;
 }
 
-/* Change (m / (N Pa)) of that compliance. */
+/* Derivative (m / (N Pa)) of the compliance of the tip's end face with respect to the modulus. */
 static double face_change(const tick_input *tick, const insertion_state *state, const insertion_workspace *w, int region) {
     double low = face_with(tick, state, w, region, 1.0 - SMALL_CHANGE), high = face_with(tick, state, w, region, 1.0 + SMALL_CHANGE);
     return (high - low) / (2.0 * SMALL_CHANGE * tick->model->materials[region].youngs_modulus);

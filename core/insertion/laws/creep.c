@@ -47,8 +47,19 @@ static int closest_residual(const residual_loads *residual, vec3 x, double *dist
     return closest;
 }
 
-/* Adds this fraction of a share's load to the residual loads, at the point where the share's load acts, decayed to the end of the step. `decay` is NULL
-   between two steps. */
+/* Extends a piece of shaft so that it contains another one that is nearly parallel to it. */
+static void extend_piece(const shaft_piece *other, shaft_piece *piece) {
+    const double ends[2] = {other->from, other->to};
+    for (int i = 0; i < 2; i++) {
+        vec3 end = v3_axpy(ends[i] - other->depth, other->direction, other->place);
+        double depth = piece->depth + v3_dot(piece->direction, v3_sub(end, piece->place));
+        piece->from = fmin(piece->from, depth);
+        piece->to = fmax(piece->to, depth);
+    }
+}
+
+/* Adds this fraction of a share's load to the residual loads, at the point where the share's load acts, decayed to the end of the step. The load comes from
+   the deep end of the share's piece of shaft. `decay` is NULL between two steps. */
 static void deposit_load(const insertion_model *model, tissue_memory *memory, const share_memory *share, double part, const double *decay) {
     const creep_series *series = &model->creep;
     residual_loads *residual = &memory->residual;
@@ -56,11 +67,15 @@ static void deposit_load(const insertion_model *model, tissue_memory *memory, co
     for (int k = 0; k < series->count; k++) load[k] = v3_scale(part, share->terms[k].load);
     double distance, size = size_of_terms(series, load);
     if (size == 0.0) return;
+    shaft_piece shaft = share->shaft;
+    shaft.from = shaft.to - part * (shaft.to - shaft.from);
     int i = closest_residual(residual, share->at, &distance);
     if (i < 0 || (distance > TOGETHER && residual->count < MAX_RESIDUAL_LOADS)) {
         i = residual->count++;
-        residual->loads[i] = (residual_load){.tet = share->tet, .at = share->at};
+        residual->loads[i] = (residual_load){.tet = share->tet, .at = share->at, .shaft = shaft};
         mesh_barycentric(model->mesh, share->tet, share->at, residual->loads[i].weights);
+    } else if (distance <= TOGETHER) {
+        extend_piece(&shaft, &residual->loads[i].shaft);
     }
     for (int k = 0; k < series->count; k++) residual->loads[i].load[k] = v3_axpy(decay ? decay[k] : 1.0, load[k], residual->loads[i].load[k]);
     memory->residual_added += size;
@@ -105,10 +120,12 @@ static const share_memory *share_of(const insertion_state *state, const contact_
 
 /* Returns a share without memory at the point's current position. The tip's share extends one radius beyond the tip, like its local compliance. */
 static share_memory empty_share(const tick_input *tick, const insertion_state *state, const contact_point *p) {
-    if (p->kind == POINT_TIP)
-        return (share_memory){.from = p->share.from, .to = p->share.to + tick->model->needle->radius, .tet = state->tip.place.tet, .at = state->tip.place.nominal};
+    if (p->kind == POINT_TIP) {
+        shaft_share share = {p->share.from, p->share.to + tick->model->needle->radius};
+        return (share_memory){.shaft = shaft_piece_of_tip(state, share), .tet = state->tip.place.tet, .at = state->tip.place.nominal};
+    }
     const added_node *node = &state->refined.nodes[p->handle];
-    return (share_memory){.from = p->share.from, .to = p->share.to, .tet = node->tet, .at = node->position};
+    return (share_memory){.shaft = shaft_piece_of_contact(state, p->handle, p->share), .tet = node->tet, .at = node->position};
 }
 
 /* Number of shares, counted from the base, whose borders are the same as in the last step. The last share, which ends at the tip, is not counted. */
@@ -116,7 +133,7 @@ static int count_kept(const insertion_state *state, const contact_points *points
     const tissue_memory *memory = &state->memory;
     const contact_point *now_at = &points->list[points->guided];
     int now = points->count - points->guided, most = (now < memory->count ? now : memory->count) - 1, kept = 0;
-    while (kept < most && memory->shares[kept].from == now_at[kept].share.from && memory->shares[kept].to == now_at[kept].share.to) kept++;
+    while (kept < most && memory->shares[kept].shaft.from == now_at[kept].share.from && memory->shares[kept].shaft.to == now_at[kept].share.to) kept++;
     return kept;
 }
 
@@ -143,11 +160,11 @@ static void glide(const tick_input *tick, insertion_state *state, const creep_st
 /* Transfers a share's memory to the new shares that overlap it, starting the search at share `first`. Memory outside the new shares becomes residual load.
    Returns the first overlapping share. */
 static int transfer_memory(const insertion_model *model, tissue_memory *memory, const share_memory *before, int first, const double *decay) {
-    double length = before->to - before->from, rest = 1.0;
-    while (first < memory->count && memory->shares[first].to <= before->from) first++;
-    for (int k = first; k < memory->count && memory->shares[k].from < before->to; k++) {
+    double length = before->shaft.to - before->shaft.from, rest = 1.0;
+    while (first < memory->count && memory->shares[first].shaft.to <= before->shaft.from) first++;
+    for (int k = first; k < memory->count && memory->shares[k].shaft.from < before->shaft.to; k++) {
         share_memory *now = &memory->shares[k];
-        double part = (fmin(now->to, before->to) - fmax(now->from, before->from)) / length;
+        double part = (fmin(now->shaft.to, before->shaft.to) - fmax(now->shaft.from, before->shaft.from)) / length;
         for (int t = 0; t < model->creep.count; t++) add_part(part, &before->terms[t], &now->terms[t]);
         rest -= part;
     }
@@ -202,7 +219,7 @@ static void fade_face(const tick_input *tick, insertion_state *state, const cree
    load in `along`, which is the load on a shaft as long as the share. */
 static double shaft_part(const tick_input *tick, const insertion_state *state) {
     const share_memory *share = &state->memory.shares[state->memory.count - 1];
-    return 1.0 - tick->model->needle->radius / (share->to - share->from);
+    return 1.0 - tick->model->needle->radius / (share->shaft.to - share->shaft.from);
 }
 
 /* Computes the displacement of the tissue at each point under the remembered loads. */
@@ -236,12 +253,12 @@ static void find_moved(const tick_input *tick, const contact_points *points, con
 static double traction_of(const tick_input *tick, const creep_step *creep, const share_memory *share) {
     double sum = 0.0;
     for (int k = 0; k < tick->model->creep.count; k++) sum += creep->weight[k] * share->terms[k].along;
-    return creep->yield * sum / (share->to - share->from);
+    return creep->yield * sum / (share->shaft.to - share->shaft.from);
 }
 
 static double traction_at(const tick_input *tick, const creep_step *creep, int count, const share_memory *shares, double depth) {
     int i = 0;
-    while (i + 1 < count && shares[i].to < depth) i++;
+    while (i + 1 < count && shares[i].shaft.to < depth) i++;
     return count > 0 ? traction_of(tick, creep, &shares[i]) : 0.0;
 }
 
@@ -326,6 +343,20 @@ vec3 creep_free(const tick_input *tick, const insertion_state *state, const cree
     for (int k = 0; k < tick->model->creep.count; k++)
         u = v3_axpy(tick->model->creep.compliance[k] * creep->residual[k], snapshot->u_residual[k][handle], u);
     return u;
+}
+
+vec3 creep_unresolved(const tick_input *tick, const insertion_state *state, const creep_step *creep, double from, double to) {
+    const compliance_snapshot *snapshot = tick->snapshot;
+    vec3 u = unresolved_mean(&snapshot->unresolved, from, to);
+    if (!has_residuals(tick, state)) return u;
+    for (int k = 0; k < tick->model->creep.count; k++)
+        u = v3_axpy(tick->model->creep.compliance[k] * creep->residual[k], unresolved_mean(&snapshot->unresolved_residual[k], from, to), u);
+    return u;
+}
+
+vec3 creep_unresolved_at_entry(const tick_input *tick, const insertion_state *state, const creep_step *creep) {
+    const unresolved_shift *shift = &tick->snapshot->unresolved;
+    return creep_unresolved(tick, state, creep, shift->start, shift->start + shift->step);
 }
 
 vec3 creep_free_at(const tick_input *tick, const insertion_state *state, const creep_step *creep, const int handles[4], const double weights[4]) {

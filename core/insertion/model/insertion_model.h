@@ -36,6 +36,15 @@ typedef struct {
     double gradient_span;        /* m, distance behind and ahead of the tip over which the gradient of the tissue's displacement is computed */
 } insertion_settings;
 
+/* What local compliances at a point are computed from: values at the nodes, node_count each. */
+typedef struct {
+    double *disc;            /* mean of (3 - 4 nu) / (32 mu (1 - nu)), m^2/N: compliance of a rigid disc at depth, times its radius */
+    double *stiffening;      /* mean stiffening coefficient of the regions */
+    double *softness;        /* mean of 1 / mu, m^2/N */
+    double *punch;           /* mean of (1 - 2 nu) / (4 mu ln(3 - 4 nu)), m^2/N: compliance of a rigid disc bonded to a free surface, times its radius */
+    double *bone;            /* 1 on bone, which stops a tip that comes from the tissue; 0 elsewhere in the mesh */
+} nodal_compliances;
+
 typedef struct {
     const mesh *mesh;
     const tissue *tissue;
@@ -50,12 +59,9 @@ typedef struct {
     insertion_settings settings;
     creep_series creep;          /* creep series, the same for all regions */
     bool stiffens;               /* true if any region stiffens; set by local_create */
-    double *node_disc;           /* node_count: mean of (3 - 4 nu) / (32 mu (1 - nu)), m^2/N: compliance of a rigid disc at depth, times its radius */
-    double *node_stiffening;     /* node_count: mean stiffening coefficient of the regions */
-    double *node_softness;       /* node_count: mean of 1 / mu, m^2/N */
-    double *node_punch;          /* node_count: mean of (1 - 2 nu) / (4 mu ln(3 - 4 nu)), m^2/N: compliance of a rigid disc bonded to a free surface, times its
-                                    radius */
-    double *node_bone;           /* node_count: 1 on bone, which stops a tip that comes from the tissue; 0 elsewhere in the mesh */
+    nodal_compliances local;     /* set by local_create */
+    nodal_compliances next;      /* values to which these move while moduli change; otherwise the same */
+    double weight;               /* of `next` */
 } insertion_model;
 
 #endif

@@ -4,8 +4,6 @@
 
 static const double LEAST_LOGARITHM = 0.02; /* dimensionless: smallest logarithm of the ratio of resolved radius to needle radius; keeps contacts independent
                                                where the mesh itself resolves the needle's surface. Chosen by judgement */
-static const double EMBEDDING_DEPTH = 4.0; /* radii: depth below the surface from which a disc counts as embedded in an infinite body. Fitted to resolved
-                                              finite elements, within 2 % */
 static const double DENSITY = 1050.0; /* kg/m^3: density of soft tissue, for the speed of shear waves, which limits how fast tissue springs back. Cited: ICRU
                                          Report 46 (1992), skeletal muscle 1050, average soft tissue 1030 */
 static const double GUESSED_LATERAL = 0.42; /* edge lengths: radius that a mesh resolves across the needle, used until it has been measured. Measured:
@@ -20,10 +18,10 @@ static const double GUESSED_POINT = 0.14; /* 1 / edge length: compliance of the 
 
 static void add_moduli(insertion_model *model, int node, const region_material *material) {
     double nu = material->poisson_ratio, mu = shear_modulus(material->youngs_modulus, nu);
-    model->node_disc[node] += (3.0 - 4.0 * nu) / (32.0 * mu * (1.0 - nu));
-    model->node_softness[node] += 1.0 / mu;
-    model->node_stiffening[node] += material->stiffening;
-    model->node_punch[node] += (1.0 - 2.0 * nu) / (4.0 * mu * log(3.0 - 4.0 * nu));
+    model->local.disc[node] += (3.0 - 4.0 * nu) / (32.0 * mu * (1.0 - nu));
+    model->local.softness[node] += 1.0 / mu;
+    model->local.stiffening[node] += material->stiffening;
+    model->local.punch[node] += (1.0 - 2.0 * nu) / (4.0 * mu * log(3.0 - 4.0 * nu));
 }
 
 /* For a tip that comes from the tissue, a surface that cannot be punctured is bone if the surface is fixed or has nothing behind it. If the surface is
@@ -36,7 +34,7 @@ static void mark_bone(insertion_model *model) {
             for (int k = 0; k < 16; k++) { /* loops over the four faces and their corners */
                 int face = k / 4, node = m->tets[e][k % 4];
                 if (k % 4 == face || !(m->face_groups[e][face] >> model->membranes[i].group & 1)) continue;
-                if (m->neighbours[e][face] < 0 || model->tissue->fixed[node]) model->node_bone[node] = 1.0;
+                if (m->neighbours[e][face] < 0 || model->tissue->fixed[node]) model->local.bone[node] = 1.0;
             }
     }
 }
@@ -52,17 +50,14 @@ trocar_status local_create(insertion_model *model, trocar_error *why) {
         return fail(why, TROCAR_NO_MEMORY, "no memory for %zu nodes", n);
     }
     model->stiffens = false;
-    model->node_disc = sums;
-    model->node_punch = sums + n;
-    model->node_softness = sums + 2 * n;
-    model->node_stiffening = sums + 3 * n;
-    model->node_bone = sums + 4 * n;
+    model->local = model->next = (nodal_compliances){.disc = sums, .punch = sums + n, .softness = sums + 2 * n, .stiffening = sums + 3 * n, .bone = sums + 4 * n};
+    model->weight = 0.0;
     for (int e = 0; e < m->tet_count; e++)
         for (int c = 0; c < 4; c++) {
             count[m->tets[e][c]]++;
             add_moduli(model, m->tets[e][c], &model->materials[m->region[e]]);
         }
-    for (size_t i = 0; i < n; i++) model->stiffens = model->stiffens || model->node_stiffening[i] > 0.0;
+    for (size_t i = 0; i < n; i++) model->stiffens = model->stiffens || model->local.stiffening[i] > 0.0;
     for (size_t i = 0; i < 4 * n; i++) sums[i] /= count[i % n];
     free(count);
     mark_bone(model);
@@ -70,8 +65,8 @@ trocar_status local_create(insertion_model *model, trocar_error *why) {
 }
 
 void local_free(insertion_model *model) {
-    free(model->node_disc);
-    model->node_disc = model->node_punch = model->node_softness = model->node_stiffening = model->node_bone = NULL;
+    free(model->local.disc);
+    model->local = model->next = (nodal_compliances){0};
 }
 
 /* ---- not measured -------------------------------------------------------------------------------------------------------- */
@@ -84,9 +79,12 @@ resolved_field local_resolution_guess(const insertion_model *model, int tet) {
 /* ---- at a point ----------------------------------------------------------------------------------------------------- */
 
 /* Interpolates a nodal field at a point; the result is continuous across elements. */
-static double interpolate(const insertion_model *model, int tet, const double weights[4], const double *field) {
+static double interpolate(const insertion_model *model, int tet, const double weights[4], const double *now, const double *next) {
     double sum = 0.0;
-    for (int i = 0; i < 4; i++) sum += larger_of(weights[i], 0.0) * field[model->mesh->tets[tet][i]];
+    for (int i = 0; i < 4; i++) {
+        int node = model->mesh->tets[tet][i];
+        sum += larger_of(weights[i], 0.0) * (now[node] + model->weight * (next[node] - now[node]));
+    }
     return sum;
 }
 
@@ -95,7 +93,7 @@ static double between(double from, double to, double part) { return from + part 
 /* Weight of bone, from 0 (tissue) to 1 (bone), for a tip at this depth. The stiffness rises gradually in front of bone, so that the tip stops at the bone
    and not behind it. */
 static double bone_at(const insertion_model *model, int tet, const double weights[4], double depth) {
-    return smaller_of(1.0, depth / (EMBEDDING_DEPTH * model->needle->radius)) * interpolate(model, tet, weights, model->node_bone);
+    return smaller_of(1.0, depth / (EMBEDDING_DEPTH * model->needle->radius)) * interpolate(model, tet, weights, model->local.bone, model->next.bone);
 }
 
 lateral_axial local_logarithm(const insertion_model *model, const resolved_field *resolved) {
@@ -117,7 +115,7 @@ plane_tensor local_logarithm_behind_tip(plane_tensor endless, const line_end *en
 double local_wave_speed(const insertion_model *model, int tet, vec3 x) {
     double weights[4];
     mesh_barycentric(model->mesh, tet, x, weights);
-    return 1.0 / sqrt(DENSITY * interpolate(model, tet, weights, model->node_softness));
+    return 1.0 / sqrt(DENSITY * interpolate(model, tet, weights, model->local.softness, model->next.softness));
 }
 
 /* Tissue is stiffer around a tip deep inside than around a tip on the surface. The tip counts as deep once it is a few radii below the surface and deeper
@@ -125,13 +123,13 @@ double local_wave_speed(const insertion_model *model, int tet, vec3 x) {
 local_disc local_disc_at_tip(const insertion_model *model, int tet, vec3 x, double depth, double push) {
     double weights[4], radius = model->needle->radius;
     mesh_barycentric(model->mesh, tet, x, weights);
-    double disc = interpolate(model, tet, weights, model->node_disc), punch = interpolate(model, tet, weights, model->node_punch);
+    double disc = interpolate(model, tet, weights, model->local.disc, model->next.disc), punch = interpolate(model, tet, weights, model->local.punch, model->next.punch);
     double dent = push * punch / radius;
     double in = smaller_of(1.0, depth / (EMBEDDING_DEPTH * radius + dent)); /* grows from 0 at the surface to 1 where the tip counts as deep */
     double whole = between(punch, disc, in * 2.0 / 3.0) / radius, bone = bone_at(model, tet, weights, depth);
     return (local_disc){.compliance = between(whole, model->settings.bone_compliance, bone), .angle = 2.0 * M_PI * (1.0 + in),
-                        .softness = (1.0 - bone) * interpolate(model, tet, weights, model->node_softness),
-                        .stiffening = (1.0 - bone) * interpolate(model, tet, weights, model->node_stiffening)};
+                        .softness = (1.0 - bone) * interpolate(model, tet, weights, model->local.softness, model->next.softness),
+                        .stiffening = (1.0 - bone) * interpolate(model, tet, weights, model->local.stiffening, model->next.stiffening)};
 }
 
 double local_at_tip(const insertion_model *model, int tet, vec3 x, double depth, double push, double point) {

@@ -34,7 +34,7 @@ typedef struct {
     friction_state friction;
     double traction;         /* N/m, force along the needle per unit length of the share */
     double softness;         /* m^2/N, mean over the share of the local compliance to a line force along the needle, per logarithm; 0 if not known yet */
-    double stiffening;       /* mean over the share of the regions' stiffening coefficient */
+    double stiffening;       /* stiffening coefficient of the tissue's regions, averaged over the share */
     roll_friction roll;
 } shaft_hold;
 
@@ -176,7 +176,7 @@ enum { MAX_STRATA = 256 };  /* number of strata; enough for layers of 0.8 mm on 
 
 /* The mutable state. After each tick it is an equilibrium: shape, contacts and forces are consistent. It can be saved and restored by a plain copy. */
 typedef struct {
-    vec3 base_shift;             /* m, displacement of the base by the spring that holds it */
+    vec3 base_shift;             /* m, deflection of the spring through which the hand holds the base; zero if the base is held rigidly */
     needle_state needle;
     needle_motion motion;        /* motion in the last step, if that step ended in equilibrium */
     double base_turn;            /* rad, rotation of the base about the needle's axis, accumulated over full turns */

@@ -34,6 +34,21 @@ shaft_share shaft_share_of(const insertion_state *state, int k, bool tip) {
     return shaft_next_share(state, k, tip, &border);
 }
 
+shaft_piece shaft_piece_of_contact(const insertion_state *state, int slot, shaft_share share) {
+    const shaft_contact *contact = &state->contacts[slot];
+    const added_node *node = &state->refined.nodes[slot];
+    line_in_tet line = v3_norm(node->line.direction) > 0.0 ? node->line : (line_in_tet){node->tet, node->position, contact->direction};
+    return (shaft_piece){share.from, share.to, contact->depth, v3_sub(contact->track, contact->beside), contact->direction, line};
+}
+
+shaft_piece shaft_piece_of_tip(const insertion_state *state, shaft_share share) {
+    const tip_place *place = &state->tip.place;
+    line_in_tet line = {place->tet, place->nominal, place->direction};
+    for (int i = 0; i < state->request.piece_count; i++) /* uses the same line for the tip's entire chord through an element */
+        if (state->request.pieces[i].tet == place->tet) line = state->request.pieces[i];
+    return (shaft_piece){share.from, share.to, place->depth, place->nominal, place->direction, line};
+}
+
 /* Adds the resistance of a piece of shaft with this length in one material. */
 static void add_resistance(const region_material *material, double length, shaft_resistance *sum) {
     lateral_axial line = local_line_stiffness(material);

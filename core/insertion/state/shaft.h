@@ -1,4 +1,5 @@
-/* The shaft in the tissue: the share of it that each contact represents, and the resistance to that share. See docs/mechanics.md, "What a contact is". */
+/* The shaft in the tissue: the share of it that each contact represents, and the tissue's resistance to that share's motion.
+   See docs/mechanics.md, "What a contact is". */
 #ifndef TROCAR_SHAFT_H
 #define TROCAR_SHAFT_H
 
@@ -10,7 +11,7 @@ typedef struct {
     double from, to;         /* m, depths at which the share begins and ends */
 } shaft_share;
 
-/* Resistance to a share of the shaft, summed over the regions that it crosses. */
+/* The tissue's resistance to the motion of a share of the shaft, summed over the regions that it crosses. */
 typedef struct {
     double kinetic, excess;      /* N, limit of kinetic friction, and difference between the static and the kinetic limit */
     double viscous;              /* N s/m, viscous friction */
@@ -25,6 +26,10 @@ shaft_share shaft_share_of(const insertion_state *state, int k, bool tip);
 /* Like shaft_share_of, but called for one share after the other, from k = 0. `border` (m of depth), initially 0, is where this share begins; it is
    advanced to where the next one begins. RT */
 shaft_share shaft_next_share(const insertion_state *state, int k, bool tip, double *border);
+
+/* The piece of shaft that is in a share: that of the contact in `slot`, or of the tip. RT */
+shaft_piece shaft_piece_of_contact(const insertion_state *state, int slot, shaft_share share);
+shaft_piece shaft_piece_of_tip(const insertion_state *state, shaft_share share);
 
 /* Friction and stiffness of the tissue along a share of the track, summed over the strata in the share. RT */
 shaft_resistance shaft_resistance_of(const insertion_model *model, const insertion_state *state, shaft_share part);

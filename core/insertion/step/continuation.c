@@ -10,25 +10,12 @@ static const double LEAST_STEP = 1.0 / 256; /* fraction: smallest part of a tick
 enum { LAST_PASSES = 3 }; /* passes: maximum number within which a needle may come to rest. Effort limit */
 
 /* Computes the difference between the gaps and those that would balance the forces at the start of the tick. It results from the motion of the base. */
-static void find_lag(const tick_input *tick, insertion_state *state, insertion_workspace *w) {
+static void find_lag(insertion_workspace *w) {
     const contact_problem *p = &w->problem;
-    double force[MAX_UNKNOWNS];
-    int tip = p->count - 1, all = unknown(p->count, p->count, 2) + w->points.tip;
-    passes_linearise(tick, state, w, true);
-    for (int i = 0; i < p->count; i++) {
-        vec3 f = m3_apply_transposed(&w->points.list[i].at.frame, point_force(state, &w->points.list[i]));
-        force[unknown(p->count, i, 0)] = f.x;
-        force[unknown(p->count, i, 1)] = f.y;
-        force[unknown(p->count, i, 2)] = f.z;
-    }
-    if (w->points.tip) {
-        double shaft = state->tip.shaft.traction * (w->points.list[tip].share.to - w->points.list[tip].share.from);
-        force[all - 2] -= shaft;
-        force[all - 1] = shaft;
-    }
+    int all = unknown_count(p);
     for (int i = 0; i < all; i++) {
         w->continuation.lag[i] = p->gap[i];
-        for (int j = 0; j < all; j++) w->continuation.lag[i] -= compliance_of(p, i, j) * force[j];
+        for (int j = 0; j < all; j++) w->continuation.lag[i] -= compliance_of(p, i, j) * p->force[j];
     }
 }
 
@@ -47,8 +34,8 @@ static pass_result come_to_rest(const tick_input *tick, insertion_state *state, 
     pass_result r = passes_run(tick, state, w, output, LAST_PASSES);
     state->moving_on = !(passes_are_stable(r) && is_at_rest(tick, state, &w->start.needle));
     if (!state->moving_on) return r;
-    passes_go_back(tick, state, w);
     w->response.drag = drag;
+    passes_go_back(tick, state, w);
     return moved;
 }
 
@@ -61,7 +48,7 @@ pass_result continuation_follow(const tick_input *tick, insertion_state *state, 
     needle_state before = w->start.needle;
     pass_result r = {.found = false};
     passes_go_back(tick, state, w);
-    find_lag(tick, state, w);
+    find_lag(w);
     while (done < 1.0 && step >= LEAST_STEP) {
         w->continuation.kept_open = 1.0 - (done + step);
         w->response.drag = state->moving_on ? drag / step : 0.0;

@@ -43,6 +43,7 @@ static void conclude(const tick_input *tick, insertion_state *state, const inser
     roll_solve(tick, state, &w->points, &w->creep);
     creep_remember(tick, state, &w->points, &w->tissue, &w->creep);
     if (w->points.tip) filter_push(tip, &last->at, tick->dt);
+    if (!r.found) state->base_turn = NAN; /* restarts the insertion (see insertion_is_finite), because no step had a solution */
 }
 
 /* The extrapolated shape only improves the starting point: a needle in steady motion then often needs just one pass. A misleading guess costs one or two

@@ -29,25 +29,9 @@ void insertion_add_residual_loads(const insertion_model *model, const insertion_
     for (int i = 0; i < state->memory.residual.count && loads->count < MAX_LOADS; i++) {
         const residual_load *residual = &state->memory.residual.loads[i];
         tissue_load *load = &loads->loads[loads->count++];
-        *load = (tissue_load){.tet = residual->tet, .force = creep_residual_load(model, residual)};
+        *load = (tissue_load){.tet = residual->tet, .force = creep_residual_load(model, residual), .residual = true, .shaft = residual->shaft};
         memcpy(load->weights, residual->weights, sizeof load->weights);
     }
-}
-
-/* Returns the piece of shaft that the contact in `slot` represents, or the tip if `slot` is NO_SLOT. */
-enum { NO_SLOT = -1 };
-static shaft_piece piece_of(const insertion_state *state, int slot, shaft_share share) {
-    const needle_tip *tip = &state->tip;
-    if (slot != NO_SLOT) {
-        const shaft_contact *contact = &state->contacts[slot];
-        const added_node *node = &state->refined.nodes[slot];
-        line_in_tet line = v3_norm(node->line.direction) > 0.0 ? node->line : (line_in_tet){node->tet, node->position, contact->direction};
-        return (shaft_piece){share.from, share.to, contact->depth, v3_sub(contact->track, contact->beside), contact->direction, line};
-    }
-    line_in_tet line = {tip->place.tet, tip->place.nominal, tip->place.direction};
-    for (int i = 0; i < state->request.piece_count; i++) /* uses the same line for the tip's entire chord through an element */
-        if (state->request.pieces[i].tet == tip->place.tet) line = state->request.pieces[i];
-    return (shaft_piece){share.from, share.to, tip->place.depth, tip->place.nominal, tip->place.direction, line};
 }
 
 void insertion_place_loads(const insertion_model *model, const insertion_state *state, tissue_loads *loads) {
@@ -59,12 +43,12 @@ void insertion_place_loads(const insertion_model *model, const insertion_state *
         int slot = state->refined.order[k];
         const added_node *node = &state->refined.nodes[slot];
         tissue_load *load = &loads->loads[loads->count++];
-        *load = (tissue_load){.tet = node->tet, .shaft = piece_of(state, slot, shaft_next_share(state, k, inside, &border))};
+        *load = (tissue_load){.tet = node->tet, .shaft = shaft_piece_of_contact(state, slot, shaft_next_share(state, k, inside, &border))};
         mesh_barycentric(model->mesh, node->tet, node->position, load->weights);
     }
     if (!inside) return;
     tissue_load *load = &loads->loads[loads->count];
-    *load = (tissue_load){.tet = tip->known.tet, .shaft = piece_of(state, NO_SLOT, shaft_next_share(state, loads->count, true, &border))};
+    *load = (tissue_load){.tet = tip->known.tet, .shaft = shaft_piece_of_tip(state, shaft_next_share(state, loads->count, true, &border))};
     memcpy(load->weights, tip->known.weights, sizeof load->weights);
     loads->count++;
 }

@@ -113,9 +113,27 @@ void passes_begin(const tick_input *tick, const insertion_state *state, insertio
     passes_load_joints(tick, state, &w->points, &w->response, &w->start);
 }
 
+/* Sets the contact problem's forces to those of the state. */
+static void give_forces(const insertion_state *state, const contact_points *points, contact_problem *problem) {
+    int n = points->count;
+    for (int i = 0; i < n; i++) {
+        vec3 f = m3_apply_transposed(&points->list[i].at.frame, point_force(state, &points->list[i]));
+        problem->force[unknown(n, i, 0)] = f.x;
+        problem->force[unknown(n, i, 1)] = f.y;
+        problem->force[unknown(n, i, 2)] = f.z;
+    }
+    if (!points->tip) return;
+    int tip = unknown(n, n - 1, 2);
+    double shaft = state->tip.shaft.traction * (points->list[n - 1].share.to - points->list[n - 1].share.from);
+    problem->force[tip] -= shaft;
+    problem->force[tip + 1] = shaft;
+}
+
 void passes_go_back(const tick_input *tick, insertion_state *state, insertion_workspace *w) {
     checkpoint_restore(state, &w->points, &w->problem, &w->start);
     passes_begin(tick, state, w);
+    passes_linearise(tick, state, w, true);
+    give_forces(state, &w->points, &w->problem);
 }
 
 /* Largest rotation (rad) of a segment relative to the given shape of the needle. */

@@ -14,11 +14,12 @@ static const double LEAST_TICK = 1e-6; /* s: shorter ticks are computed as if th
 static const double SAME_TIME = 1e-6; /* steps: a tick that exceeds a whole number of steps by less than this is not divided further. Rounding tolerance */
 
 void insertion_reset(const insertion_model *model, pose base, insertion_state *state) {
-    uint64_t serial = state->request.serial, next_id = state->next_id; /* not reset, so that no earlier snapshot matches */
+    uint64_t insertion = state->request.insertion, serial = state->request.serial, next_id = state->next_id; /* not reset, so that no earlier snapshot matches */
     creep_forget(&state->memory);
     tissue_memory memory = state->memory; /* the memory's clock is not reset */
     memset(state, 0, sizeof *state);
     state->memory = memory;
+    state->request.insertion = insertion + 1;
     state->request.serial = serial;
     state->next_id = next_id;
     state->tip = tip_in_air();

@@ -27,7 +27,7 @@ static vec3 surface_displacement(const tick_input *tick, const insertion_state *
         if (!snapshot_covers(tick->snapshot, m->tets[hit.tet], handles)) break;
         mesh_barycentric(m, hit.tet, hit.point, weights);
         before = u;
-        u = v3_add(creep_free_at(tick, state, creep, handles, weights), unresolved_at_entry(&tick->snapshot->unresolved));
+        u = v3_add(creep_free_at(tick, state, creep, handles, weights), creep_unresolved_at_entry(tick, state, creep));
         if (v3_norm(v3_sub(u, before)) < SAME_PLACE) break;
     }
     return u;

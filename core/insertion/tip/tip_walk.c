@@ -94,7 +94,8 @@ static void begin_grazing(const tick_input *tick, insertion_state *state, tick_o
     plan_contact(tick, state, output, direction);
 }
 
-/* Moves the tip by `part` along `direction`, and `nominal` along the face. The tip may return to the tissue, or leave the face. */
+/* Completes a motion of the tip by `part` along `direction`. The caller has moved `nominal` along the grazed face; this function changes the offset of the
+   tip from `nominal`. The tip may thereby return to the tissue, or leave the face. */
 static void graze_on(const tick_input *tick, insertion_state *state, tick_output *output, vec3 direction, double part) {
     needle_tip *tip = &state->tip;
     tip->place.beside = v3_axpy(part * v3_dot(direction, tip->place.graze_normal), tip->place.graze_normal, tip->place.beside);

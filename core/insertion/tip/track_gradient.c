@@ -1,5 +1,6 @@
 #include "insertion/tip/track_gradient.h"
 
+#include "insertion/laws/creep.h"
 #include "insertion/state/strata.h"
 #include "insertion/tip/known_tissue.h"
 #include "insertion/tip/prefetch.h"
@@ -46,7 +47,7 @@ static vec3 displacement_ahead(const tick_input *tick, const insertion_state *st
     tet = refinement_element(m, &state->refined, snapshot_known_contacts(tick->snapshot, &state->refined), tet, x, weights);
     if (!snapshot_covers(tick->snapshot, m->tets[tet], handles)) return at_tip;
     double depth = state->tip.place.depth + tick->model->settings.gradient_span - fmax(left, 0.0), half = 0.5 * tick->snapshot->unresolved.step;
-    return v3_add(displacement_at(tick, state, creep, handles, weights), unresolved_mean(&tick->snapshot->unresolved, depth - half, depth + half));
+    return v3_add(displacement_at(tick, state, creep, handles, weights), creep_unresolved(tick, state, creep, depth - half, depth + half));
 }
 
 vec3 track_gradient(const tick_input *tick, const insertion_state *state, const creep_step *creep) {

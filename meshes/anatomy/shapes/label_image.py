@@ -341,7 +341,7 @@ def clear(numbers, count):
 
 
 def separate(image):
-    """Separates clusters of regions that do not touch by CLEAR voxels."""
+    """Removes voxels so that clusters of regions that do not touch are at least CLEAR voxels apart."""
     numbers, sizes = connected_in(image.labels > 0)
     clear(numbers, len(sizes))
     image.labels[numbers == 0] = 0

@@ -85,7 +85,7 @@ def whole(path, values):
             raise BadFile(f"{path}: its values are not whole numbers: is it an image or a map of probabilities instead of labels?")
         values = np.rint(values)
     elif values.dtype.kind not in "iub":
-        raise BadFile(f"{path}: its values are no numbers")
+        raise BadFile(f"{path}: its values are not numbers")
     if values.size and (values.min() < 0 or values.max() > 65535):
         raise BadFile(f"{path}: its values reach from {values.min()} to {values.max()}: labels are 0 to 65535")
     if not values.any():
@@ -125,7 +125,7 @@ def read_nifti(path, unit, names):
     scale = unit or {"meter": 1e3, "micron": 1e-3}.get(given, 1.0)
     notes = []
     if "sform_code" in image.header and not image.header["sform_code"] and not image.header["qform_code"]:
-        notes.append("the file does not say where the patient's left is: its axes are taken for right, front and head")
+        notes.append("the file does not define where the patient's left is: its axes are assumed to point to the right, front and head")
     names = {**names_in(image), **names}
     labels = whole(path, values)
     notes += apart_transforms(image, labels.shape, scale)
@@ -271,7 +271,7 @@ def read_nrrd(path, unit, names, frame):
     space = re.sub(r"-time$", "", fields.get("space", "").lower())
     space = space[:-1] if space in ("rast", "lpst", "last") else space
     signs = NRRD_SPACES.get(space) or {"LPS": (1, 1, 1), "RAS": (-1, -1, 1), None: None}[frame]
-    notes = [] if signs else ["the file does not say its space: taken for LPS (--frame)"]
+    notes = [] if signs else ["the file does not define its space: LPS is assumed (--frame)"]
     try:
         start, more = nrrd_start(fields, layers[0].shape)
     except ValueError as error:
@@ -615,7 +615,7 @@ def outlined_one(map_, name, masks):
     notes, size = list(map_.notes), map_.layers[0].shape
     stride = max(1, int(np.ceil((np.prod(mask.shape) / MOST_VOXELS) ** (1 / 3))))
     if stride > 1:
-        notes.append(f"every {stride}. voxel along each axis is used for its shape, and all for its volume")
+        notes.append(f"one voxel in {stride} along each axis is used for its shape, and all for its volume")
     border = border_of(map_, tight)
     if border:
         notes.append("reaches the image's border and may be cut off there")

@@ -1,8 +1,9 @@
 """Simulates an insertion into each material of materials.py: the dent of a region before the needle enters, the force at that moment, and the largest force
-on the way to the middle. Prints the table of meshes/materials.md, and fails if a needle does not enter.
+on the way to the middle. Prints docs/results/anatomy/materials.csv, and fails if a needle does not enter.
 
 usage: python3 -m anatomy.trials.material_check BUILD_DIR [NAME...]
 """
+import csv
 import dataclasses
 import os
 import sys
@@ -19,6 +20,8 @@ DEEP = 35.0                         # mm, thickness of materials.SURROUNDING bet
 NODES = 900
 REGION, WALL = "liver", "liver_wall"     # a name for which the region's surface is a membrane
 MOST_DENT = 25.0                    # mm: a region that deforms more than this is considered to be pushed away instead of being entered
+COLUMNS = ("material", "modulus, kPa", "stiffening", "puncture force of its surface, N", "dent, mm", "force at the puncture, N", "largest force, N",
+           "distance of the tip from the centre, mm", "displacement of the centre, mm", "entered", "published force on a needle")
 LINEAR = "(liver, linear, as by shear waves)"     # row that is shown only for comparison
 
 
@@ -49,14 +52,14 @@ def measure(path, material):
 
 
 def row(path, name, entry):
-    """Returns a line of the table, and whether the needle enters the region."""
+    """Returns a row of the table, and whether the needle enters the region."""
     material = entry.material
     dent, force, found = measure(path, material)
     good = found.region == REGION and not found.failed and dent <= MOST_DENT
     wall = "" if material.wall is None else f"{material.wall:g}"
-    gave = "never | " if np.isnan(dent) else f"{dent:.1f} | {force:.2f}"
-    return (f"| {name} | {1e-3 * material.modulus:g} | {material.stiffening:g} | {wall} | {gave} | {found.peak:.2f} | {1e3 * found.off_target:.1f} "
-            f"| {1e3 * found.shift:.1f} | {'yes' if good else 'NO'} | {entry.force or 'none found'} |"), good
+    gave = ("never", "") if np.isnan(dent) else (f"{dent:.1f}", f"{force:.2f}")
+    return (name, f"{1e-3 * material.modulus:g}", f"{material.stiffening:g}", wall, *gave, f"{found.peak:.2f}", f"{1e3 * found.off_target:.1f}",
+            f"{1e3 * found.shift:.1f}", "yes" if good else "no", entry.force or "none found"), good
 
 
 def main():
@@ -65,14 +68,14 @@ def main():
     shear_waves = dataclasses.replace(liver, material=dataclasses.replace(liver.material, modulus=4.5e3, stiffening=0.0))
     entries = {**materials.TABLE, "surrounding": materials.SURROUNDING, "any other": materials.OTHER, LINEAR: shear_waves}
     chosen, bad = sys.argv[2:] or list(entries), 0
-    print("| material | modulus, kPa | stiffening | puncture force of its surface, N | dent, mm | force at the puncture, N | largest force, N "
-          "| distance of the tip from the centre, mm | displacement of the centre, mm | entered | published force on a needle |")
-    print("|" + 11 * "---|")
+    table = csv.writer(sys.stdout, lineterminator="\n")
+    table.writerow(COLUMNS)
     with tempfile.TemporaryDirectory() as folder:
         path = make(folder)
         for name in chosen:
             line, good = row(path, name, entries[name])
-            print(line, flush=True)
+            table.writerow(line)
+            sys.stdout.flush()
             bad += not good and name != LINEAR
     sys.exit(bad > 0)
 

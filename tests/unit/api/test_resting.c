@@ -169,18 +169,16 @@ static void add_left(const trocar_sim *sim, int needle, const insertion_state *s
 /* Computes the displacements (m) of a resting needle's rows due to the local fields of a held needle's forces, which the mesh does not resolve. */
 static void displaced_nearby(trocar_sim *sim, const resting_needle *r, int held, double *displacement) {
     static tissue_loads loads;
-    static mat3 lacks[SHIFT_STEPS];
-    vec3 moved[SHIFT_STEPS];
+    static mat3 lacks[MAX_LOADS];
     loads.count = 0;
     insertion_add_loads(&sim->model->parts.insertion, &sim->needles[held].state, &loads);
     for (int u = 0; u < r->unknown_count; u++) displacement[u] = 0.0;
     for (int j = 0; j < loads.count; j++) {
-        int from, to;
-        OK(needle_pairs_find(sim->pairs, &r->steps, &loads.loads[j].shaft, &from, &to, lacks, &why));
-        for (int k = from; k < to; k++) moved[k] = m3_apply(&lacks[k], loads.loads[j].force);
-        for (int u = 0; u < r->unknown_count; u++) {
+        bool any;
+        OK(resting_lacks(sim->pairs, r, &loads.loads[j].shaft, lacks, &any, &why));
+        for (int u = 0; u < r->unknown_count && any; u++) {
             int place = resting_place(r, u);
-            if (place >= 0) displacement[u] += v3_dot(r->rows[u].direction, resting_moved(r, place, from, to, moved));
+            if (place >= 0) displacement[u] += v3_dot(r->rows[u].direction, m3_apply(&lacks[place], loads.loads[j].force));
         }
     }
 }
@@ -262,7 +260,7 @@ static differences compare(trocar_sim *sim, const int *resting, int count, int h
     }
     /* The tick of the held needle uses u_free + C f at the corners around its tip, where C includes the attached resting needles. */
     const insertion_state *s = &sim->needles[held].state;
-    const compliance_snapshot *snapshot = link_answer(&sim->needles[held].link);
+    const compliance_snapshot *snapshot = link_answer(&sim->needles[held].link, s->request.insertion);
     const creep_series *creep = &model->parts.insertion.creep;
     int corners[4], probe = p.count;
     assert_true(snapshot_covers(snapshot, model->parts.mesh.tets[s->tip.known.tet], corners));
@@ -368,7 +366,7 @@ static int push_beside(trocar_model *model, const char *file, double x, double y
         base.position[2] += t < down ? 1e-4 : t < down + STILL ? 0.0 : -1e-4;
         OK(trocar_sim_step(sim, 1, &base, 1e-3, &outputs[t], &why));
         for (int k = 0; k < SUBSTEPS && !rests; k++) {
-            tick_input tick = {.model = &model->parts.insertion, .snapshot = link_answer(&n->link), .dt = 1e-3};
+            tick_input tick = {.model = &model->parts.insertion, .snapshot = link_answer(&n->link, n->state.request.insertion), .dt = 1e-3};
             base_motion step;
             OK(resting_linearise(&tick, &n->state, sim->inverse, sim->resting_scratch, linear, &why));
             OK(resting_release_step(linear, 1.0, sim->resting_scratch, &step, &why));

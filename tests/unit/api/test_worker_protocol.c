@@ -252,7 +252,7 @@ static void both_threads_agree_on_who_has_the_needle(void **unused) {
         if (before == PHASE_RESTING) assert_true(is_labelled(&link_shown(&t->link)->state, ticket)); /* only this thread can end the phase PHASE_RESTING */
         if (before == PHASE_TAKEN) {
             assert_true(is_labelled(&link_shown(&t->link)->state, ticket + RETURNED));
-            assert_int_equal(link_answer(&t->link)->serial, ticket + RETURNED);
+            assert_int_equal(link_answer(&t->link, 0)->serial, ticket + RETURNED);
         }
         if (random_below(&seed, 8) == 0) sched_yield();
         if (link_refuses(&t->link, event)) continue;

@@ -205,9 +205,21 @@ static void default_options_are_those_of_zero(void **unused) {
     free_client(of_zero);
 }
 
+/* Options that cannot be are refused before anything is opened. */
+static void impossible_options_are_refused(void **unused) {
+    (void)unused;
+    const trocar_client_options bad[] = {{.needle = -1}, {.watchdog = -0.02}, {.watchdog = NAN}, {.max_force = -1}, {.max_torque_rate = NAN}};
+    for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
+        char why[256] = "";
+        assert_null(trocar_client_open(&bad[i], why, sizeof why));
+        assert_non_null(strstr(why, bad[i].needle < 0 ? "needle must be" : "must be above 0"));
+    }
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(default_options_are_those_of_zero),
+        cmocka_unit_test(impossible_options_are_refused),
         cmocka_unit_test(poses_are_the_same),
         cmocka_unit_test(commands_are_the_same),
         cmocka_unit_test(wrenches_are_the_same),

@@ -184,8 +184,7 @@ static void both_remeshing_methods_give_the_same_forces(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();
     figure8_record *nested = figure8_run(&c, 500, 1);
-    c.remeshing = (remesh_method)REMESH_WOODBURY;
-    figure8_record *woodbury = figure8_run(&c, 500, 1);
+    figure8_record *woodbury = figure8_run_by(REMESH_WOODBURY, &c, 500, 1);
     assert_alike("woodbury", 1, woodbury, nested, 0.0, 1e-6);
     free(nested);
     free(woodbury);

@@ -43,12 +43,15 @@ static double largest_difference(const recorded *a, const recorded *b) {
     return largest;
 }
 
-static lockstep *inserted(const simulation_config *config) {
+static lockstep *inserted_by(remesh_method method, const simulation_config *config) {
     lockstep *l = lockstep_create(config, lockstep_start());
+    lockstep_remesh_by(l, method);
     lockstep_move(l, v3(0, 0, 0.050), 0.8, 1e-3);
     lockstep_move(l, v3(0.001, 0, -0.006), 0.2, 1e-3);
     return l;
 }
+
+static lockstep *inserted(const simulation_config *config) { return inserted_by(REMESH_NESTED, config); }
 
 static void restored_simulation_continues_bit_identically(void **unused) {
     (void)unused;
@@ -94,7 +97,7 @@ static void every_method_and_inverse_can_be_restored(void **unused) {
     (void)unused;
     char directory[] = "/tmp/test_simulation.XXXXXX", command[64];
     assert_non_null(mkdtemp(directory));
-    static const struct { int method; inverse_choice owner; bool exact; } cases[] = {
+    static const struct { remesh_method method; inverse_choice owner; bool exact; } cases[] = {
         {REMESH_NESTED, INVERSE_DENSE, true}, {REMESH_NESTED, INVERSE_CONDENSED, true}, {REMESH_NESTED, INVERSE_SPARSE, false},
         {REMESH_IMPLICIT, INVERSE_DENSE, false}, {REMESH_IMPLICIT, INVERSE_SPARSE, false},
         {REMESH_WOODBURY, INVERSE_DENSE, false}, {REMESH_WOODBURY_GENERAL, INVERSE_DENSE, false},
@@ -103,10 +106,9 @@ static void every_method_and_inverse_can_be_restored(void **unused) {
     checkpoint *saved = malloc(sizeof *saved);
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
         simulation_config c = lockstep_config();
-        c.remeshing = (remesh_method)cases[i].method;
         c.inverse = cases[i].owner;
         strcpy(c.cache, directory);
-        lockstep *l = inserted(&c);
+        lockstep *l = inserted_by(cases[i].method, &c);
         run_save(&l->state, l->snapshot, saved);
         recorded once = go_on(l);
         restore(l, saved);

@@ -47,7 +47,7 @@ static void assert_leaf_holds(const refinement *r, int active, int tet, vec3 x, 
     }
     assert_close(total, 1.0, 1e-13 + slack);
     assert_close_vector(sum, x, 1e-15);
-    for (int q = 0; q < active; q++) { /* no leaf contains a node */
+    for (int q = 0; q < active; q++) { /* the leaf contains no active node */
         vec3 corners[4], gradients[4];
         for (int i = 0; i < 4; i++) corners[i] = position(r, p.corners[i]);
         tet_gradients(corners, gradients);

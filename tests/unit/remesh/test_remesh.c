@@ -4,7 +4,7 @@
 /* A replacement has the same index in the list but another id: the old node must be removed and the new one added. */
 static void ids_are_unique(void **state) {
     (void)state;
-    for (method = 0; method < ALL_REMESH_METHODS; method++) {
+    for (method = 0; method < REMESH_METHODS; method++) {
         remesher *r = start(method);
         choose_window(10);
         add_mixed(method, 5);
@@ -43,19 +43,19 @@ static void full_inverse_methods_need_the_dense_inverse(void **state) {
     inverse *sparse;
     trocar_error why = {""};
     assert_int_equal(inverse_create_sparse(&body.tissue, SPARSE_CACHE, &sparse, &why), TROCAR_OK);
-    for (method = 0; method < ALL_REMESH_METHODS; method++) {
+    for (method = 0; method < REMESH_METHODS; method++) {
         remesher *r;
-        trocar_status expected = any_remesh_needs_dense(method) ? TROCAR_BAD_INPUT : TROCAR_OK;
-        assert_int_equal(any_remesher_create(sparse, method, &r, &why), expected);
-        if (expected != TROCAR_OK) assert_non_null(strstr(why.text, any_remesh_name(method)));
+        trocar_status expected = remesh_needs_dense(method) ? TROCAR_BAD_INPUT : TROCAR_OK;
+        assert_int_equal(remesher_create_by(sparse, method, &r, &why), expected);
+        if (expected != TROCAR_OK) assert_non_null(strstr(why.text, remesh_name(method)));
         remesher_free(r);
     }
     inverse_free(sparse);
 }
 
 static void check_with_all(void) {
-    for (method = 0; method < ALL_REMESH_METHODS; method++) {
-        if (any_remesh_needs_dense(method)) continue;
+    for (method = 0; method < REMESH_METHODS; method++) {
+        if (remesh_needs_dense(method)) continue;
         remesher *r = start(method);
         choose_window(40);
         add_mixed(method, 12);

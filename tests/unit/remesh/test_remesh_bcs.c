@@ -57,7 +57,7 @@ static void failed_switch_is_rolled_back(void **state) {
 }
 
 int main(void) {
-    static const int methods[] = {REMESH_BCS, REMESH_BCS_BLOCKED};
+    static const remesh_method methods[] = {REMESH_BCS, REMESH_BCS_BLOCKED};
     const struct CMUnitTest tests[] = {cmocka_unit_test(failed_switch_is_rolled_back)};
     return run_remeshing_tests(methods, sizeof methods / sizeof *methods) + cmocka_run_group_tests(tests, remeshing_create, remeshing_destroy);
 }

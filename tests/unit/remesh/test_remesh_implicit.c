@@ -2,6 +2,6 @@
 #include "remeshing.h"
 
 int main(void) {
-    static const int methods[] = {REMESH_IMPLICIT};
+    static const remesh_method methods[] = {REMESH_IMPLICIT};
     return run_remeshing_tests(methods, sizeof methods / sizeof *methods);
 }

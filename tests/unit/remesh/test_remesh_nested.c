@@ -53,7 +53,7 @@ static void another_one_goes_on_to_the_bit(void **state) {
 }
 
 int main(void) {
-    static const int methods[] = {REMESH_NESTED};
+    static const remesh_method methods[] = {REMESH_NESTED};
     const struct CMUnitTest tests[] = {cmocka_unit_test(nested_refuses_moved_nodes), cmocka_unit_test(another_one_goes_on_to_the_bit)};
     int failed = run_remeshing_tests(methods, sizeof methods / sizeof *methods);
     return failed + cmocka_run_group_tests(tests, remeshing_create, remeshing_destroy);

@@ -2,6 +2,6 @@
 #include "remeshing.h"
 
 int main(void) {
-    static const int methods[] = {REMESH_WOODBURY, REMESH_WOODBURY_GENERAL};
+    static const remesh_method methods[] = {REMESH_WOODBURY, REMESH_WOODBURY_GENERAL};
     return run_remeshing_tests(methods, sizeof methods / sizeof *methods);
 }

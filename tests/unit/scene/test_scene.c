@@ -24,15 +24,15 @@ static const char GOOD[] =
     "    friction: {static: 14, kinetic: 8, viscous: 90}\n"        /* 9 */
     "  - name: around\n"                                           /* 10 */
     "membranes:\n"                                                 /* 11 */
-    "  - {name: skin, puncture_force: 1.1}\n"                      /* 12 */
+    "  - {name: skin, puncture_force: 1.1, stiffness: 250, poisson_ratio: 0.3}\n" /* 12 */
     "  - {name: capsule, puncture_force: .inf}\n"                  /* 13 */
     "fixed: [back, below]\n"                                       /* 14 */
-    "needle: {model: rod, length: 0.15, outer_diameter: 1.1e-3,\n"             /* 15 */
+    "needle: {length: 0.15, outer_diameter: 1.1e-3,\n"             /* 15 */
     "         inner_diameter: 0, youngs_modulus: 190e9,\n"         /* 16 */
     "         poisson_ratio: 0.29, bevel_slope: 0.02, bow: 2e-4,\n" /* 17 */
     "         segments: 30}\n"                                     /* 18 */
-    "contact: {placement: inside, spacing: 3e-3, weakening_distance: 2e-3, prefetch_distance: 11e-3, max_passes: 5, tolerance: 1e-8, bone_compliance: 1e-4, surface_friction: 0.2, gradient_span: 4e-3}\n"
-    "remeshing: implicit\n"                                        /* 20 */
+    "contact: {spacing: 3e-3, weakening_distance: 2e-3, prefetch_distance: 11e-3, max_passes: 5, tolerance: 1e-8, bone_compliance: 1e-4, surface_friction: 0.2, gradient_span: 4e-3}\n"
+    "inverse: sparse\n"                                            /* 20 */
     "device: {profile: touch, mass: 0.3, delay: 4e-3, max_force: 15, max_torque: 0.8, max_force_rate: 1500, max_torque_rate: 70, max_speed: 1.5, max_turn_rate: 12,\n"
     "         hold_time: 0.02, ramp_time: 0.2}\n";                 /* 22 */
 
@@ -104,6 +104,8 @@ static void every_value_is_read(void **state) {
     assert_int_equal(c->membrane_count, 2);
     assert_string_equal(c->membranes[1].name, "capsule");
     assert_true(c->membranes[0].puncture_force == 1.1 && isinf(c->membranes[1].puncture_force));
+    assert_true(c->membranes[0].material.stiffness == 250 && c->membranes[0].material.poisson_ratio == 0.3);
+    assert_true(c->membranes[1].material.stiffness == 0 && c->membranes[1].material.poisson_ratio == 0.45);
     assert_int_equal(c->fixed_count, 2);
     assert_string_equal(c->fixed[0], "back");
     assert_string_equal(c->fixed[1], "below");
@@ -114,7 +116,7 @@ static void every_value_is_read(void **state) {
     assert_true(i->contact_spacing == 3e-3 && i->weakening_distance == 2e-3);
     assert_true(i->prefetch_distance == 11e-3 && i->max_passes == 5 && i->tolerance == 1e-8);
     assert_true(i->bone_compliance == 1e-4 && i->surface_friction == 0.2 && i->gradient_span == 4e-3);
-    assert_int_equal(c->remeshing, REMESH_IMPLICIT);
+    assert_int_equal(c->inverse, INVERSE_SPARSE);
     const device_limits *g = &s.device;
     assert_true(g->max_force == 15 && g->max_torque == 0.8 && g->max_force_rate == 1500 && g->max_torque_rate == 70);
     assert_true(g->mass == 0.3 && g->delay == 4e-3);
@@ -166,6 +168,19 @@ static void a_profile_may_be_a_file(void **state) {
     assert_true(s.mapping.workspace.x == 0.2 && s.mapping.workspace.y == 0.3 && s.mapping.workspace.z == 0.4);
 }
 
+/* The workspaces of 3D Systems' specifications (meshes/parameters/devices.csv). */
+static void workspaces_are_those_of_the_maker(void **state) {
+    (void)state;
+    static const struct { const char *profile; vec3 size; } devices[] = {
+        {"profile: touch\n", {0.16, 0.12, 0.07}}, {"profile: touch-x\n", {0.16, 0.12, 0.12}}, {"profile: premium-1.5-6dof\n", {0.381, 0.267, 0.191}}};
+    for (int i = 0; i < 3; i++) {
+        scene s;
+        trocar_error why = {""};
+        assert_int_equal(load_with_profile(devices[i].profile, "profile: mine.yaml", &s, &why), TROCAR_OK);
+        assert_memory_equal(&s.mapping.workspace, &devices[i].size, sizeof devices[i].size);
+    }
+}
+
 static void a_fault_in_a_profile_has_its_place(void **state) {
     (void)state;
     static const struct { const char *profile, *says; } bad[] = {
@@ -200,7 +215,7 @@ static void omitted_keys_have_their_defaults(void **state) {
     assert_true(s.rate_hz == 1000);
     assert_memory_equal(&s.simulation.needle, &defaults.needle, sizeof defaults.needle);
     assert_memory_equal(&s.simulation.insertion, &defaults.insertion, sizeof defaults.insertion);
-    assert_int_equal(s.simulation.remeshing, REMESH_NESTED);
+    assert_int_equal(s.simulation.inverse, INVERSE_AUTO);
     assert_int_equal(s.simulation.membrane_count, 0);
     assert_memory_equal(&s.device, &limits, sizeof limits);
     material.friction_kinetic = 3;
@@ -421,7 +436,10 @@ static void unknown_keys_are_refused(void **state) {
     assert_change_refused("rate_hz", "rate", ":2: unknown key \"rate\"");
     assert_change_refused("youngs_modulus: 61e3", "yungs_modulus: 61e3", ":5: regions[0]: unknown key \"yungs_modulus\"");
     assert_change_refused("kinetic: 8", "dynamic: 8", ":9: regions[0].friction: unknown key \"dynamic\"");
-    assert_change_refused("contact: {placement", "contact: {resolution: 0.42, placement", ":19: contact: this release has no key \"resolution\": the simulator measures the mesh's resolution: remove the key");
+    assert_change_refused("contact: {spacing", "contact: {resolution: 0.42, spacing", ":19: contact: this release has no key \"resolution\": the simulator measures the mesh's resolution: remove the key");
+    assert_change_refused("contact: {", "contact: {placement: faces, ", ":19: contact: this release has no key \"placement\": contact nodes are added inside elements: remove the key");
+    assert_change_refused("needle: {", "needle: {model: tetrahedra, ", ":15: needle: this release has no key \"model\": every needle is a geometrically exact rod: remove the key");
+    assert_change_refused("inverse: sparse", "remeshing: implicit", ":20: this release has no key \"remeshing\": contact nodes are added by nested addition, and scripts/bench measures other methods: remove the key");
     assert_change_refused("segments: 30", "segment: 30", ":18: needle: unknown key \"segment\"");
     assert_change_refused("rate_hz: 500", "mesh: other.msh", ":1: repeated key \"mesh\"");
     assert_change_refused("poisson_ratio: 0.41", "name: twice", ":4: regions[0]: repeated key \"name\"");
@@ -432,7 +450,7 @@ static void missing_mandatory_keys_are_reported(void **state) {
     assert_change_refused("mesh: body.msh\n", "", ":1: missing key \"mesh\"");
     assert_change_refused("fixed: [back, below]\n", "", ":1: missing key \"fixed\"");
     assert_change_refused("  - name: around", "  - youngs_modulus: 1e3", ":10: regions[1]: missing key \"name\"");
-    assert_change_refused("{name: skin, puncture_force: 1.1}", "{name: skin}", ":12: membranes[0]: missing key \"puncture_force\"");
+    assert_change_refused("puncture_force: 1.1, stiffness: 250", "stiffness: 250", ":12: membranes[0]: missing key \"puncture_force\"");
     assert_refused("mesh: a\nfixed: [b]\n", ":1: missing key \"regions\"");
 }
 
@@ -480,14 +498,13 @@ static void values_out_of_range_are_refused(void **state) {
         {"kinetic: 8", "kinetic: 15", ":9: regions[0].friction.kinetic: 15 N/m exceeds the static limit of 14 N/m"},
         {"viscous: 90", "viscous: -1", ":9: regions[0].friction.viscous: "},
         {"puncture_force: 1.1", "puncture_force: -1", ":12: membranes[0].puncture_force: "},
+        {"stiffness: 250", "stiffness: -1", ":12: membranes[0].stiffness: \"-1\": expected a number of at least 0"},
+        {"stiffness: 250", "stiffness: .inf", ":12: membranes[0].stiffness: \".inf\": expected a number of at least 0"},
+        {"stiffness: 250, poisson_ratio: 0.3", "stiffness: 250, poisson_ratio: 0.5", ":12: membranes[0].poisson_ratio: \"0.5\": expected a number of at least 0 and below 0.5"},
         {"name: capsule", "name: skin", ":13: membranes[1].name: \"skin\" appears twice"},
         {"[back, below]", "[back, back]", ":14: fixed[1]: \"back\" appears twice"},
         {"[back, below]", "[]", ":14: fixed: expected at least 1"},
         {"[back, below]", "[a, b, c, d, e, f, g, h, i]", ":14: fixed: 9 entries: expected at most 8"},
-        {"placement: inside", "placement: faces", ":19: contact.placement: this release has no \"faces\": scripts/bench measures such nodes: remove the key, or set inside"},
-        {"placement: inside", "placement: moved", ":19: contact.placement: this release has no \"moved\": scripts/bench measures such nodes: remove the key, or set inside"},
-        {"model: rod", "model: beam", ":15: needle.model: \"beam\": expected rod"},
-        {"model: rod", "model: tetrahedra", ":15: needle.model: this release has no \"tetrahedra\": scripts/verify compares it with the rod: remove the key, or set rod"},
         {"length: 0.15", "length: -0.15", ":15: needle.length: "},
         {"inner_diameter: 0", "inner_diameter: 1.1e-3", ":16: needle.inner_diameter: "},
         {"outer_diameter: 1.1e-3", "outer_diameter: 1", ":15: needle.outer_diameter: "},
@@ -495,8 +512,7 @@ static void values_out_of_range_are_refused(void **state) {
         {"segments: 30", "segments: 2.5", ":18: needle.segments: "},
         {"spacing: 3e-3", "spacing: 0", ":19: contact.spacing: "},
         {"max_passes: 5", "max_passes: 0", ":19: contact.max_passes: "},
-        {"implicit", "sparse", ":20: remeshing: \"sparse\": expected nested or implicit"},
-        {"implicit", "bcs", ":20: remeshing: this release has no \"bcs\": used only by scripts/bench for comparison: remove the key, or set nested"},
+        {"inverse: sparse", "inverse: none", ":20: inverse: \"none\": expected "},
         {"mass: 0.3", "mass: 0", ":21: device.mass: "},
         {"delay: 4e-3", "delay: 4", ":21: device.delay: \"4\": expected a number from 0 to 0.1"},
         {"max_force: 15", "max_force: .inf", ":21: device.max_force: "},
@@ -539,15 +555,15 @@ static void figure_8_scene_is_valid(void **state) {
     assert_int_equal(s.simulation.membrane_count, 2);
 }
 
-/* A parameter listed in PARAMETERS.md: its default (NAN if there is none) and its values for the two regions or membranes of figure 8, which are equal if only
+/* A row of parameters/scene.csv: the default (NAN if there is none) and the values for the two regions or membranes of figure 8, which are equal if only
    one value is listed. */
 typedef struct { const char *key; double values[3]; } parameter;
 
 /* Reads a row of the table of parameters; returns false for any other line. */
 static bool read_parameter(const char *line, char key[64], double values[3]) {
     for (int k = 0; k < 3; k++) values[k] = NAN;
-    int found = sscanf(line, "| `%63[^`]` | %lf | %lf, %lf", key, &values[0], &values[1], &values[2]) - 1;
-    if (found == 0) return sscanf(line, "| `%*[^`]` | none | %lf, %lf", &values[1], &values[2]) == 2;
+    int found = sscanf(line, "%63[^,],%lf,%lf,%lf", key, &values[0], &values[1], &values[2]) - 1;
+    if (found == 0) return sscanf(line, "%*[^,],none,%lf,%lf", &values[1], &values[2]) == 2;
     for (int k = found; k < 3 && found > 0; k++) values[k] = values[found - 1];
     return found > 0;
 }
@@ -555,7 +571,7 @@ static bool read_parameter(const char *line, char key[64], double values[3]) {
 static void assert_same_values(const parameter *expected, const double values[3]) {
     for (int k = 0; k < 3; k++)
         if (values[k] != expected->values[k] && !(isnan(values[k]) && isnan(expected->values[k])))
-            fail_msg("PARAMETERS.md: %s: %g instead of %g", expected->key, values[k], expected->values[k]);
+            fail_msg("parameters/scene.csv: %s: %g instead of %g", expected->key, values[k], expected->values[k]);
 }
 
 static void documented_parameter_table_is_correct(void **state) {
@@ -565,6 +581,7 @@ static void documented_parameter_table_is_correct(void **state) {
     load_good("mesh: a\nregions: [{name: all}]\nfixed: [b]\n", &bare);
     if (scene_load(MESHES "/figure8.yaml", &figure8, &why) != TROCAR_OK) fail_msg("%s", why.text);
     const calcification hard = calcification_defaults();
+    const membrane_material soft = membrane_defaults();
 #define ONCE(key, field) {key, {bare.field, figure8.field, figure8.field}}
 #define OF_REGIONS(key, field) {"regions." key, {bare.simulation.regions[0].material.field, \
         figure8.simulation.regions[0].material.field, figure8.simulation.regions[1].material.field}}
@@ -574,6 +591,8 @@ static void documented_parameter_table_is_correct(void **state) {
         OF_REGIONS("friction.static", friction_static), OF_REGIONS("friction.kinetic", friction_kinetic),
         OF_REGIONS("friction.viscous", friction_viscous), OF_REGIONS("spreading_force", spreading_force),
         ONCE("tracks.reach", simulation.insertion.track_reach), ONCE("tracks.angle", simulation.insertion.track_angle),
+        {"membranes.stiffness", {soft.stiffness, figure8.simulation.membranes[0].material.stiffness, figure8.simulation.membranes[1].material.stiffness}},
+        {"membranes.poisson_ratio", {soft.poisson_ratio, figure8.simulation.membranes[0].material.poisson_ratio, figure8.simulation.membranes[1].material.poisson_ratio}},
         {"membranes.puncture_force", {NAN, figure8.simulation.membranes[0].puncture_force, figure8.simulation.membranes[1].puncture_force}},
         {"calcifications.cutting_factor", {hard.cutting_factor, hard.cutting_factor, hard.cutting_factor}},
         ONCE("needle.length", simulation.needle.length), ONCE("needle.outer_diameter", simulation.needle.outer_diameter),
@@ -599,19 +618,19 @@ static void documented_parameter_table_is_correct(void **state) {
     bool seen[COUNT] = {false};
     char line[2048], key[64];
     double values[3];
-    FILE *table = fopen(MESHES "/PARAMETERS.md", "r");
+    FILE *table = fopen(MESHES "/parameters/scene.csv", "r");
     assert_non_null(table);
-    while (fgets(line, sizeof line, table) && strncmp(line, "## Constants", 12) != 0) {
+    while (fgets(line, sizeof line, table)) {
         if (!read_parameter(line, key, values)) continue;
         int row = 0;
         while (row < COUNT && strcmp(expected[row].key, key) != 0) row++;
-        if (row == COUNT || seen[row]) fail_msg("PARAMETERS.md: %s is %s", key, row == COUNT ? "not a parameter" : "listed twice");
+        if (row == COUNT || seen[row]) fail_msg("parameters/scene.csv: %s is %s", key, row == COUNT ? "not a parameter" : "listed twice");
         seen[row] = true;
         assert_same_values(&expected[row], values);
     }
     fclose(table);
     for (int row = 0; row < COUNT; row++)
-        if (!seen[row]) fail_msg("PARAMETERS.md: %s is missing", expected[row].key);
+        if (!seen[row]) fail_msg("parameters/scene.csv: %s is missing", expected[row].key);
 }
 
 int main(void) {
@@ -619,6 +638,7 @@ int main(void) {
         cmocka_unit_test(every_value_is_read),
         cmocka_unit_test(a_device_brings_its_limits),
         cmocka_unit_test(a_profile_may_be_a_file),
+        cmocka_unit_test(workspaces_are_those_of_the_maker),
         cmocka_unit_test(a_fault_in_a_profile_has_its_place),
         cmocka_unit_test(omitted_keys_have_their_defaults),
         cmocka_unit_test(inverse_and_region_of_interest_are_read),

@@ -5,6 +5,7 @@
 #include <sys/eventfd.h>
 #include <unistd.h>
 
+#include "common/timing.h"
 #include "io.h"
 #include "scene/device.h"
 #include "trocar_command_reply_t.h"
@@ -193,6 +194,25 @@ static void every_command_is_answered(void **state) {
     trocar_command_reply_t_unsubscribe(f->io.lcm, s);
 }
 
+/* The sender of a change that takes long is told to wait, once a second. */
+static void a_pending_change_is_reported(void **state) {
+    fixture *f = *state;
+    replies r = {.count = 0};
+    trocar_command_reply_t_subscription_t *s = trocar_command_reply_t_subscribe(f->io.lcm, "TROCAR_REPLY", on_reply, &r);
+    f->io.changes.last = (needle_command){.asked = {.session = 6, .seq = 21, .command = TROCAR_COMMAND_T_CHANGE}};
+    f->io.changes.pending = true;
+    f->io.wait_shown = monotonic_ns() - 999000000;
+    io_round(&f->io);
+    io_round(&f->io);
+    assert_int_equal(r.count, 0);
+    f->io.wait_shown = monotonic_ns() - 1000000000;
+    for (int i = 0; i < 4; i++) io_round(&f->io);
+    assert_true(r.count == 1 && r.last.status == TROCAR_COMMAND_REPLY_T_PENDING && r.last.session == 6 && r.last.seq == 21 && r.last.command == TROCAR_COMMAND_T_CHANGE);
+    assert_non_null(strstr(r.message, "not yet complete"));
+    f->io.changes.pending = false;
+    trocar_command_reply_t_unsubscribe(f->io.lcm, s);
+}
+
 static void bad_url_is_reported(void **unused) {
     (void)unused;
     exchange x;
@@ -213,6 +233,7 @@ int main(void) {
         cmocka_unit_test_setup_teardown(one_round_reads_all_poses_and_keeps_the_newest, open_fixture, close_fixture),
         cmocka_unit_test_setup_teardown(invalid_messages_are_counted, open_fixture, close_fixture),
         cmocka_unit_test_setup_teardown(every_command_is_answered, open_fixture, close_fixture),
+        cmocka_unit_test_setup_teardown(a_pending_change_is_reported, open_fixture, close_fixture),
         cmocka_unit_test_setup_teardown(all_wrenches_are_sent_in_order, open_fixture, close_fixture),
         cmocka_unit_test_setup_teardown(a_release_reaches_the_loop, open_fixture, close_fixture),
         cmocka_unit_test_setup_teardown(a_shutdown_wakes_the_server, open_fixture, close_fixture),

@@ -184,9 +184,9 @@ static void profile_sets_the_limits_of_its_device(void **unused) {
     assert_true(fabs(force.x - 20) < 1e-9);
 }
 
-/* Reads a row of the table "Devices" in PARAMETERS.md: device name, force (N), torque (N m), stiffness (N/mm), workspace (mm). */
+/* Reads a row of meshes/parameters/devices.csv: device name, force (N), torque (N m), stiffness (N/mm), workspace (mm). */
 static bool read_device(const char *line, char name[64], double v[6]) {
-    return sscanf(line, "| `%63[^`]` | %lf | %lf | %lf | %lf x %lf x %lf |", name, &v[0], &v[1], &v[2], &v[3], &v[4], &v[5]) == 7;
+    return sscanf(line, "%63[^,],%lf,%lf,%lf,%lf x %lf x %lf,", name, &v[0], &v[1], &v[2], &v[3], &v[4], &v[5]) == 7;
 }
 
 static void documented_device_table_is_correct(void **unused) {
@@ -194,17 +194,17 @@ static void documented_device_table_is_correct(void **unused) {
     char line[1024], name[64];
     double values[6];
     int count = 0, listed = 0;
-    FILE *table = fopen(MESHES "/PARAMETERS.md", "r");
+    FILE *table = fopen(MESHES "/parameters/devices.csv", "r");
     assert_non_null(table);
     while (fgets(line, sizeof line, table)) {
         if (!read_device(line, name, values)) continue;
         device_limits limits = device_defaults();
-        if (!device_use_profile(name, &limits)) fail_msg("PARAMETERS.md: no device %s", name);
+        if (!device_use_profile(name, &limits)) fail_msg("devices.csv: no device %s", name);
         double torque = values[1] > 0 ? values[1] : device_defaults().max_torque;
         bool same = limits.max_force == values[0] && limits.max_torque == torque && fabs(limits.max_stiffness - 1e3 * values[2]) < 1e-9;
         vec3 workspace = v3(1e-3 * values[3], 1e-3 * values[4], 1e-3 * values[5]);
-        if (v3_norm(v3_sub(device_workspace(name), workspace)) > 1e-9) fail_msg("PARAMETERS.md: %s has another workspace", name);
-        if (!same) fail_msg("PARAMETERS.md: %s has %g N, %g N m, %g N/m", name, limits.max_force, limits.max_torque, limits.max_stiffness);
+        if (v3_norm(v3_sub(device_workspace(name), workspace)) > 1e-9) fail_msg("devices.csv: %s has another workspace", name);
+        if (!same) fail_msg("devices.csv: %s has %g N, %g N m, %g N/m", name, limits.max_force, limits.max_torque, limits.max_stiffness);
         count++;
     }
     fclose(table);

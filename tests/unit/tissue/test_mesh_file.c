@@ -47,6 +47,11 @@ void *__wrap_dlopen(const char *path, int flags) {
     return gmsh_is_absent ? NULL : __real_dlopen(path, flags);
 }
 
+/* Skips the rest of a case where Gmsh is not installed: scripts/arm64 leaves it out. */
+static void need_gmsh(void) {
+    if (__real_dlopen("libgmsh.so.4.8", RTLD_LAZY) == NULL) skip();
+}
+
 static char directory[] = "/tmp/test_mesh_file.XXXXXX";
 
 static int make_directory(void **state) {
@@ -263,6 +268,7 @@ static void absurd_numbers_in_binary_files_are_refused(void **state) {
 static void vtk_is_one_region_of_tissue(void **state) {
     (void)state;
     mesh m;
+    need_gmsh();
     read_good("two.vtk", VTK, &m);
     assert_two_tets(&m);
     assert_int_equal(m.group_count, 1);
@@ -425,6 +431,7 @@ static void other_formats_need_gmsh(void **state) {
     assert_refused("two.msh", other, strlen(other), "apt install libgmsh4.8");
     free(other);
     gmsh_is_absent = false;
+    need_gmsh();
     loads = 0;
     mesh m;
     read_good("two.vtk", VTK, &m);

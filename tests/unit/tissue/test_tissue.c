@@ -82,6 +82,64 @@ static void element_equals_b_d_b(void **state) {
     }
 }
 
+/* ---- the membrane ---- */
+
+static vec3 random_triangle(vec3 x[3]) {
+    vec3 area;
+    do {
+        for (int i = 0; i < 3; i++) x[i] = random_vector(1.0);
+        area = v3_scale(0.5, v3_cross(v3_sub(x[1], x[0]), v3_sub(x[2], x[0])));
+    } while (v3_norm(area) < 0.05);
+    return area;
+}
+
+static vec3 mapped(double g[3][3], vec3 x) {
+    vec3 y;
+    for (int i = 0; i < 3; i++) (&y.x)[i] = v3_dot(v3(g[i][0], g[i][1], g[i][2]), x);
+    return y;
+}
+
+/* Returns the energy of nodal displacements. */
+static double triangle_energy(double k[9][9], const vec3 u[3]) {
+    double energy = 0.0;
+    for (int p = 0; p < 9; p++)
+        for (int q = 0; q < 9; q++) {
+            energy += 0.5 * (&u[p / 3].x)[p % 3] * k[p][q] * (&u[q / 3].x)[q % 3];
+            assert_close(k[p][q], k[q][p], 1e-13);
+        }
+    return energy;
+}
+
+/* The energy per area is that of plane stress: S / (2 (1 - nu^2)) (e11^2 + e22^2 + 2 nu e11 e22 + 2 (1 - nu) e12^2). Displacements along the normal need no
+   energy, whatever they are. */
+static void triangles_store_the_energy_of_plane_stress(void **state) {
+    (void)state;
+    for (int n = 0; n < 100; n++) {
+        vec3 x[3], u[3], area = random_triangle(x), normal = v3_scale(1.0 / v3_norm(area), area);
+        vec3 first = v3_scale(1.0 / v3_norm(v3_sub(x[1], x[0])), v3_sub(x[1], x[0])), second = v3_cross(normal, first);
+        double nu = cube_random(0, 0.49), g[3][3], k[9][9];
+        for (int i = 0; i < 9; i++) g[i / 3][i % 3] = cube_random(-1, 1);
+        for (int i = 0; i < 3; i++) u[i] = v3_axpy(cube_random(-5, 5), normal, mapped(g, x[i]));
+        vec3 along_first = mapped(g, first), along_second = mapped(g, second);
+        double e11 = v3_dot(first, along_first), e22 = v3_dot(second, along_second), e12 = 0.5 * (v3_dot(first, along_second) + v3_dot(second, along_first));
+        double expected = 7.0 / (2.0 * (1.0 - nu * nu)) * (e11 * e11 + e22 * e22 + 2.0 * nu * e11 * e22 + 2.0 * (1.0 - nu) * e12 * e12);
+        triangle_stiffness(x, &(membrane_material){.stiffness = 7.0, .poisson_ratio = nu}, k);
+        assert_close(triangle_energy(k, u) / (v3_norm(area) * expected), 1.0, 1e-10);
+    }
+}
+
+static void turned_triangles_store_no_energy(void **state) {
+    (void)state;
+    for (int n = 0; n < 100; n++) {
+        vec3 x[3], u[3], shift = random_vector(1.0), turn = random_vector(1.0);
+        double k[9][9];
+        random_triangle(x);
+        triangle_stiffness(x, &(membrane_material){.stiffness = 7.0, .poisson_ratio = 0.3}, k);
+        for (int i = 0; i < 3; i++) u[i] = v3_add(shift, v3_cross(turn, x[i]));
+        assert_close(triangle_energy(k, u), 0.0, 1e-12);
+    }
+}
+
 /* ---- the assembled body ---- */
 
 static void make_uniform(cube *c, double e, double nu, volumetric_strain strain) {
@@ -229,7 +287,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(rigid_motions_need_no_force),
         cmocka_unit_test(linear_fields_store_the_energy_of_their_strain),
-        cmocka_unit_test(element_equals_b_d_b),
+        cmocka_unit_test(element_equals_b_d_b), cmocka_unit_test(triangles_store_the_energy_of_plane_stress), cmocka_unit_test(turned_triangles_store_no_energy),
         cmocka_unit_test(patch_test),
         cmocka_unit_test(bar_in_tension_elongates_by_f_l_over_e_a),
         cmocka_unit_test(loose_bodies_are_refused),

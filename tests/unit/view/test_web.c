@@ -112,12 +112,18 @@ typedef struct {
     web *web;
     timeline timeline;
     byte_buffer scene;
+    web_section images;
     int takes, releases, leaves, removals;
     bool no_server;          /* if true, no server is heard, so driving is not allowed */
+    web_page pages[WEB_BROWSERS + 1]; /* the newest description of each browser, by its number */
+    int described[WEB_BROWSERS + 1];  /* how often each was described */
 } fixture;
 
-static char *describe(void *context, bool drives, bool driven, uint32_t steered) {
-    (void)context, (void)drives, (void)driven, (void)steered;
+static char *describe(void *context, const web_page *page) {
+    fixture *f = context;
+    assert_in_range(page->number, 1, WEB_BROWSERS);
+    f->pages[page->number] = *page;
+    f->described[page->number]++;
     return strdup("{}");
 }
 
@@ -136,7 +142,7 @@ static void open_fixture(fixture *f, int patience) {
     *f = (fixture){0};
     bytes_append(&f->scene, "a scene.", 8);
     assert_int_equal(timeline_create(&f->timeline, true, 1, &why), TROCAR_OK);
-    web_settings settings = {.page = folder, .timeline = &f->timeline, .scene = &f->scene, .context = f, .describe = describe,
+    web_settings settings = {.page = folder, .timeline = &f->timeline, .scene = &f->scene, .sections = {&f->images}, .section_count = 1, .context = f, .describe = describe,
                              .act = act, .may_drive = may_drive, .patience = patience};
     assert_int_equal(web_create(&settings, &f->web, &why), TROCAR_OK);
 }
@@ -145,6 +151,7 @@ static void close_fixture(fixture *f) {
     web_free(f->web);
     timeline_free(&f->timeline);
     bytes_free(&f->scene);
+    bytes_free(&f->images.bytes);
 }
 
 static void say(const client *c, int opcode, uint32_t kind, size_t length) {
@@ -248,6 +255,30 @@ static void hanging_browser_delays_nobody_and_is_disconnected(void **unused) {
     close_fixture(&f);
 }
 
+/* A section that nobody has been sent is not delivered, such as images for a browser that has yet to acknowledge earlier ones. */
+static void delivery_waits_for_a_browser(void **unused) {
+    (void)unused;
+    fixture f;
+    static client c;
+    int answered = 0;
+    open_fixture(&f, 0);
+    assert_true(web_delivered(f.web, &f.images));
+    f.images.version++;
+    assert_true(web_delivered(f.web, &f.images)); /* nobody would be sent it */
+    join(&f, &c);
+    bytes_append(&f.images.bytes, "an image", 8);
+    for (int i = 0; i < 4; i++) { /* by then, the browser has as many updates as it may have */
+        f.images.version++;
+        web_news(f.web);
+        go_round(&f, &c, 1);
+    }
+    assert_false(web_delivered(f.web, &f.images));
+    while (!web_delivered(f.web, &f.images)) acknowledge(&c, &answered), go_round(&f, &c, 1);
+    assert_true(answered > 0);
+    close(c.socket);
+    close_fixture(&f);
+}
+
 /* Without a server, no browser can take the needle. When the server disappears, the needle is released, and the driver must take it again later. */
 static void needle_is_released_when_driving_is_not_allowed(void **unused) {
     (void)unused;
@@ -295,6 +326,35 @@ static void only_the_driver_handles_needles(void **unused) {
     while (f.leaves == 0 || f.removals == 1) go_round(&f, clients, 2);
     assert_true(f.leaves == 1 && f.removals == 2);
     for (int i = 0; i < 2; i++) close(clients[i].socket);
+    close_fixture(&f);
+}
+
+/* Each browser has a number of its own, which is free again when it has gone, and hears the number of the one that drives. */
+static void browsers_are_numbered(void **unused) {
+    (void)unused;
+    fixture f;
+    static client clients[4];
+    int answered[4] = {0};
+    open_fixture(&f, 0);
+    for (int i = 0; i < 3; i++) {
+        join(&f, &clients[i]);
+        while (f.described[i + 1] == 0) go_round(&f, clients, 3);
+    }
+    say(&clients[2], BINARY, ACTION_TAKE, WEB_ACTION_BYTES);
+    while (f.pages[1].driver == 0 || f.pages[2].driver == 0 || f.pages[3].driver == 0) {
+        go_round(&f, clients, 3);
+        for (int i = 0; i < 3; i++) acknowledge(&clients[i], &answered[i]);
+    }
+    for (int i = 1; i <= 3; i++) assert_true(f.pages[i].number == i && f.pages[i].count == 3 && f.pages[i].driver == 3);
+    close(clients[1].socket);
+    while (f.pages[1].count == 3) go_round(&f, clients, 1), acknowledge(&clients[0], &answered[0]);
+    f.described[2] = 0;
+    join(&f, &clients[3]);
+    while (f.described[2] == 0) go_round(&f, &clients[3], 1), acknowledge(&clients[3], &answered[3]);
+    assert_int_equal(f.described[4], 0);
+    assert_int_equal(f.pages[2].driver, 3);
+    for (int i = 0; i < 4; i++)
+        if (i != 1) close(clients[i].socket);
     close_fixture(&f);
 }
 
@@ -378,8 +438,10 @@ int main(void) {
         cmocka_unit_test(listens_on_one_address_only),
         cmocka_unit_test(missing_page_is_reported),
         cmocka_unit_test(hanging_browser_delays_nobody_and_is_disconnected),
+        cmocka_unit_test(delivery_waits_for_a_browser),
         cmocka_unit_test(needle_is_released_when_driving_is_not_allowed),
         cmocka_unit_test(only_the_driver_handles_needles),
+        cmocka_unit_test(browsers_are_numbered),
         cmocka_unit_test(idle_connections_do_not_block_others),
         cmocka_unit_test(other_sites_are_refused_on_every_protocol),
         cmocka_unit_test(invalid_message_closes_the_connection),

@@ -1,11 +1,11 @@
 /* Force on a rigid straight needle that displaces the tissue, computed with the insertion's contact nodes, tributary lengths and
    local compliances, for comparison with a needle whose surface is resolved (resolved_needle.py).
-   usage: rigid_needle MESH RADIUS NU X Y TIP_Z YOUNGS_MODULUS YOUNGS_MODULUS_OF_"lower" [ANGLE AZIMUTH | STIFFENING]
+   usage: rigid_needle MESH RADIUS NU X Y TIP_Z YOUNGS_MODULUS YOUNGS_MODULUS_OF_"lower" [ANGLE AZIMUTH | STIFFENING | skin N_PER_M NU]
    X Y TIP_Z: position of the tip. The needle enters at the top (z = 0.1 m), either along -z or obliquely, at ANGLE degrees to the top and towards AZIMUTH
    degrees from x. Prints the number of nodes, the number of contacts, and the tick's own forces (N) for a motion by 1 mm: sideways (x; oblique: in the vertical
    plane of the needle), along the needle, and across (y; oblique: horizontally). Then, unless the needle is oblique, prints the sums of the springs in each
    direction: sideways, along, and that of the tip alone along z. With STIFFENING (C20 / C10), prints instead the number of nodes, the number of contacts, and
-   the forces along the needle for motions by 1, 2, 3, 4 and 5 mm. */
+   the forces along the needle for motions by 1, 2, 3, 4 and 5 mm. With `skin`, this surface is a membrane with a stiffness and a Poisson's ratio. */
 #include <lapacke.h>
 #include <stdlib.h>
 #include <string.h>
@@ -46,6 +46,8 @@ static trocar_status configure(char **argument, simulation_config *c, trocar_err
         region->material.cutting_force = HOLDS;
     }
     mesh_free(&m);
+    if (argument[9] && strcmp(argument[9], "skin") == 0)
+        c->membranes[c->membrane_count++] = (membrane_config){.name = "skin", .material = {.stiffness = atof(argument[10]), .poisson_ratio = atof(argument[11])}};
     c->inverse = INVERSE_SPARSE; /* the fastest kind to create on coarse meshes */
     snprintf(c->fixed[c->fixed_count++], MESH_NAME, "fixed");
     c->needle.outer_diameter = 2.0 * atof(argument[2]);
@@ -168,10 +170,10 @@ static trocar_status start(body *b, char **argument, bool oblique, pose *base, t
 int main(int argc, char **argv) {
     trocar_error why;
     pose base;
-    bool oblique = argc == 11, stiffening = argc == 10;
+    bool oblique = argc == 11, stiffening = argc == 10, skin = argc == 12 && strcmp(argv[9], "skin") == 0;
     body *b = calloc(1, sizeof *b);
-    if ((argc != 9 && !oblique && !stiffening) || !b) {
-        fprintf(stderr, "usage: rigid_needle MESH RADIUS NU X Y TIP_Z YOUNGS_MODULUS YOUNGS_MODULUS_OF_LOWER [ANGLE AZIMUTH | STIFFENING]\n");
+    if ((argc != 9 && !oblique && !stiffening && !skin) || !b) {
+        fprintf(stderr, "usage: rigid_needle MESH RADIUS NU X Y TIP_Z YOUNGS_MODULUS YOUNGS_MODULUS_OF_LOWER [ANGLE AZIMUTH | STIFFENING | skin N_PER_M NU]\n");
         return 2;
     }
     trocar_status status = start(b, argv, oblique, &base, &why);

@@ -1,6 +1,6 @@
 """Creates various meshes of the block of resolved_needle.py for checking the force on a rigid needle.
 
-The block measures 120 x 120 x 100 mm: |x|, |y| <= 60 mm; z = 0 is the surface `fixed`. There is one region, "upper", or two, "lower" and "upper", separated by
+The block measures 120 x 120 x 100 mm: |x|, |y| <= 60 mm; z = 0 is the surface `fixed`, and in Gmsh's meshes z = 100 mm is the surface `skin`. There is one region, "upper", or two, "lower" and "upper", separated by
 a face at z = 50 mm.
 """
 import subprocess
@@ -46,9 +46,9 @@ def block(path, size, layered=False, field=None):
     for tag, name in zip((tag for _, tag in gmsh.model.getEntities(3)), ("lower", "upper")):
         gmsh.model.addPhysicalGroup(3, [tag], tag)
         gmsh.model.setPhysicalName(3, tag, name if layered else "upper")
-    floor = [tag for _, tag in gmsh.model.getEntities(2) if abs(occ.getCenterOfMass(2, tag)[2]) < 1e-9]
-    gmsh.model.addPhysicalGroup(2, floor, 9)
-    gmsh.model.setPhysicalName(2, 9, "fixed")
+    for number, name, height in ((9, "fixed", 0.0), (10, "skin", HEIGHT)):
+        gmsh.model.addPhysicalGroup(2, [tag for _, tag in gmsh.model.getEntities(2) if abs(occ.getCenterOfMass(2, tag)[2] - height) < 1e-9], number)
+        gmsh.model.setPhysicalName(2, number, name)
     gmsh.option.setNumber("Mesh.MeshSizeMax", size)
     if field:
         set_field(field)

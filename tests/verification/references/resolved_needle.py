@@ -50,7 +50,7 @@ ABOUT = (
     "Lengths in m, forces in N, moduli in Pa. Block |x|, |y| <= 0.06, 0 <= z <= 0.1; z = 0 is held, all else is free. "
     "'axis': x, y of the tip; the needle reaches from the skin (z = 0.1) down to z = 'tip'. 'angle': between needle and skin in "
     "degrees, going in along +x, or at 'azimuth' degrees from there toward +y; straight down where there is none. The modulus is "
-    "'youngs_modulus_below' under z = 'interface'. needle: the whole hole moves, without rotation: sideways (+x, "
+    "'youngs_modulus_below' under z = 'interface'. 'skin': stiffness (N/m) and Poisson's ratio of a membrane on the skin, bonded to the needle. needle: the whole hole moves, without rotation: sideways (+x, "
     "or, of an oblique needle, at right angles to it in its vertical plane), across (of an oblique needle, horizontal), axial (outwards). "
     "disc: only the hole's end face moves, along -z without moving sideways, the rest of the hole is free of traction. "
     "'force' is along the motion, on the finest mesh solved; 'standard_above_fine' and 'coarse_above_standard' are "
@@ -98,6 +98,7 @@ def all_cases():
     cases["shallow"] = case(0.090)
     cases["side"] = case(0.020, axis=(0.050, -0.0027))
     cases["bottom"] = case(0.005)
+    cases |= {f"membrane_{stiffness}": {**case(0.080), "skin": [stiffness, 0.45]} for stiffness in (30, 300)}
     cases["layers"] = case(0.020, below=STIFF)
     cases["stiff_ahead"] = case(0.055, below=CONTRAST * SOFT)
     cases["stiff_below"] = case(0.020, below=CONTRAST * SOFT)
@@ -369,6 +370,19 @@ def material(name, modulus, nu, elements):
             f"*SOLID SECTION, ELSET={name}, MATERIAL={name}\n")
 
 
+FACES_OF_C3D10 = ((0, 1, 2, 4, 5, 6), (0, 1, 3, 4, 8, 7), (1, 2, 3, 5, 9, 8), (0, 2, 3, 6, 9, 7))  # corners, then the nodes between them
+THICKNESS = 1e-6  # m: CalculiX expands membranes to solids, which must be thin beside the elements at the needle's rim
+
+
+def membrane(skin, nodes, elements):
+    """Formats membrane elements on the skin, which are bonded to the needle like the tissue. `skin`: stiffness (N/m) and Poisson's ratio."""
+    faces = np.concatenate([elements[:, list(face)] for face in FACES_OF_C3D10])
+    faces = faces[nodes[faces][..., 2].min(axis=1) > HEIGHT - 1e-9] + 1
+    rows = "".join(f"{i}, {', '.join(map(str, row))}\n" for i, row in enumerate(faces.tolist(), len(elements) + 1))
+    return (f"*ELEMENT, TYPE=M3D6, ELSET=SKIN\n{rows}*MATERIAL, NAME=SKIN\n*ELASTIC\n{skin[0] / THICKNESS!r}, {skin[1]!r}\n"
+            f"*MEMBRANE SECTION, ELSET=SKIN, MATERIAL=SKIN\n{THICKNESS!r}\n")
+
+
 def static_step(move):
     """Formats one load case; its boundary conditions replace those of the previous step."""
     motion = "".join(f"MOVED, {axis}, {axis}, {distance!r}\n" for axis, distance in enumerate(move.tolist(), 1))
@@ -383,15 +397,20 @@ def input_deck(one, nodes, elements, middle, fixed, moved):
     deck += material("ABOVE", one["youngs_modulus_above"], one["poisson_ratio"], np.flatnonzero(~stiff))
     if stiff.any():
         deck += material("BELOW", one["youngs_modulus_below"], one["poisson_ratio"], np.flatnonzero(stiff))
+    if "skin" in one:
+        deck += membrane(one["skin"], nodes, elements)
     return deck + "".join(static_step(move) for move in loads(one).values())
 
 
-def reactions(text, names):
-    """Reads CalculiX's .dat file; returns, for each load case, the sums of the forces on the moved nodes and on the fixed face."""
+def reactions(text, names, skin):
+    """Reads CalculiX's .dat file; returns, for each load case, the sums of the forces on the moved nodes and on the fixed face. With a membrane (`skin`), the
+    first are set to the negative of the second, because CalculiX does not print the forces of the solids into which it expands membranes."""
     sums = re.findall(r"total force.*for set (\w+) and time.*\n\s*\n\s*(\S+)\s+(\S+)\s+(\S+)", text)
     if [name for name, *_ in sums] != ["MOVED", "FIXED"] * len(names):
         sys.exit("resolved_needle: CalculiX printed no reactions; keep its files with --keep and run it by hand")
     forces = np.array([xyz for _, *xyz in sums], float).reshape(-1, 2, 3)
+    if skin:
+        forces[:, 0] = -forces[:, 1]
     for needle, face in forces:
         if np.linalg.norm(needle + face) > BALANCE * np.linalg.norm(needle):
             sys.exit(f"resolved_needle: the reactions {needle} and {face} don't balance")
@@ -409,7 +428,7 @@ def solve(one, mesh, folder):
     if ccx.returncode or not (folder / "needle.dat").exists():
         sys.exit(f"resolved_needle: ccx failed:\n{ccx.stdout[-2000:]}{ccx.stderr}")
     return {"nodes": len(nodes), "elements": len(elements),
-            **reactions((folder / "needle.dat").read_text(), list(loads(one)))}
+            **reactions((folder / "needle.dat").read_text(), list(loads(one)), "skin" in one)}
 
 
 # ---- the table -------------------------------------------------------------------------------------------------------

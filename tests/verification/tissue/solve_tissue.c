@@ -1,8 +1,8 @@
 /* Computes the displacements of a tissue under nodal forces with the core, for the scripts in this folder.
 
    usage: solve_tissue MESH <INPUT >OUTPUT
-   INPUT, one item per line: `strain patch`, `strain node` or `strain element` (volumetric_strain), `material REGION E NU`, `fixed GROUP`, `case`
-   (begins a load case), `load NODE FX FY FZ`.
+   INPUT, one item per line: `strain patch`, `strain node` or `strain element` (volumetric_strain), `material REGION E NU`,
+   `membrane SURFACE STIFFNESS NU` (N/m), `fixed GROUP`, `case` (begins a load case), `load NODE FX FY FZ`.
    OUTPUT: x y z of each node (m), then, for each case, ux uy uz of each node (m), all with 17 digits. */
 #include <stdlib.h>
 #include <string.h>
@@ -12,6 +12,7 @@
 typedef struct {
     mesh mesh;
     region_material materials[MESH_MAX_GROUPS];
+    membrane_material membranes[MESH_MAX_GROUPS];
     volumetric_strain strain;
     bool *fixed;
     tissue tissue;
@@ -28,6 +29,17 @@ static trocar_status set_material(problem *p, const char *line, trocar_error *wh
     int group = mesh_find_group(&p->mesh, name, 3);
     if (group < 0) return fail(why, TROCAR_BAD_INPUT, "material: the mesh has no region '%s'", name);
     p->materials[group] = material;
+    return TROCAR_OK;
+}
+
+static trocar_status set_membrane(problem *p, const char *line, trocar_error *why) {
+    char name[MESH_NAME];
+    membrane_material material;
+    if (sscanf(line, "membrane %63s %lf %lf", name, &material.stiffness, &material.poisson_ratio) != 3)
+        return fail(why, TROCAR_BAD_INPUT, "'%s': expected: membrane SURFACE STIFFNESS NU", line);
+    int group = mesh_find_group(&p->mesh, name, 2);
+    if (group < 0) return fail(why, TROCAR_BAD_INPUT, "membrane: the mesh has no surface '%s'", name);
+    p->membranes[group] = material;
     return TROCAR_OK;
 }
 
@@ -70,12 +82,18 @@ static void solve_case(problem *p) {
     memset(p->force, 0, (size_t)p->mesh.node_count * sizeof *p->force);
 }
 
-/* At the first load case, the materials and the fixed groups are complete, so the tissue is factorised. */
+static trocar_status factorise(problem *p, trocar_error *why) {
+    trocar_status status = tissue_define(&p->mesh, p->materials, p->fixed, p->strain, &p->tissue, why);
+    if (status != TROCAR_OK) return status;
+    p->tissue.membranes = p->membranes;
+    status = tissue_factor(&p->tissue, 0, NULL, why);
+    return status == TROCAR_OK ? inverse_create_sparse(&p->tissue, SPARSE_CACHE, &p->inverse, why) : status;
+}
+
+/* At the first load case, the materials, the membranes and the fixed groups are complete, so the tissue is factorised. */
 static trocar_status begin_case(problem *p, trocar_error *why) {
-    trocar_status status = TROCAR_OK;
     solve_case(p);
-    if (!p->loaded) status = tissue_create(&p->mesh, p->materials, p->fixed, p->strain, &p->tissue, why);
-    if (!p->loaded && status == TROCAR_OK) status = inverse_create_sparse(&p->tissue, SPARSE_CACHE, &p->inverse, why);
+    trocar_status status = p->loaded ? TROCAR_OK : factorise(p, why);
     p->loaded = true;
     return status;
 }
@@ -85,6 +103,7 @@ static trocar_status read_line(problem *p, const char *line, trocar_error *why) 
     if (strncmp(line, "case", 4) == 0) return begin_case(p, why);
     if (strncmp(line, "fixed ", 6) == 0) return fix_group(p, line, why);
     if (strncmp(line, "strain ", 7) == 0) return set_strain(p, line, why);
+    if (strncmp(line, "membrane ", 9) == 0) return set_membrane(p, line, why);
     return set_material(p, line, why);
 }
 

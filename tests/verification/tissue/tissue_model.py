@@ -203,11 +203,10 @@ def point_load(model, points, force):
 
 # ---- solutions: displacements (cases, n, 3) ----
 
-def solve_core(rows, model, materials, fixed, cases, strain="patch"):
+def solve_core(rows, model, materials, fixed, cases, strain="patch", membranes=None):
     """Solves with trocar's core. `materials` is keyed by region name, `fixed` contains the names of groups, and `cases` contains nodal forces. `strain` is the
-    set
-    over which the volumetric strain is averaged: "patch", "node" or "element"."""
-    lines = [f"strain {strain}"]
+    set over which the volumetric strain is averaged: "patch", "node" or "element". `membranes` is keyed by surface name: (stiffness in N/m, nu)."""
+    lines = [f"strain {strain}"] + [f"membrane {name} {stiffness!r} {nu!r}" for name, (stiffness, nu) in (membranes or {}).items()]
     lines += [f"material {name} {e!r} {nu!r}" for name, (e, nu) in materials.items()] + [f"fixed {name}" for name in fixed]
     for force in cases:
         loaded = np.flatnonzero(np.any(force != 0, axis=1))
@@ -222,8 +221,24 @@ def solve_core(rows, model, materials, fixed, cases, strain="patch"):
     return values[1:]
 
 
-def deck(nodes, tets, kind, regions, materials, fixed, cases):
-    """Returns CalculiX's input deck; CalculiX reads at most twenty characters per number."""
+MEMBRANE_THICKNESS = 1e-5  # m: CalculiX expands membranes to solids of this thickness, which must be small beside the elements. With 1e-7, digits are lost
+
+
+def membrane_deck(model, membranes, middle=None):
+    """Returns the membranes of CalculiX's input deck: M3D3, or M3D6 if `middle`, a Quadratic, is given."""
+    number, kind = len(model.tets), "M3D6" if middle else "M3D3"
+    for name, (stiffness, nu) in membranes.items():
+        triangles = model.surfaces[name]
+        nodes = np.concatenate([triangles, middle.middles(triangles)], 1) if middle else triangles
+        yield f"*ELEMENT, TYPE={kind}, ELSET={name}"
+        yield from (",".join(map(str, [number + i] + row)) for i, row in enumerate((nodes + 1).tolist(), 1))
+        yield f"*MATERIAL, NAME={name}\n*ELASTIC\n{stiffness / MEMBRANE_THICKNESS:.13e},{nu:.13e}"
+        yield f"*MEMBRANE SECTION, ELSET={name}, MATERIAL={name}\n{MEMBRANE_THICKNESS}"
+        number += len(triangles)
+
+
+def deck(nodes, tets, kind, regions, materials, membranes, fixed, cases):
+    """Returns CalculiX's input deck, with the lines of `membranes` in it; CalculiX reads at most twenty characters per number."""
     yield "*NODE, NSET=ALL"
     yield from (f"{i},{x:.13e},{y:.13e},{z:.13e}" for i, (x, y, z) in enumerate(nodes.tolist(), 1))
     for name, members in regions.items():
@@ -232,6 +247,7 @@ def deck(nodes, tets, kind, regions, materials, fixed, cases):
         e, nu = materials[name]
         yield f"*MATERIAL, NAME={name}\n*ELASTIC\n{e:.13e},{nu:.13e}"
         yield f"*SOLID SECTION, ELSET={name}, MATERIAL={name}"
+    yield from membranes
     yield "*BOUNDARY"
     yield from (f"{i + 1},1,3" for i in fixed)
     for force in cases:
@@ -263,11 +279,11 @@ def read_displacements(text, count):
     return np.array(steps)
 
 
-def solve_calculix(model, materials, fixed, cases, middle=None):
-    """Solves with CalculiX, using C3D4, or C3D10 if `middle`, a Quadratic, is given. CalculiX's output has seven digits."""
+def solve_calculix(model, materials, fixed, cases, middle=None, membranes=None):
+    """Solves with CalculiX, using C3D4 and M3D3, or C3D10 and M3D6 if `middle`, a Quadratic, is given. CalculiX's output has seven digits."""
     triangles = np.concatenate([model.surfaces[name] for name in fixed])
     held, nodes, tets, kind = triangles, model.nodes, model.tets, "C3D4"
     if middle:
         held, nodes, tets, kind = np.concatenate([triangles, middle.middles(triangles)]), middle.nodes, middle.tets, "C3D10"
-    lines = deck(nodes, tets, kind, model.regions, materials, np.unique(held), cases)
+    lines = deck(nodes, tets, kind, model.regions, materials, membrane_deck(model, membranes or {}, middle), np.unique(held), cases)
     return read_displacements(run_calculix(lines), len(nodes))

@@ -1,11 +1,13 @@
 #!/usr/bin/python3
-"""Compares the probe, pressed into a block with a gland, with CalculiX on the same mesh. CalculiX uses its own contact with a meshed cylinder.
+"""Compares the probe, pressed into a block with a gland, with CalculiX on the same mesh.
 
-CalculiX uses C3D4 elements, small strains, and frictionless node-to-surface penalty contact of the wall's nodes. Its probe is a body of flat facets, whose
-nodes are all moved by the depth. Both integrate the volumetric strain by element. The penalty and the facets cause the reference's error of about 1 %.
+CalculiX uses C3D4 elements, small strains, and frictionless node-to-surface penalty contact between the wall's nodes and the probe. Its probe is a body with
+flat facets, whose nodes are all moved by the depth. Both programs evaluate the volumetric strain in each element. The penalty and the facets give the
+reference an error of about 1 %.
 
-The full form also shows which contact is right on a coarse mesh. On meshes of several sizes, it compares the force if the wall's nodes are kept out of the
-probe with CalculiX's force if the wall's whole faces are kept out (surface to surface). Both decrease to the same force as elements become smaller.
+The full form also shows which contact is right on a coarse mesh. On meshes of several sizes, it compares two forces: trocar's, which keeps only the wall's
+nodes out of the probe, and CalculiX's with surface-to-surface contact, which keeps the wall's whole faces out. Both decrease to the same force as elements
+become smaller.
 """
 import os
 import re

@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from .. import Model
 from .._files import open_input
+from .._locate import weight_gradients
 
 Array = npt.NDArray[np.float64]
 
@@ -25,13 +26,13 @@ class Embedding:
         from scipy.spatial import cKDTree
         corners = model.nodes[model.tets]
         self._tets, self._first = model.tets, corners[:, 0]
-        self._inverse = np.linalg.inv((corners[:, 1:] - corners[:, :1]).transpose(0, 2, 1))
+        self._gradients = weight_gradients(corners)
         self._centres, self._nodes = cKDTree(corners.mean(axis=1)), cKDTree(model.nodes)
 
     def locate(self, points: Array) -> tuple[npt.NDArray[np.int32], Array]:
         """Returns, for points (n, 3) m, the nodes (n, 4) between which each point lies, and their weights (n, 4)."""
         near = self._centres.query(points, min(NEAR, len(self._tets)))[1].reshape(len(points), -1)
-        inner = np.einsum("nkij,nkj->nki", self._inverse[near], points[:, None] - self._first[near])
+        inner = np.einsum("nkij,nkj->nki", self._gradients[near], points[:, None] - self._first[near])
         weights = np.concatenate([1.0 - inner.sum(axis=2, keepdims=True), inner], axis=2)
         best = weights.min(axis=2).argmax(axis=1)
         rows = np.arange(len(points))
@@ -128,10 +129,15 @@ class BadContours(Exception):
 def read_contours(path: str, roi: str) -> list[Array]:
     """Reads the outlines (n, 3) mm of a region of interest, in patient coordinates, from a table (roi, outline, x_mm, y_mm, z_mm) or an RT Structure
     Set."""
-    outlines = _read_table(path) if path.endswith(".csv") else _read_structures(path)
+    outlines = read_all_contours(path)
     if roi not in outlines:
         raise BadContours(f"{path}: no region of interest \"{roi}\": there are {', '.join(outlines) or 'none'}")
     return outlines[roi]
+
+
+def read_all_contours(path: str) -> dict[str, list[Array]]:
+    """Reads the outlines of all regions of interest, as `read_contours` does."""
+    return _read_table(path) if path.endswith(".csv") else _read_structures(path)
 
 
 def _read_table(path: str) -> dict[str, list[Array]]:

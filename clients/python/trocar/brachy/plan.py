@@ -47,6 +47,7 @@ from .._reader import Reader
 __all__ = ["BadPlan", "Frame", "Misplacement", "Needle", "Plan", "Planned", "Placed", "Source", "Turn", "compare", "guide_of", "hole_axis", "hole_name",
            "hole_number", "needle_axis", "planned_seeds", "read", "read_seeds", "seeds_of", "summary", "without_steering", "write"]
 
+HALF_LIFE = {"I-125": 59.40, "Pd-103": 16.991}  # days, half-lives of the isotopes that a plan may have, from the TG-43 consensus data
 _SPACING_TOLERANCE = 1e-6  # m
 _GAP = 1e-9                # m, tolerance for rounding errors in sums of lengths
 
@@ -76,8 +77,8 @@ class Needle:
     """One needle of a plan."""
 
     hole: str           # name of the hole, such as C3.5; "" for a needle with an entry point
-    depth: float        # m, from the template's entry face, or from the entry point, to the tip
-    seeds: list[float]  # m, from the tip back to each seed's centre, in ascending order
+    depth: float        # m, distance from the template's entry face, or from the entry point, to the tip
+    seeds: list[float]  # m, distances from the tip back to each seed's centre, in ascending order
     line: int = 0       # line number in the file; 0 if unknown
     name: str = ""
     roll: float = 0.0   # rad
@@ -244,8 +245,8 @@ def read(path: str | PathLike[str]) -> Plan:
     if "source" in keys:
         given = reader.mapping(keys["source"], "source", ("isotope", "model", "strength"))
         isotope = reader.text(given["isotope"], "source.isotope")
-        if isotope not in ("I-125", "Pd-103"):
-            raise reader.fail(given["isotope"], f"source.isotope: \"{isotope}\": there are I-125 and Pd-103")
+        if isotope not in HALF_LIFE:
+            raise reader.fail(given["isotope"], f"source.isotope: \"{isotope}\": there are {' and '.join(HALF_LIFE)}")
         plan.source = Source(isotope, reader.text(given["model"], "source.model"), reader.number(given["strength"], "source.strength"))
     if "prescription" in keys:
         plan.prescription = reader.number(keys["prescription"], "prescription")
@@ -496,7 +497,7 @@ def without_steering(plan: Plan, what: str) -> Plan:
     """Returns the plan unchanged. Raises BadPlan if needles are rolled or turned, which the format `what` cannot express."""
     for needle in plan.needles:
         if needle.roll or needle.turn:
-            raise BadPlan(f"{plan.path}:{needle.line}: needle {needle.title}: {what} has no roll or turn, and its needles would go elsewhere: carry the plan out by "
+            raise BadPlan(f"{plan.path}:{needle.line}: needle {needle.title}: {what} cannot express a roll or turn: carry the plan out with "
                           "trocar.brachy.implant.Implant")
     return plan
 

@@ -12,12 +12,12 @@ import math
 import re
 import struct
 from os import PathLike, fspath
-from typing import Any, Iterator, NamedTuple
+from typing import Any, Callable, Iterator, NamedTuple
 
 import numpy as np
 
 from .. import Guide, Model, __version__
-from .plan import BadPlan, Frame, Needle, Placed, Plan, Source, guide_of, hole_name, hole_number, planned_seeds
+from .plan import HALF_LIFE, BadPlan, Frame, Needle, Placed, Plan, Source, guide_of, hole_name, hole_number, planned_seeds
 
 try:
     import pydicom
@@ -33,9 +33,9 @@ __all__ = ["export", "read", "read_seeds"]
 
 RT_PLAN = "1.2.840.10008.5.1.4.1.1.481.5"
 RT_STRUCTURES = "1.2.840.10008.5.1.4.1.1.481.3"
-HALF_LIFE = {"I-125": 59.40, "Pd-103": 16.991}  # days, half-lives from the TG-43 consensus data
 # m, largest distance from the axis of its hole at which a seed is considered to have been planned for this template
 FROM_AXIS = 0.5e-3
+NOT_FOR_TREATMENT = "Not for treatment: simulated by trocar"
 ON_AXIS = 0.01e-3                               # m, tolerance for rounding: seeds farther from the axis are moved to it, which is reported
 
 
@@ -75,7 +75,8 @@ def _frame_of_reference(structures: Dataset) -> str | None:
     if "FrameOfReferenceUID" in structures:
         return structures.FrameOfReferenceUID
     frames = structures.get("ReferencedFrameOfReferenceSequence") or []
-    return frames[0].get("FrameOfReferenceUID") if frames else None
+    rois = structures.get("StructureSetROISequence") or []
+    return next(iter([frame.get("FrameOfReferenceUID") for frame in frames] + [roi.get("ReferencedFrameOfReferenceUID") for roi in rois]), None)
 
 
 def _source_sequence(source: Source, date: str) -> Sequence:
@@ -100,6 +101,25 @@ def _behind(placed: list[Placed], axis: np.ndarray) -> list[float]:
     return [max(d for d, other in zip(depth, placed) if (other.guide, other.hole) == (seed.guide, seed.hole)) - own for own, seed in zip(depth, placed)]
 
 
+def new_object(kind: str, modality: str, uid: Callable[[str], str], of: Dataset) -> FileDataset:
+    """Returns a data set with the patient and the study of another one, `of`, or with new ones if that is empty. kind: UID of the SOP class; uid: makes a UID for each
+    purpose."""
+    meta = FileMetaDataset()
+    meta.MediaStorageSOPClassUID, meta.MediaStorageSOPInstanceUID, meta.TransferSyntaxUID = kind, uid(modality), ExplicitVRLittleEndian
+    meta.ImplementationClassUID = pydicom.uid.PYDICOM_IMPLEMENTATION_UID
+    data = FileDataset("", Dataset(), file_meta=meta, preamble=b"\0" * 128)
+    data.is_little_endian, data.is_implicit_VR = True, False
+    data.SpecificCharacterSet = "ISO_IR 192"
+    data.SOPClassUID, data.SOPInstanceUID = kind, meta.MediaStorageSOPInstanceUID
+    for keyword in ("PatientName", "PatientID", "PatientBirthDate", "PatientSex", "StudyDate", "StudyTime", "ReferringPhysicianName", "StudyID", "AccessionNumber"):
+        setattr(data, keyword, of.get(keyword, "") or "")
+    data.StudyInstanceUID = of.get("StudyInstanceUID") or uid("study")
+    data.Modality, data.SeriesInstanceUID, data.SeriesNumber, data.OperatorsName = modality, uid(f"series of {modality}"), None, ""
+    data.SeriesDescription = NOT_FOR_TREATMENT
+    data.Manufacturer, data.ManufacturerModelName, data.SoftwareVersions = "trocar", "trocar", __version__
+    return data
+
+
 def dataset(plan: Plan, model: Model, structures: Dataset | None = None, date: datetime.date | None = None, placed: list[Placed] | None = None) -> FileDataset:
     """Returns the plan as a DICOM data set or, if `placed` is given, the seeds that were left in the tissue. structures: the RT Structure Set from
     which the scene was made. date: date of the implant, by default today. Raises BadPlan if the scene has no patient coordinates, or the plan has no
@@ -121,21 +141,11 @@ def dataset(plan: Plan, model: Model, structures: Dataset | None = None, date: d
     content = repr((plan.template, plan.source, day, placed is None, [(s.hole, s.number, _decimals(frame.position(s.position))) for s in seeds]))
     uid = lambda what: generate_uid(entropy_srcs=["trocar", what, content])
 
-    meta = FileMetaDataset()
-    meta.MediaStorageSOPClassUID, meta.MediaStorageSOPInstanceUID, meta.TransferSyntaxUID = RT_PLAN, uid("plan"), ExplicitVRLittleEndian
-    meta.ImplementationClassUID = pydicom.uid.PYDICOM_IMPLEMENTATION_UID
-    data = FileDataset("", Dataset(), file_meta=meta, preamble=b"\0" * 128)
-    data.is_little_endian, data.is_implicit_VR = True, False
-    data.SpecificCharacterSet = "ISO_IR 192"
-    data.SOPClassUID, data.SOPInstanceUID = RT_PLAN, meta.MediaStorageSOPInstanceUID
     of = structures if structures is not None else Dataset()
-    for keyword in ("PatientName", "PatientID", "PatientBirthDate", "PatientSex", "StudyDate", "StudyTime", "ReferringPhysicianName", "StudyID", "AccessionNumber"):
-        setattr(data, keyword, of.get(keyword, "") or "")
-    data.StudyInstanceUID = of.get("StudyInstanceUID") or uid("study")
-    data.Modality, data.SeriesInstanceUID, data.SeriesNumber, data.OperatorsName = "RTPLAN", uid("series"), None, ""
-    data.Manufacturer, data.ManufacturerModelName, data.SoftwareVersions = "trocar", "trocar", __version__
+    data = new_object(RT_PLAN, "RTPLAN", uid, of)
     data.FrameOfReferenceUID, data.PositionReferenceIndicator = _frame_of_reference(of) or uid("frame"), ""
     data.RTPlanLabel, data.RTPlanName, data.RTPlanDate, data.RTPlanTime = "planned" if placed is None else "implanted", plan.template, day, ""
+    data.RTPlanDescription, data.PlanIntent = NOT_FOR_TREATMENT, "RESEARCH"
     data.RTPlanGeometry = "PATIENT" if structures is not None else "TREATMENT_DEVICE"
     if structures is not None:
         data.ReferencedStructureSetSequence = Sequence([_item(ReferencedSOPClassUID=of.get("SOPClassUID", RT_STRUCTURES), ReferencedSOPInstanceUID=of.SOPInstanceUID)])

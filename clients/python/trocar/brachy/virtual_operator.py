@@ -33,13 +33,13 @@ class SeedError(NamedTuple):
     planned: Array     # planned centre
     axis: Array        # unit vector along the planned needle
     total: Array
-    tissue: Array      # by displacement of the tissue, as far as the operator did not follow it
-    image: Array       # by the error of the image
-    splay: Array       # by the tilt of the needle
+    tissue: Array      # due to displacement of the tissue that the operator did not correct
+    image: Array       # due to the error of the image
+    splay: Array       # due to the tilt of the needle
 
     @property
     def remainder(self) -> Array:
-        """What the other parts do not explain."""
+        """The part that the other parts do not explain."""
         return self.total - self.tissue - self.image - self.splay
 
     def along(self, part: str) -> float:
@@ -59,7 +59,7 @@ class Operator(_Motion):
     plan: plans.Plan | None = None
     follows_image: bool = False
     stabilise: Sequence[str] = ()        # holes of needles without seeds, which are inserted first and removed last
-    seed: float = 1                      # of the random numbers; a whole number
+    seed: float = 1                      # seed of the random numbers; a whole number
     speed: float | None = None           # m/s, mean speed of the hand's strokes
     image_error: float | None = None     # m, standard deviation over the needles, along the needle
     splay: float | None = None           # rad, standard deviation of the tilt about each axis across the needle

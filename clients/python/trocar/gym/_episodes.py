@@ -55,7 +55,7 @@ class Episodes:
         self.seed_length = float(task.scene["seeds.length"])    # m
         self.needle_radius = 0.5 * float(task.scene["needle.outer_diameter"])    # m
         self.episodes: dict[int, Episode] = {}    # by row
-        self.radius = np.zeros(count)             # m, of the obstacle
+        self.radius = np.zeros(count)             # m, radius of the obstacle
         self.travel, self.roll = np.zeros(count), np.zeros(count)    # m and rad, motion of the base since the start: along the needle, and roll
         self.tip, self.force, self.depth = np.zeros((count, 7)), np.zeros((count, 3)), np.zeros(count)
         self.target, self.obstacle = np.zeros((count, 3)), np.zeros((count, 3))    # m, positions in the displaced tissue

@@ -43,10 +43,10 @@ class Stiffness:
 
 @dataclass(frozen=True)
 class Episode:
-    """What is drawn at random for one episode."""
+    """The random choices of one episode."""
 
     model: Model
-    target: Array                         # (3,) m, in the tissue at rest
+    target: Array                         # (3,) m, position in the tissue at rest
     target_nodes: npt.NDArray[np.int32]   # (4,) corners of the tetrahedron that contains the target
     target_weights: Array                 # (4,) barycentric weights of the target
     borders: npt.NDArray[np.int32]        # (n, 3) faces between regions, and those of the tissue's surface
@@ -54,7 +54,7 @@ class Episode:
     obstacle_nodes: npt.NDArray[np.int32] # (4,) corners of the tetrahedron that contains the obstacle's centre
     obstacle_weights: Array               # (4,) barycentric weights of this centre
     obstacle: Array                       # (3,) m, centre of the sphere in the tissue at rest
-    radius: float                         # m, of the sphere; 0 if the task has no obstacle
+    radius: float                         # m, radius of the sphere; 0 if the task has no obstacle
 
 
 @dataclass
@@ -70,7 +70,7 @@ class Task:
     stiffnesses: int = 8          # number of models with different elastic moduli
     speed: float = 0.05           # m/s, largest speed of the base along the needle
     roll_rate: float = 12.0       # rad/s, largest roll rate of the base
-    interval: float = 0.02        # s, between two actions
+    interval: float = 0.02        # s, time between two actions
     tolerance: float = 1e-3       # m, largest error of a success
     displacement_cost: float = 5.0    # 1/s, weight of the tissue's displacement in the reward
     start: Array = field(default_factory=lambda: np.zeros(7))     # (7,) pose of the base before the insertion

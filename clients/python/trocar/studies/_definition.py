@@ -4,6 +4,7 @@ from __future__ import annotations
 import hashlib
 import itertools
 import math
+import re
 from dataclasses import dataclass, field, replace
 from os import PathLike, fspath
 from pathlib import Path
@@ -24,8 +25,12 @@ from ..brachy.virtual_operator import Operator
 METHODS = ("sobol", "latin hypercube", "random", "saltelli", "grid")
 MOST_RUNS = 10_000_000
 
-# Keys of a region that affect the stiffness: runs in which they differ cannot share a model's inverse.
-_STIFFNESS = ("youngs_modulus", "poisson_ratio")
+_STIFFNESS = re.compile(r"regions\[[^]]*\]\.(youngs_modulus|poisson_ratio)|membranes\[[^]]*\]\.(stiffness|poisson_ratio)")
+
+
+def affects_stiffness(key: str) -> bool:
+    """True for a key of the scene that affects the tissue's stiffness: runs in which it differs cannot share a model's inverse."""
+    return _STIFFNESS.fullmatch(key) is not None
 
 
 class BadStudy(Exception):
@@ -101,6 +106,7 @@ class Study:
     digests: dict[str, str] = field(default_factory=dict)    # SHA-256 of each file that was read, with the file's role as key
     described: str = ""                 # text for the manifest that describes the motion and other settings
     inverse: str = "auto"               # the scene's inverse
+    text: str = ""                      # contents of the study's file
     _scene: Scene | None = None         # the scene with `settings` applied; read only once, so that later changes of the file have no effect
 
     def samples(self) -> npt.NDArray[np.float64]:
@@ -135,7 +141,7 @@ class Study:
 
     def stiffness_columns(self) -> list[int]:
         """Returns the parameters that affect the stiffness."""
-        return [i for i, parameter in enumerate(self.parameters) if parameter.name.rsplit(".", 1)[-1] in _STIFFNESS and parameter.name.startswith("regions[")]
+        return [i for i, parameter in enumerate(self.parameters) if affects_stiffness(parameter.name)]
 
     def possible_stiffnesses(self) -> float:
         """Returns the maximum number of different stiffnesses, for any number of runs."""
@@ -326,7 +332,7 @@ class _StudyReader:
             return Implant(plan=plan, **({"speed": speed} if speed else {}))
         kind = self.reader.text(given["operator"], "motion.operator")
         if kind not in ("marks", "image"):
-            raise self.reader.fail(given["operator"], f"motion.operator: no operator \"{kind}\": there are marks and image")
+            raise self.reader.fail(given["operator"], f"motion.operator: no operator \"{kind}\": expected marks or image")
         numbers = {key: self.reader.number(given[key], f"motion.{key}", inclusive=True) for key in ("image_error", "splay", "speed_spread") if key in given}
         seed = {"seed": self.reader.count(given["seed"], "motion.seed", MOST_RUNS)} if "seed" in given else {}
         holes = [self.reader.text(item, f"motion.stabilise[{i}]") for i, item in enumerate(self.reader.items(given["stabilise"], "motion.stabilise"))] if "stabilise" in given else []
@@ -452,7 +458,7 @@ class _StudyReader:
     def read(self, frames_wanted: bool) -> Study:
         reader = self.reader
         given = reader.mapping(reader.root, "", ("scene", "motion", "samples", "parameters", "record"), ("set", "frames"))
-        study = Study(reader.path, "", {}, None, [], "", 0, 0, [])
+        study = Study(reader.path, "", {}, None, [], "", 0, 0, [], text=reader.source)
         scene = self.load(given, study)
         self.digest_scene(study, scene)
         self.settings(given, study, scene)
@@ -490,7 +496,7 @@ class _StudyReader:
         if study.frames_every and not fixed_length:
             raise reader.fail(given.get("frames", reader.root), "frames: the runs would differ in length: leave motion.speed and motion.depth out of the parameters")
         if study.frames_every and study.plan:
-            raise reader.fail(given.get("frames", reader.root), "frames: not of a plan")
+            raise reader.fail(given.get("frames", reader.root), "frames: not available for a plan")
         return study
 
     def pairs(self, node: Any, place: str) -> list[tuple[Any, Any]]:
@@ -513,7 +519,7 @@ class _StudyReader:
             study.count = reader.count(given["count"], "samples.count", MOST_RUNS)
             if study.method in ("sobol", "saltelli") and study.count & (study.count - 1):
                 low = 1 << (study.count.bit_length() - 1)
-                raise reader.fail(given["count"], f"samples.count: {study.count} is no power of 2: Sobol points are balanced only then; write {low} or {2 * low}")
+                raise reader.fail(given["count"], f"samples.count: {study.count} is not a power of 2: Sobol points are balanced only then; write {low} or {2 * low}")
         runs = study.count * (len(study.parameters) + 2) if study.method == "saltelli" else study.count
         if runs > MOST_RUNS:
             raise reader.fail(node, f"samples: {runs} runs: write a study of at most {MOST_RUNS}")

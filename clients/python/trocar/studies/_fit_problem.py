@@ -14,7 +14,7 @@ from .. import Error, Model, Scene
 from .._locate import locate
 from .._reader import Reader
 from ..brachy.plan import Frame
-from ._definition import _STIFFNESS, BadStudy, Study, _scene_keys, _StudyReader
+from ._definition import BadStudy, Study, _scene_keys, _StudyReader, affects_stiffness
 from ._measurements import BadRecording, Recording, read_forces, read_log, read_points, read_poses
 
 Array = npt.NDArray[np.float64]
@@ -73,7 +73,7 @@ class FitProblem:
 
     def is_stiffness(self, index: int) -> bool:
         """True if models that differ in this parameter cannot share an inverse."""
-        return self.unknowns[index].key.rsplit(".", 1)[-1] in _STIFFNESS
+        return affects_stiffness(self.unknowns[index].key)
 
     def scene(self, values: Array) -> Scene:
         """Returns the scene with these values of the parameters; valid until the next call."""

@@ -146,22 +146,22 @@ def _buckled(_: Recording, __: Any) -> list[float]:
 
 
 QUANTITIES = {
-    "peak_force": Quantity("N", ("",), False, "", _peak_force, "largest force against pushing in, along the needle's axis"),
+    "peak_force": Quantity("N", ("",), False, "", _peak_force, "largest force opposing insertion, along the needle's axis"),
     "peak_lateral_force": Quantity("N", ("",), False, "", _peak_lateral_force, "largest force across the needle's axis"),
     "work": Quantity("J", ("",), False, "", _work, "work of the hand"),
     "greatest_depth": Quantity("m", ("",), False, "", lambda r, _: [float(r.all("depth").max())], "longest track in the tissue"),
-    "puncture_force": Quantity("N", ("",), False, "membrane", _puncture_force, "largest force against pushing in until this membrane gives way"),
-    "puncture_depth": Quantity("m", ("",), False, "membrane", _puncture_depth, "length of the track when this membrane gives way"),
+    "puncture_force": Quantity("N", ("",), False, "membrane", _puncture_force, "largest force opposing insertion until this membrane is punctured"),
+    "puncture_depth": Quantity("m", ("",), False, "membrane", _puncture_depth, "length of the track when this membrane is punctured"),
     "buckled": Quantity("s", ("",), False, "", _buckled, "always 0: a needle that buckles still bears force"),
     "force": Quantity("N", ("",), True, "", lambda r, _: [float(-r.outputs[-1]["force"][-1] @ axis_of(r.poses[-1][-1]))],
-                      "force against pushing in, along the needle's axis"),
+                      "force opposing insertion, along the needle's axis"),
     "depth": Quantity("m", ("",), True, "", lambda r, _: [float(r.outputs[-1]["depth"][-1])], "length of the track"),
-    "tip": Quantity("m", ("x", "y", "z"), True, "", lambda r, _: r.sim.centreline()[-1].tolist(), "where the tip is"),
+    "tip": Quantity("m", ("x", "y", "z"), True, "", lambda r, _: r.sim.centreline()[-1].tolist(), "position of the tip"),
     "tip_error": Quantity("m", ("",), True, "", _tip_error, "distance from the tip to where a rigid needle's tip would be"),
     "target_error": Quantity("m", ("",), True, "target", _target_error, "distance from the tip to this point of the tissue, which moves with it"),
     "shift": Quantity("m", ("x", "y", "z", "length"), True, "region", _shift, "mean displacement of the nodes of this region and its parts"),
     "needle_energy": Quantity("J", ("",), True, "", lambda r, _: [r.sim.needle_energy()], "elastic energy of the bent needle"),
     "seed_error": Quantity("m", ("mean", "worst"), True, "", _seed_error, "distance of the seeds, in the tissue at rest, from their places in the plan", True),
     "seed_parts": Quantity("m", tuple(f"{part}_{way}" for part in SEED_PARTS for way in ("along", "across")), False, "", _seed_parts,
-                           "mean magnitude of the parts of the seeds' misplacement, along and across the needle: tissue, image, splay and what remains", True, True),
+                           "mean magnitude of the parts of the seeds' misplacement, along and across the needle: tissue, image, splay and remainder", True, True),
 }

@@ -28,7 +28,7 @@ FARTHEST = 6e-3    # m, largest step in the search for the depth
 class Aim(NamedTuple):
     """An insertion whose depth is not specified."""
 
-    point: Array        # (3,) m, from which depths are measured
+    point: Array        # (3,) m, point from which depths are measured
     direction: Array    # (3,) unit vector
     roll: float = 0.0   # rad
     turn: Turn | None = None

@@ -4,7 +4,7 @@ from __future__ import annotations
 import math
 import warnings
 from dataclasses import dataclass
-from typing import Callable, Iterator, NamedTuple, Sequence
+from typing import Callable, Collection, Iterator, NamedTuple, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -14,7 +14,7 @@ from ..brachy import plan as plans
 from ..brachy._obstacles import Embedding
 from ._problem import Problem
 from ._rehearsal import Aim, Outcome, Rehearsal, Target, depth_of
-from ..motion import rotate, towards
+from ..motion import exponential, multiply, rotate, towards
 from ..brachy.plan import Turn
 
 Array = npt.NDArray[np.float64]
@@ -33,9 +33,16 @@ ROUNDING = 1e-5      # m, tolerance for rounding errors of a clearance
 MARGIN = 2e-5        # m, added to the desired clearance so that the needle still has that clearance when the plan is carried out
 SPARE = 2e-3         # m: clearance that exceeds the desired one by more than this has no influence on the search
 TOO_NEAR = 10.0      # weight of violations of clearances relative to the worst-case error
+NOMINAL_STEPS = 25    # maximum number of steps in the search for nominal parameters
+ENOUGH_NOMINAL = 0.02    # in units of the search, which ends when the expected improvement of the next step is less than this
+NO_ERROR = 0.1       # in units of the search: errors below this need no further search
+BENDING = ("roll", "turn")    # variables that change how the bevel bends the needle, so that it does not move like a rigid body
+JUMP = 3.0           # in units of the search: if a step misses its prediction by more than this, the tip has jumped, and the slopes are kept
+PASSES = 2           # number of times that the search for the smallest worst-case error starts with new slopes
 STEPS = 12           # maximum number of steps in the search for the smallest worst-case error
+RADIUS = 0.4         # first radius of the trust region in this search
 SMALLEST = 0.02      # smallest step in the search for the smallest worst-case error
-ENOUGH = 0.05        # in units of the search, which ends when the expected improvement of the next step is less than this
+ENOUGH = 0.05        # the search ends when the expected improvement of the next step, in units of the search, is less than this
 
 
 class Variable(NamedTuple):
@@ -102,6 +109,14 @@ class Freedom:
         other = x.copy()
         other[i] += step
         return other, step
+
+
+    def carried(self, x: Array, other: Array, outcome: Outcome) -> Outcome:
+        """Returns the outcome at x if the needle is moved from x to other without a change of its shape or of the tissue."""
+        here, there = self.aim(x), self.aim(other)
+        frame = lambda aim: multiply(towards(aim.direction), exponential([0.0, 0.0, aim.roll]))
+        local = rotate(frame(here) * [1.0, -1.0, -1.0, -1.0], outcome.shaft - here.point)
+        return outcome._replace(shaft=there.point + rotate(frame(there), local))
 
 
 @dataclass
@@ -217,45 +232,81 @@ class Case:
     # ---- nominal parameters ---------------------------------------------------------------------------------------------------------------
 
     def search(self, freedom: Freedom) -> Found:
-        """Runs SciPy's least_squares on the errors and the violations of clearances."""
-        from scipy.optimize import least_squares
-        kept: dict[bytes, tuple[Array, Outcome | None, Array]] = {}
-        further = 0.0
+        """Minimises the squares of the errors and the violations of clearances by the Gauss-Newton method within a trust region. The Jacobian of the
+        errors begins with that of a rigid needle and follows from the insertions that are tried (Broyden, Mathematics of Computation 19, 1965,
+        577-593). Difference quotients replace it only if it leads no further and the target is not reached."""
+        from scipy.optimize import lsq_linear
+        further, obstacles = 0.0, len(self.problem.obstacles)
 
-        def evaluate(x: Array) -> tuple[Array, Outcome | None, Array]:
+        def evaluate(x: Array) -> tuple[Array, Outcome | None]:
+            """Returns the errors (3) and the violations of clearances, in units of the search."""
             nonlocal further
-            key = x.tobytes()
-            if key not in kept:
-                try:
-                    outcome = self.rehearsals[0].best(freedom.aim(x), self.target, further)
-                    further = outcome.depth - depth_of(freedom.aim(x), self.target)
-                    missing = self.missing(self.clearances(outcome))
-                    kept[key] = np.concatenate([outcome.error, missing]) / UNIT, outcome, missing
-                except Error as error:
-                    if error.status in ("no memory", "system"):
-                        raise
-                    kept[key] = np.full(3 + len(self.problem.obstacles), FAILED / UNIT), None, np.zeros(1)
-            return kept[key]
+            try:
+                outcome = self.rehearsals[0].best(freedom.aim(x), self.target, further)
+            except Error as error:
+                if error.status in ("no memory", "system"):
+                    raise
+                return np.full(3 + obstacles, FAILED / UNIT), None
+            further = outcome.depth - depth_of(freedom.aim(x), self.target)
+            return np.concatenate([outcome.error, self.missing(self.clearances(outcome))]) / UNIT, outcome
 
-        def residual(x: Array) -> Array:
-            return np.concatenate([evaluate(x)[0], STAY * (x - freedom.start)])
+        def differentiate(x: Array, values: Array, names: Collection[str]) -> None:
+            """Replaces the slopes with respect to the variables with these names by difference quotients."""
+            for i, variable in enumerate(freedom.variables):
+                if variable.name in names:
+                    other, step = freedom.stepped(x, i)
+                    slopes[:, i] = (evaluate(other)[0] - values) / step
 
-        def jacobian(x: Array) -> Array:
-            here = residual(x)
-            columns = [(residual(other) - here) / step for other, step in (freedom.stepped(x, i) for i in range(len(x)))]
-            return np.stack(columns, axis=1)
+        def rigid(x: Array, outcome: Outcome) -> Array:
+            """Returns the slopes of errors and violations for a needle that keeps its shape."""
+            slopes, missing = np.zeros((3 + obstacles, len(x))), self.missing(self.clearances(outcome))
+            for i in range(len(x)):
+                other, step = freedom.stepped(x, i)
+                aim, moved = freedom.aim(other), freedom.carried(x, other, outcome)
+                error = moved.shaft[-1] - outcome.shaft[-1]
+                slopes[:3, i] = (error - (error @ aim.direction) * aim.direction) / UNIT / step
+                if missing.any():
+                    slopes[3:, i] = np.where(missing > 0.0, (self.missing(self.clearances(moved)) - missing) / UNIT / step, 0.0)
+            return slopes
 
-        x = freedom.start
-        if len(x):
-            inner = np.clip(x, freedom.low + 1e-6, freedom.high - 1e-6)    # least_squares must start strictly within the limits
-            x = least_squares(residual, inner, jacobian, bounds=(freedom.low, freedom.high), x_scale=1.0, xtol=1e-4, ftol=1e-5, gtol=1e-6, max_nfev=15).x
-        _, outcome, missing = evaluate(x)
+        every = {variable.name for variable in freedom.variables}
+        total = lambda values, x: float(np.linalg.norm(np.concatenate([values, STAY * (x - freedom.start)])))
+        x, radius = freedom.start, 1.0
+        values, outcome = evaluate(x)
+        slopes = np.zeros((3 + obstacles, len(x))) if outcome is None else rigid(x, outcome)
+        exact = outcome is None
+        differentiate(x, values, every if exact else ["turn"])
+        for _ in range(NOMINAL_STEPS if len(x) else 0):
+            matrix = np.concatenate([slopes, STAY * np.eye(len(x))])
+            wanted = -np.concatenate([values, STAY * (x - freedom.start)])
+            low, high = np.maximum(freedom.low - x, -radius), np.minimum(freedom.high - x, radius)
+            bounds = np.minimum(low, -1e-9), np.maximum(high, 1e-9)    # lsq_linear requires them to differ
+            step = np.clip(lsq_linear(matrix, wanted, bounds, method="bvls").x, low, high)
+            gain = total(values, x) - float(np.linalg.norm(matrix @ step - wanted))
+            if gain < ENOUGH_NOMINAL or radius < SMALLEST:
+                if exact or np.linalg.norm(values) < NO_ERROR:
+                    break
+                radius, exact = max(radius, 0.25), True
+                differentiate(x, values, every)
+                continue
+            there, result = evaluate(x + step)
+            ratio = (total(values, x) - total(there, x + step)) / gain
+            if result is not None:
+                slopes[:3] += np.outer(there[:3] - values[:3] - slopes[:3] @ step, step) / (step @ step)
+            if ratio < 0.25:
+                radius = 0.4 * float(np.abs(step).max())
+            elif ratio > 0.75:
+                radius *= 2.0
+            if ratio > 0.05:
+                x, values, outcome, exact = x + step, there, result, False
+                if outcome is not None:
+                    slopes[3:] = rigid(x, outcome)[3:]
         aim = freedom.aim(x)
         if outcome is None:
             return Found(aim, depth_of(aim, self.target), FAILED, math.inf, freedom.at_limits(x), x, freedom)
         if aim.turn and aim.turn.depth > outcome.depth - LAST:
             aim = aim._replace(turn=None)
-        return Found(aim, outcome.depth, outcome.distance, float(missing.sum()), freedom.at_limits(x), x, freedom)
+        return Found(aim, outcome.depth, outcome.distance, UNIT * float(values[3:].sum()), freedom.at_limits(x), x, freedom)
 
     def _skin(self, aim: Aim) -> float:
         entry = self.models[0].entry(aim.point - self.problem.hand.outside * aim.direction, self.target.point)
@@ -323,40 +374,52 @@ class Case:
         from scipy.optimize import least_squares
         problem, freedom = self.problem, nominal.freedom
         rehearsals, obstacles, n = self.all_rehearsals(), len(problem.obstacles), len(nominal.x) + 1
-        steps = np.append(freedom.steps, 0.2)      # the last component of z is the depth in mm
+        every = [*(variable.name for variable in freedom.variables), "depth"]    # the last component of z is the depth in mm
         kept: dict[bytes, tuple[Array, Array]] = {}
+        outcomes: dict[bytes, tuple[Outcome | None, Array]] = {}    # for nominal parameters, and the clearances
 
-        def evaluate(z: Array) -> tuple[Array, Array]:
-            """Returns the errors (samples, 3), and the actual minus the desired clearances (samples, obstacles), in units of the search."""
+        def evaluate(z: Array, most: float = math.inf, order: Sequence[int] = range(len(rehearsals))) -> tuple[Array, Array]:
+            """Returns the errors (samples, 3), and the actual minus the desired clearances (samples, obstacles), in units of the search. Samples are
+            simulated in this order until an error exceeds `most`; the rows of the others are then NaN."""
             key = z.tobytes()
             if key not in kept:
-                aim, errors, free = freedom.aim(z[:-1]), [], []
-                for rehearsal in rehearsals:
+                aim = freedom.aim(z[:-1])
+                errors, free = np.full((len(rehearsals), 3), np.nan), np.full((len(rehearsals), obstacles), np.nan)
+                outcomes[key] = None, np.zeros(obstacles)
+                for i in order:
+                    rehearsal = rehearsals[i]
                     try:
                         outcome = rehearsal.at(aim, 1e-3 * z[-1], self.target)
-                        errors.append(outcome.error)
-                        free.append([there - o.clearance - MARGIN for o, there in zip(problem.obstacles, self.clearances(outcome))])
+                        clearances = self.clearances(outcome)
+                        errors[i], free[i] = outcome.error / UNIT, [(there - o.clearance - MARGIN) / UNIT for o, there in zip(problem.obstacles, clearances)]
+                        if i == 0:
+                            outcomes[key] = outcome, np.array(clearances)
                     except Error as error:
                         if error.status in ("no memory", "system"):
                             raise
-                        errors.append(np.full(3, FAILED))
-                        free.append([-FAILED] * obstacles)
-                kept[key] = np.array(errors) / UNIT, np.reshape(free, (len(errors), obstacles)) / UNIT
+                        errors[i], free[i] = FAILED / UNIT, -FAILED / UNIT
+                    if np.linalg.norm(errors[i]) > most:
+                        return errors, free
+                kept[key] = errors, free
             return kept[key]
 
-        def slopes(z: Array) -> tuple[Array, Array]:
-            """Returns the derivatives of `evaluate`; the last axis corresponds to the variables."""
-            here, parts = evaluate(z), []
-            for i in range(n):
-                if i < n - 1:
-                    x, step = freedom.stepped(z[:-1], i, LONGER)
-                    other = np.append(x, z[-1])
-                else:
-                    other, step = z.copy(), steps[-1]
-                    other[-1] += step
-                there = evaluate(other)
-                parts.append(((there[0] - here[0]) / step, (there[1] - here[1]) / step))
-            return np.stack([p[0] for p in parts], axis=-1), np.stack([p[1] for p in parts], axis=-1)
+        def slopes(z: Array, names: Sequence[str]) -> tuple[Array, Array]:
+            """Returns the derivatives of `evaluate`; the last axis corresponds to the variables. They are difference quotients for variables with these
+            names, and otherwise those for a needle that keeps its shape."""
+            (errors, free), x = evaluate(z), z[:-1]
+            errors_, free_ = np.zeros((*errors.shape, n)), np.zeros((*free.shape, n))
+            outcome, clearances = outcomes[z.tobytes()]
+            errors_[:, :, -1] = 1e-3 * freedom.aim(x).direction / UNIT
+            for i, name in enumerate(every):
+                (there, step) = freedom.stepped(x, i, LONGER if name in names else 1.0) if i < n - 1 else (x, 0.2)
+                if name in names:
+                    other = evaluate(np.append(there, z[-1] + (step if i == n - 1 else 0.0)))
+                    errors_[:, :, i], free_[:, :, i] = (other[0] - errors) / step, (other[1] - free) / step
+                elif i < n - 1 and outcome is not None:
+                    moved = freedom.carried(x, there, outcome)
+                    errors_[:, :, i] = (moved.shaft[-1] - outcome.shaft[-1]) / UNIT / step
+                    free_[:, :, i] = (np.array(self.clearances(moved)) - clearances) / UNIT / step
+            return errors_, free_
 
         start = np.append(nominal.x, 1e3 * nominal.depth)
         inner = np.clip(start, np.append(freedom.low + 1e-6, -np.inf), np.append(freedom.high - 1e-6, np.inf))
@@ -368,7 +431,7 @@ class Case:
             return np.concatenate([share * errors.ravel(), np.minimum(free, 0.0).ravel(), STAY * (z - start)])
 
         def jacobian(z: Array) -> Array:
-            (_, free), (errors_, free_) = evaluate(z), slopes(z)
+            (_, free), (errors_, free_) = evaluate(z), slopes(z, every)
             return np.concatenate([share * errors_.reshape(-1, n), np.where(free < 0.0, 1.0, 0.0).reshape(-1, 1) * free_.reshape(-1, n), STAY * np.eye(n)])
 
         if problem.objective == "worst":
@@ -389,26 +452,38 @@ class Case:
 
     def _worst(self, start: Array, low: Array, high: Array, evaluate: Callable, slopes: Callable) -> None:
         """Minimises the worst-case error. Each step is optimal if errors and clearances are linear in z, and stays within a trust region (Madsen,
-        Journal of the Institute of Mathematics and its Applications 16, 1975, 321-328; here with SciPy's SLSQP). `evaluate` records all points that
-        are tried."""
-        def merit(z: Array) -> float:
-            errors, free = evaluate(z)
-            return float(np.linalg.norm(errors, axis=1).max() + TOO_NEAR * np.maximum(-free, 0.0).max(initial=0.0))
+        Journal of the Institute of Mathematics and its Applications 16, 1975, 321-328; here with SciPy's SLSQP). The slopes of the errors follow from
+        the points that are tried, as in `search`. `evaluate` records all points that are simulated in all samples."""
+        def merit(values: tuple[Array, Array]) -> float:
+            return float(np.linalg.norm(values[0], axis=1).max() + TOO_NEAR * np.maximum(-values[1], 0.0).max(initial=0.0))
 
-        z, radius = start, 0.5
-        for _ in range(STEPS):
-            (errors, free), (errors_, free_) = evaluate(z), slopes(z)
+        z, passes, radius = start, 0, 0.0
+        for _ in range(PASSES * STEPS):
+            errors, free = here = evaluate(z)
+            if radius < SMALLEST:
+                if passes == PASSES:
+                    break
+                (errors_, free_), radius, passes = slopes(z, BENDING), RADIUS, passes + 1
             step, predicted = _linear_step(errors, free.ravel(), errors_, free_.reshape(free.size, len(z)), np.maximum(low - z, -radius), np.minimum(high - z, radius))
-            gain = merit(z) - predicted
-            if gain < ENOUGH or radius < SMALLEST:
-                break
-            ratio = (merit(z) - merit(z + step)) / gain
+            gain = merit(here) - predicted
+            if gain < ENOUGH:
+                radius = 0.0
+                continue
+            # a step that is too far for one sample need not be simulated in the others
+            there = evaluate(z + step, merit(here), np.argsort(-np.linalg.norm(errors + errors_ @ step, axis=1), kind="stable"))
+            missed = there[0] - errors - errors_ @ step
+            known = np.isfinite(missed[:, 0])
+            missed[~known] = missed[known].mean(axis=0)
+            if np.abs(missed).max() < JUMP:
+                errors_ = errors_ + missed[:, :, None] * step / (step @ step)
+            ratio = (merit(here) - merit(there)) / gain if known.all() else -1.0
             if ratio > 0.75:
                 radius *= 2.0
             elif ratio < 0.25:
                 radius = 0.4 * min(radius, float(np.abs(step).max()))
             if ratio > 0.05:
                 z = z + step
+                free_ = slopes(z, ())[1]
 
 
 def _linear_step(errors: Array, free: Array, errors_: Array, free_: Array, low: Array, high: Array) -> tuple[Array, float]:

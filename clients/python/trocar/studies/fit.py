@@ -62,7 +62,7 @@ class _Models:
     def __init__(self, problem: FitProblem):
         self.problem = problem
         self.columns = [i for i in range(len(problem.unknowns)) if problem.is_stiffness(i)]
-        self.bases: dict[bytes, Model] = {}    # by stiffness, oldest first
+        self.bases: dict[bytes, Model] = {}    # models by stiffness, oldest first
 
     def base(self, values: Array) -> Model:
         """Returns a model with the stiffness of these values. Raises Error."""

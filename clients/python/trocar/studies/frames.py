@@ -1,9 +1,9 @@
 """Frames of a study: displacement fields, contacts and wrenches at regular times, for learning.
 
 While a study runs, each run has a file of its own in the folder `frames`; `trocar-study collect` merges them into one file, frames.h5, whose data sets
-are chunked by run and compressed:
+are chunked by run and compressed, and have units and dimension scales, so that xarray also reads the file:
 
-    time (frames) s                        parameters (runs, parameters), with the attribute `names`
+    time (frames) s                        parameters (runs, parameters), with parameter_unit, and names in the dimension `parameter`
     pose (runs, frames, 7)                 of the base: x y z (m), w x y z
     force, torque (runs, frames, 3)        N and N m: exerted by the base on the hand, torque about the base point
     depth (runs, frames) m                 of the track
@@ -30,6 +30,8 @@ from .. import Model
 from ._definition import Study
 from .._files import replacing
 from .._library import lib
+from . import _hdf5
+from ._estimate import size_in_words as _bytes
 from ._quantities import Recording
 
 __all__ = ["Writer", "collect", "size_in_words"]
@@ -37,6 +39,13 @@ __all__ = ["Writer", "collect", "size_in_words"]
 _KINDS = {"tissue": 0, "tip": 1, "guide": 2}
 _MESH = ("nodes", "tets", "tet_regions")
 _COMPRESSED = {"compression": "gzip", "compression_opts": 4, "shuffle": True}
+# dimensions after run and time, unit and meaning of each data set
+_DATA = {"pose": (("pose_part",), "m and 1", "pose of the needle's base: position and quaternion"),
+         "force": (("axis",), "N", "force of the base on the hand"), "torque": (("axis",), "N m", "torque of the base on the hand, about the base"),
+         "depth": ((), "m", "length of the track"), "centreline": (("joint", "axis"), "m", "joints of the needle, from base to tip"),
+         "displacements": (("node", "axis"), "m", "displacements of the mesh's nodes"), "contact_count": ((), "1", "number of contacts in use"),
+         "contact_position": (("contact", "axis"), "m", "positions of the contacts"), "contact_force": (("contact", "axis"), "N", "forces of the contacts on the tissue"),
+         "contact_kind": (("contact",), "1", "0 tissue, 1 tip, 2 guide")}
 _LEFT = 0.65    # size of a run's file relative to the uncompressed size of its displacements and centrelines, measured for the insertion of figure 8
 
 
@@ -52,10 +61,6 @@ def size_in_words(study: Study, folder: Path) -> str:
     each = _LEFT * count * (12 * len(model.nodes) + 24 * joints)
     return (f"frames: about {_bytes(each * len(samples))} for {len(samples)} runs ({count} frames of {len(model.nodes)} nodes each), and as much again once they are "
             f"collected in frames.h5; {_bytes(shutil.disk_usage(folder).free)} are free in {folder}")
-
-
-def _bytes(size: float) -> str:
-    return f"{size / 1e9:.0f} GB" if size >= 10e9 else f"{size / 1e9:.1f} GB" if size >= 1e9 else f"{size / 1e6:.0f} MB" if size >= 10e6 else f"{size / 1e6:.1f} MB"
 
 
 class Writer:
@@ -90,7 +95,25 @@ class Writer:
             file["tet_regions"].attrs["names"] = self.model.groups
 
 
-def collect(folder: Path, path: Path, parameters: np.ndarray, names: list[str]) -> int:
+def _describe(file: h5py.File, study: Study) -> None:
+    _hdf5.describe(file, study, "Frames of a study")
+    _hdf5.scale(file, "run", 0)
+    _hdf5.scale(file, "time", 0)
+    _hdf5.scale(file, "axis", "xyz")
+    _hdf5.scale(file, "pose_part", ("x", "y", "z", "qw", "qx", "qy", "qz"))
+    for name, size in (("node", len(file["nodes"])), ("tet", len(file["tets"])), ("corner", 4), ("joint", file["centreline"].shape[2]),
+                       ("contact", file["contact_kind"].shape[2])):
+        _hdf5.scale(file, name, size)
+    file["time"].attrs["units"] = "s"
+    _hdf5.attach(file, "ok", ("run",), "1", "1 if the run has frames")
+    _hdf5.attach(file, "nodes", ("node", "axis"), "m", "nodes of the mesh at rest")
+    _hdf5.attach(file, "tets", ("tet", "corner"), "1", "nodes of the tetrahedra")
+    _hdf5.attach(file, "tet_regions", ("tet",), "1", "region of each tetrahedron: index of the attribute `names`")
+    for name, (dimensions, units, words) in _DATA.items():
+        _hdf5.attach(file, name, ("run", "time", *dimensions), units, words)
+
+
+def collect(folder: Path, path: Path, study: Study, parameters: np.ndarray) -> int:
     """Merges the files of all runs in `folder` into one file; `parameters` are the parameter values of the runs, (runs, p). Returns the number of
     runs that have frames."""
     files = sorted(folder.glob("*.h5"))
@@ -107,8 +130,9 @@ def collect(folder: Path, path: Path, parameters: np.ndarray, names: list[str]) 
                     whole.create_dataset(name, shape=(len(files), *data.shape), dtype=data.dtype, chunks=(1, each, *data.shape[1:]), **_COMPRESSED)
         whole["run"] = np.array([int(file.stem) for file in files], np.int64)
         whole["ok"] = np.zeros(len(files), np.uint8)
-        whole["parameters"] = parameters[whole["run"][:]]
-        whole["parameters"].attrs["names"] = names
+        _describe(whole, study)
+        _hdf5.add_columns(whole, "parameter", parameters[whole["run"][:]], study.parameter_columns())
+        whole["parameters"].attrs["names"] = study.parameter_columns()
         for i, file in enumerate(files):
             with h5py.File(file) as run:
                 if run["time"].shape != whole["time"].shape:

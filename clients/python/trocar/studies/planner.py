@@ -211,7 +211,7 @@ def _placed(problem: Problem, model: Model, given: Needle, needle: Needle) -> Ar
     for poses in replace(problem.hand, plan=replace(problem.plan, needles=[needle])).play(sim, dt):
         sim.run(poses, dt)
     wanted = plans.planned_seeds(replace(problem.plan, needles=[given]), model)
-    placed = plans.seeds_of(sim)    # in the order in which the seeds were left, beginning with the distal one
+    placed = plans.seeds_of(sim)    # seeds in the order in which they were left, beginning with the distal one
     return np.array([there.position - here.position for there, here in zip(placed, wanted)])
 
 

@@ -17,7 +17,7 @@ A study is a YAML file:
 
 As a program:
 
-    trocar-study run | collect | summary ...    --help says more; also python3 -m trocar.studies.study
+    trocar-study estimate | run | collect | summary ...    --help says more; also python3 -m trocar.studies.study
 """
 from __future__ import annotations
 
@@ -77,13 +77,15 @@ def _replace(path: Path, text: str) -> None:
 
 def _write_hdf5(study: Study, rows: Sequence[Row], path: Path) -> None:
     import h5py
+    from . import _hdf5
     with replacing(path) as temporary, h5py.File(temporary, "w") as file:
+        _hdf5.describe(file, study, "Results of a study")
         file["run"] = np.array([row.index for row in rows], np.int64)
+        _hdf5.scale(file, "run", len(rows))
         file.create_dataset("status", data=[row.status for row in rows], dtype=h5py.string_dtype())
-        for name, columns, values in (("parameters", study.parameter_columns(), [row.parameters for row in rows]),
-                                      ("results", study.result_columns(), [row.results for row in rows])):
-            file[name] = np.array(values, np.float64).reshape(len(rows), len(columns))
-            file[name].attrs["columns"] = columns
+        _hdf5.attach(file, "status", ("run",), "", "ok, or why the run failed")
+        _hdf5.add_columns(file, "parameter", [row.parameters for row in rows], study.parameter_columns())
+        _hdf5.add_columns(file, "result", [row.results for row in rows], study.result_columns())
 
 
 def collect(study: Study, out: Path, hdf5: bool = False, partial: bool = False) -> list[Row]:
@@ -98,7 +100,7 @@ def collect(study: Study, out: Path, hdf5: bool = False, partial: bool = False) 
         _write_hdf5(study, rows, out / "result.h5")
     if study.frames_every:
         from . import frames
-        frames.collect(out / "frames", out / "frames.h5", samples, study.parameter_columns())
+        frames.collect(out / "frames", out / "frames.h5", study, samples)
     return rows
 
 
@@ -173,6 +175,14 @@ def _run(given: argparse.Namespace) -> int:
     return 1 if outcome.failed else 0
 
 
+def _estimate(given: argparse.Namespace) -> int:
+    from . import _estimate as costs
+    study = read(given.study, given.record == "frames")
+    folder = next(folder for folder in (Path(given.out).resolve(), *Path(given.out).resolve().parents) if folder.is_dir())
+    print(costs.in_words(costs.estimate(study), given.workers or len(os.sched_getaffinity(0)), shutil.disk_usage(folder).free), end="")
+    return 0
+
+
 def _collect(given: argparse.Namespace) -> int:
     study = read(given.study, has_frames(Path(given.out)))
     rows = collect(study, Path(given.out), given.hdf5, given.partial)
@@ -215,6 +225,9 @@ def _options() -> argparse.ArgumentParser:
         added.set_defaults(call=call)
         return added
 
+    added = command("estimate", _estimate, "predict processor time, memory and size of the files from three of the runs")
+    added.add_argument("--workers", type=whole_number, help="runs at a time on all machines together (default: one for each processor)", metavar="N")
+    added.add_argument("--record", choices=("frames",), help="with frames")
     added = command("run", _run, "carry out the runs that are not done yet, and collect them")
     added.add_argument("--workers", type=whole_number, help="runs at a time (default: one for each processor; with Slurm 1 for each task)", metavar="N")
     added.add_argument("--task", type=_task, help="only part i of N, for a cluster or GNU parallel; nothing is collected", metavar="i/N")

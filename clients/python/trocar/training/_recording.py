@@ -29,7 +29,7 @@ class BadRecording(Exception):
 
 @dataclass
 class Seeds:
-    """Seeds as the last message of the recording has them."""
+    """The seeds in the last message of the recording."""
 
     rest: Array = field(default_factory=lambda: np.zeros((0, 3)))         # (k, 3) m, centres in the tissue at rest
     direction: Array = field(default_factory=lambda: np.zeros((0, 3)))    # (k, 3) unit vectors to the distal ends, in the tissue at rest
@@ -38,11 +38,11 @@ class Seeds:
 
 
 class Sighting(NamedTuple):
-    """A needle in a frame of the tissue, as an image shows both."""
+    """A needle and the tissue at one time, as an image shows them."""
 
     needle: int
     depth: float                                # m, length of its track
-    offsets: Array                              # (k, 3) m, from the points that are watched, in the displaced tissue, to the tip
+    offsets: Array                              # (k, 3) m, vectors from the watched points in the displaced tissue to the tip
 
 
 class _Message:
@@ -77,7 +77,7 @@ class Recording:
         self._corners = model.tets[tets]
         self.sightings: list[Sighting] = []
         self._depths: dict[int, float] = {}
-        self._tips: dict[int, tuple[int, Array]] = {}    # by needle: tick, and position (3,) m
+        self._tips: dict[int, tuple[int, Array]] = {}    # for each needle: tick, and position of the tip (3,) m
         self.paths: list[Array] = []
         self.seeds = Seeds()
         self.displacement = 0.0
@@ -153,7 +153,7 @@ class Recording:
         message.take("i1", count)
         if not message.ended():
             raise ValueError
-        if count == 0:    # reset: the tracks before it were cut all the same
+        if count == 0:    # after a reset, the earlier tracks still count as cut
             self.paths += self._tracks.pop(needle, [])
         else:
             self._tracks[needle] = [points[track == number] for number in np.unique(track)]

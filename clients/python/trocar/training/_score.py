@@ -11,6 +11,7 @@ import numpy.typing as npt
 from .. import brachy
 from .._locate import locate
 from ..brachy import plan as plans
+from ..brachy.evaluation import source_of
 from ._measures import MEASURES
 from ._recording import Recording, Sighting
 from ._task import Criterion, Target, Task
@@ -18,10 +19,10 @@ from ._task import Criterion, Target, Task
 Array = npt.NDArray[np.float64]
 
 ENTERED = 2e-3     # m, depth at which a needle has entered the tissue; less is a touch of the skin
-TURN = 5e-3        # m, by which a needle is drawn back and pushed forward again in a redirection
-TAKEN = 5e-3       # m, a track that is longer when it appears belongs to a needle that had been left in the tissue
-DEEPEST = 5e-4     # m, difference from the greatest depth up to which a needle is at its deepest
-SAMPLE = 1e-3      # m, between the points of a path for which the region is determined
+TURN = 5e-3        # m, smallest distance by which a needle is drawn back and pushed forward again in a redirection
+TAKEN = 5e-3       # m: a track that is longer than this when it appears belongs to a needle that had been left in the tissue
+DEEPEST = 5e-4     # m, difference from the greatest depth up to which a needle counts as being at its deepest
+SAMPLE = 1e-3      # m, distance between the points of a path for which the region is determined
 RECTUM = 2e-6      # m^3, volume of the rectum with the highest doses
 
 __all__ = ["MEASURES", "Histogram", "Judgement", "Result", "score"]
@@ -219,7 +220,7 @@ def _histograms(task: Task, recording: Recording) -> list[Histogram]:
     plan = task.plan
     if not plan or not plan.source or not plan.prescription:
         return []
-    source = brachy.Source(f"{plan.source.isotope} {plan.source.model}")
+    source = source_of(plan)
     planned, found = plans.planned_seeds(plan, task.model), []
     voxels = {role: [brachy.Structure.from_region(task.model, name) for name in names] for role, names in task.organs.items()}
     for role, parts in voxels.items():

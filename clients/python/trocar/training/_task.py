@@ -15,6 +15,7 @@ from .._locate import locate
 from .._reader import Reader
 from ..brachy import plan as plans
 from ._measures import MEASURES
+from ._words import ENGLISH, languages
 
 ROLES = ("gland", "urethra", "rectum")
 
@@ -28,7 +29,7 @@ class Target:
     """A place that the tip of a needle is to reach."""
 
     name: str
-    position: npt.NDArray[np.float64]    # (3,) m, in the tissue at rest
+    position: npt.NDArray[np.float64]    # (3,) m, position in the tissue at rest
     hole: str = ""                       # hole of the template through which it can be reached; "" if none is given
 
 
@@ -44,6 +45,16 @@ class Criterion:
     def met(self, value: float | None) -> bool:
         """True if the value is within the limit; False if it could not be determined."""
         return value is not None and (self.least is None or value >= self.least) and (self.most is None or value <= self.most)
+
+
+@dataclass(frozen=True)
+class Texts:
+    """The texts of a task in one language."""
+
+    title: str
+    text: str                # what to do
+    hints: list[str]
+    sources: list[str]       # of the criteria
 
 
 @dataclass
@@ -64,11 +75,16 @@ class Task:
     criteria: list[Criterion] = field(default_factory=list)
     hints: list[str] = field(default_factory=list)
     reference: str = ""      # path of the report (JSON) of a reference run; "" if there is none
+    translations: dict[str, Texts] = field(default_factory=dict)  # by language
 
     @classmethod
     def read(cls, path: str | PathLike[str]) -> Task:
         """Reads a task, its plan and the mesh of its scene. Raises BadTask, with file, line and remedy."""
         return _read_task(fspath(path))
+
+    def texts(self, language: str) -> Texts:
+        """Returns the texts in a language; those of the task's file if it has no translation."""
+        return self.translations.get(language) or Texts(self.title, self.text, self.hints, [criterion.source for criterion in self.criteria])
 
     def tets_of(self, role: str) -> npt.NDArray[np.int32]:
         """Returns the tetrahedra of an organ, (k, 4) node indices; none if the task does not name its regions."""
@@ -200,4 +216,19 @@ def _read_task(path: str) -> Task:
         task.hints = [reader.text(node, f"hints[{i}]") for i, node in enumerate(reader.items(keys["hints"], "hints"))]
     if "reference" in keys:
         task.reference = _file(reader, keys["reference"], "reference")
+    task.translations = {language: _read_texts(file, task) for language in languages() if language != ENGLISH and (file := Path(path).with_suffix(f".{language}.yaml")).is_file()}
     return task
+
+
+def _read_texts(path: Path, task: Task) -> Texts:
+    """Reads a translation of a task: NAME.LANGUAGE.yaml beside NAME.yaml."""
+    own = task.texts(ENGLISH)
+    reader = Reader(str(path), "translation", BadTask, "title, text, hints, sources")
+    keys = reader.mapping(reader.root, "", ("title", "text"), ("hints", "sources"))
+    lists = {"hints": own.hints, "sources": own.sources}
+    for name, texts in lists.items():
+        if name in keys:
+            lists[name] = [reader.text(node, f"{name}[{i}]") for i, node in enumerate(reader.items(keys[name], name))]
+            if len(lists[name]) != len(texts):
+                raise reader.fail(keys[name], f"{name}: {len(lists[name])} texts, the task has {len(texts)}: translate each of them, in the same order")
+    return Texts(reader.text(keys["title"], "title"), reader.text(keys["text"], "text"), lists["hints"], lists["sources"])

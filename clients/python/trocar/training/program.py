@@ -10,25 +10,28 @@ from pathlib import Path
 from typing import Any, Sequence
 
 from .. import __version__
+from .._page import save
 from .._program import ended, say
 from ..brachy import plan as plans
 from ..brachy._plan_command import planned_table
 from . import _report as report
-from ._measures import MEASURES, shown
+from ._measures import shown
 from ._recording import BadRecording
 from ._score import Result, score
 from ._task import BadTask, Course, Task
+from ._words import Words, languages
 
 PROGRAM = "trocar-score"
 
 
 def _options() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog=PROGRAM, description="Scores the recording of a task at the simulator: prints each criterion, and writes reports.",
+    parser = argparse.ArgumentParser(prog=PROGRAM, description="Scores the recording of a task on the simulator: prints each criterion, and writes reports.",
                                      epilog="Exit status: 0 if all criteria are met, 1 if not, 2 for bad input. With --course: 0 if all tasks have been passed.")
     parser.add_argument("--version", action="version", version=f"{PROGRAM} {__version__}")
     parser.add_argument("log", nargs="?", help="LCM log of the server's messages, written by trocar-view --task or lcm-logger", metavar="LOG")
     parser.add_argument("--task", help="the task, a YAML file; without LOG, the task is checked", metavar="FILE")
     parser.add_argument("--html", help="write the report as a page that can be printed", metavar="FILE")
+    parser.add_argument("--language", default="en", help=f"language of the page, one of {', '.join(languages())} (default: en); English where it has no texts", metavar="CODE")
     parser.add_argument("--json", help="write the report as JSON, in SI units", metavar="FILE")
     parser.add_argument("--csv", help="write the measures as a table, in SI units", metavar="FILE")
     parser.add_argument("--runs", help="folder of a trainee's runs, as trocar-view --task keeps it: compare with the earlier ones", metavar="FOLDER")
@@ -38,8 +41,9 @@ def _options() -> argparse.ArgumentParser:
 
 
 def _criteria(result: Result) -> None:
+    words = Words()
     for criterion, value, met in result.judgements:
-        limit = f"at least {shown(criterion.measure, criterion.least)}" if criterion.least is not None else f"at most {shown(criterion.measure, criterion.most)}"
+        limit = words.limit(criterion.measure, criterion.least, criterion.most)
         print(f"{'met    ' if met else 'not met'}  {criterion.measure:18} {shown(criterion.measure, value):>10}   {limit}")
     print("passed" if result.passed else "not passed")
 
@@ -50,11 +54,11 @@ def _score(given: argparse.Namespace) -> int:
     reference = report.read_report(Path(task.reference), task.name) if task.reference else None
     runs = report.earlier_runs(Path(given.runs), task, report.began(result)) if given.runs else []
     if given.html:
-        report.save(Path(given.html), report.as_html(result, runs, reference))
+        save(Path(given.html), report.as_html(result, runs, reference, given.language))
     if given.json:
-        report.save(Path(given.json), report.as_json(result))
+        save(Path(given.json), report.as_json(result))
     if given.csv:
-        report.save(Path(given.csv), report.as_csv(result))
+        save(Path(given.csv), report.as_csv(result))
     _criteria(result)
     return 0 if result.passed else 1
 
@@ -73,25 +77,30 @@ def _progress(given: argparse.Namespace) -> int:
     return 0 if passed == len(course.tasks) else 1
 
 
+def _texts(task: Task, language: str) -> dict[str, Any]:
+    texts, words = task.texts(language), Words(language)
+    return {"title": texts.title, "text": texts.text, "hints": texts.hints,
+            "criteria": [{"measure": c.measure, "words": words(f"measure.{c.measure}"), "source": source, "limit": words.limit(c.measure, c.least, c.most)}
+                         for c, source in zip(task.criteria, texts.sources)]}
+
+
 def describe(task: Task) -> dict[str, Any]:
-    """Describes a task for the viewer's page; lengths in m."""
-    return {"name": task.name, "title": task.title, "text": task.text, "hints": task.hints, "avoid": task.avoid,
+    """Describes a task for the viewer's page; lengths in m. `texts`: title, text, hints and criteria by language."""
+    return {"name": task.name, "avoid": task.avoid, "texts": {language: _texts(task, language) for language in languages()},
             "targets": [{"name": t.name, "position": t.position.tolist(), "hole": t.hole} for t in task.targets],
-            "needles": [{"hole": n.hole, "depth": n.depth, "seeds": n.seeds} for n in task.plan.needles] if task.plan else [],
-            "criteria": [{"measure": c.measure, "words": MEASURES[c.measure].words, "source": c.source,
-                          "limit": f"at least {shown(c.measure, c.least)}" if c.least is not None else f"at most {shown(c.measure, c.most)}"} for c in task.criteria]}
+            "needles": [{"hole": n.hole, "depth": n.depth, "seeds": n.seeds} for n in task.plan.needles] if task.plan else []}
 
 
 def _prepare(given: argparse.Namespace) -> int:
     task, folder = Task.read(given.task), Path(given.prepare)
     folder.mkdir(parents=True, exist_ok=True)
-    report.save(folder / "task.json", json.dumps(describe(task)) + "\n")
+    save(folder / "task.json", json.dumps(describe(task)) + "\n")
     print(f"scene {task.scene}")
     print(f"name {task.name}")
     if task.plan:
         table = io.StringIO()
         csv.writer(table, lineterminator="\n").writerows(planned_table(plans.planned_seeds(task.plan, task.model), plans.Frame(task.model)))
-        report.save(folder / "plan.csv", table.getvalue())
+        save(folder / "plan.csv", table.getvalue())
         print(f"plan {folder / 'plan.csv'}")
         if task.plan.source:
             print(f"source {task.plan.source.isotope} {task.plan.source.model}\nstrength {task.plan.source.strength:.9g}")

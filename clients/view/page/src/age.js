@@ -1,6 +1,8 @@
 // Measures how old the picture on the screen is, and limits the speed of a needle that is driven by it. Uses only this page's clock, so that it also
 // works on other machines.
 
+import { t } from './words/words.js'
+
 // m by which the needle may be ahead of the picture while pictures arrive regularly; if they stop arriving, the needle moves up to 18 mm further: see
 // speedAt
 export const FARTHEST = 0.008
@@ -54,5 +56,5 @@ export const speedAt = (age) => (age > OLDEST ? 0 : Math.min(1, FARTHEST / (FAST
 export function wordsAt(age) {
   const speed = speedAt(age)
   if (speed === 1) return ''
-  return speed === 0 ? `Picture over ${OLDEST} s old: held still.` : `Picture ${age.toFixed(1)} s old: ${Math.max(1, Math.round(1000 * speed * FASTEST))} mm/s at most.`
+  return speed === 0 ? t('age.still', { age: OLDEST }) : t('age.slow', { age: age.toFixed(1), speed: Math.max(1, Math.round(1000 * speed * FASTEST)) })
 }

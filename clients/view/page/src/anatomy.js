@@ -89,6 +89,7 @@ export class Anatomy {
   constructor(scene, ramp, slicer, planes) {
     this.scene = scene
     this.slicer = slicer
+    this.surfaces = slicer.select((inside, outside) => inside !== outside)
     this.group = new THREE.Group()
     this.place = new THREE.BufferAttribute(new Float32Array(scene.nodes), 3).setUsage(THREE.DynamicDrawUsage)
     this.moved = new THREE.BufferAttribute(new Float32Array(scene.nodes.length / 3), 1).setUsage(THREE.DynamicDrawUsage)
@@ -214,9 +215,14 @@ export class Anatomy {
       moved[n] = Math.sqrt(x * x + y * y + z * z)
       largest = Math.max(largest, moved[n])
     }
-    this.place.needsUpdate = this.moved.needsUpdate = true
-    for (const geometry of this.smooth) geometry.computeVertexNormals()
+    this.place.needsUpdate = this.moved.needsUpdate = this.bent = true
     return largest
+  }
+
+  /** Computes the normals of surfaces that have moved since the last rendering; not every picture is rendered. */
+  smoothen() {
+    if (this.bent) for (const geometry of this.smooth) geometry.computeVertexNormals()
+    this.bent = false
   }
 
   /** Cuts at normal . x = offset; no cut if `normal` is null. */
@@ -230,7 +236,7 @@ export class Anatomy {
     cutTints.count = 3 * count
     show(this.cutGeometry, 'color', cutTints, 3)
     show(this.cutGeometry, 'position', slicer.place, 3)
-    show(this.cutEdge, 'position', slicer.outline(this.place.array, normal, offset, (inside, outside) => inside !== outside), 3)
+    show(this.cutEdge, 'position', slicer.outline(this.place.array, normal, offset, this.surfaces), 3)
   }
 
   /** Returns the region's colour, blended with that of the displacement. */

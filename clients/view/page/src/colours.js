@@ -1,4 +1,5 @@
-// Colours of anatomy, contacts and displacement. Both themes use the same colours, except for the background.
+// Colours of anatomy, contacts and displacement. Both themes use the same colours, except for the background. Colours that are told apart by colour alone are chosen
+// so that people with any type of dichromacy can tell them apart, too: tests/view/colours_test.mjs.
 
 /** Perceptually uniform colours from dark blue to yellow (based on matplotlib's viridis). */
 const RAMP = [[68, 1, 84], [71, 44, 122], [59, 81, 139], [44, 113, 142], [33, 144, 141], [39, 173, 129], [92, 200, 99], [170, 220, 50], [253, 231, 37]]
@@ -21,14 +22,18 @@ export function regionColour(region, index) {
 
 export const CONTACT = { 0: '#3ddc97', 1: '#ff9f43', '-1': '#5b8cff' } // colour by contact state: sticking, sliding in, sliding out
 export const TRACK = '#e63946' // colour of the tracks that needles have cut
-export const GUIDED = '#f06bd0' // colour of a contact with a guide
-export const AXES = ['#ff6b6b', '#4fc37a', '#5aa2ff'] // colours of x, y and z
+export const GUIDED = '#e762ba' // colour of a contact with a guide
+export const AXES = ['#fb5e5f', '#1ea86c', '#4895f4'] // colours of x, y and z
+export const TIMING = ['#c28901', '#8c6bd6'] // compute, lateness
 
-const HUBS = ['#2c7fb8', '#d9822b', '#3f9c6b', '#9a6bc2']
+const HUBS = ['#2c7fb8', '#d9822b', '#3fa672', '#af78fb']
 
 /** Returns the colour of a needle's hub. */
 export const hubColour = (needle) => HUBS[needle % HUBS.length]
 
 // the levels are fractions of the prescription
-export const ISODOSE = [{ level: 1, colour: '#ffd23f' }, { level: 1.5, colour: '#ff7f11' }, { level: 2, colour: '#ff3864' }]
-export const SEED = '#7dff6b', PLANNED = '#c79bff', TARGET = '#ffffff'
+export const ISODOSE = [{ level: 1, colour: '#ffd23f' }, { level: 1.5, colour: '#ff841e' }, { level: 2, colour: '#ff3864' }]
+export const SEED = '#94ff95', PLANNED = '#aa83f5', TARGET = '#ffffff', CHOSEN = '#37d0ff', BEVEL = '#f2ce39'
+
+/** Colours of the curves of a histogram: the gland as planned, now, without the needles and later; two other organs. */
+export const DOSES = { planned: '#a97be8', now: '#e05b73', out: '#bd8b1a', later: '#7089ab' }, OTHER_ORGANS = ['#339575', '#8d8f96']

@@ -1,15 +1,15 @@
 // Decodes messages from trocar-view: see clients/view/stream/wire_format.h.
 
-const SCENE = 1, PICTURE = 2, SAMPLES = 3, STATUS = 4, SEEDS = 5, REPLY = 6, DOSE = 7, PLAN = 8
+const SCENE = 1, PICTURE = 2, SAMPLES = 3, STATUS = 4, SEEDS = 5, REPLY = 6, DOSE = 7, PLAN = 8, ULTRASOUND = 9
 const SAMPLE_BYTES = 64
 const NEEDLE_BYTES = 48 // number of bytes in a needle's record before its joints
 const PROBE_BYTES = 64
 export const CONTACT_NUMBERS = 9 // numbers per contact
 export const TRACK_NUMBERS = 6 // numbers per point of a track
 export const TIP = 1, GUIDE = 2 // values of a contact's kind
-const names = { [SCENE]: 'scene', [PICTURE]: 'picture', [SAMPLES]: 'samples', [STATUS]: 'status', [SEEDS]: 'seeds', [REPLY]: 'reply', [DOSE]: 'dose', [PLAN]: 'plan' }
+const names = { [SCENE]: 'scene', [PICTURE]: 'picture', [SAMPLES]: 'samples', [STATUS]: 'status', [SEEDS]: 'seeds', [REPLY]: 'reply', [DOSE]: 'dose', [PLAN]: 'plan', [ULTRASOUND]: 'ultrasound' }
 const decoders = { [SCENE]: decodeScene, [PICTURE]: decodePicture, [SAMPLES]: decodeSamples, [STATUS]: decodeText,
-                   [SEEDS]: decodeSeeds, [REPLY]: decodeText, [DOSE]: decodeDose, [PLAN]: decodeText }
+                   [SEEDS]: decodeSeeds, [REPLY]: decodeText, [DOSE]: decodeDose, [PLAN]: decodeText, [ULTRASOUND]: decodeUltrasound }
 
 /** Yields each section of a message as [name, decoded content]. */
 export function* sections(message) {
@@ -117,4 +117,15 @@ function decodeSeeds(message, at) {
 function decodeDose(message, at, length) {
   const text = new DataView(message).getUint32(at, true), start = at + 8 + padded(text)
   return { ...decodeText(message, at + 8, text), levels: new Uint8Array(message.slice(start, at + length)) }
+}
+
+/** Returns ultrasound images, each with its plane (unit vectors, m), its raster and `levels`: one byte per pixel, row by row away from the probe. */
+function decodeUltrasound(message, at, length) {
+  const text = new DataView(message).getUint32(at, true), { images, ...scale } = decodeText(message, at + 8, text)
+  let start = at + 8 + padded(text)
+  return images.map((image) => {
+    const levels = new Uint8Array(message, start, image.width * image.height)
+    start += levels.length
+    return { ...image, ...scale, levels }
+  })
 }

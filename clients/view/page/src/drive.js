@@ -1,15 +1,22 @@
 // Manual control of a needle: combines pads, keys and a gamepad into one command, which is sent while this page holds the needle.
 import { speedAt, wordsAt } from './age.js'
+import { said, t } from './words/words.js'
 
 const PERIOD = 30 // ms between commands
 const SLOW = 0.25
 const KEYS = { KeyW: [2, 1], KeyS: [2, -1], ArrowRight: [0, -1], ArrowLeft: [0, 1], ArrowUp: [1, 1], ArrowDown: [1, -1],
                KeyI: [3, -1], KeyK: [3, 1], KeyJ: [4, 1], KeyL: [4, -1], KeyD: [5, 1], KeyA: [5, -1] }
 const DEAD = 0.12 // dead zone of a gamepad's stick, as a fraction
-const UNCONNECTED = 'the connection ended'
 export const TOUCH = matchMedia('(pointer: coarse)').matches // a phone or tablet, without keys
-const HELP = TOUCH ? 'The lever pushes in and pulls out.' : 'W pushes in, S pulls out.'
+const HELP = t(TOUCH ? 'drive.help.touch' : 'drive.help')
 const HOLD = 800 // ms for which a button must be held down; the same value is in style.css
+
+/** Returns the code of a key that is a command. Letters count by what is printed on the key, so that Z and Y are not exchanged on a German keyboard; the keys that
+ * steer count by their place. */
+export const actionOf = ({ key, code }) => (/^[a-z]$/i.test(key) ? `Key${key.toUpperCase()}` : code)
+
+/** Takes the focus from a button that was clicked with a pointer, so that the space bar does not press it again. With the keyboard, the focus stays. */
+export const leave = ({ detail, currentTarget }) => { if (detail > 0) currentTarget.blur() }
 
 /** A self-centring pad: `value` is [x, y] from -1 to 1, with y up. */
 class Spring {
@@ -79,7 +86,7 @@ export class Drive {
     this.lever = new Spring(elements.lever, false, true)
     this.pad = new Spring(elements.pad, true, true)
     this.roll = new Spring(elements.roll, true, false)
-    elements.tilt.addEventListener('change', () => { elements.does.textContent = elements.tilt.checked ? 'tilt' : 'move' })
+    elements.tilt.addEventListener('change', () => { elements.does.textContent = t(elements.tilt.checked ? 'pad.tilt' : 'pad.move') })
     addEventListener('blur', () => this.rest())
     setInterval(() => { if (this.driving) this.send(this.command(), this.age.count(performance.now())) }, PERIOD)
   }
@@ -148,24 +155,26 @@ export class Drive {
    * not while the page shows the past or receives no data. */
   show(status, state) {
     const { take, note, controls } = this.elements, rests = status.state === 'resting', past = state.name === 'past', driving = status.drives && status.alive
-    if (this.driving && !driving && !this.asked) this.lost = 'The needle was let go.'
-    if (this.lost && !this.driving && (status.lost || ['unconnected', 'refused'].includes(state.name))) this.lost = `The needle was let go: ${status.lost || UNCONNECTED}.`
+    if (this.driving && !driving && !this.asked) this.lost = t('drive.lost')
+    if (this.lost && !this.driving && (status.lost || ['unconnected', 'refused'].includes(state.name))) this.lost = t('drive.lost.why', { reason: status.lost ? said(status.lost) : t('drive.unconnected') })
     if (driving !== this.driving) this.asked = false
     this.driving = driving
     this.steering = driving && ['live', 'stale'].includes(state.name) && !['leaving', 'resting', 'taking'].includes(status.state)
     if (!this.steering) this.rest()
     controls.hidden = !this.driving
     controls.inert = !this.steering
-    take.textContent = this.driving ? (this.lies ? 'Leave it in' : 'Let go') : rests || this.lies ? 'Take the needle' : 'Drive the needle'
-    take.title = this.driving && this.lies ? 'Let go of the needle: it stays in template and tissue (E, T)' : 'Control the needle from this page (T)'
+    take.textContent = t(this.driving ? (this.lies ? 'drive.leave' : 'drive.release') : rests || this.lies ? 'drive.takeAgain' : 'take')
+    take.title = t(this.driving && this.lies ? 'drive.leave.title' : 'take.title')
     take.classList.toggle('held', this.driving)
     take.disabled = !this.driving && (state.name !== 'live' || status.driven || status.owned === 'elsewhere')
-    note.textContent = this.driving ? (past ? 'The needle is held still until you are back to live.' : !this.steering ? 'The needle is held still.' : wordsAt(this.age.at(performance.now())) || HELP) : this.lost ? `${this.lost}${rests ? ' It rests in the tissue.' : ''}` : this.reason(status, state)
+    note.textContent = this.driving ? (past ? t('drive.past') : !this.steering ? t('drive.still') : wordsAt(this.age.at(performance.now())) || HELP) : this.lost ? `${this.lost}${rests ? ` ${t('drive.rests')}` : ''}` : this.reason(status, state)
   }
 
   /** Returns the reason why the needle cannot be taken. */
   reason(status, { name, kind }) {
-    if (name === 'past' && kind === 'past') return 'Go back to live to drive.'
-    return name !== 'live' ? '' : status.driven ? `Another window drives ${status.needle === this.needle ? 'it' : `needle ${status.needle}`}.` : status.owned === 'elsewhere' ? 'A device holds it.' : ''
+    if (name === 'past' && kind === 'past') return t('drive.goLive')
+    if (name !== 'live') return ''
+    if (status.driven) return t(status.needle === this.needle ? 'drive.other' : 'drive.other.needle', { page: status.driver, needle: status.needle })
+    return status.owned === 'elsewhere' ? t('drive.device') : ''
   }
 }

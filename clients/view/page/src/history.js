@@ -1,5 +1,6 @@
 // Stores the received data, with separate samples for each needle: from a live server the last minute, from a log everything that trocar-view sends.
 // The size is limited.
+import { t } from './words/words.js'
 
 const SPAN = 60 // s, live
 const PICTURE_BYTES = 256e6 // maximum total size of live pictures; trocar-view limits the pictures of a log to the same size
@@ -16,14 +17,16 @@ class Track {
   }
 }
 
+export const PUNCTURE = 1 << 1
+
 /** Bits of insertion_event in core/insertion/state/tick_data.h. Events with `quiet` are drawn small and without a label. */
 export const EVENTS = [
-  { bit: 1 << 0, name: 'touched', quiet: true }, { bit: 1 << 1, name: 'puncture' }, { bit: 1 << 2, name: 'contact added', quiet: true },
-  { bit: 1 << 3, name: 'contact removed', quiet: true }, { bit: 1 << 4, name: 'exit' }, { bit: 1 << 5, name: 're-entry' },
-  { bit: 1 << 6, name: 'withdrawn' }, { bit: 1 << 7, name: 'late worker', alarm: true }, { bit: 1 << 8, name: 'no room for contacts', alarm: true },
-  { bit: 1 << 9, name: 'starts over', alarm: true }, { bit: 1 << 10, name: 'node kept', quiet: true },
-  { bit: 1 << 11, name: 'guide missed', alarm: true }, { bit: 1 << 12, name: 'outside the model', alarm: true },
-  { bit: 1 << 13, name: 'oldest track dropped', alarm: true },
+  { bit: 1 << 0, name: t('event.touched'), quiet: true }, { bit: PUNCTURE, name: t('event.puncture') }, { bit: 1 << 2, name: t('event.contactAdded'), quiet: true },
+  { bit: 1 << 3, name: t('event.contactRemoved'), quiet: true }, { bit: 1 << 4, name: t('event.exit') }, { bit: 1 << 5, name: t('event.reentry') },
+  { bit: 1 << 6, name: t('event.withdrawn') }, { bit: 1 << 7, name: t('event.lateWorker'), alarm: true }, { bit: 1 << 8, name: t('event.noRoom'), alarm: true },
+  { bit: 1 << 9, name: t('event.startsOver'), alarm: true }, { bit: 1 << 10, name: t('event.nodeKept'), quiet: true },
+  { bit: 1 << 11, name: t('event.guideMissed'), alarm: true }, { bit: 1 << 12, name: t('event.outside'), alarm: true },
+  { bit: 1 << 13, name: t('event.trackDropped'), alarm: true },
 ]
 
 export class History {
@@ -70,7 +73,7 @@ export class History {
   addMarks({ marks }, sample, membranes) {
     for (const event of EVENTS) {
       if (!(sample.events & event.bit)) continue
-      const name = event.name === 'puncture' ? membranes[sample.membrane]?.name ?? 'puncture' : event.name
+      const name = event.bit === PUNCTURE ? membranes[sample.membrane]?.name ?? event.name : event.name
       const last = marks.findLast((mark) => mark.event === event)
       if (event.alarm && last && sample.time - last.until < 0.5) last.until = sample.time // continues
       else marks.push({ time: sample.time, until: sample.time, event, name })

@@ -1,12 +1,12 @@
 // The WebSocket connection to trocar-view. It reconnects automatically and acknowledges each update, which requests the next one.
 import { sections } from './decode.js'
 
-const ACKNOWLEDGE = 1, TAKE = 2, STEER = 3, RESET = 4, RELEASE = 5, PICTURE = 6, HOLE = 7, DROP = 8, UNDO = 9, LEAVE = 10, REMOVE = 11, PROBE = 12, START = 13, FINISH = 14
+const ACKNOWLEDGE = 1, TAKE = 2, STEER = 3, RESET = 4, RELEASE = 5, PICTURE = 6, HOLE = 7, DROP = 8, UNDO = 9, LEAVE = 10, REMOVE = 11, PROBE = 12, START = 13, FINISH = 14, LOOK = 15, CHANGE = 16
 const RETRY = 500, RETRY_REFUSED = 2000 // ms
 const TRY_AGAIN_LATER = 1013 // close code: trocar-view refused this page and gave a reason
 
 export class Link {
-  /** `handlers` are scene, picture, samples, status, seeds, reply, dose and plan (called with the decoded content), received (after each message), open,
+  /** `handlers` are scene, picture, samples, status, seeds, reply, dose, plan and ultrasound (called with the decoded content), received (after each message), open,
    * and closed (with the reason if trocar-view refused this page, else ''). */
   constructor(handlers) {
     this.handlers = handlers
@@ -39,7 +39,7 @@ export class Link {
     head.setUint32(0, kind, true)
     steer.forEach((value, i) => head.setFloat32(4 + 4 * i, value, true))
     head.setUint32(28, needle, true)
-    if (data) bytes.set(new Uint8Array(data), 32)
+    if (data) bytes.set(new Uint8Array(data), 32) // copies a typed array or a buffer
     this.socket.send(bytes)
   }
 
@@ -60,8 +60,14 @@ export class Link {
   remove(needle) { this.send(REMOVE, [], null, needle) }
   /** Steers the probe; the arguments are the same as those of `steer`. */
   moveProbe(command, number) { this.send(PROBE, command, null, number) }
+  /** Requests computed ultrasound images, which arrive for about two seconds: the axial image in the plane z (m) and, if `both` is true, the sagittal
+     image in the plane x; with a probe, the images are at the probe. `depth`: m; 0: deep enough to cover the gland. */
+  lookAt(z, x, depth, both) { this.send(LOOK, [z, x, depth, both ? 1 : 0]) }
   /** Starts and ends a trainee's task and its recording. */
   startTask() { this.send(START) }
-  finishTask() { this.send(FINISH) }
+  /** `language`: of the report, such as "de". */
+  finishTask(language) { this.send(FINISH, [], null, language.charCodeAt(0) | language.charCodeAt(1) << 8) }
+  /** Changes the tissue within `seconds`: `values` are lines of "key: value". The status with the server's reply returns the number. */
+  change(values, seconds, number) { this.send(CHANGE, [seconds], new TextEncoder().encode(values), number) }
   sendPicture(png) { this.send(PICTURE, [], png) }
 }

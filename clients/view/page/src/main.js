@@ -3,7 +3,7 @@ import './style.css'
 import { LATE, PictureAge } from './age.js'
 import { CONTACT, GUIDED, hubColour, rampCss, regionColour, TRACK } from './colours.js'
 import { CONTACT_NUMBERS } from './decode.js'
-import { Drive } from './drive.js'
+import { actionOf, Drive, leave } from './drive.js'
 import { Echo } from './ultrasound_view.js'
 import { History } from './history.js'
 import { Link } from './link.js'
@@ -11,18 +11,22 @@ import { FORCE_SCALE } from './needle.js'
 import { arrange, arrangeLike, compose, save, SIZE } from './picture.js'
 import { patientText } from './patient.js'
 import { Plots, Strip } from './plots.js'
-import { Probe } from './probe.js'
+import { Probe } from './panels/probe.js'
+import { Scanner } from './panels/scanner.js'
+import { Sound } from './sound.js'
 import { Procedure } from './procedure/procedure.js'
 import { Stage } from './view3d.js'
 import { FRESH, showBanner, Silence, stateOf } from './state.js'
-import { Task } from './task.js'
+import { Task } from './panels/task.js'
+import { Tissue } from './panels/tissue.js'
+import { hasText, listLanguages, said, t } from './words/words.js'
 
 const STRIP_SPAN = 60 // s, live
 const asked = new URLSearchParams(location.search), posing = asked.has('picture') // `posing`: only render one picture and send it back
 
 const element = (id) => document.getElementById(id)
 if (!document.createElement('canvas').getContext('webgl2')) {
-  element('stage').innerHTML = '<p class="sorry">This browser has no WebGL 2. Allow it hardware acceleration; without a graphics card, start Chromium with --enable-unsafe-swiftshader.</p>'
+  element('stage').innerHTML = `<p class="sorry">${t('webgl')}</p>`
   throw new Error('no WebGL 2')
 }
 
@@ -52,7 +56,10 @@ const link = new Link({
     pictureSilence.end()
     if (clock.following && scene.live) picture.fresh = true
   },
-  samples(samples) { history.addSamples(samples, scene.membranes) },
+  samples(samples) {
+    history.addSamples(samples, scene.membranes)
+    if (scene.live && history.count > samples.length) sound.hear(samples) // the first ones are of the last minute
+  },
   seeds(seeds) {
     procedure.hearSeeds(seeds)
     if (!scene.live && history.pictures.length) history.pictures.at(-1).seeds = seeds // in a log, the seeds follow their picture
@@ -60,10 +67,12 @@ const link = new Link({
   reply(reply) { procedure.hearReply(reply) },
   dose(dose) { procedure.hearDose(dose) },
   plan(plan) { procedure.hearPlan(plan) },
+  ultrasound(images) { scanner.hear(images) },
   status(received) {
     status = received
     noteServer()
     task.hear(received.task)
+    tissue.hear(received)
     chooseOfStatus()
     statusAt = performance.now()
     age.hear(status.steered, statusAt)
@@ -74,7 +83,7 @@ const link = new Link({
 
 const drive = new Drive(link, age, { lever: element('lever'), pad: element('pad'), roll: element('roll'), tilt: element('tilt'), does: element('pad-does'), take: element('take'), reset: element('reset'), note: element('drive-note'), controls: element('controls') })
 
-const procedure = new Procedure({ stage, echo, drive, link, choose }), probe = new Probe({ stage, echo, procedure, drive, link, setSlice }), task = new Task(link, procedure)
+const procedure = new Procedure({ stage, echo, drive, link, choose }), probe = new Probe({ stage, echo, procedure, drive, link, setSlice }), task = new Task(link, procedure), tissue = new Tissue(link), sound = new Sound(element('sound')), scanner = new Scanner({ link, slices: [echo, procedure.sagittal], both: () => procedure.active })
 
 function takeScene(received) {
   scene = received
@@ -125,25 +134,30 @@ function showState() {
                     age: live && history.count ? liveTime() - history.end : Infinity, behind: clock.following ? null : liveTime() - timeShown() })
   document.body.dataset.state = state.name
   const badge = element('link'), seen = age.at(now), late = state.name === 'live' && drive.driving && seen > LATE
-  badge.textContent = late ? `${seen.toFixed(1)} s late` : state.badge
+  badge.textContent = late ? t('badge.late', { age: seen.toFixed(1) }) : state.badge
   badge.className = `badge ${late ? 'past' : state.kind}`
   showBanner(element('banner'), state)
   drive.show(status, state)
   element('rate').textContent = status.alive ? `${(status.rate / 1000).toPrecision(3)} kHz` : '–'
+  showPage()
   element('notice').textContent = element('notice').title = noticeOf(status)
 }
 
-/** Descriptions of the server's flags; flags without a description are shown by their names. */
-const FLAGS = { stale: 'no recent pose: the force fades', saturated: 'force limited', not_realtime: 'the server runs without real time', late_worker: 'the tissue is computed late',
-                unstable: 'the model failed: the insertion starts over', overrun: 'the server is overloaded: no force', active: 'the hand gets energy', missed_guide: 'the needle is beside the holes of a guide',
-                outside_model: 'the shaft is pushed in from the side, where no force is computed', probe_stopped: 'the tissue stops the probe' }
+/** Tells pages of one trocar-view apart, by a number in the header and in the title. */
+function showPage() {
+  const several = status.pages > 1, name = scene ? scene.path.split('/').pop() : '', badge = element('page-number')
+  badge.hidden = !several
+  badge.textContent = several ? t('page', { page: status.page }) : ''
+  badge.classList.toggle('driving', several && status.driver === status.page)
+  document.title = several || name ? t('title', { page: several ? `${t('title.page', { page: status.page })} ` : '', name }) : 'trocar'
+}
 
 function noticeOf({ state: hand, flags = [], scene: served = '', message = '' }) {
   const unheld = ['leaving', 'resting', 'taking'].includes(hand) // nobody sends poses for such a needle
-  const words = flags.filter((flag) => flag !== 'ramping' && !(flag === 'stale' && unheld)).map((flag) => FLAGS[flag] ?? flag.replaceAll('_', ' '))
+  const words = flags.filter((flag) => flag !== 'ramping' && !(flag === 'stale' && unheld)).map((flag) => (hasText(`flag.${flag}`) ? t(`flag.${flag}`) : flag.replaceAll('_', ' ')))
   // procedure mode shows the answers to commands itself
-  if (message && !(procedure.active && /^command \d+ of/.test(message))) words.push(scene?.live ? `server: ${message}` : message)
-  if (served && served.split('/').pop() !== scene.path.split('/').pop()) words.unshift(`the server runs ${served}, not this scene`)
+  if (message && !(procedure.active && /^command \d+ of/.test(message))) words.push(scene?.live ? t('notice.server', { message: said(message) }) : said(message))
+  if (served && served.split('/').pop() !== scene.path.split('/').pop()) words.unshift(t('notice.scene', { scene: served }))
   return words.join(' · ')
 }
 
@@ -187,7 +201,7 @@ function frame(now) {
   requestAnimationFrame(frame)
   if (!scene || posing) return
   advanceClock(now)
-  if (stage.finished()) draw(now)
+  draw(now)
   if (now - plotsDrawn > PLOT_PERIOD) {
     plotsDrawn = now
     showState()
@@ -197,18 +211,23 @@ function frame(now) {
   }
 }
 
-/** Draws only after the GPU has finished the previous frame, because frames that wait in a queue would be outdated when they are displayed. */
+/** Draws the 3D view only after the GPU has finished its previous frame, because frames that wait in a queue would be outdated when they are displayed. The slices do
+ * not wait for it. */
 function draw(now) {
-  noteLatency()
+  const finished = stage.finished()
+  if (finished) noteLatency()
   showPicture()
   procedure.show(shown, clock.following, chosen)
   probe.show(shown)
-  const drawn = stage.draw(now)
+  scanner.ask(clock.following && scene.live, now)
+  const drawn = finished && stage.draw(now, echo.simulated && echo.isRecent)
   echo.draw(stage.coarse)
   procedure.draw(stage.coarse)
-  if (!drawn || !shown?.fresh) return
+  if (!shown?.fresh) return
+  if (drawn) drawing = shown
+  else if (finished && !stage.dirty) age.show(shown) // it looks like the picture on the screen
+  else return
   shown.fresh = false
-  drawing = shown
 }
 
 function showPicture() {
@@ -218,11 +237,7 @@ function showPicture() {
   if (picture === shown) return
   const same = shown && looksSame(picture, shown)
   shown = picture
-  if (same) {
-    shown.fresh = false
-    age.show(shown)
-    return
-  }
+  if (same) return
   const largest = stage.show(picture)
   if (largest > range || largest < range / 3) setRange(largest)
   element('track-key').hidden = stage.tracks.empty
@@ -274,10 +289,10 @@ function drawPlots() {
   plots.show(history, from, wide ? Math.max(history.end, history.start + 0.1) : from + span, clock.following ? null : time)
   const start = scene.live ? now - STRIP_SPAN : history.start
   strip.draw(history, start, scene.live ? now : Math.max(history.end, start + 0.1), time)
-  element('clock').textContent = state.name === 'live' ? 'now' : history.count === 0 ? '–' : `${(time - (scene.live ? now : 0)).toFixed(2)} s`
+  element('clock').textContent = state.name === 'live' ? t('clock.now') : history.count === 0 ? '–' : `${(time - (scene.live ? now : 0)).toFixed(2)} s`
   for (const [name, value] of [['min', start], ['max', scene.live ? now : history.end], ['now', time]]) element('timeline').setAttribute(`aria-value${name}`, value.toFixed(2))
   element('timeline').setAttribute('aria-valuetext', element('clock').textContent)
-  element('play').textContent = clock.playing ? 'Pause' : 'Play'
+  element('play').textContent = t(clock.playing ? 'play.pause' : 'play.play')
   element('live').disabled = clock.following
 }
 
@@ -285,7 +300,7 @@ function showNumbers() {
   showScale()
   if (history.count === 0) return
   const rests = clock.following && status.state === 'resting' // no hand feels the force on a resting needle
-  // the sample comes from another server, or the needle has been left to rest since the sample
+  // `gone`: the newest sample is from an earlier server, or is too old, as after the needle was left at rest
   const newest = history.count - 1, gone = history.end <= restarted || scene.live && status.alive && liveTime() - history.end > FRESH
   const at = rests || clock.following && gone ? -1 : clock.following ? newest : history.sampleNear(timeShown()), value = (column) => history.columns[column][at]
   element('depth').textContent = at < 0 ? '–' : `${(1e3 * value(7)).toFixed(1)} mm`
@@ -302,7 +317,7 @@ function showNumbers() {
 function showScale() {
   const most = 110 * stage.metresPerPixel(), decade = 10 ** Math.floor(Math.log10(most)), length = [5, 2, 1].map((k) => k * decade).find((v) => v <= most)
   element('scale-bar').style.width = `${length / stage.metresPerPixel()}px`
-  element('scale-text').textContent = `${+(1e3 * length).toPrecision(2)} mm, force ${+(length / FORCE_SCALE).toPrecision(3)} N`
+  element('scale-text').textContent = t('scale', { length: +(1e3 * length).toPrecision(2), force: +(length / FORCE_SCALE).toPrecision(3) })
 }
 
 /* ---- slices and layers ---- */
@@ -335,7 +350,7 @@ function listLayers() {
     Object.assign(box, { type: 'checkbox', checked: !OFF_AT_FIRST.includes(name), name })
     box.addEventListener('change', () => stage.setLayer(name, box.checked))
     stage.setLayer(name, box.checked)
-    label.append(box, name, swatch)
+    label.append(box, hasText(`layer.${name}`) ? t(`layer.${name}`) : name, swatch)
     return label
   }))
 }
@@ -351,7 +366,7 @@ function setCut(axis, part = Number(element('cut-place').value)) {
 /** Fills the menu of needles, which is hidden if the scene has only one needle. */
 function listNeedles() {
   const chooser = element('needle')
-  chooser.replaceChildren(...scene.parkingPoses.map((home, i) => new Option(`needle ${i}`, i)))
+  chooser.replaceChildren(...scene.parkingPoses.map((home, i) => new Option(t('needle.number', { needle: i }), i)))
   element('needle-choice').hidden = scene.parkingPoses.length === 1
   choose(0)
 }
@@ -376,7 +391,7 @@ function chooseOfStatus() {
 
 function setTheme(theme) {
   document.documentElement.dataset.theme = theme
-  element('theme').textContent = theme === 'light' ? 'Dark' : 'Light'
+  element('theme').textContent = t(theme === 'light' ? 'theme.dark' : 'theme.light')
   try { localStorage.setItem('theme', theme) } catch { /* in a private window, the theme cannot be stored */ }
   if (scene) stage.setTheme(theme !== 'light')
   plots.restyle()
@@ -388,19 +403,21 @@ const savePicture = async () => save(await takePicture(arrangeLike(element('stag
 const nextCut = () => { const axes = ['', 'x', 'y', 'z']; setCut(axes[(axes.indexOf(element('cut-axis').value) + 1) % axes.length]) }
 const toggleLayer = (name) => element('layer-list').querySelector(`input[name="${name}"]`)?.click()
 
-const ACTIONS = { Space: togglePlay, Comma: () => step(-1), Period: () => step(1), Home: goLive, KeyC: nextCut, KeyM: () => toggleLayer('mesh'), KeyN: toggleTheme, KeyP: savePicture,
-                  KeyT: () => drive.toggle(), Digit1: () => stage.look(1), Digit2: () => stage.look(2), Digit3: () => stage.look(3), Digit4: () => stage.look(4),
+const ACTIONS = { Space: togglePlay, Comma: () => step(-1), Period: () => step(1), Home: goLive, KeyC: nextCut, KeyM: () => toggleLayer('mesh'), KeyN: toggleTheme, KeyO: () => sound.toggle(), KeyP: savePicture,
+                  KeyT: () => drive.toggle(), KeyV: () => tissue.open(), Digit1: () => stage.look(1), Digit2: () => stage.look(2), Digit3: () => stage.look(3), Digit4: () => stage.look(4),
                   ArrowLeft: () => step(-1), ArrowRight: () => step(1) } // used only if these keys do not move the needle
 
 const STEPS = ['Comma', 'Period', 'ArrowLeft', 'ArrowRight'] // these keys repeat while they are held down
 
 addEventListener('keydown', (event) => {
-  if (event.ctrlKey || event.metaKey || event.altKey || element('keys').open || element('task').open || event.target.matches('input[type=text]')
+  if (event.ctrlKey || event.metaKey || event.altKey || element('keys').open || element('task').open || element('tissue').open || event.target.matches('input[type=text]')
       || event.target.matches('select, input[type=range]') && event.code.startsWith('Arrow')) return
-  if (event.key === '?') element('keys').showModal()
+  const action = ACTIONS[actionOf(event)]
+  if (event.target === element('timeline') && event.code.startsWith('Arrow')) { event.preventDefault(); if (action) action() }
+  else if (event.key === '?') element('keys').showModal()
   else if (drive.key(event, true)) event.preventDefault()
   else if (probe.key(event) || procedure.key(event)) event.preventDefault()
-  else if (ACTIONS[event.code] && scene && (!event.repeat || STEPS.includes(event.code)) && !(event.code === 'Space' && event.target.matches('button, input, summary'))) { event.preventDefault(); ACTIONS[event.code]() }
+  else if (action && scene && (!event.repeat || STEPS.includes(event.code)) && !(event.code === 'Space' && event.target.matches('button, input, summary'))) { event.preventDefault(); action() }
 })
 addEventListener('keyup', (event) => drive.key(event, false))
 
@@ -410,13 +427,15 @@ element('help').addEventListener('click', () => element('keys').showModal())
 element('play').addEventListener('click', togglePlay)
 element('live').addEventListener('click', goLive)
 element('needle').addEventListener('change', (event) => choose(Number(event.target.value)))
-element('take').addEventListener('click', (event) => { if (event.detail < 2) drive.toggle(); event.target.blur() }) // ignore the second click of a double click
+element('take').addEventListener('click', (event) => { if (event.detail < 2) drive.toggle(); leave(event) }) // ignore the second click of a double click
 element('banner').querySelector('button').addEventListener('click', goLive)
 element('cut-axis').addEventListener('change', (event) => setCut(event.target.value))
 element('cut-place').addEventListener('input', (event) => setCut(element('cut-axis').value, Number(event.target.value)))
 element('slice').addEventListener('input', (event) => { element('follow').checked = false; setSlice(echo.range.from + event.target.value * (echo.range.to - echo.range.from)) })
 new ResizeObserver(() => { stage.resize(); if (scene) stage.dirty = true }).observe(element('view'))
 new ResizeObserver(() => echo.resize()).observe(element('trus'))
+procedure.onSeed = () => sound.play('seed')
+listLanguages(element('language'))
 element('mode').addEventListener('click', () => { procedure.toggle(); plots.resize() })
 
 document.body.classList.toggle('software', stage.slow)
@@ -455,4 +474,4 @@ if (posing) {
     pose()
   }, 50)
 }
-window.trocar = { stage, age, echo, plots, drive, probe, task, seek, goLive, setCut, setTheme, choose, procedure, get chosen() { return chosen }, get history() { return history }, get status() { return status }, get state() { return state }, get shown() { return shown }, get latency() { return latency } }
+window.trocar = { stage, age, sound, echo, plots, drive, probe, scanner, task, tissue, seek, goLive, setCut, setTheme, choose, procedure, get chosen() { return chosen }, get history() { return history }, get status() { return status }, get state() { return state }, get shown() { return shown }, get latency() { return latency } }

@@ -2,6 +2,7 @@
 import { CONTACT, GUIDED, rampCss, TRACK } from './colours.js'
 import { CONTACT_NUMBERS } from './decode.js'
 import { FORCE_SCALE } from './needle.js'
+import { t } from './words/words.js'
 
 const FINE = 2          // supersampling factor used for anti-aliasing
 const MOST = 8192       // pixels per side that most GPUs support
@@ -53,26 +54,26 @@ export function compose(plan, { stage, echo, shown, history, time, range, label 
 function drawLegend(ink, { legend: { left, top }, side, unit, stage: { height } }, { stage, shown, history, time, range, label }) {
   const at = history.sampleNear(time), value = (column) => history.columns[column][at], small = `${15 * unit}px system-ui, sans-serif`
   const text = (words, x, y, font = small, style = '--text') => { ink.font = font; ink.fillStyle = colour(style); ink.fillText(words, left + x * unit, top + y * unit) }
-  const numbers = [['time', `${time.toFixed(3)} s`], ['depth', at < 0 ? '–' : `${(1e3 * value(7)).toFixed(1)} mm`],
-                   ['force', at < 0 ? '–' : `${Math.hypot(value(1), value(2), value(3)).toFixed(2)} N`], ['contacts', shown ? `${shown.contacts.length / CONTACT_NUMBERS}` : '–'], ...label ? [['needle', label]] : []]
+  const numbers = [[t('picture.time'), `${time.toFixed(3)} s`], [t('depth'), at < 0 ? '–' : `${(1e3 * value(7)).toFixed(1)} mm`],
+                   [t('force'), at < 0 ? '–' : `${Math.hypot(value(1), value(2), value(3)).toFixed(2)} N`], [t('contacts'), shown ? `${shown.contacts.length / CONTACT_NUMBERS}` : '–'], ...label ? [[t('picture.needle'), label]] : []]
   numbers.forEach(([name, number], i) => {
     text(name, 0, 22 + 32 * i, small, '--muted')
     text(number, 100, 22 + 32 * i, `600 ${22 * unit}px system-ui, sans-serif`)
   })
 
-  text('displacement', 0, 172, small, '--muted')
+  text(t('displacement'), 0, 172, small, '--muted')
   const bar = ink.createLinearGradient(left + 120 * unit, 0, left + 270 * unit, 0), stops = rampCss.match(/rgb\([^)]*\)/g)
   stops.forEach((stop, i) => bar.addColorStop(i / (stops.length - 1), stop))
   ink.fillStyle = bar
   ink.fillRect(left + 120 * unit, top + 162 * unit, 150 * unit, 10 * unit)
   text(`0 – ${+(1e3 * range).toPrecision(2)} mm`, 282, 172)
 
-  const kinds = [['sticks', CONTACT[0]], ['slides in', CONTACT[1]], ['slides out', CONTACT[-1]], ['tip', colour('--tip')], ...(stage.scene.guides.length ? [['guide', GUIDED]] : []), ...(stage.tracks.empty ? [] : [['track', TRACK]])]
+  const kinds = [[t('contact.sticks'), CONTACT[0]], [t('contact.in'), CONTACT[1]], [t('contact.out'), CONTACT[-1]], [t('contact.tip'), colour('--tip')], ...(stage.scene.guides.length ? [[t('contact.guide'), GUIDED]] : []), ...(stage.tracks.empty ? [] : [[t('track'), TRACK]])]
   let x = 0
   for (const [name, dot] of kinds) {
     ink.fillStyle = dot
     ink.beginPath()
-    if (name === 'track') ink.rect(left + x * unit, top + 197.5 * unit, 10 * unit, 3 * unit)
+    if (dot === TRACK) ink.rect(left + x * unit, top + 197.5 * unit, 10 * unit, 3 * unit)
     else ink.arc(left + (x + 5) * unit, top + 199 * unit, 5 * unit, 0, 2 * Math.PI)
     ink.fill()
     text(name, x + 15, 204)
@@ -82,7 +83,7 @@ function drawLegend(ink, { legend: { left, top }, side, unit, stage: { height } 
   const perPixel = stage.metresPerPixel(height), length = [0.05, 0.02, 0.01, 0.005, 0.002, 0.001].find((l) => l / perPixel < 0.5 * side) ?? 0.001
   ink.fillStyle = colour('--text')
   ink.fillRect(left, top + 231 * unit, length / perPixel, 2.5 * unit)
-  text(`${1e3 * length} mm, force ${+(length / FORCE_SCALE).toPrecision(3)} N`, length / perPixel / unit + 12, 237)
+  text(t('scale', { length: 1e3 * length, force: +(length / FORCE_SCALE).toPrecision(3) }), length / perPixel / unit + 12, 237)
 }
 
 export function save(blob, name) {

@@ -1,18 +1,18 @@
 // Plots of force, torque, depth and timing with markers at events, and the timeline strip.
 import uPlot from 'uplot'
 import 'uplot/dist/uPlot.min.css'
-import { AXES } from './colours.js'
+import { AXES, TIMING } from './colours.js'
 import { GAP } from './history.js'
+import { t } from './words/words.js'
 
 const SLOT = 0.01 // s, period of the samples
 const CLOSE = 90 // px: in a plot lower than this, the labels of all decades would touch
 const MICRO = 1e6, MILLI = 1e3
-const TIMING = ['#f2b134', '#8c6bd6'] // compute, lateness
 const PLOTS = [
-  { title: 'Force', unit: 'N', columns: [1, 2, 3], names: ['x', 'y', 'z'], colours: AXES, scale: 1, least: 0.2 },
-  { title: 'Torque', unit: 'mN m', columns: [4, 5, 6], names: ['x', 'y', 'z'], colours: AXES, scale: MILLI, least: 5 },
-  { title: 'Depth', unit: 'mm', columns: [7], names: ['depth'], colours: ['#37d0ff'], scale: MILLI, least: 5, fromZero: true },
-  { title: 'Timing', unit: 'µs', live: true, columns: [10, 11, 8, 9], names: ['tick', 'tick max', 'late', 'late max'], colours: [TIMING[0], TIMING[0], TIMING[1], TIMING[1]],
+  { title: t('plot.force'), unit: 'N', columns: [1, 2, 3], names: ['x', 'y', 'z'], colours: AXES, scale: 1, least: 0.2 },
+  { title: t('plot.torque'), unit: 'mN m', columns: [4, 5, 6], names: ['x', 'y', 'z'], colours: AXES, scale: MILLI, least: 5 },
+  { title: t('plot.depth'), unit: 'mm', columns: [7], names: [t('plot.series.depth')], colours: ['#37d0ff'], scale: MILLI, least: 5, fromZero: true },
+  { title: t('plot.timing'), unit: 'µs', live: true, columns: [10, 11, 8, 9], names: [t('plot.series.tick'), t('plot.series.tickMax'), t('plot.series.late'), t('plot.series.lateMax')], colours: [TIMING[0], TIMING[0], TIMING[1], TIMING[1]],
     dashes: [[], [3, 3], [], [3, 3]], scale: MICRO, logarithmic: true },
 ]
 
@@ -67,7 +67,7 @@ export class Plots {
     const built = { ...plot, holder, head, chart: new uPlot(options, [[], ...plot.columns.map(() => [])], holder) }
     new ResizeObserver(() => this.resize()).observe(head)
     built.chart.ctx.canvas.setAttribute('role', 'img')
-    built.chart.ctx.canvas.setAttribute('aria-label', `${plot.title} over time`)
+    built.chart.ctx.canvas.setAttribute('aria-label', t('plot.label', { plot: plot.title }))
     return built
   }
 
@@ -134,7 +134,7 @@ export class Plots {
       ink.strokeStyle = ink.fillStyle = css('--alarm')
       this.line(ink, left, y, left + width, y, [], ratio)
       ink.font = `${9 * ratio}px system-ui, sans-serif`
-      this.label(ink, 'budget', left + 4 * ratio, y + (y - top < 14 * ratio ? 10 : -3) * ratio, ratio)
+      this.label(ink, t('plot.budget'), left + 4 * ratio, y + (y - top < 14 * ratio ? 10 : -3) * ratio, ratio)
     }
     if (this.time !== null) {
       const x = u.valToPos(this.time, 'x', true)

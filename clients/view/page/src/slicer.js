@@ -52,16 +52,25 @@ export class Slicer {
     return region.count
   }
 
-  /** Fills `edges` with the intersections of the plane with the triangles for which `wanted(inside, outside, bits)` is true. */
-  outline(nodes, normal, offset, wanted) {
-    const { triangles } = this.scene, { distance, edges } = this
+  /** Returns the corners, three node numbers each, of the triangles for which `wanted(inside, outside, bits)` is true. */
+  select(wanted) {
+    const { triangles } = this.scene, corners = []
+    for (let t = 0; t < triangles.length; t += 6)
+      if (wanted(triangles[t + 3], triangles[t + 4], triangles[t + 5])) corners.push(triangles[t], triangles[t + 1], triangles[t + 2])
+    return new Uint32Array(corners)
+  }
+
+  /** Fills `edges` with the intersections of the plane with these triangles: see select. */
+  outline(nodes, normal, offset, corners) {
+    const { distance, edges } = this
     this.measure(nodes, normal, offset)
     edges.count = 0
-    for (let t = 0; t < triangles.length; t += 6) {
-      if (!wanted(triangles[t + 3], triangles[t + 4], triangles[t + 5])) continue
+    for (let t = 0; t < corners.length; t += 3) {
+      const below = (distance[corners[t]] < 0) + (distance[corners[t + 1]] < 0) + (distance[corners[t + 2]] < 0)
+      if (below === 0 || below === 3) continue
       edges.reserve(6)
       for (let e = 0; e < 3; e++) {
-        const p = triangles[t + e], q = triangles[t + (e + 1) % 3]
+        const p = corners[t + e], q = corners[t + (e + 1) % 3]
         if ((distance[p] < 0) === (distance[q] < 0)) continue
         const part = distance[p] / (distance[p] - distance[q])
         for (let a = 0; a < 3; a++) edges.array[edges.count++] = nodes[3 * p + a] + part * (nodes[3 * q + a] - nodes[3 * p + a])

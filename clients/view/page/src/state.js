@@ -1,4 +1,5 @@
 // State of the display: whether it is live and, if not, the reason and the age of the data.
+import { t } from './words/words.js'
 
 export const FRESH = 0.5 // s, maximum age of data that count as live
 const STALL = 0.15       // s: if the page itself was paused, for example while messages waited in its queue, at most this much of the pause counts as silence
@@ -21,19 +22,19 @@ export function stateOf({ live, link, status, age, behind }) {
   const state = linkState(live, link, status, age)
   if (behind === null || !live) return state
   const trouble = state.title ? ` ${state.title}.` : ''
-  return { ...state, name: 'past', badge: state.title ? state.badge : 'past', kind: state.title ? state.kind : 'past', title: 'Past', text: trouble.trim(), age: behind }
+  return { ...state, name: 'past', badge: state.title ? state.badge : t('state.past'), kind: state.title ? state.kind : 'past', title: t('state.past.title'), text: trouble.trim(), age: behind }
 }
 
 function linkState(live, { connected, refusal, silence, pictures }, status, age) {
   const bad = (name, badge, title, text) => ({ name, badge, kind: 'bad', title, text, age: null })
-  const since = (name, badge, title, otherwise) => (Number.isFinite(age) ? { ...bad(name, badge, title, 'Last data'), age } : bad(name, badge, title, otherwise))
-  if (refusal) return bad('refused', 'refused', 'Refused', refusal)
-  if (!connected) return bad('unconnected', 'no connection', 'No connection to trocar-view', 'Is it still running? The page reconnects automatically.')
-  if (!live) return { name: 'log', badge: 'log', kind: 'calm' }
-  if (silence > FRESH) return since('silent', 'stale', 'trocar-view does not answer', '')
-  if (!status.alive) return since('server', 'no server', 'No server', 'Start trocar-server with this scene.')
-  if (pictures > FRESH) return bad('stale', 'stale', 'No pictures from the server', 'Forces and depth are live, the needle and the tissue are not.')
-  return { name: 'live', badge: 'live', kind: 'good' }
+  const since = (name, badge, title, otherwise) => (Number.isFinite(age) ? { ...bad(name, badge, title, t('state.last')), age } : bad(name, badge, title, otherwise))
+  if (refusal) return bad('refused', t('state.refused'), t('state.refused.title'), refusal)
+  if (!connected) return bad('unconnected', t('state.unconnected'), t('state.unconnected.title'), t('state.unconnected.text'))
+  if (!live) return { name: 'log', badge: t('state.log'), kind: 'calm' }
+  if (silence > FRESH) return since('silent', t('state.silent'), t('state.silent.title'), '')
+  if (!status.alive) return since('server', t('state.server'), t('state.server.title'), t('state.server.text'))
+  if (pictures > FRESH) return bad('stale', t('state.silent'), t('state.stale.title'), t('state.stale.text'))
+  return { name: 'live', badge: t('state.live'), kind: 'good' }
 }
 
 /** Fills the banner, which is hidden if there is no problem. The age is a separate element, so that screen readers do not repeat it. */
@@ -43,6 +44,6 @@ export function showBanner(banner, state) {
   const set = (element, words) => { if (element.textContent !== words) element.textContent = words }
   set(title, state.title ?? '')
   set(text, state.text ?? '')
-  set(age, state.title && state.age != null ? `${seconds(state.age)} ago` : '')
+  set(age, state.title && state.age != null ? t('state.ago', { age: seconds(state.age) }) : '')
   back.hidden = state.name !== 'past'
 }

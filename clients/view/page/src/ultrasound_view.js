@@ -1,10 +1,12 @@
-// An axial or sagittal slice in the style of transrectal ultrasound: speckle that moves with the tissue, the needle's echo with
-// reverberations, and outlines. It is an illustration for orientation, not a simulation of ultrasound.
+// An axial or sagittal slice: the ultrasound image that trocar-view computes (clients/view/ultrasound), with outlines. For past data, logs, and
+// planes that trocar-view does not compute, the page draws an illustration in the style of ultrasound instead.
 import * as THREE from 'three'
 import { bitsOfBone, hostOf, OUTSIDE } from './anatomy.js'
 import { discard, Filled, show } from './buffers.js'
 import { ISODOSE } from './colours.js'
+import { Isolines } from './procedure/isolines.js'
 import { Slicer } from './slicer.js'
+import { t } from './words/words.js'
 
 const VERTEX = `
   attribute vec3 rest; attribute float grey;
@@ -85,10 +87,15 @@ const MOVING = 0.5 // resolution with software rendering
 
 /** Planes of a slice: the axis normal to it and the axis to the left; y is up. `sides`: sides of the patient at the left, right, upper and lower
     edge. */
-export const AXIAL = { name: 'axial', normal: 'z', across: 'x', seen: 'seen along the needle', letters: 'RLAP' }
-export const SAGITTAL = { name: 'sagittal', normal: 'x', across: 'z', seen: '', letters: 'SIAP' }
+export const AXIAL = { name: t('slice.axial'), normal: 'z', across: 'x', seen: t('slice.along'), letters: 'RLAP' }
+export const SAGITTAL = { name: t('slice.sagittal'), normal: 'x', across: 'z', seen: '', letters: 'SIAP' }
 const INDEX = { x: 0, y: 1, z: 2 }
+const SAME_PLANE = 0.002, NEARBY = 0.01 // m, largest distance from the chosen plane at which a computed image is shown; NEARBY: for a new image
+const SOON = 60 // ms that the page waits for the image that belongs to a new picture
+const NEW = 1000 // ms for which an image counts as new: while the plane moves, it is ahead of its image
+const FRAMES = 600 // number of times that are kept for tests
 
+const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 const shaded = (colour) => `vec3(${new THREE.Color(colour).convertLinearToSRGB().toArray().map((part) => part.toFixed(4))})`
 
 export class Echo {
@@ -105,7 +112,53 @@ export class Echo {
     this.world = new THREE.Scene()
     this.camera = new THREE.OrthographicCamera(-1, 1, 1, -1, -1, 1)
     this.place = 0
+    this.image = null       // the newest computed image
+    this.live = false       // true while the page shows live data, of which there are computed images
+    this.look = { gain: 0, range: 60 } // dB
+    this.marked = true      // outlines, needles and seeds are drawn over the image
+    this.pixels = document.createElement('canvas') // the computed image, one pixel for each of its levels
+    this.isolines = new Isolines()
+    this.frames = []        // ms, times at which computed images were first drawn
     this.dirty = true
+  }
+
+  /** Takes a computed image: see hearUltrasound in main.js. */
+  showImage(image) {
+    this.image = image
+    this.isNew = true
+    this.heard = performance.now()
+    this.dirty = true
+  }
+
+  /** True if the newest computed image has just arrived. */
+  get isRecent() { return performance.now() - this.heard < NEW }
+
+  /** True if the computed image should be shown. */
+  get simulated() {
+    if (!this.live || this.image === null) return false
+    return Math.abs(this.image.origin[INDEX[this.plane.normal]] - this.place) < (this.isRecent ? NEARBY : SAME_PLANE)
+  }
+
+  /** Returns the plane that is shown: a point in it, unit vectors, and the coordinates of the point in the image, where x is the axis across the image of an
+      image that is not tilted, and y is up. */
+  get frame() {
+    const { across, normal } = this.plane
+    if (this.simulated) return { ...this.image, at: [this.image.origin[INDEX[across]], this.image.origin[1]] }
+    const unit = (axis) => [0, 1, 2].map((i) => (i === INDEX[axis] ? 1 : 0)), origin = [0, 0, 0]
+    origin[INDEX[normal]] = this.place
+    return { origin, across: unit(across), up: [0, 1, 0], normal: unit(normal), at: [0, 0] }
+  }
+
+  /** Projects a point of the mesh's frame (x, y, z; m) onto the shown plane. Returns its coordinates in the image and its distance from the plane, m. */
+  project({ x, y, z }, { origin, across, up, normal, at } = this.frame) {
+    const from = [x - origin[0], y - origin[1], z - origin[2]]
+    return { x: at[0] + dot(from, across), y: at[1] + dot(from, up), off: dot(from, normal) }
+  }
+
+  /** Returns the point of the shown plane at these coordinates of the image. */
+  unproject(x, y) {
+    const { origin, across, up, at } = this.frame
+    return [0, 1, 2].map((i) => origin[i] + (x - at[0]) * across[i] + (y - at[1]) * up[i])
   }
 
   load(scene) {
@@ -114,6 +167,7 @@ export class Echo {
     this.nodes = new Float32Array(scene.nodes)
     discard(this.world)
     this.world.clear()
+    this.image = null
     this.frameFan(scene)
     this.range = { from: Infinity, to: -Infinity } // extent of the body along the slice's normal
     for (let i = INDEX[this.plane.normal]; i < scene.nodes.length; i += 3) {
@@ -158,8 +212,8 @@ export class Echo {
     const host = hostOf(scene), fan = { probe: { value: this.probe }, reach: { value: this.reach }, spread: { value: this.spread }, ...this.doses }, defines = { ACROSS: this.plane.across, ISO100: shaded(ISODOSE[0].colour), ISO150: shaded(ISODOSE[1].colour), ISO200: shaded(ISODOSE[2].colour), ...(this.plane.across === 'z' ? { LINEAR: '' } : {}) }
     this.greys = new Map(scene.regions.map((r, i) => [r.group, r.bone ? GREY.bone : r.group === host ? GREY.host : /prostate|gland/i.test(r.organ) ? GREY.gland : GREY.other - 0.05 * (i % 3)]))
     const bone = bitsOfBone(scene)
-    this.outlined = (inside, outside) => inside !== outside && outside !== OUTSIDE
-    this.bony = (inside, outside, bits) => (bits & bone) !== 0
+    this.surfaces = this.slicer.select((inside, outside) => inside !== outside && outside !== OUTSIDE)
+    this.bones = this.slicer.select((inside, outside, bits) => (bits & bone) !== 0)
     this.geometry = new THREE.BufferGeometry()
     this.levels = new Filled() // grey level of each vertex
     this.tissue = new THREE.Mesh(this.geometry, new THREE.ShaderMaterial({ defines, vertexShader: VERTEX, fragmentShader: FRAGMENT, transparent: true, depthTest: false, side: THREE.DoubleSide, uniforms: fan }))
@@ -170,6 +224,43 @@ export class Echo {
     for (const mesh of [this.tissue, ...this.flashes]) mesh.frustumCulled = false
     for (const flash of this.flashes) flash.renderOrder = 2
     this.world.add(this.tissue, ...this.flashes)
+  }
+
+  /** Draws the computed image and its isodose lines. Without a graphics card, this takes much less time than a texture: a browser copies what WebGL has drawn. */
+  drawImage(ink) {
+    const { image, look } = this, { width, height, pixel } = image, { at } = this.frame, from = [at[0] + image.left - pixel / 2, at[1] + image.near - pixel / 2]
+    if (this.isNew) this.noteImage()
+    if (this.isNew || this.painted !== look) this.paint(look)
+    this.isNew = false
+    const [x, y] = this.toPixel(...from), [right, top] = this.toPixel(from[0] + width * pixel, from[1] + height * pixel)
+    ink.save()
+    ink.translate(x, y)
+    ink.scale((right - x) / width, (top - y) / height)
+    ink.drawImage(this.pixels, 0, 0)
+    ink.restore()
+    this.isolines.draw(ink, this, from, [width * pixel, height * pixel])
+  }
+
+  noteImage() {
+    this.frames.push(performance.now())
+    if (this.frames.length > FRAMES) this.frames.shift()
+  }
+
+  /** Converts the image's levels, which are decibels from 1, and 0 outside the image, to grey pixels. */
+  paint(look) {
+    const { width, height, levels, floor, step, white } = this.image, { pixels } = this, ink = pixels.getContext('2d')
+    this.painted = look
+    if (pixels.width !== width || pixels.height !== height || !this.bitmap) {
+      Object.assign(pixels, { width, height })
+      this.bitmap = ink.createImageData(width, height)
+    }
+    const shades = new Uint32Array(256), colours = new Uint32Array(this.bitmap.data.buffer)
+    for (let level = 1; level < 256; level++) {
+      const grey = Math.round(255 * Math.min(Math.max(1 + (floor + (level - 1) * step + look.gain - white) / look.range, 0), 1))
+      shades[level] = 0xff000000 | grey << 16 | grey << 8 | grey
+    }
+    for (let i = 0; i < colours.length; i++) colours[i] = shades[levels[i]]
+    ink.putImageData(this.bitmap, 0, 0)
   }
 
   /** Shows deformed nodes (`nodes`); `lines` are the points of each needle from base to tip, null if it is not shown. */
@@ -202,45 +293,55 @@ export class Echo {
   drawAt(width, height, ratio, unit) {
     this.setSize(width, height, ratio, unit)
     this.render(2)
-    return [this.canvas, this.marks]
+    return this.simulated ? [this.marks] : [this.canvas, this.marks]
   }
 
   /** Returns the intersection of a needle with the slice, or null. Here and below, `x` is the axis across the image. */
   crossing(line) {
-    const points = line?.places ?? []
+    const points = line?.places ?? [], frame = this.frame
     for (let i = points.length - 1; i > 0; i--) {
-      const a = points[i - 1], b = points[i]
-      const { normal, across } = this.plane
-      if ((a[normal] - this.place) * (b[normal] - this.place) <= 0 && a[normal] !== b[normal]) {
-        const part = (this.place - a[normal]) / (b[normal] - a[normal])
-        return { x: a[across] + part * (b[across] - a[across]), y: a.y + part * (b.y - a.y) }
+      const a = this.project(points[i - 1], frame), b = this.project(points[i], frame)
+      if (a.off * b.off <= 0 && a.off !== b.off) {
+        const part = a.off / (a.off - b.off)
+        return { x: a.x + part * (b.x - a.x), y: a.y + part * (b.y - a.y) }
       }
     }
     return null
   }
 
-  /** Draws if something has changed, or if the last drawing was coarse and `coarse` is false. */
+  /** Draws if something has changed, or if the last drawing was coarse and `coarse` is false. A new picture waits for its computed image, so that both are drawn at once. */
   draw(coarse) {
-    if (!this.dirty && this.coarse === coarse || !this.scene || !this.width) return
+    const now = performance.now(), simulated = this.simulated
+    if (!this.dirty && (this.coarse === coarse || simulated) || !this.scene || !this.width) return
+    this.since ??= now
+    if (simulated && !this.isNew && now - this.since < SOON) return
+    this.since = null
     this.dirty = false
     this.coarse = coarse
     this.render(coarse ? MOVING : Math.min(devicePixelRatio, 2))
   }
 
   render(ratio) {
-    if (this.renderer.getPixelRatio() !== ratio) this.renderer.setPixelRatio(ratio)
-    this.cutTissue()
+    const simulated = this.simulated
     // a needle lies in a sagittal slice and does not cross it
     const crossings = this.plane.across === 'x' ? (this.lines ?? []).map((line) => this.crossing(line)) : []
+    this.aim()
+    if (!simulated) this.illustrate(ratio, crossings)
+    else if (this.illustrated) this.renderer.clear()
+    this.illustrated = !simulated
+    this.drawMarks(crossings.filter(Boolean), simulated)
+  }
+
+  illustrate(ratio, crossings) {
+    if (this.renderer.getPixelRatio() !== ratio) this.renderer.setPixelRatio(ratio)
+    this.cutTissue()
     this.flashes.forEach((flash, i) => {
       const { needle, visible } = flash.material.uniforms, crossing = crossings[i]
       visible.value = crossing ? 1 : 0
       flash.visible = Boolean(crossing) || this.flashes.length <= FEW
       if (crossing) needle.value.set(crossing.x, crossing.y)
     })
-    this.aim()
     this.renderer.render(this.world, this.camera)
-    this.drawMarks(crossings.filter(Boolean))
   }
 
   cutTissue() {
@@ -268,14 +369,17 @@ export class Echo {
     return [width * (0.5 - (x - this.view.x) / (2 * this.halfWidth)), height * (0.5 - (y - this.view.y) / (2 * this.halfHeight))]
   }
 
-  drawMarks(crossings) {
+  drawMarks(crossings, simulated) {
     const ink = this.marks.getContext('2d'), ratio = this.unit
     ink.clearRect(0, 0, this.marks.width, this.marks.height)
-    this.drawOutlines(ink, this.scene.nodes, this.outlined, 'rgba(255,255,255,0.38)', [3 * ratio, 3 * ratio], ratio)
-    this.drawOutlines(ink, this.nodes, this.outlined, '#ff8fa3', [], 1.6 * ratio)
-    this.drawOutlines(ink, this.nodes, this.bony, '#e8dfc8', [], 2.5 * ratio)
+    if (simulated) this.drawImage(ink)
+    if (this.marked) {
+      this.drawOutlines(ink, this.scene.nodes, this.surfaces, 'rgba(255,255,255,0.38)', [3 * ratio, 3 * ratio], ratio)
+      this.drawOutlines(ink, this.nodes, this.surfaces, '#ff8fa3', [], 1.6 * ratio)
+      this.drawOutlines(ink, this.nodes, this.bones, '#e8dfc8', [], 2.5 * ratio)
+    }
     this.drawRulers(ink, ratio)
-    for (const crossing of crossings) {
+    for (const crossing of this.marked ? crossings : []) {
       const [x, y] = this.toPixel(crossing.x, crossing.y)
       ink.strokeStyle = '#37d0ff'
       ink.lineWidth = 1.2 * ratio
@@ -286,7 +390,7 @@ export class Echo {
     ink.fillStyle = '#cfd8e3'
     ink.font = `${11 * ratio}px system-ui, sans-serif`
     ink.textAlign = 'left'
-    const { name, normal, seen } = this.plane, place = `${name}, ${normal} = ${(1e3 * this.place).toFixed(1)} mm`
+    const { name, normal, seen } = this.plane, place = `${name}, ${normal} = ${(1e3 * this.frame.origin[INDEX[normal]]).toFixed(1)} mm${this.tilt()}`
     ink.fillText(place, 10 * ratio, 18 * ratio)
     const beside = this.marks.width > 30 * ratio + ink.measureText(seen + place).width
     ink.textAlign = beside ? 'right' : 'left'
@@ -294,16 +398,22 @@ export class Echo {
     for (const draw of this.overlays) draw(this, ink)
   }
 
-  drawOutlines(ink, nodes, wanted, colour, dash, width) {
-    const { array: ends, count } = this.slicer.outline(nodes, this.direction, this.place, wanted)
-    const u = INDEX[this.plane.across]
+  /** Describes the tilt of the shown plane; '' if there is none. */
+  tilt() {
+    const degrees = Math.acos(Math.min(1, Math.abs(this.frame.normal[INDEX[this.plane.normal]]))) * 180 / Math.PI
+    return degrees > 0.5 ? t('slice.tilted', { angle: degrees.toFixed(0) }) : ''
+  }
+
+  drawOutlines(ink, nodes, triangles, colour, dash, width) {
+    const frame = this.frame, { array: ends, count } = this.slicer.outline(nodes, frame.normal, dot(frame.origin, frame.normal), triangles)
+    const pixel = (i) => { const { x, y } = this.project({ x: ends[i], y: ends[i + 1], z: ends[i + 2] }, frame); return this.toPixel(x, y) }
     ink.strokeStyle = colour
     ink.lineWidth = width
     ink.setLineDash(dash)
     ink.beginPath()
     for (let i = 0; i < count; i += 6) {
-      ink.moveTo(...this.toPixel(ends[i + u], ends[i + 1]))
-      ink.lineTo(...this.toPixel(ends[i + 3 + u], ends[i + 4]))
+      ink.moveTo(...pixel(i))
+      ink.lineTo(...pixel(i + 3))
     }
     ink.stroke()
     ink.setLineDash([])

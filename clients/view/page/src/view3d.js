@@ -10,7 +10,8 @@ import { Tracks } from './tracks.js'
 import { Slicer } from './slicer.js'
 
 const MOVING = 0.5, STILL = 1.5 // resolution factors with software rendering, during motion and at rest
-const REST = 250 // ms without a change after which the view is considered to be at rest
+const REST = 1000 // ms without a change after which the view is considered to be at rest; longer than between two pictures on a busy machine
+const PACE = 66, PACE_BESIDE_IMAGES = 150 // ms, shortest time between two drawings with software rendering; computed ultrasound images need processor time as well
 const VIEWS = { 1: [-0.78, 0.42, -0.46], 2: [-1, 0, 0], 3: [-0.001, 1, 0], 4: [0, 0.3, -1] } // directions of the camera from the centre
 const AXIS = { x: new THREE.Vector3(1, 0, 0), y: new THREE.Vector3(0, 1, 0), z: new THREE.Vector3(0, 0, 1) }
 
@@ -85,6 +86,7 @@ export class Stage {
     this.end = null     // GPU fence that signals the end of the last rendering
     this.coarse = false // the last rendering was at low resolution
     this.changed = 0    // ms, performance.now() at the last change
+    this.drawn = -PACE_BESIDE_IMAGES // ms, at the last rendering
     this.onSlice = () => {}
     this.onCut = () => {}
   }
@@ -204,12 +206,14 @@ export class Stage {
     return this.canvas
   }
 
-  /** Renders if something has changed, and at full resolution once the view is at rest; returns whether it rendered. */
-  draw(now) {
+  /** Renders if something has changed, and at full resolution once the view is at rest; returns whether it rendered. `besideImages`: computed images are arriving. */
+  draw(now, besideImages) {
     this.controls.update()
     if (!this.scene) return false
+    if (this.dirty && this.slow && now - this.drawn < (besideImages ? PACE_BESIDE_IMAGES : PACE)) return false
     if (this.dirty) this.changed = now
     if (!this.dirty && !(this.coarse && now - this.changed > REST)) return false
+    this.drawn = now
     this.render(this.slow && this.dirty)
     return true
   }
@@ -218,6 +222,7 @@ export class Stage {
   render(coarse, ratio = coarse ? MOVING : this.slow ? STILL : Math.min(devicePixelRatio, 2)) {
     if (this.cutPlane && this.cutSide !== (Math.sign(this.camera.position[this.cutPlane.axis] - this.cutPlane.place) || 1)) this.recut()
     if (this.renderer.getPixelRatio() !== ratio) this.renderer.setPixelRatio(ratio)
+    this.anatomy.smoothen()
     this.renderer.render(this.world, this.camera)
     this.coarse = coarse
     this.dirty = false

@@ -1,15 +1,15 @@
 // Shows the dose: isodose lines on the slices, the dose-volume histogram and its statistics.
 import * as THREE from 'three'
-import { ISODOSE } from '../colours.js'
+import { DOSES, ISODOSE, OTHER_ORGANS } from '../colours.js'
+import { t } from '../words/words.js'
 
 const WIDTH = 300, HEIGHT = 118, LEFT = 42, RIGHT = 6, TOP = 6, BOTTOM = 27
 const STATES = [ // states that are shown side by side
-  { key: 'planned', name: 'plan', title: 'The plan, in the tissue at rest', colour: '#a97be8', dash: '2 3' },
-  { key: 'now', name: 'now', title: 'In the tissue as the needles have displaced it', colour: '#d9607a', dash: '' },
-  { key: 'out', name: 'out', title: 'After the needles are out: the tissue at rest', colour: '#c9952b', dash: '7 3' },
-  { key: 'later', name: 'later', title: 'After the swelling of the gland has gone', colour: '#5a8fd0', dash: '7 3 1 3' },
+  { key: 'planned', name: t('dose.plan'), title: t('dose.plan.title'), colour: DOSES.planned, dash: '2 3' },
+  { key: 'now', name: t('dose.now'), title: t('dose.now.title'), colour: DOSES.now, dash: '' },
+  { key: 'out', name: t('dose.out'), title: t('dose.out.title'), colour: DOSES.out, dash: '7 3' },
+  { key: 'later', name: t('dose.later'), title: t('dose.later.title'), colour: DOSES.later, dash: '7 3 1 3' },
 ]
-const OTHERS = ['#3f9c8a', '#8d8f96'] // colours of the curves of the other organs
 
 /** Passes the dose to the slices' shaders as a texture. */
 export function shadeSlices(slices, dose) {
@@ -32,7 +32,7 @@ const swatch = (colour, dash = '') => `<svg class="swatch" viewBox="0 0 18 3"><l
 function curvesOf(organs) {
   const target = organs.find((organ) => organ.target), others = organs.filter((organ) => !organ.target)
   return [...(target ? STATES.filter(({ key }) => target[key]).map(({ key, name, colour, dash }) => ({ values: target[key].curve, name: `${target.name}, ${name}`, colour, dash })) : []),
-          ...others.map((organ, i) => ({ values: organ.now.curve, name: `${organ.name}, now`, colour: OTHERS[i], dash: '' }))]
+          ...others.map((organ, i) => ({ values: organ.now.curve, name: `${organ.name}, ${t('dose.now')}`, colour: OTHER_ORGANS[i], dash: '' }))]
 }
 
 function histogram({ organs, top, prescription }) {
@@ -42,16 +42,16 @@ function histogram({ organs, top, prescription }) {
   const doses = ISODOSE.map(({ level, colour }) => line(x(level), TOP, x(level), HEIGHT - BOTTOM, `stroke="${colour}" stroke-width="1.5"`))
   const ticks = Array.from({ length: top + 1 }, (_, i) => `<text x="${x(i)}" y="${HEIGHT - BOTTOM + 11}" text-anchor="${i === top ? 'end' : 'middle'}">${Math.round(i * prescription)}</text>`)
   const curves = curvesOf(organs).map(({ values, colour, dash }) => `<polyline points="${values.map((volume, k) => `${x(top * k / (values.length - 1)).toFixed(1)},${y(volume).toFixed(1)}`).join(' ')}" fill="none" stroke="${colour}" stroke-width="1.8" stroke-dasharray="${dash}"/>`)
-  return `<svg viewBox="0 0 ${WIDTH} ${HEIGHT}" role="img" aria-label="Dose-volume histogram: the part of each volume that gets at least a dose">${[...grid, ...doses, ...ticks, ...curves].join('')}
-    <text x="${(LEFT + WIDTH - RIGHT) / 2}" y="${HEIGHT - 4}" text-anchor="middle">dose (Gy)</text>
-    <text transform="translate(10 ${(TOP + HEIGHT - BOTTOM) / 2}) rotate(-90)" text-anchor="middle">volume (%)</text></svg>`
+  return `<svg viewBox="0 0 ${WIDTH} ${HEIGHT}" role="img" aria-label="${t('dose.histogram')}">${[...grid, ...doses, ...ticks, ...curves].join('')}
+    <text x="${(LEFT + WIDTH - RIGHT) / 2}" y="${HEIGHT - 4}" text-anchor="middle">${t('dose.axis')}</text>
+    <text transform="translate(10 ${(TOP + HEIGHT - BOTTOM) / 2}) rotate(-90)" text-anchor="middle">${t('dose.volume')}</text></svg>`
 }
 
 /** Rows of the table: name with unit, property of the statistics, and usual goal. */
 const gray = (dose) => `${Math.round(dose)}`, percent = (part) => `${Math.round(100 * part)}`
-const TARGET_ROWS = [['D90, Gy', (f) => gray(f.d90), (p) => `over ${gray(p)}`], ['V100, %', (f) => percent(f.v100), () => 'over 95'],
-                     ['V150, %', (f) => percent(f.v150), () => 'under 60'], ['V200, %', (f) => percent(f.v200), () => 'under 20']]
-const OTHER_ROWS = { urethra: [['D10, Gy', (f) => gray(f.d10), () => ''], ['D30, Gy', (f) => gray(f.d30), () => '']], rectum: [['V100, cm³', (f) => f.v100cm3.toFixed(1), () => 'under 1']] }
+const TARGET_ROWS = [['D90, Gy', (f) => gray(f.d90), (p) => t('dose.over', { value: gray(p) })], ['V100, %', (f) => percent(f.v100), () => t('dose.over', { value: 95 })],
+                     ['V150, %', (f) => percent(f.v150), () => t('dose.under', { value: 60 })], ['V200, %', (f) => percent(f.v200), () => t('dose.under', { value: 20 })]]
+const OTHER_ROWS = { urethra: [['D10, Gy', (f) => gray(f.d10), () => ''], ['D30, Gy', (f) => gray(f.d30), () => '']], rectum: [['V100, cm³', (f) => f.v100cm3.toFixed(1), () => t('dose.under', { value: 1 })]] }
 
 /** Returns the statistics, with the states side by side. */
 function figures({ organs, prescription }) {
@@ -61,17 +61,17 @@ function figures({ organs, prescription }) {
     return list.map(([name, show, aim]) => `<tr><th scope="row">${organ.target ? '' : `${escape(organ.name)} `}${name}</th>${states.map(({ key }) => `<td>${organ[key] ? show(organ[key]) : ''}</td>`).join('')}<td>${aim(prescription)}</td></tr>`)
   })
   const heads = states.map(({ name, title }) => `<th scope="col" title="${title}">${name}</th>`).join('')
-  return `<table class="figures"><thead><tr><td></td>${heads}<th scope="col">usual aim</th></tr></thead><tbody>${rows.join('')}</tbody></table>`
+  return `<table class="figures"><thead><tr><td></td>${heads}<th scope="col">${t('dose.aim')}</th></tr></thead><tbody>${rows.join('')}</tbody></table>`
 }
 
 /** Returns HTML that contains the histogram, the legend and the statistics. */
 export function describeDose(dose) {
-  if (!dose) return '<p class="quiet">The dose is being computed.</p>'
+  if (!dose) return `<p class="quiet">${t('dose.computing')}</p>`
   const { seeds, strength, source, prescription, organs, swelling } = dose, plain = (text) => text.replace(/[&<>]/g, '')
   const lines = ISODOSE.map(({ level, colour }) => `<span>${swatch(colour)}${gray(level * prescription)} Gy</span>`).join(' ')
   const curves = curvesOf(organs).map(({ name, colour, dash }) => `<span>${swatch(colour, dash)}${plain(name)}</span>`).join(' ')
-  if (seeds === 0 && !organs.some(({ planned }) => planned)) return `<h2>Dose</h2><p class="quiet">No seeds yet. Prescribed: ${gray(prescription)} Gy, with seeds of ${plain(source)}, ${strength} U each.</p>`
+  if (seeds === 0 && !organs.some(({ planned }) => planned)) return `<h2>${t('dose.label')}</h2><p class="quiet">${t('dose.none', { dose: gray(prescription), source: plain(source), strength })}</p>`
   const volumes = organs.map(({ name, volume }) => `${plain(name)} ${volume.toFixed(0)} cm³`).join(', ')
-  return `<h2>Dose of ${seeds === 1 ? '1 seed' : `${seeds} seeds`}</h2><p class="quiet">${plain(source)}, ${strength} U each; prescribed: ${gray(prescription)} Gy; ${volumes}.</p>
-    <p class="key">Lines on the images: ${lines}</p>${organs.length ? `${figures(dose)}<p class="quiet">now: as the needles have pushed the tissue; out: needles out; later: swelling gone (volume ÷ ${swelling}).</p>${histogram(dose)}<p class="key">${curves}</p>` : '<p class="quiet">The scene has no region named prostate or gland.</p>'}`
+  return `<h2>${t('dose.seeds', { count: seeds })}</h2><p class="quiet">${t('dose.source', { source: plain(source), strength, dose: gray(prescription), volumes })}</p>
+    <p class="key">${t('dose.lines')} ${lines}</p>${organs.length ? `${figures(dose)}<p class="quiet">${t('dose.states', { swelling })}</p>${histogram(dose)}<p class="key">${curves}</p>` : `<p class="quiet">${t('dose.regionless')}</p>`}`
 }

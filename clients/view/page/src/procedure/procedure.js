@@ -2,31 +2,25 @@
 // the next step.
 import * as THREE from 'three'
 import { LATE } from '../age.js'
-import { TOUCH } from '../drive.js'
+import { actionOf, leave, TOUCH } from '../drive.js'
 import { AXIAL, Echo, SAGITTAL } from '../ultrasound_view.js'
 import { describeDose, shadeSlices } from './dose.js'
 import { MaterialPoint, organOf, tetAt } from './material.js'
 import { Seeds3D } from './seeds3d.js'
 import { SliceMarks } from './slice_marks.js'
 import { Template } from './template.js'
+import { hasText, said, t } from '../words/words.js'
 
 const ORGANS = /prostate|gland|urethra/i // in the middle of the images, which show the rectum's wall below them
 const TARGET = /prostate|gland/i // organs in which seeds belong
 const ASK_AGAIN = 500 // ms after which a hole is sent again if trocar-view has not acknowledged it
-const PUSH = TOUCH ? 'lever up' : 'hold W', PULL = TOUCH ? 'lever down' : 'hold S'
+const PUSH = t(TOUCH ? 'push.touch' : 'push'), PULL = t(TOUCH ? 'pull.touch' : 'pull')
 const IN_LINE = 5e-4 // m, largest distance of the tip from the hole's axis at which the needle counts as aligned with the hole
 const AT_TARGET = 1e-3 // m
+const STEP = 1e-3 // m by which a key moves the target
 const THROUGH = 0.01 // m: if the tip is outside the tissue while at least this length of the needle is inside, the tip has come out on the far side
 const NONE = { pending: [], seeds: [] }
-const ANSWERS = { // messages shown when a command has been carried out or refused; # stands for the needle
-  drop: ['The seed is at the tip, still in the needle.', 'No seed dropped'],
-  undo: ['The last seed is taken back.', 'Nothing taken back'],
-  leave: ['Needle # rests in template and tissue.', 'Needle # not left'],
-  take: ['Needle # is held again.', 'Needle # not taken'],
-  remove: ['Needle # is out.', 'Needle # not pulled out'],
-}
 const STRAND = 16 // maximum number of seeds in a strand
-const OWNERS = { here: 'driven here', elsewhere: 'held by a device', nobody: 'free' }
 
 const element = (id) => document.getElementById(id)
 const mm = (length) => (1e3 * length).toFixed(1)
@@ -49,6 +43,7 @@ export class Procedure {
     drive.limit = () => (this.active && (this.waits || this.isThrough) ? 0 : 1)
     drive.letGo = () => (this.active && drive.lies ? this.leave() : link.release())
     this.reset()
+    this.onSeed = () => {} // called when a seed has been left in the tissue
     for (const slice of [echo, this.sagittal]) new SliceMarks(this, slice)
     this.addControls()
   }
@@ -106,7 +101,7 @@ export class Procedure {
     document.body.classList.toggle('procedure', active)
     for (const id of ['sagittal', 'implant', 'panes']) element(id).hidden = !active
     element(active ? 'steps' : 'stage').append(element('drive'))
-    set(element('mode'), active ? 'Plots' : 'Implant')
+    set(element('mode'), t(active ? 'mode.plots' : 'mode.implant'))
     if (active) this.choosePane('axial')
     if (active) element('layers').open = false
     this.echo.plane = active ? { ...AXIAL, seen: '' } : AXIAL // in procedure mode, another part of the page explains the image
@@ -145,7 +140,7 @@ export class Procedure {
     const lost = Math.max(this.seeds.seeds.length, this.left ?? 0)
     this.seeds = NONE
     Object.assign(this, { left: 0, dropped: null, shown: '' })
-    this.say(`The server has been restarted: the needles are out${lost ? `, and ${lost === 1 ? 'the seed is' : `the ${lost} seeds are`} gone` : ''}.`, true)
+    this.say(t(lost ? 'restart.seeds' : 'restart', { count: lost }), true)
   }
 
   /** Handles the server's answer to a command. */
@@ -155,17 +150,16 @@ export class Procedure {
     if (old) return
     if (done && command === 'drop') this.dropped = { needle, depth: null, seeds: Math.max(1, this.seeds.pending[needle] ?? 1) }
     else if (done && command === 'undo') this.dropped = null
-    const [words, refused] = ANSWERS[command] ?? ['', 'Refused']
     if (!done && command === 'leave') this.drive.asked = false
-    const named = (text) => text.replace('#', needle)
-    const astray = done && command === 'drop' ? this.outOfTarget(this.tipTet) : ''
-    this.say(named(done ? `${words}${astray}` : `${refused}: ${message}.`), !done || Boolean(astray))
+    const known = hasText(`answer.${command}`), astray = done && command === 'drop' ? this.outOfTarget(this.tipTet) : ''
+    const words = done ? `${known ? t(`answer.${command}`, { needle }) : ''}${astray}` : t(known ? `answer.${command}.refused` : 'answer.refused', { needle, message: said(message) })
+    this.say(words, !done || Boolean(astray))
   }
 
   /** Returns a warning about a seed outside the gland; '' if the seed is inside, or if the scene has no such region. */
   outOfTarget(tet) {
     const target = this.scene.regions.find(({ organ }) => TARGET.test(organ))?.organ, organ = organOf(this.scene, tet)
-    return !target || TARGET.test(organ) ? '' : ` It is not in the ${target}${organ ? `, but in “${organ}”` : ', nor in the tissue'}.`
+    return !target || TARGET.test(organ) ? '' : ` ${t(organ ? 'astray.organ' : 'astray.outside', { target, organ })}`
   }
 
   say(text, bad = false) {
@@ -177,11 +171,11 @@ export class Procedure {
 
   addControls() {
     element('hole-form').addEventListener('submit', (event) => { event.preventDefault(); this.chooseTyped() })
-    element('drop').addEventListener('click', (event) => { this.drop(); event.currentTarget.blur() })
-    element('undo').addEventListener('click', (event) => { this.undo(); event.currentTarget.blur() })
-    element('fresh').addEventListener('click', (event) => { this.takeNew(); event.currentTarget.blur() })
+    element('drop').addEventListener('click', (event) => { this.drop(); leave(event) })
+    element('undo').addEventListener('click', (event) => { this.undo(); leave(event) })
+    element('fresh').addEventListener('click', (event) => { this.takeNew(); leave(event) })
     for (let count = 2; count <= STRAND; count++) element('strand').append(new Option(`${count}`, count))
-    element('strand').addEventListener('change', (event) => { set(element('drop'), event.target.value > 1 ? 'Drop strand of' : 'Drop seed'); event.target.blur() })
+    element('strand').addEventListener('change', (event) => { set(element('drop'), t(event.target.value > 1 ? 'drop.strand' : 'drop')); event.target.blur() })
     for (const button of element('panes').children) button.addEventListener('click', () => this.choosePane(button.dataset.pane))
     element('trus').addEventListener('pointermove', (event) => this.hover(this.active ? this.holeAt(event) : null))
     element('trus').addEventListener('pointerleave', () => this.hover(null))
@@ -201,10 +195,16 @@ export class Procedure {
   /** Handles a key; returns whether the key belongs to procedure mode. */
   key(event) {
     const action = { KeyX: () => this.drop(), KeyU: () => this.undo(), KeyH: () => element('hole').select(), KeyE: () => this.leave(), KeyF: () => this.takeNew(),
-                     KeyQ: () => this.chooseNext(), KeyZ: () => this.remove(this.drive.needle) }[event.code]
-    if (!action || !this.active || event.repeat) return false
+                     KeyQ: () => this.chooseNext(), KeyZ: () => this.remove(this.drive.needle) }[actionOf(event)] ?? this.aimKey(event)
+    if (!action || !this.active || event.repeat && !this.aimKey(event)) return false
     action()
     return true
+  }
+
+  /** Returns what + and - do: they move the target farther in and nearer. */
+  aimKey({ key }) {
+    const by = { '+': STEP, '=': STEP, '-': -STEP }[key]
+    return by && this.target && (() => this.setTarget(this.template.depthOf(this.target.rest) + by))
   }
 
   /** Returns the point of a slice that is under the pointer, as coordinates across and up, m. */
@@ -215,7 +215,8 @@ export class Procedure {
 
   holeAt(event) {
     const { across, up } = this.pointAt(this.echo, event)
-    return this.template.nearest(this.template.origin.clone().setX(across).setY(up))
+    const [x, y] = this.echo.unproject(across, up)
+    return this.template.nearest(this.template.origin.clone().setX(x).setY(y))
   }
 
   hover(hole) {
@@ -229,13 +230,13 @@ export class Procedure {
   chooseTyped() {
     const field = element('hole'), hole = this.template.find(field.value)
     if (hole) this.choose(hole)
-    else this.say(`There is no hole “${field.value}”: type ${this.template.range}.`, true)
+    else this.say(t('hole.unknown', { name: field.value, ...this.template.last }), true)
     if (hole) field.blur()
   }
 
   choose(hole) {
     const taken = this.needleIn(hole)
-    if (taken >= 0 && taken !== this.drive.needle) return this.say(`Needle ${taken} is in hole ${this.template.name(hole)}: choose another one.`, true)
+    if (taken >= 0 && taken !== this.drive.needle) return this.say(t('hole.taken', { needle: taken, hole: this.template.name(hole) }), true)
     this.hole = { column: hole.column, row: hole.row }
     this.asked = null
     this.again = true // set even if the hole is the same, because the needle may have been steered away from it
@@ -266,13 +267,13 @@ export class Procedure {
   }
 
   aimAt(event) {
-    if (!this.hole) return this.say('Choose a hole first; then a click here moves the target along it.', true)
+    if (!this.hole) return this.say(t('hole.first'), true)
     const { across } = this.pointAt(this.sagittal, event), { z } = this.template.normal
     if (Math.abs(z) > 0.5) this.setTarget((across - this.template.place(this.hole).z) / z)
   }
 
-  drop() { if (this.drive.steering) this.link.drop(Number(element('strand').value)); else this.say('Press “Drive the needle” first.', true) }
-  undo() { if (this.drive.steering) this.link.undo(); else this.say('Press “Drive the needle” first.', true) }
+  drop() { if (this.drive.steering) this.link.drop(Number(element('strand').value)); else this.say(t('drive.first'), true) }
+  undo() { if (this.drive.steering) this.link.undo(); else this.say(t('drive.first'), true) }
 
   /* ---- several needles ---- */
 
@@ -297,16 +298,16 @@ export class Procedure {
   }
 
   leave() {
-    if (!this.drive.steering) return this.say('Press “Drive the needle” first.', true)
+    if (!this.drive.steering) return this.say(t('drive.first'), true)
     this.drive.asked = true // the needle will be released at this page's own request
     this.link.leave()
   }
 
   /** Takes the first needle that is not in use. The chosen hole is kept if it is free. */
   takeNew() {
-    if (this.drive.driving) return this.say(`Press “${this.drive.lies ? 'Leave it in' : 'Let go'}” first.`, true)
+    if (this.drive.driving) return this.say(t(this.drive.lies ? 'leave.first' : 'release.first'), true)
     const needle = this.needles.findIndex((_, i) => this.states[i]?.state === 'held' && !this.isInUse(i))
-    if (needle < 0) return this.say(`All ${this.needles.length} needles are in use: pull one out.`, true)
+    if (needle < 0) return this.say(t('needles.used', { count: this.needles.length }), true)
     if (this.hole && this.needleIn(this.hole) >= 0) this.forgetHole()
     this.say('')
     this.take(needle)
@@ -318,12 +319,12 @@ export class Procedure {
   }
 
   remove(needle) {
-    if (!this.isFree(needle)) return this.say(`Somebody holds needle ${needle}. Draw it out (${PULL}).`, true)
+    if (!this.isFree(needle)) return this.say(t('needle.held', { needle, pull: PULL }), true)
     this.link.remove(needle)
   }
 
   chooseNext() {
-    if (this.drive.driving) return this.say('Let go of the needle first.', true)
+    if (this.drive.driving) return this.say(t('letGo.first'), true)
     const count = this.needles.length, next = Array.from({ length: count }, (_, i) => (this.drive.needle + 1 + i) % count).find((i) => this.isInUse(i))
     if (next !== undefined) this.chooseNeedle(next)
   }
@@ -346,7 +347,7 @@ export class Procedure {
   /* ---- drawing ---- */
 
   get needles() { return this.stage.needles }
-  get then() { return this.seedless ? '' : 'Then press “Drop seed”.' }
+  get then() { return this.seedless ? '' : t('next.then') }
   get seedLength() { return this.scene.seedLength }
 
   /** Called in each frame: `picture` is the displayed picture; `following`: it is live. */
@@ -467,22 +468,30 @@ export class Procedure {
     }
     if (seeds.length !== this.left && this.hole) this.aimAtPlan()
     this.left = seeds.length
-    set(element('seed-count'), seeds.length || pending.some(Boolean) ? `${seeds.length} in the tissue${pending[chosen] ? `, ${pending[chosen]} in the needle` : ''}` : 'none yet')
+    set(element('seed-count'), this.countSeeds(seeds.length, pending, chosen))
   }
 
   /** Reports `left`, the number of seeds that have been left in the tissue since the last report. */
   sayLeft(left) {
     const count = this.seeds.seeds.length, astray = left.map(({ restPosition }) => this.outOfTarget(new MaterialPoint(this.scene, new THREE.Vector3(...restPosition)).tet ?? -1)).find(Boolean)
-    this.say(`Seed ${count} is in the tissue.${astray ?? ''}`, Boolean(astray))
+    this.say(`${t('seed.left', { count })}${astray ?? ''}`, Boolean(astray))
+    this.onSeed()
+  }
+
+  /** Returns in words how many seeds are in the tissue and in the needle. */
+  countSeeds(count, pending, chosen) {
+    const tissue = t('seeds.tissue', { count })
+    if (count === 0 && !pending.some(Boolean)) return t('seeds.none')
+    return pending[chosen] ? t('seeds.needle', { tissue, count: pending[chosen] }) : tissue
   }
 
   /** Lists the needles in use, and marks the chosen one. */
   listNeedles(chosen) {
     const listed = this.needles.map((_, i) => i).filter((i) => i === chosen || this.isInUse(i))
     const rows = listed.map((i) => {
-      const { state, owned } = this.states[i] ?? {}, hole = this.template.holeOf(this.needles[i].line)
+      const { state } = this.states[i] ?? {}, hole = this.template.holeOf(this.needles[i].line)
       return { needle: i, chosen: i === chosen, free: this.isFree(i) && (state === 'resting' || Boolean(hole)), driving: this.drive.driving,
-               cells: [`${i}`, state && state !== 'held' ? state : OWNERS[owned] ?? '–', hole ? this.template.name(hole) : '–', hole ? `${mm(this.template.depthOf(this.needles[i].tip))} mm` : '–'] }
+               cells: [`${i}`, this.stateOf(i), hole ? this.template.name(hole) : '–', hole ? `${mm(this.template.depthOf(this.needles[i].tip))} mm` : '–'] }
     })
     const text = JSON.stringify(rows), body = element('needles').tBodies[0]
     if (text === this.listed) return
@@ -492,17 +501,23 @@ export class Procedure {
     if (focus) [...body.querySelectorAll('button')].find((button) => button.getAttribute('aria-label') === focus)?.focus()
   }
 
+  /** Returns in words whether a needle is free, held or at rest. */
+  stateOf(needle) {
+    const { state, owned } = this.states[needle] ?? {}, key = state && state !== 'held' ? `needle.${state}` : `owner.${owned}`
+    return hasText(key) ? t(key) : '–'
+  }
+
   rowOf({ needle, chosen, free, driving, cells }) {
     const row = document.createElement('tr'), buttons = document.createElement('td')
-    const button = (text, title, act, disabled) => {
-      const made = Object.assign(document.createElement('button'), { textContent: text, title, disabled })
-      made.setAttribute('aria-label', `${text} needle ${needle}`)
+    const button = (key, act, disabled) => {
+      const made = Object.assign(document.createElement('button'), { textContent: t(key), title: t(`${key}.title`), disabled })
+      made.setAttribute('aria-label', t(`${key}.label`, { needle }))
       made.addEventListener('click', act)
       buttons.append(made)
     }
     if (free) {
-      button('Take', 'Hold it again, where it is (T if it is the chosen one)', () => this.take(needle), driving)
-      button('Pull out', 'Remove it from the tissue (Z if it is the chosen one)', () => this.remove(needle), false)
+      button('needle.take', () => this.take(needle), driving)
+      button('needle.remove', () => this.remove(needle), false)
     }
     row.classList.toggle('chosen', chosen)
     row.addEventListener('click', (event) => { if (!event.target.closest('button') && !this.drive.driving) this.chooseNeedle(needle) })
@@ -518,35 +533,35 @@ export class Procedure {
 
   showAim(tip) {
     const known = this.target && this.targetNow && tip
-    set(element('target'), this.target ? `${this.template.name(this.hole)}, ${mm(this.template.depthOf(this.target.rest))} mm from the template` : '–')
+    set(element('target'), this.target ? t('target.place', { hole: this.template.name(this.hole), depth: mm(this.template.depthOf(this.target.rest)) }) : '–')
     if (!known) return set(element('tip-error'), '–')
     const { along, aside } = this.tipError(tip)
-    set(element('tip-error'), `${mm(Math.abs(along))} mm ${along >= 0 ? 'to go' : 'too deep'}, ${mm(aside)} mm beside`)
+    set(element('tip-error'), t(along >= 0 ? 'target.go' : 'target.deep', { along: mm(Math.abs(along)), aside: mm(aside) }))
   }
 
   nextStep(tip, depth, chosen, needleState) {
-    if (needleState === 'leaving') return 'The needle is left where it is.'
-    if (needleState === 'taking') return 'The needle is handed over.'
-    if (needleState === 'resting') return `Needle ${chosen} rests. Press “New needle” for another hole, or “Take the needle” to go on with it.`
-    if (!this.hole) return 'Click on a hole, a blue dot in the axial image, or type its name, such as C3.5.'
-    const name = this.template.name(this.hole)
-    if (!this.drive.steering && depth > 0) return 'Nobody holds the needle, which is in the tissue. Press “Take the needle” to go on with it.'
-    if (!this.drive.steering) return `Hole ${name} is chosen. Press “Drive the needle”, and it moves there.`
+    if (needleState === 'leaving') return t('next.leaving')
+    if (needleState === 'taking') return t('next.taking')
+    if (needleState === 'resting') return t('next.resting', { needle: chosen })
+    if (!this.hole) return t('next.hole')
+    const hole = this.template.name(this.hole)
+    if (!this.drive.steering && depth > 0) return t('next.nobody')
+    if (!this.drive.steering) return t('next.drive', { hole })
     if (this.seeds.pending[chosen] > 0) {
       const { seeds = this.seeds.pending[chosen], depth: from } = this.dropped ?? {}, length = (seeds - 1) * this.scene.seedSpacing + this.seedLength
-      return `Draw the needle back ${mm(Math.max(length - ((from ?? depth) - depth), 0))} mm (${PULL}) to leave the ${seeds > 1 ? `strand of ${seeds}` : 'seed'}.`
+      return t('next.back.seeds', { length: mm(Math.max(length - ((from ?? depth) - depth), 0)), pull: PULL, count: seeds })
     }
     const current = this.template.holeOf(this.needles[chosen].line)
-    if (depth > 0 && current && this.template.name(current) !== name) return `Draw the needle out (${PULL}) before it can go to hole ${name}.`
-    if (this.isThrough) return `The tip has come out of the tissue on its far side. Draw the needle back (${PULL}).`
-    if (depth === 0 && (this.waits || this.approaching)) return `The needle moves to hole ${name}. Then push it in (${PUSH}).`
-    if (depth === 0 && tip && this.template.aside(tip, this.hole).length() > IN_LINE && this.drive.age.at(performance.now()) < LATE) return `The needle is beside hole ${name}. Press “Go”, and it moves there.`
-    if (depth === 0) return TOUCH ? 'Hold the lever up to push the needle in.' : 'Hold W, or the lever up, to push the needle in. Shift slows it down.'
-    if (this.seedHere(chosen) && !this.planned) return 'The seed is left, and its dose is shown. Drop the next one farther out, draw the needle out, or press “Leave it in” and “New needle”.'
+    if (depth > 0 && current && this.template.name(current) !== hole) return t('next.back.hole', { pull: PULL, hole })
+    if (this.isThrough) return t('next.through', { pull: PULL })
+    if (depth === 0 && (this.waits || this.approaching)) return t('next.moves', { hole, push: PUSH })
+    if (depth === 0 && tip && this.template.aside(tip, this.hole).length() > IN_LINE && this.drive.age.at(performance.now()) < LATE) return t('next.beside', { hole })
+    if (depth === 0) return t(TOUCH ? 'next.push.touch' : 'next.push')
+    if (this.seedHere(chosen) && !this.planned) return t('next.left')
     const { along } = this.tipError(tip)
-    if (along > AT_TARGET) return `Push on (${PUSH}): ${mm(along)} mm to the target. ${this.then}`
-    if (along < -AT_TARGET) return `Draw the needle back (${PULL}): ${mm(-along)} mm to the target. ${this.then}`
-    return this.seedless ? 'The tip is at the target.' : 'Press “Drop seed”.'
+    if (along > AT_TARGET) return `${t('next.on', { push: PUSH, along: mm(along) })} ${this.then}`
+    if (along < -AT_TARGET) return `${t('next.back', { pull: PULL, along: mm(-along) })} ${this.then}`
+    return t(this.seedless ? 'next.at' : 'next.drop')
   }
 
   /** True if the newest seed came from this needle in the chosen hole. */

@@ -1,10 +1,11 @@
 // Draws marks on the slices: the template's holes, the patient's sides, needles, seeds, the plan and the target.
 import * as THREE from 'three'
-import { hubColour, PLANNED, SEED, TARGET } from '../colours.js'
+import { BEVEL, CHOSEN, hubColour, PLANNED, SEED, TARGET } from '../colours.js'
 import { columnName } from './template.js'
+import { t } from '../words/words.js'
 
 const NEAR = { x: 0.0025, z: 0.003 } // m: seeds closer to the slice than this are drawn as lying in it
-const BEVEL = '#f4d35e', GRID = '#9fd8ff', CHOSEN = '#37d0ff', HALO = 'rgba(4, 8, 12, 0.85)'
+const GRID = '#9fd8ff', HALO = 'rgba(4, 8, 12, 0.85)'
 const LETTERS = [['L', 'R'], ['P', 'A'], ['S', 'I']]
 const AXES = { x: [1, 0, 0], y: [0, 1, 0], z: [0, 0, 1] }
 
@@ -44,13 +45,14 @@ export class SliceMarks {
     slice.overlays.push((echo, ink) => {
       if (!model.active) return
       ink.unit = echo.unit
-      this.pixel = (point) => echo.toPixel(point[echo.plane.across], point.y)
+      const frame = echo.frame
+      this.pixel = (point) => { const { x, y } = echo.project(point, frame); return echo.toPixel(x, y) }
       this.draw(echo, ink)
     })
   }
 
   get isAxial() { return this.slice.plane.normal === 'z' }
-  distance(point) { return Math.abs(point[this.slice.plane.normal] - this.slice.place) }
+  distance(point) { return Math.abs(this.slice.project(point).off) }
   isNear(point) { return this.distance(point) < NEAR[this.slice.plane.normal] }
 
   draw(echo, ink) {
@@ -61,9 +63,9 @@ export class SliceMarks {
     if (this.isAxial) this.drawGrid(ink)
     else this.drawAxis(ink)
     for (const point of model.plannedNow) this.drawPlanned(ink, point)
-    for (const seed of model.seedsNow) this.drawSeed(ink, seed)
-    if (!this.isAxial) this.drawNeedles(ink)
-    else this.drawBevels(ink, echo)
+    for (const seed of echo.marked ? model.seedsNow : []) this.drawSeed(ink, seed)
+    if (echo.marked && !this.isAxial) this.drawNeedles(ink)
+    else if (echo.marked) this.drawBevels(ink, echo)
     if (model.target) this.drawTarget(ink, model.targetNow)
     ink.textBaseline = 'alphabetic'
   }
@@ -117,7 +119,7 @@ export class SliceMarks {
     ink.fillStyle = 'rgba(159, 216, 255, 0.22)'
     ink.fillRect(low[0], low[1], high[0] - low[0], high[1] - low[1])
     ink.font = `${11 * ink.unit}px system-ui, sans-serif`
-    label(ink, 'template', (low[0] + high[0]) / 2, Math.min(low[1], high[1]) - 10 * ink.unit, GRID)
+    label(ink, t('slice.template'), (low[0] + high[0]) / 2, Math.min(low[1], high[1]) - 10 * ink.unit, GRID)
   }
 
   drawNeedles(ink) {

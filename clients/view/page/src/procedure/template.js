@@ -28,8 +28,8 @@ export class Template {
     return column < this.columns && row < this.rows ? { column, row } : null
   }
 
-  /** Returns the names that can be typed, such as "A to M and 1 to 7 in halves". */
-  get range() { return `a letter from A to ${columnName(this.columns - 1)} and a number from 1 to ${rowName(this.rows - 1)} in halves` }
+  /** Returns the names of the last column and row. */
+  get last() { return { column: columnName(this.columns - 1), row: rowName(this.rows - 1) } }
 
   /** Returns the centre of a hole on the face through which needles enter. */
   place({ column, row }) {

@@ -1,0 +1,77 @@
+"""Reports as pages of HTML without scripts, which can be printed: their style, tables and figures."""
+from __future__ import annotations
+
+import base64
+import io
+from html import escape
+from pathlib import Path
+from typing import Any, Iterable, Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from . import Model
+from ._files import replacing
+
+Array = npt.NDArray[np.float64]
+
+STYLE = (Path(__file__).parent / "_page.css").read_text(encoding="utf-8")
+COLOURS = {"gland": "#d55e00", "urethra": "#0072b2", "rectum": "#8a5a00"}    # after Okabe and Ito; distinguishable with colour-vision deficiency
+PLANNED, ACHIEVED = "#6e40c9", "#007f5f"
+OUTLINES = "#9aa4af"
+
+
+def svg(drawn: Any) -> str:
+    """Returns a figure as text of an SVG image; the same figure gives the same text."""
+    import matplotlib
+    out = io.StringIO()
+    with matplotlib.rc_context({"svg.hashsalt": "trocar", "svg.fonttype": "none"}):
+        drawn.savefig(out, format="svg", metadata={"Date": None})
+    return out.getvalue()
+
+
+def figure(width: float, height: float, widths: Sequence[float] = (1,)) -> tuple[Any, Sequence[Any]]:
+    """Makes a figure (inches) with panels of these relative widths."""
+    from matplotlib.figure import Figure
+    drawn = Figure(figsize=(width, height), layout="constrained")
+    return drawn, np.atleast_1d(drawn.subplots(1, len(widths), width_ratios=widths))
+
+
+def section(model: Model, tets: npt.NDArray[np.int32], axis: int, at: float) -> Array:
+    """Returns the outline of a set of tetrahedra in the plane where coordinate `axis` equals `at`, as segments (n, 2, 3) m."""
+    faces = np.sort(np.concatenate([np.delete(tets, corner, axis=1) for corner in range(4)]), axis=1)
+    unique, times = np.unique(faces, axis=0, return_counts=True)
+    corners = model.nodes[unique[times == 1]]
+    height = corners[:, :, axis] - at - 1e-9
+    segments = []
+    for triangle, above in zip(corners, height):
+        crossings = [triangle[i] + above[i] / (above[i] - above[k]) * (triangle[k] - triangle[i]) for i, k in ((0, 1), (1, 2), (2, 0)) if (above[i] > 0) != (above[k] > 0)]
+        if len(crossings) == 2:
+            segments.append(crossings)
+    return np.array(segments).reshape(-1, 2, 3)
+
+
+def image(drawing: str, words: str) -> str:
+    """Embeds an SVG image with its caption, which is also its description for screen readers."""
+    data = base64.b64encode(drawing.encode()).decode()
+    return f'<figure><img src="data:image/svg+xml;base64,{data}" alt="{escape(words)}"><figcaption>{escape(words)}</figcaption></figure>'
+
+
+def table(head: Sequence[str], rows: Iterable[Sequence[str]], caption: str, numbers: Sequence[int] = ()) -> str:
+    """Makes a table; cells are plain text. `numbers`: columns that are aligned to the right."""
+    cell = lambda i, text, tag="td": f'<{tag}{" class=number" if i in numbers else ""}>{escape(text)}</{tag}>'
+    header = "".join(f'<th scope="col"{" class=number" if i in numbers else ""}>{escape(text)}</th>' if text else "<td></td>" for i, text in enumerate(head))
+    body = "".join("<tr>" + "".join(cell(i, text) for i, text in enumerate(row)) + "</tr>\n" for row in rows)
+    return f"<table><caption>{escape(caption)}</caption>\n<thead><tr>{header}</tr></thead>\n<tbody>\n{body}</tbody></table>\n"
+
+
+def page(title: str, parts: Iterable[str], language: str = "en") -> str:
+    """Returns the whole page; `parts` are its elements in HTML."""
+    return (f"<!DOCTYPE html>\n<html lang=\"{language}\">\n<head><meta charset=\"utf-8\"><meta name=\"viewport\" content=\"width=device-width\">"
+            f"<title>{escape(title)}</title>\n<style>\n{STYLE}</style></head>\n<body><main>\n" + "\n".join(parts) + "\n</main></body>\n</html>\n")
+
+
+def save(path: Path, text: str) -> None:
+    """Writes a text file atomically."""
+    with replacing(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")

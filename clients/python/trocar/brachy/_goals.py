@@ -1,0 +1,70 @@
+"""The dose-volume figures by which plans and implants are judged, with their limits."""
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Mapping
+
+from ._dose import DVH
+
+GEC_ESTRO = "GEC-ESTRO (Salembier et al., Radiotherapy and Oncology 83, 2007), cited from later publications"
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A dose-volume figure of an organ, with its limit if there is one. `dose`: a fraction of the prescription; `volume`: a fraction of the organ, or m^3."""
+
+    name: str
+    organ: str
+    unit: str                    # Gy, % or cm³
+    dose: float | None = None    # V: the volume that receives this dose
+    volume: float | None = None  # D: the dose that this volume receives
+    absolute: bool = False       # if `volume` is in m^3, or the result in cm^3
+    least: float | None = None   # limits: fraction of the prescription, or of the organ
+    most: float | None = None
+    source: str = ""
+
+    def value(self, dvh: DVH, prescription: float) -> float:
+        """Returns the figure in Gy, as a fraction, or in cm^3."""
+        whole = dvh.voxel * len(dvh.doses)
+        if self.volume is not None:
+            return dvh.dose(min(self.volume / whole, 1.0) if self.absolute else self.volume)
+        return dvh.volume(self.dose * prescription) * (1e6 * whole if self.absolute else 1.0)
+
+    def limit(self, prescription: float) -> tuple[float | None, float | None]:
+        """Returns the smallest and the largest allowed value, in the unit of `value`."""
+        factor = prescription if self.unit == "Gy" else 1.0
+        return (None if self.least is None else factor * self.least), (None if self.most is None else factor * self.most)
+
+    def met(self, value: float, prescription: float) -> bool | None:
+        """True if the value is within its limits; None if it has none."""
+        least, most = self.limit(prescription)
+        if least is None and most is None:
+            return None
+        return (least is None or value >= least) and (most is None or value <= most)
+
+    def shown(self, value: float | None) -> str:
+        if value is None:
+            return "–"
+        return f"{100.0 * value:.1f} %" if self.unit == "%" else f"{value:.2f} cm³" if self.unit == "cm³" else f"{value:.1f} Gy"
+
+
+FIGURES = (
+    Figure("D90", "gland", "Gy", volume=0.9, least=1.0, source=GEC_ESTRO),
+    Figure("V100", "gland", "%", dose=1.0, least=0.95, source=GEC_ESTRO),
+    Figure("V150", "gland", "%", dose=1.5, most=0.5, source=GEC_ESTRO),
+    Figure("V200", "gland", "%", dose=2.0),
+    Figure("urethra D10", "urethra", "Gy", volume=0.1, most=1.5, source=GEC_ESTRO),
+    Figure("urethra D30", "urethra", "Gy", volume=0.3),
+    Figure("rectum D2cc", "rectum", "Gy", volume=2e-6, absolute=True, most=1.0, source=GEC_ESTRO),
+    Figure("rectum V100", "rectum", "cm³", dose=1.0, absolute=True),
+)
+
+
+def figures(histograms: Mapping[str, DVH], prescription: float) -> dict[str, float]:
+    """Returns the figures of the organs whose histograms are given, by their names."""
+    return {figure.name: float(figure.value(histograms[figure.organ], prescription)) for figure in FIGURES if figure.organ in histograms}
+
+
+def unmet(values: Mapping[str, float], prescription: float) -> list[Figure]:
+    """Returns the figures that miss their limits."""
+    return [figure for figure in FIGURES if figure.name in values and figure.met(values[figure.name], prescription) is False]

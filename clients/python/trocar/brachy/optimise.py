@@ -1,0 +1,209 @@
+"""Makes a plan: chooses holes of the template and seeds in their needles, so that the gland gets the prescribed dose and other organs are spared.
+
+Seeds may lie on planes 5 mm apart, on the axes of holes. The search adds seeds one at a time, always the seed that lowers the cost most, until no
+further seed lowers it. Then it moves each seed in turn to its best position, or removes it, until no such exchange lowers the cost. The cost is a sum
+of penalties for dose that points of the organs receive in excess or lack, and for each needle. The same input always gives the same plan.
+
+    >>> plan = make_plan(model, organs, source, strength=0.45, prescription=145)
+"""
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Mapping, Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from .. import Guide, Model
+from .._locate import locate
+from ._dose import Dose, Source
+from ._obstacles import surface_points
+from .organs import Organ
+from .plan import BadPlan, Needle, Plan, hole_axis, hole_name
+from .plan import Source as PlanSource
+
+Array = npt.NDArray[np.float64]
+
+__all__ = ["Weights", "make_plan"]
+
+PLANES = 5e-3         # m, distance between planes of seeds; more than a seed's length, so that seeds do not overlap
+BESIDE = 1e-3         # m, largest distance of a seed's centre from the gland's voxels
+CLEAR = 3e-3          # m, smallest distance of a needle's axis from voxels of urethra and rectum: half a voxel, the needle's radius, and a margin
+FROM_BONE = 3e-3      # m, smallest distance of a needle's axis from bone: the needle's radius, splay of 1 mm at the gland, and motion of the tissue
+SAMPLES = 1500        # maximum number of points per organ in the search
+PATH = 2e-3           # m, distance between the points of a needle's axis that must not be in bone
+LEAST_GAIN = 5e-4     # smallest decrease of the cost for which an exchange is made; the cost is of the order of 1
+SWEEPS = 30           # maximum number of passes over all seeds; fewer than ten are needed
+
+
+@dataclass(frozen=True)
+class Weights:
+    """The cost. Levels are fractions of the prescription, and deviations are means over the organ's points. These are settings of the search, found by trial on the
+    synthetic patient and the pelvis; the plan is judged by the limits in the report, not by its cost."""
+
+    under: float = 30.0        # gland below `aim`
+    aim: float = 1.15
+    over: float = 0.5          # gland above `high`
+    high: float = 1.5
+    urethra: float = 5.0       # urethra above `spare`
+    spare: float = 1.4
+    rectum: float = 5.0        # dose above `wall` in the rectum, as a mean over 2 cm^3
+    wall: float = 0.8
+    needle: float = 0.02       # each needle
+
+
+@dataclass
+class _Candidate:
+    """A candidate position for a seed."""
+
+    hole: str
+    depth: float      # m, depth of its centre behind the template's face
+    position: Array   # (3,) m
+
+
+def _sample(points: Array, most: int) -> Array:
+    """Returns at most this many points, evenly chosen."""
+    return points[::max(-(-len(points) // most), 1)]
+
+
+def _free(inside: npt.NDArray[np.bool_], way: Array, ends: npt.NDArray[np.bool_], depths: Array, half: float) -> npt.NDArray[np.bool_]:
+    """Returns, for depths (k,) m on an axis, whether a seed of this half length lies in the tissue there, and whether the path to it is free of bone,
+    which is a hole in
+    the mesh. `inside`: whether the points at the ascending depths `way` are in the tissue; `ends` (2, k): whether the ends of the seeds are."""
+    if not inside.any():
+        return np.zeros(len(depths), bool)
+    first = int(np.argmax(inside))
+    blocked = np.flatnonzero(~inside[first:])
+    end = way[first + blocked[0]] if len(blocked) else np.inf
+    return ends.all(axis=0) & (depths + half < end) & (depths - half > way[first])
+
+
+def _candidates(model: Model, guide: Guide, organs: Mapping[str, Organ], bones: Sequence[str]) -> list[_Candidate]:
+    from scipy.spatial import cKDTree
+    gland, half = organs["gland"].points, 0.5 * model.seed_size.length
+    along = (gland - guide.origin) @ guide.normal
+    low, high = along.min() - BESIDE, along.max() + BESIDE
+    count = max(int((high - low) / PLANES), 1)
+    depths = 0.5 * (low + high) + PLANES * (np.arange(count) - 0.5 * (count - 1))
+    trees = {role: cKDTree(organ.points) for role, organ in organs.items()}
+    trees |= {f"surface {name}": cKDTree(surface_points(model, name, 1e-3)) for name in bones}
+    keep_clear = [(tree, FROM_BONE if role not in organs else CLEAR) for role, tree in trees.items() if role != "gland"]
+    way, seeds = np.arange(0.0, depths[-1] + half, PATH), depths + half < model.needle_length
+    holes, near = [], []
+    for hole in (hole_name(column, row) for column in range(guide.columns) for row in range(guide.rows)):
+        face = hole_axis(guide, hole)
+        beside = seeds & (trees["gland"].query(face + depths[:, None] * guide.normal)[0] <= BESIDE)
+        line = face + way[way < depths[beside].max(initial=0.0) + half][:, None] * guide.normal
+        if beside.any() and all(tree.query(line)[0].min() >= clearance for tree, clearance in keep_clear):
+            holes.append((hole, face))
+            near.append(beside)
+    # one call for all points, because it prepares the whole mesh
+    along = np.concatenate([way, depths - half, depths + half])
+    points = [face + along[:, None] * guide.normal for _, face in holes]
+    inside = (locate(model, np.concatenate(points))[0] >= 0).reshape(len(holes), -1) if holes else []
+    found = []
+    for (hole, face), beside, there in zip(holes, near, inside):
+        free = beside & _free(there[:len(way)], way, there[len(way):].reshape(2, -1), depths, half)
+        found += [_Candidate(hole, float(depths[i]), face + depths[i] * guide.normal) for i in np.flatnonzero(free)]
+    return found
+
+
+class _Search:
+    """The doses of all candidates at the organs' points, as fractions of the prescription, and the cost of a choice of candidates."""
+
+    def __init__(self, candidates: list[_Candidate], organs: Mapping[str, Organ], doses: dict[str, Array], weights: Weights) -> None:
+        self.doses, self.weights = doses, weights
+        names = sorted({candidate.hole for candidate in candidates})
+        self.hole = np.array([names.index(candidate.hole) for candidate in candidates])
+        self.chosen = np.zeros(len(candidates), bool)
+        self.used = np.zeros(len(names), int)
+        self.total = {role: np.zeros(dose.shape[1], np.float32) for role, dose in doses.items()}
+        self.wall_points = 2e-6 / organs["rectum"].volume * doses["rectum"].shape[1] if "rectum" in doses else 1.0    # number of points in 2 cm^3
+
+    def cost(self, role: str, dose: Array) -> Array:
+        """Returns the cost (...) of doses (..., points) in an organ."""
+        w = self.weights
+        if role == "gland":
+            return w.under * np.maximum(w.aim - dose, 0.0).mean(axis=-1) + w.over * np.maximum(dose - w.high, 0.0).mean(axis=-1)
+        if role == "urethra":
+            return w.urethra * np.maximum(dose - w.spare, 0.0).mean(axis=-1)
+        return w.rectum * np.maximum(dose - w.wall, 0.0).sum(axis=-1) / self.wall_points
+
+    def now(self) -> float:
+        return float(sum(self.cost(role, total) for role, total in self.total.items())) + self.weights.needle * float((self.used > 0).sum())
+
+    def with_each(self, most_needles: int) -> Array:
+        """Returns the cost after adding each candidate (candidates,); infinite for those already chosen, and for those whose needle would exceed the
+        limit."""
+        cost = sum(self.cost(role, total + self.doses[role]) for role, total in self.total.items())
+        needles = (self.used > 0).sum() + (self.used[self.hole] == 0)
+        return np.where(self.chosen | (needles > most_needles), np.inf, cost + self.weights.needle * needles)
+
+    def put(self, i: int, times: int = 1) -> None:
+        """Adds a candidate, or with -1 removes it."""
+        self.chosen[i] = times > 0
+        self.used[self.hole[i]] += times
+        for role in self.total:
+            self.total[role] = self.total[role] + times * self.doses[role][i]
+
+    def run(self, most_needles: int) -> None:
+        while True:
+            costs = self.with_each(most_needles)
+            best = int(costs.argmin())
+            if not costs[best] < self.now() - LEAST_GAIN:
+                break
+            self.put(best)
+        for _ in range(SWEEPS):
+            changed = False
+            for i in np.flatnonzero(self.chosen):
+                before = self.now()
+                self.put(i, -1)
+                without, costs = self.now(), self.with_each(most_needles)
+                best = int(costs.argmin())
+                if min(without, costs[best]) < before - LEAST_GAIN:
+                    changed = True
+                    if costs[best] < without:
+                        self.put(best)
+                else:
+                    self.put(i)
+            if not changed:
+                break
+
+
+def _doses(source: Source, candidates: list[_Candidate], axis: Array, strength: float, points: Array, prescription: float) -> Array:
+    """Returns the dose of each candidate at the points, (candidates, points), as a fraction of the prescription."""
+    dose, rows = Dose.at(source, points), []
+    for candidate in candidates:
+        seed = dose.add(candidate.position, axis, strength)
+        rows.append((dose.values / prescription).astype(np.float32))
+        dose.remove(seed)
+    return np.array(rows)
+
+
+def make_plan(model: Model, organs: Mapping[str, Organ], source: Source, strength: float, prescription: float, template: str | None = None, most_needles: int = 25,
+              bones: Sequence[str] = (), weights: Weights = Weights()) -> Plan:
+    """Makes a plan of seeds of `strength` U for a prescription in Gy, in holes of the scene's template (its only guide, or the one of this name), with at most
+    `most_needles` needles. bones: surfaces of the mesh from which needles keep clear. Raises BadPlan if there is no such template, or if no hole leads to the gland."""
+    guides = {guide.name: guide for guide in model.guides}
+    if template not in guides and (template or len(guides) != 1):
+        raise BadPlan(f"the scene has {'the guides ' + ', '.join(guides) if guides else 'no template'}: "
+                      + ("choose one with --template" if guides else "make it with trocar-anatomy --template"))
+    guide = guides[template] if template else next(iter(guides.values()))
+    candidates = _candidates(model, guide, organs, bones)
+    if not candidates:
+        raise BadPlan(f"template {guide.name}: no hole leads to the gland without bone, urethra or rectum in its way: move the template")
+    doses = {role: _doses(source, candidates, guide.normal, strength, _sample(organ.points, SAMPLES), prescription) for role, organ in organs.items()}
+    search = _Search(candidates, organs, doses, weights)
+    search.run(most_needles)
+    half = 0.5 * model.seed_size.length
+    needles: dict[str, list[float]] = {}
+    for i in np.flatnonzero(search.chosen):
+        needles.setdefault(candidates[i].hole, []).append(candidates[i].depth)
+    isotope, _, name = source.name.partition(" ")
+    plan = Plan(guide.name, guide.columns, guide.rows, guide.spacing, source=PlanSource(isotope, name, strength), prescription=prescription)
+    for hole, depths in needles.items():
+        tip = round(max(depths) + half, 7)
+        plan.needles.append(Needle(hole, tip, sorted(round(tip - depth, 7) for depth in depths)))
+    if not plan.needles:
+        raise BadPlan(f"no seed of {strength:g} U improves the dose: check strength and prescription")
+    return plan

@@ -1,0 +1,115 @@
+"""Organs as voxels inside their outlines in an RT Structure Set, as a planning system sees them."""
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from .. import Model
+from ._obstacles import BadContours, Embedding, _inside, read_all_contours
+from .plan import BadPlan, Frame
+
+Array = npt.NDArray[np.float64]
+
+__all__ = ["Displaced", "Organ", "read_organs", "voxels"]
+
+ROLES = ("gland", "urethra", "rectum")
+DEFAULTS = {"gland": "Prostate", "urethra": "Urethra", "rectum": "Rectum"}
+SPACING = 1.0      # mm, largest distance between voxel centres
+SAME = 0.01        # mm, difference in height up to which outlines are on the same slice
+
+
+@dataclass
+class Organ:
+    """An organ of the patient, at rest."""
+
+    role: str                # gland, urethra or rectum
+    name: str                # name of the region of interest
+    outlines: list[Array]    # (n, 3) mm each, in patient coordinates
+    points: Array            # (n, 3) m, centres of its voxels, in the mesh
+    voxel: float             # m^3, volume of a voxel
+
+    @property
+    def volume(self) -> float:
+        """The volume in m^3."""
+        return self.voxel * len(self.points)
+
+    def select(self, keep: npt.NDArray[np.bool_]) -> Organ:
+        """Returns the part of the organ in these voxels."""
+        return Organ(self.role, self.name, self.outlines, self.points[keep], self.voxel)
+
+
+def voxels(outlines: list[Array], spacing: float = SPACING) -> tuple[Array, float]:
+    """Returns the centres (n, 3) mm and the volume (mm^3) of the voxels inside outlines on axial slices. Between slices, the shape is that of the nearer slice;
+    beyond the first and the last one, it extends by half a distance between slices, as in planimetry. An outline inside another on the same slice is a hole."""
+    heights = np.array([outline[:, 2].mean() for outline in outlines])
+    slices: list[float] = []
+    for height in np.sort(heights):
+        if not slices or height > slices[-1] + SAME:
+            slices.append(float(height))
+    pitch = float(np.diff(slices).min()) if len(slices) > 1 else spacing
+    layers = max(math.ceil(pitch / spacing - 1e-9), 1)
+    step = pitch / layers
+    low, high = np.min([o.min(axis=0) for o in outlines], axis=0), np.max([o.max(axis=0) for o in outlines], axis=0)
+    grid = np.stack(np.meshgrid(*(np.arange(a + 0.5 * spacing, b + spacing, spacing) for a, b in zip(low[:2], high[:2])), indexing="ij"), -1).reshape(-1, 2)
+    flat = []
+    for height in slices:
+        inside = np.zeros(len(grid), bool)
+        for outline in (o for o, z in zip(outlines, heights) if abs(z - height) <= SAME):
+            inside ^= _inside(outline[:, :2], grid)
+        flat.append(grid[inside])
+    levels = np.arange(slices[0] - 0.5 * pitch + 0.5 * step, slices[-1] + 0.5 * pitch, step)
+    nearest = np.abs(levels[:, None] - slices).argmin(axis=1)
+    return np.concatenate([np.column_stack([flat[k], np.full(len(flat[k]), level)]) for level, k in zip(levels, nearest)]), spacing * spacing * step
+
+
+def read_organs(path: str, model: Model, names: dict[str, str | None]) -> dict[str, Organ]:
+    """Reads the organs of an RT Structure Set. `names`: names of the regions of interest by role, not case-sensitive; None for the usual name of that
+    role, if the file
+    has it. Raises BadPlan if the gland or a named organ is missing, or not on axial slices."""
+    try:
+        rois = read_all_contours(path)
+    except BadContours as error:
+        raise BadPlan(str(error)) from error
+    frame, found = Frame(model), {}
+    if not frame.is_patient:
+        raise BadPlan(f"{path}: the scene has no patient_to_mesh, which outlines need: trocar-anatomy writes it")
+    for role in ROLES:
+        wanted = names.get(role) or DEFAULTS[role]
+        name = next((roi for roi in rois if roi.casefold() == wanted.casefold()), None)
+        if name is None and (names.get(role) or role == "gland"):
+            raise BadPlan(f"{path}: no region of interest \"{wanted}\" for the {role}: name it with --{role}; there are {', '.join(rois) or 'none'}")
+        if name is None:
+            continue
+        outlines = [outline for outline in rois[name] if len(outline) >= 3]
+        if not outlines or any(np.ptp(outline[:, 2]) > SAME for outline in outlines) or not all(np.isfinite(outline).all() for outline in outlines):
+            raise BadPlan(f"{path}: {name}: {'no closed outline' if not outlines else 'an outline is not in a plane z = const'}: export axial outlines")
+        centres, volume = voxels(outlines)
+        if not len(centres):
+            raise BadPlan(f"{path}: {name}: smaller than a voxel of {SPACING:g} mm")
+        found[role] = Organ(role, name, outlines, frame.to_mesh(centres), 1e-9 * volume)
+    if "urethra" in found:    # the prostatic urethra
+        points, gland = found["urethra"].points, found["gland"].points
+        inside = ((points >= gland.min(axis=0)) & (points <= gland.max(axis=0))).all(axis=1)
+        if inside.any():
+            found["urethra"] = found["urethra"].select(inside)
+    return found
+
+
+class Displaced:
+    """The tissue displaced by the nodes' displacements (nodes, 3) m."""
+
+    def __init__(self, model: Model, field: Array) -> None:
+        self._embedding, self._field = Embedding(model), field
+
+    def points(self, points: Array) -> Array:
+        """Returns the displaced positions (n, 3) m of points at rest."""
+        nodes, weights = self._embedding.locate(points)
+        return points + np.einsum("nk,nki->ni", weights, self._field[nodes])
+
+    def seeds(self, seeds: list[tuple[Array, Array]], length: float) -> list[tuple[Array, Array]]:
+        """Returns position and direction of seeds of this length (m) in the displaced tissue: their ends move with it."""
+        ends = self.points(np.reshape([[p - 0.5 * length * d, p + 0.5 * length * d] for p, d in seeds], (-1, 3))).reshape(-1, 2, 3)
+        return [(0.5 * (a + b), (b - a) / np.linalg.norm(b - a)) for a, b in ends]

@@ -1,0 +1,85 @@
+// A trainee's task: what to do, the start, the time, and the report that trocar-score makes from the recording.
+import * as THREE from 'three'
+import { language, said, t } from '../words/words.js'
+
+const element = (id) => document.getElementById(id)
+const set = (node, text) => { if (node.textContent !== text) node.textContent = text }
+const clock = (seconds) => `${Math.floor(seconds / 60)}:${String(Math.floor(seconds % 60)).padStart(2, '0')}`
+const FILES = ['html', 'json', 'csv', 'log']
+
+export class Task {
+  constructor(link, procedure) {
+    Object.assign(this, { link, procedure, description: null, shown: '', asked: null })
+    element('task-button').addEventListener('click', () => element('task').showModal())
+    element('task-close').addEventListener('click', () => element('task').close())
+    element('task-start').addEventListener('click', () => link.startTask())
+    element('task-finish').addEventListener('click', () => link.finishTask(language))
+    element('task-print').addEventListener('click', () => print())
+    this.report = element('task-report').attachShadow({ mode: 'open' })
+  }
+
+  /** Called when a scene has been loaded: the targets of the task are shown in place of planned seeds. */
+  load(scene) {
+    this.scene = scene
+    this.showTargets()
+  }
+
+  /** Called with the member "task" of each status; undefined without a task. */
+  hear(status) {
+    if (!status) return
+    element('task-button').hidden = false
+    if (!this.asked) this.asked = this.fetchTask()
+    const { state, elapsed, report, message } = status, running = state === 'running'
+    set(element('task-button'), state === 'ready' ? t('task.button') : t('task.button.time', { time: clock(elapsed) }))
+    element('task-button').classList.toggle('running', running)
+    element('task-start').hidden = running || state === 'scoring'
+    set(element('task-start'), t(state === 'ready' ? 'task.start' : 'task.again'))
+    element('task-finish').hidden = !running
+    set(element('task-message'), said(message) || (state === 'scoring' ? t('task.scoring') : running ? t('task.running', { time: clock(elapsed) }) : ''))
+    if (running && this.state !== 'running' && this.state) element('task').close() // the trainee has started the task, and needs the images
+    this.state = state
+    if (report !== this.shown) this.showReport(report)
+  }
+
+  async fetchTask() {
+    const answer = await fetch('task/task.json')
+    if (!answer.ok) return
+    this.description = await answer.json()
+    const { texts } = this.description, { title, text, criteria, hints } = texts[language] ?? texts.en
+    set(element('task-title'), title)
+    set(element('task-text'), text)
+    const item = (words) => Object.assign(document.createElement('li'), { textContent: words })
+    element('task-criteria').replaceChildren(...criteria.map(({ words, limit, source }) => item(`${words}: ${limit} (${source})`)))
+    element('task-hints').hidden = hints.length === 0
+    element('task-hints').lastElementChild.replaceChildren(...hints.map(item))
+    this.showTargets()
+    if (this.state === 'ready') element('task').showModal()
+  }
+
+  /** Shows targets as the page shows planned seeds: the tip belongs at the distal end of a seed. */
+  showTargets() {
+    const { procedure, scene, description } = this
+    if (!scene || !description?.targets.length || !procedure.available) return
+    procedure.seedless = true // the tip has to reach the targets, and no seeds are left there
+    const back = procedure.template.normal.clone().multiplyScalar(-scene.seedLength / 2)
+    procedure.hearPlan(description.targets.filter(({ hole }) => hole).map(({ hole, position }) => ({ hole, position: new THREE.Vector3(...position).add(back).toArray() })))
+  }
+
+  async showReport(run) {
+    this.shown = run
+    for (const file of FILES) {
+      element(`task-${file}`).hidden = !run
+      element(`task-${file}`).href = `runs/${run}.${file}`
+    }
+    element('task-print').hidden = !run
+    element('task').classList.toggle('reported', Boolean(run))
+    if (!run) return this.report.replaceChildren()
+    const answer = await fetch(`runs/${run}.html`), text = await answer.text(), style = /<style>([^]*?)<\/style>/
+    const sheet = new CSSStyleSheet(), page = new DOMParser().parseFromString(text.replace(style, ''), 'text/html')
+    sheet.replaceSync(style.exec(text)[1]) // the page's security policy forbids style elements
+    this.report.adoptedStyleSheets = [sheet]
+    element('task-report').lang = page.documentElement.lang
+    this.report.replaceChildren(page.querySelector('main'))
+    if (!element('task').open) element('task').showModal()
+  }
+}

@@ -1,0 +1,91 @@
+// The values of the tissue that may change while the server runs: a form with all of them.
+import { hasText, said, t } from '../words/words.js'
+
+const element = (id) => document.getElementById(id)
+const set = (node, text) => { if (node.textContent !== text) node.textContent = text }
+const UNITS = { youngs_modulus: 'Pa', cutting_force: 'N', cutting_viscosity: 'N s/m', spreading_force: 'N', static: 'N/m', kinetic: 'N/m', viscous: 'N s/m²', puncture_force: 'N', stiffness: 'N/m' }
+
+export class Tissue {
+  constructor(link) {
+    Object.assign(this, { link, inputs: new Map(), number: 0, waiting: false })
+    element('tissue-button').addEventListener('click', () => this.open())
+    element('tissue-close').addEventListener('click', () => element('tissue').close())
+    element('tissue-undo').addEventListener('click', () => this.discard())
+    element('tissue-form').addEventListener('submit', (event) => {
+      event.preventDefault()
+      this.apply()
+    })
+  }
+
+  get available() { return this.inputs.size > 0 }
+
+  open() {
+    if (!this.available) return
+    this.discard()
+    element('tissue').showModal()
+  }
+
+  /** Called with each status. Fields that the user has changed keep what was typed. */
+  hear({ values, changed }) {
+    element('tissue-button').hidden = !values
+    if (!values) {
+      this.inputs.clear()
+      return
+    }
+    const keys = Object.keys(values)
+    if (keys.length !== this.inputs.size || keys.some((key) => !this.inputs.has(key))) this.list(keys)
+    for (const [key, field] of this.inputs) {
+      const text = values[key] === null ? '.inf' : String(values[key]) // bone: JSON has no infinity
+      if (field.value === field.known) field.value = text
+      field.known = text
+      field.disabled = values[key] === null
+    }
+    if (!this.waiting || changed?.number !== this.number) return
+    this.waiting = false
+    set(element('tissue-answer'), changed.done ? t('tissue.done') : t('tissue.refused', { message: said(changed.message) }))
+    element('tissue-answer').classList.toggle('refused', !changed.done)
+  }
+
+  /** Makes one group of fields for each region, membrane, calcification and guide. */
+  list(keys) {
+    this.inputs.clear()
+    const groups = new Map()
+    for (const key of keys) {
+      const [, name, property] = /^([^\]]*\])\.(.*)$/.exec(key)
+      if (!groups.has(name)) groups.set(name, [])
+      groups.get(name).push([key, property])
+    }
+    element('tissue-values').replaceChildren(...[...groups].map(([name, members]) => {
+      const group = document.createElement('fieldset'), legend = document.createElement('legend')
+      legend.textContent = name
+      group.append(legend, ...members.map(([key, property]) => this.field(key, property)))
+      return group
+    }))
+  }
+
+  field(key, property) {
+    const label = document.createElement('label'), input = document.createElement('input'), unit = UNITS[property.split('.').pop()] ?? ''
+    Object.assign(input, { type: 'text', inputMode: 'decimal', size: 8, autocomplete: 'off', spellcheck: false, name: key, known: '' })
+    input.value = input.known
+    label.append(`${hasText(`tissue.${property}`) ? t(`tissue.${property}`) : property.replaceAll('_', ' ')}${unit && `, ${unit}`} `, input)
+    this.inputs.set(key, input)
+    return label
+  }
+
+  discard() {
+    for (const field of this.inputs.values()) field.value = field.known
+    set(element('tissue-answer'), '')
+  }
+
+  apply() {
+    const lines = [...this.inputs].filter(([, field]) => field.value.trim() !== field.known).map(([key, field]) => `${key}: ${field.value.trim()}`)
+    const bytes = new TextEncoder().encode(lines.join('\n')).length
+    element('tissue-answer').classList.toggle('refused', lines.length === 0 || bytes > 512)
+    if (lines.length === 0) return set(element('tissue-answer'), t('tissue.same'))
+    if (bytes > 512) return set(element('tissue-answer'), t('tissue.many'))
+    this.number = Math.floor(Math.random() * 0x7fffffff) + 1
+    this.waiting = true
+    set(element('tissue-answer'), t('tissue.waiting'))
+    this.link.change(lines.join('\n'), Number(element('tissue-time').value), this.number)
+  }
+}

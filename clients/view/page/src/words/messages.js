@@ -1,0 +1,41 @@
+// Texts of one language, with English where the language has none.
+
+/** Returns the first of the `wanted` languages, such as "de-AT", of which there is a file in `available`, such as "de"; "en" if there is none. */
+export function chooseLanguage(wanted, available) {
+  for (const language of wanted) {
+    const found = [language.toLowerCase(), language.toLowerCase().split('-')[0]].find((code) => available.includes(code))
+    if (found) return found
+  }
+  return 'en'
+}
+
+export class Messages {
+  /** `own` and `english`: texts by key. A text is a string with places such as {count}, or, where it depends on the number `count`, an object with a string
+   * for each plural category of the language (Unicode CLDR: one, few, many, other, ...). */
+  constructor(language, own, english) {
+    Object.assign(this, { language, own, english })
+    this.plural = new Intl.PluralRules(language)
+    this.englishPlural = new Intl.PluralRules('en')
+  }
+
+  has(key) { return key in this.own || key in this.english }
+
+  /** Returns what trocar-view or the server says, in this language if one of the texts said.* is its English form, else as it comes. A text may contain another, such as
+   * the reason for a refusal; the first that matches counts. */
+  said(message) {
+    for (const [key, english] of Object.entries(this.english)) {
+      if (!key.startsWith('said.')) continue
+      const pattern = english.replace(/[.*+?^$()|[\]\\]/g, '\\$&').replace(/\{(\w+)\}/g, '(?<$1>.+?)'), found = new RegExp(`^${pattern}$`).exec(message)
+      if (found) return this.text(key, Object.fromEntries(Object.entries(found.groups ?? {}).map(([name, part]) => [name, this.said(part)])))
+    }
+    return message
+  }
+
+  /** Returns the text with this key, in which {name} is replaced by `values.name`; the key itself if neither language has it. */
+  text(key, values = {}) {
+    const mine = key in this.own, found = mine ? this.own[key] : this.english[key] ?? key
+    const plural = mine ? this.plural : this.englishPlural
+    const text = typeof found === 'string' ? found : found[plural.select(values.count ?? 0)] ?? found.other
+    return text.replace(/\{(\w+)\}/g, (place, name) => (name in values ? values[name] : place))
+  }
+}

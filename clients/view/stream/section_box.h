@@ -1,0 +1,24 @@
+/* Passes the newest section of a computing thread to the thread that sends to browsers. A section that has not been taken is replaced. */
+#ifndef TROCAR_SECTION_BOX_H
+#define TROCAR_SECTION_BOX_H
+
+#include <stdatomic.h>
+#include <stdbool.h>
+
+#include "view/stream/wire_format.h"
+
+typedef struct {
+    _Atomic(byte_buffer *) section; /* NULL: taken */
+    int ready;                      /* eventfd, readable while there may be a section; -1 if it could not be created */
+} section_box;
+
+void section_box_create(section_box *box);
+void section_box_free(section_box *box);
+
+/* Takes over the section, and signals `ready`. An empty section is dropped. */
+void section_box_put(section_box *box, byte_buffer section);
+
+/* Replaces `section` by the newest one; returns false if there is none. Does not block. */
+bool section_box_take(section_box *box, byte_buffer *section);
+
+#endif

@@ -1,0 +1,29 @@
+/* The needles and seeds of the server's newest messages, copied, so that another thread can draw them. */
+#ifndef TROCAR_BODIES_H
+#define TROCAR_BODIES_H
+
+#include "view/stream/subscriber.h"
+#include "view/ultrasound/reflectors.h"
+
+enum { BODY_POINTS = TROCAR_MAX_NEEDLES * TROCAR_MAX_JOINTS + 2 * TROCAR_MAX_SEEDS, BODIES = TROCAR_MAX_NEEDLES + TROCAR_MAX_SEEDS };
+
+typedef struct {
+    int count, point_count;
+    struct {
+        int first, count;    /* points */
+        double radius;       /* m */
+        const acoustics *is;
+    } list[BODIES];
+    double points[BODY_POINTS][3];
+} body_list;
+
+/* Replaces the list. `needle_radius`: m. */
+void bodies_take(body_list *b, const subscriber *feed, const trocar_model *model, double needle_radius);
+
+/* Fills `bodies` [BODIES] with the list, whose points it refers to; returns the number of bodies. */
+int bodies_of(const body_list *b, echo_body *bodies);
+
+/* Returns the tip of the first needle, or NULL. */
+const double *bodies_tip(const body_list *b);
+
+#endif

@@ -1,0 +1,49 @@
+/* What reflects: boundaries between volumes, needles and seeds, and calcifications. Each adds its echo and changes the sound behind it. */
+#ifndef TROCAR_REFLECTORS_H
+#define TROCAR_REFLECTORS_H
+
+#include "view/ultrasound/acoustics.h"
+#include "view/ultrasound/grid.h"
+
+/* A face between two volumes, or on the outside. */
+typedef struct {
+    int32_t nodes[3];        /* counter-clockwise as seen from the volume `out` */
+    int8_t in, out;          /* volumes; -1: none */
+    int8_t bone;             /* 1: the surface of a bone that the mesh leaves out */
+} boundary;
+
+/* A ball that is fixed in the tissue. */
+typedef struct {
+    int32_t nodes[4];
+    double weights[4], radius; /* m */
+} stone;
+
+typedef struct {
+    acoustics volumes[32];
+    boundary *boundaries;
+    int boundary_count;
+    stone *stones;
+    int stone_count;
+} reflectors;
+
+/* A bent cylinder, such as a needle or a seed. */
+typedef struct {
+    const double *points;    /* [count][3], m, along its axis */
+    int count;
+    double radius;           /* m */
+    const acoustics *is;
+} echo_body;
+
+/* BAD_INPUT for an invalid calcification; NO_MEMORY. */
+trocar_status reflectors_create(reflectors *r, const trocar_scene *scene, const trocar_model *model, trocar_error *why);
+void reflectors_free(reflectors *r);
+
+/* Adds the boundaries and the calcifications; `nodes` are the mesh's nodes. `frequency` in Hz. */
+void reflectors_add(const reflectors *r, const image_point *nodes, double frequency, echo_grid *g);
+
+void reflectors_add_body(const image_plane *plane, const echo_body *body, echo_grid *g);
+
+/* Amplitude of the sound after `length` (m) there and back in a material with this attenuation, dB/(cm MHz). */
+double sound_left(double attenuation, double frequency, double length);
+
+#endif

@@ -1,0 +1,23 @@
+/* Scatterers: points that are fixed in the tissue, at random places in each tetrahedron, and move with it. Nothing is stored for each of them: their
+   barycentric coordinates come from one table, which each tetrahedron (large ones: each part of it) reads from its own place. */
+#ifndef TROCAR_SCATTERERS_H
+#define TROCAR_SCATTERERS_H
+
+#include "view/ultrasound/grid.h"
+
+typedef struct {
+    int tet_count;
+    const int32_t *tets;
+    float *expected;         /* [tet_count], mean number of scatterers in each */
+    float *amplitudes;       /* [tet_count] */
+    float *table;            /* see scatterers.c */
+} scatterers;
+
+/* `density`: scatterers per m^3 of the tissue at rest; `amplitudes` [regions]. NO_MEMORY. */
+trocar_status scatterers_create(scatterers *s, const trocar_model *model, double density, const float *amplitudes, trocar_error *why);
+void scatterers_free(scatterers *s);
+
+/* Adds the echoes of all scatterers in the beam; `nodes` are the mesh's nodes. */
+void scatterers_add(const scatterers *s, const image_point *nodes, echo_grid *g);
+
+#endif

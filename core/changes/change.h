@@ -1,0 +1,23 @@
+/* Values to which a simulation is to change, set by the keys of a scene. See docs/training/changes.md. */
+#ifndef TROCAR_CHANGE_H
+#define TROCAR_CHANGE_H
+
+#include "changes/run_values.h"
+#include "scene/scene.h"
+#include "trocar.h"
+
+typedef struct {
+    const model_parts *parts;
+    scene values;            /* the model's configuration, with the changed values; all other members are defaults */
+    run_values bound;        /* the same values, as a simulation uses them */
+} change_values;
+
+/* Begins with the values in use; NULL: those of the model. */
+void change_begin(const model_parts *parts, const run_values *in_use, change_values *change);
+
+/* These functions are described in trocar/change.h. */
+trocar_status change_set(change_values *change, const char *lines, trocar_error *why);
+int change_count(const change_values *change);
+int change_at(const change_values *change, int index, char key[TROCAR_CHANGE_KEY], double *value);
+
+#endif

@@ -1,0 +1,30 @@
+/* The values that a simulation uses, which may change during its run: those of the ticking thread, and those of the worker. */
+#ifndef TROCAR_CHANGING_H
+#define TROCAR_CHANGING_H
+
+#include "base/triple_buffer.h"
+#include "changes/run_values.h"
+#include "saved/state_stream.h"
+
+typedef struct {
+    values_in_use ticking;   /* used by the ticking thread */
+    values_in_use worker;    /* used by the worker, which releases needles: at once those at the end of a change */
+    triple_buffer changes;   /* run_values: ticking thread -> worker */
+} sim_changing;
+
+/* Begins with the values of the model. NO_MEMORY. Allocates. */
+trocar_status changing_create(const model_parts *parts, sim_changing **changing, trocar_error *why);
+void changing_free(sim_changing *c);
+
+/* Begins a change in the ticking thread, at `time` (s, simulated), and posts it to the worker. RT */
+void changing_begin(sim_changing *c, const run_values *to, double time, double duration);
+
+/* Takes the newest values. Called by the worker before its other work. */
+void changing_take(sim_changing *c);
+
+/* Saves the values, or restores them; see saved_state.h. NULL: the values are the model's. */
+size_t changing_state_size(void);
+void changing_save(state_stream *to, const model_parts *parts, sim_changing *c);
+trocar_status changing_restore(state_stream *from, const model_parts *parts, sim_changing **changing, trocar_error *why);
+
+#endif

@@ -1,0 +1,108 @@
+#include "changes/run_values.h"
+
+#include <string.h>
+
+void run_values_of(const model_parts *parts, run_values *values) {
+    memcpy(values->materials, parts->materials, sizeof values->materials);
+    memcpy(values->membranes, parts->membranes, sizeof values->membranes);
+    for (int i = 0; i < parts->config.membrane_count; i++) values->sheets[i] = parts->config.membranes[i].material;
+    memcpy(values->calcifications, parts->config.calcifications, sizeof values->calcifications);
+    memcpy(values->guides, parts->guides, sizeof values->guides);
+}
+
+/* Calls copy(value in the configuration, value in use) for each parameter that may change. */
+typedef void (*copier)(double *of_config, double *in_use);
+
+static void for_each_value(const model_parts *parts, simulation_config *config, run_values *values, copier copy) {
+    for (int i = 0; i < config->region_count; i++) {
+        region_material *given = &config->regions[i].material, *used = &values->materials[mesh_find_group(&parts->mesh, config->regions[i].name, 3)];
+        copy(&given->youngs_modulus, &used->youngs_modulus);
+        copy(&given->stiffening, &used->stiffening);
+        copy(&given->cutting_force, &used->cutting_force);
+        copy(&given->cutting_viscosity, &used->cutting_viscosity);
+        copy(&given->spreading_force, &used->spreading_force);
+        copy(&given->friction_static, &used->friction_static);
+        copy(&given->friction_kinetic, &used->friction_kinetic);
+        copy(&given->friction_viscous, &used->friction_viscous);
+    }
+    for (int i = 0; i < config->membrane_count; i++) {
+        copy(&config->membranes[i].puncture_force, &values->membranes[i].puncture_force);
+        copy(&config->membranes[i].material.stiffness, &values->sheets[i].stiffness);
+    }
+    for (int i = 0; i < config->calcification_count; i++) copy(&config->calcifications[i].cutting_factor, &values->calcifications[i].cutting_factor);
+    for (int i = 0; i < config->guide_count; i++) {
+        copy(&config->guides[i].stiffness, &values->guides[i].stiffness);
+        copy(&config->guides[i].friction, &values->guides[i].friction);
+    }
+}
+
+static void to_use(double *of_config, double *in_use) { *in_use = *of_config; }
+static void to_config(double *of_config, double *in_use) { *of_config = *in_use; }
+
+void run_values_bind(const model_parts *parts, const simulation_config *config, run_values *values) {
+    for_each_value(parts, (simulation_config *)config, values, to_use); /* to_use does not write to the configuration */
+}
+
+void run_values_unbind(const model_parts *parts, const run_values *values, simulation_config *config) {
+    for_each_value(parts, config, (run_values *)values, to_config);
+}
+
+void values_begin(const model_parts *parts, values_in_use *v) {
+    run_values_of(parts, &v->now);
+    v->from = v->to = v->now;
+    v->duration = v->time = 0.0;
+    v->part = 1.0;
+    v->model = parts->insertion;
+    v->model.materials = v->now.materials;
+    v->model.membranes = v->now.membranes;
+    v->model.calcifications = v->now.calcifications;
+    v->model.guides = v->now.guides;
+}
+
+void values_change(values_in_use *v, const run_values *to, double time, double duration) {
+    v->from = v->now;
+    v->to = *to;
+    v->duration = duration;
+    v->part = 0.0;
+    v->time = time;
+}
+
+void values_set(values_in_use *v, const run_values *to) { v->now = v->from = v->to = *to; }
+
+/* Infinite values never change, and the difference of two of them would not be a number. */
+static double between(double from, double to, double part) { return from == to ? to : from + part * (to - from); }
+
+/* Because the change is linear, every condition that both ends satisfy also holds between them, such as kinetic friction at most static friction. */
+static void move(values_in_use *v) {
+    const run_values *a = &v->from, *b = &v->to;
+    double part = v->part;
+    for (int i = 0; i < MESH_MAX_GROUPS; i++) {
+        const region_material *from = &a->materials[i], *to = &b->materials[i];
+        region_material *m = &v->now.materials[i];
+        m->cutting_force = between(from->cutting_force, to->cutting_force, part);
+        m->cutting_viscosity = between(from->cutting_viscosity, to->cutting_viscosity, part);
+        m->spreading_force = between(from->spreading_force, to->spreading_force, part);
+        m->friction_static = between(from->friction_static, to->friction_static, part);
+        m->friction_kinetic = between(from->friction_kinetic, to->friction_kinetic, part);
+        m->friction_viscous = between(from->friction_viscous, to->friction_viscous, part);
+    }
+    for (int i = 0; i < v->model.membrane_count; i++) v->now.membranes[i].puncture_force = between(a->membranes[i].puncture_force, b->membranes[i].puncture_force, part);
+    for (int i = 0; i < v->model.calcification_count; i++)
+        v->now.calcifications[i].cutting_factor = between(a->calcifications[i].cutting_factor, b->calcifications[i].cutting_factor, part);
+    for (int i = 0; i < v->model.guide_count; i++) {
+        v->now.guides[i].stiffness = between(a->guides[i].stiffness, b->guides[i].stiffness, part);
+        v->now.guides[i].friction = between(a->guides[i].friction, b->guides[i].friction, part);
+    }
+}
+
+static const double WHOLE = 1.0 - 1e-9; /* dimensionless: a part above this is the whole change. Rounding tolerance */
+
+void values_follow(values_in_use *v, double time) {
+    static const double MOST = 0.02; /* dimensionless: largest part of a change per tick. Chosen: twice the part that a punctual tick at 1 kHz has in the shortest change */
+    if (v->part == 1.0) return;
+    v->part += smaller_of((time - v->time) / v->duration, MOST);
+    v->time = time;
+    if (v->part > WHOLE) v->part = 1.0;
+    if (v->part < 1.0) move(v);
+    else v->now = v->to;
+}

@@ -1,0 +1,15 @@
+/* A mixture of two inverses of the same mesh: (1 - weight) K0^-1 + weight K1^-1, for tissue whose moduli change during a run. Positive definite for every weight
+   from 0 to 1. Not thread-safe. */
+#ifndef TROCAR_INVERSE_MIXED_H
+#define TROCAR_INVERSE_MIXED_H
+
+#include "inverse/inverse.h"
+
+/* Creates a mixture that is equal to `first`. NO_MEMORY. */
+trocar_status inverse_create_mixed(inverse *first, inverse **created, trocar_error *why);
+
+/* Changes the mixture; both inverses must outlive its use. Its tissue has the moduli of the mixture: compliances move linearly, so 1 / E does as well. A
+   contact node, which softens an element of the mesh, then never softens it by more than the mixture allows. RT */
+void inverse_mix(inverse *mixed, inverse *first, inverse *second, double weight);
+
+#endif

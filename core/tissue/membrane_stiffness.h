@@ -1,0 +1,35 @@
+/* Membranes: named surfaces that are stiff in their plane, such as skin, capsules and fascia. On each face of the mesh, a membrane is a triangle of constant
+   strain in plane stress. It is unstressed at rest, so to first order it does not resist displacements across its plane. See docs/mechanics.md, "Membranes". */
+#ifndef TROCAR_MEMBRANE_STIFFNESS_H
+#define TROCAR_MEMBRANE_STIFFNESS_H
+
+#include "mesh/mesh.h"
+
+/* Elasticity of a membrane in its plane; a named surface without it has a stiffness of 0. */
+typedef struct {
+    double stiffness;          /* N/m, Young's modulus times thickness */
+    double poisson_ratio;      /* below 0.5 */
+} membrane_material;
+
+/* 9 x 9 stiffness of a triangle (node-major, 3 dofs per node), N/m. */
+void triangle_stiffness(const vec3 corners[3], const membrane_material *material, double k[9][9]);
+
+/* A face of the mesh with membranes on it. */
+typedef struct {
+    int nodes[3];
+    double stiffness[9][9];  /* N/m, of all its membranes together */
+} membrane_face;
+
+/* In the following, `materials` has an entry for each group of the mesh, of which only those of dimension 2 are used; NULL: there are no membranes. */
+
+/* Computes a face's membranes. Returns false if it has none with a stiffness. A face between two tetrahedra is reported only for the one with the smaller
+   number. */
+bool membrane_on_face(const mesh *m, const membrane_material *materials, int tet, int face, membrane_face *found);
+
+/* Number of faces with membranes. */
+int membrane_face_count(const mesh *m, const membrane_material *materials);
+
+/* Continues a hash (base/hash.h) with all that the membranes add to K; without membranes, it stays as it is. */
+uint64_t membrane_hash(uint64_t h, const mesh *m, const membrane_material *materials);
+
+#endif

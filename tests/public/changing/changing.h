@@ -1,0 +1,81 @@
+/* Simulations of a straight hand whose values change during the run, for the tests in this folder. Each file builds `scene` and `model` once. */
+#ifndef TROCAR_TEST_CHANGING_H
+#define TROCAR_TEST_CHANGING_H
+
+#include <math.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <cmocka.h>
+
+#include "trocar.h"
+
+static trocar_error why;
+
+#define OK(call) do { if ((call) != TROCAR_OK) fail_msg("%s: %s", #call, why.text); } while (0)
+
+static const double DT = 1e-3, LENGTH = 0.2;
+
+static trocar_scene *scene;
+static trocar_model *model; /* all simulations share its inverse */
+
+static inline int discard(void **state) {
+    (void)state;
+    trocar_model_free(model);
+    trocar_scene_free(scene);
+    return 0;
+}
+
+static inline trocar_pose base_at(double depth, double aside, double roll) {
+    return (trocar_pose){{0.005 + aside, 0.003, depth - LENGTH}, {cos(0.5 * roll), 0, 0, sin(0.5 * roll)}};
+}
+
+static inline trocar_sim *sim_of(trocar_model *of) {
+    trocar_sim *sim;
+    trocar_pose start = base_at(-1e-3, 0, 0);
+    OK(trocar_sim_create(of, &sim, &why));
+    OK(trocar_sim_reset(sim, 0, &start, &why));
+    return sim;
+}
+
+static inline trocar_output step(trocar_sim *sim, trocar_pose base) {
+    trocar_output out;
+    OK(trocar_sim_step(sim, 0, &base, DT, &out, &why));
+    return out;
+}
+
+static inline trocar_output step_at(trocar_sim *sim, double depth) { return step(sim, base_at(depth, 0, 0)); }
+
+static inline trocar_output push(trocar_sim *sim, double from, double to, double speed) {
+    trocar_output out = {0};
+    int ticks = (int)lround(fabs(to - from) / (speed * DT));
+    for (int i = 1; i <= ticks; i++) out = step_at(sim, from + (to - from) * i / ticks);
+    return out;
+}
+
+static inline void change(trocar_sim *sim, const char *lines, double time) {
+    trocar_change *c;
+    OK(trocar_change_create(sim, &c, &why));
+    OK(trocar_change_set(c, lines, &why));
+    OK(trocar_change_prepare(c, NULL, &why));
+    OK(trocar_sim_change(sim, c, time, &why));
+    trocar_change_free(c);
+}
+
+static inline double uniform(unsigned *seed, double low, double high) { return low + (high - low) * rand_r(seed) / RAND_MAX; }
+
+static inline double distance(const double a[3], const double b[3]) {
+    double d[3] = {a[0] - b[0], a[1] - b[1], a[2] - b[2]};
+    return sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
+}
+
+/* People notice changes of 7 %, or of 0.05 N if the force is small. */
+static inline double noticed(const double force[3]) { return fmax(0.05, 0.07 * distance(force, (double[3]){0})); }
+
+#endif

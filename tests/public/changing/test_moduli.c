@@ -1,0 +1,244 @@
+/* Tests changes of moduli, stiffening and the stiffness of membranes during a run, through trocar.h. */
+#include "changing.h"
+
+enum { KEYS = 6, N_CHANGES = 500 }; /* N_CHANGES: of a still and of a moving needle */
+static const char *const KEY[KEYS] = {"regions[prostate].youngs_modulus", "regions[surrounding].youngs_modulus", "regions[prostate].stiffening",
+                                      "membranes[skin].stiffness", "regions[prostate].friction.static", "regions[surrounding].cutting_force"};
+static const double GIVEN[KEYS] = {60e3, 30e3, 0.0, 0.0, 15.0, 0.25};
+
+static int build(void **state) {
+    (void)state;
+    OK(trocar_scene_load(MESHES "/figure8.yaml", &scene, &why));
+    OK(trocar_model_create(scene, NULL, &model, &why));
+    return 0;
+}
+
+static void wait(trocar_sim *sim, double depth) {
+    for (int i = 0; trocar_sim_changing(sim) > 0.0; i++) {
+        step_at(sim, depth);
+        assert_true(i < 5000);
+    }
+}
+
+static trocar_sim *sim_with(const char *const keys[], const char *const values[], int count, trocar_model **built) {
+    trocar_scene *other;
+    OK(trocar_scene_copy(scene, &other, &why));
+    for (int i = 0; i < count; i++) OK(trocar_scene_set(other, keys[i], values[i], &why));
+    OK(trocar_model_create(other, NULL, built, &why));
+    trocar_scene_free(other);
+    return sim_of(*built);
+}
+
+/* ---- what a change does ------------------------------------------------------------------------------------------------------ */
+
+static const char *const OTHER_KEYS[] = {"regions[prostate].youngs_modulus", "regions[surrounding].youngs_modulus", "membranes[skin].stiffness", "regions[prostate].stiffening"};
+static const char *const OTHER_VALUES[] = {"20e3", "40e3", "100", "2"};
+#define OTHER "regions[prostate].youngs_modulus: 20e3\nregions[surrounding].youngs_modulus: 40e3\nmembranes[skin].stiffness: 100\nregions[prostate].stiffening: 2"
+
+/* A change while the needle is outside of the tissue gives the simulation of the changed scene, whose stiffness was assembled and inverted anew. */
+static void a_changed_simulation_is_that_of_the_changed_scene(void **state) {
+    (void)state;
+    trocar_model *built;
+    trocar_sim *changed = sim_of(model), *other = sim_with(OTHER_KEYS, OTHER_VALUES, 4, &built);
+    change(changed, OTHER, 0.1);
+    wait(changed, -1e-3);
+    double largest = 0.0, worst = 0.0;
+    for (int i = 0; i < 1500; i++) {
+        double depth = -1e-3 + 4e-5 * i;
+        trocar_output a = step_at(changed, depth), b = step_at(other, depth);
+        largest = fmax(largest, fabs(b.force[2]));
+        worst = fmax(worst, distance(a.force, b.force));
+    }
+    printf("inserted after the change: largest difference %.2g of %.2f N\n", worst, largest);
+    assert_true(largest > 1.0 && worst < 1e-9 * largest);
+    trocar_sim_free(changed);
+    trocar_sim_free(other);
+    trocar_model_free(built);
+}
+
+/* A dent is elastic: its force does not depend on when the moduli changed. */
+static void a_dent_has_the_force_of_the_new_moduli(void **state) {
+    (void)state;
+    trocar_model *built;
+    trocar_sim *changed = sim_of(model), *other = sim_with(OTHER_KEYS, OTHER_VALUES, 3, &built);
+    push(changed, -1e-3, 1e-3, 0.01);
+    double before = 0.0;
+    for (int i = 0; i < 3000; i++) before = step_at(changed, 1e-3).force[2]; /* until the dent has settled */
+    change(changed, "regions[prostate].youngs_modulus: 20e3\nregions[surrounding].youngs_modulus: 40e3\nmembranes[skin].stiffness: 100", 0.3);
+    wait(changed, 1e-3);
+    push(other, -1e-3, 1e-3, 0.01);
+    trocar_output a, b;
+    for (int i = 0; i < 3000; i++) a = step_at(changed, 1e-3), b = step_at(other, 1e-3);
+    printf("dent of 1 mm: %.5f N before, %.9f N after the change, %.9f N if it is pressed afterwards\n", before, a.force[2], b.force[2]);
+    assert_true(fabs(a.force[2] - before) > 0.1 * fabs(before) && fabs(a.force[2] - b.force[2]) < 1e-5 * fabs(b.force[2])); /* contact.tolerance, 10 nm, of the dent */
+    /* back again, in small steps: the original force */
+    change(changed, "regions[prostate].youngs_modulus: 60e3\nregions[surrounding].youngs_modulus: 30e3\nmembranes[skin].stiffness: 0", 0.1);
+    wait(changed, 1e-3);
+    for (int i = 0; i < 3000; i++) a = step_at(changed, 1e-3);
+    assert_true(fabs(a.force[2] - before) < 1e-5 * fabs(before));
+    trocar_sim_free(changed);
+    trocar_sim_free(other);
+    trocar_model_free(built);
+}
+
+/* ---- no jump ------------------------------------------------------------------------------------------------------------------- */
+
+static void set_some(trocar_change *c, unsigned *seed) {
+    char lines[512] = "";
+    for (int i = 0; i < KEYS; i++) {
+        if (rand_r(seed) % 2) continue;
+        double value = GIVEN[i] * pow(4.0, uniform(seed, -1, 1));
+        if (GIVEN[i] == 0.0) value = uniform(seed, 0, strstr(KEY[i], "membranes") ? 200 : 3);
+        snprintf(lines + strlen(lines), sizeof lines - strlen(lines), "%s: %.6g\n", KEY[i], value);
+        if (strstr(KEY[i], "friction.static")) snprintf(lines + strlen(lines), sizeof lines - strlen(lines), "regions[prostate].friction.kinetic: %.6g\n", 0.6 * value);
+    }
+    if (lines[0] == '\0') snprintf(lines, sizeof lines, "%s: %.6g\n", KEY[0], GIVEN[0]);
+    OK(trocar_change_set(c, lines, &why));
+    OK(trocar_change_prepare(c, NULL, &why));
+}
+
+typedef struct { double largest, newton; int changes, ticks, punctures; } jumps;
+
+/* `changes`: 0 for the same motion without changes. */
+static jumps run(bool moves, int changes, int count, unsigned seed) {
+    enum { RECOIL = 25, HOLD = 400, POOL = 24 }; /* POOL: different models, between which the changes lead at random */
+    jumps j = {0};
+    trocar_sim *sim = sim_of(model);
+    trocar_output last = push(sim, -1e-3, 0.045, 0.03);
+    unsigned values = seed;
+    int since = 0;
+    trocar_change *pool[POOL];
+    for (int k = 0; k < POOL; k++) {
+        OK(trocar_change_create(sim, &pool[k], &why));
+        if (changes) set_some(pool[k], &values);
+    }
+    for (int i = 0; i < count; i++) {
+        if (changes) {
+            OK(trocar_sim_change(sim, pool[rand_r(&values) % POOL], uniform(&values, TROCAR_CHANGE_TIME_LEAST, 0.3), &why));
+            j.changes++;
+        }
+        int ticks = 0;
+        while (ticks++ < (changes ? 5000 : HOLD) && (ticks < 20 || !changes || trocar_sim_changing(sim) > 0.0)) {
+            double depth = 0.045 - (moves ? 3e-3 * (1 - cos(2 * M_PI * 1e-3 * j.ticks)) : 0.0); /* at most 19 mm/s */
+            trocar_output out = step_at(sim, depth);
+            if (out.events & (TROCAR_EVENT_UNSTABLE | TROCAR_EVENT_FULL)) fail_msg("tick %d: events %#x", j.ticks, out.events);
+            since = out.events & (TROCAR_EVENT_PUNCTURED | TROCAR_EVENT_EXITED) ? 0 : since + 1;
+            j.punctures += since == 0;
+            double jump = distance(out.force, last.force), part = jump / noticed(last.force);
+            if (since > RECOIL) j.newton = fmax(j.newton, jump), j.largest = fmax(j.largest, part);
+            last = out;
+            j.ticks++;
+        }
+    }
+    for (int k = 0; k < POOL; k++) trocar_change_free(pool[k]);
+    trocar_sim_free(sim);
+    return j;
+}
+
+static void check_jumps(bool moves, unsigned seed) {
+    jumps with = run(moves, 1, N_CHANGES, seed), without = run(moves, 0, N_CHANGES, seed);
+    printf("%s needle: %d changes in %d ticks, %d punctures: largest change per tick %.3f of what is noticed, %.4f N; without changes %.3f, %.4f N\n", moves ? "moving" : "still",
+           with.changes, with.ticks, with.punctures, with.largest, with.newton, without.largest, without.newton);
+    assert_true(with.changes == N_CHANGES && with.largest < 1.0);
+}
+
+static void a_still_needle_feels_no_jump(void **state) { (void)state; check_jumps(false, 3u); }
+static void a_moving_needle_feels_no_jump(void **state) { (void)state; check_jumps(true, 5u); }
+
+/* ---- refusals and saved states -------------------------------------------------------------------------------------------------- */
+
+static void bad_changes_are_refused_without_effect(void **state) {
+    (void)state;
+    trocar_sim *sim = sim_of(model);
+    trocar_change *c;
+    OK(trocar_change_create(sim, &c, &why));
+    assert_int_equal(trocar_change_set(c, "regions[prostate].poisson_ratio: 0.4", &why), TROCAR_BAD_INPUT);
+    assert_non_null(strstr(why.text, "regions[prostate].poisson_ratio: cannot change"));
+    assert_int_equal(trocar_change_set(c, "regions[prostate].youngs_modulus: 0", &why), TROCAR_BAD_INPUT);
+    assert_int_equal(trocar_change_prepared(c), 1);
+    OK(trocar_change_set(c, "regions[prostate].youngs_modulus: 30e3", &why));
+    assert_int_equal(trocar_change_prepared(c), 0);
+    assert_int_equal(trocar_sim_change(sim, c, 0.2, &why), TROCAR_BAD_INPUT);
+    assert_non_null(strstr(why.text, "trocar_change_prepare"));
+    assert_true(trocar_sim_changing(sim) == 0.0);
+    OK(trocar_change_prepare(c, NULL, &why));
+    OK(trocar_sim_change(sim, c, 0.2, &why));
+    push(sim, -1e-3, 1e-3, 0.02);
+    OK(trocar_change_set(c, "regions[prostate].youngs_modulus: 90e3", &why));
+    OK(trocar_change_prepare(c, NULL, &why));
+    assert_int_equal(trocar_sim_accepts(sim, c), 0);
+    assert_int_equal(trocar_sim_change(sim, c, 0.2, &why), TROCAR_BAD_INPUT);
+    assert_non_null(strstr(why.text, "still moving"));
+    wait(sim, 1e-3);
+    assert_int_equal(trocar_sim_accepts(sim, c), 1);
+    OK(trocar_sim_change(sim, c, 0.2, &why));
+    trocar_change_free(c);
+    trocar_sim_free(sim);
+}
+
+static void a_saved_state_contains_its_change(void **state) {
+    (void)state;
+    trocar_sim *sim = sim_of(model), *other = sim_of(model);
+    push(sim, -1e-3, 0.03, 0.03);
+    void *saved[3];
+    for (int i = 0; i < 3; i++) {
+        saved[i] = malloc(trocar_sim_state_size(sim));
+        OK(trocar_sim_save(sim, saved[i], trocar_sim_state_size(sim), &why));
+        if (i == 0) change(sim, OTHER, 0.4), push(sim, 0.03, 0.032, 0.02);
+        if (i == 1) wait(sim, 0.032);
+    }
+    for (int k = 2; k >= 0; k--) {
+        OK(trocar_sim_restore(sim, saved[k], trocar_state_bytes(saved[k]), &why));
+        OK(trocar_sim_restore(other, saved[k], trocar_state_bytes(saved[k]), &why));
+        assert_true(trocar_sim_changing(other) == trocar_sim_changing(sim) && (trocar_sim_changing(sim) > 0.1) == (k == 1));
+        for (int i = 0; i < 500; i++) {
+            trocar_output a = step_at(sim, 0.032 + 2e-5 * i), b = step_at(other, 0.032 + 2e-5 * i);
+            if (memcmp(&a, &b, sizeof a) != 0) fail_msg("state %d, tick %d: %.17g N, not %.17g", k, i, a.force[2], b.force[2]);
+        }
+        free(saved[k]);
+    }
+    trocar_sim_free(sim);
+    trocar_sim_free(other);
+}
+
+/* A reset does not undo a change, even if it comes while moduli move: the insertion after it has the forces of the changed scene. */
+static void a_reset_does_not_undo_a_change(void **state) {
+    (void)state;
+    trocar_model *built;
+    trocar_pose start = base_at(-1e-3, 0, 0);
+    trocar_sim *changed = sim_of(model), *other = sim_with(OTHER_KEYS, OTHER_VALUES, 4, &built), *given = sim_of(model);
+    push(changed, -1e-3, 0.03, 0.03);
+    change(changed, OTHER, 0.4);
+    push(changed, 0.03, 0.032, 0.02);
+    assert_true(trocar_sim_changing(changed) > 0.1);
+    OK(trocar_sim_reset(changed, 0, &start, &why));
+    assert_true(trocar_sim_changing(changed) > 0.1);
+    wait(changed, -1e-3);
+    double largest = 0.0, worst = 0.0, unlike = 0.0;
+    for (int i = 0; i < 1500; i++) {
+        double depth = -1e-3 + 4e-5 * i;
+        trocar_output a = step_at(changed, depth), b = step_at(other, depth), c = step_at(given, depth);
+        largest = fmax(largest, fabs(b.force[2]));
+        worst = fmax(worst, distance(a.force, b.force));
+        unlike = fmax(unlike, distance(c.force, b.force));
+    }
+    printf("inserted after a reset during the change: largest difference %.2g of %.2f N; from the scene before the change %.2g N\n", worst, largest, unlike);
+    assert_true(worst < 1e-9 * largest && unlike > 0.05 * largest);
+    trocar_sim_free(changed);
+    trocar_sim_free(other);
+    trocar_sim_free(given);
+    trocar_model_free(built);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(bad_changes_are_refused_without_effect),
+        cmocka_unit_test(a_changed_simulation_is_that_of_the_changed_scene),
+        cmocka_unit_test(a_dent_has_the_force_of_the_new_moduli),
+        cmocka_unit_test(a_saved_state_contains_its_change),
+        cmocka_unit_test(a_reset_does_not_undo_a_change),
+        cmocka_unit_test(a_still_needle_feels_no_jump),
+        cmocka_unit_test(a_moving_needle_feels_no_jump),
+    };
+    return cmocka_run_group_tests(tests, build, discard);
+}

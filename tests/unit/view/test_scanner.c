@@ -1,0 +1,110 @@
+/* Tests the thread that computes ultrasound images for browsers: it works only while images are asked for, ignores requests with values that are not
+   finite, and puts the images at the requested places or, with a probe, at the probe. */
+#include "view/ultrasound/scanner.h"
+
+#include <poll.h>
+#include <stdio.h>
+#include <string.h>
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <cmocka.h>
+
+#include "check.h"
+
+typedef struct {
+    trocar_scene *scene;
+    trocar_model *model;
+    scanner *scanner;
+    subscriber feed;
+    byte_buffer section;
+} rig;
+
+static void begin(rig *r, const char *path) {
+    const trocar_model_options mesh_only = {.mesh_only = 1};
+    trocar_error why;
+    *r = (rig){.feed = {.needle_count = 1}};
+    assert_int_equal(trocar_scene_load(path, &r->scene, &why), TROCAR_OK);
+    assert_int_equal(trocar_model_create(r->scene, &mesh_only, &r->model, &why), TROCAR_OK);
+    assert_int_equal(scanner_create(r->scene, r->model, &r->scanner, &why), TROCAR_OK);
+}
+
+static void end(rig *r) {
+    scanner_free(r->scanner);
+    bytes_free(&r->section);
+    trocar_model_free(r->model);
+    trocar_scene_free(r->scene);
+}
+
+/* True if there are new images within this time. */
+static bool scans(rig *r, int milliseconds) {
+    scanner_tell(r->scanner, &r->feed);
+    return poll(&(struct pollfd){.fd = scanner_descriptor(r->scanner), .events = POLLIN}, 1, milliseconds) > 0 && scanner_take(r->scanner, &r->section);
+}
+
+static void look(rig *r, float z, float x, float depth, float both) {
+    scanner_look(r->scanner, &(web_action){.kind = ACTION_LOOK, .steer = {z, x, depth, both}});
+}
+
+/* The JSON at the start of the section. */
+static const char *described(const rig *r) { return (const char *)r->section.data + 16; }
+
+/* Origin of the axial image, m. */
+static vec3 origin_of(const rig *r) {
+    vec3 x = {NAN, NAN, NAN};
+    const char *at = strchr(strstr(described(r), "\"origin\""), '[');
+    assert_int_equal(sscanf(at, "[%lf,%lf,%lf", &x.x, &x.y, &x.z), 3);
+    return x;
+}
+
+static void it_computes_what_is_asked_for(void **unused) {
+    (void)unused;
+    rig r;
+    begin(&r, MESHES "/pelvis.yaml");
+    assert_false(scans(&r, 100)); /* nobody asks */
+    look(&r, NAN, 0, 0, 0);
+    look(&r, 0.05f, 0, INFINITY, 0);
+    assert_false(scans(&r, 100));
+    look(&r, 0.05f, 0.01f, 0, 0);
+    assert_true(scans(&r, 30000));
+    assert_non_null(strstr(described(&r), "axial"));
+    assert_null(strstr(described(&r), "sagittal"));
+    assert_close(origin_of(&r).z, 0.05, 1e-6);
+    assert_false(scans(&r, 100)); /* nothing has changed */
+    size_t shallow, length = r.section.length;
+    look(&r, 0.05f, 0.01f, 0.03f, 0);
+    assert_true(scans(&r, 30000));
+    shallow = r.section.length;
+    assert_true(shallow < length);
+    look(&r, 0.05f, 0.01f, 0.03f, 1);
+    assert_true(scans(&r, 30000));
+    assert_non_null(strstr(described(&r), "sagittal"));
+    assert_true(r.section.length > shallow);
+    look(&r, 0.05f, 0.01f, 1e9f, 0); /* limited */
+    assert_true(scans(&r, 30000));
+    end(&r);
+}
+
+static void the_images_lie_at_the_probe(void **unused) {
+    (void)unused;
+    rig r;
+    begin(&r, MESHES "/trus.yaml");
+    look(&r, 0, 0, 0, 1);
+    assert_true(scans(&r, 30000)); /* before the server has said where the probe is: at the scene's start, whose images are 61 mm deep */
+    assert_close_vector(origin_of(&r), v3(0, -0.032, 0.061), 1e-9);
+    r.feed.probe = (trocar_probe){.base = {{0.002, -0.030, -0.07}, {1, 0, 0, 0}}, .placed = 1};
+    look(&r, 0, 0, 0, 1); /* a request is valid for two seconds */
+    assert_true(scans(&r, 30000));
+    assert_close_vector(origin_of(&r), v3(0.002, -0.030, 0.071), 1e-9);
+    end(&r);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(it_computes_what_is_asked_for),
+        cmocka_unit_test(the_images_lie_at_the_probe),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

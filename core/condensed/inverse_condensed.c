@@ -20,7 +20,7 @@
 typedef struct {
     inverse shared;
     int *nodes;              /* matrix.count free nodes of the region, in the order of the matrix */
-    int *place;              /* node_count: index of each node in `nodes`, or -1 */
+    int *place;              /* [node_count]: index of each node in `nodes`, or -1 */
     symmetric_blocks matrix; /* m/N */
     file_mapping mapping;    /* mapping of the cache file with the matrix; empty if the matrix is allocated */
     pthread_mutex_t assembling;        /* protects K until it is assembled, because worker, display and preparation may need K concurrently */

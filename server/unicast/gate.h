@@ -23,7 +23,7 @@ enum {
 typedef struct {
     bool connected;
     struct sockaddr_in address;
-    unsigned char nonce[WIRE_NONCE], token[WIRE_TOKEN]; /* the client's and the gate's */
+    unsigned char nonce[WIRE_NONCE], token[WIRE_TOKEN]; /* nonces of the client and of the gate */
     wire_key to_server, to_client;
     wire_window received;
     uint64_t sent;               /* counter of the last message to the client */

@@ -17,7 +17,7 @@ typedef struct {
 typedef struct {
     double needle_length;    /* m */
     double seed_length;      /* m */
-    int template;            /* the scene's guide */
+    int template;            /* index of the template among the scene's guides */
     int node_count;          /* number of nodes in the scene's mesh */
     double greatest_aside;   /* m, largest distance of a planned seed from the axis of the hole along which it will be dropped */
     int needle_count, seed_count;

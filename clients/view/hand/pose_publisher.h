@@ -36,7 +36,7 @@ typedef struct {
     int seeds;               /* for DROP: number of seeds */
     pose home, base;         /* TAKE: the needle's waiting pose outside the tissue, and its initial pose; HOLE: `home` is the pose to which the needle
                                 moves, unless the user steers it sideways, turns it or draws it back; PROBE: pose of the probe */
-    rate_control_command command;   /* STEER, PROBE */
+    rate_control_command command;   /* for STEER and PROBE: the commanded speeds */
 } publisher_order;
 
 typedef struct {

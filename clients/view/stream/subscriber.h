@@ -39,7 +39,7 @@ typedef struct {
     trocar_probe probe;      /* newest state of the probe; not placed before the first message about it */
     int64_t probe_owner;     /* session that moves the probe; 0 before the first */
     trocar_seeds_t *seeds;   /* NULL before the first message */
-    trocar_deformation_t *deformation; /* likewise */
+    trocar_deformation_t *deformation; /* NULL before the first message */
     trocar_command_reply_t *reply; /* reply to the last command of `session` other than RELEASE; NULL before the first */
     trocar_command_reply_t *change_reply; /* reply to the last change that `session` asked for; NULL before the first */
     trocar_values_t *values; /* values that may change during the run; NULL before the first message */

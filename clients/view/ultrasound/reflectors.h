@@ -12,7 +12,7 @@ typedef struct {
     int8_t bone;             /* 1: the surface of a bone that the mesh leaves out */
 } boundary;
 
-/* A ball that is fixed in the tissue. */
+/* A calcification: a ball that is fixed in the tissue. */
 typedef struct {
     int32_t nodes[4];
     double weights[4], radius; /* m */

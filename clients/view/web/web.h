@@ -28,7 +28,7 @@ typedef struct {
     int64_t version;         /* incremented with each change; 0 before the first */
 } web_section;
 
-/* A browser, as the state for it describes it. */
+/* The browser for which `describe` returns the state. */
 typedef struct {
     int number, count;       /* its number from 1 to WEB_BROWSERS, the smallest free one when it connected; number of connected browsers */
     int driver;              /* number of the browser that drives a needle, 0 if none does */

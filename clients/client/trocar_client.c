@@ -576,9 +576,9 @@ struct trocar_client {
     int needle;
     bool echoed;             /* the client's first message has come back from the network */
     int64_t server;          /* ID of the server that this client follows */
-    double heard;            /* s, arrival time of that server's last message; 0 before the first */
-    int64_t newest_tick;     /* newest tick among the wrenches received from that server */
-    double newest_at;        /* s, arrival time of the wrench with that tick; 0 before the first */
+    double heard;            /* s, arrival time of the followed server's last message; 0 before the first */
+    int64_t newest_tick;     /* newest tick among the wrenches received from the followed server */
+    double newest_at;        /* s, arrival time of the wrench with the newest tick; 0 before the first */
     struct {
         struct in_addr address;
         bool here;

@@ -34,7 +34,7 @@ trocar_status implant_plan_read(const trocar_model *model, const char *path, imp
 trocar_status implant_plan_stabilise(const trocar_model *model, const char *holes, implant_plan *plan, trocar_error *why);
 
 /* Creates an operator who carries out the plan. BAD_INPUT if the plan has more needles than the scene, and for a seed outside the tissue at rest; `path` is the
-   table's, for messages. */
+   path of the table, for messages. */
 trocar_status implant_plan_operator(const trocar_model *model, const implant_plan *plan, const trocar_operator_options *options, const char *path,
                                     trocar_operator **op, trocar_error *why);
 

@@ -133,12 +133,12 @@ static inline moduli moduli_of(trocar_model *model) { return (moduli){model, &mo
 /* Builds a model that differs from `base` in its moduli alone, which are those of `config`. Errors as in trocar_change_prepare. */
 trocar_status model_stiffen(trocar_model *base, const simulation_config *config, const trocar_watch *watch, trocar_model **created, trocar_error *why);
 
-/* Gives up a reference without freeing the model: if it was the last one, model_free_retired does so, in a thread that need not be RT. RT */
+/* Releases a reference without freeing the model: after the last one, model_free_retired frees it, in a thread without real-time limits. RT */
 void model_release(trocar_model *model);
 void model_free_retired(void);
 
-/* Creates a simulation. `workspace`: NULL for a simulation of its own; otherwise the simulation runs in lockstep alone, uses this workspace until it is given
-   another one, has no descriptor for a worker, and takes up only the memory that it uses. NO_MEMORY, SYSTEM. Allocates. */
+/* Creates a simulation. `workspace`: NULL for a simulation of its own; otherwise the simulation can only run in lockstep, uses this workspace until it is given
+   another one, has no descriptor for a worker, and its unused buffers take up no memory. NO_MEMORY, SYSTEM. Allocates. */
 trocar_status sim_create(trocar_model *model, insertion_workspace *workspace, trocar_sim **sim, trocar_error *why);
 
 /* Allocates memory for the state and saves it; to be freed by the caller. NO_MEMORY. */

@@ -9,7 +9,7 @@
 typedef struct {
     const model_parts *parts;
     scene values;            /* `simulation` is the model's configuration with the changed values; all other members have their defaults */
-    run_values bound;        /* the same values, as a simulation uses them */
+    run_values bound;        /* the changed values, in the form that a simulation uses */
 } change_values;
 
 /* Initialises a change with the values in use or, if `in_use` is NULL, with those of the model. */

@@ -238,7 +238,8 @@ static vec3 displacement_of(const trocar_operator *op, const target *t) {
     return moved;
 }
 
-/* Returns the depth at which the operator would stop the tip for a target: the planned depth or, in the image, the tip's place beside the displaced target. */
+/* Returns the depth at which the operator would stop the tip for a target: the planned depth or, for an operator who follows the image, the depth at which the
+   image shows the tip beside the displaced target. */
 static double wanted_depth(const trocar_operator *op, const handled *n, const target *t) {
     return op->follows_image ? t->depth + v3_dot(displacement_of(op, t), n->axis) + n->image_error : t->depth;
 }

@@ -29,7 +29,7 @@ typedef struct {
     double (*factors)[3][NESTED_LD];      /* MAX_CONTACTS entries, m/N times N/m: F_j^T, where F_j(i) is at [j][b][3 i + a] */
 } nested_remesher;
 
-/* nested_place: place of a coded node, or -1; the other function returns F_j at a place. */
+/* nested_place returns the place of a coded node, or -1; nested_factor returns F_j at a place. */
 int nested_place(const nested_remesher *r, int node);
 mat3 nested_factor(const nested_remesher *r, int j, int place);
 

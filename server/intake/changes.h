@@ -16,7 +16,7 @@ typedef struct {
     bool pending;                /* the haptic thread has not returned the last change yet */
     bool busy;                   /* a change has been read since the IO thread last set this to false: reading another one could delay the wrenches */
     int wake;                    /* eventfd signalled when a model is ready; set by the creator of this struct */
-    needle_command last;         /* the pending change; if it changes moduli, a thread of its own first builds their model */
+    needle_command last;         /* the pending change; if it changes moduli, a separate thread first builds a model with them */
     bool building;
     pthread_t builder;
     atomic_bool built, cancelled;

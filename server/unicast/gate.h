@@ -17,7 +17,7 @@
 enum {
     GATE_CLIENTS = 32,
     GATE_RATE = 4000,            /* messages per second and client, averaged over 0.25 s */
-    GATE_REFUSALS = 10           /* answers per second to a wrong secret */
+    GATE_REFUSALS = 10           /* maximum number of answers per second to clients with a wrong secret */
 };
 
 typedef struct {

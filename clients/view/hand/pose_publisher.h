@@ -53,7 +53,7 @@ typedef struct {
     rate_control_state drive;
     rate_control_command command;
     int needle;              /* index of the needle that is held now, or was held last */
-    pose home;               /* waiting pose of that needle */
+    pose home;               /* waiting pose of the needle, outside the tissue */
     bool holding;
     bool has_hole;           /* true if `home` is in front of the hole to which the needle was ordered */
     bool waiting;            /* true while the thread waits for the server: see ORDER_LEAVE */

@@ -64,8 +64,8 @@ double subscriber_time(const subscriber *f);
 /* True if there is a needle or a probe to show. */
 bool subscriber_shows(const subscriber *f);
 
-/* Returns the session that owns the needle, as far as known; 0 if there is none. An owner that has been silent for two seconds, and may lose the
-   needle to any other session, does not count. */
+/* Returns the session that owns the needle according to the newest messages; 0 if there is none. An owner that has been silent for two seconds, and may lose
+   the needle to any other session, does not count. */
 int64_t subscriber_owner(const subscriber *f, int needle);
 
 /* Gets the pose of the needle's base in the server; false if it is unknown. */

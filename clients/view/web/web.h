@@ -30,7 +30,7 @@ typedef struct {
 
 /* The browser for which `describe` returns the state. */
 typedef struct {
-    int number, count;       /* its number from 1 to WEB_BROWSERS, the smallest free one when it connected; number of connected browsers */
+    int number, count;       /* the browser's number, from 1 to WEB_BROWSERS, which was the smallest free one when it connected; number of connected browsers */
     int driver;              /* number of the browser that drives a needle, 0 if none does */
     uint32_t steered;        /* number of its last ACTION_STEER or ACTION_PROBE, 0 before the first */
 } web_page;

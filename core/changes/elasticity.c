@@ -93,7 +93,7 @@ void elasticity_save(state_stream *to, elasticity *e, const trocar_model *origin
     int moves = stage_of(e) == ELASTICITY_MOVING, differs = moves || e->to.model != original;
     stream_count(to, &differs, 1);
     if (!differs) return;
-    pass_moduli(to, (simulation_config *)&e->to.parts->config); /* writing does not change it */
+    pass_moduli(to, (simulation_config *)&e->to.parts->config); /* an output stream does not change the configuration */
     stream_count(to, &moves, 1);
     if (!moves) return;
     pass_moduli(to, (simulation_config *)&e->from.parts->config);

@@ -23,9 +23,9 @@ typedef struct {
     image_field field;
     int rows, lines;         /* numbers of rows and lines, including PAD on each side */
     double step;             /* m, distance between rows */
-    double spacing;          /* distance between lines: rad in a sector, else m */
+    double spacing;          /* distance between lines: rad in a sector, otherwise m */
     double first_row;        /* m, distance of row 0 from the origin */
-    double first_line;       /* rad or m, place of line 0 */
+    double first_line;       /* position of line 0: rad in a sector, otherwise m */
     double wavelength;       /* m */
     float edge_cosine, edge_sine, edge_margin; /* outward normal (across, away) of the last line, and distance (m) beyond it from which echoes still spread into the image */
     float *signal;           /* [rows][lines][2] */

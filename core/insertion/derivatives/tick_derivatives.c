@@ -379,7 +379,7 @@ static void differentiate_free(const tick_input *tick, const insertion_state *st
                                                     .direction = turned(v, needle_end_direction(tick, &state->needle))};
 }
 
-/* Restores the values during the passes, on which the equilibrium depends, of what equilibrium_find and tip_puncture changed afterwards: the tip's place and
+/* Undoes what equilibrium_find and tip_puncture changed after the passes, because the equilibrium depends on the values during the passes: the tip's place and
    lagging push, and each shaft's rotation, because sliding and turning share one friction bound. */
 static void undo_conclusion(const insertion_workspace *w, insertion_state *state) {
     const pass_checkpoint *start = &w->start;

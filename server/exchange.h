@@ -55,7 +55,7 @@ typedef struct {
 trocar_status views_create(triple_buffer *views, trocar_model *model, trocar_error *why);
 void views_free(triple_buffer *views);
 
-/* worker -> telemetry */
+/* From the worker to the telemetry thread: the worker's fault */
 typedef struct {
     bool lasts;                  /* the worker has not answered any request since the fault */
     trocar_error why;
@@ -87,7 +87,7 @@ typedef struct {
     spsc_ring outgoing;          /* outgoing_message; without elements if there is no relay thread */
     atomic_bool probe_stopped;   /* from haptic to IO thread: the tissue stops the probe before it reaches its newest pose */
     int io_wake, worker_wake;    /* non-blocking eventfds; a write to worker_wake stops the worker */
-    int relay_wake;              /* the same; -1 if there is no relay thread */
+    int relay_wake;              /* eventfd that wakes the relay thread; -1 if there is none */
 } exchange;
 
 /* Creates all buffers; `model` has the same meaning as in views_create. */

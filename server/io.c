@@ -126,7 +126,7 @@ static void follow_verdict(io *o, change_verdict verdict, needle_command *comman
     }
 }
 
-/* A change of moduli, whose model has been built. */
+/* Continues with a change of moduli once its model has been built. */
 static void go_on_with_change(io *o) {
     needle_command command;
     change_verdict verdict = changes_ready(&o->changes, &command);
@@ -224,7 +224,7 @@ static void publish_probe(io *o) {
     }
 }
 
-static const int64_t PERIOD = 1000000000; /* ns, of messages that are repeated */
+static const int64_t PERIOD = 1000000000; /* ns, period of repeated messages */
 
 /* Tells the sender of a pending change, each second, that the server has not forgotten it. */
 static void publish_wait(io *o) {

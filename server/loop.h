@@ -8,7 +8,7 @@
 
 /* Timing information that the loop passes to each tick. */
 typedef struct {
-    int64_t tick;            /* from 0 */
+    int64_t tick;            /* number of the tick, counted from 0 */
     int64_t now;             /* ns, monotonic: time at which the thread woke up */
     double elapsed;          /* s of model time since the last tick: one period, or more if periods were missed */
     bool late;               /* true if periods were missed before this tick */

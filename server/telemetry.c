@@ -176,7 +176,7 @@ static void publish_status(telemetry *t, const view_sample *view) {
    example the one that reports after a reset that no tracks are left. A track grows at its last point, so that point and the count show whether it
    has changed. */
 static void publish_tracks(telemetry *t, int needle, int64_t tick) {
-    static const int64_t SOONEST = 200000000, LATEST = 1000000000; /* ns */
+    static const int64_t SOONEST = 200000000, LATEST = 1000000000; /* ns, shortest and longest time between two messages */
     viewer_messages *m = &t->messages;
     int64_t now = monotonic_ns(), age = now - t->tracks[needle].sent;
     if (age < SOONEST) return;
@@ -196,7 +196,7 @@ static void publish_tracks(telemetry *t, int needle, int64_t tick) {
 /* Sends the seeds with each picture while there are any, and otherwise once a second, for viewers that start later and because a message may be lost,
    for example the one after the last seed was removed. */
 static void publish_seeds(telemetry *t, int64_t tick) {
-    static const int64_t LATEST = 1000000000; /* ns */
+    static const int64_t LATEST = 1000000000; /* ns, longest time between two messages */
     viewer_messages *m = &t->messages;
     int64_t now = monotonic_ns();
     viewer_messages_make_seeds(m, tick);

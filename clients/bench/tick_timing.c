@@ -8,8 +8,8 @@
 
 static const double PUSH_SPEED = 0.1;      /* m/s, speed of the insertion */
 enum { LEAP = 100 };                       /* maximum duration, in ticks, of the jump that follows a puncture */
-static const double ADVANCE_SPEED = 0.02;  /* m/s */
-static const double SWEEP_SPEED = 0.03;    /* m/s */
+static const double ADVANCE_SPEED = 0.02;  /* m/s, speed along the axis in TIMED_ADVANCE */
+static const double SWEEP_SPEED = 0.03;    /* m/s, sideways speed in TIMED_SWEEP */
 
 typedef struct {
     trocar_sim *sim;

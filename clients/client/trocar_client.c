@@ -66,7 +66,7 @@
 
 #include "trocar_client.h"
 
-static const double WATCHDOG = 0.02;       /* s */
+static const double WATCHDOG = 0.02;       /* s, default of the option `watchdog` */
 static const double RAMP = 0.1;            /* s, duration of the ramp after an outage */
 static const double PATIENCE = 0.1;        /* s of silence after which the client follows another server */
 static const double LONGEST_PERIOD = 0.01; /* s: if the device's loop takes longer, the wrench may change by no more than the rate limits allow in this time */
@@ -332,7 +332,7 @@ static bool random_number(int64_t *number) {
 }
 
 #ifdef TROCAR_CLIENT_UNICAST
-/* Computes the HMAC-SHA256; all bytes of the tag are random if the system cannot, so that it matches no other. */
+/* Computes the HMAC-SHA256; if the system cannot compute it, fills the tag with random bytes, so that it matches no other tag. */
 static void hmac(const unsigned char *key, size_t key_size, const unsigned char *data, size_t size, unsigned char tag[32]) {
     BCRYPT_ALG_HANDLE algorithm = NULL;
     BCRYPT_HASH_HANDLE hash = NULL;
@@ -507,9 +507,9 @@ enum { FRESH = 4u, INDEX = 3u };
 typedef struct {
     shared_word middle;      /* index of the middle slot, with the bit FRESH set until the value is read */
     char apart_from_middle[APART];
-    unsigned back;           /* writer's */
+    unsigned back;           /* index of the writer's slot */
     char apart_from_back[APART];
-    unsigned front;          /* reader's */
+    unsigned front;          /* index of the reader's slot */
     char apart_from_front[APART];
 } slots;
 
@@ -558,31 +558,31 @@ struct trocar_client {
     os_part os;
 
     /* the following members are used only by the device's loop */
-    double watchdog;         /* s */
+    double watchdog;         /* s, `watchdog` of the options or its default */
     double alive_since;      /* s, time at which wrenches started to arrive; 0 while none arrive */
     limiter force, torque;
     double rendered_at;      /* s, time at which the last wrench was rendered */
     int64_t felt_tick;
     bool without_force;
     int64_t asked;           /* number of the last command; 0 before the first */
-    double asked_at;         /* s */
+    double asked_at;         /* s, time at which the last command was given */
 
     /* the following members are used only by the client's thread */
     lcm_address address;
     unicast_link link;
     socket_handle sender, receiver; /* the same socket if the client uses unicast */
-    uint32_t packets;        /* sent */
+    uint32_t packets;        /* number of datagrams sent */
     int64_t session, seq;
     int needle;
     bool echoed;             /* the client's first message has come back from the network */
     int64_t server;          /* ID of the server that this client follows */
-    double heard;            /* s, arrival time of that server's last message; 0 before the first */
-    int64_t newest_tick;     /* newest tick among the wrenches received from that server */
-    double newest_at;        /* s, arrival time of the wrench with that tick; 0 before the first */
+    double heard;            /* s, arrival time of the followed server's last message; 0 before the first */
+    int64_t newest_tick;     /* newest tick among the wrenches received from the followed server */
+    double newest_at;        /* s, arrival time of the wrench with the newest tick; 0 before the first */
     struct {
         struct in_addr address;
         bool here;
-        double until;        /* s */
+        double until;        /* s, time until which `here` is used without asking the system again */
     } known_sender;
     assembly assembly;
     unsigned char datagram[DATAGRAM_MOST];

@@ -19,7 +19,8 @@ typedef struct {
     const char *report_path, *csv_path, *log_path, *scene_path, *plan_path;
     bool start_given, patient;
     const char *script_option; /* name of an option that applies only to scripts; NULL if none was given */
-    const char *plan_option, *image_option; /* likewise for options that apply only to plans, and only to the operator who follows the image */
+    const char *plan_option, *image_option; /* names of options that apply only to plans, and only to an operator who follows the image; NULL if none was
+                                               given */
     const char *errors_path, *stabilise;
     bool follows_image;
     int seed;                /* -1 if not given; the same applies to the following members */

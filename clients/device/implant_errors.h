@@ -11,7 +11,7 @@ enum { ERROR_TOTAL, ERROR_TISSUE, ERROR_IMAGE, ERROR_SPLAY, ERROR_REMAINDER, ERR
 
 typedef struct {
     trocar_operator_seed seed;
-    vec3 axis;               /* of the hole */
+    vec3 axis;               /* unit vector along the axis of the hole */
     vec3 parts[ERROR_PARTS]; /* m, vectors in the tissue at rest */
 } seed_error;
 

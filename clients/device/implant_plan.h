@@ -17,7 +17,7 @@ typedef struct {
 typedef struct {
     double needle_length;    /* m */
     double seed_length;      /* m */
-    int template;            /* the scene's guide */
+    int template;            /* index of the template among the scene's guides */
     int node_count;          /* number of nodes in the scene's mesh */
     double greatest_aside;   /* m, largest distance of a planned seed from the axis of the hole along which it will be dropped */
     int needle_count, seed_count;
@@ -34,7 +34,7 @@ trocar_status implant_plan_read(const trocar_model *model, const char *path, imp
 trocar_status implant_plan_stabilise(const trocar_model *model, const char *holes, implant_plan *plan, trocar_error *why);
 
 /* Creates an operator who carries out the plan. BAD_INPUT if the plan has more needles than the scene, and for a seed outside the tissue at rest; `path` is the
-   table's, for messages. */
+   path of the table, for messages. */
 trocar_status implant_plan_operator(const trocar_model *model, const implant_plan *plan, const trocar_operator_options *options, const char *path,
                                     trocar_operator **op, trocar_error *why);
 

@@ -18,10 +18,10 @@ typedef struct {
 } implant_play;
 
 typedef struct {
-    int needles, seeds;      /* inserted; dropped */
+    int needles, seeds;      /* number of needles inserted, and of seeds dropped */
     int repeats;             /* number of times a drop command was repeated because the previous seed was still in the needle */
     double greatest_drag;    /* m, largest change of a resting needle's depth after it was left */
-    int greatest_drag_needle; /* that needle */
+    int greatest_drag_needle; /* index of the needle with the largest change */
     double duration;         /* s */
     double greatest_force;   /* N */
     int greatest_force_needle; /* index of the needle that felt the greatest force */

@@ -72,7 +72,8 @@ static void keep_smallest(const haptic_loop *l, const transition *t, double angl
 static const double FIRST_ANGLE = 0.01;      /* start of the scan, as a fraction of the angle at the natural frequency of hand and device */
 static const double RATIO = 0.02;            /* largest relative step of the scan */
 
-/* In units of sqrt(k m), half the critical damping. This damping keeps the poles of the open loop inside the unit circle, as Nyquist's criterion requires. */
+/* Smallest damping, in units of sqrt(k m) (half the critical damping): it keeps the poles of the open loop inside the unit circle, as Nyquist's criterion
+   requires. */
 static const double LEAST_DAMPING = 1e-6;
 
 double loop_gain_margin(const haptic_loop *loop, double *frequency) {
@@ -105,7 +106,7 @@ typedef struct {
 
 static double reading(const readings *r, long index) { return index < 0 ? r->positions[0] : r->positions[index % (LOOP_MAX_DELAY + 2)]; }
 
-/* Reads a position, and returns the force of the reading that is due. */
+/* Stores a position that has been read, and returns the force for the position that was read `delay` periods earlier. */
 static double next_force(readings *r, const haptic_loop *l, double position) {
     r->positions[r->count % (LOOP_MAX_DELAY + 2)] = position;
     long due = r->count++ - l->delay;

@@ -25,7 +25,7 @@ double loop_required_damping(const haptic_loop *loop, double *frequency);
    period. Stores the frequency (Hz) of the oscillation. INFINITY if there is none. */
 double loop_gain_margin(const haptic_loop *loop, double *frequency);
 
-/* Finds the same factor by simulations of the hand's motion after a knock; it lies between 1e-6 and 1e6. */
+/* Finds the gain margin by simulating the hand's motion after a knock, instead of by Nyquist's criterion; it lies between 1e-6 and 1e6. */
 double loop_simulated_margin(const haptic_loop *loop);
 
 /* Limits of the force on the hand, and the resolution of the device. */
@@ -36,7 +36,7 @@ typedef struct {
 
 /* Result of a push: the hand's target moves at 0.1 m/s from 1 mm in front of a wall to 10 mm behind it, and then stays there for 5 s. */
 typedef struct {
-    double rest_time;        /* s after the push until the hand moves by less than 0.5 mm for good; INFINITY if it does not come to rest */
+    double rest_time;        /* s from the end of the push until the hand's motion stays below 0.5 mm; INFINITY if it does not come to rest */
     double force;            /* N, largest */
     double energy;           /* J, largest amount of energy that the force has put into hand and device at any time since contact */
 } loop_push_result;

@@ -7,7 +7,7 @@
 #include "shared/json.h"
 
 static const double HAND_DAMPING = 2.0, HAND_STIFFNESS = 500.0; /* N s/m and N/m: the hand of tests/stability/stability_map.c */
-static const double RESOLUTION = 0.05e-3;    /* m, as there */
+static const double RESOLUTION = 0.05e-3;    /* m, resolution of the device, as in stability_map.c */
 static const double LEAST_MARGIN = 2.0;      /* below this stability margin, the check prints advice */
 
 /* ---- the profile ----------------------------------------------------------------------------------------------------- */

@@ -20,7 +20,7 @@ typedef struct {
 
 typedef struct {
     char name[1024];
-    trocar_device_limits limits; /* at the needle */
+    trocar_device_limits limits; /* limits that hold at the needle */
     double max_force, max_force_rate, max_stiffness; /* N, N/s, N/m: at the hand */
     double scale, force_scale;
     bool clutch;
@@ -30,7 +30,7 @@ typedef struct {
     double device_delay;     /* s, round-trip delay of the simulated device */
     double assumed_delay;    /* s, all delays for which the server designs the coupling */
     haptic_loop loop;
-    double stability_margin, stability_frequency, simulated_margin, half_mass_margin; /* factors of the stiffness; Hz */
+    double stability_margin, stability_frequency, simulated_margin, half_mass_margin; /* margins: factors of the stiffness; stability_frequency: Hz */
     double required_damping, passivity_frequency, passivity_margin; /* N s/m; Hz; damping divided by required_damping */
     loop_push_result push;
 } profile_result;

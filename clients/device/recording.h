@@ -12,7 +12,7 @@
 /* All times are in s, measured by a single clock of the device. */
 typedef struct { double time; pose base; bool answered; } sent_pose;
 typedef struct {
-    double time;             /* arrival */
+    double time;             /* s, arrival time */
     double round_trip;       /* s from sending the pose to its first answer; NaN for later answers to the same pose */
     trocar_needle_wrench_t wrench;
 } received_wrench;
@@ -45,7 +45,7 @@ typedef struct {
     int puncture_count;      /* number of punctures, which may exceed the length of the list */
     puncture punctures[SUMMARY_MAX_PUNCTURES];
     double largest_jump;     /* N, largest change of the raw force between two ticks; punctures and the ticks directly after them are not counted */
-    double jump_time;        /* s since the start, time of that change */
+    double jump_time;        /* s since the start, time of the largest jump */
     double jump_force;       /* N, magnitude of the raw force at jump_time */
     double deepest;          /* m */
     int most_contacts;
@@ -60,7 +60,7 @@ void recording_free(recording *r);
 
 trocar_status recording_summarise(const recording *r, recording_summary *summary, trocar_error *why);
 
-void summary_print(const recording_summary *s, FILE *out);       /* as text */
+void summary_print(const recording_summary *s, FILE *out);       /* prints the summary as text */
 void summary_write_json(const recording_summary *s, FILE *out);
 
 /* Writes one row per wrench since the start; column names include units. Values are in patient coordinates, or in mesh coordinates if `patient` is

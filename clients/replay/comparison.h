@@ -20,7 +20,7 @@ typedef struct {
 enum { SHARE_BINS = 1001 };
 
 typedef struct {
-    int compared, differing; /* golden wrenches */
+    int compared, differing; /* number of golden wrenches that were compared, and of those that differ */
     int foreign;             /* number of golden wrenches ignored because they came from a different server than the first golden wrench */
     int unrecorded;          /* number of golden wrenches ignored because the recording does not contain the poses that they answer */
     deviation first;         /* first difference that exceeds the tolerance */
@@ -28,7 +28,7 @@ typedef struct {
     /* histogram of deviation.share over the compared golden wrenches: bin i counts values from 0.001 i to 0.001 (i + 1); the last bin also counts all
        larger ones */
     int bins[SHARE_BINS];
-    int64_t skipped_not_finite; /* golden wrenches */
+    int64_t skipped_not_finite; /* number of golden wrenches skipped because they are not finite */
     char inverse[16];        /* kind of inverse according to the golden log; empty if unknown */
     /* State during the comparison */
     const char *path;        /* path of the golden log */

@@ -14,7 +14,7 @@ enum { PVD_HZ = 30 };        /* states per second of simulated time */
 typedef struct {
     const char *prefix;
     output list;
-    int count;               /* states written */
+    int count;               /* number of states written */
 } pvd_series;
 
 /* Starts a series. BAD_INPUT if PREFIX.pvd cannot be written. `prefix` must outlive the series. */

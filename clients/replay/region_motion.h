@@ -19,8 +19,8 @@ rigid_motion rigid_motion_fit(int count, const vec3 *from, const vec3 *displacem
 /* The nodes of one region whose motion is computed. */
 typedef struct {
     int count;
-    int *nodes;              /* count, ascending */
-    vec3 *from, *displacement; /* count; m */
+    int *nodes;              /* [count], in ascending order */
+    vec3 *from, *displacement; /* [count], m */
 } region_motion;
 
 /* Finds the region's nodes. BAD_INPUT if the mesh has no volume of this name. */

@@ -15,7 +15,7 @@ typedef struct {
     char events[256];        /* see events_text */
     int needle;
     double tip_lead;         /* rad, roll of the tip minus roll of the base */
-    vec3 base, tip;          /* in `unit` */
+    vec3 base, tip;          /* positions of base and tip, in the unit `unit` */
     const char *unit;        /* "m" or, in patient coordinates, "mm" */
     bool has_probe;          /* true if the scene has a probe; otherwise, the following members are not written */
     vec3 probe_force, probe_torque; /* force (N) and torque (N m) exerted on the hand that holds the probe */

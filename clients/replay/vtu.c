@@ -146,7 +146,7 @@ static bool has_triangle(const trocar_model *model, membrane_triangle t) {
     return (neighbour < 0 || t.place / 4 < neighbour) && trocar_model_face_surfaces(model)[t.place] >> t.surface & 1;
 }
 
-/* Returns the triangle that follows; the first one follows {-1, stiff_surface(model, 0)}. */
+/* Returns the triangle after `t`; the first one is that after {-1, stiff_surface(model, 0)}. */
 static membrane_triangle next_triangle(const trocar_model *model, membrane_triangle t) {
     for (; t.surface >= 0; t = (membrane_triangle){-1, stiff_surface(model, t.surface + 1)})
         for (t.place++; t.place < 4 * trocar_model_tet_count(model); t.place++)

@@ -1,6 +1,6 @@
-/* Executes commands for seeds, and changes, in a replay. Those that the server refused are not executed. What the server executed may come too early in a
-   replay, because the previous seed leaves the needle a few um later, or because moduli arrive at their last values a few ticks later: it then waits. A drop
-   remains pending until that seed is out, or until the needle's next command or reset at the latest. */
+/* Executes commands for seeds, and changes, in a replay; those that the server refused are skipped. One that the server executed may come too early in a
+   replay, because the previous seed leaves the needle a few um later, or because moduli reach their last values a few ticks later; it is then kept pending. A
+   drop remains pending until that seed is out, or until the needle's next command or reset at the latest. */
 #ifndef TROCAR_COMMAND_REPLAY_H
 #define TROCAR_COMMAND_REPLAY_H
 
@@ -26,14 +26,14 @@ bool end_waiting_drop(waiting_drop *w, trocar_sim *sim, int needle, const logged
 
 typedef struct {
     trocar_change *change;   /* the pending change; NULL if there is none */
-    double time;             /* s, its duration */
+    double time;             /* s, duration of the change */
 } waiting_change;
 
 /* Executes a change; builds a model first if moduli change. While earlier moduli are still moving, the change becomes pending, which is TROCAR_OK. BAD_INPUT if it
    is refused; NO_MEMORY, and errors of trocar_change_prepare. */
 trocar_status replay_change(waiting_change *w, trocar_sim *sim, const logged_command *logged, trocar_error *why);
 
-/* Executes a pending change if it can be. Must be called before each tick. */
+/* Executes a pending change if the simulation accepts it now. Must be called before each tick. */
 trocar_status try_waiting_change(waiting_change *w, trocar_sim *sim, trocar_error *why);
 
 /* Abandons a pending change. Returns false if there was one. */

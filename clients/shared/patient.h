@@ -23,7 +23,7 @@ vec3 mesh_to_patient(const patient_frame *frame, vec3 point);      /* m to mm */
 vec3 lengths_to_patient(const patient_frame *frame, vec3 vector);  /* converts a displacement from m to mm */
 vec3 axes_to_patient(const patient_frame *frame, vec3 vector);     /* converts a force or a rotation, whose unit does not change */
 quat turn_to_patient(const patient_frame *frame, quat orientation);
-const char *patient_unit(const patient_frame *frame);              /* of positions */
+const char *patient_unit(const patient_frame *frame);              /* unit of positions: "mm", or "m" if `frame` is NULL */
 
 /* Finds the pose of the needle's base before the insertion: the scene's "needle.start", with its position replaced by `given` (in the coordinates of
    `frame`) if that is not NULL. Components that neither of them defines keep their values in `start`. Returns true if the scene or `given` defines a

@@ -41,7 +41,7 @@ typedef struct {
     probe_arbiter probe;
     trocar_probe_pose_t *passed; /* poses of the probe since the last needle pose; unused if all poses are kept */
     int passed_count, passed_room;
-    trocar_needle_pose_t pose; /* accepted last; */
+    trocar_needle_pose_t pose; /* the last accepted pose */
     bool accepted;           /* true if the last event was accepted */
 } reading;
 
@@ -219,9 +219,9 @@ static trocar_status take_pose(const reader *r, const event_header *h, void *con
 
 /* State of the wrench readers. */
 typedef struct {
-    trocar_needle_wrench_t wrench; /* accepted last; */
+    trocar_needle_wrench_t wrench; /* the last accepted wrench */
     bool accepted;           /* true if the last event was accepted */
-    int64_t skipped;         /* not finite */
+    int64_t skipped;         /* number of wrenches skipped because they are not finite */
     char inverse[16];
 } wrench_reading;
 

@@ -30,7 +30,7 @@ typedef enum { ANSWER_UNKNOWN, ANSWER_DONE, ANSWER_REFUSED } logged_answer;
 /* A command, and the pose before which it arrived; or a change, and the pose before which the server replied (without a reply: before which it arrived). */
 typedef struct {
     int next_pose;                /* index of that pose; equals the number of poses if the command arrived after the last one */
-    trocar_command_t command;     /* of a change: sender, number, TROCAR_COMMAND_T_CHANGE as its command, and needle 0 */
+    trocar_command_t command;     /* for a change: its sender and number, with TROCAR_COMMAND_T_CHANGE as the command, and needle 0 */
     double change_time;           /* s, duration of a change; otherwise unused */
     char *change;                 /* lines of "key: value"; NULL if this is not a change */
     logged_answer answer;
@@ -64,7 +64,7 @@ typedef struct {
 /* The wrenches of a log that answer a pose, in the order of the log. */
 typedef struct {
     int count;
-    trocar_needle_wrench_t *wrenches; /* count */
+    trocar_needle_wrench_t *wrenches; /* [count] */
     int64_t skipped_not_finite;   /* number of skipped wrenches that are not finite, which servers up to release 0.1 could send */
     char inverse[16];             /* type of inverse according to the log's last status; empty if unknown */
 } wrench_log;
@@ -119,8 +119,8 @@ void wrench_log_free(wrench_log *log);
 double pose_log_time(const pose_log *log, int i);
 double pose_log_interval(const pose_log *log, int i, double rate_hz, int *gaps);
 
-/* pose_of_message returns the pose in a message, with a normalised quaternion. The other function returns the message for a pose of needle 0 from a
-   client that renders no force. */
+/* pose_of_message returns the pose in a message, with a normalised quaternion. message_of_pose returns the message for a pose of needle 0 from a client that
+   renders no force. */
 pose pose_of_message(const trocar_needle_pose_t *message);
 trocar_needle_pose_t message_of_pose(pose p, int64_t utime, int64_t session, int64_t seq);
 

@@ -8,7 +8,7 @@
 /* State of the choice. All zero at the start, except `patience`. Times are in s, on a single clock, and above 0. */
 typedef struct {
     double patience;         /* s of silence from the followed server after which the client follows another one */
-    int64_t followed;        /* its number */
+    int64_t followed;        /* ID of the followed server */
     double heard;            /* s, arrival time of the followed server's last message; 0 before the first */
     int64_t other;           /* ID of the most recent other server that was heard */
     double other_heard;      /* s, arrival time of the last message from that other server; 0 before the first */

@@ -15,7 +15,7 @@
 typedef struct {
     int64_t sent;            /* us, utime of the last wrench that was sent */
     int32_t events;          /* events of all wrenches since the last one that was sent */
-    int32_t membrane;        /* the last membrane punctured since that wrench; -1 if none */
+    int32_t membrane;        /* the last membrane punctured since the last wrench that was sent; -1 if none */
     int64_t session;         /* number of the session that sent `position` */
     double position[3];      /* m, position of the base */
 } udp_needle;

@@ -27,7 +27,7 @@
 #include "view/web/chromium.h"
 #include "view_options.h"
 
-static const int64_t PICTURE_PATIENCE = 60000000000; /* ns */
+static const int64_t PICTURE_PATIENCE = 60000000000; /* ns, time limit for a picture */
 
 typedef struct {
     const view_options *options;

@@ -20,12 +20,12 @@ struct trocar_scene {
 
 struct trocar_model {
     model_parts parts;       /* immutable data of the simulation, shared by all its runs */
-    trocar_log log;          /* the host's */
+    trocar_log log;          /* the log given by the host */
     atomic_int users;        /* number of users: the host, until it frees the model, and the simulations, pictures and models created from it */
     trocar_model *base;      /* model whose mesh, and possibly stiffness and inverse, this one shares; NULL if it has its own */
     trocar_model *next_retired; /* see model_release */
-    uint64_t mesh_checksum;  /* of the mesh, the same for all models derived from this one */
-    uint64_t checksum;       /* of everything that results depend on, to recognise its saved states */
+    uint64_t mesh_checksum;  /* of the mesh, which all models derived from this one share */
+    uint64_t checksum;       /* checksum of everything that affects results; a saved state of this model contains the same value */
     double rate_hz;
     pose start;              /* initial pose of the needle's base; its position is NAN if the scene gives none */
     double patient_to_mesh[16]; /* the first entry is NAN if the scene gives no transform */
@@ -75,30 +75,30 @@ struct trocar_sim {
     sim_needle *needles;
     sim_link link;
     /* Used by the ticking thread: */
-    insertion_workspace *workspace; /* scratch of a tick; in lockstep, possibly that of several simulations */
-    bool borrows_workspace;    /* the workspace belongs to somebody else, who frees it */
+    insertion_workspace *workspace; /* scratch memory of a tick; in lockstep, several simulations may share it */
+    bool borrows_workspace;    /* the workspace belongs to the caller of sim_create, and is not freed here */
     int64_t (*clock)(void);  /* returns the time in ns; NULL if stages are not timed */
     round_clock rounds;
     seed_list seeds;
     sim_changing *changing;  /* NULL, in a simulation of a batch, until the first change: the model's own values are in use */
     vec3 *field_scratch;     /* see trocar_view.scratch */
-    inverse *shown;          /* mixture for displacements, set when they are computed */
-    elasticity elasticity;   /* with a reference to each of its models. Ticking thread and worker: see elasticity.h */
+    inverse *shown;          /* inverse with the present moduli, updated whenever displacements are computed */
+    elasticity elasticity;   /* holds a reference to each of its models. Used by both threads: see elasticity.h */
     /* Used by the worker: */
     inverse *mixed;          /* inverse of the tissue alone, with the present moduli */
     inverse *inverse;        /* inverse to which resting needles and the probe are attached */
     needle_pairs *pairs;     /* couplings between needles; NULL if there is only one needle, in elastic tissue */
     resting_set resting;
-    resting_scratch *resting_scratch; /* NULL until a needle is first left */
+    resting_scratch *resting_scratch; /* NULL until a needle is left in the tissue for the first time */
     uint64_t last_attached;  /* id of the most recently attached needle */
     int next_served;         /* index of the needle whose request is checked next */
     int next_shown;          /* index of the needle that was last checked for a change to show */
-    probe *probe;            /* NULL: the scene has no probe */
+    probe *probe;            /* NULL if the scene has no probe */
     bool probe_posed;        /* a pose has been received */
     pose probe_pose;         /* the newest pose of the probe */
     int64_t probe_time;      /* ns, simulated time at which the probe was last pressed on the tissue */
     uint64_t probe_beneath;  /* value of resting.changes when the probe was last pressed on the tissue */
-    double since_response;   /* s of simulated time in lockstep since resting needles and the probe last responded to the loads */
+    double since_response;   /* s, used in lockstep: simulated time since resting needles and the probe last responded to the loads */
     bool to_respond;         /* whether resting needles and the probe still have to respond to the newest loads and pose */
     int answers;             /* number of requests answered since the last response */
 };
@@ -114,8 +114,8 @@ struct trocar_picture {
     shown_probe probe;
     int next_resting;        /* index of the resting needle that is checked first */
     seed_list seeds;
-    trocar_model *from, *to; /* moduli: a reference to the models between which they are */
-    double weight;           /* of `to` */
+    trocar_model *from, *to; /* models between which the moduli are interpolated; the picture holds a reference to each */
+    double weight;           /* weight of `to` in the interpolation, from 0 to 1 */
     inverse *mixed;          /* the inverse of the tissue with these moduli */
     vec3 *scratch;           /* see trocar_view.scratch */
     refined_mesh refined;    /* result of the last call of trocar_picture_refined_mesh */
@@ -133,12 +133,12 @@ static inline moduli moduli_of(trocar_model *model) { return (moduli){model, &mo
 /* Builds a model that differs from `base` in its moduli alone, which are those of `config`. Errors as in trocar_change_prepare. */
 trocar_status model_stiffen(trocar_model *base, const simulation_config *config, const trocar_watch *watch, trocar_model **created, trocar_error *why);
 
-/* Gives up a reference without freeing the model: if it was the last one, model_free_retired does so, in a thread that need not be RT. RT */
+/* Releases a reference without freeing the model: after the last one, model_free_retired frees it, in a thread without real-time limits. RT */
 void model_release(trocar_model *model);
 void model_free_retired(void);
 
-/* Creates a simulation. `workspace`: NULL for a simulation of its own; otherwise the simulation runs in lockstep alone, uses this workspace until it is given
-   another one, has no descriptor for a worker, and takes up only the memory that it uses. NO_MEMORY, SYSTEM. Allocates. */
+/* Creates a simulation. `workspace`: NULL for a simulation of its own; otherwise the simulation can only run in lockstep, uses this workspace until it is given
+   another one, has no descriptor for a worker, and its unused buffers take up no memory. NO_MEMORY, SYSTEM. Allocates. */
 trocar_status sim_create(trocar_model *model, insertion_workspace *workspace, trocar_sim **sim, trocar_error *why);
 
 /* Allocates memory for the state and saves it; to be freed by the caller. NO_MEMORY. */

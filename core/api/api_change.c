@@ -7,7 +7,7 @@
 
 struct trocar_change {
     trocar_model *model;
-    trocar_model *moduli;    /* a model with the moduli of `values`, or, until the change is prepared, with others */
+    trocar_model *moduli;    /* once the change is prepared, a model with the moduli of `values`; before that, its moduli may differ */
     change_values values;
 };
 
@@ -80,7 +80,8 @@ trocar_status trocar_sim_change(trocar_sim *sim, const trocar_change *change, do
     if (!trocar_sim_accepts(sim, change)) return fail(why, TROCAR_BAD_INPUT, "the moduli are still moving to their last values: wait %g s", elasticity_left(&sim->elasticity));
     for (int i = 0; i < sim->needle_count && stiffens; i++)
         if (link_phase(&sim->needles[i].link) != PHASE_HELD) return fail(why, TROCAR_BAD_INPUT, "moduli cannot change while a needle rests: take or reset needle %d first", i);
-    trocar_status status = sim->changing ? TROCAR_OK : changing_create(&sim->model->parts, &sim->changing, why); /* allocates only in a batch, which has no real time */
+    trocar_status status = sim->changing ? TROCAR_OK : changing_create(&sim->model->parts, &sim->changing, why); /* allocates memory only in a batch, which does
+                                                                                                                    not run in real time */
     if (status != TROCAR_OK) return status;
     if (stiffens) {
         model_release(sim->elasticity.to.model);

@@ -28,7 +28,7 @@ typedef struct {
     int64_t since_release;
 } saved_needle;
 
-enum { MOST_OTHER = 4096 };  /* bytes, more than everything that trocar_sim_state_size does not name */
+enum { MOST_OTHER = 4096 };  /* bytes, upper bound for the parts of a state that trocar_sim_state_size does not add up one by one */
 
 size_t trocar_sim_state_size(const trocar_sim *sim) {
     size_t of_needle = sizeof(saved_needle) + sizeof(insertion_state) + sizeof(compliance_snapshot) + sizeof(resting_needle) + (sim->probe ? sizeof(needle_hold) : 0);
@@ -57,7 +57,7 @@ static void save_needle(state_stream *to, const trocar_sim *sim, int index) {
 
 trocar_status trocar_sim_save(const trocar_sim *sim, void *state, size_t size, trocar_error *error) {
     trocar_error ignored, *why = error ? error : &ignored;
-    trocar_sim *s = (trocar_sim *)sim; /* the stream does not change what it writes */
+    trocar_sim *s = (trocar_sim *)sim; /* an output stream only reads the members */
     state_header header = {.layout = saved_layout(), .model = sim->model->checksum};
     state_stream to = stream_to(state, size);
     STREAM(&to, header);
@@ -174,7 +174,7 @@ static trocar_status restore_needle(state_stream *from, trocar_sim *sim, sim_nee
     return TROCAR_OK;
 }
 
-/* The worker's pending work is completed after a restore. */
+/* Work that was pending for the worker when the state was saved is done after the restore. */
 trocar_status trocar_sim_restore(trocar_sim *sim, const void *state, size_t size, trocar_error *error) {
     trocar_error ignored, *why = error ? error : &ignored;
     state_header header;

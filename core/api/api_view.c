@@ -88,7 +88,7 @@ trocar_probe trocar_view_probe(const trocar_view *view) {
     return shown ? shown->output : (trocar_probe){.placed = 0};
 }
 
-/* The inverse of the tissue with its moduli of the moment. */
+/* The inverse of the tissue with its present moduli. */
 static inverse *inverse_in(const trocar_view *view) {
     if (!view->sim) return view->picture->mixed;
     const elasticity *e = &view->sim->elasticity;

@@ -32,7 +32,7 @@ tick_input tick_of(const trocar_sim *sim, int needle, const compliance_snapshot 
    state; the status is then NUMERIC. RT */
 trocar_status run_tick(trocar_sim *sim, int needle, const compliance_snapshot *answer, pose base, double dt, trocar_output *output);
 
-/* Posts to the worker how the needle holds the tissue beside the probe. To be called after run_tick, with the same answer. RT */
+/* Posts to the worker how the needle supports the tissue against the probe (needle_hold). To be called after run_tick, with the same answer. RT */
 void post_hold(trocar_sim *sim, sim_needle *needle, const compliance_snapshot *answer);
 
 /* Called after a tick whose result is finite, with the data of that tick, before the worker answers its request. */

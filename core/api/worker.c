@@ -8,7 +8,7 @@
 
 enum { MOST_ANSWERS = 4 };             /* number of requests answered in a row before other work gets its turn */
 
-/* Moves the mesh's compliance on while moduli change: what was computed from it is outdated. */
+/* While moduli change, updates the mesh's compliance and marks everything that was computed from it as outdated. */
 static trocar_status follow_moduli(trocar_sim *sim, trocar_error *why) {
     model_free_retired();
     bool felt = false;

@@ -4,7 +4,7 @@
 
 #include "api/api.h"
 
-/* Counters of changes of the attachments, and of the forces that attachments exert by themselves, without held needles. */
+/* Counters of changes: of what is attached to the inverse (resting needles, probe), and of the forces that it exerts in the absence of held needles. */
 static inline uint64_t attached_changes(const trocar_sim *sim) { return sim->resting.changes + (sim->probe ? sim->probe->changes : 0); }
 static inline uint64_t attached_shifts(const trocar_sim *sim) { return sim->resting.shifts + (sim->probe ? sim->probe->shifts : 0); }
 

@@ -128,7 +128,7 @@ typedef struct {
 /* `lockstep`: one thread is both the ticking thread and the worker, so that nothing has to be ready in advance. */
 trocar_status link_create(needle_link *link, bool lockstep, trocar_error *why);
 
-/* In scenes with a probe, also to be called. */
+/* Creates the buffer for holds. To be called in addition to link_create in scenes with a probe. */
 trocar_status link_create_holds(needle_link *link, trocar_error *why);
 void link_free(needle_link *link);
 
@@ -164,9 +164,9 @@ left_needle *link_left_slot(needle_link *link);
 void link_leave(needle_link *link, insertion_state *state); /* `state` is the ticking thread's; its serials and ids are kept distinct from those that the
                                                                worker issues */
 void link_take(needle_link *link);
-void link_adopt(needle_link *link, insertion_state *state, tissue_loads *loads); /* `loads`: forces of `state`, which the worker knows from the time when
-                                                                                    the needle rested */
-bool link_reset(needle_link *link, uint64_t serial); /* `serial`: that of the state's request after the reset. Returns true if the worker had the needle */
+void link_adopt(needle_link *link, insertion_state *state, tissue_loads *loads); /* `loads`: forces of `state`, which the worker knows and which therefore need
+                                                                                    not be posted */
+bool link_reset(needle_link *link, uint64_t serial); /* `serial`: that of the state's first request after the reset. Returns true if the needle was not held */
 
 /* Returns how long ago (ns) the oldest request was posted for which the last tick had no answer; 0 if there is none. `now` is a time on the clock used for
    link_post_request. */

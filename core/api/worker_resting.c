@@ -9,7 +9,7 @@
 #include "base/cache_line.h"
 #include "base/flush_denormals.h"
 
-enum { MOST_TICKS = 2000 };            /* ticks within which a released needle should come to rest: 2 s, in which the lag of its shaft decays */
+enum { MOST_TICKS = 2000 };            /* ticks within which a released needle must come to rest: 2 s, enough for the lag of its shaft to decay */
 
 /* A needle is at rest below these limits: the remaining wrench of its base, and the largest slip of its shaft per tick. */
 typedef struct { double force, torque, slip; } rest_limits; /* N, N m, m */
@@ -19,7 +19,7 @@ static const rest_limits AT_REST = {1e-3, 1e-4, 1e-7}, RELAXING = {20e-3, 2e-3, 
 static const double LARGEST_STEP = 16.0; /* maximum ratio of a step to the step that would be taken without sliding */
 static const double TICK = 1e-3;       /* s */
 static const double SHOWN = 1e-4;      /* N, change of force above which a needle is shown again */
-static const double SHOWN_ALL = 1e-7;  /* N, the same threshold while all needles are brought up to date */
+static const double SHOWN_ALL = 1e-7;  /* N, threshold used instead of SHOWN while all needles are updated */
 enum { SHOWN_AT_ONCE = 4 };            /* maximum number of needles whose shape is computed in one pass of the worker */
 
 /* ---- letting go ----------------------------------------------------------------------------------------------- */
@@ -185,7 +185,7 @@ static trocar_status lay_down(trocar_sim *sim, int index, unsigned seen, trocar_
         if (status == TROCAR_OK) resting_bore(worker_model(sim), &left->state, n->resting);
     }
     if (status == TROCAR_OK) {
-        hold_loads(sim, state, false, &n->held); /* response to the other needles in their current state, before this needle is attached */
+        hold_loads(sim, state, false, &n->held); /* the resting needles respond to all held needles, including this one, before it is attached */
         status = respond_to_loads(sim, true, why);
     }
     if (status == TROCAR_OK) {

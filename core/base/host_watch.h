@@ -6,7 +6,7 @@
 
 #include "trocar.h"
 
-/* Returns how many of `total` ticks of a simulation are done when the watch's functions are called next: at most 64 more than `done`. */
+/* Returns the number of completed ticks, out of `total`, after which the watch's functions are to be called next: at most 64 more than `done`. */
 static inline int watch_next_look(int done, int total) {
     enum { TICKS_BETWEEN_LOOKS = 64 };
     return total - done < TICKS_BETWEEN_LOOKS ? total : done + TICKS_BETWEEN_LOOKS;

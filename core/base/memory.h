@@ -5,7 +5,7 @@
 /* Installed memory; 8 GB if the system does not report it. */
 double memory_total(void);
 
-/* Maximum amount of memory that this process can have: the installed memory, or the limit of its control group (a container or a service). */
+/* Maximum amount of memory that this process may use: the installed memory, or the limit of its control group (a container or a service). */
 double memory_most(void);
 
 /* Memory that is available without swapping, within the limit of the control group; 8 GB if the system does not report it. */

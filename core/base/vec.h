@@ -129,7 +129,7 @@ static inline quat q_exp(vec3 r) {
 static inline vec3 q_log(quat q) {
     if (q.w < 0) q = (quat){-q.w, -q.x, -q.y, -q.z};
     double s2 = q.x * q.x + q.y * q.y + q.z * q.z, scale;
-    if (s2 < 1e-3) /* for a unit quaternion: 2 asin(s) / s */
+    if (s2 < 1e-3) /* series of 2 asin(s) / s, where s is the length of the quaternion's vector part */
         scale = 2.0 + s2 * (1.0 / 3 + s2 * (3.0 / 20 + s2 * (5.0 / 56 + s2 * (35.0 / 576 + s2 * (63.0 / 1408)))));
     else
         scale = 2.0 * atan2(sqrt(s2), q.w) / sqrt(s2);

@@ -28,7 +28,7 @@ static void write_tip(const trocar_sim *sim, int needle, trocar_pose *tip) {
     *tip = pose_out((pose){shape->joints[segments], shape->frames[segments - 1]});
 }
 
-/* `at`: index in arrays [R][S][N]. */
+/* `at`: index in the output arrays [R][S][N] (row, step, needle). */
 static void write_outputs(const trocar_batch_outputs *out, const trocar_sim *sim, int needle, size_t at, const trocar_output *o) {
     if (out->force) memcpy(out->force + 3 * at, o->force, sizeof o->force);
     if (out->torque) memcpy(out->torque + 3 * at, o->torque, sizeof o->torque);

@@ -12,7 +12,7 @@
 #include "batch/row.h"
 #include "tissue/blas.h"
 
-/* A thread's simulation. */
+/* The simulation of one thread. */
 typedef struct {
     trocar_model *model;     /* of the simulation; NULL if there is none */
     batch_row row;
@@ -20,7 +20,7 @@ typedef struct {
 
 typedef struct {
     const trocar_rollout_options *options;
-    trocar_model *model;     /* of the insertions without a model of their own */
+    trocar_model *model;     /* model of the insertions that have no model of their own */
     const trocar_pose *poses;
     int batch, steps;
     trocar_output *outputs;
@@ -35,7 +35,7 @@ static trocar_model *model_of(const rollout *r, int insertion) { return r->optio
 
 /* ---- simulations ----------------------------------------------------------------------------------------------------------------- */
 
-/* Makes the seat's simulation one of this model. */
+/* Gives the seat a simulation of this model, unless it already has one. */
 static trocar_status seat_model(seat *s, trocar_model *model, trocar_error *why) {
     if (s->model == model) return TROCAR_OK;
     row_free(&s->row);

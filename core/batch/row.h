@@ -4,7 +4,7 @@
 
 #include "api/api.h"
 
-enum { MAX_THREADS = 256 };   /* of a batch or a rollout */
+enum { MAX_THREADS = 256 };   /* largest number of threads of a batch or a rollout */
 
 /* A simulation, and the state to which a reset returns. */
 typedef struct {
@@ -15,15 +15,15 @@ typedef struct {
 
 /* `workspace`: as for sim_create. */
 trocar_status row_create(trocar_model *model, insertion_workspace *workspace, batch_row *row, trocar_error *why);
-void row_free(batch_row *row); /* also for a row of zeros, which is what it leaves */
+void row_free(batch_row *row); /* `row` may already be zeroed, and is zeroed afterwards */
 
-/* Returns to the state of creation, so that nothing that happened before affects the results, and places the needles, straight, at `poses`, [needles]. */
+/* Restores the state after creation, so that earlier steps do not affect the results, and places the straight needles at `poses`[needles]. */
 trocar_status row_reset(const batch_row *row, int needles, const trocar_pose *poses, trocar_error *why);
 
 /* BAD_INPUT if the model has only a mesh, or fewer needles than are driven. */
 trocar_status check_driven_needles(const trocar_model *model, int needles, trocar_error *why);
 
-/* Ticks needles 0 to `needles` - 1, one after another, with their bases at `poses`, [needles]. A needle that rests is not ticked: its pose is not read, and its
+/* Ticks needles 0 to `needles` - 1, one after another, with their bases at `poses`[needles]. A needle that rests is not ticked: its pose is not read, and its
    force, torque and events are 0. If a tick fails, the needles before it have been ticked. */
 trocar_status step_needles(trocar_sim *sim, int needles, const trocar_pose *poses, double dt, trocar_output *outputs, trocar_error *why);
 

@@ -6,7 +6,7 @@
 #include "base/decimal.h"
 #include "scene/scene_table.h"
 
-enum { VALUE_ROOM = 32, LIVE_MOST = 12 }; /* LIVE_MOST: most keys of one entry that may change */
+enum { VALUE_ROOM = 32, LIVE_MOST = 12 }; /* VALUE_ROOM: bytes for the text of a value; LIVE_MOST: maximum number of changeable keys of one entry */
 
 void change_begin(const model_parts *parts, const run_values *in_use, change_values *change) {
     change->parts = parts;
@@ -19,7 +19,7 @@ void change_begin(const model_parts *parts, const run_values *in_use, change_val
 
 /* ---- values -------------------------------------------------------------------------------------------------------------- */
 
-/* Returns the number that the value of a key is, or NAN. */
+/* Returns the value of a key as a number, or NAN if there is no such key. */
 static double number_at(const scene *values, const char *key) {
     char text[VALUE_ROOM];
     trocar_error ignored;
@@ -97,7 +97,7 @@ int change_count(const change_values *change) {
 
 /* The keys are in the order of the lists, of their entries, and of the table. */
 int change_at(const change_values *change, int index, char key[TROCAR_CHANGE_KEY], double *value) {
-    scene *values = (scene *)&change->values; /* not written to */
+    scene *values = (scene *)&change->values; /* count_of, name_of and entry_of do not write to it */
     const key_spec *rows[LIVE_MOST];
     for (list_kind list = NO_LIST + 1; list < LISTS && index >= 0; list++) {
         int each = live_rows(list, rows), here = each * *count_of(values, list);
@@ -110,7 +110,7 @@ int change_at(const change_values *change, int index, char key[TROCAR_CHANGE_KEY
         char number[12];
         snprintf(number, sizeof number, "%d", entry);
         snprintf(key, TROCAR_CHANGE_KEY, "%s[%s]%s", LIST_TABLE[list].key, LIST_TABLE[list].named ? name_of(values, list, entry) : number, strstr(row->key, "[]") + 2);
-        memcpy(value, (const char *)entry_of(values, list, entry) + row->offset, sizeof *value); /* all of them are numbers */
+        memcpy(value, (const char *)entry_of(values, list, entry) + row->offset, sizeof *value); /* every value that may change is a double */
         return 1;
     }
     return 0;

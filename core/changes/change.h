@@ -8,11 +8,11 @@
 
 typedef struct {
     const model_parts *parts;
-    scene values;            /* the model's configuration, with the changed values; all other members are defaults */
-    run_values bound;        /* the same values, as a simulation uses them */
+    scene values;            /* `simulation` is the model's configuration with the changed values; all other members have their defaults */
+    run_values bound;        /* the changed values, in the form that a simulation uses */
 } change_values;
 
-/* Begins with the values in use; NULL: those of the model. */
+/* Initialises a change with the values in use or, if `in_use` is NULL, with those of the model. */
 void change_begin(const model_parts *parts, const run_values *in_use, change_values *change);
 
 /* These functions are described in trocar/change.h. */

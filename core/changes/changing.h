@@ -8,21 +8,21 @@
 
 typedef struct {
     values_in_use ticking;   /* used by the ticking thread */
-    values_in_use worker;    /* used by the worker, which releases needles: at once those at the end of a change */
+    values_in_use worker;    /* used by the worker when it releases needles: from the beginning of a change, its final values */
     triple_buffer changes;   /* run_values: ticking thread -> worker */
 } sim_changing;
 
-/* Begins with the values of the model. NO_MEMORY. Allocates. */
+/* Creates both sets with the values of the model. NO_MEMORY. Allocates. */
 trocar_status changing_create(const model_parts *parts, sim_changing **changing, trocar_error *why);
 void changing_free(sim_changing *c);
 
 /* Begins a change in the ticking thread, at `time` (s, simulated), and posts it to the worker. RT */
 void changing_begin(sim_changing *c, const run_values *to, double time, double duration);
 
-/* Takes the newest values. Called by the worker before its other work. */
+/* Makes the newest values those of the worker, which calls this before its other work. */
 void changing_take(sim_changing *c);
 
-/* Saves the values, or restores them; see saved_state.h. NULL: the values are the model's. */
+/* Saves the values, or restores them; see saved_state.h. If `c` or *changing is NULL, the values are those of the model. */
 size_t changing_state_size(void);
 void changing_save(state_stream *to, const model_parts *parts, sim_changing *c);
 trocar_status changing_restore(state_stream *from, const model_parts *parts, sim_changing **changing, trocar_error *why);

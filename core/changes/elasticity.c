@@ -1,7 +1,8 @@
 #include "changes/elasticity.h"
 
-static const double PATIENCE = 0.02;   /* s, simulated: see elasticity_mix. Chosen: long for an answer, short for a change */
-static const double WHOLE = 1.0 - 1e-9; /* dimensionless: a part above this is the whole change. Rounding tolerance */
+static const double PATIENCE = 0.02;   /* s of simulated time: maximum delay between two steps (see elasticity_mix). Chosen: longer than an answer takes, much
+                                          shorter than a change */
+static const double WHOLE = 1.0 - 1e-9; /* dimensionless: part above which a change counts as complete. Rounding tolerance */
 
 static elasticity_stage stage_of(const elasticity *e) { return (elasticity_stage)atomic_load_explicit(&e->stage, memory_order_acquire); }
 static void set_stage(elasticity *e, elasticity_stage stage) { atomic_store_explicit(&e->stage, (int)stage, memory_order_release); }
@@ -46,7 +47,7 @@ void elasticity_rest(elasticity *e) { set_stage(e, ELASTICITY_STILL); }
 double elasticity_weight(const elasticity *e) { return stage_of(e) == ELASTICITY_STILL ? 0.0 : ramp_weight(&e->ramp, e->course.part); }
 
 double elasticity_left(const elasticity *e) {
-    static const double LAST = 1e-3; /* s: the ticking thread has arrived, and the worker has not. Chosen: a tick */
+    static const double LAST = 1e-3; /* s, returned while the worker has yet to complete a change that the ticking thread has completed. Chosen: one tick */
     return stage_of(e) == ELASTICITY_STILL ? 0.0 : larger_of((1.0 - e->course.part) * e->course.duration, LAST);
 }
 
@@ -92,7 +93,7 @@ void elasticity_save(state_stream *to, elasticity *e, const trocar_model *origin
     int moves = stage_of(e) == ELASTICITY_MOVING, differs = moves || e->to.model != original;
     stream_count(to, &differs, 1);
     if (!differs) return;
-    pass_moduli(to, (simulation_config *)&e->to.parts->config); /* writing does not change it */
+    pass_moduli(to, (simulation_config *)&e->to.parts->config); /* an output stream does not change the configuration */
     stream_count(to, &moves, 1);
     if (!moves) return;
     pass_moduli(to, (simulation_config *)&e->from.parts->config);
@@ -123,7 +124,7 @@ void elasticity_resume(elasticity *e, const saved_elasticity *saved, moduli from
     set_stage(e, saved->moves ? ELASTICITY_MOVING : ELASTICITY_STILL);
     double weight = ramp_weight(&e->ramp, saved->course.mixed);
     inverse_mix(mixed, from.parts->inverse, to.parts->inverse, weight);
-    if (!changing) return; /* nothing has ever changed */
+    if (!changing) return; /* no change has been made since the simulation was created */
     use(&changing->worker, e, weight);
     use(&changing->ticking, e, ramp_weight(&e->ramp, saved->course.part));
 }

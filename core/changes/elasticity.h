@@ -1,5 +1,5 @@
-/* The moduli that a simulation uses, and their change. The mesh's compliance belongs to the worker, and the local compliances to the ticking thread; both move
-   along the same ramp. Models are constant: a change leads from one to another, which was built in advance. See docs/training/changes.md. */
+/* The moduli that a simulation uses, and their change. The mesh's compliance belongs to the worker, and the local compliances to the ticking thread; both
+   follow the same ramp. Models are constant: a change leads from one to another, which is built beforehand. See docs/training/changes.md. */
 #ifndef TROCAR_ELASTICITY_H
 #define TROCAR_ELASTICITY_H
 
@@ -22,9 +22,9 @@ typedef struct {
 
 /* How far a change has come. Saved. */
 typedef struct {
-    double part;             /* from 0 to 1: of the ticking thread */
-    double duration, time;   /* s: of the change; simulated time for which `part` holds */
-    double mixed, mixed_at;  /* used by the worker: part that the mesh's compliance has reached, and the simulated time, s, at which it last moved */
+    double part;             /* from 0 to 1, part of the change that the ticking thread has completed */
+    double duration, time;   /* s: duration of the change; simulated time at which `part` was last updated */
+    double mixed, mixed_at;  /* used by the worker: part of the change that the mesh's compliance has completed, and the simulated time (s) of its last step */
 } change_course;
 
 typedef struct {
@@ -37,15 +37,15 @@ typedef struct {
 
 /* ---- the ticking thread. All RT ---- */
 
-/* Begins a change, at this simulated time, s. To be called while STILL. */
+/* Begins a change at this simulated time (s). To be called in stage STILL. */
 void elasticity_change(elasticity *e, moduli to, double time, double duration);
 
-/* Moves on to a later simulated time, and applies the local compliances. Returns true if the change is complete: `from` is the old model, which the caller
-   replaces by `to`. */
+/* Advances the change to a later simulated time (s), and applies the local compliances. Returns true if the change is complete: `from` is the old model, which
+   the caller replaces by `to`. */
 bool elasticity_follow(elasticity *e, values_in_use *ticking, double time);
-void elasticity_rest(elasticity *e); /* to be called after that */
+void elasticity_rest(elasticity *e); /* to be called after `from` has been replaced */
 
-/* The weight of `to` for the ticking thread. */
+/* Weight of `to`, from 0 to 1, that the ticking thread uses. */
 double elasticity_weight(const elasticity *e);
 
 /* Simulated time in s until the change is complete; 0 if none is under way. */
@@ -53,8 +53,8 @@ double elasticity_left(const elasticity *e);
 
 /* ---- the worker ---- */
 
-/* Moves the mesh's compliance by at most one step, at this simulated time, s. Returns true if it has changed. The step after it waits until a needle feels it,
-   or 20 ms. */
+/* Moves the mesh's compliance by at most one step, at the simulated time `now` (s). Returns true if it has changed. The next step is taken when a needle feels
+   this one (`felt`), or 20 ms later. */
 bool elasticity_mix(elasticity *e, inverse *mixed, values_in_use *worker, double now, bool felt);
 
 /* ---- both: between lockstep steps ---- */
@@ -62,7 +62,7 @@ bool elasticity_mix(elasticity *e, inverse *mixed, values_in_use *worker, double
 size_t elasticity_state_size(void);
 void elasticity_save(state_stream *to, elasticity *e, const trocar_model *original);
 
-/* What a saved state contains. moduli[0] and [1]: configurations between which they move; on entry, those of the simulation's model. */
+/* The moduli in a saved state. config[0], config[1]: moduli before and after the change; before elasticity_read, those of the simulation's model. */
 typedef struct {
     int moves;
     change_course course;

@@ -10,7 +10,7 @@ void run_values_of(const model_parts *parts, run_values *values) {
     memcpy(values->guides, parts->guides, sizeof values->guides);
 }
 
-/* Calls copy(value in the configuration, value in use) for each parameter that may change. */
+/* Copies one parameter between a configuration and the values in use, in one of the two directions. */
 typedef void (*copier)(double *of_config, double *in_use);
 
 static void for_each_value(const model_parts *parts, simulation_config *config, run_values *values, copier copy) {
@@ -95,10 +95,11 @@ static void move(values_in_use *v) {
     }
 }
 
-static const double WHOLE = 1.0 - 1e-9; /* dimensionless: a part above this is the whole change. Rounding tolerance */
+static const double WHOLE = 1.0 - 1e-9; /* dimensionless: part above which a change counts as complete. Rounding tolerance */
 
 void values_follow(values_in_use *v, double time) {
-    static const double MOST = 0.02; /* dimensionless: largest part of a change per tick. Chosen: twice the part that a punctual tick at 1 kHz has in the shortest change */
+    static const double MOST = 0.02; /* dimensionless: largest part of a change per tick. Chosen: twice the part that a tick of 1 ms contributes to the shortest
+                                        change */
     if (v->part == 1.0) return;
     v->part += smaller_of((time - v->time) / v->duration, MOST);
     v->time = time;

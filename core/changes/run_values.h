@@ -4,11 +4,12 @@
 
 #include "model/model_parts.h"
 
-/* Values of all parameters of which some may change (the table of scene keys says which); the others are copies. */
+/* Structs with parameters that may change (the table of scene keys says which); their other members are copies of the model's. */
 typedef struct {
     region_material materials[MESH_MAX_GROUPS];
     membrane membranes[MAX_MEMBRANES];
-    membrane_material sheets[MAX_MEMBRANES]; /* of the membranes; like the moduli, these are the last values set, to which elasticity.c moves */
+    membrane_material sheets[MAX_MEMBRANES]; /* stiffnesses of the membranes. Like the moduli, these are the values last set, toward which elasticity.c moves
+                                                gradually */
     calcification calcifications[MAX_CALCIFICATIONS];
     guide guides[MAX_GUIDES];
 } run_values;
@@ -19,7 +20,7 @@ typedef struct {
     insertion_model model;
     run_values now, from, to; /* `from` and `to`: at the beginning and at the end of the last change */
     double duration;         /* s, of the last change; 0 before the first */
-    double part;             /* from 0 to 1, how much of it is complete */
+    double part;             /* from 0 to 1, completed part of the last change */
     double time;             /* s, simulated time for which `now` holds */
 } values_in_use;
 
@@ -32,14 +33,13 @@ void run_values_bind(const model_parts *parts, const simulation_config *config, 
 /* The reverse: writes the values into the configuration of the model. */
 void run_values_unbind(const model_parts *parts, const run_values *values, simulation_config *config);
 
-/* Sets the model's own values. */
+/* Initialises the set with the model's own values. */
 void values_begin(const model_parts *parts, values_in_use *v);
 
 /* Begins, at `time` (s), a change from the values now in use to others. RT */
 void values_change(values_in_use *v, const run_values *to, double time, double duration);
 
-/* Moves the values on to a later time (s). However long that takes, they move by a small part of the change at most, because after a late tick the force must
-   not jump. RT */
+/* Advances the values to a later time (s). A call moves them by a small part of the change at most, so that the force does not jump after a late tick. RT */
 void values_follow(values_in_use *v, double time);
 
 /* Uses other values at once. RT */

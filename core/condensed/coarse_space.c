@@ -115,7 +115,7 @@ static bool append_block(coarse_space *s, cholmod_triplet *e, int row, int colum
     return true;
 }
 
-/* Adds the entries above the diagonal to those below it. */
+/* Assembles Z^T K Z as a lower triangle: CHOLMOD adds the triplets above the diagonal to those below it. */
 static cholmod_sparse *coarse_matrix(coarse_space *s, const tissue *t) {
     size_t nodes = (size_t)s->nodes, parts = (size_t)s->parts, size = MODES * parts;
     columns_of_part c = {malloc(nodes * sizeof(int)), malloc(nodes * sizeof(vec3)), malloc(parts * sizeof(int)), malloc(parts * sizeof(int)),

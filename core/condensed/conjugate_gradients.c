@@ -131,7 +131,8 @@ bool conjugate_gradients(const cholmod_sparse *matrix, coarse_space *coarse, dou
         left = size;
     }
     bool definite = true;
-    while (definite && steps > 0 && left > wanted && left < before) { /* repeats if the true residual has fallen by less than that of the transformed system */
+    while (definite && steps > 0 && left > wanted && left < before) { /* repeated because the true residual may fall by less than that of the transformed
+                                                                         system */
         before = 0.9 * left;
         definite = correct(&k, coarse, f, &w, u) && search(&k, coarse, fmax(0.5 * wanted / left, coarse ? COARSE_FALL : DBL_EPSILON), &steps, &w, u);
         find_residual(&k, f, u, w.residual);

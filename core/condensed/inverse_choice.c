@@ -14,7 +14,7 @@ static const char *const precisions[PRECISIONS] = {"auto", "double", "single"};
 const char *inverse_precision_name(inverse_precision precision) { return precisions[precision]; }
 
 bool inverse_is_single(inverse_precision given, int nodes) {
-    static const double MUCH = 0.5e9; /* bytes */
+    static const double MUCH = 0.5e9; /* bytes, size in double precision above which `auto` selects single precision */
     return given == PRECISION_SINGLE || (given == PRECISION_AUTO && (double)symmetric_blocks_bytes(nodes, false) > MUCH);
 }
 

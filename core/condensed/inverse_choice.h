@@ -26,7 +26,7 @@ typedef enum {
 
 const char *inverse_precision_name(inverse_precision precision);
 
-/* True if the inverse between this many nodes is stored in single precision. */
+/* True if a condensed inverse between this many nodes is stored in single precision. */
 bool inverse_is_single(inverse_precision given, int nodes);
 
 /* The facts on which the choice depends. */

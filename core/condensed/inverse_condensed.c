@@ -20,11 +20,11 @@
 typedef struct {
     inverse shared;
     int *nodes;              /* matrix.count free nodes of the region, in the order of the matrix */
-    int *place;              /* node_count: index of each node in `nodes`, or -1 */
+    int *place;              /* [node_count]: index of each node in `nodes`, or -1 */
     symmetric_blocks matrix; /* m/N */
     file_mapping mapping;    /* mapping of the cache file with the matrix; empty if the matrix is allocated */
     pthread_mutex_t assembling;        /* protects K until it is assembled, because worker, display and preparation may need K concurrently */
-    pthread_mutex_t factoring;         /* protects the next three members and the factor, for up to a minute or more; displacement fields do not wait for it */
+    pthread_mutex_t factoring;         /* protects the next three members and the factor; may be locked for minutes, but displacement fields do not need it */
     _Atomic(inverse *) rest; /* sparse inverse for other nodes; NULL if not needed yet, or if its creation failed */
     trocar_status rest_status;
     trocar_error no_rest;    /* reason why the creation of `rest` failed */

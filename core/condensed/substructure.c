@@ -286,7 +286,7 @@ typedef struct {
     extent size;
     panels matrix;           /* columns of the pivots and of nodes eliminated later, with all rows */
     int pivot_panels;
-    double *load;            /* 3 size.count */
+    double *load;            /* load on the front's rows, 3 size.count entries */
     response below;          /* response of the pivots of this front and of all fronts below it in the tree */
     int taken, taken_panels; /* number of columns, and number of panels, that the parent has taken over */
 } front;
@@ -296,16 +296,16 @@ typedef struct {
     cholmod_sparse *k;       /* lower triangle of K in the order of elimination */
     front **fronts;          /* front of each supernode; NULL if not started, or if taken over by its parent */
     panels *corner;
-    int *local;              /* plan->nodes: row of each node in the current front */
+    int *local;              /* row of each node in the current front; plan->nodes entries */
     double *load;            /* load on the region, 3 region_count entries */
     double *tiles;           /* scratch: TILE x TILE for each team member */
-    int *piece;              /* plan->nodes: another node of the same connected component; after the search, its representative */
-    response *of_piece;      /* plan->nodes: response of each connected component, indexed by its representative */
+    int *piece;              /* for each of plan->nodes nodes, another node of its connected component; after the search, the component's representative */
+    response *of_piece;      /* response of each connected component, at the index of its representative; plan->nodes entries */
     double norm;             /* largest column sum of K, which is an upper bound on its largest eigenvalue */
     inverse_progress progress;
     trocar_error *why;
     double done;             /* operations completed */
-    int shown;               /* per cent */
+    int shown;               /* progress last reported, per cent */
 } elimination;
 
 static void show(inverse_progress progress, double fraction) {
@@ -369,7 +369,7 @@ typedef struct {
     int end;
 } addition;
 
-enum { GROUP = 16 };         /* nodes */
+enum { GROUP = 16 };         /* number of a child's nodes that one thread adds at a time */
 
 static void add_columns(void *context, int i, int member) {
     (void)member;

@@ -94,7 +94,7 @@ static trocar_status soften(const derivative_call *call, int region, const vec3 
     return TROCAR_OK;
 }
 
-/* Interpolates at the points where the needle loads the tissue. */
+/* Interpolates a field at the points where the needle loads the tissue. */
 static void at_points(const mesh *m, const tissue_loads *places, int guided, const vec3 *field, vec3 moved[MAX_POINTS]) {
     for (int i = 0; i < places->count; i++) moved[guided + i] = field_at(m, places->loads[i].tet, places->loads[i].weights, field);
 }

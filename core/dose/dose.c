@@ -7,8 +7,8 @@
 #include "base/flush_denormals.h"
 #include "dose/tg43.h"
 
-static const double FARTHEST = 1000.0; /* m */
-static const double MAX_STRENGTH = 1000.0; /* U */
+static const double FARTHEST = 1000.0; /* m, largest magnitude of a coordinate, and largest spacing */
+static const double MAX_STRENGTH = 1000.0; /* U, largest air-kerma strength of a seed */
 static const int64_t MAX_POINTS_OF_DOSE = INT64_C(1) << 28;
 
 typedef struct {

@@ -9,7 +9,7 @@
 #include "base/vec.h"
 
 static const double MAX_VOXELS = 0x1p28;
-static const double FARTHEST = 1000.0; /* m */
+static const double FARTHEST = 1000.0; /* m, largest magnitude of a coordinate, and largest spacing */
 
 /* Position of a voxel's centre inside a tetrahedron. */
 typedef struct {

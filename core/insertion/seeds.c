@@ -42,8 +42,8 @@ static void go_back(const insertion_model *model, const insertion_state *state, 
     }
 }
 
-/* Finds the place of a seed whose distal end is at this depth. The search starts at a site that is at least as deep; the site ends at the seed's proximal
-   end. Returns false if part of the seed would be outside the tissue. */
+/* Finds the place of a seed whose distal end is at this depth. The search starts at `site`, which must be at least as deep; afterwards, `site` is at the seed's
+   proximal end. Returns false if part of the seed would be outside the tissue. */
 static bool find_place(const insertion_model *model, const insertion_state *state, double depth, double length, track_site *site, seed *s) {
     go_back(model, state, depth, site);
     vec3 distal = site->at;

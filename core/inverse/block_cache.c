@@ -7,7 +7,7 @@ enum { ALL = BLOCK_CACHE_NODES };
 
 bool block_cache_create(block_cache *c, int node_count) {
     c->known = calloc((size_t)ALL * ALL, sizeof *c->known);
-    c->blocks = calloc((size_t)9 * ALL * ALL, sizeof *c->blocks); /* pages that are not used are never touched */
+    c->blocks = calloc((size_t)9 * ALL * ALL, sizeof *c->blocks); /* calloc leaves unused pages untouched, so they take up no memory */
     return lru_create(&c->nodes, (size_t)node_count, ALL) && c->known && c->blocks;
 }
 

@@ -8,7 +8,7 @@
 #include "inverse/inverse_blocks.h"
 #include "inverse/lru.h"
 
-enum { BLOCK_CACHE_NODES = 1024 }; /* 75 MB */
+enum { BLOCK_CACHE_NODES = 1024 }; /* number of nodes; the blocks between them take up 75 MB */
 
 typedef struct {
     lru nodes;               /* BLOCK_CACHE_NODES slots, which are the rows and columns of the arrays below */

@@ -12,7 +12,7 @@
 #include "inverse/inverse_owner.h"
 
 enum { BATCH = 32, TILE = 64 };                     /* BATCH: nodes per solve; TILE: nodes per product, as rows or columns */
-static const double CACHE = 96e6;                   /* bytes for c_i, z_i and Q^T y_i */
+static const double CACHE = 96e6;                   /* bytes, size of the cache for c_i, z_i and Q^T y_i */
 enum { LEAST_NODES = 2 * TILE, MOST_NODES = 1024 }; /* minimum and maximum number of cached nodes */
 
 typedef struct { uint64_t id; int first, rows; } placed;
@@ -23,12 +23,12 @@ typedef struct {
     int row_count, motion_count, placed_count;
     placed *placed;
     attached_row *rows;
-    int *corner;             /* 4 row_count: index in `nodes` of each corner of the rows' elements */
+    int *corner;             /* [row_count][4], index in `nodes` of each corner of the rows' elements */
     int node_count, *nodes;  /* all nodes of the rows' elements, without duplicates */
-    double *between;         /* row_count square, column-major: C */
-    double *factor;          /* row_count square, column-major: L */
-    double *basis;           /* row_count x motion_count: Q */
-    double *triangle;        /* motion_count square: T, upper */
+    double *between;         /* the matrix C, row_count x row_count, column-major */
+    double *factor;          /* the matrix L, row_count x row_count, column-major */
+    double *basis;           /* the matrix Q, row_count x motion_count */
+    double *triangle;        /* the upper triangular matrix T, motion_count x motion_count */
     lru slots;
     double *kept;            /* for each slot: c, z and Q^T y, in 3 columns each */
     block_cache blocks;

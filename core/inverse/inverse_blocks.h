@@ -4,10 +4,10 @@
 
 typedef struct {
     int row_count;
-    const int *rows;         /* nodes */
+    const int *rows;         /* nodes of the rows of blocks */
     int column_count;
     const int *columns;
-    double *out;             /* m/N, entry (3 i + a) * ld + 3 j + b */
+    double *out;             /* m/N, destination: component (a, b) of the block of rows[i] and columns[j] is at (3 i + a) * ld + 3 j + b */
     int ld;
 } inverse_blocks;
 

@@ -5,13 +5,13 @@
 
 #include "inverse/inverse_owner.h"
 
-enum { TILE = 32 };          /* nodes per block that is added, as rows or columns */
+enum { TILE = 32 };          /* number of nodes, as rows or columns, whose blocks are added at a time */
 
 typedef struct {
     inverse shared;
-    inverse *of[2];          /* the same one twice if nothing changes */
-    double weight;           /* of of[1] */
-    tissue tissue;           /* that of of[0], with the materials below */
+    inverse *of[2];          /* the two inverses; the same one twice while no moduli change */
+    double weight;           /* weight of of[1], from 0 to 1; that of of[0] is 1 - weight */
+    tissue tissue;           /* the tissue of of[0], but with the materials of the mixture */
     region_material materials[MESH_MAX_GROUPS];
     double *tile;            /* scratch, a square of 3 TILE rows */
     double *sum;             /* scratch of apply, dof_count */

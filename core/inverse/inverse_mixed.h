@@ -8,8 +8,8 @@
 /* Creates a mixture that is equal to `first`. NO_MEMORY. */
 trocar_status inverse_create_mixed(inverse *first, inverse **created, trocar_error *why);
 
-/* Changes the mixture; both inverses must outlive its use. Its tissue has the moduli of the mixture: compliances move linearly, so 1 / E does as well. A
-   contact node, which softens an element of the mesh, then never softens it by more than the mixture allows. RT */
+/* Changes the mixture; both inverses must outlive its use. The mixture's tissue has matching moduli: because compliances are mixed linearly, so is 1 / E. A
+   contact node, which makes an element of the mesh softer, therefore never makes it softer than is consistent with the mixture. RT */
 void inverse_mix(inverse *mixed, inverse *first, inverse *second, double weight);
 
 #endif

@@ -12,7 +12,7 @@ typedef struct inverse inverse; /* inverse.h */
 typedef struct {
     const char *name;
     trocar_status (*gather)(inverse *inv, const inverse_blocks *blocks, trocar_error *why);
-    void (*apply)(inverse *inv, const double *force, double *displacement); /* dof_count each */
+    void (*apply)(inverse *inv, const double *force, double *displacement); /* vectors of dof_count entries each */
     trocar_status (*prepare)(inverse *inv, trocar_error *why);                    /* NULL if no work is ever deferred */
     void (*release)(inverse *inv);                                          /* frees everything except the common part */
     bool (*prefetches)(const inverse *inv);                                 /* see inverse_prefetches; NULL is equivalent to false */
@@ -25,7 +25,7 @@ struct inverse {
     const inverse_owner *owner;
     tissue *tissue;
     pthread_mutex_t apply_lock;             /* protects the scratch memory of inverse_apply */
-    double *force, *displacement; /* dof_count: scratch memory of inverse_apply */
+    double *force, *displacement; /* [dof_count]: scratch memory of inverse_apply */
 };
 
 /* Applies an inverse that other threads may use at the same time: force and displacement have dof_count entries each. */

@@ -10,7 +10,7 @@ typedef struct {
     int slot_count;
     int *slot;               /* slot of each key, or -1 */
     int *key;                /* key in each slot, or -1 */
-    uint64_t *used;          /* slot_count: time of last use */
+    uint64_t *used;          /* [slot_count]: time of last use */
     uint64_t time;
 } lru;
 

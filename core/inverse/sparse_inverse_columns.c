@@ -14,7 +14,7 @@ struct sparse_columns {
     const int *super, *pi, *px, *rows;
     const double *values;
     int supernodes;
-    int *supernode;          /* dof_count: supernode of each column */
+    int *supernode;          /* [dof_count]: supernode of each column */
     int *parent;             /* for each supernode: parent in the elimination tree, or -1 */
     int *lowest;             /* for each supernode: first supernode of its subtree */
     int *height;             /* for each supernode: number of columns on the path from its first column to the root */

@@ -37,7 +37,7 @@ void symmetric_multiply(const symmetric_system *s, const double *x, double *prod
 /* Clears the padding; must be called before all other functions. RT */
 void elimination_begin(const symmetric_system *s);
 
-/* Moves the panel to the next rows, which start at panel->end and end at `end` at the latest. Returns false if there are none. RT */
+/* Moves the panel to the next rows, which start at panel->end and do not extend beyond row `end` - 1. Returns false if there are none. RT */
 bool next_panel(const symmetric_system *s, elimination_panel *panel, int end);
 
 /* Rotates rows k and k + 1 of the block by an angle, in the columns to the right of their own 2 x 2 diagonal block, which is not preserved. RT */

@@ -15,7 +15,7 @@ typedef struct {
     char name[MESH_NAME];
     int dimension;
     int node_count;
-    int *nodes;              /* node_count, ascending */
+    int *nodes;              /* [node_count], ascending */
 } mesh_group;
 
 /* A triangle of the outer surface. */
@@ -27,24 +27,24 @@ typedef struct {
 /* Node of the bounding-volume tree over the faces of the boundary. */
 typedef struct {
     vec3 low, high;          /* m */
-    int first, count;        /* leaf: its faces are order[first .. first+count); inner node: count is 0 and its children are first and first+1 */
+    int first, count;        /* leaf: its faces are bvh_order[first .. first+count); inner node: count is 0 and its children are first and first+1 */
 } bvh_node;
 
 typedef struct {
     int node_count, tet_count;
-    vec3 *nodes;             /* node_count: nominal positions, m */
-    int (*tets)[4];          /* tet_count: nodes, positive volume */
-    int (*neighbours)[4];    /* tet_count: neighbour at the face opposite vertex i; -1 on the boundary */
-    int *region;             /* tet_count: index into groups of the region (dimension 3) that contains each tetrahedron */
-    uint32_t (*face_groups)[4]; /* tet_count: bit g is set if face i is on the named surface groups[g] */
+    vec3 *nodes;             /* [node_count]: nominal positions, m */
+    int (*tets)[4];          /* [tet_count]: corner nodes; all volumes are positive */
+    int (*neighbours)[4];    /* [tet_count]: neighbour at the face opposite vertex i; -1 on the boundary */
+    int *region;             /* [tet_count]: index into groups of the region (dimension 3) that contains each tetrahedron */
+    uint32_t (*face_groups)[4]; /* [tet_count]: bit g is set if face i is on the named surface groups[g] */
     int group_count;
     mesh_group groups[MESH_MAX_GROUPS];
     int boundary_count;
-    boundary_face *boundary; /* boundary_count */
+    boundary_face *boundary; /* [boundary_count], outer faces */
     bvh_node *bvh;           /* bounding-volume tree over `boundary` */
-    int *bvh_order;          /* boundary_count */
-    double *node_size;       /* m, node_count: mean edge length of regular tetrahedra with the volumes of those around the node */
-    bool *anatomical;        /* node_count: true if the node is on the outer surface, on an interface of regions, or on a named surface, line or point */
+    int *bvh_order;          /* [boundary_count]: indices of the outer faces, in the order of the tree's leaves */
+    double *node_size;       /* [node_count]: mean edge length (m) of regular tetrahedra with the volumes of those around the node */
+    bool *anatomical;        /* [node_count]: true if the node is on the outer surface, on an interface of regions, or on a named surface, line or point */
     trocar_error remarks;    /* changes made to the file's mesh, and suspected errors in the file; may be empty */
 } mesh;
 

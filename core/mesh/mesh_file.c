@@ -19,7 +19,7 @@ typedef struct {
     mesh *mesh;
     trocar_error *why;
     msh_contents file;
-    int *index;              /* file.node_count: number of each node in the mesh; -1 if no tetrahedron uses the node */
+    int *index;              /* [file.node_count]: number of each node in the mesh; -1 if no tetrahedron uses the node */
     int tags[MESH_MAX_GROUPS]; /* tags of the groups in the file */
     entity_groups *entities; /* entity_count: entities that are in a group, sorted by dimension and tag */
     size_t entity_count;

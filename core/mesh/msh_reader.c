@@ -13,8 +13,8 @@ typedef struct {
     msh_stream in;
     msh_contents *contents;
     double version;
-    size_t element_room, corner_room, membership_room, name_room; /* allocated */
-    bool has_nodes, has_elements; /* sections read */
+    size_t element_room, corner_room, membership_room, name_room; /* number of entries allocated for each array */
+    bool has_nodes, has_elements; /* true once the section has been read */
     int *ghosts;             /* volumes whose elements belong to other partitions */
     size_t ghost_count, ghost_room;
 } reader;
@@ -346,7 +346,8 @@ static void sort_memberships(msh_contents *c) {
 
 /* ---- the whole file ---- */
 
-/* Reads $MeshFormat up to and including the numbers for version, text (0) or binary, and the number of bytes of a size. Sections before it are comments. */
+/* Reads $MeshFormat up to and including its three numbers: the version, 0 for text or 1 for binary, and the number of bytes of a size. Sections before it are
+   comments. */
 static bool read_format(reader *r, int64_t *binary, int64_t *size) {
     do {
         if (!msh_next_section(&r->in)) return false;

@@ -19,7 +19,7 @@ typedef struct { int dimension, entity, tag; } msh_membership;                  
 typedef struct { int dimension, tag; char text[MESH_NAME + 1]; } msh_name;       /* a name that is too long is truncated to one character more than the maximum
                                                                                     length of a group's name */
 
-/* Reports which of the parts that a mesh needs are present in a file. */
+/* The contents of a file that are needed to create a mesh. */
 typedef struct {
     size_t node_count, element_count, corner_count, membership_count, name_count;
     msh_node *nodes;         /* array of node_count nodes, sorted by tag, without duplicates */

@@ -7,12 +7,12 @@
 
 typedef struct {
     simulation_config config;
-    bool shares;                        /* the mesh belongs to another model, which frees it; so do tissue and inverse, unless: */
+    bool shares;                        /* the mesh belongs to another model, which frees it; unless `stiffened`, so do tissue and inverse */
     bool stiffened;                     /* tissue and inverse are this model's own, although the mesh is shared */
     mesh mesh;
     region_material materials[MESH_MAX_GROUPS];
-    membrane_material membrane_materials[MESH_MAX_GROUPS]; /* by group; stiffness 0 for surfaces that are not membranes */
-    int wholes[MESH_MAX_GROUPS];        /* group of the region of which each group is a part, or its own index */
+    membrane_material membrane_materials[MESH_MAX_GROUPS]; /* membranes' elasticity, indexed by group; the stiffness is 0 for surfaces that are not membranes */
+    int wholes[MESH_MAX_GROUPS];        /* for each group, the group of which it is a part (key `part_of`), or its own index */
     membrane membranes[MAX_MEMBRANES];
     guide guides[MAX_GUIDES];
     int probe_surface;                  /* index of the probe's surface among the groups; -1 if there is no probe */
@@ -33,11 +33,11 @@ trocar_status model_parts_create(const simulation_config *config, model_parts *s
    outlive it. Returns BAD_INPUT, naming the key, if the stiffness or inverse would differ, or if the mesh was given as arrays. */
 trocar_status model_parts_derive(const model_parts *base, const simulation_config *config, model_parts *s, trocar_error *why);
 
-/* True if their moduli agree: see simulation_moduli. The configurations must be of the same mesh. */
+/* True if two configurations of the same mesh have the same moduli, as listed by simulation_moduli. */
 bool same_elasticity(const simulation_config *a, const simulation_config *b);
 
-/* Builds the constant data for a configuration that differs from that of `base` in what same_elasticity compares. Shares the mesh, and tissue and inverse too
-   if K agrees; `base` must outlive it. */
+/* Builds the constant data for a configuration that differs from that of `base` only in moduli (same_elasticity). Shares the mesh of `base` and, if K is the
+   same, also its tissue and inverse; `base` must outlive it. */
 trocar_status model_parts_stiffen(const model_parts *base, const simulation_config *config, model_parts *s, trocar_error *why);
 
 void model_parts_free(model_parts *s);

@@ -52,6 +52,6 @@ bool needle_extrapolate(const needle_model *model, const needle_motion *motion, 
 /* Elastic moment (N m, world frame) at the base in the current shape; in equilibrium, it is equal to the moment of the loads. */
 vec3 needle_root_moment(const needle_model *model, const needle_state *state);
 
-double needle_energy(const needle_model *model, const needle_state *state); /* elastic, J */
+double needle_energy(const needle_model *model, const needle_state *state); /* J, elastic energy of bending and torsion */
 
 #endif

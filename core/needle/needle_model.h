@@ -64,7 +64,7 @@ typedef struct {
                                                    needle under these loads */
     vec3 drift[NEEDLE_MAX_SEGMENTS + 1];        /* m, linearised displacement of the joints if the loads were removed */
     double compliance[NEEDLE_LD][NEEDLE_LD];    /* m/N, compliance between joints: [3 i + a][3 j + b], for j > i - NEEDLE_POINT_JOINTS */
-    symmetric_series pivot_inverse;             /* block L D L^T of the tangent stiffness */
+    symmetric_series pivot_inverse;             /* inverses of the pivots D in the factorisation L D L^T of the block tridiagonal tangent stiffness */
     matrix_series lower;
     vector_series moments;                      /* N m, spatial moment at the joint before each segment */
     double rotation[3 * NEEDLE_MAX_SEGMENTS][NEEDLE_LD]; /* rad/N, rotation of each segment under unit forces at each later joint */

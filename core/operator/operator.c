@@ -9,37 +9,37 @@
 
 static const double CLEAR = 0.005;      /* m, distance of the tip from the guide before insertion and after withdrawal */
 static const double PAUSE = 0.1;        /* s, rest before a needle is left and before a seed is dropped */
-static const double FURTHER = 1e-3;     /* m, by which a needle is drawn back if the previous seed is still in it */
-static const int REPEATS = 20;          /* maximum number of times that it is drawn back for this reason */
-static const double AT_TARGET = 0.3e-3; /* m, distance within which the tip is where the image should show it */
-static const int CORRECTIONS = 5;       /* maximum number of further strokes towards a place that the needle itself displaces */
+static const double FURTHER = 1e-3;     /* m, distance by which a needle is drawn back if the previous seed is still in it */
+static const int REPEATS = 20;          /* maximum number of times that a needle is drawn back because of such a seed */
+static const double AT_TARGET = 0.3e-3; /* m, largest distance between the tip and its target in the image that needs no correction */
+static const int CORRECTIONS = 5;       /* maximum number of correcting strokes towards a target, which the needle itself displaces */
 
-/* Peak speeds of hands: 123 mm/s on average, 40 to 280 mm/s; see docs/seeds.md. */
+/* Limits of a needle's speed relative to the mean, from peak speeds of hands: 40 to 280 mm/s, 123 mm/s on average. See docs/seeds.md. */
 static const double SLOWEST = 0.040 / 0.123, FASTEST = 0.280 / 0.123;
 static const trocar_operator_options PUBLISHED = {.follows_image = 1, .seed = 1, .image_error = 0.65e-3, .splay = 0.0104, .speed = 0.065, .speed_spread = 0.33};
 
 /* A place in the tissue at rest, half a seed behind a planned depth of the tip. */
 typedef struct {
-    double depth;            /* m, of the tip */
+    double depth;            /* m, planned depth of the tip */
     vec3 place;              /* m, mesh coordinates */
-    int32_t nodes[4];        /* of the tetrahedron that contains it */
+    int32_t nodes[4];        /* corners of the tetrahedron that contains the place */
     double weights[4];
 } target;
 
 typedef struct {
     vec3 entry, axis;        /* the planned axis */
-    quat orientation;        /* of the needle, with its tilt */
-    vec3 pivot, tilted;      /* the axis with the needle's tilt: a point, and a unit vector */
+    quat orientation;        /* orientation of the needle, including its tilt */
+    vec3 pivot, tilted;      /* a point on the tilted axis, m, and the unit vector along it */
     double pivot_depth;      /* m, depth of a tip at the pivot */
-    double image_error;      /* m, along the axis */
+    double image_error;      /* m, error of the image along the axis */
     double speed;            /* m/s */
-    int first, seeds;        /* its targets: the full depth, followed by the seeds */
+    int first, seeds;        /* index of its first target, which is the full depth, and number of its seeds, whose targets follow */
 } handled;
 
 typedef enum { START, INSERT, LEAVE, TAKE, DRAW_BACK, DROP, WITHDRAW, FINISHED } step_kind;
 typedef struct {
     step_kind kind;
-    int needle, number;      /* number: the seed's, in its needle */
+    int needle, number;      /* index of the needle; number of the seed in it, from 0 for the distal seed */
 } step;
 
 struct trocar_operator {
@@ -47,7 +47,7 @@ struct trocar_operator {
     double needle_length, half_seed; /* m */
     int needle_count, step_count, seed_count;
     int at, actions;         /* current step, and number of actions that were chosen in it */
-    trocar_operator_sight sight; /* as given in the last call; its displacements are read only during a call */
+    trocar_operator_sight sight; /* what the operator saw last; `displacements` is valid only during a call of trocar_operator_next */
     handled needles[TROCAR_MAX_NEEDLES];
     target targets[TROCAR_MAX_NEEDLES + TROCAR_MAX_SEEDS];
     step steps[6 * TROCAR_MAX_NEEDLES + 2 * TROCAR_MAX_SEEDS + 1];
@@ -93,7 +93,7 @@ static void tilt(const trocar_model *model, int index, double x, double y, handl
     n->pivot = v3_axpy(n->pivot_depth, n->axis, n->entry);
 }
 
-/* Draws what is particular to one needle. */
+/* Draws the random properties of one needle: its image error, speed and tilt. */
 static void draw(const trocar_model *model, const trocar_operator_options *options, const trocar_operator_needle *planned, int index, handled *n) {
     uint64_t state = options->seed + GOLDEN * (uint64_t)(index + 1);
     state = next_bits(&state);
@@ -238,7 +238,8 @@ static vec3 displacement_of(const trocar_operator *op, const target *t) {
     return moved;
 }
 
-/* Returns the depth at which the operator would stop the tip for a target: the planned depth or, in the image, the tip's place beside the displaced target. */
+/* Returns the depth at which the operator would stop the tip for a target: the planned depth or, for an operator who follows the image, the depth at which the
+   image shows the tip beside the displaced target. */
 static double wanted_depth(const trocar_operator *op, const handled *n, const target *t) {
     return op->follows_image ? t->depth + v3_dot(displacement_of(op, t), n->axis) + n->image_error : t->depth;
 }

@@ -39,9 +39,9 @@ typedef struct probe_scratch {
     int chosen[MAX_PRESSED];                                     /* candidates that are part of the complementarity problem */
     double matrix[MAX_PRESSED * MAX_PRESSED], right[MAX_PRESSED], z[MAX_PRESSED], pivoting[MAX_PRESSED * (MAX_PRESSED + 2)];
     int nodes[2 * MAX_PRESSED];
-    vec3 now[MAX_PRESSED], unloaded[MAX_PRESSED], pressed[MAX_PRESSED]; /* N, on `nodes` */
-    vec3 point_force[MAX_PRESSED];                                      /* N, on the pressed points */
-    unit_force unit[MAX_PRESSED];                                       /* of the chosen candidates */
+    vec3 now[MAX_PRESSED], unloaded[MAX_PRESSED], pressed[MAX_PRESSED]; /* N, forces on `nodes`: current, without held needles, at their last ticks */
+    vec3 point_force[MAX_PRESSED];                                      /* N, forces on the pressed points */
+    unit_force unit[MAX_PRESSED];                                       /* unit forces on the chosen candidates */
     double response[MAX_PRESSED], none[1], attached[MAX_PRESSED * MAX_PRESSED];
     probe_state before;
 } probe_scratch;

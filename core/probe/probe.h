@@ -11,7 +11,7 @@ enum { MAX_PRESSED = 256 };  /* maximum number of nodes, and of points, that can
 
 /* A material point of the surface: a node, or the midpoint of an edge, whose displacement is the mean of those of the edge's ends. */
 typedef struct {
-    vec3 rest;               /* m, undeformed */
+    vec3 rest;               /* m, position in the undeformed tissue */
     int ends[2];             /* indices in `surface`; -1 if there is none, or if it is fixed */
     double weight;           /* weight of each end: 1 for a node, 1/2 for an edge */
     double slack;            /* m, depth inside the probe that is permitted; 0 for a node */

@@ -23,7 +23,7 @@ typedef struct {
 typedef struct {
     uint64_t id;             /* unique within one insertion state */
     int tet;                 /* nominal element that contains it */
-    vec3 position;           /* nominal, m */
+    vec3 position;           /* m, nominal position */
     int moved;               /* nominal node that was moved to this position; -1 for a separate node, which splits its leaf */
     leaf_point at;           /* the leaf that it splits into four, or into three if one weight is 0, because the node is then on the face opposite that
                                 corner */

@@ -6,9 +6,9 @@
 
 typedef struct {
     int node_count, tet_count;
-    vec3 *nodes;             /* node_count, m; if a contact node is a moved node, its entry belongs to no element */
-    int (*tets)[4];          /* tet_count */
-    int *parent;             /* tet_count: nominal element that contains each tetrahedron */
+    vec3 *nodes;             /* [node_count], m; if a contact node is a moved node, its entry belongs to no element */
+    int (*tets)[4];          /* [tet_count]: corner nodes */
+    int *parent;             /* [tet_count]: nominal element that contains each tetrahedron */
 } refined_mesh;
 
 /* Creates the arrays. The contact nodes must be in consecutive slots (refinement_compact). Allocates. NO_MEMORY. */

@@ -15,7 +15,7 @@ enum {
 typedef struct {
     bool on_face;                         /* true if the node is on a face; its surplus is then coupled to the old nodes */
     double weights[4];                    /* nominal weights: those of the corners of its nominal element */
-    int nominal_count, nominal[REACHED];  /* nominal nodes to which the touched nodes extend the coupling */
+    int nominal_count, nominal[REACHED];  /* number and indices of the nominal nodes that the surplus is coupled to, directly or through contact nodes */
     mat3 coupling[REACHED];               /* N/m, c_j at the nodes in `nominal` */
     mat3 chain[MAX_CONTACTS];             /* G_ij = S_i sum_touched F_i^T c_j, i < j */
     mat3 surplus;                         /* S_j, m/N */
@@ -29,7 +29,7 @@ typedef struct {
     double (*factors)[3][NESTED_LD];      /* MAX_CONTACTS entries, m/N times N/m: F_j^T, where F_j(i) is at [j][b][3 i + a] */
 } nested_remesher;
 
-/* nested_place: place of a coded node, or -1; the other function returns F_j at a place. */
+/* nested_place returns the place of a coded node, or -1; nested_factor returns F_j at a place. */
 int nested_place(const nested_remesher *r, int node);
 mat3 nested_factor(const nested_remesher *r, int j, int place);
 

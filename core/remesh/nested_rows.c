@@ -156,7 +156,7 @@ void nested_interpolate(nested_remesher *r, int slot) {
     rows_interpolate(&columns, count, parts, r->nominal[3 * slot], NESTED_LD);
     nested_mirror(r->nominal[0], NESTED_LD, slot, all, places);
     column_ranges_add(&own, 3 * slot / COLUMN_STEP * COLUMN_STEP, 3 * slot + 3);
-    rows_interpolate(&own, count, parts, r->nominal[3 * slot], NESTED_LD); /* its columns have been filled before */
+    rows_interpolate(&own, count, parts, r->nominal[3 * slot], NESTED_LD); /* its columns have already been filled */
 }
 
 /* ---- the inverse ----------------------------------------------------------------------------------------------------- */

@@ -15,7 +15,7 @@ enum { MAX_ROWS = MAX_WINDOW, MAX_COLUMNS = MAX_WINDOW + MAX_MOVED_PATCHES + 8 *
 /* Blocks of the nominal inverse that one step needs, fetched from the owner of the inverse in one call. */
 typedef struct {
     int row_count, rows[MAX_ROWS], column_count, columns[MAX_COLUMNS]; /* nominal nodes, without duplicates */
-    int *row_of, *column_of;         /* node_count: index of each node in `rows` or `columns`, or -1 */
+    int *row_of, *column_of;         /* [node_count]: index of each node in `rows` or `columns`, or -1 */
     double *blocks;                  /* 3 MAX_ROWS x 3 MAX_COLUMNS, row-major, m/N */
     trocar_status status;            /* status of the last failure to fetch a single block since gather_start */
     trocar_error why;                /* error message of that failure */
@@ -40,7 +40,7 @@ struct remesher {
     const tissue *tissue;
     refinement refined;              /* nodes currently in the inverse, in the order of their addition */
     int window[MAX_WINDOW];          /* nominal node at each place of the window, or -1; changed only by window_put */
-    int *place_of;                   /* node_count: place of each nominal node in the window, or -1 */
+    int *place_of;                   /* [node_count]: place of each nominal node in the window, or -1 */
     double *handles;                 /* m/N, laid out like compliance_snapshot.compliance */
     vec3 line_tip, line_direction;   /* line of the last request */
     bool line_new;                   /* true if the line has not been followed yet */
@@ -63,7 +63,7 @@ typedef struct { const double *entries; int ld; } strided_matrix;
 trocar_status change_middle(int n, strided_matrix change, strided_matrix block, double *middle, trocar_error *why);
 
 trocar_status remesher_init(remesher *r, const remesh_operations *operations, inverse *inv, trocar_error *why);
-void remesher_release(remesher *r); /* frees the memory allocated by init */
+void remesher_release(remesher *r); /* frees the memory allocated by remesher_init */
 
 trocar_status remesher_create_nested(inverse *inv, remesher **created, trocar_error *why);
 

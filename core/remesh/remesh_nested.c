@@ -186,7 +186,7 @@ static void add_row(nested_remesher *r, int slot) {
     fill_row(r, slot, &columns, count, corners);
     nested_mirror(shared->handles, SNAPSHOT_LD, slot, all, handles);
     column_ranges_add(&own, 3 * slot / COLUMN_STEP * COLUMN_STEP, 3 * slot + 3);
-    fill_row(r, slot, &own, count, corners); /* its columns have been filled before */
+    fill_row(r, slot, &own, count, corners); /* its columns have already been filled */
 }
 
 /* Computes the compliance of the nominal mesh between the new node and all contact nodes. */

@@ -62,7 +62,7 @@ pose pose_moved(pose base, base_motion step);
 /* Returns the row's place as an index of `places`, or -1 if the row is at a guide. */
 int resting_place(const resting_needle *r, int u);
 
-/* Computes the part, which the mesh does not resolve, of the displacement of each place per unit force on a piece of another needle's shaft:
+/* For each place, computes the part of its displacement per unit force on a piece of another needle's shaft that the mesh does not resolve:
    lacks[places.count], m/N. *any: false if all of it is zero; `lacks` is not set then. */
 trocar_status resting_lacks(needle_pairs *pairs, const resting_needle *r, const shaft_piece *piece, mat3 *lacks, bool *any, trocar_error *why);
 

@@ -6,7 +6,7 @@
 #include "snapshot/snapshot.h"
 
 typedef struct {
-    inverse *inverse;        /* attached */
+    inverse *inverse;        /* the inverse to which the needles are attached */
     needle_pairs *pairs;
     int count;
     resting_needle *needles[MAX_NEEDLES];
@@ -14,7 +14,7 @@ typedef struct {
     double *force, *move;    /* scratch: forces of all rows, and all motions */
     double *aside, *aside_move; /* responses to the part of the displacements caused by held needles that the mesh does not resolve */
     bool any_aside;          /* true if `aside` is not zero */
-    unresolved_cache caches[MAX_NEEDLES][MAX_NEEDLES]; /* of each resting needle, and each place in other_loads.of */
+    unresolved_cache caches[MAX_NEEDLES][MAX_NEEDLES]; /* one for each pair of a resting needle and a held one, at its index in other_loads.of */
     uint64_t cached_at;     /* value of `changes` for which the caches are valid */
     double *load;            /* N, for all rows: forces in the absence of held needles, other loads at the same places, and the fading part (see
                                 other_loads.attached) */

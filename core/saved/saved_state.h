@@ -9,7 +9,7 @@
 #include "saved/state_stream.h"
 #include "snapshot/needle_hold.h"
 
-/* saved_layout returns a number that changes whenever the size of one of these structs changes or SAVED_FORMAT is increased. */
+/* saved_layout returns a number that changes whenever the size of one of the saved structs changes or SAVED_FORMAT is increased. */
 enum { SAVED_FORMAT = 3 };   /* to be increased when the meaning of a member changes, or the order in which members are passed */
 uint64_t saved_layout(void);
 

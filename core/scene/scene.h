@@ -16,7 +16,7 @@ trocar_status scene_load(const char *path, scene *s, trocar_error *why);
    in "regions[0].poisson_ratio" or "regions[prostate].friction.static"; a new name appends an entry. BAD_INPUT leaves the scene unchanged. */
 trocar_status scene_set(scene *s, const char *key, const char *value, trocar_error *why);
 
-/* Likewise, for a change during a run: refuses keys that cannot change during a run, and appends no entries. */
+/* Like scene_set, but for a change during a run: refuses keys that cannot change then, and appends no entries. */
 trocar_status scene_set_live(scene *s, const char *key, const char *value, trocar_error *why);
 
 /* Prints the value of a key as YAML. BAD_INPUT if there is no such key or entry, or if `size` is too small. */

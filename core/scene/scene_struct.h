@@ -14,8 +14,8 @@ typedef struct {
     double rate_hz;          /* Hz, rate of the haptic loop */
     int phase_lock;          /* 1: ticks begin when poses arrive */
     char profile[1024];      /* name or path of the device profile; empty if there is none */
-    device_limits device;    /* at the handle */
-    device_mapping mapping;  /* between hand and needle */
+    device_limits device;    /* limits that hold at the handle */
+    device_mapping mapping;  /* mapping between hand and needle */
     pose start;              /* initial pose of the needle's base, outside the tissue; its position is NAN if none is given */
     double start_depth;      /* m, depth to which scripted motions insert the needle, starting at `start` */
     double patient_to_mesh[16]; /* transform from the patient's coordinates (mm, LPS) to the mesh's (m), row by row; the first entry is NAN if none is given */

@@ -15,8 +15,8 @@ typedef struct {
     const char *key, *unit;
     value_kind kind;
     size_t offset;           /* offset of the value in `scene` or, for a key in a list, in the list's entry */
-    const range *allowed;    /* NUMBER, COUNT */
-    word_of words;           /* WORD, PROFILE */
+    const range *allowed;    /* permitted range, for keys of type NUMBER or COUNT */
+    word_of words;           /* permitted words, for keys of type WORD or PROFILE */
     list_kind list;
     bool required;
     bool live;               /* the value may change during a run */

@@ -10,7 +10,7 @@
 #include "remesh/remesh.h"
 
 typedef struct {
-    char name[MESH_NAME], part_of[MESH_NAME]; /* `part_of`: name of the region that stands for the organ to which this one belongs; empty: none */
+    char name[MESH_NAME], part_of[MESH_NAME]; /* `part_of`: name of the region that represents the organ of which this region is a part; empty if none */
     region_material material;
 } region_config;
 typedef struct {
@@ -23,7 +23,7 @@ typedef struct {
     char surface[MESH_NAME]; /* surface that the probe presses; empty if there is no probe */
     probe_shape shape;
     double max_force;        /* N, force at which the probe is stopped */
-    pose start;              /* initial pose of the first needle's base; its position is NAN until a pose is given */
+    pose start;              /* initial pose of the probe's base; its position is NAN if none is given */
     int surface_line, start_line; /* lines of the keys of surface and start in the scene file, for messages; 0 if not given in a file */
 } probe_config;
 
@@ -60,8 +60,8 @@ region_material region_defaults(void);
 membrane_material membrane_defaults(void);
 calcification calcification_defaults(void); /* the centre is NAN and the radius 0 until they are given */
 
-/* Points `moduli` to the values of a configuration that a change of moduli replaces: Young's moduli and stiffening of the regions, and the stiffness of the
-   membranes. Returns their number. */
+/* Fills `moduli` with pointers to those values of a configuration that a change of moduli replaces: Young's moduli and stiffening of the regions, and the
+   stiffness of the membranes. Returns their number. */
 enum { MAX_MODULI = 2 * MAX_REGIONS + MAX_MEMBRANES };
 int simulation_moduli(simulation_config *config, double *moduli[MAX_MODULI]);
 

@@ -105,9 +105,9 @@ static double box_twice_integrated(double t, double width) {
 }
 
 /* Lines interact along the range in which they overlap, measured along the bisector of their directions. Both lines then use the same measure, so that the
-   forces are reciprocal. A force at a point of one line moves the other line over a length of twice the distance between them. Spread evenly over this
-   length, it has the same unresolved part of Kelvin's line force as of Kelvin's point force, at the distance beyond which the mesh resolves both. A needle in
-   its own old track is at least one radius away from the forces on the shaft's surface, as in line_field_lacks. */
+   forces are reciprocal. A force at a point of one line moves the other line over a length of twice the distance between them. Spread evenly over this length,
+   the force has the same unresolved displacement as a point force, if the distance is close to the radius that the mesh resolves. A needle in its own old track
+   is at least one radius away from the forces on the shaft's surface, as in line_field_lacks. */
 static meeting meet(const shaft_steps *steps, int k, const shaft_piece *piece, double radius) {
     vec3 along = steps->at[k].direction, other = piece->direction;
     if (v3_dot(along, other) < 0.0) other = v3_scale(-1.0, other);
@@ -126,8 +126,8 @@ static meeting meet(const shaft_steps *steps, int k, const shaft_piece *piece, d
 }
 
 /* The part of the displacement at a place, caused by a force per unit length on the other line, that the mesh does not resolve: the mean of the estimates from
-   both lines' patches. Where the tissue at one line is softer, both estimates are made for the geometric mean of the softnesses: with it, a needle in soft
-   tissue moves one in stiff tissue by no more than the work of both permits, and needles and tissue together stay stable. */
+   both lines' patches. If the tissue is softer at one line than at the other, both estimates are scaled to the geometric mean of the softnesses, which keeps
+   the compliance matrix of all needles positive definite. */
 static mat3 lacks_between(const needle_pairs *p, const line_field *of, const shaft_steps *steps, int k, const line_field *own, int tet, vec3 place) {
     double weights[4], softer = sqrt(own->softness / of->softness);
     mat3 there = line_field_lacks(of, p->mesh, steps->at[k].tet, steps->at[k].weights, steps->at[k].place, p->radius);
@@ -139,7 +139,8 @@ static mat3 lacks_between(const needle_pairs *p, const line_field *of, const sha
     return mean;
 }
 
-/* Fraction of Kelvin's solution for an infinite body that a shaft's load at this depth causes: near the surface, the tissue carries it as the mesh has it. */
+/* Fraction of the unresolved displacement that is added for a load at this depth. It grows from 0 at the surface, because Kelvin's solution is for an infinite
+   body. */
 static double embedded_part(const needle_pairs *p, double depth) { return fmin(depth / (EMBEDDING_DEPTH * p->radius), 1.0); }
 
 trocar_status needle_pairs_find(needle_pairs *p, const shaft_steps *steps, const shaft_piece *piece, int *from, int *to, mat3 *lacks, trocar_error *why) {
@@ -193,8 +194,8 @@ static double outside(double distance, double radius) {
     return 1.0 - 2.0 / M_PI * (acos(t) - t * sqrt(1.0 - t * t));
 }
 
-/* The needle feels its own residual loads as far as it is not in the hole where it exerted them: there, its present share is what the tissue holds it with.
-   They move the shaft near the surface less, as they act less from there. */
+/* Fraction of the displacement by its own residual loads that a needle feels: the part of its cross-section outside the hole where it exerted them, because
+   inside that hole the present share of the shaft bears the load; reduced near the surface, as for loads near the surface. */
 static double residual_part(const needle_pairs *p, const shaft_steps *steps, int k, const shaft_piece *piece) {
     double apart = v3_norm(v3_cross(piece->direction, v3_sub(steps->at[k].place, piece->place)));
     return outside(apart, p->radius) * embedded_part(p, k * steps->step);

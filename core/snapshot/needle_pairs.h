@@ -37,7 +37,7 @@ trocar_status needle_pairs_find(needle_pairs *p, const shaft_steps *steps, const
 /* Adds the displacement of the shaft that these loads cause and the mesh does not resolve. */
 trocar_status needle_pairs_shift(needle_pairs *p, const shaft_steps *steps, const tissue_loads *loads, unresolved_shift *shift, trocar_error *why);
 
-/* Does the same for the needle's own residual loads, separately for each term, except within their holes and near the surface. */
+/* Like needle_pairs_shift, for the needle's own residual loads, term by term; smaller in the holes where they were exerted, and near the surface. */
 trocar_status needle_pairs_residual_shift(needle_pairs *p, const shaft_steps *steps, const residual_loads *loads, unresolved_shift shift[MAX_RELAXATION],
                                           trocar_error *why);
 

@@ -77,11 +77,11 @@ enum { MAX_PIECES = 16 };
 
 /* The tick's request for data on the tissue. Each request is complete, so that only the newest one matters. */
 typedef struct {
-    uint64_t insertion;      /* number of resets before it */
+    uint64_t insertion;      /* number of resets before this request */
     uint64_t serial;
     refinement wanted;
     int window_count;
-    int window[MAX_WINDOW];  /* nominal nodes */
+    int window[MAX_WINDOW];  /* indices of nominal nodes */
     int piece_count;
     line_in_tet pieces[MAX_PIECES]; /* lines along the path near the tip */
     int needed;              /* number of window nodes, at the front of the list, that are indispensable; the others may be omitted if costly (inverse_holds) */
@@ -106,13 +106,13 @@ typedef struct {
     vec3 sum[SHIFT_STEPS + 1]; /* m^2 */
 } unresolved_shift;
 
-/* Mean (m) over an interval of the track. RT */
+/* Mean of the displacement (m) over an interval of the track. RT */
 vec3 unresolved_mean(const unresolved_shift *shift, double from, double to);
 
 /* The worker's answer: the inverse of the refined stiffness matrix between handles. The contact node in slot i is handle i; window entry k is handle
    MAX_CONTACTS + k. Rows of unused handles are meaningless. Immutable once published. */
 typedef struct {
-    uint64_t insertion;      /* that of the answered request */
+    uint64_t insertion;      /* `insertion` of the answered request */
     uint64_t serial;         /* serial of the answered request; 0 if there has been no answer yet */
     uint64_t ids[MAX_CONTACTS]; /* id of the contact node in each slot; 0 if the slot is free */
     int window[MAX_WINDOW];  /* nominal node at each place of the window; -1 if the place is free */
@@ -126,11 +126,12 @@ typedef struct {
     bool has_residuals;      /* true if u_residual is not zero everywhere */
     double residual_time;    /* s, residual_loads.time of the request */
     vec3 u_residual[MAX_RELAXATION][MAX_HANDLES]; /* m, displacement at residual_time under the residual loads of each term */
-    unresolved_shift unresolved_residual[MAX_RELAXATION]; /* the part of it that the mesh does not resolve; unused if has_residuals is false */
+    unresolved_shift unresolved_residual[MAX_RELAXATION]; /* the part of the shaft's displacement by these loads that the mesh does not resolve; valid if
+                                                             has_residuals */
     double compliance[SNAPSHOT_LD * SNAPSHOT_LD]; /* m/N, between handles i and j: [(3 i + a) * SNAPSHOT_LD + 3 j + b] */
 } compliance_snapshot;
 
-/* Makes the snapshot one without an answer. RT */
+/* Empties the snapshot, as if there had been no answer yet. RT */
 void snapshot_empty(compliance_snapshot *snapshot);
 
 /* Finds the handles of four nominal nodes in the snapshot; returns false if any is missing. RT */

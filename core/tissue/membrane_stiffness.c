@@ -5,7 +5,8 @@
 #include "base/hash.h"
 
 /* With the gradients g of the shape functions in the plane, the unit normal n, and Lame's constants of plane stress, integrated over the thickness, the block
-   of nodes a and b is A (lambda ga gb^T + mu gb ga^T + mu (ga.gb) (I - n n^T)). Zienkiewicz & Taylor, vol. 1, plane stress, turned into space. */
+   of nodes a and b is A (lambda ga gb^T + mu gb ga^T + mu (ga.gb) (I - n n^T)). Zienkiewicz & Taylor, vol. 1, plane stress, for a triangle of any orientation
+   in space. */
 void triangle_stiffness(const vec3 corners[3], const membrane_material *material, double k[9][9]) {
     double nu = material->poisson_ratio, mu = material->stiffness / (2.0 * (1.0 + nu)), lambda = material->stiffness * nu / (1.0 - nu * nu);
     vec3 twice = v3_cross(v3_sub(corners[1], corners[0]), v3_sub(corners[2], corners[0])), g[3];

@@ -17,7 +17,7 @@ void triangle_stiffness(const vec3 corners[3], const membrane_material *material
 /* A face of the mesh with membranes on it. */
 typedef struct {
     int nodes[3];
-    double stiffness[9][9];  /* N/m, of all its membranes together */
+    double stiffness[9][9];  /* N/m, sum over all membranes on the face */
 } membrane_face;
 
 /* In the following, `materials` has an entry for each group of the mesh, of which only those of dimension 2 are used; NULL: there are no membranes. */
@@ -29,7 +29,7 @@ bool membrane_on_face(const mesh *m, const membrane_material *materials, int tet
 /* Number of faces with membranes. */
 int membrane_face_count(const mesh *m, const membrane_material *materials);
 
-/* Continues a hash (base/hash.h) with all that the membranes add to K; without membranes, it stays as it is. */
+/* Continues a hash (base/hash.h) with everything that the membranes contribute to K; returns it unchanged if there are none. */
 uint64_t membrane_hash(uint64_t h, const mesh *m, const membrane_material *materials);
 
 #endif

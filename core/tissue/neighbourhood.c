@@ -154,7 +154,7 @@ static void add_elements(neighbourhood *n, double poisson_ratio) {
     }
 }
 
-/* Which elements share a volumetric strain; each contributes part of its volume. */
+/* The elements over which a volumetric strain is averaged; each contributes part of its volume. */
 typedef struct {
     int region, node, strain_patch; /* elements of this region that have this local node as a corner, or elements of this strain patch; -1 if not used */
 } strain_group;

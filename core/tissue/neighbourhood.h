@@ -17,8 +17,8 @@ typedef struct { int tet, face; } tet_face;
 /* All positions are in the line's frame: z along it, the origin at its point. */
 typedef struct {
     const tissue *tissue;
-    int *local;              /* node_count of the mesh: number of each node in the neighbourhood, or -1 */
-    bool *taken;             /* tet_count */
+    int *local;              /* for each node of the mesh: its number in the neighbourhood, or -1 */
+    bool *taken;             /* for each tetrahedron of the mesh: true if it is in the neighbourhood */
     int node_count, nodes[AROUND_NODES], tet_count, tets[AROUND_TETS];
     vec3 position[AROUND_NODES];
     bool cut[AROUND_NODES];  /* true if the node is on the boundary with the rest of the mesh */
@@ -31,7 +31,7 @@ typedef struct {
     double poisson_ratio;    /* Poisson's ratio of the element that contains the point, used for all elements */
     int chord_count;
     chord chords[AROUND_TETS]; /* the line's path through the elements, in order */
-    double stiffness[AROUND_DOFS * AROUND_DOFS]; /* full */
+    double stiffness[AROUND_DOFS * AROUND_DOFS]; /* stiffness matrix of the nodes, with both triangles */
 } neighbourhood;
 
 /* Allocates. `t` must outlive it. NO_MEMORY. */

@@ -7,8 +7,8 @@ enum { PATCH_SIZE = 8, LEAST_SIZE = 4, NO_PATCH = -1 };
 
 typedef struct {
     const mesh *mesh;
-    int *patch;              /* tet_count: patch of each tetrahedron; initially NO_PATCH */
-    int *grown;              /* tet_count: tetrahedra, in the order in which they were added to patches */
+    int *patch;              /* [tet_count]: patch of each tetrahedron; initially NO_PATCH */
+    int *grown;              /* [tet_count]: tetrahedra, in the order in which they were added to patches */
     int *first;              /* for each patch: index in `grown` of its first tetrahedron */
     int *size;               /* for each patch: number of its tetrahedra */
     int count, taken;        /* number of patches, and of tetrahedra in `grown` */

@@ -37,7 +37,7 @@ static int number_dofs(tissue *t) {
     return next;
 }
 
-/* Elastic moduli for the case that the volumetric part is integrated separately: mu is unchanged and lambda is 0. */
+/* If the volumetric part is integrated separately, the element's mu is unchanged and its lambda is 0. */
 void element_moduli(const tissue *t, int tet, double *youngs_modulus, double *poisson_ratio) {
     const region_material *material = &t->materials[t->mesh->region[tet]];
     bool whole = t->volumetric == STRAIN_BY_ELEMENT;

@@ -30,19 +30,19 @@ typedef enum { STRAIN_BY_PATCH, STRAIN_BY_NODE, STRAIN_BY_ELEMENT } volumetric_s
 typedef struct {
     const mesh *mesh;
     volumetric_strain volumetric;
-    int *patch, patch_count;   /* tet_count: patch of each tetrahedron, see strain_patches.h; NULL if the strain is not averaged by patch */
+    int *patch, patch_count;   /* [tet_count]: patch of each tetrahedron, see strain_patches.h; NULL if the strain is not averaged by patch */
     const region_material *materials; /* materials by group index; only entries of dimension 3 are used */
-    const membrane_material *membranes; /* by group index, MESH_MAX_GROUPS; only entries of dimension 2 are used. NULL: none. Set by the caller of tissue_define
-                                           before K is assembled */
-    bool *fixed;               /* node_count: true if the node's displacement is zero */
-    int dof_count;             /* free displacements */
-    int *dof;                  /* node_count: first of each node's three dofs, or -1 if the node is fixed */
+    const membrane_material *membranes; /* MESH_MAX_GROUPS entries, by group index; only those of dimension 2 are used. NULL if there are no membranes. Set by
+                                           the caller of tissue_define before K is assembled */
+    bool *fixed;               /* [node_count]: true if the node's displacement is zero */
+    int dof_count;             /* number of free displacements */
+    int *dof;                  /* [node_count]: first of each node's three dofs, or -1 if the node is fixed */
     cholmod_common common;     /* workspace of the thread that owns the factor */
     cholmod_sparse *stiffness; /* K, N/m, dof_count square, lower triangle; NULL until tissue_stiffness is called */
     atomic_bool assembled;     /* true once K exists and is visible to any thread */
     cholmod_factor *factor;    /* supernodal Cholesky factor of K; NULL until tissue_factor is called */
     double refused;            /* bytes that the last tissue_factor required if it failed for lack of memory; otherwise 0 */
-    int *column;               /* dof_count / 3: position in the factor of dofs 3 i, 3 i + 1, 3 i + 2 */
+    int *column;               /* [dof_count / 3]: position in the factor of dofs 3 i, 3 i + 1, 3 i + 2 */
 } tissue;
 
 /* Defines everything except K and its factor. `mesh` and `materials` must outlive the tissue. */

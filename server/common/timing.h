@@ -33,7 +33,7 @@ void sleep_until(int64_t monotonic);      /* sleeps until this absolute time (ns
 
 /* Resource usage counters of one thread. */
 typedef struct {
-    int64_t minor_faults, major_faults, context_switches; /* involuntary */
+    int64_t minor_faults, major_faults, context_switches; /* page faults, and involuntary context switches */
     int64_t allocations;                                  /* number of calls to the allocator; 0 if they are not counted */
 } thread_usage;
 

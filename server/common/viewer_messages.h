@@ -9,7 +9,7 @@
 #include "trocar_seeds_t.h"
 #include "trocar_tracks_t.h"
 
-enum { VIEWER_CONTACTS = TROCAR_MAX_POINTS }; /* including the tip */
+enum { VIEWER_CONTACTS = TROCAR_MAX_POINTS }; /* maximum number of contacts of a needle, including the tip */
 
 typedef struct {
     int node_count;

@@ -6,7 +6,7 @@ static const double DEFAULT_ROUND_TRIP = 5e-3; /* s, assumed until a round trip 
 static const double RISE = 0.02, FALL = 0.002; /* filter weights per round trip, chosen so that the estimate stays near the longest of the last ten
                                                   round trips */
 static const double MEAN = 0.02;            /* weight of the newest interval between poses in the running mean */
-static const double ACTIVE_ENERGY = 1e-3;   /* J */
+static const double ACTIVE_ENERGY = 1e-3;   /* J, energy received by the hand above which the coupling counts as active */
 
 enum { SWINGS = 4 };                        /* number of undamped swings after which the coupling is softened */
 static const double STEP = 2.0;             /* ratio between successive levels of caution; each level divides the stiffness by four */

@@ -42,7 +42,7 @@ static change_verdict refuse(needle_command *command, const char *reason) {
 static int is_cancelled(void *context) { return atomic_load_explicit(&((change_intake *)context)->cancelled, memory_order_relaxed); }
 
 static void *build(void *context) {
-    enum { NICE = 10 }; /* the simulation's worker comes first */
+    enum { NICE = 10 }; /* nice value of the thread, so that the simulation's worker has precedence */
     change_intake *in = context;
     setpriority(PRIO_PROCESS, 0, NICE); /* 0: this thread */
     trocar_watch watch = {.cancelled = is_cancelled, .context = in};

@@ -21,9 +21,9 @@ typedef struct {
     trocar_command_t asked;
     uint64_t engagement;         /* number of the needle's engagement at the time of the request */
     bool anew;                   /* at the time of the request, the next pose was already going to start a new engagement */
-    trocar_change *change;       /* the values to change to; NULL if this is no change */
-    trocar_change *replaced;     /* the values before it, which the IO thread frees when the command returns */
-    double change_time;          /* s */
+    trocar_change *change;       /* the new values; NULL if the request is not a change */
+    trocar_change *replaced;     /* the values before the change, which the IO thread frees when the command returns */
+    double change_time;          /* s, duration of the change */
     bool refused;
     char why[256];
 } needle_command;

@@ -43,10 +43,10 @@ typedef struct {
     bool released, stale, overrun;
     int late_ticks;          /* number of consecutive late ticks */
     double good_time;        /* s without a late tick since the ramp was triggered */
-    double gain;             /* 0..1 */
+    double gain;             /* from 0 to 1, factor by which the ramp multiplies the wrench */
     vec3 force, torque;      /* force (N) and torque (N m) of the last output wrench */
     double kept;             /* from 1 to 0: fraction of the wrench before the transfer that is still in the output */
-    vec3 before_force, before_torque; /* that wrench */
+    vec3 before_force, before_torque; /* force (N) and torque (N m) of the wrench before the transfer */
 } safety_limits;
 
 typedef enum { SAFETY_IDLE, SAFETY_ENGAGE, SAFETY_FOLLOW, SAFETY_HOLD } safety_decision;

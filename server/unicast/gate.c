@@ -7,7 +7,7 @@
 #include "trocar_command_t.h"
 
 static const int64_t SILENCE = 3000000000;      /* ns without a message after which a client is forgotten; clients send four times per second */
-static const uint64_t COOKIE_LIFE = 5000000000; /* ns */
+static const uint64_t COOKIE_LIFE = 5000000000; /* ns, time for which a cookie is valid */
 enum { COOKIE_MAC = WIRE_TOKEN - 8 };
 
 void gate_init(gate *g, const wire_key *secret, const wire_key *cookie_key) { *g = (gate){.secret = *secret, .cookie = *cookie_key}; }
@@ -123,8 +123,8 @@ static bool is_shutdown(const wire_message *m) {
     return m->size >= COMMAND + 4 && wire_get_number(m->bytes + COMMAND, 4) == TROCAR_COMMAND_T_SHUTDOWN;
 }
 
-/* Returns the channel on which to publish a message; NULL if clients may not send it. SHUTDOWN is published on the channel on which the server treats it as
-   one from another machine. The server's arbiters check everything else. */
+/* Returns the channel on which to publish a message; NULL if clients may not send it. SHUTDOWN is published on a separate channel, so that the server treats it
+   as coming from another machine. The server's arbiters check everything else. */
 static const char *published(const wire_message *m) {
     static const char *const relayed[] = {"TROCAR_POSE", "TROCAR_COMMAND", "TROCAR_PROBE", "TROCAR_CHANGE"};
     if (m->size < SESSION + 8 || m->size > WIRE_MESSAGE_MOST) return NULL;

@@ -17,13 +17,13 @@
 enum {
     GATE_CLIENTS = 32,
     GATE_RATE = 4000,            /* messages per second and client, averaged over 0.25 s */
-    GATE_REFUSALS = 10           /* answers per second to a wrong secret */
+    GATE_REFUSALS = 10           /* maximum number of answers per second to clients with a wrong secret */
 };
 
 typedef struct {
     bool connected;
     struct sockaddr_in address;
-    unsigned char nonce[WIRE_NONCE], token[WIRE_TOKEN]; /* the client's and the gate's */
+    unsigned char nonce[WIRE_NONCE], token[WIRE_TOKEN]; /* nonces of the client and of the gate */
     wire_key to_server, to_client;
     wire_window received;
     uint64_t sent;               /* counter of the last message to the client */

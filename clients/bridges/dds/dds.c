@@ -123,7 +123,7 @@ static void exchange(bridge *b, double now) {
     pose base = pose_at(b, now);
     trocar_pose sent = library_pose(base);
     if (now - b->heard <= LONGEST_PERIOD) trocar_client_publish(b->client, sent.position, sent.orientation);
-    trocar_client_newest(b->client, &w); /* zero without a server */
+    trocar_client_newest(b->client, &w); /* all members are zero if there is no server */
     topics_publish(b->topics, &(needle_state){base, {w.force[0], w.force[1], w.force[2]}, {w.torque[0], w.torque[1], w.torque[2]}, w.depth});
 }
 

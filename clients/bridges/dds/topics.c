@@ -11,7 +11,7 @@
 
 enum { DEPTH = 5 }; /* number of samples kept, as in ROS's profile for sensor data */
 static const double SILENCE = 1;               /* s without poses from a publisher after which another one is accepted */
-static const double UNIT_TOLERANCE = 1e-3;     /* the server's */
+static const double UNIT_TOLERANCE = 1e-3;     /* largest difference between a quaternion's length and 1, as in the server */
 
 struct topics {
     dds_entity_t participant, poses, wrenches, joints;
@@ -69,7 +69,7 @@ void topics_close(topics *t) {
 
 /* ---- poses ---- */
 
-/* Returns an empty text, or why the pose is refused. */
+/* Converts a message to a pose. `why` receives the reason if the pose is refused; otherwise it is empty. */
 static void examine(const topics *t, const geometry_msgs_msg_dds__PoseStamped_ *m, pose *p, char why[256]) {
     const geometry_msgs_msg_dds__Point_ *x = &m->pose.position;
     const geometry_msgs_msg_dds__Quaternion_ *q = &m->pose.orientation;
@@ -83,7 +83,8 @@ static void examine(const topics *t, const geometry_msgs_msg_dds__PoseStamped_ *
     else p->orientation = q_unit(p->orientation);
 }
 
-/* Prints the reason, unless it is the last one printed. Two faulty publishers alternate; each second, one line is printed about them. */
+/* Prints the reason unless it was also the last one printed. At most one line per second is printed, because the reasons of two faulty publishers may
+   alternate. */
 static void say(topics *t, const char *why, double now) {
     if (strcmp(why, t->said) == 0 || (*t->said && now - t->said_at < 1)) return;
     fprintf(stderr, "trocar-dds: a pose is refused: %s\n", why);

@@ -12,7 +12,7 @@
 enum { DOMAIN_MAX = 232 };                     /* the largest domain for which DDS has UDP ports */
 
 typedef struct {
-    int domain;                                /* as ROS_DOMAIN_ID */
+    int domain;                                /* DDS domain, as in ROS_DOMAIN_ID */
     const char *name_space;                    /* prefix of the topics, as in ROS without leading slash: "trocar" for /trocar/pose, ... */
     const char *frame;                         /* frame_id of all messages */
 } topic_settings;
@@ -28,7 +28,7 @@ void topics_close(topics *t);
    on stderr once, not for each pose. */
 bool topics_take_pose(topics *t, pose *newest);
 
-/* What is published about a needle. */
+/* The state of a needle that is published. */
 typedef struct {
     pose base;                                 /* m */
     vec3 force, torque;                        /* N and N m, world frame: exerted by the needle's base on the hand, torque about the base */

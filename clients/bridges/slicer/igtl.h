@@ -32,7 +32,7 @@ typedef struct {
 void igtl_name(igtl_message *m, const char *type, const char *name); /* truncates the name to 20 bytes if it is longer */
 void igtl_free(igtl_message *m);
 
-/* Each function gives a message a new value. */
+/* Each of these functions sets the new value of a message. */
 void igtl_set_transform(igtl_message *m, int64_t utime, const ras_matrix *matrix);
 void igtl_set_string(igtl_message *m, int64_t utime, const char *text);
 

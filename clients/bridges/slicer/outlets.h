@@ -9,7 +9,7 @@
 
 typedef struct {
     const trocar_model *model;
-    patient_frame frame;     /* RAS */
+    patient_frame frame;     /* conversion between the mesh's coordinates and RAS */
     bool registered;         /* true if the scene is registered to a patient */
     igtl_message *messages;
     int count, light_count;  /* number of messages, and number of small ones among them, which come first */

@@ -39,7 +39,7 @@ struct peer {
     uint64_t whole;          /* number of bytes sent since the peer connected */
     int64_t sent_at;         /* ns: time at which the last byte was sent */
     uint64_t widest;         /* bytes, the largest receive window that the peer has offered so far */
-    pace paces[PACES];       /* in turn; */
+    pace paces[PACES];       /* ring buffer of the last records; newest_pace is the index of the newest one */
     int newest_pace;
     int turn;                /* index of the heavy message that is considered first */
     int64_t *given;          /* for each message, the number of the last value that the peer received */
@@ -49,7 +49,7 @@ struct peer {
     size_t filled;
     unsigned char bytes[LARGEST_TRANSFORM]; /* buffer for the bytes of a header, or of a transform's body */
     int64_t complained;      /* ns, monotonic: time at which a refusal was last reported; 0 if never */
-    int unsaid;              /* refused since */
+    int unsaid;              /* number of refusals since then that have not been reported */
 };
 
 /* ---- coming and going ---- */

@@ -26,7 +26,7 @@ typedef struct {
 typedef struct {
     peer_settings settings;
     int listener;
-    int port;                /* listened on */
+    int port;                /* port that is listened on */
     peer *all[PEERS + 1];    /* NULL marks a free slot; the last element is the tracker's server */
     struct addrinfo *tracker_addresses, *tracker; /* addresses of the tracker's host, and the next address to try; NULL if there is no tracker */
     int64_t tracker_retry;   /* ns, monotonic: time of the next attempt to connect to the tracker */
@@ -37,7 +37,7 @@ typedef struct {
 trocar_status peers_open(peers *p, const peer_settings *settings, trocar_error *why);
 void peers_close(peers *p);
 
-int peers_count(const peers *p); /* clients now */
+int peers_count(const peers *p); /* number of connected clients */
 
 /* For use with poll(): fills in at most PEERS + 2 descriptors and returns their number. After poll(), peers_handle handles the descriptors that are
    ready. */

@@ -3,7 +3,7 @@
 #include "common/messages.h"
 
 static const double TOLERANCE = 1e-3; /* maximum error accepted in a rotation's columns, which arrive in single precision */
-static const double FAR = 1e4;        /* mm */
+static const double FAR = 1e4;        /* mm, largest accepted distance of a position from the origin */
 
 patient_frame ras_frame(const trocar_scene *scene) {
     patient_frame frame = {.turn = {1, 0, 0, 0}};

@@ -204,7 +204,7 @@ static void serve(bridge *b) {
         events[0] = (struct pollfd){.fd = lcm_get_fileno(b->lcm), .events = POLLIN};
         int count = peers_watch(&b->peers, events + 1);
         bool pending = newest_picture(b) != b->shown && peers_count(&b->peers) > 0;
-        events[count + 1] = (struct pollfd){.fd = slices_descriptor(&b->outlets.slices), .events = POLLIN}; /* ignored if -1 */
+        events[count + 1] = (struct pollfd){.fd = slices_descriptor(&b->outlets.slices), .events = POLLIN}; /* poll ignores a descriptor of -1 */
         if (poll(events, (nfds_t)count + 2, pending ? 1 : 50) < 0) continue;
         for (int i = 0; i < MESSAGES && lcm_handle_timeout(b->lcm, 0) > 0; i++) continue;
         peers_handle(&b->peers, events + 1, count);

@@ -196,7 +196,7 @@ void slices_free(slices *s) {
         eventfd_signal(s->news);
         pthread_join(s->thread, NULL);
     }
-    if (s->model) { /* created */
+    if (s->model) { /* true once slices_create has been called */
         triple_buffer_free(&s->told);
         triple_buffer_free(&s->drawn);
         if (s->news >= 0) close(s->news);

@@ -35,9 +35,9 @@ typedef struct {
 
 /* Drawn images. */
 typedef struct {
-    int64_t utime;           /* us, as given to slices_tell */
+    int64_t utime;           /* us, `utime` that was passed to slices_tell */
     image_plane planes[SLICES];
-    unsigned char grey[];    /* of all images */
+    unsigned char grey[];    /* pixels of all images */
 } drawn_slices;
 
 typedef struct {
@@ -50,7 +50,7 @@ typedef struct {
     slice all[SLICES];
     pthread_t thread;
     bool started;
-    triple_buffer told, drawn; /* inputs of the thread, see slices.c; drawn_slices */
+    triple_buffer told, drawn; /* told: inputs of the thread (slices.c); drawn: drawn_slices */
     int news, ready;         /* eventfds that signal new input, and new images; -1 without images */
     atomic_bool stop;
 } slices;
@@ -70,7 +70,7 @@ int slices_descriptor(const slices *s);
 /* Returns new images, which are valid until the next call; NULL if there are none. */
 const drawn_slices *slices_take(slices *s);
 
-/* Returns the matrix from IJK to RAS coordinates that igtl_set_image expects, of a drawn image. */
+/* Returns the matrix of a drawn image, from IJK to RAS coordinates, that igtl_set_image expects. */
 ras_matrix slice_matrix(const slices *s, const drawn_slices *drawn, slice_kind kind, const patient_frame *frame);
 
 #endif

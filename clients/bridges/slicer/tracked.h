@@ -13,8 +13,8 @@
 #include "base/vec.h"
 
 typedef struct {
-    const char *url;         /* LCM's */
-    int needle;              /* which one */
+    const char *url;         /* LCM URL; NULL for LCM's default */
+    int needle;              /* index of the needle in the scene */
     pthread_t thread;
     pthread_mutex_t lock;    /* protects the following members */
     pthread_cond_t news;

@@ -27,7 +27,7 @@ typedef struct {
     bool (*read)(void *device, int timeout, input_state *state, char *text, size_t size);
     /* Renders the force `push` (N), which acts against the forward direction. NULL if the device has no motors. */
     void (*render)(void *device, double push);
-    void (*close)(void *device);       /* motors off */
+    void (*close)(void *device);       /* switches the motors off and closes the device */
 } input_driver;
 
 typedef struct input input;

@@ -59,8 +59,7 @@ static void take_rest(joystick *j) {
 }
 
 /* Corrects the recorded rest value of a stick with the range 0 to 255. Until its first report, such a stick has the value 0, like a trigger. It then
-   jumps to the middle of the range, whereas a trigger reaches the middle in small steps.
-   */
+   jumps to the middle of the range, whereas a trigger reaches the middle in small steps. */
 static void correct_rest(joystick *j, unsigned code, int value) {
     for (int i = 0; i < INPUT_AXES; i++) {
         if (codes[i] != code || j->moved[i]) continue;

@@ -23,7 +23,7 @@ typedef struct {
     int effect;              /* number of the uploaded effect; -1 if there is none */
     bool has_force;
     int rest[INPUT_AXES];    /* values of the axes when the device was opened, taken as their rest values */
-    bool moved[INPUT_AXES];  /* since then */
+    bool moved[INPUT_AXES];  /* true once the axis has moved since the device was opened */
 } joystick;
 
 extern const input_driver joystick_driver;

@@ -20,7 +20,7 @@ typedef struct {
    reason to `why`. */
 bool mapping_parse_axes(mapping *m, const char *text, const char *const *axis_names, char *why, size_t size);
 
-/* In the same way, parses a list such as "clutch=0,reset=1". */
+/* Parses a list such as "clutch=0,reset=1", in the same way as mapping_parse_axes. */
 bool mapping_parse_buttons(mapping *m, const char *text, char *why, size_t size);
 
 /* Returns the rate command for the device's state. Deflections are counted from the edge of the dead zone, as (|a| - d) / (1 - d), so that the needle

@@ -9,7 +9,7 @@
 #include "view/hand/hole_approach.h"
 #include "view/hand/parking_poses.h"
 
-static const int64_t RECENT = 500000000; /* ns */
+static const int64_t RECENT = 500000000; /* ns, largest age of a wrench that counts as recent */
 static const double FAR = 0.5; /* m: if a needle's base is farther from its home than this, the needle has been removed */
 
 static const trocar_status_t *status_of(const pilot *p, int needle) { return p->feed->needles[needle].status; }
@@ -185,7 +185,7 @@ const char *pilot_trouble(const pilot *p, int needle) {
 bool pilot_has(const pilot *p, int needle) { return pilot_trouble(p, needle) == NULL; }
 
 bool pilot_may_take(const pilot *p, int needle) {
-    if (!p->driving && p->handing == HANDING_DROPPED) return false; /* soon */
+    if (!p->driving && p->handing == HANDING_DROPPED) return false; /* not until the released needle rests */
     return pilot_has(p, needle) || (!p->driving && subscriber_alive(p->feed) && rests(p, needle));
 }
 

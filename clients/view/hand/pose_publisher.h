@@ -36,7 +36,7 @@ typedef struct {
     int seeds;               /* for DROP: number of seeds */
     pose home, base;         /* TAKE: the needle's waiting pose outside the tissue, and its initial pose; HOLE: `home` is the pose to which the needle
                                 moves, unless the user steers it sideways, turns it or draws it back; PROBE: pose of the probe */
-    rate_control_command command;   /* STEER, PROBE */
+    rate_control_command command;   /* for STEER and PROBE: the commanded speeds */
 } publisher_order;
 
 typedef struct {
@@ -53,7 +53,7 @@ typedef struct {
     rate_control_state drive;
     rate_control_command command;
     int needle;              /* index of the needle that is held now, or was held last */
-    pose home;               /* waiting pose of that needle */
+    pose home;               /* waiting pose of the needle, outside the tissue */
     bool holding;
     bool has_hole;           /* true if `home` is in front of the hole to which the needle was ordered */
     bool waiting;            /* true while the thread waits for the server: see ORDER_LEAVE */

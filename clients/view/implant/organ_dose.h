@@ -16,7 +16,7 @@ typedef enum {
 } dose_state;
 
 enum { DVH_POINTS = 101 };   /* number of points of a dose-volume histogram, for doses from 0 to DVH_TOP */
-#define DVH_TOP 3.0          /* prescriptions */
+#define DVH_TOP 3.0          /* upper end of a histogram's doses, as a multiple of the prescription */
 
 typedef struct {
     bool known;
@@ -28,7 +28,7 @@ typedef struct {
 typedef struct { double centre[3], scale; } shrinkage;
 
 typedef struct {
-    const char *name;        /* name of the region that stands for the organ */
+    const char *name;        /* name of the region that represents the organ */
     bool is_target, shrinks; /* `shrinks` is true if the organ shrinks together with the gland */
     trocar_structure *structure;
     double *points, *doses;  /* scratch */

@@ -8,7 +8,7 @@
 #include "view/stream/wire_format.h"
 
 typedef struct {
-    _Atomic(byte_buffer *) section; /* NULL: taken */
+    _Atomic(byte_buffer *) section; /* NULL if the newest section has been taken */
     int ready;                      /* eventfd, readable while there may be a section; -1 if it could not be created */
 } section_box;
 

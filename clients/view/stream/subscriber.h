@@ -39,7 +39,7 @@ typedef struct {
     trocar_probe probe;      /* newest state of the probe; not placed before the first message about it */
     int64_t probe_owner;     /* session that moves the probe; 0 before the first */
     trocar_seeds_t *seeds;   /* NULL before the first message */
-    trocar_deformation_t *deformation; /* likewise */
+    trocar_deformation_t *deformation; /* NULL before the first message */
     trocar_command_reply_t *reply; /* reply to the last command of `session` other than RELEASE; NULL before the first */
     trocar_command_reply_t *change_reply; /* reply to the last change that `session` asked for; NULL before the first */
     trocar_values_t *values; /* values that may change during the run; NULL before the first message */
@@ -64,8 +64,8 @@ double subscriber_time(const subscriber *f);
 /* True if there is a needle or a probe to show. */
 bool subscriber_shows(const subscriber *f);
 
-/* Returns the session that owns the needle, as far as known; 0 if there is none. An owner that has been silent for two seconds, and may lose the
-   needle to any other session, does not count. */
+/* Returns the session that owns the needle according to the newest messages; 0 if there is none. An owner that has been silent for two seconds, and may lose
+   the needle to any other session, does not count. */
 int64_t subscriber_owner(const subscriber *f, int needle);
 
 /* Gets the pose of the needle's base in the server; false if it is unknown. */

@@ -1,7 +1,6 @@
 /* Data for the browsers: encoded pictures, and samples for the plots. Of live data, only the newest picture and the last minute of samples are kept.
    Of a log, all samples are kept, and all pictures up to a limit; beyond it, every second picture is kept, then every fourth and so on, and always
-   the newest. Not thread-safe.
-   */
+   the newest. Not thread-safe. */
 #ifndef TROCAR_TIMELINE_H
 #define TROCAR_TIMELINE_H
 
@@ -34,7 +33,7 @@ void timeline_free(timeline *t);
 /* Adds the values of one tick of needle `s->needle`; `s` contains the events of this tick only. NO_MEMORY (log only). */
 trocar_status timeline_add_sample(timeline *t, const plot_sample *s, trocar_error *why);
 
-/* As encode_picture. */
+/* Adds a picture, encoded by encode_picture with these arguments. NO_MEMORY. */
 trocar_status timeline_add_picture(timeline *t, double time, const needle_shown needles[], int count,
                                    const trocar_probe *probe, const trocar_deformation_t *tissue, trocar_error *why);
 

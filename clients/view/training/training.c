@@ -117,7 +117,7 @@ static void on_message(const lcm_recv_buf_t *received, const char *channel, void
 trocar_status training_open(training *t, lcm_t *lcm, trocar_error *why) {
     static const char *const channels[] = {"TROCAR_WRENCH", "TROCAR_TIMING", "TROCAR_STATUS", "TROCAR_CONTACTS", "TROCAR_TRACKS", "TROCAR_DEFORMATION", "TROCAR_SEEDS",
                                            "TROCAR_REPLY", "TROCAR_PROBE_WRENCH", "TROCAR_VALUES", "TROCAR_POSE", "TROCAR_COMMAND", "TROCAR_CHANGE", NULL};
-    static const packet_wishes wishes = {.channels = channels}; /* those of the subscriber, and what trocar-replay needs */
+    static const packet_wishes wishes = {.channels = channels}; /* the channels of the subscriber, and those that trocar-replay needs */
     if (!t->task) return TROCAR_OK;
     lcm_filter_restrict(&wishes);
     t->lcm = lcm;

@@ -19,25 +19,25 @@ typedef struct {
     const char *task;        /* path of the task; NULL if there is none */
     char runs[TRAINING_PATH];     /* folder of the trainee's runs */
     char prepared[TRAINING_PATH]; /* folder with task.json and plan.csv, for the page and the viewer */
-    char scene[TRAINING_PATH], name[64], plan[TRAINING_PATH], source[64]; /* from the task; "" if it has none */
+    char scene[TRAINING_PATH], name[64], plan[TRAINING_PATH], source[64]; /* contents of the task; "" for those that it does not have */
     double strength, prescription;   /* U and Gy; 0 if the task has none */
 
     lcm_t *lcm;
     lcm_subscription_t *heard;
-    lcm_eventlog_t *log;     /* while the task is running */
+    lcm_eventlog_t *log;     /* the recording, while the task is running; otherwise NULL */
     bool full;               /* true if an event could not be written */
     int64_t events;
     training_state state;
-    double began, ended;     /* s, by subscriber_time */
+    double began, ended;     /* s, times of the task's beginning and end, on the clock of subscriber_time */
     char run[128];           /* NAME/TIME: the files of the last run in `runs`, without their endings */
     pid_t scorer;            /* the process of trocar-score, while it runs */
-    int said;                /* its output */
+    int said;                /* descriptor of a file in memory that receives the output of trocar-score */
     bool has_report;
     char message[512];       /* what went wrong, or ""; shown on the page */
 } training;
 
-/* Reads the task by trocar-score, which must be in the folder of this program. `runs`: NULL for the default, a folder in the user's home. BAD_INPUT with the
-   message of trocar-score if the task cannot be used. */
+/* Lets trocar-score read the task; trocar-score must be in the folder of this program. `runs`: NULL for the default, a folder in the user's home. BAD_INPUT
+   with the message of trocar-score if the task cannot be used. */
 trocar_status training_prepare(training *t, const char *task, const char *runs, trocar_error *why);
 
 /* Listens to the messages that are recorded. Call after subscriber_open. */
@@ -47,7 +47,7 @@ void training_close(training *t);
 /* Starts the task and its recording. Refused with a message for the page while seeds or tracks of earlier needles are in the tissue. */
 void training_start(training *t, subscriber *feed);
 
-/* Ends the task, and starts trocar-score. `language`: of the report, two letters as an ASCII code each, the first in the lowest byte; 0 for English. */
+/* Ends the task, and starts trocar-score. `language`: language of the report, as two ASCII letters, the first in the lowest byte; 0 for English. */
 void training_finish(training *t, const subscriber *feed, uint32_t language);
 
 /* Checks whether trocar-score has ended. Does not wait. */

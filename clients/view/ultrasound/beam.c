@@ -2,23 +2,24 @@
 
 #include <math.h>
 
-/* Frequency, bandwidth: a 62 % wide array of 5.66 MHz for transrectal images (Chen, Nguyen, Yen 2012). f-number: the width of 0.92 mm at -6 dB that the same
-   authors computed for their transverse images. The apertures and focal depths are assumptions. */
+/* Frequency and bandwidth: an array for transrectal imaging with a bandwidth of 62 % at 5.66 MHz (Chen, Nguyen, Yen 2012). f-number: gives the beam width of
+   0.92 mm at -6 dB that the same authors computed for their transverse images. The apertures and focal depths are assumptions. */
 const beam TRANSRECTAL = {.frequency = 5.66e6, .bandwidth = 0.62, .f_number = 3.8, .aperture = 8e-3, .focus = 0.03, .height = 4e-3, .height_focus = 0.03};
 
 static const double HALF_WIDTH = 2.354820045; /* full width of a Gaussian at half its height, divided by its standard deviation: sqrt(8 ln 2) */
 static const double SINC_HALF = 1.206709;     /* full width of sin(pi x) / (pi x) at half its height */
-static const double SINC_SQUARED_HALF = 0.885893; /* the same for its square */
+static const double SINC_SQUARED_HALF = 0.885893; /* full width of the square of sin(pi x) / (pi x) at half its height */
 
 double beam_wavelength(const beam *b) { return SOUND_SPEED / b->frequency; }
 
-/* A Gaussian spectrum of standard deviation s belongs to a pulse of standard deviation 1/(2 pi s); depth is half of the path. */
+/* A Gaussian spectrum with the standard deviation s corresponds to a pulse with the standard deviation 1/(2 pi s); depth is half of the path. */
 double beam_pulse_sigma(const beam *b) {
     double spectrum = b->bandwidth * b->frequency / HALF_WIDTH;
     return 0.5 * SOUND_SPEED / (2 * M_PI * spectrum);
 }
 
-/* One way from an aperture with a fixed focus: diffraction, which is proportional to depth, and the convergence of the aperture toward the focus. */
+/* Width of a beam, one way, from an aperture with a fixed focus: diffraction, which is proportional to depth, and the convergence of the aperture toward the
+   focus. */
 static double fixed_focus(double diffraction, double aperture, double focus, double depth) {
     return hypot(diffraction * depth / focus, aperture / sqrt(12.0) * (1 - depth / focus));
 }
@@ -32,7 +33,7 @@ double beam_width_sigma(const beam *b, double depth) {
     return 1 / hypot(1 / sent, 1 / received);
 }
 
-/* The same lens focuses both ways. */
+/* The same lens focuses the transmitted and the received sound. */
 double beam_thickness_sigma(const beam *b, double depth) {
     double diffraction = SINC_HALF * beam_wavelength(b) * b->height_focus / (b->height * HALF_WIDTH);
     return fixed_focus(diffraction, b->height, b->height_focus, depth) / sqrt(2.0);

@@ -10,7 +10,7 @@ enum { BODY_POINTS = TROCAR_MAX_NEEDLES * TROCAR_MAX_JOINTS + 2 * TROCAR_MAX_SEE
 typedef struct {
     int count, point_count;
     struct {
-        int first, count;    /* points */
+        int first, count;    /* index of the body's first point in `points`, and number of its points */
         double radius;       /* m */
         const acoustics *is;
     } list[BODIES];

@@ -5,9 +5,9 @@
 
 #include "view/ultrasound/scatterers.h"
 
-enum { WIDEST_KERNEL = 24 }; /* lines on each side */
+enum { WIDEST_KERNEL = 24 }; /* largest number of rows or lines on each side of a kernel's middle */
 
-static const double ROWS_PER_SIGMA = 1.3;    /* of the pulse */
+static const double ROWS_PER_SIGMA = 1.3;    /* rows per standard deviation of the pulse */
 static const double LINES_PER_SIGMA = 1.3;   /* lines per standard deviation of the beam where it is narrowest */
 static const double MIRROR = 45;             /* dB, echo of a perfect mirror relative to the prostate's speckle: an assumption */
 static const double COMPENSATED = 0.5;       /* dB/(cm MHz), attenuation for which the scanner compensates */
@@ -33,7 +33,7 @@ struct echo {
     scatterers scatterers;
     image_point *nodes;
     echo_grid grid;
-    kernel pulse, *widths;   /* widths [rows] */
+    kernel pulse, *widths;   /* kernel of the pulse, and [rows] kernels of the beam's width */
     float *mixed, *loss, *factor; /* [2 * lines], [lines], [lines] */
     float *envelope;         /* [rows][lines] */
     image_raster raster;
@@ -83,7 +83,8 @@ static kernel kernel_of(double sigma) {
     return k;
 }
 
-/* Mean energy of the kernel applied to an echo that is distributed linearly: the overlap of two triangles is 2/3 at no distance, and 1/6 at one. */
+/* Mean energy of the kernel applied to an echo that is distributed linearly: the integral of the product of two triangles is 2/3 at the distance 0, and 1/6 at
+   the distance 1. */
 static double energy_of(const kernel *k) {
     double sum = 0;
     for (int i = 0; i <= 2 * k->half; i++) sum += k->weights[i] * (2 * k->weights[i] + (i < 2 * k->half ? k->weights[i + 1] : 0)) / 3;
@@ -169,7 +170,7 @@ void grid_add(echo_grid *g, int line, double row, double amplitude) {
     at[2 * (size_t)g->lines] += size * part;
 }
 
-/* The event follows the echo, which is distributed over the rows before and after it. */
+/* The event takes effect behind the echo, which is distributed over the rows before and after `row`. */
 void grid_event(echo_grid *g, int line, double row, double once, double each) {
     int at = (int)fmin(fmax(row, -2), g->rows) + 2;
     if (at >= g->rows || g->event_count == g->event_room) return;

@@ -31,7 +31,7 @@ void echo_show(unsigned char *levels, size_t count, double gain, double range);
 typedef struct {
     int rows, lines;
     double step, first_row;  /* m, distance between rows; distance of the first row from the origin */
-    double spacing, first_line; /* rad in a sector, else m */
+    double spacing, first_line; /* distance between lines, and position of the first line: rad in a sector, otherwise m */
     const float *values;
 } echo_envelope;
 echo_envelope echo_last(const echo *e);

@@ -21,11 +21,11 @@ typedef struct {
 
 typedef struct {
     image_field field;
-    int rows, lines;         /* including PAD on each side */
-    double step;             /* m, between rows */
-    double spacing;          /* distance between lines: rad in a sector, else m */
+    int rows, lines;         /* numbers of rows and lines, including PAD on each side */
+    double step;             /* m, distance between rows */
+    double spacing;          /* distance between lines: rad in a sector, otherwise m */
     double first_row;        /* m, distance of row 0 from the origin */
-    double first_line;       /* rad or m, place of line 0 */
+    double first_line;       /* position of line 0: rad in a sector, otherwise m */
     double wavelength;       /* m */
     float edge_cosine, edge_sine, edge_margin; /* outward normal (across, away) of the last line, and distance (m) beyond it from which echoes still spread into the image */
     float *signal;           /* [rows][lines][2] */
@@ -36,7 +36,7 @@ typedef struct {
     int event_count, event_room;
     int *event_head;         /* [rows], first event of each row, or -1 */
     float *first_event;      /* [lines], row of the first boundary on the line */
-    float *first_loss;       /* [lines], dB/(cm MHz) in front of it */
+    float *first_loss;       /* [lines], dB/(cm MHz), attenuation in front of that boundary */
 } echo_grid;
 
 /* A node or point relative to the image, m: across, away from the probe, out of the plane. */

@@ -3,7 +3,7 @@
 
 #include <string.h>
 
-/* As in page/src/ultrasound_view.js. */
+/* The same values as in page/src/ultrasound_view.js. */
 static const double MARGIN = 0.014;     /* m, margin around the region of interest */
 static const double BELOW = 0.016;      /* m, distance from the region of interest to the probe's axis if the scene has no probe */
 static const double NEAR[SLICES] = {0.010, 0.006}; /* m, smallest depth shown in each image */

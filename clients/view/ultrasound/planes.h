@@ -49,13 +49,13 @@ void planes_at_probe(const image_planner *p, pose base, image_plane planes[SLICE
 /* Places the images below the region of interest, at these places on the mesh's z and x axis (m). For scenes without a probe, and until the probe has a pose. */
 void planes_at(const image_planner *p, double z, double x, image_plane planes[SLICES]);
 
-/* The same, through a needle's tip, or through the middle if the tip is NULL. */
+/* Like planes_at, but through a needle's tip, or through the middle of the region if `tip` is NULL. */
 void planes_at_tip(const image_planner *p, const double tip[3], image_plane planes[SLICES]);
 
 /* Returns the field that covers the region of interest in this plane; `depth` (m, from the face) replaces the depth of that field unless it is 0. */
 image_field image_field_of(const image_planner *p, slice_kind kind, const image_plane *plane, double depth);
 
-/* Returns a raster that covers the field; its width and height may be too large for an int and are limited to a million pixels. */
+/* Returns a raster that covers the field; its width and height are limited to a million pixels, so that they fit into an int. */
 image_raster image_raster_of(const image_field *field, double pixel);
 
 #endif

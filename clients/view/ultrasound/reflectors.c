@@ -6,25 +6,25 @@
 
 #include "view/stream/model_faces.h"
 
-/* Slopes of the facets of a surface, and the part of the echo that does not depend on direction. Assumptions. */
+/* Standard deviation of the slopes of a surface's facets, and the part of the echo that does not depend on direction; both are assumptions. */
 typedef struct {
     double slope, diffuse;
 } roughness;
 static const roughness ORGAN = {0.35, 0.15}, METAL = {0.15, 0.03}, HARD = {0.6, 0.3};
 
 static const double STEEL_SPEED = 5790;  /* m/s, longitudinal, stainless steel (CRC Handbook of Chemistry and Physics) */
-static const double TISSUE = 1.63;       /* MRayl, around needles and seeds */
+static const double TISSUE = 1.63;       /* MRayl, impedance of the tissue around needles and seeds */
 static const double FINEST = 1.5e-4;     /* m, length of the pieces of a needle's axis */
 static const double FAINT = 1e-3;        /* reverberation ends at this fraction of its first echo */
 static const double DARKEST = 0.02;      /* smallest fraction of the sound that passes a body */
-enum { STRIPS = 5 };                     /* across a needle */
+enum { STRIPS = 5 };                     /* number of strips across a needle's surface */
 
 double sound_left(double attenuation, double frequency, double length) {
     return pow(10, -attenuation * 1e-6 * frequency * 100 * 2 * length / 20);
 }
 
-/* Echo of a rough surface relative to that at normal incidence: facets whose slopes are Gaussian (Beckmann and Spizzichino 1963), and a diffuse part.
-   `cosine`: of the angle of incidence. */
+/* Echo of a rough surface relative to that at normal incidence: facets whose slopes are Gaussian (Beckmann and Spizzichino 1963), and a diffuse part. `cosine`:
+   cosine of the angle of incidence. */
 static double glint(roughness r, double cosine) {
     double c = fmax(cosine * cosine, 1e-6), tangent = (1 - c) / c;
     return r.diffuse + (1 - r.diffuse) * exp(-0.5 * tangent / (r.slope * r.slope));
@@ -210,7 +210,7 @@ void reflectors_add(const reflectors *r, const image_point *nodes, double freque
 
 /* ---- needles and seeds ---- */
 
-/* What each line sees of a body: its echo, the row of its surface (weighted with the echo), and the part of the beam that it hides. */
+/* A body as each line sees it: its echo, the row of its surface (a mean weighted with the echo), and the part of the beam that the body hides. */
 typedef struct {
     double echo[GRID_LINES], row[GRID_LINES], hides[GRID_LINES];
 } silhouette;

@@ -8,11 +8,11 @@
 /* A face between two volumes, or on the outside. */
 typedef struct {
     int32_t nodes[3];        /* counter-clockwise as seen from the volume `out` */
-    int8_t in, out;          /* volumes; -1: none */
-    int8_t bone;             /* 1: the surface of a bone that the mesh leaves out */
+    int8_t in, out;          /* volumes on both sides; -1 if there is none */
+    int8_t bone;             /* 1 if the face is on the surface of a bone that the mesh does not contain */
 } boundary;
 
-/* A ball that is fixed in the tissue. */
+/* A calcification: a ball that is fixed in the tissue. */
 typedef struct {
     int32_t nodes[4];
     double weights[4], radius; /* m */

@@ -19,8 +19,8 @@
 #include "view/ultrasound/bodies.h"
 #include "view/ultrasound/echo.h"
 
-static const double PIXEL = 0.25e-3;         /* m */
-static const double SHALLOWEST = 0.02, DEEPEST = 0.15; /* m */
+static const double PIXEL = 0.25e-3;         /* m, size of a pixel */
+static const double SHALLOWEST = 0.02, DEEPEST = 0.15; /* m, limits of the depth that a browser can request */
 static const int64_t PATIENCE = 2000000000;  /* ns for which a request is valid */
 
 /* The images that a browser requests. */

@@ -18,7 +18,7 @@ static void swap_larger(double *a, double *b) {
     *b = larger;
 }
 
-/* Fills the table: three barycentric coordinates, and the phase of the echo in turns, which stands for the place within a wavelength and for the sign of the
+/* Fills the table: three barycentric coordinates, and the phase of the echo in turns, which represents the place within a wavelength and the sign of the
    scatterer. The points of a Kronecker sequence fill the unit cube evenly; sorting their coordinates folds the cube onto a tetrahedron, whose barycentric
    coordinates are the gaps between the sorted numbers. */
 static void fill_table(float *table) {

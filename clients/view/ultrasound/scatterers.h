@@ -9,8 +9,8 @@ typedef struct {
     int tet_count;
     const int32_t *tets;
     float *expected;         /* [tet_count], mean number of scatterers in each */
-    float *amplitudes;       /* [tet_count] */
-    float *table;            /* see scatterers.c */
+    float *amplitudes;       /* [tet_count], amplitude of the scatterers in each */
+    float *table;            /* places and phases of the scatterers: see fill_table in scatterers.c */
 } scatterers;
 
 /* `density`: scatterers per m^3 of the tissue at rest; `amplitudes` [regions]. NO_MEMORY. */

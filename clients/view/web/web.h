@@ -7,7 +7,8 @@
 
 typedef struct web web;
 
-enum { WEB_PORT = 8686, WEB_BROWSERS = 16, WEB_ACTION_BYTES = 32, WEB_PATIENCE = 100, WEB_SECTIONS = 5, WEB_TEXT = 512 }; /* WEB_TEXT: most bytes of text */
+enum { WEB_PORT = 8686, WEB_BROWSERS = 16, WEB_ACTION_BYTES = 32, WEB_PATIENCE = 100, WEB_SECTIONS = 5, WEB_TEXT = 512 }; /* WEB_TEXT: maximum number of bytes
+                                                                                                                             of text */
 
 /* A message from a browser; little-endian, 32 bytes, after which ACTION_CHANGE has text and ACTION_PICTURE has a picture. */
 typedef enum { ACTION_ACKNOWLEDGE = 1, ACTION_TAKE, ACTION_STEER, ACTION_RESET, ACTION_RELEASE, ACTION_PICTURE, ACTION_HOLE, ACTION_DROP, ACTION_UNDO,
@@ -28,9 +29,9 @@ typedef struct {
     int64_t version;         /* incremented with each change; 0 before the first */
 } web_section;
 
-/* A browser, as the state for it describes it. */
+/* The browser for which `describe` returns the state. */
 typedef struct {
-    int number, count;       /* its number from 1 to WEB_BROWSERS, the smallest free one when it connected; number of connected browsers */
+    int number, count;       /* its number (1 to WEB_BROWSERS, the smallest that was free when it connected); number of connected browsers */
     int driver;              /* number of the browser that drives a needle, 0 if none does */
     uint32_t steered;        /* number of its last ACTION_STEER or ACTION_PROBE, 0 before the first */
 } web_page;

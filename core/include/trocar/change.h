@@ -11,16 +11,16 @@ extern "C" {
 /* Values of all parameters that may change during a run. Prepared in any thread, then taken over by a simulation between two ticks. */
 typedef struct trocar_change trocar_change;
 
-/* Creates a change from the values to which the simulation is set; as long as nothing is set, it changes nothing. NO_MEMORY. [alone, allocates] */
+/* Creates a change that contains the values to which the simulation is set; it has no effect before trocar_change_set. NO_MEMORY. [alone, allocates] */
 TROCAR_API trocar_status trocar_change_create(const trocar_sim *sim, trocar_change **change, trocar_error *error);
 
 /* Creates an independent copy. NO_MEMORY. [one, allocates] */
 TROCAR_API trocar_status trocar_change_copy(const trocar_change *change, trocar_change **copy, trocar_error *error);
 TROCAR_API void trocar_change_free(trocar_change *change);
 
-/* Sets keys to values: lines of "key: value", as in trocar_scene_set, for example "membranes[skin].puncture_force: 2\nregions[gland].cutting_force: 1".
+/* Sets keys to values, in lines of "key: value", as in trocar_scene_set, for example "membranes[skin].puncture_force: 2\nregions[gland].cutting_force: 1".
    BAD_INPUT, without effect, for any key that cannot change during a run (its message names it), an entry that does not exist, a bad value, kinetic friction
-   above the static limit, and a cutting or puncture force that would become .inf (bone) or was. NO_MEMORY. [one, allocates] */
+   above the static limit, and a cutting or puncture force that is or would become .inf (bone). NO_MEMORY. [one, allocates] */
 TROCAR_API trocar_status trocar_change_set(trocar_change *change, const char *lines, trocar_error *error);
 
 /* If the moduli differ from those of the simulation (Young's moduli, stiffening, the stiffness of membranes), builds a model with them. This takes as long as the
@@ -28,32 +28,33 @@ TROCAR_API trocar_status trocar_change_set(trocar_change *change, const char *li
    CANCELLED, NUMERIC, and, for a large mesh, SYSTEM. [one, allocates] */
 TROCAR_API trocar_status trocar_change_prepare(trocar_change *change, const trocar_watch *watch, trocar_error *error);
 
-/* 1 if the change has a model with its moduli, so that a simulation can take it over. [one] */
+/* Returns 1 if the change has a model with its moduli, so that a simulation can take it over; otherwise 0. [one] */
 TROCAR_API int trocar_change_prepared(const trocar_change *change);
 
-/* The number of keys that may change, and one of them, such as "regions[gland].friction.static", with its value. 1, or 0 without writing if `index` is out of
-   range. [one] */
+/* Return the number of keys that may change; and one of these keys, such as "regions[gland].friction.static", with its value. trocar_change_at returns 1 or,
+   without writing, 0 if `index` is out of range. [one] */
 enum { TROCAR_CHANGE_KEY = 128 };
 TROCAR_API int trocar_change_count(const trocar_change *change);
 TROCAR_API int trocar_change_at(const trocar_change *change, int index, char key[TROCAR_CHANGE_KEY], double *value);
 
 /* Duration of a change, s of simulated time. */
-#define TROCAR_CHANGE_TIME 0.5       /* the default of programs */
+#define TROCAR_CHANGE_TIME 0.5       /* default of trocar's programs */
 #define TROCAR_CHANGE_TIME_LEAST 0.1
 #define TROCAR_CHANGE_TIME_MOST 60.0
 
-/* Takes over a change: during the next `time` seconds of simulated time, every value moves linearly from its present to its new one, by a
-   fiftieth of the change per tick at most, for all needles that a hand holds; a resting needle keeps the friction with which it was left until it is taken. Contact forces keep their values at the beginning and then follow the moving limits, so the wrench does not jump; a membrane that is held above its new
-   puncture force breaks as soon as its limit falls below the force, as it would if it were pushed. Replaces a change that has not ended yet. The simulation does
-   not refer to `change` afterwards. If moduli differ, the tissue's compliance moves to that of the prepared model, by 2 % per tick at most, which may take
-   longer than `time`. BAD_INPUT, without effect, for a time out of range, a change made for a simulation of another model, and, if moduli differ, one that is
-   not prepared, that trocar_sim_accepts does not accept, or that comes while a needle rests; NO_MEMORY only for a simulation of a batch. [tick, RT, wakes] */
+/* Takes over a change: during the next `time` seconds of simulated time, every value moves linearly from its present to its new one, by at most 2 % of the
+   change per tick, for all held needles; a resting needle keeps the friction with which it was left until it is taken. Contact forces keep their values at the
+   beginning and then follow the moving limits, so the wrench does not jump; a membrane is punctured as soon as its limit falls below the force with which the
+   tip presses on it. Replaces a change that has not ended yet. The simulation does not refer to `change` afterwards. If moduli differ, the tissue's compliance
+   moves to that of the prepared model, by at most 2 % per tick, which may take longer than `time`. BAD_INPUT, without effect, for a time out of range, a change
+   made for a simulation of another model, and, if moduli differ, one that is not prepared, that trocar_sim_accepts does not accept, or that comes while a
+   needle rests; NO_MEMORY only for a simulation of a batch. [tick, RT, wakes] */
 TROCAR_API trocar_status trocar_sim_change(trocar_sim *sim, const trocar_change *change, double time, trocar_error *error);
 
-/* 0 while moduli are moving and `change` has others; otherwise 1. [tick, RT] */
+/* Returns 0 if the simulation's moduli are still moving and `change` would move them to other values; otherwise 1. [tick, RT] */
 TROCAR_API int trocar_sim_accepts(const trocar_sim *sim, const trocar_change *change);
 
-/* Simulated time in s until the last change is complete; 0 if it is. [tick, RT] */
+/* Returns the simulated time (s) until the last change is complete; 0 if it already is. [tick, RT] */
 TROCAR_API double trocar_sim_changing(const trocar_sim *sim);
 
 #ifdef __cplusplus

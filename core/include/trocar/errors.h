@@ -46,7 +46,7 @@ typedef struct trocar_error {
 
 /* Progress and cancellation of a long call. Both functions are called in the thread of that call, and both may be NULL. */
 typedef struct trocar_watch {
-    void (*progress)(const char *what, double fraction, void *context); /* 0 to 1 */
+    void (*progress)(const char *what, double fraction, void *context); /* `fraction`: from 0 to 1 */
     int (*cancelled)(void *context);   /* returns nonzero to end the call soon, with CANCELLED */
     void *context;
 } trocar_watch;

@@ -62,13 +62,14 @@ TROCAR_API int trocar_model_patient_to_mesh(const trocar_model *model, double ma
 
 TROCAR_API int trocar_model_node_count(const trocar_model *model);
 TROCAR_API int trocar_model_tet_count(const trocar_model *model);
-TROCAR_API const double *trocar_model_nodes(const trocar_model *model);        /* 3 node_count, m */
-TROCAR_API const int32_t *trocar_model_tets(const trocar_model *model);        /* 4 tet_count, positive volume */
-TROCAR_API const int32_t *trocar_model_neighbours(const trocar_model *model);  /* 4 tet_count: tetrahedron across the face opposite each corner; -1 if
-                                                                                  there is none */
-TROCAR_API const int32_t *trocar_model_tet_regions(const trocar_model *model); /* tet_count: index of the region that contains each tetrahedron */
-TROCAR_API const uint32_t *trocar_model_face_surfaces(const trocar_model *model); /* 4 tet_count: bit i is set if the face lies on surface i */
-TROCAR_API const uint8_t *trocar_model_fixed(const trocar_model *model);       /* node_count: 1 if the node is fixed; NULL with mesh_only */
+TROCAR_API const double *trocar_model_nodes(const trocar_model *model);        /* [node_count][3], m */
+TROCAR_API const int32_t *trocar_model_tets(const trocar_model *model);        /* [tet_count][4], node indices; all volumes are positive */
+TROCAR_API const int32_t *trocar_model_neighbours(const trocar_model *model);  /* [tet_count][4]: tetrahedron across the face opposite each corner; -1 if there
+                                                                                  is none */
+TROCAR_API const int32_t *trocar_model_tet_regions(const trocar_model *model); /* [tet_count]: index of the region that contains each tetrahedron */
+TROCAR_API const uint32_t *trocar_model_face_surfaces(const trocar_model *model); /* [tet_count][4]: bit i is set if the face opposite the corner lies on
+                                                                                     surface i */
+TROCAR_API const uint8_t *trocar_model_fixed(const trocar_model *model);       /* [node_count]: 1 if the node is fixed; NULL with mesh_only */
 TROCAR_API int trocar_model_region_count(const trocar_model *model);           /* number of regions of any dimension, at most 32 */
 TROCAR_API const char *trocar_model_region_name(const trocar_model *model, int index); /* "" if out of range */
 TROCAR_API int trocar_model_region_dimension(const trocar_model *model, int index);    /* -1 if out of range */

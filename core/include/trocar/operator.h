@@ -17,16 +17,16 @@ typedef struct trocar_operator trocar_operator;
 /* A planned needle. Depths (m) are those of the tip, measured from `entry` along its axis. */
 typedef struct trocar_operator_needle {
     trocar_pose entry;       /* where the needle's axis meets the front face of the guide; the axis is the local +z */
-    double depth;            /* tip, at full insertion */
-    const double *seeds;     /* [seed_count]: tip, when each seed is dropped with the tissue at rest; deepest first, at most `depth` */
+    double depth;            /* depth of the tip at full insertion */
+    const double *seeds;     /* [seed_count]: depth of the tip at which each seed is dropped if the tissue is at rest; deepest first, at most `depth` */
     int32_t seed_count;      /* 0 for a stabilising needle */
     int32_t guide;           /* guide in whose hole the needle can tilt; -1 if none: the tilt is then unlimited, about `entry` */
 } trocar_operator_needle;
 
 typedef struct trocar_operator_options {
     int32_t follows_image;   /* 0: reads the depth from the needle's marks at the guide. 1: moves the tip to where the image shows the planned place */
-    uint64_t seed;           /* of the random numbers; those of a needle depend only on `seed` and the needle's index */
-    double image_error;      /* m, standard deviation along the needle of what the image shows; drawn once for each needle */
+    uint64_t seed;           /* seed of the random numbers; those of a needle depend only on `seed` and the needle's index */
+    double image_error;      /* m, standard deviation of the image's error along the needle, which is drawn once for each needle */
     double splay;            /* rad, standard deviation of the needle's tilt about each axis across it; limited by the hole's clearance */
     double speed;            /* m/s, mean speed of the hand's strokes, which have minimum jerk: they peak at 1.875 times this speed */
     double speed_spread;     /* standard deviation of the logarithm of a needle's speed; peak speeds are limited to 40 to 280 mm/s */
@@ -55,14 +55,14 @@ typedef enum trocar_operator_act {
 typedef struct trocar_operator_action {
     int32_t act;             /* trocar_operator_act */
     int32_t needle;
-    double depth;            /* m, of the tip */
+    double depth;            /* m, depth of the tip */
     double duration, pause;  /* s */
 } trocar_operator_action;
 
 /* What the operator sees after an action. */
 typedef struct trocar_operator_sight {
     double depth;            /* m, length of the needle beyond `entry`, read from its marks */
-    const double *displacements; /* m, of the mesh's nodes [node_count][3], in the newest image; NULL: the tissue is at rest */
+    const double *displacements; /* m, [node_count][3], displacements of the mesh's nodes in the newest image; NULL if the tissue is at rest */
     int32_t refused;         /* nonzero if the seed could not be dropped, because the one before is still in the needle */
 } trocar_operator_sight;
 
@@ -76,13 +76,13 @@ TROCAR_API trocar_pose trocar_operator_base(const trocar_operator *op, int needl
 /* Returns the depth (m) of a straight needle with this base, as read from its marks. [one, RT] */
 TROCAR_API double trocar_operator_depth(const trocar_operator *op, int needle, const trocar_pose *base);
 
-/* The parts of a seed's misplacement: vectors (m) in the world frame. What remains of the misplacement, for example by bending of the needle or because the
-   tissue moves while the seed is left, is the difference between their sum and the seed's offset from `planned` in the tissue at rest. */
+/* The parts of a seed's misplacement: vectors (m) in the world frame. The rest, caused for example by bending of the needle or by tissue that moves while the
+   seed is dropped, is the difference between the seed's offset from `planned` in the tissue at rest and their sum. */
 typedef struct trocar_operator_seed {
     double planned[3];       /* m, planned centre in the tissue at rest */
-    double tissue[3];        /* by displacement of the tissue, as far as the operator did not follow it, when the seed was dropped */
-    double image[3];         /* by the error of the image */
-    double splay[3];         /* by the tilt of the needle */
+    double tissue[3];        /* caused by displacement of the tissue when the seed was dropped, as far as the operator did not follow it */
+    double image[3];         /* caused by the error of the image */
+    double splay[3];         /* caused by the tilt of the needle */
     int32_t needle, number;  /* the needle, and the seed's number in it, from 0 for the distal seed */
 } trocar_operator_seed;
 

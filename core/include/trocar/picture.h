@@ -26,11 +26,11 @@ TROCAR_API const trocar_view *trocar_picture_view(const trocar_picture *picture)
    belong to the picture and are valid until this function is next called for it. */
 typedef struct trocar_refined_mesh {
     int32_t node_count, tet_count;
-    const double *nodes;         /* 3 node_count, m, positions at rest */
-    const int32_t *tets;         /* 4 tet_count */
-    const int32_t *parents;      /* tet_count: tetrahedron of the model's mesh that contains each tetrahedron */
-    const double *displacements; /* 3 node_count, m */
-    const double *forces;        /* 3 node_count, N, forces on the tissue */
+    const double *nodes;         /* [node_count][3], m, positions at rest */
+    const int32_t *tets;         /* [tet_count][4], node indices */
+    const int32_t *parents;      /* [tet_count]: tetrahedron of the model's mesh that contains each tetrahedron */
+    const double *displacements; /* [node_count][3], m */
+    const double *forces;        /* [node_count][3], N, forces on the tissue */
     double damping[3];           /* N, the part of `forces` that the needle does not feel: it damps the rebound of tissue at the tip */
 } trocar_refined_mesh;
 

@@ -15,7 +15,7 @@ typedef struct trocar_rollout_options {
     int needles;             /* N: needles 0 to N - 1 are driven, one after another in each step; 0 stands for 1 */
     trocar_model *const *models; /* [batch], the model of each insertion; NULL: all insertions have the model of the call. A thread whose insertions change from
                                     one model to another allocates a new simulation */
-    const void *const *states;   /* [batch], saved by trocar_sim_save, from which the insertions continue; NULL, or a NULL entry: from a reset */
+    const void *const *states;   /* [batch], saved states from which insertions continue; if it or an entry is NULL, the insertion starts with a reset */
     const size_t *state_sizes;   /* [batch], bytes */
 } trocar_rollout_options;
 

@@ -75,14 +75,14 @@ TROCAR_API int trocar_scene_patient_to_mesh(const trocar_scene *scene, double ma
 /* A tetrahedral mesh. Tetrahedra may have either orientation. */
 typedef struct trocar_mesh {
     int32_t node_count, tet_count;
-    const double *nodes;             /* 3 node_count, m */
-    const int32_t *tets;             /* 4 tet_count, node indices, counted from 0 */
-    const int32_t *tet_region;       /* tet_count: index into `regions`; NULL if all tetrahedra are in region 0 */
+    const double *nodes;             /* [node_count][3], m */
+    const int32_t *tets;             /* [tet_count][4], node indices, counted from 0 */
+    const int32_t *tet_region;       /* [tet_count]: index into `regions`; NULL if all tetrahedra are in region 0 */
     int32_t region_count;
     const char *const *regions;      /* names */
     int32_t triangle_count;          /* number of triangles on named surfaces; they are faces of tetrahedra */
-    const int32_t *triangles;        /* 3 triangle_count */
-    const int32_t *triangle_surface; /* triangle_count: index into `surfaces` */
+    const int32_t *triangles;        /* [triangle_count][3], node indices */
+    const int32_t *triangle_surface; /* [triangle_count]: index into `surfaces` */
     int32_t surface_count;
     const char *const *surfaces;     /* names of surfaces, for membranes and `fixed` */
 } trocar_mesh;

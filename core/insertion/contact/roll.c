@@ -151,7 +151,7 @@ static bool anchor_points(insertion_state *state, const contact_points *points) 
     return twisted;
 }
 
-/* Point i of the chain, counted without guides. */
+/* Returns point i of the torsional chain, which does not include guides. */
 static roll_point chain_link(const tick_input *tick, const insertion_state *state, const contact_points *points, const creep_step *creep, int i) {
     const contact_point *at = tissue_points(points);
     roll_point point = point_at(tick, state, creep, &at[i]);

@@ -32,8 +32,8 @@ typedef struct {
 typedef struct {
     bool sticks;
     double viscosity;        /* N/m */
-    double slip;             /* m, slip that is left until the law changes */
-    double force;            /* N, force that is left until the law changes; sticking contacts only */
+    double slip;             /* m, remaining slip until the law changes */
+    double force;            /* N, remaining change of the force until the law changes; sticking contacts only */
     int piece;               /* piece of the staircase on which the tip slides; -1 otherwise */
 } axial_law;
 
@@ -130,7 +130,8 @@ static void turn_tip(const insertion_state *state, const insertion_workspace *w,
         }
 }
 
-/* The gap vector turns against a turning frame. Its part across the needle (m) enters the gap along the needle, and the slip enters the gaps across it. */
+/* In a frame that turns, the components of the gap vector change: its part across the needle (m) enters the gap along the needle, and the slip enters the gaps
+   across it. */
 static void add_turning_gaps(const insertion_state *state, const insertion_workspace *w, linear_system *s) {
     const contact_problem *p = &w->problem;
     for (int i = w->points.guided; i < p->count; i++) {
@@ -160,7 +161,7 @@ static void find_response(const insertion_state *state, const insertion_workspac
 
 static vec3 unit_vector(int axis) { return v3(axis == 0, axis == 1, axis == 2); }
 
-/* Velocity (m) of a point that moves rigidly with the base. */
+/* Displacement of a point that moves rigidly with the base, per unit of a variable (m or rad). */
 static vec3 carried(const insertion_state *state, int variable, vec3 x) {
     vec3 axis = unit_vector(variable % 3);
     if (variable >= BASE_VARIABLES) return v3(0, 0, 0);
@@ -234,7 +235,8 @@ static void follow_support(const insertion_workspace *w, linear_system *s, int o
         for (int a = 0; a < 2; a++) *entry(s, order, row, 2 * i + a) -= w->tissue.tightening[i] * s->forces.at[i][a];
 }
 
-/* A force along the needle that slides: y = viscosity slip + what the parameters add, where the slip is the change of the gap. */
+/* Adds the equation of a sliding contact: the force along the needle changes by viscosity times the change of the gap, plus the direct effect of the
+   parameters. */
 static void follow_law(const tick_input *tick, const insertion_state *state, const insertion_workspace *w, const tick_derivatives *wanted, linear_system *s,
                        int order, int row, const axial_law *law) {
     *entry(s, order, row, row) = 1.0;
@@ -244,7 +246,7 @@ static void follow_law(const tick_input *tick, const insertion_state *state, con
     if (law->piece >= 0 && law->viscosity > 0.0) follow_support(w, s, order, row);
 }
 
-/* The tangents turn as the forces on the needle change. */
+/* Adds the equations of the tangents, which turn as the forces on the needle change. */
 static void turn_tangents(const insertion_workspace *w, linear_system *s, int order) {
     const contact_problem *p = &w->problem;
     int rows = unknown_count(p);
@@ -366,7 +368,8 @@ static double range_of(const tick_input *tick, const insertion_state *state, con
     const contact_problem *p = &w->problem;
     double least = INFINITY;
     for (int row = 2 * p->count; row < unknown_count(p); row++)
-        if (!guides_is_open(&w->points, w->edges, point_of_unknown(p->count, row))) least = fmin(least, switches_at(tick, state, w, s, row, variable)); /* fmin ignores 0 / 0 */
+        /* an unknown that does not change gives 0 / 0 = NaN, which fmin ignores */
+        if (!guides_is_open(&w->points, w->edges, point_of_unknown(p->count, row))) least = fmin(least, switches_at(tick, state, w, s, row, variable));
     return larger_of(least, 0.0);
 }
 
@@ -376,8 +379,8 @@ static void differentiate_free(const tick_input *tick, const insertion_state *st
                                                     .direction = turned(v, needle_end_direction(tick, &state->needle))};
 }
 
-/* What equilibrium_find and tip_puncture changed after the passes is as it was during the passes, on which the equilibrium depends: the tip's place and lagging
-   push, and each shaft's rotation, because sliding and turning share one bound of friction. */
+/* Undoes what equilibrium_find and tip_puncture changed after the passes, because the equilibrium depends on the values during the passes: the tip's place and
+   lagging push, and each shaft's rotation, because sliding and turning share one friction bound. */
 static void undo_conclusion(const insertion_workspace *w, insertion_state *state) {
     const pass_checkpoint *start = &w->start;
     for (int i = w->points.guided; i < w->points.count; i++) {

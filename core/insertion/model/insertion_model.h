@@ -36,7 +36,7 @@ typedef struct {
     double gradient_span;        /* m, distance behind and ahead of the tip over which the gradient of the tissue's displacement is computed */
 } insertion_settings;
 
-/* What local compliances at a point are computed from: values at the nodes, node_count each. */
+/* Nodal values, node_count of each kind, from which local compliances are interpolated. */
 typedef struct {
     double *disc;            /* mean of (3 - 4 nu) / (32 mu (1 - nu)), m^2/N: compliance of a rigid disc at depth, times its radius */
     double *stiffening;      /* mean stiffening coefficient of the regions */
@@ -60,8 +60,8 @@ typedef struct {
     creep_series creep;          /* creep series, the same for all regions */
     bool stiffens;               /* true if any region stiffens; set by local_create */
     nodal_compliances local;     /* set by local_create */
-    nodal_compliances next;      /* values to which these move while moduli change; otherwise the same */
-    double weight;               /* of `next` */
+    nodal_compliances next;      /* while moduli change, the values toward which `local` moves; otherwise the same as `local` */
+    double weight;               /* weight of `next` in the interpolation, from 0 to 1 */
 } insertion_model;
 
 #endif

@@ -19,9 +19,9 @@ static const double RIGID = 1e-3; /* dimensionless: fraction of the linear compl
 
 /* ---- shaft: shear stress F' / (2 pi rho) at the distance rho ----------------------------------------------------------------
 
-   The displacement beyond the linear one is the integral of g - F' / (2 pi mu rho) from the radius r to infinity. With rho as a function of g
-   it can be done: a (q / (1 + q) - 3/2 ln(1 + q)), where a = F' / (2 pi mu) and q = 2 S g^2 at r. It comes from within a few r, so
-   that it does not matter where the mesh takes over. */
+   The change of the linear displacement is the integral of g - F' / (2 pi mu rho) from the radius r to infinity. Substituting g for rho gives
+   a (q / (1 + q) - 3/2 ln(1 + q)), where a = F' / (2 pi mu) and q = 2 S g^2 at r. Nearly all of it arises within a few radii of the shaft, so it does not
+   depend on the radius that the mesh resolves. */
 
 static stiffening_shift shaft_field(double b) {
     double y = shear_of(b), q = y * y;
@@ -39,10 +39,10 @@ static double shaft_limit(double most) {
 
 /* ---- tip: stress 0.8 F sqrt(D mu / angle) / rho^2 at the distance rho --------------------------------------------------------
 
-   A field that spreads evenly in all directions from r on. Without the factor it would store the linear disc's energy, D / r. The displacement is the
-   integral of the shear from r to infinity, in units of the linear one per b: sqrt(b) I(y) - y, where I(y) is the integral of
-   1 / sqrt(t (1 + t^2)) from 0 to y. For small forces it is b - b^3 / 5, for large ones it grows with sqrt(b): force and dent go from a line
-   to a parabola. */
+   The field is the same in all directions, and begins at the distance r. Without the factor 0.8, it would have the energy of the linear disc, whose
+   compliance is D / r. The displacement is the integral of the shear from r to infinity; divided by the linear displacement at b = 1, it is sqrt(b) I(y) - y,
+   where I(y) is the integral of 1 / sqrt(t (1 + t^2)) from 0 to y. For small forces, this is b - b^3 / 5; for large ones, it grows with sqrt(b), so the force
+   grows with the square of the dent. */
 
 static const double STRESS = 0.8; /* dimensionless: stress on the disc divided by the uniform stress that has the energy of the linear disc. Fitted to a
                                      resolved disc, S = 1, pressed in by 2.5 radii (tests/unit/insertion/test_stiffening.c) */

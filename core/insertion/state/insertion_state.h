@@ -189,7 +189,7 @@ typedef struct {
     shaft_contact contacts[MAX_CONTACTS]; /* contacts, indexed by the slot of their node */
     guide_state guides[MAX_GUIDES];
     int watched;                 /* index of the segment that was last checked for being in a body that it entered sideways */
-    uint64_t outside;            /* bit mask of the segments that are in such a body */
+    uint64_t outside;            /* bit mask of the segments that are in a body that they entered sideways */
     bool moving_on;              /* true if no stable equilibrium is near, so that the needle moves to another one against its drag */
     vec3 surface;                /* m, last known displacement of the surface at the end of a free needle; NAN if not known yet */
     tissue_memory memory;        /* memory of relaxing tissue */

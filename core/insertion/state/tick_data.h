@@ -10,7 +10,7 @@ typedef enum {
     EVENT_TOUCHED = 1 << 0,      /* the tip met the outer surface, from outside or from a gap between bodies */
     EVENT_PUNCTURED = 1 << 1,    /* a membrane was punctured; `membrane` is its index */
     EVENT_ADDED = 1 << 2,        /* a contact became active */
-    EVENT_REMOVED = 1 << 3,      /* a contact slipped off the tip */
+    EVENT_REMOVED = 1 << 3,      /* a contact was removed because the tip returned to it */
     EVENT_EXITED = 1 << 4,       /* the tip left the tissue on the far side, or into a gap */
     EVENT_REENTERED = 1 << 5,    /* the tip returned to the tissue the way it had left */
     EVENT_WITHDRAWN = 1 << 6,    /* the needle was withdrawn from the tissue through its entry */
@@ -99,7 +99,7 @@ typedef struct {
     double offset;           /* m */
 } linear_shift;
 
-/* Stiffening tissue in one step. Without stiffening, `end` is zero and the other members are unused. */
+/* Stiffening tissue in one step. If `any` is false, `end` is zero and the other members are unused. */
 typedef struct {
     bool any;                                /* true if tissue at any point can stiffen */
     stiffening_law along[MAX_POINTS], face;  /* laws of the shaft at each point, and of the tip's end face */

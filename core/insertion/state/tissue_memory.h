@@ -17,7 +17,7 @@ typedef struct {
 /* Memory of one share of the track, which belongs to an active contact or to the tip. For each term of the series, it is the force, low-pass filtered with
    the term's time constant. */
 typedef struct {
-    shaft_piece shaft;           /* the share: the piece of shaft in it */
+    shaft_piece shaft;           /* the piece of shaft in the share */
     int tet;                     /* nominal element in which the share's load acts */
     vec3 at;                     /* m, nominal point at which the share's load acts */
     remembered_forces terms[MAX_RELAXATION];

@@ -51,7 +51,7 @@ void passes_linearise(const tick_input *tick, const insertion_state *state, inse
 
 /* ---- advance ----------------------------------------------------------------------------------------------------------- */
 
-/* Displaces the spring that holds the base by the sum of the forces. */
+/* Deflects the spring that holds the base under the sum of the forces. */
 static void shift_base(const tick_input *tick, insertion_state *state, const needle_response *response) {
     if (tick->base.compliance == 0.0) return;
     vec3 sum = v3(0, 0, 0), before = state->base_shift; /* sum of the contact forces alone, because the drag's forces add up to zero */

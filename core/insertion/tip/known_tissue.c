@@ -83,7 +83,7 @@ void follow_known_point(const tick_input *tick, insertion_state *state, tick_out
     double weights[4];
     int tet = refinement_element(model->mesh, &state->refined, snapshot_known_contacts(tick->snapshot, &state->refined), tip->place.tet, tip->place.nominal, weights);
     bool covered = snapshot_covers(tick->snapshot, model->mesh->tets[tet], handles);
-    if (!covered && tet != tip->place.tet) { /* the requested window follows the nominal mesh */
+    if (!covered && tet != tip->place.tet) { /* falls back to the nominal element, whose corners were requested */
         tet = tip->place.tet;
         mesh_barycentric(model->mesh, tet, tip->place.nominal, weights);
         covered = snapshot_covers(tick->snapshot, model->mesh->tets[tet], handles);

@@ -73,8 +73,8 @@ void withdraw_tip(insertion_state *state, tick_output *output) {
 
 /* ---- along an outer face ----------------------------------------------------------------------------------------------
 
-   A needle is not out of the tissue as soon as its axis is: a tip that reaches an outer face at a small angle goes on along the face
-   until it is out by the needle's radius. In the mesh, a point just inside the face stands for it. */
+   A needle has not left the tissue as soon as its axis has: a tip that reaches an outer face at a small angle continues along the face until its axis is
+   outside by the needle's radius. Meanwhile, a point just inside the face represents the tip in the mesh. */
 
 /* True if the tip continues along the outer face that it has reached, because there is neither other tissue behind the face nor a membrane on it. */
 static bool grazes(const tick_input *tick, const insertion_state *state, int face, vec3 direction) {

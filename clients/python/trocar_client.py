@@ -493,7 +493,7 @@ class Client:
         try:
             self._group, self._ttl, buffer = _read_url(url)
         except (ValueError, OSError):
-            raise ConnectionError(f'LCM cannot connect to "{url}": the client accepts addresses such as udpm://239.255.76.67:7667?ttl=0, '
+            raise ConnectionError(f'LCM cannot connect to "{url}": the client knows addresses such as udpm://239.255.76.67:7667?ttl=0, '
                                   "of a multicast group") from None
         self._sender = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._receiver = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)

@@ -359,7 +359,7 @@ class Client:
     def __init__(self, url=None, needle=0, watchdog=0.02, max_force=20.0, max_torque=1.0, max_force_rate=2000.0, max_torque_rate=100.0,
                  without_force=False, secret_file=None):
         """Connects to the network. Waits for the network, but not for a server, which may be started later. Raises ConnectionError, which states the
-        remedy, and ValueError for a limit or a needle that cannot be."""
+        remedy, and ValueError for an invalid limit or needle."""
         if not all(limit > 0 for limit in (watchdog, max_force, max_torque, max_force_rate, max_torque_rate)):
             raise ValueError("watchdog, max_force, max_torque, max_force_rate and max_torque_rate must be above 0")
         if needle < 0:
@@ -443,7 +443,7 @@ class Client:
         return self._ask(_COMMAND_LEAVE)
 
     def take(self):
-        """Holds a resting needle again where it rests: the first pose after the reply is identified with that place, and the needle follows the
+        """Holds a resting needle again where it rests: the first pose after the reply is mapped to that place, and the needle follows the
         hand's motion from there."""
         return self._ask(_COMMAND_TAKE)
 

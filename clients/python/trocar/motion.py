@@ -159,7 +159,7 @@ class _Motion:
 
 
 def minimum_jerk(x: Array) -> Array:
-    """Returns the part of a stroke that is done at the fractions x of its duration (Flash and Hogan 1985)."""
+    """Returns the fractions of a stroke that are completed at the fractions x of its duration (Flash and Hogan 1985)."""
     return x * x * x * (10.0 + x * (-15.0 + 6.0 * x))
 
 

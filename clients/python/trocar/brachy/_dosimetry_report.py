@@ -167,7 +167,7 @@ def as_html(done: Dosimetry, files: Sequence[str] = ()) -> str:
              "<h1>Implant: planned, achieved, and after swelling</h1>",
              f"<p>{escape(plan.path)}: {len(plan.needles)} needles, {sum(len(n.seeds) for n in plan.needles)} seeds {escape(done.source.name)} of {plan.source.strength:g} U; "
              f"{len(done.placed)} were left in the tissue. Prescription {prescription:g} Gy. Organs: {escape(organs)}; the urethra within the gland's bounding box.</p>",
-             table(["figure", "limit", *(s.name for s in done.states), "source of the limit"], rows, "Dose; an exclamation mark: beyond the limit", range(2, 2 + len(done.states))),
+             table(["figure", "limit", *(s.name for s in done.states), "source of the limit"], rows, "Dose; an exclamation mark indicates a missed limit", range(2, 2 + len(done.states))),
              "<ul>" + "".join(f"<li><strong>{escape(s.name)}</strong>: {escape(s.words)}.</li>" for s in done.states) + "</ul>",
              f"<p>Swelling: {escape(swellings.SOURCE if done.swelling == swellings.Swelling() else 'as chosen')}. After the implant, the gland swells uniformly with its "
              "seeds, and the surrounding tissue moves aside.</p>",

@@ -107,19 +107,19 @@ def _options() -> argparse.ArgumentParser:
         return added
 
     plan = ("plan", "plan, a YAML file")
-    command("show", _show, "list where the plan puts its seeds, in the mesh and in the patient", plan).add_argument("--out", help="write a CSV file", metavar="FILE")
+    command("show", _show, "list the planned positions of the seeds, in mesh and patient coordinates", plan).add_argument("--out", help="write a CSV file", metavar="FILE")
     command("check", _check, "check that the plan fits the scene and that its seeds are in the tissue", plan)
     added = command("export", _export, "write the plan, or the seeds left in the tissue, as a DICOM RT Plan", plan)
     added.add_argument("--out", required=True, help="DICOM file (required)", metavar="FILE")
-    added.add_argument("--seeds", help="table that trocar-replay --seeds has written: these seeds instead of the planned ones", metavar="FILE")
-    added.add_argument("--now", action="store_true", help="with --seeds: the seeds' places at the end of the replay (default: in the tissue at rest)")
-    added.add_argument("--structures", help="RT Structure Set that the scene was made from: the plan gets its patient and frame of reference", metavar="FILE")
+    added.add_argument("--seeds", help="table written by trocar-replay --seeds: use these seeds instead of the planned ones", metavar="FILE")
+    added.add_argument("--now", action="store_true", help="with --seeds: positions at the end of the replay (default: in the tissue at rest)")
+    added.add_argument("--structures", help="RT Structure Set from which the scene was made: the plan gets its patient and frame of reference", metavar="FILE")
     added = command("import", _import, "make a plan from a DICOM RT Plan", ("file", "RT Plan with permanent seeds"))
     added.add_argument("--out", help="plan, a YAML file: the seeds are on the axes of the template's holes", metavar="FILE")
-    added.add_argument("--seeds", help="table of the seeds where the file has them, in the format of trocar-replay --seeds; also for seeds that were left in the tissue", metavar="FILE")
-    added.add_argument("--template", help="the guide of the scene to use, if the file has another name for it", metavar="NAME")
-    added = command("compare", _compare, "list how far seeds are from their places in the plan", plan, ("seeds", "table that trocar-replay --seeds has written"))
-    added.add_argument("--now", action="store_true", help="where the seeds are at the end of the replay (default: in the tissue at rest)")
+    added.add_argument("--seeds", help="table of the seeds at their positions in the file, in the format of trocar-replay --seeds; also for seeds that were left in the tissue", metavar="FILE")
+    added.add_argument("--template", help="guide of the scene to use, if the file gives it another name", metavar="NAME")
+    added = command("compare", _compare, "list the distances of seeds from their planned positions", plan, ("seeds", "table that trocar-replay --seeds has written"))
+    added.add_argument("--now", action="store_true", help="use positions at the end of the replay (default: in the tissue at rest)")
     added.add_argument("--out", help="write a CSV file", metavar="FILE")
     return parser
 

@@ -2,7 +2,7 @@
 
 Seeds may lie on planes 5 mm apart, on the axes of holes. The search adds seeds one at a time, always the seed that lowers the cost most, until no
 further seed lowers it. Then it moves each seed in turn to its best position, or removes it, until no such exchange lowers the cost. The cost is a sum
-of penalties for dose that points of the organs receive in excess or lack, and for each needle. The same input always gives the same plan.
+of penalties for overdose and underdose at points of the organs, and for each needle. The same input always gives the same plan.
 
     >>> plan = make_plan(model, organs, source, strength=0.45, prescription=145)
 """

@@ -1,5 +1,5 @@
 """A virtual operator who carries out an implant plan: inserts and leaves all needles, then takes each again, drops its seeds while drawing it back, and pulls it
-out. What the operator does is decided by the library (trocar/operator.h), for this module and for `trocar-device --plan` alike; this module does it in a
+out. The library (trocar/operator.h) decides what the operator does, for this module and for `trocar-device --plan`; this module carries it out in a
 simulation.
 
     >>> work = Operator(plan=plan, follows_image=True, seed=7).moves(sim, 0.001)

@@ -63,10 +63,10 @@ def _tips(problem: Problem, model: Model, results: Sequence[Any]) -> str:
     for words, over in (("mean", np.mean), ("worst", np.max)):
         errors = [_errors([_kinds(problem, result)[kind] for result in results], sampled, over) for kind in kinds]
         rows.append([f"**{words}**", *blank, *errors, *([""] if problem.obstacles else []), f"{over([r.seconds for r in results]):.1f}", ""])
-    what = "Distance from the tip, at rest at its depth, to where the displaced tissue has carried the target, mm"
-    what += f"; in brackets the worst of the scene's own values and {len(problem.samples())} samples." if sampled else "."
+    what = "Distance from the tip, at rest at its final depth, to the displaced target, mm"
+    what += f"; in brackets, the largest for the scene's own values and {len(problem.samples())} samples." if sampled else "."
     reached = sum(result.reached for result in results)
-    return "\n\n".join([what + " s: of one processor.", _table(head, rows).rstrip("\n"), f"{reached} of {len(results)} targets are reached within "
+    return "\n\n".join([what + " s: seconds of processor time.", _table(head, rows).rstrip("\n"), f"{reached} of {len(results)} targets are reached within "
                         f"{1e3 * problem.tolerance:g} mm{dict(worst=', in the worst sample', mean=', on average', nominal='')[problem.objective]}."]) + "\n"
 
 
@@ -86,10 +86,10 @@ def _seeds(problem: Problem, results: Sequence[Any]) -> str:
     rows = [[result.needle.hole, f"{1e3 * result.needle.depth:.1f}", str(len(result.needle.seeds)), *numbers([result]), f"{result.seconds:.1f}", result.why]
             for result in results]
     rows.append(["**all**", "", str(sum(len(result.needle.seeds) for result in results)), *numbers(results), f"{np.mean([r.seconds for r in results]):.1f}", ""])
-    what = "Distance of the seeds, in the tissue at rest after their needle is out, from their places in the plan, mm"
-    what += f"; in brackets over the scene's own values and {len(problem.samples())} samples." if sampled else "."
+    what = "Distance of the seeds, in the tissue at rest after their needle is out, from their planned positions, mm"
+    what += f"; in brackets, over the scene's own values and {len(problem.samples())} samples." if sampled else "."
     reached = sum(result.reached for result in results)
-    return "\n\n".join([what + " s: of one processor.", _table(head, rows).rstrip("\n"), f"{reached} of {len(results)} needles leave all seeds within "
+    return "\n\n".join([what + " s: seconds of processor time.", _table(head, rows).rstrip("\n"), f"{reached} of {len(results)} needles leave all seeds within "
                         f"{1e3 * problem.tolerance:g} mm{', in each sample' if sampled and problem.objective != 'nominal' else ''}."]) + "\n"
 
 

@@ -235,7 +235,7 @@ class _ProblemReader(_StudyReader):
                     remedy = "write its surface, or a larger clearance" if kind == "region" else "write a larger clearance"
                     raise reader.fail(keys[kind], f"{place}.{kind}: \"{name}\" is too large: {error}; at most {MOST_POINTS:.0e} are kept: {remedy}") from None
             if not len(points):
-                raise reader.fail(keys[kind], f"{place}.{kind}: \"{name}\" is no {kind}, or empty")
+                raise reader.fail(keys[kind], f"{place}.{kind}: \"{name}\" is not a {kind}, or is empty")
             problem.obstacles.append(Obstacle(name, clearance, points))
 
     def steering(self, given: dict[str, Any], problem: Problem) -> None:

@@ -161,7 +161,7 @@ QUANTITIES = {
     "target_error": Quantity("m", ("",), True, "target", _target_error, "distance from the tip to this point of the tissue, which moves with it"),
     "shift": Quantity("m", ("x", "y", "z", "length"), True, "region", _shift, "mean displacement of the nodes of this region and its parts"),
     "needle_energy": Quantity("J", ("",), True, "", lambda r, _: [r.sim.needle_energy()], "elastic energy of the bent needle"),
-    "seed_error": Quantity("m", ("mean", "worst"), True, "", _seed_error, "distance of the seeds, in the tissue at rest, from their places in the plan", True),
+    "seed_error": Quantity("m", ("mean", "worst"), True, "", _seed_error, "distance of the seeds, in the tissue at rest, from their planned positions", True),
     "seed_parts": Quantity("m", tuple(f"{part}_{way}" for part in SEED_PARTS for way in ("along", "across")), False, "", _seed_parts,
                            "mean magnitude of the parts of the seeds' misplacement, along and across the needle: tissue, image, splay and remainder", True, True),
 }

@@ -297,7 +297,7 @@ def _fit(given: argparse.Namespace) -> int:
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise BadFit(f"{out}: cannot be made: {error.strerror}: choose another folder with --out") from error
+        raise BadFit(f"{out}: cannot be created: {error.strerror}: choose another folder with --out") from error
     shown = 0
 
     def progress(simulations: int) -> None:

@@ -275,7 +275,7 @@ def plan_seeds(problem: Problem, models: Sequence[Model], given: Needle) -> Seed
         offset = best[2]
         aside = np.linalg.norm(offset - np.outer(offset @ axis, axis), axis=1).max()
         why = ("the samples differ by more than the tolerance" if over[0].max() <= problem.tolerance else "the needle bends aside" if aside > problem.tolerance
-               else "a seed's place jumps with the depth")
+               else "a seed's position jumps with the depth")
     return SeedResult(chosen, before, after, reached, "" if reached else why, runs, time.process_time() - begin)
 
 

@@ -94,7 +94,7 @@ def read_report(path: Path, task: str = "") -> Earlier:
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise BadReport(f"{path}: not a report of trocar-score: remove it, or choose another folder") from error
     if form != FORMAT:
-        raise BadReport(f"{path}: a report of format {form}, this release reads {FORMAT}: score its recording again")
+        raise BadReport(f"{path}: a report of format {form}, but this release reads {FORMAT}: score its recording again")
     if task and of != task:
         raise BadReport(f"{path}: a report of the task \"{of}\", not of \"{task}\"")
     return made

@@ -16,7 +16,7 @@ def languages() -> list[str]:
 
 
 class Words:
-    """The texts of a language; those that it lacks, or of a language without a file, are English."""
+    """The texts of a language; texts that are missing from its file are in English."""
 
     def __init__(self, language: str = ENGLISH) -> None:
         self.language = language if language in languages() else ENGLISH

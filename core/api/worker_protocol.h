@@ -1,5 +1,6 @@
-/* The messages between the thread that ticks a simulation and its worker, and the ownership of each needle. The two threads exchange data only through the
-   links below; each other member of the structs in api.h is constant or belongs to one thread.
+/* The messages between the thread that ticks a simulation and its worker, and the ownership of each needle. The two threads exchange data through the
+   links below, and values that change during a run through `changing` and `elasticity`, which have rules of their own. Each other member of the structs in api.h is
+   constant or belongs to one thread.
 
    A needle is in one of five phases:
 

@@ -34,7 +34,7 @@ static void check_relayed(const gate_client *k, relayed_so_far *r, const unsigne
     if (memcmp(r->token, k->token, WIRE_TOKEN) != 0) memset(r, 0, sizeof *r), memcpy(r->token, k->token, WIRE_TOKEN);
     for (int i = 0; i < r->count; i++) REQUIRE(r->last[i] != counter);
     r->last[r->count < 64 ? r->count++ : (int)(counter % 64)] = counter;
-    REQUIRE(strcmp(result->channel, "TROCAR_POSE") == 0 || strcmp(result->channel, "TROCAR_PROBE") == 0 || strcmp(result->channel, "REMOTE_COMMAND") == 0 ||
+    REQUIRE(strcmp(result->channel, "TROCAR_POSE") == 0 || strcmp(result->channel, "TROCAR_PROBE") == 0 || strcmp(result->channel, "TROCAR_CHANGE") == 0 || strcmp(result->channel, "REMOTE_COMMAND") == 0 ||
             (strcmp(result->channel, "TROCAR_COMMAND") == 0 && (result->size < 28 || get_number(result->bytes + 24, 4) != TROCAR_COMMAND_SHUTDOWN)));
     REQUIRE(result->bytes > datagram && result->bytes + result->size + WIRE_TAG == datagram + size && result->size <= WIRE_MESSAGE_MOST);
 }

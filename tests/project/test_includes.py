@@ -2,7 +2,7 @@
 """Tests the structure of the source tree.
 
 Core, server and clients have no circular includes, neither between files (a .c and its .h count as one) nor between folders. A folder of core includes only
-folders above it in the table in core/README.md. Clients include only common/ and intake/ of server/. Only kernels and linalg include vector types. No folder
+folders above it in the table in core/README.md, and the tick (core/insertion) none of those that only the worker calls. Clients include only common/ and intake/ of server/. Only kernels and linalg include vector types. No folder
 has more than 25 files, and each of core, lcmtypes, server, clients and tests has a README of at most 150 lines. Inside core/insertion and core/api, the tables in
 their READMEs give the order in the same way.
 
@@ -75,6 +75,15 @@ def upward(graph, order, folder=''):
             for other in sorted(graph[unit]) if other in part and order[part[other]] > order[part[unit]]]
 
 
+WORKERS = ('inverse/', 'condensed/', 'remesh/', 'probe/', 'resting/')     # folders of core that only the worker calls
+
+
+def from_tick(graph):
+    """Returns includes of the worker's folders by core/insertion."""
+    return [f'{unit} includes {other}, which only the worker calls' for unit in sorted(graph) if unit.startswith('insertion/')
+            for other in sorted(graph[unit]) if other.startswith(WORKERS)]
+
+
 SHARED = ('server/common/', 'server/intake/')   # the parts of the server that clients may include
 
 
@@ -122,6 +131,7 @@ def main():
     assert upward(upside_down, {'y': 0, 'x': 1}, 'a/') == ['a/y includes a/x/f, which is below it in the table of core/a/README.md']
     assert reaching({'clients/a/b': {'server/haptic', 'server/common/eventfd_signal', 'clients/c/d'}, 'server/io': {'clients/a/b', 'server/haptic'}}) == [
         'clients/a/b includes server/haptic', 'server/io includes clients/a/b']
+    assert from_tick({'insertion/a/b': {'inverse/c', 'tissue/d'}, 'api/e': {'inverse/c'}}) == ['insertion/a/b includes inverse/c, which only the worker calls']
     assert crowded([f'a/{i}' for i in range(MOST_FILES)] + ['a/b/c']) == [] and len(crowded([f'a/{i}' for i in range(MOST_FILES + 1)])) == 1
     root = pathlib.Path(sys.argv[1])
 
@@ -134,6 +144,7 @@ def main():
         listed = {name for unit, name in parts_of(core, folder).items() if folder or '/' in unit}
         assert set(order) == listed, f'the table in core/{folder}README.md differs from the folder in {set(order) ^ listed}'
         faults += upward(core, order, folder)
+    faults += from_tick(core)
     programs = includes(root, 'server', 'clients')
     assert len(programs) > 60 and any(other.startswith(SHARED) for others in programs.values() for other in others), f'only {len(programs)} files in server and clients'
 

@@ -276,30 +276,81 @@ static void *work(void *context) {
     return NULL;
 }
 
-/* With an asynchronous worker, the forces agree with those in lockstep, apart from a delay of one or two ticks. To be independent of the machine's speed, each
-   tick waits for a round of work that began after the previous tick. This is certain once two rounds have been completed, because the second one began after
-   that tick. */
+static pthread_t start_worker(worker *w) {
+    pthread_t thread;
+    assert_int_equal(pthread_create(&thread, NULL, work, w), 0);
+    return thread;
+}
+
+static void end_worker(worker *w, pthread_t thread) {
+    __atomic_store_n(&w->stop, true, __ATOMIC_RELEASE);
+    pthread_join(thread, NULL);
+}
+
+/* Computes a tick and, to be independent of the machine's speed, waits for a round of work that began after it. This is certain once two rounds have been
+   completed, because the second one began after the tick. */
+static void tick_and_wait(worker *w, int tick, trocar_output *out) {
+    trocar_pose base = pose_at(tick);
+    assert_int_equal(trocar_sim_tick(w->sim, 0, &base, 1e-3, out), TROCAR_OK);
+    for (int seen = __atomic_load_n(&w->rounds, __ATOMIC_ACQUIRE); __atomic_load_n(&w->rounds, __ATOMIC_ACQUIRE) - seen < 2;) usleep(50);
+}
+
+/* With an asynchronous worker, the forces agree with those in lockstep, apart from a delay of one or two ticks. */
 static void a_worker_thread_serves_the_tick(void **state) {
     (void)state;
     static trocar_output a[TICKS];
     trocar_model *model = model_of(cube_scene());
     trocar_sim *together = sim_at_start(model);
     worker w = {.sim = sim_at_start(model)};
-    pthread_t thread;
-    assert_int_equal(pthread_create(&thread, NULL, work, &w), 0);
+    pthread_t thread = start_worker(&w);
     run(together, 0, TICKS, a);
     trocar_output out = {0};
-    for (int t = 0; t < TICKS; t++) {
-        trocar_pose base = pose_at(t);
-        assert_int_equal(trocar_sim_tick(w.sim, 0, &base, 1e-3, &out), TROCAR_OK);
-        for (int seen = __atomic_load_n(&w.rounds, __ATOMIC_ACQUIRE); __atomic_load_n(&w.rounds, __ATOMIC_ACQUIRE) - seen < 2;) usleep(50);
-    }
-    __atomic_store_n(&w.stop, true, __ATOMIC_RELEASE);
-    pthread_join(thread, NULL);
+    for (int t = 0; t < TICKS; t++) tick_and_wait(&w, t, &out);
+    end_worker(&w, thread);
     assert_int_equal(out.contacts, a[TICKS - 1].contacts);
     assert_true(fabs(out.force[2] - a[TICKS - 1].force[2]) < 0.05 * fabs(a[TICKS - 1].force[2]));
     trocar_sim_free(w.sim);
     trocar_sim_free(together);
+    trocar_model_free(model);
+}
+
+static trocar_change *doubled_modulus(const trocar_sim *sim) {
+    trocar_change *change;
+    OK(trocar_change_create(sim, &change, &why));
+    OK(trocar_change_set(change, "regions[body].youngs_modulus: 40e3", &why));
+    OK(trocar_change_prepare(change, NULL, &why));
+    return change;
+}
+
+/* The same while the moduli change: the ticking thread begins the change and ends it, and the worker mixes the compliances in the meantime. */
+static void moduli_change_beside_a_worker_thread(void **state) {
+    (void)state;
+    static trocar_output a[TICKS], unchanged[TICKS];
+    trocar_model *model = model_of(cube_scene());
+    trocar_sim *plain = sim_at_start(model), *together = sim_at_start(model);
+    worker w = {.sim = sim_at_start(model)};
+    trocar_change *change = doubled_modulus(together), *change_beside = doubled_modulus(w.sim);
+    run(plain, 0, TICKS, unchanged);
+    run(together, 0, TICKS / 2, a);
+    OK(trocar_sim_change(together, change, TROCAR_CHANGE_TIME_LEAST, &why));
+    run(together, TICKS / 2, TICKS, a);
+    pthread_t thread = start_worker(&w);
+    trocar_output out = {0};
+    for (int t = 0; t < TICKS; t++) {
+        if (t == TICKS / 2) OK(trocar_sim_change(w.sim, change_beside, TROCAR_CHANGE_TIME_LEAST, &why));
+        tick_and_wait(&w, t, &out);
+    }
+    end_worker(&w, thread);
+    double force = out.force[2], in_lockstep = a[TICKS - 1].force[2], before = unchanged[TICKS - 1].force[2];
+    printf("force %.4f N; in lockstep %.4f N; without the change %.4f N\n", force, in_lockstep, before);
+    assert_true(trocar_sim_changing(together) == 0.0 && trocar_sim_changing(w.sim) == 0.0);
+    assert_int_equal(out.contacts, a[TICKS - 1].contacts);
+    assert_true(fabs(force - in_lockstep) < 0.05 * fabs(in_lockstep) && fabs(in_lockstep - before) > 0.1 * fabs(before));
+    trocar_change_free(change);
+    trocar_change_free(change_beside);
+    trocar_sim_free(w.sim);
+    trocar_sim_free(together);
+    trocar_sim_free(plain);
     trocar_model_free(model);
 }
 
@@ -622,7 +673,8 @@ int main(void) {
         cmocka_unit_test(a_mesh_from_arrays_is_that_of_the_file), cmocka_unit_test(keys_are_set_and_told),
         cmocka_unit_test(the_table_of_keys_is_whole), cmocka_unit_test(bad_input_is_refused_in_words),
         cmocka_unit_test(a_restored_state_goes_on_as_before), cmocka_unit_test(split_calls_agree_with_lockstep),
-        cmocka_unit_test(a_worker_thread_serves_the_tick), cmocka_unit_test(what_is_seen_fits_the_force),
+        cmocka_unit_test(a_worker_thread_serves_the_tick),
+        cmocka_unit_test(moduli_change_beside_a_worker_thread), cmocka_unit_test(what_is_seen_fits_the_force),
         cmocka_unit_test(a_picture_keeps_what_was_seen), cmocka_unit_test(the_refined_mesh_carries_the_contacts),
         cmocka_unit_test(waiting_and_latency_are_told), cmocka_unit_test(a_base_on_a_spring_yields),
         cmocka_unit_test(a_model_may_be_its_mesh_alone), cmocka_unit_test(the_device_is_that_of_the_scene),

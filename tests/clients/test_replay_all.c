@@ -240,8 +240,8 @@ static void carry_out(recording *r, trocar_change *change) {
     trocar_change_free(change);
 }
 
-/* The reply to the first change of moduli comes after 40 ms. The second one was carried out when the first was complete, although its reply was recorded before. The
-   third was refused. */
+/* The reply to the first change of moduli comes after 40 ms. The second one was carried out when the first was complete, although its reply was recorded
+   earlier. The third was refused. */
 static void record_changes(recording *r) {
     enum { BUILT = 40, END = 400 };
     static const trocar_pose start = {{0, 0.003, -0.201}, {1, 0, 0, 0}};
@@ -292,7 +292,7 @@ static void changes_take_effect_at_the_reply(void **state) {
             for (int a = 0; a < 3; a++) assert_close(force[k][a], r.force[k][a], 1e-9);
         snprintf(line, sizeof line, "grep -q '^4 changes of the tissue' %s/text", folder);
         assert_int_equal(system(line), 0);
-        rename(out, path); /* replay the output: the changes wait as long */
+        rename(out, path); /* the output is replayed in turn: its changes must wait for the same time */
     }
     remove_folder();
     trocar_sim_free(r.sim);

@@ -123,7 +123,7 @@ static void marks_are_followed_blindly(void **state) {
     expect(op, &sight, TROCAR_OPERATOR_DROP, 0, sight.depth, 0, 0, __LINE__);
     expect(op, &sight, TROCAR_OPERATOR_MOVE, 0, -0.005, fabs(-0.005 - sight.depth) / speed, 0, __LINE__);
     expect(op, &sight, TROCAR_OPERATOR_TAKE, 1, sight.depth, 0, 0, __LINE__);
-    sight.depth = 0.05; /* the first seed lies deeper than the needle */
+    sight.depth = 0.05; /* the first seed's place is deeper than the tip */
     expect(op, &sight, TROCAR_OPERATOR_MOVE, 1, TIPS[0], fabs(TIPS[0] - 0.05) / speed, 0.1, __LINE__);
     expect(op, &sight, TROCAR_OPERATOR_DROP, 1, TIPS[0], 0, 0, __LINE__);
     expect(op, &sight, TROCAR_OPERATOR_MOVE, 1, -0.005, fabs(-0.005 - TIPS[0]) / speed, 0, __LINE__);

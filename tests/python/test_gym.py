@@ -34,7 +34,7 @@ import trocar.gym
 from trocar.gym import NeedleEnv, VectorNeedleEnv
 
 SCENE = SOURCE / "meshes/figure8.yaml"
-TARGET = np.array([1e-3, -2e-3, 0.03])    # m, from the entry
+TARGET = np.array([1e-3, -2e-3, 0.03])    # m, relative to the entry point
 ENTRY = np.array([0.005, 0.003, 0.0])     # m: where the needle meets the skin, from its default start
 TASK = f"""scene: {SCENE}
 set: {{needle.bevel_slope: 0.1}}

@@ -17,7 +17,7 @@
 
 static const int64_t SECOND = 1000000000;
 
-/* A client, as a test plays it. */
+/* A client whose part the test plays. */
 typedef struct {
     struct sockaddr_in address;
     wire_key secret, to_server, to_client;
@@ -123,7 +123,7 @@ static void every_type_names_its_session(void **state) {
     trocar_command_t command = {.session = 5, .command = TROCAR_COMMAND_T_SHUTDOWN};
     int size = trocar_command_t_encode(bytes, 0, sizeof bytes, &command);
     assert_int_equal(send_message(f, &p, "TROCAR_COMMAND", bytes, (size_t)size), GATE_RELAY);
-    assert_string_equal(f->result.channel, "REMOTE_COMMAND"); /* counts as one from another machine */
+    assert_string_equal(f->result.channel, "REMOTE_COMMAND"); /* on this channel, it counts as a command from another machine */
     assert_int_equal(f->gate.clients[0].session, 5);
     for (command.command = -1; command.command < 300; command.command++) {
         size = trocar_command_t_encode(bytes, 0, sizeof bytes, &command);
@@ -233,7 +233,7 @@ static void a_repeated_connect_changes_nothing(void **state) {
     assert_false(f->result.is_new);
     assert_memory_equal(again.h.token, p.h.token, WIRE_TOKEN);
     p.sent = 0;
-    assert_int_equal(send_pose(f, &p, 1), GATE_DROP); /* the first counter again */
+    assert_int_equal(send_pose(f, &p, 1), GATE_DROP); /* a message with the first counter again */
     assert_int_equal(send_pose(f, &p, 1), GATE_RELAY);
 }
 

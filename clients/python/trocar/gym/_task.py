@@ -105,7 +105,7 @@ def _borders(model: Model) -> npt.NDArray[np.int32]:
     which = which.reshape(-1)    # NumPy 2.0 returns a column
     count, total = np.bincount(which), np.bincount(which, regions)
     square = np.bincount(which, regions.astype(float) ** 2)
-    return unique[(count == 1) | (2.0 * square > total ** 2)].astype(np.int32)    # for two equal regions a: 2 (a^2 + a^2) = (a + a)^2
+    return unique[(count == 1) | (2.0 * square > total ** 2)].astype(np.int32)    # two different regions a and b: 2 (a^2 + b^2) > (a + b)^2
 
 
 # ---- reading ------------------------------------------------------------------------------------------------------------------------------

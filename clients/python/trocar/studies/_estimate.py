@@ -37,7 +37,8 @@ class Cost(NamedTuple):
 
 
 def _pilot(study: Study, values: Any, shared: bool, sparse: bool) -> list[Any]:
-    """Carries out one run in this process: model's and run's processor times (s), model time (s), memory (bytes), size of the frames (bytes), results."""
+    """Carries out one run in this process; returns the processor times (s) for the model and for the run, the model time (s), the memory (bytes), the size of
+    the frames (bytes), and the results."""
     begin = time.process_time()
     base = Model(study.run_scene(values, sparse)) if shared else None
     between = time.process_time()

@@ -92,7 +92,7 @@ export const SAGITTAL = { name: t('slice.sagittal'), normal: 'x', across: 'z', s
 const INDEX = { x: 0, y: 1, z: 2 }
 const SAME_PLANE = 0.002, NEARBY = 0.01 // m, largest distance from the chosen plane at which a computed image is shown; NEARBY: for a new image
 const SOON = 60 // ms that the page waits for the image that belongs to a new picture
-const NEW = 1000 // ms for which an image counts as new: while the plane moves, it is ahead of its image
+const NEW = 1000 // ms for which an image counts as new; while the plane is being moved, its image lags behind
 const FRAMES = 600 // number of times that are kept for tests
 
 const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
@@ -113,7 +113,7 @@ export class Echo {
     this.camera = new THREE.OrthographicCamera(-1, 1, 1, -1, -1, 1)
     this.place = 0
     this.image = null       // the newest computed image
-    this.live = false       // true while the page shows live data, of which there are computed images
+    this.live = false       // true while the page shows live data, for which there are computed images
     this.look = { gain: 0, range: 60 } // dB
     this.marked = true      // outlines, needles and seeds are drawn over the image
     this.pixels = document.createElement('canvas') // the computed image, one pixel for each of its levels
@@ -139,8 +139,8 @@ export class Echo {
     return Math.abs(this.image.origin[INDEX[this.plane.normal]] - this.place) < (this.isRecent ? NEARBY : SAME_PLANE)
   }
 
-  /** Returns the plane that is shown: a point in it, unit vectors, and the coordinates of the point in the image, where x is the axis across the image of an
-      image that is not tilted, and y is up. */
+  /** Returns the plane that is shown: a point in it, unit vectors, and the coordinates of the point in the image, where x runs across the image as if it were
+   * not tilted, and y is up. */
   get frame() {
     const { across, normal } = this.plane
     if (this.simulated) return { ...this.image, at: [this.image.origin[INDEX[across]], this.image.origin[1]] }

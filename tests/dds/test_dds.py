@@ -180,12 +180,12 @@ def feels_the_needle(peer, network):
         peer.publish(place[:3], place[3:])
         time.sleep(0.02)
         on_lcm = set(wrench[:6] for wrench in network.wrenches)
-        return all(wrench[2] in on_lcm and wrench[2][2] < -0.1 for wrench in wrenches[-50:])     # N: the tissue holds the needle back
+        return all(wrench[2] in on_lcm and wrench[2][2] < -0.1 for wrench in wrenches[-50:])     # at least 0.1 N, because the tissue resists the needle
     wait(same, lambda: f"the wrenches are not those on LCM: {wrenches[-1]}")
     stamp, frame, last = wrenches[-1]
     print(f"{len(wrenches)} wrenches, the last 50 are on LCM; force {last[2]:.4f} N")
     assert frame == "world" and abs(stamp - time.time()) < 5, (stamp, frame)
-    by_stamp = {wrench[0]: wrench[2] for wrench in wrenches}    # both messages of one period have the same stamp
+    by_stamp = {wrench[0]: wrench[2] for wrench in wrenches}    # both messages of a period have the same time stamp
     stamp, frame, names, position, velocity, effort = next(joint for joint in reversed(joints) if joint[0] in by_stamp)
     last = by_stamp[stamp]
     depth = network.wrenches[-1][6]

@@ -5,7 +5,7 @@
 #include "remesh/remesh.h"
 
 typedef enum {
-    REMESH_NESTED,           /* that of the library */
+    REMESH_NESTED,           /* nested addition, the library's own method */
     REMESH_IMPLICIT,         /* low-rank factors of the touched nodes, which are never multiplied out */
     REMESH_WOODBURY,         /* the paper's eq. 4, on one triangle of the whole dense inverse; the methods below also store that inverse */
     REMESH_WOODBURY_GENERAL, /* the paper's eq. 4, on the full matrix */

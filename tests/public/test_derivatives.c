@@ -278,7 +278,8 @@ static void start_in_tissue(const set_up *s, const trocar_pose *start) {
     for (int t = 0; t < 2; t++) OK(trocar_sim_step(s->sim, 0, start, DT, &out, &why));
 }
 
-/* A scene in which viscosity is so low that a tip can cut in one step from rest. Its membranes are stiff in their plane: they belong to no region's modulus. */
+/* A scene in which viscosity is so low that a tip can cut in one step from rest. Its membranes have a stiffness of their own, which no region's modulus
+   affects. */
 static trocar_scene *scene_without_haste(void) {
     static const char *const keys[] = {"cutting_viscosity", "friction.viscous"};
     static const double values[] = {0.03, 3.0}; /* N s/m, N s/m^2 */
@@ -324,8 +325,8 @@ static active_set values_with(const set_up *like, trocar_model *model, const tro
     return set;
 }
 
-/* Force with torque, and the needle's end with its direction, both related by the needle's length: properties of the tissue hardly bend a straight needle, so that
-   torque and direction alone would be differences of larger numbers. */
+/* Groups of values whose errors are combined: force and torque, the position and the direction of the needle's end (both scaled by the needle's length), and
+   the targets. Properties of the tissue hardly bend a straight needle, so torque and direction alone would be small differences of large numbers. */
 enum { GROUPS = 3 };
 static const char *const GROUP_NAMES[GROUPS] = {"wrench", "needle's end", "targets"};
 
@@ -462,7 +463,7 @@ static void bad_requests_are_refused_before_the_step(void **unused) {
     assert_int_equal(trocar_sim_differentiate(s.sim, 0, &base, 2e-3, NULL, &out, &results, &why), TROCAR_BAD_INPUT);
     assert_int_equal(trocar_sim_differentiate(s.sim, 1, &base, DT, NULL, &out, &results, &why), TROCAR_BAD_INPUT);
     assert_true(trocar_view_time(trocar_sim_view(s.sim)) == 0.0);
-    OK(trocar_sim_differentiate(s.sim, 0, &base, DT, NULL, &out, &results, &why)); /* in the air, the needle's end moves with the base, without force */
+    OK(trocar_sim_differentiate(s.sim, 0, &base, DT, NULL, &out, &results, &why)); /* in the air, no force acts, whatever the variables */
     for (int i = 0; i < 36; i++) assert_true(derivatives[i] == 0.0);
     set_down(&s);
     trocar_model_free(model);

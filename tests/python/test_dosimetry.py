@@ -93,7 +93,7 @@ def run(*arguments, status=0, cwd=None):
 
 
 class Chain(unittest.TestCase):
-    """The commands of docs/training/rtstruct-to-rtdose.md."""
+    """Tests the commands of docs/training/rtstruct-to-rtdose.md."""
 
     @classmethod
     def setUpClass(cls):

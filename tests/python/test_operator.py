@@ -28,7 +28,7 @@ PERFECT = dict(image_error=0.0, splay=0.0, speed_spread=0.0)
 
 
 def only(*holes, seeds=2):
-    """Returns the plan with the needles in these holes only, and with their first seeds."""
+    """Returns the plan with only the needles in these holes, and only the first seeds of each needle."""
     return replace(PLAN, needles=[replace(needle, seeds=needle.seeds[:seeds]) for needle in PLAN.needles if needle.hole in holes])
 
 

@@ -456,7 +456,7 @@ class Reports(Case):
         self.assertTrue(said.endswith("passed\n"))
         result = score(Task.read(path), self.out / "run.log")
         report = json.loads((self.out / "r.json").read_text())
-        self.assertEqual(report["measures"], result.measures)              # to the last digit
+        self.assertEqual(report["measures"], result.measures)              # the report contains every digit
         self.assertEqual((report["task"], report["began"], report["passed"]), ("task", "2023-11-14T22:13:20Z", True))
         table = {row["measure"]: row for row in csv.DictReader((self.out / "r.csv").read_text().splitlines())}
         self.assertEqual({name: float(row["value"]) for name, row in table.items()}, result.measures)
@@ -539,7 +539,7 @@ class Reports(Case):
         self.assertEqual(self.run_program(self.out / "run.log", "--task", path, "--runs", self.out / "runs", "--html", self.out / "r.html")[0], 0)
         page = Page((self.out / "r.html").read_text())
         at = next(i for i, cell in enumerate(page.cells) if cell == "tip_error")
-        self.assertEqual(page.cells[at + 2:at + 6], ["4.0 mm", "9.0 mm", "1.5 mm", "0.7 mm"])    # this run, the run before, the best so far, the reference
+        self.assertEqual(page.cells[at + 2:at + 6], ["4.0 mm", "9.0 mm", "1.5 mm", "0.7 mm"])    # runs: this, previous, best so far, reference
         self.assertIn("after earlier runs: 2", page.words)
         (runs / "a.json").write_text("{}")
         status, _, said = self.run_program(self.out / "run.log", "--task", path, "--runs", self.out / "runs")

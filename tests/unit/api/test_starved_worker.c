@@ -72,7 +72,7 @@ static void push(int ticks, int slow) {
     }
 }
 
-static insertion in_time; /* the same insertion with a worker that answers immediately */
+static insertion in_time; /* the insertion with a worker that answers immediately, for comparison */
 
 static void begin(void) {
     trocar_pose base = {{0.005, 0.003, -0.201}, {1, 0, 0, 0}};

@@ -66,7 +66,7 @@ class Task:
     scene: Scene
     target: dict[str, Range]                                      # x, y, depth: m from the entry, along the needle's axes before the insertion
     obstacle: dict[str, Range] = field(default_factory=dict)      # along: fraction of the way to the target; x, y: m from the line to it; radius: m
-    randomise: dict[str, Range] = field(default_factory=dict)     # keys of the scene
+    randomise: dict[str, Range] = field(default_factory=dict)     # ranges of scene keys that are drawn at random for each episode
     stiffnesses: int = 8          # number of models with different elastic moduli
     speed: float = 0.05           # m/s, largest speed of the base along the needle
     roll_rate: float = 12.0       # rad/s, largest roll rate of the base

@@ -225,7 +225,7 @@ function draw(now) {
   procedure.draw(stage.coarse)
   if (!shown?.fresh) return
   if (drawn) drawing = shown
-  else if (finished && !stage.dirty) age.show(shown) // it looks like the picture on the screen
+  else if (finished && !stage.dirty) age.show(shown) // the new picture looks the same as the one on the screen
   else return
   shown.fresh = false
 }

@@ -82,8 +82,8 @@ const FLASH = `
 const SIMPLE_VERTEX = 'varying vec2 place; void main() { place = position.xy; gl_Position = projectionMatrix * modelViewMatrix * vec4(position, 1.0); }'
 const GREY = { bone: 0.95, gland: 0.42, host: 0.66, other: 0.55 }
 
-const FEW = 4 // with more needles than this, only those in the slice are drawn, because each takes as much time as the image
-const MOVING = 0.5 // resolution with software rendering
+const FEW = 4 // if there are more needles than this, only those in the slice are drawn, because drawing a needle takes as long as drawing the image
+const MOVING = 0.5 // factor on the resolution with software rendering
 
 /** Planes of a slice: the axis normal to it and the axis to the left; y is up. `sides`: sides of the patient at the left, right, upper and lower
     edge. */

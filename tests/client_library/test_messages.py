@@ -75,7 +75,7 @@ def try_python(types, cases):
             assert kinds[letter].encode(**found) == data, letter
     datagrams(client, [data for _, data, _ in cases])
     pending(client, types)
-    for bad in ({"needle": -1}, {"watchdog": float("nan")}, {"max_force": -1}):     # refused before anything is opened
+    for bad in ({"needle": -1}, {"watchdog": float("nan")}, {"max_force": -1}):     # bad arguments are refused before anything is opened
         try:
             client.Client(**bad)
         except ValueError as error:

@@ -171,7 +171,7 @@ static void a_log_with_commands_replays_as_it_was(void **state) {
     for (int a = 0; a < 3; a++) assert_close(force[a], r.last.force[a], 1e-9);
     snprintf(line, sizeof line, "grep -q '5 commands, 1 of them refused' %s/text", folder);
     assert_int_equal(system(line), 0);
-    rename(out, path); /* replay the output again */
+    rename(out, path); /* the next run replays this output */
     assert_int_equal(run("--all -q"), 0);
     assert_int_not_equal(run("--all --needle 1 -q 2>/dev/null"), 0);
     remove_folder();
@@ -380,7 +380,7 @@ static void the_probe_of_a_log_moves_as_it_did(void **state) {
              folder, folder, folder);
     assert_int_equal(system(line), 0);
 
-    rename(out, path); /* replay the output again; the results must be bit-identical */
+    rename(out, path); /* the next run replays this output; its results must be bit-identical */
     snprintf(line, sizeof line, "-q --csv %s.2", csv);
     assert_int_equal(run(line), 0);
     snprintf(line, sizeof line, "cmp %s %s.2 && rm -r %s", csv, csv, folder);

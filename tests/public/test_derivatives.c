@@ -195,7 +195,7 @@ static double norm_of(double derivatives[VALUES][VARIABLES], double minus[VALUES
 
 typedef struct {
     int switches;
-    double largest[BLOCKS];  /* relative error away from switches */
+    double largest[BLOCKS];  /* largest relative error, away from switches */
 } comparison;
 
 /* Compares in `count` random states. At a switch, a contact starts or stops sliding within the steps of the differences; `range` also covers switches that the

@@ -18,8 +18,8 @@ static trocar_error why;
 
 enum { NEEDLES = 16, SEEDS = 3 };
 static const double LENGTH = 0.2, HALF_SEED = 2.25e-3;                              /* m; LENGTH: the scene's needle; HALF_SEED: half a seed */
-static const double THICKNESS = 0.02, LIMIT = (1.5e-3 - 1.27e-3) / 0.02;            /* THICKNESS: m, thickness of the template; LIMIT: rad, tilt at which a
-                                                                                       needle touches both edges of its hole */
+static const double THICKNESS = 0.02, LIMIT = (1.5e-3 - 1.27e-3) / 0.02;            /* THICKNESS: m, of the template; LIMIT: rad, tilt at which a needle touches
+                                                                                       both edges of its hole */
 static const double TIPS[SEEDS] = {0.0875, 0.0775, 0.0675};                         /* m, depths of the tip for the seeds */
 
 /* Needles side by side in the gland. */

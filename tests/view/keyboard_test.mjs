@@ -165,7 +165,7 @@ try {
 }
 console.log('passed')
 
-/** Takes the needle by its key. */
+/** Takes the needle with its key. */
 async function byKey(page) {
   await page.evaluate('document.activeElement.blur()')
   await page.keyboard.press('t')

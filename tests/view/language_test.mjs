@@ -40,7 +40,7 @@ try {
     await page.evaluate("document.getElementById('tissue').close()")
     await until(page, `/G4/.test(${text('target')}) && drawn.size > 10`)
     assert.deepEqual(await page.evaluate(textsBeside), [])
-    await page.click('#mode') // the page with plots
+    await page.click('#mode') // switches to the page with plots
     await until(page, '!document.body.classList.contains("procedure")')
     await page.click('#take')
     await until(page, 'trocar.status.drives')

@@ -101,7 +101,7 @@ typedef struct { double largest, newton; int changes, ticks, punctures; } jumps;
 
 /* Runs the motion with `count` changes of moduli or, if `changes` is 0, without any. */
 static jumps run(bool moves, int changes, int count, unsigned seed) {
-    enum { RECOIL = 25, HOLD = 400, POOL = 24 }; /* POOL: different models, between which the changes lead at random */
+    enum { RECOIL = 25, HOLD = 400, POOL = 24 }; /* POOL: number of models between which the moduli change at random */
     jumps j = {0};
     trocar_sim *sim = sim_of(model);
     trocar_output last = push(sim, -1e-3, 0.045, 0.03);

@@ -249,7 +249,7 @@ static void passes_that_do_not_converge_are_reported(void **unused) {
     int reported = 0, enough = 0;
     srand(1);
     for (int i = 0; i < 1500; i++) {
-        pose base = i % 100 < 50 ? next_hand(usual->base, i, &velocity, &turning, &turn) : usual->base; /* moves and rests in turn */
+        pose base = i % 100 < 50 ? next_hand(usual->base, i, &velocity, &turning, &turn) : usual->base; /* the hand alternately moves and rests */
         memcpy(&single->state, &usual->state, sizeof usual->state);
         memcpy(single->snapshot, usual->snapshot, sizeof *usual->snapshot);
         lockstep_tick(usual, base, 1e-3);

@@ -294,7 +294,7 @@ static void check_strain(double density, double tolerance) {
             float *before, *after;
             r->plane.origin.z = 0.008 + 0.0085 * plane;
             echo_envelope e = draw(r, NULL, 0, &before);
-            for (int step = 0; step < 24; step++) { /* the point that does not move */
+            for (int step = 0; step < 24; step++) { /* stretches the tissue about one fixed point after another */
                 int row = row_at(&e, 0.015 + 0.001 * step);
                 double fixed = e.first_row + row * e.step - FACE;
                 for (int n = 0; n < NODES; n++) r->nodes[3 * n + 1] += strain * (r->nodes[3 * n + 1] - fixed);

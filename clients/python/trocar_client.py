@@ -271,7 +271,7 @@ class _Unicast:
             datagram = self._socket.recv(2048)
         except socket.timeout:
             return None
-        except ConnectionError:     # no program has this port, or not yet
+        except ConnectionError:     # no program listens on the port, at least not yet
             time.sleep(min(longest, 0.02))
             return None
         if datagram[:3] != b"TU1" or len(datagram) < 45:

@@ -18,7 +18,7 @@ Array = npt.NDArray[np.float64]
 Range = tuple[float, float]
 
 TASKS = ("reach", "avoid", "implant")
-MOST_STIFFNESSES = 64    # maximum number; each keeps a model in memory
+MOST_STIFFNESSES = 64    # maximum number of stiffnesses, each of which keeps a model in memory
 FARTHEST = 1.0           # m, distance ahead of the tip within which the needle's line must enter the tissue
 
 

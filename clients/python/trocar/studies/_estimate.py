@@ -25,7 +25,7 @@ class Cost(NamedTuple):
     pilots: int
     duration: float               # s, mean of the model time of a run
     models: int                   # number of models that are shared by several runs
-    model_seconds: float          # s, for each of them
+    model_seconds: float          # s, to build each of these models
     run_seconds: tuple[float, float, float]    # s, for a run: mean, least and largest of the pilots. Contains the model if runs do not share it
     memory: float                 # bytes, largest of a process with model and run
     table: float                  # bytes, size of result.csv

@@ -218,7 +218,7 @@ class Case:
                 continue
             direction = area.direction + np.tan(beyond) @ across
             tried.append((float(beyond @ beyond), plain._replace(point=start, direction=direction / np.linalg.norm(direction))))
-        tried = tried or [(0.0, plain)]    # the target is not ahead of any point of the area
+        tried = tried or [(0.0, plain)]    # used if the target is not ahead of any point of the area
         tried.sort(key=lambda entry: entry[0])
         best: tuple[float, Aim] | None = None
         for _, aim in tried:    # because aims are sorted by tilt, the first that keeps the clearances has the least tilt

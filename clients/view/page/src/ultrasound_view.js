@@ -115,7 +115,7 @@ export class Echo {
     this.image = null       // the newest computed image
     this.live = false       // true while the page shows live data, for which there are computed images
     this.look = { gain: 0, range: 60 } // dB
-    this.marked = true      // outlines, needles and seeds are drawn over the image
+    this.marked = true      // true if outlines, needles and seeds are drawn over the image
     this.pixels = document.createElement('canvas') // the computed image, one pixel for each of its levels
     this.isolines = new Isolines()
     this.frames = []        // ms, times at which computed images were first drawn

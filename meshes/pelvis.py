@@ -21,11 +21,11 @@ MIDDLE, HALF = (0.0, 0.0, 55.0), (24.0, 17.0, 20.0)                # of the glan
 RECTUM = (0.0, -32.5), 7.0, 4.0  # axis, radius of the content, thickness of the wall
 WITH_PROBE = (0.0, -35.5), 10.5, 3.5
 NECK = 70.5                      # z of the bladder's lowest point
-# filling in ml: half axes of the content, thickness of the wall, and the y of its centre
+# for each filling of the bladder in ml: half axes of its content, thickness of its wall, and y of its centre
 BLADDER = {60: ((30.0, 24.0, 20.0), 4.5, 8.0), 150: ((36.0, 30.0, 33.2), 3.5, 14.0), 300: ((39.0, 30.0, 61.3), 3.0, 14.0)}
-SEAM = 1.0                       # rad, rotates the seams of round surfaces apart, because small elements would lie between them
+SEAM = 1.0                       # rad; seams of adjacent round surfaces are rotated apart by this angle, because small elements would lie between close seams
 HOLLOW = "pubis", "lumen"        # regions without tissue
-GLAND = "prostate", "transition_zone"      # its capsule has holes for the urethra
+GLAND = "prostate", "transition_zone"      # parts of the gland, whose capsule has holes for the urethra
 WALLS = "bladder", "rectum"      # regions whose outer surface has a name
 
 
@@ -51,7 +51,8 @@ class Ellipsoid:
 
 
 class Gland:
-    """An ellipsoid with a blunt base: at the height t of its half length, its section is sqrt(1 - t^3) of the widest one, or sqrt(1 - t^2) toward the apex."""
+    """An ellipsoid with a blunt base. At the height t, as a fraction of its half length, the width of its section is sqrt(1 - t^3) of the largest width toward
+    the base, and sqrt(1 - t^2) toward the apex."""
 
     @staticmethod
     def section(t):
@@ -164,8 +165,8 @@ class Funnel:
 
 
 class Region:
-    """`shapes` without `removed`, and without the regions before it in the list of regions. `thin`: its thickness, if its elements must be as small. `beside`: names
-    of regions before it which it overlaps at its border; without this, their surfaces would divide them."""
+    """`shapes` without `removed`, and without the regions before it in the list of regions. `thin`: thickness of the region, if its elements must be that
+    small. `beside`: names of earlier regions that this region overlaps at its border; if they were not listed, their surfaces would divide each other."""
 
     def __init__(self, name, shapes, removed=(), thin=None, beside=()):
         self.name, self.shapes, self.removed, self.thin, self.beside = name, list(shapes), list(removed), thin, list(beside)
@@ -269,7 +270,7 @@ def build(gmsh, found):
 
 
 def name_groups(gmsh, volumes, names, low, high):
-    """Names the regions and the surfaces. The surface of a region is that of the region that lies on top."""
+    """Names the regions and the surfaces. A surface between two regions belongs to the one that lies on top."""
     groups, order = {}, list(names)
     for tag, name in volumes.items():
         groups.setdefault((3, name), []).append(tag)

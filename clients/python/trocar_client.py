@@ -271,7 +271,7 @@ class _Unicast:
             datagram = self._socket.recv(2048)
         except socket.timeout:
             return None
-        except ConnectionError:     # no program has this port, or not yet
+        except ConnectionError:     # no program listens on the port, at least not yet
             time.sleep(min(longest, 0.02))
             return None
         if datagram[:3] != b"TU1" or len(datagram) < 45:
@@ -459,7 +459,8 @@ class Client:
     def change(self, values, time=0.0):
         """Changes the tissue while the server runs, for all needles; the client need not hold one. values: a dict, such as
         {"membranes[skin].puncture_force": 2}, with keys and units of a scene file (docs/training/changes.md lists them). During `time` s, 0.1 to 60 (0: 0.5), every
-        value moves linearly to the new one. A change of moduli waits for as long as the server reports that it prepares them."""
+        value moves linearly to the new one. After a change of moduli, the client waits for the reply as long as the server reports that it is preparing the
+        change."""
         lines = "\n".join("%s: %s" % (key, value) for key, value in values.items())
         return self._begin(lambda number: self._send(b"TROCAR_CHANGE", _CHANGE.encode(utime=_utime(), session=self._session, seq=number, time=time, values=lines)))
 

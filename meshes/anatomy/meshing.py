@@ -83,7 +83,7 @@ class Region:
     surface: str
     shells: list             # closed surfaces of its parts, in the world frame, m
     sizes: list              # volumes of its parts, m^3; an entry is None if only some of the part lies in the block, so that its volume is unknown
-    hollow: bool = False     # bone: no tetrahedra inside
+    hollow: bool = False     # true for bone, which has no tetrahedra inside
     layer: object = None     # layer of the label map from which the region comes, if any; regions of the same layer do not overlap
 
     def volumes(self):

@@ -1,4 +1,4 @@
-"""Shapes of known volume, and the source folder, for the tests of meshes/anatomy/."""
+"""Shapes of known volume for the tests of meshes/anatomy/. Importing this module also adds the sources to sys.path."""
 import math
 import os
 import sys

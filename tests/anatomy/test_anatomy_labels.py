@@ -364,7 +364,7 @@ class Approach(unittest.TestCase):
             self.assertAlmostEqual(np.linalg.norm(start.position - start.entry), 0.001 + length)
 
     def test_the_base_of_the_needle_never_has_to_pass_the_template(self):
-        """When the tip is at the target, the base of the needle that scripts push is still in front of the plate."""
+        """Scripted motions push the needle until its tip is at the target; its base must then still be in front of the template's plate."""
         skin = approach_sphere((0, 0, 0), 0.1)
         mesh = quality.Mesh(skin.points, np.array([[0, 1, 2, 3]]), np.array([0]), ["gland"], {"skin": skin})
         for depth, before, wanted in ((0.04, 0.05, 0.2), (0.16, 0.025, 0.2), (0.16, 0.05, 0.25), (0.04, 0.3, 0.35)):

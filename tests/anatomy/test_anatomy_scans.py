@@ -382,7 +382,7 @@ class Parts(Case):
             found = voxels.outlined(voxels.LabelMap([labels_], np.eye(4), {"x": voxels.Segment(0, 1)}), ["x"])["x"]
             self.assertEqual(([round(volume) for volume in found.volumes], len(found.shells), found.gone), (parts, len(parts), []))
             notes = " ".join(organ.of_label("x", "x", False, found).notes)
-            # two parts that the mesh joins and other programs count separately are named
+            # if the mesh joins two parts that other programs count separately, the notes mention both
             self.assertEqual("2 parts, of 0.22 ml, 0.22 ml, around" in notes, apart == (0, 6, 6), notes)
 
     def test_satellites_keep_their_volume_or_are_named(self):

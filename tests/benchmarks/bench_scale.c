@@ -36,7 +36,7 @@ typedef struct {
     int counts;              /* number of contact counts that the mesh permits */
     tick_timing ticks[COUNTS];
     scale_timing speeds[SPEEDS], figure8;
-    scale_timing with, without; /* the second speed again, with all nodes cached; only `with` includes the time to measure what the mesh resolves */
+    scale_timing with, without; /* the second speed again, with all nodes cached; only `with` includes the time to measure the mesh's resolution */
 } measured;
 
 /* ---- command line ------------------------------------------------------------------------------------------------ */

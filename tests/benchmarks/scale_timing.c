@@ -44,7 +44,7 @@ static void look_ahead(scale_run *run) {
     if (!more) run->idle = fmax(run->idle, run->now);
 }
 
-/* When the worker has finished a request, it takes the newest one. After computing the rows, it measures what the mesh resolves on new lines, one line at a
+/* When the worker has finished a request, it takes the newest one. After computing the rows, it measures the mesh's resolution along new lines, one line at a
    time, until a newer request arrives. */
 static trocar_status work(scale_run *run, trocar_error *why) {
     if (run->ready >= 0.0 && run->ready <= run->now) {

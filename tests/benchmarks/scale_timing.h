@@ -17,14 +17,14 @@ typedef struct {
     const motion *script;    /* motion after half a second of rest, or NULL for a motion along the needle's axis */
     double speed, depth;     /* speed (m/s) and depth (m) of the motion along the axis */
     double dt;               /* s, length of a tick */
-    bool free_patches;       /* if true, the measurement of what the mesh resolves takes no time, and is available together with the rows */
+    bool free_patches;       /* if true, measuring the mesh's resolution takes no time, and its result is available together with the rows */
 } scale_case;
 
 typedef struct {
     int ticks, most_contacts;
     histogram tick;          /* processor time of insertion_tick */
     histogram serve;         /* processor time of each answer's rows */
-    histogram patch;         /* processor time of measuring what the mesh resolves on one line */
+    histogram patch;         /* processor time of measuring the mesh's resolution along one line */
     int contacts;            /* number of requested contact nodes, each requested when the tip enters its element */
     histogram crossing;      /* time from that request to the first tick that could use the node */
     histogram activation;    /* for active nodes: delay after the tip left their element, or 0 if they were active before */

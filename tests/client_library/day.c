@@ -1,6 +1,6 @@
-/* Sends as many wrenches as a server sends in a day, as fast as they can be received, and checks that the client loses, repeats, reorders and changes none. liblcm
-   sends them, from another process, through a real socket. Each wrench is computed from its tick on both sides. It is compared after the client has stored it and
-   before the client asks for the next datagram (recvfrom is replaced). The device's loop reads the newest wrench once per millisecond.
+/* Sends as many wrenches as a server sends in a day, as fast as they can be received, and checks that the client does not lose, repeat, reorder or alter any.
+   liblcm sends them, from another process, through a real socket. Each wrench is computed from its tick on both sides. It is compared after the client has
+   stored it and before the client asks for the next datagram (recvfrom is replaced). The device's loop reads the newest wrench once per millisecond.
    The client is a single file, whose internal data are read here. usage: day [COUNT]     (in a private network namespace; a day at 1 kHz: 86400000, the default) */
 #define _GNU_SOURCE
 #include "trocar_client.c"
@@ -24,12 +24,12 @@ static struct {
     int64_t session;
 } *both;
 
-/* Number `i` of this tick: any bits of a finite number. */
+/* Returns the `i`-th number of this tick's wrench: random bits that form a finite number. */
 static double number_of(int64_t tick, int i) {
     uint64_t bits = (uint64_t)tick * UINT64_C(0x9e3779b97f4a7c15) + (uint64_t)i * UINT64_C(0xbf58476d1ce4e5b9);
     double number;
     bits ^= bits >> 31, bits *= UINT64_C(0x94d049bb133111eb);
-    bits = (bits ^ bits >> 29) & ~(UINT64_C(1) << 62); /* an exponent that is not that of infinities and NaNs */
+    bits = (bits ^ bits >> 29) & ~(UINT64_C(1) << 62); /* clears a bit of the exponent, so that the number is neither infinite nor NaN */
     memcpy(&number, &bits, sizeof number);
     return number;
 }

@@ -86,7 +86,7 @@ int main(int count, char **arguments) {
     } else {
         for (double end = now() + 10; !before.was_answered && now() < end;) exchange(c, 0, &before);
         printf("resets %d\n", reset(c, &before));
-        for (double begin = now(), t = -0.5; t < 0.5 + WAY / SPEED; t = now() - begin - 0.5) /* starts with half a second at rest, for the ramp */
+        for (double begin = now(), t = -0.5; t < 0.5 + WAY / SPEED; t = now() - begin - 0.5) /* first rests for half a second, until the force's ramp ends */
             exchange(c, t < 0 ? 0 : t < WAY / SPEED ? SPEED * t : WAY, &felt);
     }
     printf("periods %ld\nanswered %ld\noutages %ld\nback %ld\n", felt.periods, felt.answered, felt.outages, felt.back);

@@ -17,7 +17,7 @@ import check_vtu
 SIZE = np.array([0.02, 0.03, 0.04])       # m
 CELLS = 2                                 # number of cells along each axis; the layers meet at half the height
 LAYERS = ((20e3, 0.3), (50e3, 0.45))      # Pa, Poisson's ratio
-MEMBRANE = (400.0, 0.3)                   # N/m, Poisson's ratio: of the side x = 0
+MEMBRANE = (400.0, 0.3)                   # stiffness (N/m) and Poisson's ratio of the membrane on the side x = 0
 
 
 def lame(youngs_modulus, poisson_ratio):

@@ -46,7 +46,7 @@ def growth(r, gain, damping=None, mass=None, stiffness=None):
     delay = r["delay_periods"]
     matrix = np.zeros((delay + 3, delay + 3))
     matrix[:2, :2] = motion
-    earlier = [0] + list(range(2, delay + 3))       # places of x[k], x[k-1], ...
+    earlier = [0] + list(range(2, delay + 3))       # indices of x[k], x[k-1], ... in the state
     spring, damper = gain * r["coupling_stiffness_N_per_m"], gain * r["coupling_damping_Ns_per_m"] / r["period_s"]
     matrix[:2, earlier[delay]] -= push * (spring + damper)
     matrix[:2, earlier[delay + 1]] += push * damper

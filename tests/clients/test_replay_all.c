@@ -171,7 +171,7 @@ static void a_log_with_commands_replays_as_it_was(void **state) {
     for (int a = 0; a < 3; a++) assert_close(force[a], r.last.force[a], 1e-9);
     snprintf(line, sizeof line, "grep -q '5 commands, 1 of them refused' %s/text", folder);
     assert_int_equal(system(line), 0);
-    rename(out, path); /* replay the output again */
+    rename(out, path); /* the next run replays this output */
     assert_int_equal(run("--all -q"), 0);
     assert_int_not_equal(run("--all --needle 1 -q 2>/dev/null"), 0);
     remove_folder();
@@ -240,8 +240,8 @@ static void carry_out(recording *r, trocar_change *change) {
     trocar_change_free(change);
 }
 
-/* The reply to the first change of moduli comes after 40 ms. The second one was carried out when the first was complete, although its reply was recorded before. The
-   third was refused. */
+/* The reply to the first change of moduli comes after 40 ms. The second one was carried out when the first was complete, although its reply was recorded
+   earlier. The third was refused. */
 static void record_changes(recording *r) {
     enum { BUILT = 40, END = 400 };
     static const trocar_pose start = {{0, 0.003, -0.201}, {1, 0, 0, 0}};
@@ -292,7 +292,7 @@ static void changes_take_effect_at_the_reply(void **state) {
             for (int a = 0; a < 3; a++) assert_close(force[k][a], r.force[k][a], 1e-9);
         snprintf(line, sizeof line, "grep -q '^4 changes of the tissue' %s/text", folder);
         assert_int_equal(system(line), 0);
-        rename(out, path); /* replay the output: the changes wait as long */
+        rename(out, path); /* the output is replayed in turn: its changes must wait for the same time */
     }
     remove_folder();
     trocar_sim_free(r.sim);
@@ -380,7 +380,7 @@ static void the_probe_of_a_log_moves_as_it_did(void **state) {
              folder, folder, folder);
     assert_int_equal(system(line), 0);
 
-    rename(out, path); /* replay the output again; the results must be bit-identical */
+    rename(out, path); /* the next run replays this output; its results must be bit-identical */
     snprintf(line, sizeof line, "-q --csv %s.2", csv);
     assert_int_equal(run(line), 0);
     snprintf(line, sizeof line, "cmp %s %s.2 && rm -r %s", csv, csv, folder);

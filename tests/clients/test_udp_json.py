@@ -165,7 +165,7 @@ def live():
     server = start_server()
     assert compare(listen(listener, 1.0), wrenches), "nothing after the server's restart"
     said = end(top)
-    assert said[0] == "", said[0]                # without a terminal, it prints nothing
+    assert said[0] == "", said[0]                # without a terminal, trocar-top prints nothing
     lines = [line.removeprefix("trocar-top: ") for line in said[1].splitlines()]
     wanted = ["localhost:9870: no program listens there", "localhost:9870: ", "no server was heard", "a server is heard"]
     assert len(lines) == 4 and all(map(str.startswith, lines, wanted)), lines

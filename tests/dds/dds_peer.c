@@ -1,7 +1,7 @@
-/* Takes the part of a ROS node: publishes poses, and prints the serialised samples of all three topics in hexadecimal, so that the test decodes them itself.
+/* Plays the part of a ROS node: publishes poses, and prints the serialised samples of all three topics in hexadecimal, so that the test decodes them itself.
    usage: dds_peer DOMAIN NAMESPACE best-effort|reliable
    Each line of standard input is a pose, as in ROS: x y z, then the quaternion x y z w, and the frame_id ("-": empty). Standard output has the lines
-   "pose HEX", "wrench HEX", "joint_states HEX", and for each endpoint that is discovered "endpoint TOPIC TYPE RELIABILITY". Ends with its input. */
+   "pose HEX", "wrench HEX", "joint_states HEX", and for each endpoint that is discovered "endpoint TOPIC TYPE RELIABILITY". Exits at the end of its input. */
 #include <poll.h>
 #include <stdio.h>
 #include <stdlib.h>

@@ -175,7 +175,7 @@ def check_bad_messages(rig):
 
 
 def check_late_reply(rig):
-    """The next message to a service that does not respond is a force of zero."""
+    """The next message to a service that does not respond contains a force of zero."""
     rig.wait_for_force(0.1, "no force")
     rig.service.answer = lambda state: time.sleep(0.2) or json.dumps(state)
     time.sleep(0.1)

@@ -90,7 +90,7 @@ trocar_status remesher_create_bcs(inverse *inv, remesher **created, trocar_error
    becomes -+P^-1. */
 static trocar_status switch_block(dense_remesher *r, int n, int count, const int *dofs, double back, trocar_error *why) {
     double *columns = r->columns, *scaled = r->weighted, *pivot = r->block;
-    if (count == 0) return TROCAR_OK; /* a new node whose neighbours are all fixed */
+    if (count == 0) return TROCAR_OK; /* nothing to switch: all neighbours of the new node are fixed */
     dense_take_columns(r, n, count, dofs, columns);
     for (int b = 0; b < count; b++)
         for (int a = 0; a < count; a++) pivot[b * count + a] = -back * columns[(size_t)b * (size_t)r->ld + (size_t)dofs[a]];

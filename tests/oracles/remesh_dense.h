@@ -36,7 +36,7 @@ struct dense_remesher {
     double block[MAX_RANK * MAX_RANK]; /* scratch */
 };
 
-trocar_status remesher_create_implicit(inverse *inv, remesher **created, trocar_error *why); /* not of this kind */
+trocar_status remesher_create_implicit(inverse *inv, remesher **created, trocar_error *why); /* the only one of these methods that stores no dense inverse */
 trocar_status remesher_create_woodbury(inverse *inv, remesher **created, trocar_error *why);
 trocar_status remesher_create_woodbury_general(inverse *inv, remesher **created, trocar_error *why);
 trocar_status remesher_create_bcs(inverse *inv, remesher **created, trocar_error *why);

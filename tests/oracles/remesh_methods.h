@@ -5,9 +5,9 @@
 #include "remesh/remesh.h"
 
 typedef enum {
-    REMESH_NESTED,           /* that of the library */
+    REMESH_NESTED,           /* nested addition, the library's own method */
     REMESH_IMPLICIT,         /* low-rank factors of the touched nodes, which are never multiplied out */
-    REMESH_WOODBURY,         /* the paper's eq. 4, on one triangle of the whole dense inverse; so do the next ones */
+    REMESH_WOODBURY,         /* the paper's eq. 4, on one triangle of the whole dense inverse; the methods below also store that inverse */
     REMESH_WOODBURY_GENERAL, /* the paper's eq. 4, on the full matrix */
     REMESH_BCS,              /* the paper's eq. 3, boundary-condition switches one by one */
     REMESH_BCS_BLOCKED,      /* the paper's eq. 3, all switches of a patch at once */

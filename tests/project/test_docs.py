@@ -101,7 +101,7 @@ class Page:
         if block.language in SHELL:
             return self.start(code) if "background" in block.marks else self.shell(code)
         if block.language == "csharp":
-            return None     # compiled by a command on the page
+            return None     # not run here, because a command on the page compiles it
         return {"c": self.compile, "cpp": self.compile, "python": self.interpret, "yaml": self.load}[block.language](block, code)
 
     def shell(self, code):

@@ -152,7 +152,7 @@ def main():
     rings = [circle for graph in (core, programs) for circle in circles(graph) + circles(by_folder(graph))]
     faults += ['include circle: ' + ' -> '.join(circle) for circle in rings]
     listed = subprocess.run(['git', '-C', root, 'ls-files'], capture_output=True, text=True, check=False)
-    if listed.returncode == 0:  # in a Git checkout, only tracked files count
+    if listed.returncode == 0:  # succeeds in a Git checkout, where only tracked files count
         files = listed.stdout.splitlines()
         faults += crowded(files) + undescribed(root, files)
     for fault in faults:

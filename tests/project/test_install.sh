@@ -53,7 +53,7 @@ libraries=$prefix/lib/$(cc -print-multiarch)
 for library in "$libraries"/libtrocar{_types,}.a; do
     objdump -h "$library" >sections && ! grep -F .debug sections || fail "$library contains debug information and with it paths of the build"
 done
-# The page contains third-party libraries, whose licences require a notice.
+# The viewer's page contains third-party libraries, whose licences require a notice.
 for library in three.js uPlot; do
     [ ! -d "$prefix/share/trocar/page" ] || grep -qx "Files: $library" "$prefix/share/doc/trocar/copyright" || fail "no notice of $library"
 done
@@ -68,7 +68,7 @@ while read -r document; do
     done
 done <documents
 
-# The unit refers to files that are installed, whatever the prefix, and to a group that the package creates.
+# The systemd unit refers to files that are installed, whatever the prefix, and to a group that the package creates.
 names_what_is_there() {
     local unit=$1$2/lib/systemd/system/trocar-server.service file
     grep -qxF "ExecStart=$2/bin/trocar-server --scene \${TROCAR_SCENE}" "$unit" || fail "the unit of $2 starts another program: $(cat "$unit")"

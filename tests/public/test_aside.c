@@ -49,7 +49,7 @@ static void set_block(trocar_scene *scene, const int boxes[AXES]) {
                         corner[ORDER[way][k]]++;
                         tets[tet][k + 1] = node_of(boxes, corner);
                     }
-                    if (at[2] > 0 || ORDER[way][2] != 2) continue; /* the first three corners of a tetrahedron that goes up last are at the bottom */
+                    if (at[2] > 0 || ORDER[way][2] != 2) continue; /* if the last step is along z, the first three corners are at the bottom */
                     for (int k = 0; k < 3; k++) triangles[triangle_count][k] = tets[tet][k];
                     triangle_count++;
                 }
@@ -110,7 +110,7 @@ static hands start(const int boxes[AXES], int count, bool relaxes, trocar_model 
 }
 
 /* Inserts a needle, moves it aside, holds it for three relaxation times, withdraws it, inserts it 5 mm beside that place, and holds it for one relaxation time.
-   Meanwhile the tissue returns, and pushes it sideways. */
+   Meanwhile the relaxing tissue returns to its shape and pushes the needle sideways. */
 static trocar_output beside_old_track(const int boxes[AXES]) {
     trocar_model *model;
     hands h = start(boxes, 1, true, &model);

@@ -467,7 +467,7 @@ static void rollouts_have_models_needles_and_states(void **state) {
             assert_memory_equal(late + (size_t)row * count, all + ((size_t)row * STEPS + HALF) * NEEDLES, count * sizeof *late);
         assert_memory_not_equal(late, all + (size_t)HALF * NEEDLES, count * sizeof *late);
     }
-    sizes[2] = 3; /* a damaged state: the other insertions are computed */
+    sizes[2] = 3; /* damages one state; the other insertions are still computed */
     trocar_rollout_options options = {.dt = 1e-3, .threads = 2, .needles = NEEDLES, .models = m.of_row, .states = (const void *const *)states, .state_sizes = sizes};
     assert_refused(trocar_rollout(NULL, rest, ROWS, STEPS - HALF, &options, late, &why), "insertion 2, step 0");
     assert_memory_equal(late + (ROWS - 1) * (STEPS - HALF) * NEEDLES, all + ((ROWS - 1) * STEPS + HALF) * NEEDLES, (STEPS - HALF) * NEEDLES * sizeof *late);
@@ -499,7 +499,7 @@ static void too_little_memory_is_told(void **state) {
     models m = models_made();
     fill_poses();
     trocar_batch *batch = batch_of(&m, 2);
-    trocar_batch_free(batch); /* creating it has made BLAS allocate its memory for two threads */
+    trocar_batch_free(batch); /* creating the batch has made BLAS allocate its memory for two threads */
     int told = 0, made = 0;
     for (double room = 5e6; room < 600e6; room *= 1.3) {
         limit(mapped() + (size_t)room);

@@ -157,7 +157,7 @@ static void a_buckled_needle_recovers_off_its_axis(void **state) {
 static void no_needle_goes_in_unfelt(void **state) {
     (void)state;
     static const double across[] = {-0.015, -0.005, 0.005, 0.015}, up[] = {-0.010, -0.005, 0.005, 0.010};
-    for (int tip = 0; tip < 2; tip++) { /* with the tip 72.8 or 73.5 mm deep */
+    for (int tip = 0; tip < 2; tip++) { /* two depths of the tip: 72.8 and 73.5 mm */
         trocar_model *model;
         trocar_scene *scene = load("implant");
         double end = tip ? 73.5e-3 : 72.8e-3;
@@ -227,7 +227,7 @@ static void letting_go_of_a_needle_is_no_knock_for_its_neighbours(void **state) 
     }
     print_message("let go of: %.3f N beside it, at most %.4f N in a tick\n", norm(way), most);
     assert_true(norm(way) > 0.1 && most < 0.05);
-    OK(trocar_sim_restore(sim, half_way, size, &why)); /* and the simulation continues from the restored state */
+    OK(trocar_sim_restore(sim, half_way, size, &why)); /* the simulation must also continue from a state saved half-way */
     hold(sim, 1, &base[1], 150, &out);
     for (int a = 0; a < 3; a++) assert_true(fabs(out.force[a] - last[a]) < 1e-9);
     free(half_way);

@@ -195,12 +195,12 @@ static double norm_of(double derivatives[VALUES][VARIABLES], double minus[VALUES
 
 typedef struct {
     int switches;
-    double largest[BLOCKS];  /* relative error away from switches */
+    double largest[BLOCKS];  /* largest relative error, away from switches */
 } comparison;
 
-/* Compares in `count` random states. At a switch, a contact starts or stops sliding within the steps of the differences; `range` also knows of switches that the
-   contacts do not show, such as those of the shaft next to the tip. The steps are small because friction on a shaft that turns changes its direction within slips of
-   about 10 nm. */
+/* Compares in `count` random states. At a switch, a contact starts or stops sliding within the steps of the differences; `range` also covers switches that the
+   contacts do not show, such as those of the shaft next to the tip. The steps are small because friction on a shaft that turns changes its direction within
+   slips of about 10 nm. */
 static comparison compare(int count) {
     static const double scales[VARIABLES] = {1, 1, 1, 1 / LENGTH, 1 / LENGTH, 1 / LENGTH};
     static const double steps[BASE] = {1e-9, 1e-9, 1e-9, 1e-8, 1e-8, 1e-8}; /* m, rad */
@@ -238,9 +238,9 @@ static comparison compare(int count) {
     return found;
 }
 
-/* The derivatives neglect that the path which the tip cuts in this step turns with the needle: it moves the tip by the slip of one step, at most 60 um, times the
-   rotation, which moves a straight needle's end by the needle's length times the rotation. They also neglect that friction against turning depends on the slip
-   along the needle; this only affects the torque about the needle's axis. */
+/* The derivatives neglect that the path which the tip cuts in this step turns with the needle. A rotation turns this path, which is at most 60 um long, and
+   thereby moves the tip by the path's length times the rotation, whereas it moves a straight needle's end by the needle's length times the rotation. They also
+   neglect that friction against turning depends on the slip along the needle; this only affects the torque about the needle's axis. */
 static void check(comparison found, int count) {
     const double path = 60e-3 * DT / LENGTH;
     for (int block = 0; block < BLOCKS; block++) assert_true(found.largest[block] < (block == 1 ? 2e-3 : path));
@@ -271,14 +271,15 @@ static const struct {
 static const char *const REGIONS[] = {"prostate", "surrounding"};
 enum { MODULI = 10 }; /* number of the first modulus among the parameters: the property's index times two plus that of the region */
 
-/* Without force, the state does not depend on these properties: a needle that starts in the tissue is held for two steps, and then moved. */
+/* The needle starts in the tissue and is held for two steps before it is moved. Until then no force acts, so the state does not depend on the properties. */
 static void start_in_tissue(const set_up *s, const trocar_pose *start) {
     trocar_output out;
     OK(trocar_sim_reset(s->sim, 0, start, &why));
     for (int t = 0; t < 2; t++) OK(trocar_sim_step(s->sim, 0, start, DT, &out, &why));
 }
 
-/* A scene in which viscosity is so low that a tip can cut in one step from rest. Its membranes are stiff in their plane: they belong to no region's modulus. */
+/* A scene in which viscosity is so low that a tip can cut in one step from rest. Its membranes have a stiffness of their own, which no region's modulus
+   affects. */
 static trocar_scene *scene_without_haste(void) {
     static const char *const keys[] = {"cutting_viscosity", "friction.viscous"};
     static const double values[] = {0.03, 3.0}; /* N s/m, N s/m^2 */
@@ -324,8 +325,8 @@ static active_set values_with(const set_up *like, trocar_model *model, const tro
     return set;
 }
 
-/* Force with torque, and the needle's end with its direction, both related by the needle's length: properties of the tissue hardly bend a straight needle, so that
-   torque and direction alone would be differences of larger numbers. */
+/* Groups of values whose errors are combined: force and torque, the position and the direction of the needle's end (both scaled by the needle's length), and
+   the targets. Properties of the tissue hardly bend a straight needle, so torque and direction alone would be small differences of large numbers. */
 enum { GROUPS = 3 };
 static const char *const GROUP_NAMES[GROUPS] = {"wrench", "needle's end", "targets"};
 
@@ -345,7 +346,8 @@ static const struct {
 } KIND[KINDS] = {{"cutting and friction", BASE, BASE + MODULI}, {"both moduli", UNIFORM, UNIFORM + 1}, {"each modulus", BASE + MODULI, UNIFORM}};
 static const double EACH_MODULUS = 1e-2;
 
-/* Changes of 0.1 % of a smooth function: relative errors of central differences are of the order of the square, 1e-6; ten times as much is allowed. */
+/* For changes of a property by 0.1 %, central differences of a smooth function have relative errors of the order of the square, 1e-6. Ten times as much is
+   allowed. */
 #define CHANGE 1e-3
 static const double CENTRAL = 10.0 * CHANGE * CHANGE;
 
@@ -461,7 +463,7 @@ static void bad_requests_are_refused_before_the_step(void **unused) {
     assert_int_equal(trocar_sim_differentiate(s.sim, 0, &base, 2e-3, NULL, &out, &results, &why), TROCAR_BAD_INPUT);
     assert_int_equal(trocar_sim_differentiate(s.sim, 1, &base, DT, NULL, &out, &results, &why), TROCAR_BAD_INPUT);
     assert_true(trocar_view_time(trocar_sim_view(s.sim)) == 0.0);
-    OK(trocar_sim_differentiate(s.sim, 0, &base, DT, NULL, &out, &results, &why)); /* in the air, the needle's end moves with the base, without force */
+    OK(trocar_sim_differentiate(s.sim, 0, &base, DT, NULL, &out, &results, &why)); /* in the air, no force acts, whatever the variables */
     for (int i = 0; i < 36; i++) assert_true(derivatives[i] == 0.0);
     set_down(&s);
     trocar_model_free(model);

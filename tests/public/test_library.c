@@ -573,7 +573,7 @@ static void the_device_is_that_of_the_scene(void **state) {
     assert_true(limits.max_stiffness == 400.0 && limits.max_force == 3.3 && limits.ramp_time == 0.25);
     OK(trocar_scene_set_number(scene, "device.scale", 2, &why));
     OK(trocar_scene_set_number(scene, "device.force_scale", 0.25, &why));
-    limits = trocar_scene_device(scene); /* at the needle: the hand moves half as far, and feels a quarter of the force */
+    limits = trocar_scene_device(scene); /* limits at the needle: the hand moves half as far as the needle, and feels a quarter of its force */
     assert_true(limits.max_force == 3.3 / 0.25 && limits.mass == 0.1 / 0.5 && limits.max_stiffness == 400 / 0.5 && limits.max_speed == 4);
     OK(trocar_scene_set_number(scene, "rate_hz", TROCAR_MAX_RATE, &why));
     assert_refused(trocar_scene_set_number(scene, "rate_hz", TROCAR_MAX_RATE + 1, &why), "rate_hz");

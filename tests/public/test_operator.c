@@ -17,8 +17,9 @@ static trocar_error why;
 #define OK(call) do { if ((call) != TROCAR_OK) fail_msg("%s: %s", #call, why.text); } while (0)
 
 enum { NEEDLES = 16, SEEDS = 3 };
-static const double LENGTH = 0.2, HALF_SEED = 2.25e-3;                              /* m, of the scene's needle and seeds */
-static const double THICKNESS = 0.02, LIMIT = (1.5e-3 - 1.27e-3) / 0.02;            /* m, of the template; rad, tilt at which a needle touches both edges of its hole */
+static const double LENGTH = 0.2, HALF_SEED = 2.25e-3;                              /* m; LENGTH: the scene's needle; HALF_SEED: half a seed */
+static const double THICKNESS = 0.02, LIMIT = (1.5e-3 - 1.27e-3) / 0.02;            /* THICKNESS: m, of the template; LIMIT: rad, tilt at which a needle touches
+                                                                                       both edges of its hole */
 static const double TIPS[SEEDS] = {0.0875, 0.0775, 0.0675};                         /* m, depths of the tip for the seeds */
 
 /* Needles side by side in the gland. */
@@ -123,7 +124,7 @@ static void marks_are_followed_blindly(void **state) {
     expect(op, &sight, TROCAR_OPERATOR_DROP, 0, sight.depth, 0, 0, __LINE__);
     expect(op, &sight, TROCAR_OPERATOR_MOVE, 0, -0.005, fabs(-0.005 - sight.depth) / speed, 0, __LINE__);
     expect(op, &sight, TROCAR_OPERATOR_TAKE, 1, sight.depth, 0, 0, __LINE__);
-    sight.depth = 0.05; /* the first seed lies deeper than the needle */
+    sight.depth = 0.05; /* the first seed's place is deeper than the tip */
     expect(op, &sight, TROCAR_OPERATOR_MOVE, 1, TIPS[0], fabs(TIPS[0] - 0.05) / speed, 0.1, __LINE__);
     expect(op, &sight, TROCAR_OPERATOR_DROP, 1, TIPS[0], 0, 0, __LINE__);
     expect(op, &sight, TROCAR_OPERATOR_MOVE, 1, -0.005, fabs(-0.005 - TIPS[0]) / speed, 0, __LINE__);
@@ -217,7 +218,7 @@ static void in_rigid_tissue_errors_are_those_drawn(void **state) {
         for (int a = 0; a < 3; a++) assert_close(left[i].rest[a] - s->planned[a], s->tissue[a] + s->image[a] + s->splay[a], 1e-12);
         assert_true(s->image[0] == 0.0 && s->image[1] == 0.0);
         for (int a = 0; a < 3; a++) assert_close(s->tissue[a], 0.0, 1e-12);
-        double tilt = hypot(s->splay[0], s->splay[1]) / (TIPS[s->number] + s->image[2] - HALF_SEED - 0.5 * THICKNESS); /* about the middle of the hole */
+        double tilt = hypot(s->splay[0], s->splay[1]) / (TIPS[s->number] + s->image[2] - HALF_SEED - 0.5 * THICKNESS); /* about the hole's middle */
         assert_true(tilt > 0.0 && tilt <= LIMIT * (1.0 + 1e-9));
     }
     trocar_operator_free(op);

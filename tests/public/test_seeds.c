@@ -212,7 +212,7 @@ static void seeds_move_with_the_tissue_and_stay(void **state) {
     for (int i = 0; i < count; i++) {
         double at[3], along[3];
         trocar_model_displace_seed(in.model, u, &seeds[i], at, along);
-        for (int k = 0; k < 3; k++) assert_true(fabs(at[k] - seeds[i].position[k]) < 1e-12); /* the tissue is elastic and unloaded */
+        for (int k = 0; k < 3; k++) assert_true(fabs(at[k] - seeds[i].position[k]) < 1e-12); /* at rest, because the tissue is elastic and unloaded */
     }
     trocar_seed wrong = {.tet = trocar_model_tet_count(in.model)};
     assert_int_equal(trocar_model_displace_seed(in.model, u, &wrong, u, u), 0);

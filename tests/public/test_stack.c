@@ -33,7 +33,7 @@ typedef struct {
     trocar_sim *sim;
     trocar_picture *picture;
     trocar_pose base[2];
-    sem_t ticked, worked;    /* the two threads take turns */
+    sem_t ticked, worked;    /* make the two threads take turns */
     bool ended;
     const char *failed;      /* the first call that was refused; cmocka's assertions may only be used in the main thread */
     uint32_t events;         /* of all ticks */

@@ -181,12 +181,12 @@ static void a_wrong_state_is_refused_and_changes_nothing(void **unused) {
     trocar_model_free(other);
 }
 
-/* Forces (N) of a needle that is reset to a place inside the tissue, from another place or not, and then pushed further. */
+/* Resets the needle to a place inside the tissue, directly or after it has been elsewhere (`elsewhere`), and pushes it further. */
 static void run_from_inside(trocar_model *model, bool elsewhere, trocar_output *outputs) {
     trocar_sim *sim;
     OK(trocar_sim_create(model, &sim, &why));
     if (elsewhere) {
-        trocar_pose outside = pose_at(0, 0), oblique = {{-0.0337, 2e-3, -0.1825}, {0.9962, 0, 0.0872, 0}}; /* the same tip, 10 degrees */
+        trocar_pose outside = pose_at(0, 0), oblique = {{-0.0337, 2e-3, -0.1825}, {0.9962, 0, 0.0872, 0}}; /* oblique: the same tip, tilted by 10 degrees */
         OK(trocar_sim_reset(sim, 0, &outside, &why));
         push(sim, 0, 0, TICKS, outputs);
         OK(trocar_sim_reset(sim, 0, &oblique, &why));

@@ -93,7 +93,7 @@ def run(*arguments, status=0, cwd=None):
 
 
 class Chain(unittest.TestCase):
-    """The commands of docs/training/rtstruct-to-rtdose.md."""
+    """Tests the commands of docs/training/rtstruct-to-rtdose.md."""
 
     @classmethod
     def setUpClass(cls):
@@ -166,8 +166,8 @@ class Chain(unittest.TestCase):
             np.testing.assert_allclose(0.1 * np.concatenate(contours(made, i)), [position for position, _ in seeds], atol=1e-4)
 
     def test_rt_dose_is_the_sum_of_the_seeds_of_its_rt_plan(self):
-        """Compares doses at random points of the grid with doses of the seeds in the RT Plan. The tolerance covers half a step of the stored numbers,
-        and rounding of positions."""
+        """Compares doses at random points of the grid with doses of the seeds in the RT Plan. The tolerance covers half a quantisation step of the stored
+        doses, and rounding of positions."""
         rng = np.random.default_rng(1)
         for kind in ("planned", "implanted"):
             data = pydicom.dcmread(self.report / f"{kind}-dose.dcm")
@@ -208,8 +208,8 @@ class Chain(unittest.TestCase):
     # ---- the report ----
 
     def test_figures_are_those_of_the_tg43_formula(self):
-        """Compares all figures of the planned seeds, and of the seeds with the needles out, with NumPy's at the program's voxels. Voxels inside seeds
-        require the tolerance."""
+        """Compares all dose figures, for the planned seeds and for the seeds after the needles have been withdrawn, with NumPy's at the program's voxels. The
+        tolerance is needed for voxels inside seeds."""
         frame = plans.Frame(self.model)
         placed = plans.read_seeds(self.out / "seeds.csv", self.model)
         for name, seeds in (("planned", plans.planned_seeds(self.plan, self.model)), ("needles out", placed)):
@@ -308,8 +308,9 @@ class Chain(unittest.TestCase):
                 self.assertAlmostEqual(d90(delivered(self.source, seeds, 0.6, points, swollen, chosen)), few, delta=1e-4 * few)
 
     def test_no_swelling_changes_nothing_and_published_effects_are_met(self):
-        """About 2 % less D90 in three implants with I-125 (Sloboda et al. 2012); 0.3 and 17.5 % less dose with 1.05 and 1.6 times the volume and half-lives of 4 and 34
-        days (a model of the mean dose, Cambridge Core; D90 falls less, because seeds lie around the coldest points)."""
+        """Published effects: swelling reduced D90 by about 2 % in three implants with I-125 (Sloboda et al. 2012). In a model of the mean dose (Cambridge
+        Core), 1.05 and 1.6 times the volume, with half-lives of 4 and 34 days, reduce the dose by 0.3 and 17.5 %; D90 falls less, because seeds lie around the
+        coldest points."""
         for chosen, least, most in ((Swelling(1.0), 0.0, 1e-9), (Swelling(), 0.01, 0.035), (Swelling(1.05, None, 4.0), 0.001, 0.005), (Swelling(1.6, None, 34.0), 0.10, 0.19)):
             out, after = (next(s for s in self.evaluated(swelling=chosen).states if s.name == name).figures["D90"] for name in ("needles out", "after swelling"))
             self.assertTrue(least <= 1 - after / out <= most, f"{chosen}: {1 - after / out}")

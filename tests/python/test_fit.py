@@ -141,7 +141,7 @@ class SolverTest(unittest.TestCase):
         self.assertLess(found.residuals @ found.residuals, 1.001 * 2 * reference.cost)
 
     def test_goes_round_points_that_cannot_be_computed(self):
-        """Such points occur in a fit where kinetic friction would exceed static friction."""
+        """Points that cannot be computed occur in fits, for example where kinetic friction would exceed static friction."""
         evaluate = lambda points: [self.residuals(p) if p[0] + p[1] < 1.05 else None for p in points]
         found = solver.minimise(evaluate, np.array([0.2, 0.8, 0.2]))
         self.assertTrue(found.converged)

@@ -34,7 +34,7 @@ import trocar.gym
 from trocar.gym import NeedleEnv, VectorNeedleEnv
 
 SCENE = SOURCE / "meshes/figure8.yaml"
-TARGET = np.array([1e-3, -2e-3, 0.03])    # m, from the entry
+TARGET = np.array([1e-3, -2e-3, 0.03])    # m, relative to the entry point
 ENTRY = np.array([0.005, 0.003, 0.0])     # m: where the needle meets the skin, from its default start
 TASK = f"""scene: {SCENE}
 set: {{needle.bevel_slope: 0.1}}
@@ -291,7 +291,7 @@ class PictureTest(Case):
             self.assertAlmostEqual(columns.mean(), 5.0 * (10.0 + depth), delta=0.6)
             self.assertAlmostEqual(rows.mean(), 120.0 - 5.0 * up, delta=0.6)
             rows, columns = np.nonzero(np.all(picture[:, left:left + 400] == (36, 41, 47), axis=2))
-            self.assertAlmostEqual(columns.max(), 5.0 * 9.0, delta=1.6)    # 1 mm in front of the skin
+            self.assertAlmostEqual(columns.max(), 5.0 * 9.0, delta=1.6)    # the tip is 1 mm in front of the skin
             self.assertAlmostEqual(rows.mean(), 120.0, delta=0.6)
         self.assertIsNone(NeedleEnv("reach", self.file()).render())
 

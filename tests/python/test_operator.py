@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Tests the virtual operator in simulations: what is left of the misplacement in stiff tissue, parts of the misplacement, repeated runs, and studies.
+"""Tests the virtual operator in simulations: the misplacement that remains in stiff tissue, parts of the misplacement, repeated runs, and studies.
 
 usage: test_operator.py BUILD_DIR SOURCE_DIR
 """
@@ -28,7 +28,7 @@ PERFECT = dict(image_error=0.0, splay=0.0, speed_spread=0.0)
 
 
 def only(*holes, seeds=2):
-    """Returns the plan with the needles in these holes only, and with their first seeds."""
+    """Returns the plan with only the needles in these holes, and only the first seeds of each needle."""
     return replace(PLAN, needles=[replace(needle, seeds=needle.seeds[:seeds]) for needle in PLAN.needles if needle.hole in holes])
 
 
@@ -57,7 +57,7 @@ def carry_out(model, plan, **options):
 
 
 class Rigid(unittest.TestCase):
-    """In tissue that does not move, seeds are off by exactly what was drawn."""
+    """In tissue that does not move, seeds are misplaced by exactly the operator's errors, which are drawn at random."""
 
     @classmethod
     def setUpClass(cls):

@@ -21,7 +21,7 @@ import trocar
 import trocar.brachy
 
 DT, SPEED = 1e-3, 0.08
-STEP = 1.0                 # mm, voxels of the labels
+STEP = 1.0                 # mm, size of the labels' voxels
 GLAND = "prostate", "transition_zone", "urethra"
 PATHS = "E4", "H3.5", "F5.5", "G2.5"    # holes whose needles reach the gland
 FAULTS = trocar.Event.LATE | trocar.Event.FULL | trocar.Event.UNSTABLE | trocar.Event.INEXACT | trocar.Event.MISSED_GUIDE | trocar.Event.OUTSIDE_MODEL
@@ -91,7 +91,7 @@ class Pelvis(unittest.TestCase):
             self.assertTrue(float(low) <= float(value) <= float(high), name)
 
     def test_tetrahedra_lie_in_the_voxels_of_their_regions(self):
-        """The position in patient coordinates is checked as well: the mesh may be shifted against the labels by a part of a voxel only."""
+        """The position in patient coordinates is checked as well: the mesh may be shifted relative to the labels by less than a voxel."""
         place = np.linalg.inv(self.model.patient_to_mesh)
         at = (self.middles @ place[:3, :3].T + place[:3, 3]) * [-1, -1, 1]
         index = tuple(np.clip(np.round((at[:, a] - self.axes[a][0]) / STEP).astype(int), 0, len(self.axes[a]) - 1) for a in (2, 1, 0))
@@ -108,7 +108,7 @@ class Pelvis(unittest.TestCase):
         self.assertLess(angles.max(), 163)
 
     def test_the_gland_is_held_by_fat_all_around(self):
-        """Nodes of the fixed surfaces do not belong to the gland, and most neighbours of its surface are fat."""
+        """Nodes of the fixed surfaces do not belong to the gland, and most elements next to its surface are fat."""
         fixed = np.unique(np.concatenate([self.model.surface(name).ravel() for name in ("fixed", "bone")]))
         gland = np.isin(self.model.tet_regions, [self.model.groups.index(name) for name in GLAND])
         self.assertFalse(np.isin(fixed, np.unique(self.model.tets[gland])).any())

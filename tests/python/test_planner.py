@@ -183,7 +183,7 @@ class Obstacles(Case):
         self.assertLessEqual(capsule.distance(shaft, 1e-3, Embedding(model), field, enough=0.0), found + 1e-12)
 
     def test_in_tissue_that_does_not_move_it_is_as_at_rest(self):
-        """Rounding must never make the result miss the point nearest to the target in the undeformed tissue."""
+        """With zero displacements, rounding errors in the search radius must not exclude the obstacle's point that is nearest to the needle."""
         model = trocar.Model(trocar.Scene.load(SCENE), mesh_only=True)
         embedding, still, random = Embedding(model), np.zeros_like(model.nodes), np.random.default_rng(1)
         for _ in range(300):

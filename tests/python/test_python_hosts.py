@@ -375,7 +375,7 @@ class InterruptionTest(unittest.TestCase):
 
 class TypeTest(unittest.TestCase):
     def test_a_program_with_types_passes_mypy(self):
-        """A program that uses the package as the documentation does, and a scene's values as a typical program would."""
+        """A program that uses the package as the documentation does, and a scene's values as programs typically do."""
         program = '''
 import numpy as np
 import trocar

@@ -560,7 +560,7 @@ class Estimates(Case):
         self.assertFalse((self.out / "o").exists())
         before = sum(os.times()[:4])
         self.result(path, "o", "--record", "frames", "--workers", "1")
-        spent = sum(os.times()[:4]) - before    # of this process and its children
+        spent = sum(os.times()[:4]) - before    # processor time of this process and its children
         self.assertTrue(0.5 < cost.seconds / spent < 1.5, (cost, spent))
         sizes = [file.stat().st_size for file in (self.out / "o/frames").glob("*.h5")]
         self.assertEqual(len(sizes), 40)

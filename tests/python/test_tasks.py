@@ -21,7 +21,7 @@ from trocar.training import Task, score
 
 WHOLE = sys.argv[3:] == ["whole"]
 DT = 4e-3          # s
-FRAME = 25         # steps between two frames of the tissue
+FRAME = 25         # number of steps between two recorded frames of the tissue
 PERFECT = dict(image_error=0.0, splay=0.0, speed_spread=0.0)
 
 
@@ -74,7 +74,7 @@ class CarefulHand:
                 yield from self.follow(ring)
                 self.sim.drop_seeds(needle=self.needle)
                 yield self.needle, self.stroke(self.depth - 2 * half)
-                while self.sim.pending_seeds(self.needle):    # the tissue follows the shaft, and the seed with it
+                while self.sim.pending_seeds(self.needle):    # at first, tissue and seed follow the shaft
                     yield self.needle, self.stroke(self.depth - 5e-4)
             yield self.needle, self.stroke(-2e-3)
 
@@ -119,7 +119,7 @@ class Solvable(unittest.TestCase):
     def check_plan(self, name):
         task, sim, result = self.carry_out(name)
         self.assertTrue(result.passed, result.judgements)
-        rows = plans.compare(task.plan, task.model, plans.seeds_of(sim))    # from the simulation, not from messages
+        rows = plans.compare(task.plan, task.model, plans.seeds_of(sim))    # computed from the simulation's seeds, not from messages
         self.assertAlmostEqual(1e3 * result.measures["seed_error"], plans.summary(rows)["distance"], places=3)
 
     def test_four_seeds(self):

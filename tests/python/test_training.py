@@ -159,12 +159,12 @@ class Scores(Case):
 
     def test_every_measure_of_a_run_with_known_numbers(self):
         log = self.log()
-        log.wrench(0.0, (9, 9, 9))                 # outside the tissue: neither force nor time counts
+        log.wrench(0.0, (9, 9, 9))                 # a wrench outside the tissue, whose force and time do not count
         log.stroke(0, 63)
         log.wrench(0.063, (2, -3, 6))              # 7 N
         log.look((0.010, -0.005, 0.063))
         log.tracks(straight(0.010, -0.005, 0.063))
-        log.wrench(0.063, (50, 0, 0), session=0)   # nobody holds the needle
+        log.wrench(0.063, (50, 0, 0), session=0)   # session 0: nobody holds the needle
         moved = np.zeros((NODES, 3))
         inner = np.unique(MODEL.tets[MODEL.tet_regions == MODEL.groups.index("prostate")])
         outer = np.setdiff1d(np.arange(NODES), inner)
@@ -185,7 +185,8 @@ class Scores(Case):
         self.assertAlmostEqual(measures["path"], 0.123, places=7)
         self.assertAlmostEqual(measures["force"], 7.0, places=12)
         self.assertAlmostEqual(measures["displacement"], 0.003, places=9)
-        # from the first tick with a depth above 0 to the last one: 630 ticks in, one at rest, one without a hand, 630 out and 560 in; the track is 0 at the end of the way out
+        # time from the first tick with a depth above 0 to the last one: 630 ticks inward, one at rest, one without a hand, 630 outward, where the depth ends at
+        # 0, and 560 inward
         self.assertAlmostEqual(measures["time"], 1e-3 * (630 + 1 + 1 + 630 + 560 - 1), places=9)
         self.assertEqual(measures["organs_touched"], 1)
         self.assertTrue(result.passed)
@@ -203,7 +204,7 @@ class Scores(Case):
         still = np.zeros((NODES, 3))
         self.assertAlmostEqual(errors([(0.050, 0.060, moved)])[0], np.hypot(0.001, 0.004), places=8)
         self.assertAlmostEqual(errors([(0.050, 0.064, moved)])[0], 0.001, places=8)
-        self.assertAlmostEqual(errors([(0.050, 0.060, still), (0.060, 0.067, still)])[0], 0.007, places=8)                    # passed through it, and went on
+        self.assertAlmostEqual(errors([(0.050, 0.060, still), (0.060, 0.067, still)])[0], 0.007, places=8)                    # tip went on past the target
         self.assertAlmostEqual(errors([(0.060, 0.064, still), (0.0597, 0.062, still), (0.050, 0.060, still)])[0], 0.002, places=8)  # drawn back
         self.assertAlmostEqual(errors([(0.060, 0.067, still), (0.0, 0.0, still)], [(0.053, 0.061, still)])[0], 0.001, places=8)     # a second needle path
         self.assertEqual(errors([(0.0, 0.060, still)]), [None, None])
@@ -242,7 +243,7 @@ class Scores(Case):
         log = self.log()
         log.stroke(0, 20)
         log.tracks(straight(0, 0, 0.020))
-        log.tracks(straight(0, 0, 0.030))          # a message has all tracks of its needle
+        log.tracks(straight(0, 0, 0.030))          # each message contains all tracks of its needle
         log.tracks()
         log.tracks()
         log.tracks(straight(0, 0, 0.040))
@@ -257,7 +258,7 @@ class Scores(Case):
         self.assertFalse(result.passed)
 
     def test_dose_of_seeds_as_planned(self):
-        """The figures of the plan as docs/examples/implant-plan.yaml and docs/seeds.md state them: D90 166 Gy, V100 97.8 %, V150 48.3 %."""
+        """The plan's dose figures, as given in docs/examples/implant-plan.yaml and docs/seeds.md: D90 166 Gy, V100 97.8 %, V150 48.3 %."""
         log = self.log()
         log.wrench(0.0)
         log.seeds(plans.planned_seeds(plans.read(PLAN), MODEL))
@@ -270,7 +271,8 @@ class Scores(Case):
         self.assertTrue(result.passed)
 
     def test_an_organ_of_two_regions_counts_once(self):
-        """The figures of the plan in the pelvis as docs/examples/implant-plan.yaml states them: D90 159 Gy, V100 96 %. The gland has a part, the transition zone."""
+        """The plan's dose figures in the pelvis, as given in docs/examples/implant-plan.yaml: D90 159 Gy, V100 96 %. Part of this gland is a region of its own,
+        the transition zone."""
         scene = SOURCE / "meshes/pelvis.yaml"
         model = trocar.Model(trocar.Scene.load(scene), mesh_only=True)
         zones = [model.groups.index(name) for name in ("prostate", "transition_zone")]
@@ -454,7 +456,7 @@ class Reports(Case):
         self.assertTrue(said.endswith("passed\n"))
         result = score(Task.read(path), self.out / "run.log")
         report = json.loads((self.out / "r.json").read_text())
-        self.assertEqual(report["measures"], result.measures)              # to the last digit
+        self.assertEqual(report["measures"], result.measures)              # the report contains every digit
         self.assertEqual((report["task"], report["began"], report["passed"]), ("task", "2023-11-14T22:13:20Z", True))
         table = {row["measure"]: row for row in csv.DictReader((self.out / "r.csv").read_text().splitlines())}
         self.assertEqual({name: float(row["value"]) for name, row in table.items()}, result.measures)
@@ -486,7 +488,7 @@ class Reports(Case):
             text = (self.out / "r.html").read_text()
             self.assertIn(f'<html lang="{"de" if language == "de" else "en"}">', text)
             cells[language] = Page(text)
-        self.assertEqual(cells["xx"].words, cells["en"].words)               # a language without texts is English
+        self.assertEqual(cells["xx"].words, cells["en"].words)               # in a language without texts, the report is in English
         self.assertIn("Zwei Ziele", cells["de"].words)
         self.assertNotIn("Two targets", cells["de"].words)
         number = re.compile(r"[\d.]+ ?(?:mm|N|s|%|Gy)?$")
@@ -537,7 +539,7 @@ class Reports(Case):
         self.assertEqual(self.run_program(self.out / "run.log", "--task", path, "--runs", self.out / "runs", "--html", self.out / "r.html")[0], 0)
         page = Page((self.out / "r.html").read_text())
         at = next(i for i, cell in enumerate(page.cells) if cell == "tip_error")
-        self.assertEqual(page.cells[at + 2:at + 6], ["4.0 mm", "9.0 mm", "1.5 mm", "0.7 mm"])    # this run, the run before, the best so far, the reference
+        self.assertEqual(page.cells[at + 2:at + 6], ["4.0 mm", "9.0 mm", "1.5 mm", "0.7 mm"])    # runs: this, previous, best so far, reference
         self.assertIn("after earlier runs: 2", page.words)
         (runs / "a.json").write_text("{}")
         status, _, said = self.run_program(self.out / "run.log", "--task", path, "--runs", self.out / "runs")

@@ -19,7 +19,7 @@
 
 #include "expect.h"
 
-struct Columns { /* in the order in which they are sent: three columns of the rotation, then the position */
+struct Columns { /* a transform, in the order in which it is sent: the three columns of the rotation, then the position */
     float numbers[12];
 };
 

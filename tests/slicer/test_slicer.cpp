@@ -124,7 +124,7 @@ struct Surface {
     static Vector cross(const Vector &a, const Vector &b) { return {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]}; }
 };
 
-static const std::vector<std::string> ORGANS = {"prostate", "surrounding", "perineum", "muscle"}; /* in the same order as in the scene */
+static const std::vector<std::string> ORGANS = {"prostate", "surrounding", "perineum", "muscle"}; /* names of the organs, in the order of the scene */
 
 static Vector shear(const Vector &x, double) { return {0.04 * x[2], -0.03 * x[0], 0.05 * x[1] + 0.002}; }
 

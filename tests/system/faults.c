@@ -284,7 +284,7 @@ static void a_number_that_is_none_in_the_model_begins_anew(void **state) {
         atomic_store(&fault->poison, true);
         PASS_UNTIL(c, c->seen & FLAG(UNSTABLE));
         PASS_UNTIL(c, faulty_flags(c) == 0);
-        expect_only(c, FLAG(UNSTABLE) | FLAG(RAMPING) | FLAG(SATURATED) | FLAG(ACTIVE) | FLAG(LATE_WORKER)); /* late: answers to the insertion before are not used */
+        expect_only(c, FLAG(UNSTABLE) | FLAG(RAMPING) | FLAG(SATURATED) | FLAG(ACTIVE) | FLAG(LATE_WORKER)); /* late: earlier answers are not used */
         push_on(c);
         expect_health(c);
         watch(c);

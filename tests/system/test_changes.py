@@ -26,11 +26,11 @@ import trocar_client
 from trocar_client import Answer
 
 CHANGES, PERIOD = 1000, 0.02    # PERIOD: s
-MODULI = 3     # changes of moduli of a still needle, and of a moving one
+MODULI = 3     # number of changes of moduli while the needle is still, and again while it moves
 SCENE = SOURCE / "meshes/figure8.yaml"
-URL = "udpm://239.255.76.67:7667?ttl=0&recv_buf_size=4194304"   # bytes: room for a second of messages while the machine is busy
-RECOIL = 25     # ticks after a puncture, as in tests/public/changing/test_changes.c
-LATE = 2000     # us between two ticks, of which one has then missed its period
+URL = "udpm://239.255.76.67:7667?ttl=0&recv_buf_size=4194304"   # recv_buf_size: bytes, enough for the messages of a second, in case the machine is busy
+RECOIL = 25     # number of ticks after a puncture that belong to its recoil, as in tests/public/changing/test_changes.c
+LATE = 2000     # us; if two ticks are further apart than this, one has missed its period
 NOTICED, NOTICED_LEAST = 0.07, 0.05     # just noticeable change of a force: a fraction, and N (tests/verification/verify_smoothness.c)
 
 
@@ -48,7 +48,8 @@ def smooth(part):
 
 
 def write_motion(types, path, still, moving):
-    """Writes a log of poses, 1000 a second: into the tissue and a little back in 3 s, still for `still` s, to and fro by 4 mm for `moving` s, still for 2 s."""
+    """Writes a log of poses, 1000 per second: the needle is pushed into the tissue and drawn back slightly within 3 s, rests for `still` s, moves back and
+    forth by 4 mm for `moving` s, and rests for 2 s."""
     with open(path, "wb") as log:
         for i in range(int(1000 * (3 + still + moving + 2))):
             t = 1e-3 * i
@@ -94,7 +95,8 @@ BAD = (({"regions[prostate].poisson_ratio": 0.4}, "cannot change during a run"),
 
 
 def record(path):
-    """Writes the messages to an LCM log until the process is ended. On a busy machine, lcm-logger loses some, because its queue has room for 30."""
+    """Writes the messages to an LCM log until the process is killed. lcm-logger is not used, because its queue has room for only 30 messages, and it loses some
+    on a busy machine."""
     channels = {f"TROCAR_{name}".encode() for name in ("POSE", "WRENCH", "TIMING", "VALUES", "CHANGE", "REPLY")}
     bus, number = lcm_socket(), 0
     bus.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 22)
@@ -117,7 +119,8 @@ def events(path):
 
 
 def missed(timing, spans):
-    """Returns ticks and missed periods in spans of time, which are pairs of times of the wall clock (us), and the median of the computing time's p99 (us)."""
+    """Returns the numbers of ticks and of missed periods in these spans of time, which are pairs of wall-clock times (us), and the median of the compute time's
+    p99 (us)."""
     ticks = misses = 0
     compute = []
     for begin, end in spans:
@@ -130,8 +133,8 @@ def missed(timing, spans):
 
 def largest_jump(wrenches, spans):
     """Returns the largest change of the model's force from tick to tick, in units of the just noticeable difference, and the number of ticks that exceed it.
-    The recoil of a puncture counts as part of the puncture. Ticks that came late, or whose poses came late, do not count, because the hand's motion of several
-    periods is then in one tick."""
+    The recoil of a puncture counts as part of the puncture. Ticks that came late, or whose poses came late, do not count, because such a tick contains the
+    hand's motion of several periods."""
     largest, noticed, since = 0.0, 0, 0
     for a, b in zip(wrenches, wrenches[1:]):
         since = 0 if b.tick != a.tick + 1 or b.events & b.EVENT_PUNCTURE else since + 1
@@ -190,7 +193,7 @@ def main(folder):
     time.sleep(1.2)
     for moves in (False, True):
         time.sleep(max(0.0, began + 3.5 + (still if moves else 0.0) - time.monotonic()))
-        for _ in range(10):     # alternately with and without changes, because the machine's load varies
+        for _ in range(10):     # runs with and without changes alternate, because the machine's load varies
             for changes in (False, True):
                 begin = now()
                 for _ in range(CHANGES // 20):
@@ -200,7 +203,7 @@ def main(folder):
                 time.sleep(0.2)
                 spans.setdefault((moves, changes), []).append((begin, now()))
         begin = now()
-        for _ in range(MODULI):     # each builds a model, which takes about a second, and moves the tissue's stiffness within another
+        for _ in range(MODULI):     # each change builds a model for about a second, and then moves the stiffness for another
             answer, why = ask(other, random_moduli(chance), 0.3)
             check(answer is Answer.DONE, why)
         time.sleep(1.0)

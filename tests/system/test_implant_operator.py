@@ -140,7 +140,7 @@ class Operator(unittest.TestCase):
         self.assertEqual([(row["hole"], int(row["seed"])) for row in rows], [(error.hole, error.number) for error in errors])
         for row, error in zip(rows, errors):
             np.testing.assert_allclose(vector(row, "image"), error.image, atol=1e-7)
-            np.testing.assert_allclose(vector(row, "splay"), error.splay, atol=2e-5)    # the depths of the tips differ
+            np.testing.assert_allclose(vector(row, "splay"), error.splay, atol=2e-5)    # a tolerance, because the depths of the tips differ
             np.testing.assert_allclose(vector(row, "planned"), error.planned, atol=1e-6)
             np.testing.assert_allclose(vector(row, "total"), error.total, atol=0.6e-3)
             np.testing.assert_allclose(sum(vector(row, part) for part in ("tissue", "image", "splay", "remainder")), vector(row, "total"), atol=1e-6)

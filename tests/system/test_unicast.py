@@ -111,7 +111,7 @@ class Server:
 
 
 class Bus(threading.Thread):
-    """Receives what lcm-logger receives on the server's machine."""
+    """Receives all LCM messages on the server's machine, as lcm-logger would."""
 
     def __init__(self, types):
         super().__init__(daemon=True)
@@ -144,7 +144,7 @@ class Bus(threading.Thread):
 # ---- the attacker -------------------------------------------------------------------------------------------------------------
 
 class Between(threading.Thread):
-    """Passes datagrams between a client and the server, and attacks. attack(datagram) returns what the server gets instead of each message."""
+    """An attacker that passes datagrams between a client and the server. attack(datagram) returns the datagrams that the server gets instead of a message."""
 
     def __init__(self, machine):
         super().__init__(daemon=True)
@@ -301,7 +301,7 @@ def wrong_secret(machine, url, folder):
 
 
 def restart(machine, between, bus, server, scene, secret):
-    """Returns the new server. The client connects to it; the datagrams of its connection to the old server do nothing."""
+    """Returns the new server. The client connects to it; datagrams of its connection to the old server have no effect."""
     client = machine.client(f"udp://127.0.0.1:{PORT}", "8")
     between.sent = []
     time.sleep(2)

@@ -1,4 +1,4 @@
-"""The unicast protocol of docs/connect-a-device.md, as a client and as an attacker need it; independent of the clients and of the server."""
+"""The unicast protocol of docs/connect-a-device.md, for a test client and for an attacker. Shares no code with the clients or the server."""
 import hashlib
 import hmac
 import os

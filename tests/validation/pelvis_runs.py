@@ -1,14 +1,16 @@
 #!/usr/bin/python3
-"""Simulated implants in meshes/pelvis.yaml with values drawn from their spreads, for validate_intervals.py and for the figure random-implants.
+"""Simulates implants in meshes/pelvis.yaml with tissue values drawn at random from their published ranges, for validate_intervals.py and for the figure
+random-implants.
 
 usage: pelvis_runs.py spreads|random --count N [--seed S] [--task I/N] [--needles N] FILE.csv
 
-spreads   a Latin hypercube over the spreads of meshes/PARAMETERS.md; the plan is that of docs/examples/implant-plan.yaml, and the operator follows the image, with
-          published errors
-random    the same spreads; the plan and the kind of operator are drawn as well
+spreads   a Latin hypercube over the ranges in meshes/PARAMETERS.md; the plan is that of docs/examples/implant-plan.yaml, and the operator follows the image,
+          with published errors
+random    the same ranges; the plan and the kind of operator are drawn at random as well
 
-Each run appends a row to FILE.csv, and runs that the file has already are skipped, so the command can be repeated after an interruption. A run does not depend on the
-others except, for spreads, through --count. --task divides the runs among the tasks of a cluster, each with a file of its own:
+Each run appends a row to FILE.csv, and runs that the file already contains are skipped, so the command can be repeated after an interruption. Runs are
+independent of each other, except that those of `spreads` depend on --count. --task divides the runs among the tasks of a cluster, each of which writes its own
+file:
 
     sbatch --array=1-32 --wrap 'tests/validation/pelvis_runs.py random --count 500 --task $SLURM_ARRAY_TASK_ID/32 out/random-$SLURM_ARRAY_TASK_ID.csv'
 """
@@ -28,23 +30,23 @@ from trocar.brachy.virtual_operator import Operator
 ROOT = Path(__file__).resolve().parents[2]
 SCENE, PLAN = ROOT / "meshes/pelvis.yaml", ROOT / "docs/examples/implant-plan.yaml"
 GLAND = "prostate"
-DT, FINE = 0.02, 0.005      # s, steps of an implant and of a single needle
-STROKE = 0.01               # m, the gland's rotation is taken after strokes that are longer
-FASTER = 0.12               # m/s, largest speed of the hand that divides slow from fast needles (Alberta)
+DT, FINE = 0.02, 0.005      # s, time steps for an implant and for a single needle
+STROKE = 0.01               # m; after strokes longer than this, the gland's rotation is measured
+FASTER = 0.12               # m/s; a needle is fast if its hand's largest speed exceeds this (as in the Alberta study)
 
-# Ranges of meshes/PARAMETERS.md; log-uniform. Parts of the gland have one modulus.
+# Ranges of Young's modulus from meshes/PARAMETERS.md, log-uniform. All parts of the gland have the same modulus.
 MODULI = {"prostate": (16e3, 54e3), "seminal_vesicles": (3e3, 35e3), "bladder": (10e3, 100e3), "urine": (0.3e3, 3e3), "rectum": (10e3, 100e3), "rectal_content": (1e3, 10e3),
           "levator_ani": (20e3, 30e3), "pelvic_floor": (11e3, 50e3), "obturator_internus": (7e3, 15e3), "fat": (3.2e3, 6.6e3), "perineum": (100e3, 600e3)}    # Pa
 PARTS = ("transition_zone", "urethra")
-POISSON = (0.45, 0.49)      # of all regions but the contents of bladder and rectum; uniform
-FORCE_SPREAD = 1.31 / 8.96  # of friction and puncture forces: the published scatter of the force on 18 G needles between patients; normal
-CUTTING = (0.5, 2.0)        # factor of cutting forces, assumed; log-uniform
+POISSON = (0.45, 0.49)      # range of Poisson's ratio of all regions except the contents of bladder and rectum; uniform
+FORCE_SPREAD = 1.31 / 8.96  # relative standard deviation of friction and puncture forces: published scatter of the force on 18 G needles between patients
+CUTTING = (0.5, 2.0)        # range of the factor on cutting forces, assumed; log-uniform
 CONTENTS = ("urine", "rectal_content")
 NAMES = (*MODULI, "poisson", "friction", "puncture", "cutting")
 
 
 def values_of(unit):
-    """Returns the values of one run at the quantiles `unit`."""
+    """Returns the values of one run; `unit` contains their quantiles, from 0 to 1."""
     values = {name: low * (high / low) ** u for (name, (low, high)), u in zip(MODULI.items(), unit)}
     poisson, friction, puncture, cutting = unit[len(MODULI):]
     values["poisson"] = POISSON[0] + (POISSON[1] - POISSON[0]) * poisson
@@ -55,7 +57,7 @@ def values_of(unit):
 
 def scene_of(values):
     scene = trocar.Scene.load(str(SCENE))
-    scene["inverse"] = "sparse"    # each run has moduli of its own, and a dense inverse takes longer than the run
+    scene["inverse"] = "sparse"    # each run has its own moduli, and computing a dense inverse would take longer than the run
     for region in scene.names("regions"):
         key = f"regions[{region}]"
         scene[f"{key}.youngs_modulus"] = values[GLAND if region in PARTS else region]
@@ -82,7 +84,7 @@ class Gland:
         self.surface = np.isin(self.nodes, found[times == 1])
 
     def turn(self, moved):
-        """Returns the rotation, 3 x 3, that fits the motion of the nodes best."""
+        """Returns the rotation matrix (3, 3) that best fits the motion of the nodes."""
         a, b = self.rest - self.rest.mean(0), self.rest + moved - (self.rest + moved).mean(0)
         u, _, v = np.linalg.svd(a.T @ b)
         return v.T @ np.diag([1, 1, np.sign(np.linalg.det(v.T @ u.T))]) @ u.T
@@ -101,7 +103,8 @@ class Gland:
         return float(np.linalg.norm(field[self.nodes][self.surface, :2], axis=1).mean())
 
     def distortion(self, field):
-        """Returns the largest displacement (m) along x, y and z of a node after the gland's images have been laid one over the other: of markers, as published."""
+        """Returns the largest displacement (m) of a node along x, y and z relative to the gland's rigid motion, for comparison with published displacements of
+        markers."""
         moved = field[self.nodes]
         fitted = (self.rest - self.rest.mean(0)) @ self.turn(moved).T + (self.rest + moved).mean(0)
         return np.abs(self.rest + moved - fitted).max(0)
@@ -142,7 +145,7 @@ def implant(model, plan, operator):
     work = operator.moves(sim, DT)
     turns, fastest, peak, last, full = [], {}, 0.0, None, None
     for needle, poses in work:
-        if full is None and needle != last and needle in fastest:    # all needles are in, and the first is taken up again for its seeds
+        if full is None and needle != last and needle in fastest:    # all needles have been inserted, and the first one is taken again to drop its seeds
             full = sim.displacements()
             lost = sum(not any(contact.kind != "guide" for contact in sim.contacts(i)) for i in range(len(work.needles)))
         out = sim.run(poses, DT, needle)
@@ -171,7 +174,7 @@ def implant(model, plan, operator):
 
 
 def single(model):
-    """Returns the displacement of the gland's base (mm) by one needle, 80 mm deep: alone, and beside two stabilising needles."""
+    """Returns the displacement of the gland's base (mm) by a needle inserted to 80 mm, alone and with two stabilising needles in place."""
     gland, template = Gland(model), plans.read(PLAN)
     guide = plans.guide_of(template, model)
 
@@ -214,14 +217,14 @@ def run(study, index, unit, seed, most=16):
 
 
 def units(study, count, seed):
-    """Returns the quantiles of each run, (count, parameters). Those of a random run do not depend on the number of runs."""
+    """Returns the quantiles of each run, shape (count, parameters). In the study `random`, those of a run do not depend on the number of runs."""
     if study == "spreads":
         return qmc.LatinHypercube(len(NAMES), seed=seed).random(count)
     return np.random.default_rng(seed).random((count, len(NAMES)))
 
 
 def read(path):
-    """Returns the rows of a file of runs, with numbers where cells are numbers."""
+    """Returns the rows of a file of runs; cells that contain numbers are converted."""
     def cell(text):
         try:
             return float(text)

@@ -28,7 +28,7 @@ def ours(row):
 
 
 def write_rows(rows, path):
-    """Writes all that is known about each row as CSV."""
+    """Writes all data of each row as CSV."""
     with open(path, "w", newline="", encoding="utf-8") as file:
         table = csv.writer(file, lineterminator="\n")
         table.writerow(COLUMNS)

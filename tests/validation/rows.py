@@ -10,8 +10,8 @@ import sys
 from pathlib import Path
 
 
-FITTED = "fitted"              # the parameters were fitted to exactly this number
-CONSISTENT = "consistency"     # follows from fitted or assumed values if the model works as described
+FITTED = "fitted"              # parameters were fitted to this very number
+CONSISTENT = "consistency"     # the number follows from fitted or assumed values if the model works as described
 PREDICTED = "predicted"        # the model was fitted to other data
 
 # Reliability of a published number, as defined in docs/validation.md.
@@ -48,7 +48,7 @@ class Rows:
     def add(self, quantity, source, sure, interval, ours, unit, *, published="", kind, fitted, reason="", note="", scatter="", digits=3, regression=None, weak=False):
         """Adds a number; it is inside if it lies in the interval (low, high). `published` describes the published value if it is not simply low to high;
         `scatter` is the variation of the model's number. A row that is outside needs a reason and `regression`, an interval around the number that this model
-        gives; the row fails if the number leaves this interval. `weak` marks a row in which a model where nothing moves would be inside as well; it also needs
+        gives; the row fails if the number leaves this interval. `weak` marks a row that even a model in which nothing moves would pass; such a row also needs
         `regression`."""
         low, high = interval
         if weak and not regression:

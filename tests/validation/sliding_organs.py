@@ -1,14 +1,15 @@
 #!/usr/bin/python3
-"""Measures, with CalculiX, how the motion of the gland in meshes/pelvis.msh changes if organs slide in the fat around them without friction instead of being
+"""Measures, with CalculiX, how the motion of the gland in meshes/pelvis.msh changes if organs slide without friction along the surrounding fat instead of being
 bonded to it. No code of trocar is used.
 
-The elements are quadratic tetrahedra (C3D10), with the moduli of meshes/pelvis.yaml. A needle's friction is a force that is evenly distributed along its track
-in the gland, towards the head: once near the middle, and once 20 mm to the side. Bonded surfaces and surfaces that slide but stay in contact (the displacement
-along the normal is the same on both sides) are the two extremes of what fascia permits. At the rim of a surface, where a third region begins, both sides stay
-joined. For comparison, the shear modulus of the layer of fat elements on the gland is lowered, with the same bulk modulus, which is the simplest model of sliding,
-and the modulus of all fat is set to the ends of its published range. All is linear, so that changes do not depend on the force. Displacements are those of 1 N.
+The elements are quadratic tetrahedra (C3D10), with the moduli of meshes/pelvis.yaml. A needle's friction is represented by a force that is evenly distributed
+along its track in the gland and points towards the head. There are two tracks: one near the middle, and one 20 mm to the side. Bonded surfaces and surfaces
+that slide but stay in contact (the displacement along the normal is the same on both sides) are the two extremes between which fascia may lie. At the rim of a
+surface, where a third region begins, both sides stay joined. For comparison, the shear modulus of the layer of fat elements on the gland is lowered, with the
+same bulk modulus, which is the simplest model of sliding, and the modulus of all fat is set to the ends of its published range. The model is linear, so
+relative changes do not depend on the force. Displacements are given for 1 N.
 
-usage: sliding_organs.py OUTPUT.csv     some minutes; needs Debian's calculix-ccx, python3-gmsh, python3-numpy and python3-yaml
+usage: sliding_organs.py OUTPUT.csv     takes some minutes; needs Debian's calculix-ccx, python3-gmsh, python3-numpy and python3-yaml
 """
 import csv
 import sys
@@ -24,10 +25,10 @@ import tissue_model as tm  # noqa: E402
 MESHES = HERE.parents[1] / "meshes"
 GLAND = "prostate", "transition_zone", "urethra"
 ORGANS = {"gland": GLAND, "back of the gland": GLAND, "rectum": ("rectum",), "bladder": ("bladder",)}
-BEHIND = "back of the gland"       # the part of its surface that faces the rectum: the normal is within 45 degrees of the -y axis
+BEHIND = "back of the gland"       # the part of the gland's surface that faces the rectum: the normal is within 45 degrees of the -y axis
 AROUND = "fat"
-TRACKS = {"middle": (0.005, 0.0), "side": (0.02, 0.0)}   # m, x and y
-STEP = 0.5e-3                     # m, distance of points along a track
+TRACKS = {"middle": (0.005, 0.0), "side": (0.02, 0.0)}   # m, x and y of each track
+STEP = 0.5e-3                     # m, distance between points along a track
 FACES = ((1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1))
 
 
@@ -62,7 +63,7 @@ class Pelvis:
         self.loads = [self.friction(place) for place in TRACKS.values()]
 
     def friction(self, place):
-        """Returns nodal forces of 1 N in all, along the part of the track that lies in the gland."""
+        """Returns nodal forces, 1 N in total, along the part of the track that lies in the gland."""
         inside, heights = np.isin(self.region, GLAND), self.model.nodes[self.gland, 2]
         g, _ = tm.gradients(self.model)
         total = np.zeros_like(self.middle.nodes)
@@ -85,7 +86,8 @@ class Pelvis:
     # ---- sliding ----
 
     def interface(self, organ):
-        """Returns the faces (k, 3) between an organ and the fat that slide, their area vectors (k, 3), m^2, towards the fat, and the nodes of those that do not."""
+        """Returns the faces (k, 3) at which an organ slides along the fat, their area vectors (k, 3) (m^2, pointing into the fat), and the nodes of the faces
+        that do not slide."""
         corners = np.concatenate([self.model.tets[:, face] for face in FACES])
         owner = np.tile(np.arange(len(self.model.tets)), 4)
         inside = np.isin(self.region[owner], ORGANS[organ])
@@ -102,7 +104,8 @@ class Pelvis:
         return np.concatenate([faces, self.middle.middles(faces)], 1) if len(faces) else np.empty((0, 6), int)
 
     def split(self, organs):
-        """Gives the fat its own nodes on the organs' surfaces. Returns nodes, tetrahedra, and for each new node (node of the organ, new node, unit normal)."""
+        """Gives the fat its own nodes on the organs' surfaces. Returns the nodes, the tetrahedra, and for each new node a tuple (node of the organ, new node,
+        unit normal)."""
         regions_at = [set() for _ in self.middle.nodes]
         for name, corners in zip(self.region, self.middle.tets.tolist()):
             for node in corners:
@@ -137,7 +140,7 @@ class Pelvis:
     # ---- solution ----
 
     def solve(self, material, sliding=(), soft=(), factor=1.0):
-        """Returns the displacements under each load, with organs that slide, or with a soft layer of fat on them."""
+        """Returns the displacements under each load, for the given sliding organs, or for a soft layer of fat on the organs `soft`."""
         nodes, tets, pairs = self.split(sliding)
         regions, material = dict(self.model.regions), dict(material)
         if soft:

@@ -1,6 +1,7 @@
 #!/usr/bin/python3
 """Compares intervals of simulated implants in meshes/pelvis.yaml, with moduli, friction and forces drawn from their published spreads, with measurements in
-patients. Nothing is fitted here: the needles' forces were fitted to two forces in patients (validate_implant.py), the errors of the operator are published.
+patients. Nothing is fitted here: the needles' forces were fitted elsewhere, to two forces in patients (validate_implant.py), and the operator's errors are
+published values.
 
 The runs are those of spreads.csv (pelvis_runs.py). The full form carries out missing runs first.
 """

@@ -20,7 +20,7 @@ typedef struct {
     double advance;          /* m, displacement along the needle */
     vec3 sideways;           /* m, motion of the base across the needle */
     double roll;             /* rad */
-    vec3 tilt;               /* rad, about the entry point */
+    vec3 tilt;               /* rad, rotation about the entry point */
 } hand_leg;
 
 enum { HAND_MAX_LEGS = 24 };

@@ -76,7 +76,7 @@ class Report:
                    run["commit"], run["date"], run["minutes"], "yes" if changed(run, self.digest) else "no")
 
     def lines(self):
-        """The text of REPORT.md."""
+        """Returns the text of REPORT.md."""
         measured = sum(row["pass"] == "" for row in self.rows)
         yield HEAD
         yield f"**{self.score()}**, {measured} more are measured. {self.age()}\n"
@@ -91,13 +91,13 @@ class Report:
             yield f"Not yet recorded: {', '.join(self.missing())}.\n"
 
     def summary(self):
-        """The lines between the markers in docs/verification.md."""
+        """Returns the lines between the markers in docs/verification.md."""
         yield f"**{self.score()}**. {self.age()}\n"
         yield table(("part", "rows", "passed", "failed", "measured", "error / limit"),
                     [(part, *counts(rows)) for part, rows in grouped(self.rows, lambda row: row["section"].split(":")[0]).items()])
 
     def readme(self):
-        """The text of README's row."""
+        """Returns the text of README's row."""
         error, forces = next((float(row["value"]), found[1]) for row in self.rows if (found := MEDIAN.match(row["check"])))
         since = "changed" if any(changed(run, self.digest) for run in self.runs) else "unchanged"
         return f"{self.score()}; median error of {forces} forces {100 * error:.1f} %; oldest {self.oldest}, mechanics {since} since"

@@ -7,7 +7,7 @@ HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
 RESULTS, PLOTS = HERE / "results", HERE / "plots"
 ROW = ("section", "check", "reference", "value", "expected", "error", "limit", "unit", "pass", "note")  # pass: yes, no, or empty without a limit
-RUN = ("check", "commit", "mechanics", "date", "machine", "rows", "failed", "measured", "minutes", "figures")  # mechanics: digest_of_mechanics(); minutes of processor
+RUN = ("check", "commit", "mechanics", "date", "machine", "rows", "failed", "measured", "minutes", "figures")  # mechanics: a digest; minutes: processor time
 
 
 def read(path):

@@ -33,10 +33,10 @@ from trocar.studies import fit  # noqa: E402
 
 SETS = 5 if rows.short_form else 100
 RATE = 500                                                            # Hz
-NOISE = {"force": 0.03, "torque": 2e-3, "position": 0.3e-3}           # N, N m, m
+NOISE = {"force": 0.03, "torque": 2e-3, "position": 0.3e-3}           # standard deviations: N, N m, m
 POINTS = {"shallow": (0.008, 0.0, 0.080), "middle": (0.0, 0.010, 0.060), "below": (-0.008, 0.0, 0.040), "deep": (0.0, -0.006, 0.025)}    # m
 FORCE_PERIOD, POINT_PERIOD = 0.005, 0.05                              # s, time between two samples
-START = (0.0031, -0.0027, 0.301, 0.0, 1.0, 0.0, 0.0)                  # the tip 1 mm above the skin, pointing down
+START = (0.0031, -0.0027, 0.301, 0.0, 1.0, 0.0, 0.0)                  # pose with the tip 1 mm above the skin, pointing down
 HALF_TURN = (0.0, 0.0, np.pi)
 LEGS = [(0.0, 0.45, (0, 0, 0.045)), (0.7, 0.9, (0, 0, 0), HALF_TURN), (0.9, 1.2, (0, 0, 0.030)), (1.25, 1.32, (0, 0.003, 0)), (1.55, 1.85, (0, 0, -0.040))]
 SECONDS = 1.85

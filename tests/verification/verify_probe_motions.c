@@ -57,7 +57,8 @@ typedef struct {
 
 static const double LIMITS[FINDINGS] = {
     [NODE_DEPTH] = 10e-6,    /* m; nodes are kept out of the probe to 1e-12 m, but needles displace them until the next solution */
-    [UNFELT_DEPTH] = 0.2929, /* in radii, depth of the chord of a right angle below its arc; edges may penetrate as deep before they touch (mechanics.md) */
+    [UNFELT_DEPTH] = 0.2929, /* in radii: depth of a chord below its arc, for an angle of 90 degrees; edges may penetrate this deep before they touch
+                                (mechanics.md) */
     [FACE_DEPTH] = INFINITY, [FORCE] = INFINITY, [JUMP] = 1.0, [JUMP_AFTER_STOP] = 1.0, [NEEDLE_JUMP] = 1.0, [OVERLOAD] = 1e-3, [GAIN] = 1e-3,
     [GAIN_WITH_NEEDLE] = 1e-3};
 
@@ -509,7 +510,7 @@ int main(int argc, char **argv) {
     }
     rows r = rows_begin(argc, argv, "Coupled: probe motions");
     static const int SHORT[] = {5, 71, 137, 150}; /* these runs pass; together they cover both scenes (block and rectum), the probe's side and end, a stop
-                                                     at the force limit, and all that a needle does beside the probe */
+                                                     at the force limit, and everything that a needle does beside the probe */
     int runs = r.short_form ? (int)(sizeof SHORT / sizeof *SHORT) : 200;
     for (int i = 0; i < runs; i++) run_trial(r.short_form ? SHORT[i] : i, !r.short_form, &f);
     report(&r, &f);

@@ -10,7 +10,7 @@ enum { RECOIL = 30, LOOK_EVERY = 50 };               /* ticks */
 typedef struct {
     int runs, jumps, spikes, unstable, lost, kept;
     long ticks;
-    double worst_jump, worst_spike; /* in multiples of the just noticeable change */
+    double worst_jump, worst_spike; /* largest jump and spike of the force, in multiples of the just noticeable change */
     double least_work;       /* work of the hand over a closed path, as a fraction of the largest work along the path */
     int jump_run, spike_run, work_run;
     int beyond;              /* number of jumps and spikes after the tip has slid over an edge of the block */

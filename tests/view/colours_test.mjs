@@ -1,4 +1,5 @@
-/* Tests that the page's colours can be told apart, also with protanopia, deuteranopia and tritanopia, and that texts and curves stand out from their ground.
+/* Tests that the page's colours can be told apart, also with protanopia, deuteranopia and tritanopia, and that texts and curves stand out from their
+   background.
    usage: colours_test.mjs SOURCE_DIR
 
    Dichromacy is simulated with the matrices of G. M. Machado, M. M. Oliveira and L. A. F. Fernandes, "A physiologically-based model for simulation of color

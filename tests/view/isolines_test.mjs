@@ -33,7 +33,8 @@ for (const [across, up, normal] of [[[1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 0, 1
   circles.forEach((points, i) => {
     const radius = RADIUS * (1 - [1, 1.5, 2][i] / TOP), distances = points.map((p) => Math.hypot(...p.map((x, a) => x - MIDDLE[a])))
     assert(points.length > 40, `${points.length} points`)
-    for (const distance of distances) assert(Math.abs(distance - radius) < 0.15 * SPACING, `${distance} ${radius}`) // a level of 1/255 is 0.06 mm; the cells are linear
+    for (const distance of distances) assert(Math.abs(distance - radius) < 0.15 * SPACING, `${distance} ${radius}`) // a step of the stored dose, 1/255, is 0.06
+                                                                                                                    // mm
     const angles = points.map((p) => Math.round(8 + 8 / Math.PI * Math.atan2(...[across, up].map((u) => p.reduce((sum, x, a) => sum + (x - MIDDLE[a]) * u[a], 0)))))
     assert.equal(new Set(angles.map((angle) => angle % 16)).size, 16, 'the line is closed')
   })

@@ -1,5 +1,5 @@
-/* Tests that a trainee's task can be done by keyboard alone, from the page's loading to the report, and the page's sounds. axe-core looks at each dialog on the way. Run by
-   test_view.sh in a private network.
+/* Tests that a trainee's task can be done with the keyboard alone, from loading the page to the report; also tests the page's sounds. axe-core checks each
+   dialog on the way. Run by test_view.sh in a private network.
    usage: keyboard_test.mjs BUILD_DIR SOURCE_DIR OUT_DIR */
 import assert from 'node:assert/strict'
 import { writeFile } from 'node:fs/promises'
@@ -20,7 +20,7 @@ criteria:
 hints: [Do not hurry.]
 `)
 
-/** What has the focus: its id, or its label. */
+/** Returns the id or, without one, the label of the element that has the focus. */
 const focus = () => page.evaluate("(({ id, ariaLabel, textContent }) => id || ariaLabel || textContent.trim())(document.activeElement)")
 
 /** Presses Tab until this element has the focus. */
@@ -42,8 +42,8 @@ async function press(key, done) {
 let view = await ready(run('clients/view/trocar-view', '--task', task, '--runs', path.join(OUT, 'runs'))), server, page
 try {
   server = await start('server/trocar-server', '--allow-non-rt', '--scene', implant)
-  page = await open({ width: 900, height: 600 }) // quickly drawn: a needle is slow if its pictures are late
-  // no pointer: a click, a touch or a move would fail the test
+  page = await open({ width: 900, height: 600 }) // small, so that it is drawn quickly: the needle moves slowly while its pictures are late.
+  // Clicks, touches and moves of a pointer fail the test.
   await page.evaluate(() => { for (const kind of ['pointerdown', 'pointermove', 'touchstart']) addEventListener(kind, () => { throw new Error(`${kind} in a test by keyboard`) }, true) })
 
   await check('Enter starts the task, whose dialog has the focus', async () => {
@@ -63,7 +63,7 @@ try {
         const at = document.activeElement, controls = [...document.querySelectorAll('button, input, select, summary, canvas[tabindex], section[tabindex], div[tabindex]')]
         return at === document.body ? null : { index: controls.indexOf(at), name: at.id || at.textContent, drawn: at.checkVisibility({ visibilityProperty: true }) && getComputedStyle(at).outlineStyle !== 'none' }
       })
-      if (!here && seen.length === 0) continue // from the closed dialog, at the end of the page, to its start
+      if (!here && seen.length === 0) continue // the focus moves from the closed dialog, at the end of the page, to the page's start
       if (!here || seen.some(({ index }) => index === here.index)) break
       seen.push(here)
     }
@@ -165,7 +165,7 @@ try {
 }
 console.log('passed')
 
-/** Takes the needle by its key. */
+/** Takes the needle with its key. */
 async function byKey(page) {
   await page.evaluate('document.activeElement.blur()')
   await page.keyboard.press('t')

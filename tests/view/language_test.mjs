@@ -1,4 +1,4 @@
-/* Tests the page's languages, its use by touch, and that two pages of one trocar-view are told apart. Run by test_view.sh in a private network.
+/* Tests the page's languages, its use by touch, and that two pages of one trocar-view can be told apart. Run by test_view.sh in a private network.
    usage: language_test.mjs BUILD_DIR SOURCE_DIR OUT_DIR */
 import assert from 'node:assert/strict'
 import { readFile } from 'node:fs/promises'
@@ -14,7 +14,7 @@ const text = (id) => `document.getElementById('${id}').textContent`
 const live = "trocar.state.name === 'live' && document.body.classList.contains('procedure')"
 const shoot = (page, name) => page.screenshot({ path: path.join(OUT, `language-${name}.png`) })
 
-/** Every text in brackets: what has none on the page does not come from the message files. */
+/** All messages, enclosed in brackets, so that a text without brackets on the page does not come from the message files. */
 const marked = Object.fromEntries(Object.entries(english).map(([key, message]) =>
   [key, typeof message === 'string' ? `⟦${message}⟧` : Object.fromEntries(Object.entries(message).map(([form, words]) => [form, `⟦${words}⟧`]))]))
 
@@ -40,7 +40,7 @@ try {
     await page.evaluate("document.getElementById('tissue').close()")
     await until(page, `/G4/.test(${text('target')}) && drawn.size > 10`)
     assert.deepEqual(await page.evaluate(textsBeside), [])
-    await page.click('#mode') // the page with plots
+    await page.click('#mode') // switches to the page with plots
     await until(page, '!document.body.classList.contains("procedure")')
     await page.click('#take')
     await until(page, 'trocar.status.drives')
@@ -60,7 +60,7 @@ try {
     await until(page, live)
     assert.deepEqual(await page.evaluate(`[document.documentElement.lang, ${text('screenshot')}]`), ['en', english.screenshot])
     await page.context().close()
-    faults.splice(0, faults.length, ...faults.filter((fault) => !/ERR_FAILED/.test(fault))) // the request that was aborted
+    faults.splice(0, faults.length, ...faults.filter((fault) => !/ERR_FAILED/.test(fault))) // removes the fault of the request that was aborted on purpose
   })
 
   await check('the menu changes the language, which the browser keeps', async () => {
@@ -146,7 +146,8 @@ try {
 }
 console.log('passed')
 
-/** Holds the lever with a finger, at a fraction of its height from above, until the expression is true. Takes the needle again if it was let go, as on a busy machine. */
+/** Holds the lever with a finger until the expression is true; `part` is the finger's distance from the top, as a fraction of the lever's height. Takes the
+ * needle again if it has been released, as may happen on a busy machine. */
 async function touchLever(page, part, done) {
   const touch = await page.context().newCDPSession(page)
   for (let times = 0; times < 40 && !await page.evaluate(done); times++) {
@@ -159,7 +160,8 @@ async function touchLever(page, part, done) {
   await until(page, done)
 }
 
-/** Runs in the page: returns texts, titles, labels and drawn texts with words that are not in brackets, apart from names of the scene, units and keys. */
+/** Runs in the page: returns texts, titles, labels and texts drawn on canvases that have words outside brackets, other than names from the scene, units and
+ * keys. */
 function textsBeside() {
   const { scene } = trocar.stage, found = new Set(), NAMES = ['English', 'Deutsch', 'trocar', scene.path, scene.path.split('/').pop(), ...scene.regions.flatMap(({ name, organ }) => [name, organ]), ...scene.membranes.map(({ name }) => name)]
   const UNITS = /^(s|mm|mm\/s|mN m|N|N\/m|Pa|s\/m²?|µs|ms|kHz|dB|Gy|U|cm³|min|auto|x|y|z|[A-Z]{1,2}|[A-Z]\d(\.5)?|[a-z_]+\[[^\]]*\]|JSON|CSV)$/

@@ -8,9 +8,9 @@ import path from 'node:path'
 import { browser, check, checkLayout, driven, faults, open, until } from './page.mjs'
 import { ADDRESS, run, scene, source, start, stop } from './parts.mjs'
 
-// the last one is 1024 x 768 at 150 %
+// the last size is that of a screen of 1024 x 768 with the page zoomed to 150 %
 const SIZES = [[390, 844], [844, 390], [1280, 720], [1366, 768], [1280, 800], [1024, 768], [1440, 900], [1680, 1050], [1920, 1080], [768, 1024], [683, 512]]
-const SMALL = { width: 500, height: 400 } // quickly drawn
+const SMALL = { width: 500, height: 400 } // a small page, which is drawn quickly
 const startServer = () => start('server/trocar-server', '--allow-non-rt')
 const badge = (text) => `document.getElementById('link').textContent === '${text}'`
 const banner = (text) => `!document.getElementById('banner').hidden && document.getElementById('banner').textContent.includes('${text}')`
@@ -72,7 +72,7 @@ try {
     await until(first, 'trocar.status.drives && trocar.status.owned === "here"')
     assert.deepEqual(await first.evaluate('trocar.drive.command()'), [0, 0, 0, 0, 0, 0])
     const shownBase = () => first.evaluate('[trocar.shown.tick, trocar.shown.needles[0].joints[2]]')
-    const [taken] = await shownBase() // this picture may have been taken while the needle was still driven
+    const [taken] = await shownBase() // this base may be from a picture taken while the needle was still driven
     await until(first, `trocar.shown.tick > ${taken} + 1000`)
     const [tick, base] = await shownBase()
     await until(first, `trocar.shown.tick > ${tick} + 200`)
@@ -205,7 +205,7 @@ try {
   await driven('a needle is not driven by old pictures, and what is said of it moves no button', first, async () => {
     const base = () => first.evaluate('[...trocar.history.pictures.at(-1).needles[0].joints.slice(0, 3)]'), reset = async () => (await first.locator('#reset').boundingBox()).y
     const place = await reset()
-    await first.evaluate('trocar.drawn = trocar.stage.finished; trocar.stage.finished = () => false') // as if drawing never finished
+    await first.evaluate('trocar.drawn = trocar.stage.finished; trocar.stage.finished = () => false') // makes the page believe that drawing never finishes
     const seen = await first.evaluate('[...trocar.shown.needles[0].joints.slice(0, 3)]')
     await first.keyboard.down('s')
     try {

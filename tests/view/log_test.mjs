@@ -14,7 +14,6 @@ const SIZES = [[390, 844], [1440, 900], [1920, 1080]] // only a few; live_test.m
 const MOMENTS = [ // name, time (s), direction of the cut, and condition for what must be visible
   ['before', 0.05, '', ({ contacts, track }) => contacts === 0 && track === 0],
   ['deep', 1.3, 'x', ({ depth, gland, track, offTip }) => depth > 0.06 && gland > 5e-5 && track > 10 && offTip < 2e-3], // the track ends at the tip
-  // the track ends at the tip
   ['retraction', 1.47, 'x', ({ force, contacts, sticking, gland }) => force > 0.3 && sticking > contacts / 2 && gland < -2e-5],
 ]
 
@@ -103,7 +102,7 @@ function sceneryShown() {
            gland: along.reduce((sum, z) => sum + z, 0) / along.length }
 }
 
-/** Runs in the page. */
+/** Runs in the page: returns the colours of the cut surface. */
 function coloursOfCut() {
   const { array, count } = trocar.stage.anatomy.cutTints
   return Array.from(array.subarray(0, count))

@@ -10,7 +10,7 @@ const quantile = (values, q) => [...values].sort((a, b) => a - b)[Math.min(value
 const view = await start('clients/view/trocar-view', '--scene', pelvis), server = await start('server/trocar-server', '--allow-non-rt', '--scene', pelvis), browser = await launch()
 const page = await (await browser.newContext({ viewport: { width: 1280, height: 800 } })).newPage()
 const wait = async (expression, again = () => {}) => { while (!await page.evaluate(`'trocar' in window && (${expression})`)) { await again(); await page.waitForTimeout(50) } }
-const take = async () => { if (!await page.evaluate('trocar.status.drives')) await page.click('#take') } // a busy machine may let go of the needle
+const take = async () => { if (!await page.evaluate('trocar.status.drives')) await page.click('#take') } // on a busy machine, the needle may have been released
 
 /** Returns the processor time (s: user, system) and the page faults of all processes so far, by kind. */
 function usage() {
@@ -39,7 +39,7 @@ await page.evaluate(() => {
     trocar.scanner.link.handlers[name] = (content) => { got[list].push(name === 'picture' ? performance.now() : content[0].milliseconds); take(content) }
   }
   const { drive } = trocar
-  drive.command = () => { // to and fro, without a pause
+  drive.command = () => { // moves the needle back and forth without a pause
     const { z } = trocar.stage.needles[0].tip
     window.back = z > 0.05 || window.back && z > 0.03
     return [0, 0, drive.steering ? (window.back ? -0.3 : 0.3) : 0, 0, 0, 0]

@@ -56,14 +56,14 @@ export async function check(name, body) {
   console.log(`ok ${name} (${((Date.now() - start) / 1000).toFixed(1)} s)`)
 }
 
-/** Takes the needle; `take` does it, if not a click. */
+/** Takes the needle by calling `take`, which by default clicks the button. */
 export async function hold(page, take = () => page.click('#take')) {
   if (!await page.evaluate('trocar.status.drives')) await take(page)
   await until(page, 'trocar.status.drives && trocar.status.owned === "here"')
 }
 
 /** Runs a check while the page holds the needle. If the server or the page is silent for too long, as on a busy machine, the needle is released, and
- * the check is repeated. `take`: see hold. */
+ * the check is repeated. `take`: as in hold(). */
 export async function driven(name, page, body, take) {
   await check(name, async () => {
     for (let attempt = 1; ; attempt++) {
@@ -108,7 +108,7 @@ export async function checkInView(page, selectors, name) {
   assert.deepEqual(await page.evaluate(hiddenParts, selectors), [], name)
 }
 
-/** Run in the page: drawing in software would take most of the time in which axe-core looks at the page. */
+/** Run in the page: stop and resume drawing, because drawing in software would take most of the time while axe-core checks the page. */
 function stopDrawing() {
   window.later = { draw: window.requestAnimationFrame, frames: [] }
   window.requestAnimationFrame = (frame) => later.frames.push(frame)

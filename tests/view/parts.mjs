@@ -1,4 +1,4 @@
-// Shared by page.mjs, measure.mjs and soak.mjs; all are called with BUILD_DIR SOURCE_DIR.
+// Shared by page.mjs, measure.mjs and soak.mjs; the first two arguments of all these scripts are BUILD_DIR and SOURCE_DIR.
 import assert from 'node:assert/strict'
 import { spawn } from 'node:child_process'
 import { createRequire } from 'node:module'
@@ -24,7 +24,7 @@ export function run(name, ...options) {
 
 const ended = (child) => child.exitCode !== null || child.signalCode !== null
 
-/** Waits for a program's line "ready". */
+/** Waits until the program prints the line "ready". */
 export async function ready(child) {
   while (!child.said.includes('ready\n')) {
     assert(!ended(child), `${child.spawnfile} ended: ${child.said}`)

@@ -1,6 +1,6 @@
-/* A newcomer's session, from the page's loading to the report of the task that `scripts/demo --implant --view` opens: by mouse alone, by keyboard alone, or by touch
-   alone on a tablet. Saves a picture of each step, and counts minutes, clicks, keys and touches. A click outside the input that is tested fails the session.
-   Run by hand, in a private network:
+/* Plays a new user's session, from loading the page to the report of the task that `scripts/demo --implant --view` opens: with the mouse alone, with the
+   keyboard alone, or by touch alone on a tablet. Saves a picture of each step, and counts minutes, clicks, keys and touches. The session fails if any other
+   kind of input is used. Run by hand, in a private network:
    scripts/netns node tests/view/session.mjs BUILD_DIR SOURCE_DIR OUT_DIR mouse|keyboard|touch */
 import assert from 'node:assert/strict'
 import { mkdir, rm, writeFile } from 'node:fs/promises'
@@ -22,7 +22,7 @@ const focus = () => page.evaluate('document.activeElement.id')
 async function press(key) { count.keys++; await page.keyboard.press(key) }
 async function tabTo(id) { for (let i = 0; i < 60 && await focus() !== id; i++) await press('Tab'); assert.equal(await focus(), id) }
 
-/** Begins and ends holding the input that moves the needle in (1) or out (-1), fast or slowly. */
+/** For each kind of input: begins and ends holding the control that moves the needle inward (`sign` 1) or outward (-1), slowly or fast. */
 const HOLD = {
   mouse: { begin: async (sign, slow) => { const { x, y } = await onLever(0.5 - sign * (slow ? 0.15 : 0.48)); await page.mouse.move(x, y); await page.mouse.down(); count.clicks++ }, end: () => page.mouse.up() },
   keyboard: {
@@ -35,7 +35,7 @@ const HOLD = {
   },
 }[way]
 
-/** Takes the needle again if it was let go, as on a busy machine. */
+/** Takes the needle again if it has been released, as may happen on a busy machine. */
 async function hold() {
   for (let times = 0; times < 20 && !await page.evaluate('trocar.drive.steering'); times++) {
     if (!await page.evaluate('trocar.drive.driving || document.getElementById("take").disabled')) await DO.take()
@@ -49,14 +49,14 @@ async function move(sign, slow, done) {
   for (let times = 0; times < 60 && !await page.evaluate(done); times++) {
     await hold()
     count.holds++
-    try { await HOLD.begin(sign, slow) } catch { continue } // let go in the meantime
+    try { await HOLD.begin(sign, slow) } catch { continue } // the needle has been released in the meantime
     for (const end = Date.now() + 8000; Date.now() < end && !await page.evaluate(done) && await page.evaluate('trocar.drive.steering');) await page.waitForTimeout(15)
     await HOLD.end()
   }
   await until(page, done)
 }
 
-/** Drops a seed; tries again if the page has let go of the needle in the meantime. */
+/** Drops a seed; tries again if the page has released the needle in the meantime. */
 async function drop() {
   for (let times = 0; times < 10 && !await page.evaluate(pending); times++) {
     await hold()
@@ -66,7 +66,7 @@ async function drop() {
   await until(page, pending)
 }
 
-/** Brings the tip to the ring, and looks again when the tissue has followed. */
+/** Moves the tip to the target ring, and corrects it after the tissue has followed. */
 async function reach() {
   for (let times = 0; times < 12; times++) {
     const off = await page.evaluate(along)
@@ -105,7 +105,7 @@ try {
   await DO.take()
   await until(page, 'trocar.status.drives && trocar.procedure.template.aside(trocar.stage.needles[trocar.chosen].tip, trocar.procedure.hole).length() < 5e-4')
   await shoot('at-hole')
-  await move(1, false, `${along} < -0.006`) // past the first ring, because tissue sticks to the shaft, and back to it
+  await move(1, false, `${along} < -0.006`) // first past the ring, because tissue sticks to the shaft, and then back to it
   await reach()
   await shoot('at-target')
   for (let seed = 1; seed <= 4; seed++) {

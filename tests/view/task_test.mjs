@@ -77,7 +77,7 @@ try {
     const { measures } = JSON.parse(live)
     assert.equal(measures.passes, 1)
     assert(measures.tip_error > 1e-4 && measures.tip_error < 0.02 && measures.force > 5 && measures.time > 0.5, live)
-    const replayed = path.join(OUT, 'replayed.csv') // the recording can be simulated again
+    const replayed = path.join(OUT, 'replayed.csv') // checks that the recording can be replayed
     execFileSync(path.join(build, 'clients/trocar-replay'), ['--scene', implant, '--poses', log, '--csv', replayed])
     assert((await readFile(replayed, 'utf8')).split('\n').length > 100)
     assert(name)

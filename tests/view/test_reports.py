@@ -31,7 +31,7 @@ in_namespace(SOURCE)
 START, FINISH = 13, 14
 SCENES = {"implant": {"gland": ["prostate"]}, "pelvis": {"gland": ["prostate"], "urethra": ["urethra"], "rectum": ["rectum", "rectal_content"]}}
 AVOID = {"implant": ["muscle"], "pelvis": ["urethra", "rectum", "bladder"]}
-CHANNELS = "TROCAR_(WRENCH|DEFORMATION|TRACKS|SEEDS|CONTACTS)"    # those that the score uses
+CHANNELS = "TROCAR_(WRENCH|DEFORMATION|TRACKS|SEEDS|CONTACTS)"    # channels whose messages the score uses
 FACE = -0.025                                                     # m, z of the template's face
 EVENT = struct.Struct(">IqqII")                                   # header of an event in an LCM log: mark, number, time, lengths of channel and data
 
@@ -77,7 +77,8 @@ def write_task(folder, rng, scene, needles):
 
 
 class Hand:
-    """Drives a needle by commands of a page. A stroke that does not end in time, as on a busy machine, is given up: the run is scored all the same."""
+    """Drives a needle with the commands that a page sends. A stroke that does not end in time, as may happen on a busy machine, is given up, and the run is
+    scored nevertheless."""
 
     def __init__(self, browser, rng):
         self.browser, self.rng = browser, rng
@@ -103,7 +104,7 @@ class Hand:
         return reached
 
     def work(self, needle, column, row, depth, seeds):
-        """Inserts a needle, perhaps draws it back and pushes it on, drops seeds or none, and leaves it or draws it out. Returns the number of seeds asked for."""
+        """Inserts a needle, may draw it back and push it further, may drop seeds, and leaves or withdraws it. Returns the number of requested seeds."""
         browser, rng, dropped = self.browser, self.rng, 0
         of_needle = lambda: browser.status.get("needles", [{}] * 16)[needle]
         self.until(lambda: browser.status.get("drives") and of_needle().get("owned") == "here", again=lambda: browser.say(web.TAKE, needle=needle))
@@ -145,8 +146,8 @@ def read_log(path):
 
 
 def same_part(recorded, other, path):
-    """Writes those events of another recording that lie between the first and the last message of `recorded` that the score uses. Returns whether it has the same
-    messages."""
+    """Writes those events of the recording `other` that lie between the first and the last message in `recorded` that the score uses. Returns true if both
+    recordings contain the same messages."""
     used = [event[:2] for event in recorded if event[0].decode() in {f"TROCAR_{name}" for name in CHANNELS[8:-1].split("|")}]
     known = set(used)
     at = [i for i, event in enumerate(other) if event[:2] in known]

@@ -166,7 +166,7 @@ class Hands(unittest.TestCase):
             return browser.depth.get(0, 0) > 0.02
         browser.until(note, (0, 0, 1))
         x, y = place(7, 6)
-        inside = [base for base, tip in way if tip[2] > FACE + 0.011]    # deeper than the needle can have moved before the order to go to the hole
+        inside = [base for base, tip in way if tip[2] > FACE + 0.011]    # deeper than the needle can have been before the order to go to the hole
         self.assertTrue(inside)
         for base in inside:
             self.assertAlmostEqual(base[0], x, delta=6e-4)

@@ -11,7 +11,7 @@ const SLICES = { axial: 'trocar.echo', sagittal: 'trocar.procedure.sagittal' }
 let shots = 0
 const shoot = (name) => page.screenshot({ path: path.join(OUT, `ultrasound-${++shots}-${name}.png`) })
 
-/** Mean brightness of the pixels that a canvas shows, without those outside the image. */
+/** Returns the mean brightness of a canvas's pixels, without those outside the ultrasound image. */
 const brightness = (slice) => page.evaluate((slice) => {
   slice = slice.split('.').slice(1).reduce((at, name) => at[name], trocar)
   slice.render(1)

@@ -1,4 +1,4 @@
-/* Tests the page's message files, and that the page's source has no texts beside them. language_test.mjs tests the same of the running page.
+/* Tests the page's message files, and that the page's source contains no other texts. language_test.mjs tests the same for the running page.
    usage: words_test.mjs SOURCE_DIR */
 import assert from 'node:assert/strict'
 import { readdir, readFile } from 'node:fs/promises'
@@ -47,11 +47,11 @@ await check('a text that a language lacks is English, with English plurals', () 
 
 const root = path.resolve(process.argv[2]), sources = async (files) => (await Promise.all(files.map((file) => readFile(path.join(root, file), 'utf8')))).join('\n')
 const german = new Messages('de', files.de, files.en), said = Object.entries(files.en).filter(([key]) => key.startsWith('said.'))
-// of trocar-view, the server and the library: those whose texts a trainee meets
+// sources of trocar-view, the server and the library that contain messages shown to trainees
 const SPEAKERS = ['clients/view/hand/pilot.c', 'clients/view/training/training.c', 'server/haptic.c', 'server/io.c', 'server/telemetry.c', 'server/intake/pose_arbiter.c', 'server/intake/probe_arbiter.c',
                   'server/intake/changes.c', 'core/api/api_seeds.c', 'core/api/api_sim.c', 'core/api/api_change.c', 'core/api/worker_resting.c', 'core/resting/resting_needle.c']
 
-/** Returns the strings of a C source, with {} for each conversion of printf; neighbouring strings are one. */
+/** Returns the strings of a C source, with {} for each conversion of printf; adjacent strings are joined. */
 function stringsOf(source) {
   const joined = source.replace(/"\s*PRI[diux]64\b\s*(")?/g, (all, more) => (more ? 'd' : 'd"')).replace(/([^\\])"\s*"/g, '$1')
   return [...joined.matchAll(/"((?:[^"\\]|\\.)*)"/g)].map(([, text]) => text.replace(/\\"/g, '"').replace(/%[-+0#]*\d*(?:\.[\d*]+)?(?:ll|l|z)?[diuxgefs]/g, '{}'))
@@ -91,7 +91,7 @@ await check('the language is the first wanted one of which there is a file', () 
 
 /* ---- the source ---- */
 
-// prefixes of keys that are put together from names of the server, of commands and of layers
+// prefixes of keys whose rest is the name of, for example, a flag of the server, a command or a layer
 const COMPOSED = /^(flag|layer|answer|owner|needle|tissue|said)\./
 const html = await readFile(path.join(page, 'index.html'), 'utf8')
 
@@ -112,14 +112,16 @@ await check('index.html has no texts', () => {
   const body = html.slice(html.indexOf('<body'))
   const texts = body.split(/<[^>]*>/).map((text) => text.trim()).filter((text) => !SAME.test(text))
   assert.deepEqual(texts, [])
-  const attributes = [...body.matchAll(/ (title|aria-label|alt|placeholder)="([^"]*)"/g)].map(([, , value]) => value).filter((value) => value !== 'C3.5') // the name of a hole
+  // C3.5 is the name of a hole
+  const attributes = [...body.matchAll(/ (title|aria-label|alt|placeholder)="([^"]*)"/g)].map(([, , value]) => value).filter((value) => value !== 'C3.5')
   assert.deepEqual(attributes, [])
 })
 
-const IDS = ['shape at rest', 'slice frame', 'Gy', 'Pa'] // names of layers, whose texts are layer.*, and units
+const IDS = ['shape at rest', 'slice frame', 'Gy', 'Pa'] // names of layers, which are shown by the texts layer.*, and units
 const { parseAst } = createRequire(path.join(page, 'package.json'))('rollup/parseAst')
 
-/** Returns the strings of a script that look like a text: several words, or a capitalized word. Single words in small letters cannot be told from names. */
+/** Returns the strings of a script that look like a text: several words, or a capitalized word. Single words in lower case cannot be distinguished from
+ * identifiers. */
 function textsOf(code) {
   const texts = []
   const look = (value) => {

@@ -64,7 +64,7 @@ def of_stack(stack):
         return None
     try:
         shell = limits.run(f"loft of {stack.name}", lofted, stack)
-    except limits.TooLong:      # not caught, because the result must not depend on the machine's speed
+    except limits.TooLong:      # raised again, because the result must not depend on the machine's speed
         raise
     except Exception:  # Gmsh raises no more specific class
         return None

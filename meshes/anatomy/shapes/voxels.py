@@ -567,7 +567,8 @@ def face_points(mask):
 
 
 def body_of(map_, name):
-    """Returns the Outlined of the body: the segment of this name and all others, which labels of one layer exclude from it."""
+    """Returns the Outlined of the body, which contains the segment of this name and all other segments, because in one layer, their voxels are not part of the
+    body's segment."""
     every = np.zeros(map_.layers[0].shape, bool)
     for segment in map_.segments.values():
         every |= map_.layers[segment.layer] == segment.value

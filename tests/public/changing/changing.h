@@ -1,4 +1,5 @@
-/* Simulations of a straight hand whose values change during the run, for the tests in this folder. Each file builds `scene` and `model` once. */
+/* Simulations of a hand that moves along a straight line, in which the scene's values change during the run, for the tests in this folder. Each file builds
+   `scene` and `model` once. */
 #ifndef TROCAR_TEST_CHANGING_H
 #define TROCAR_TEST_CHANGING_H
 

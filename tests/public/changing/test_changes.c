@@ -387,7 +387,7 @@ static void a_saved_state_contains_its_change(void **state) {
     void *unchanged = malloc(trocar_sim_state_size(sim)), *amid = malloc(trocar_sim_state_size(sim));
     OK(trocar_sim_save(sim, unchanged, trocar_sim_state_size(sim), &why));
     set_harder(sim, 0.3);
-    push(sim, 0.03, 0.032, 0.02); /* a third of the change */
+    push(sim, 0.03, 0.032, 0.02); /* a third of the change's duration */
     OK(trocar_sim_save(sim, amid, trocar_sim_state_size(sim), &why));
     OK(trocar_sim_restore(other, amid, trocar_state_bytes(amid), &why));
     assert_true(trocar_sim_changing(other) == trocar_sim_changing(sim) && trocar_sim_changing(sim) > 0.1);

@@ -1,7 +1,7 @@
 /* Tests changes of moduli, stiffening and the stiffness of membranes during a run, through trocar.h. */
 #include "changing.h"
 
-enum { KEYS = 6, N_CHANGES = 500 }; /* N_CHANGES: of a still and of a moving needle */
+enum { KEYS = 6, N_CHANGES = 500 }; /* N_CHANGES: number of changes for a still needle, and again for a moving one */
 static const char *const KEY[KEYS] = {"regions[prostate].youngs_modulus", "regions[surrounding].youngs_modulus", "regions[prostate].stiffening",
                                       "membranes[skin].stiffness", "regions[prostate].friction.static", "regions[surrounding].cutting_force"};
 static const double GIVEN[KEYS] = {60e3, 30e3, 0.0, 0.0, 15.0, 0.25};
@@ -70,8 +70,8 @@ static void a_dent_has_the_force_of_the_new_moduli(void **state) {
     trocar_output a, b;
     for (int i = 0; i < 3000; i++) a = step_at(changed, 1e-3), b = step_at(other, 1e-3);
     printf("dent of 1 mm: %.5f N before, %.9f N after the change, %.9f N if it is pressed afterwards\n", before, a.force[2], b.force[2]);
-    assert_true(fabs(a.force[2] - before) > 0.1 * fabs(before) && fabs(a.force[2] - b.force[2]) < 1e-5 * fabs(b.force[2])); /* contact.tolerance, 10 nm, of the dent */
-    /* back again, in small steps: the original force */
+    assert_true(fabs(a.force[2] - before) > 0.1 * fabs(before) && fabs(a.force[2] - b.force[2]) < 1e-5 * fabs(b.force[2])); /* 1e-5: contact.tolerance / dent */
+    /* when the moduli are changed back in small steps, the original force returns */
     change(changed, "regions[prostate].youngs_modulus: 60e3\nregions[surrounding].youngs_modulus: 30e3\nmembranes[skin].stiffness: 0", 0.1);
     wait(changed, 1e-3);
     for (int i = 0; i < 3000; i++) a = step_at(changed, 1e-3);
@@ -99,9 +99,9 @@ static void set_some(trocar_change *c, unsigned *seed) {
 
 typedef struct { double largest, newton; int changes, ticks, punctures; } jumps;
 
-/* `changes`: 0 for the same motion without changes. */
+/* Runs the motion with `count` changes of moduli or, if `changes` is 0, without any. */
 static jumps run(bool moves, int changes, int count, unsigned seed) {
-    enum { RECOIL = 25, HOLD = 400, POOL = 24 }; /* POOL: different models, between which the changes lead at random */
+    enum { RECOIL = 25, HOLD = 400, POOL = 24 }; /* POOL: number of models between which the moduli change at random */
     jumps j = {0};
     trocar_sim *sim = sim_of(model);
     trocar_output last = push(sim, -1e-3, 0.045, 0.03);

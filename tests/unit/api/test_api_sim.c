@@ -57,7 +57,7 @@ static void only_the_newest_request_is_served(void **unused) {
     }
     assert_int_equal(served, 1);
     tick_on(&h, 500);
-    assert_true(h.sim->needles[0].link.answered + 1 >= h.sim->needles[0].link.posted); /* all requests answered, except the one made by this tick */
+    assert_true(h.sim->needles[0].link.answered + 1 >= h.sim->needles[0].link.posted); /* all requests are answered, except the one made by this tick */
     host_close(&h);
 }
 

@@ -356,7 +356,8 @@ static void pressed_and_released(void **state) {
     trocar_model_free(model);
 }
 
-/* While the probe's contact is solved, the forces of a held needle change as the next tick will find: later solutions hardly change the result. */
+/* While the probe's contact is solved, the forces of a held needle change with it, as the next tick will compute them. Therefore, later solutions hardly change
+   the result. */
 static void beside_a_held_needle(void **state) {
     (void)state;
     trocar_model *model = create_model();
@@ -376,7 +377,7 @@ static void beside_a_held_needle(void **state) {
     double last = trocar_view_probe(trocar_sim_view(sim)).force[2];
     print_message("%.4f N, deeper %.4f N with a gap of %.2f um, later %.4f N\n", before, first, 1e6 * gap, last);
     assert_true(last < before - 1.0);
-    assert_close(gap, 0.0, 5e-6);     /* 50 um if the needle's forces do not change while the contact is solved */
+    assert_close(gap, 0.0, 5e-6);     /* the gap would be 50 um if the needle's forces were constant while the contact is solved */
     assert_close(first, last, 0.005);
     trocar_sim_free(sim);
     trocar_model_free(model);

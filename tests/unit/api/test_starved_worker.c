@@ -72,7 +72,7 @@ static void push(int ticks, int slow) {
     }
 }
 
-static insertion in_time; /* the same insertion with a worker that answers immediately */
+static insertion in_time; /* the insertion with a worker that answers immediately, for comparison */
 
 static void begin(void) {
     trocar_pose base = {{0.005, 0.003, -0.201}, {1, 0, 0, 0}};
@@ -121,7 +121,7 @@ static void without_a_worker_forces_are_estimated(void **unused) {
     push(TICKS, INT32_MAX);
     double starved = difference(0, TICKS);
     print_message("%d of %d ticks late, forces within %.1f %%\n", now.late, now.tick, 1e2 * starved);
-    assert_true(now.late > TICKS - 200); /* all ticks in which the tip is in the tissue */
+    assert_true(now.late > TICKS - 200); /* late in all ticks in which the tip is in the tissue */
     assert_true(starved < ALMOST && now.depth > 0.05);
     push(AFTER, 0);
     assert_true(difference(TICKS + 1000, TICKS + AFTER) < SAME);

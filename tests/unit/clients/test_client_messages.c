@@ -205,7 +205,7 @@ static void default_options_are_those_of_zero(void **unused) {
     free_client(of_zero);
 }
 
-/* Options that cannot be are refused before anything is opened. */
+/* Impossible options are refused before anything is opened. */
 static void impossible_options_are_refused(void **unused) {
     (void)unused;
     const trocar_client_options bad[] = {{.needle = -1}, {.watchdog = -0.02}, {.watchdog = NAN}, {.max_force = -1}, {.max_torque_rate = NAN}};

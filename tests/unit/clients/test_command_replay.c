@@ -159,7 +159,7 @@ static void only_what_the_server_carried_out_waits(void **state) {
     draw_back_until_it_no_longer_waits(&in, false);
     assert_int_equal(pending(&in), 0);
     assert_non_null(strstr(in.waiting.reason.text, "of the seeds: push it farther in"));
-    assert_int_equal(replay_seed_command(&in.waiting, in.sim, 0, &early, &why), TROCAR_BAD_INPUT); /* waiting would not help */
+    assert_int_equal(replay_seed_command(&in.waiting, in.sim, 0, &early, &why), TROCAR_BAD_INPUT); /* refused at once: waiting would not help */
     assert_null(in.waiting.drop);
     OK(replay_seed_command(&in.waiting, in.sim, 0, &unknown, &why));
     assert_int_equal(replay_seed_command(&in.waiting, in.sim, 0, &unknown, &why), TROCAR_BAD_INPUT);

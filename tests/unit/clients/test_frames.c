@@ -69,7 +69,7 @@ static void quaternions(void **state) {
     }
 }
 
-/* The hand moves 40 mm forward, back with the clutch, and forward again, and the needle twice as far with a scale of 2. */
+/* The hand repeatedly moves 40 mm forward, and back while the clutch is pressed. With a scale of 2, each forward stroke moves the needle by 80 mm. */
 static void a_clutch_adds_strokes(void **state) {
     (void)state;
     hand_map m = {.scale = 2, .force_scale = 0.5};

@@ -26,11 +26,11 @@ static void without_delay_half_a_period_of_the_spring_and_the_damper(void **unus
     EACH(k, stiffnesses) EACH(b, dampings) {
         haptic_loop l = loop_of(*k, *b, 0);
         assert_true(fabs(loop_required_damping(&l, &frequency) - (0.5 * *k * PERIOD + *b)) < 1e-9 * *k);
-        if (*b > 0) assert_true(fabs(frequency - 0.5 / PERIOD) < 1e-9); /* the damper is worst at the highest frequency */
+        if (*b > 0) assert_true(fabs(frequency - 0.5 / PERIOD) < 1e-9); /* with a damper, the highest frequency requires the most damping */
     }
 }
 
-/* A spring with a delay of d periods: b > K T (d + 1/2), which slow motions need. The scan begins above zero. */
+/* A spring with a delay of d periods requires b > K T (d + 1/2), the limit for slow motions. The scan of frequencies begins above zero, hence the tolerance. */
 static void a_delayed_spring_needs_damping_for_the_delay(void **unused) {
     (void)unused;
     double frequency;
@@ -52,7 +52,7 @@ static void a_slow_hand_oscillates_when_the_delay_eats_its_damping(void **unused
         l.mass = 100;
         l.damping = 0.1;
         l.stiffness = 10;
-        double critical = l.damping / (PERIOD * (delay + 0.5)); /* N/m; far below the stiffness at which the mass would move fast */
+        double critical = l.damping / (PERIOD * (delay + 0.5)); /* N/m; so soft a coupling that the oscillation is slow */
         assert_true(fabs(loop_gain_margin(&l, &frequency) / critical - 1) < 1e-2);
         assert_true(fabs(frequency - sqrt((10 + critical) / 100) / (2 * M_PI)) < 1e-2 * frequency);
     }
@@ -67,7 +67,7 @@ static void theory_and_simulation_agree(void **unused) {
         l.mass = *mass;
         l.damping = *damping;
         double theory = loop_gain_margin(&l, &frequency), simulated = loop_simulated_margin(&l);
-        if (*damping == 0 && theory < 1e-3 && simulated < 1e-3) continue; /* no damping, and the coupling lags: any coupling makes it oscillate */
+        if (*damping == 0 && theory < 1e-3 && simulated < 1e-3) continue; /* without damping, any coupling that lags makes the loop oscillate */
         if (fabs(simulated / theory - 1) > 0.02)
             fail_msg("%g kg, %g N s/m, %g N/m, %d periods: %g in theory, %g in simulation", *mass, *damping, *stiffness, delay, theory, simulated);
     }

@@ -37,7 +37,7 @@ static void leg_fraction_is_symmetric(void **state) {
     assert_true(motion_fraction(1, 2, 0.5) == 0 && motion_fraction(1, 2, 2.5) == 1);
     for (double t = 1; t <= 2; t += 0.01)
         assert_true(fabs(motion_fraction(1, 2, t) + motion_fraction(1, 2, 3 - t) - 1) < 1e-12);
-    assert_true(fabs(motion_fraction(0, 2, 0.5) - 53.0 / 512.0) < 1e-12);  /* 10/64 - 15/256 + 6/1024 */
+    assert_true(fabs(motion_fraction(0, 2, 0.5) - 53.0 / 512.0) < 1e-12);  /* 10 x^3 - 15 x^4 + 6 x^5 at x = 1/4 */
 }
 
 /* Second differences stay below the sum of the accelerations of the motion's legs, 5.8 distance / time^2, so position and velocity have no jumps. */

@@ -236,7 +236,8 @@ static void a_guess_is_only_a_better_start(void **unused) {
 }
 
 /* A tick whose passes end at contact.max_passes reports INEXACT. Each tick of a fast hand is computed twice from the same state, once with a single pass and once
-   with the default number: the ticks that report INEXACT with a single pass are ticks that need more passes, and those that need one pass are the same. */
+   with the default number: the ticks that report INEXACT with a single pass are ticks that need more passes, and ticks that need only one pass have the same
+   result in both cases. */
 static void passes_that_do_not_converge_are_reported(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();
@@ -248,7 +249,7 @@ static void passes_that_do_not_converge_are_reported(void **unused) {
     int reported = 0, enough = 0;
     srand(1);
     for (int i = 0; i < 1500; i++) {
-        pose base = i % 100 < 50 ? next_hand(usual->base, i, &velocity, &turning, &turn) : usual->base; /* moves and rests in turn */
+        pose base = i % 100 < 50 ? next_hand(usual->base, i, &velocity, &turning, &turn) : usual->base; /* the hand alternately moves and rests */
         memcpy(&single->state, &usual->state, sizeof usual->state);
         memcpy(single->snapshot, usual->snapshot, sizeof *usual->snapshot);
         lockstep_tick(usual, base, 1e-3);

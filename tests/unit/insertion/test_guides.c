@@ -160,7 +160,7 @@ static void sideways_force_is_the_cantilevers(void **unused) {
     c.guides[0] = hole_before_tip(start, c.needle.length, c.needle.length - arc, 0.0, d + 2.0 * clearance);
     lockstep *l = lockstep_create(&c, start);
     double expected_stiffness = 1.0 / (arc * arc * arc / (3.0 * bending) + 1.0 / c.guides[0].stiffness), step = 2e-6, worst = 0.0, jump = 0.0, last = 0.0;
-    for (int i = 0; i <= 1600; i++) { /* to one side, back, and to the opposite side */
+    for (int i = 0; i <= 1600; i++) { /* moves the base to one side, back, to the opposite side, and back again */
         double aside = step * (i <= 400 ? i : i <= 1200 ? 800 - i : i - 1600), turned = 0.6;
         pose base = start;
         base.position = v3_add(base.position, v3(aside * cos(turned), aside * sin(turned), 0.0));

@@ -64,9 +64,9 @@ static void a_tip_rests_at_the_end(void **state) {
     simulation_config config = lockstep_config();
     lockstep *l = lockstep_create(&config, lockstep_start());
     lockstep_move(l, v3(0, 0, 0.031), 0.031 / SPEED, DT);
-    for (int k = 0; k < 50; k++) lockstep_tick(l, l->base, DT); /* meanwhile, the tip keeps cutting for a moment */
+    for (int k = 0; k < 50; k++) lockstep_tick(l, l->base, DT); /* the hand rests, while the tip keeps cutting for a moment */
     double end = l->state.tip.place.depth;
-    for (int k = 0; k < 500; k++) { /* it also keeps cutting for a moment after the motion is reversed */
+    for (int k = 0; k < 500; k++) { /* the tip also keeps cutting for a moment after the hand has reversed its motion */
         lockstep_move(l, v3(0, 0, -SPEED * DT), DT, DT);
         end = fmax(end, l->state.tip.place.depth);
     }

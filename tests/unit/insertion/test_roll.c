@@ -100,7 +100,7 @@ static bool all_slides(const insertion_state *s) {
 static void turning_eases_insertion(void **unused) {
     (void)unused;
     enum { TICKS = 3200, LEAP = 100, SETTLED = 50 };
-    static const double ratios[] = {0.0, 0.5, 1.0, 2.0, 4.0}; /* omega r / v */
+    static const double ratios[] = {0.0, 0.5, 1.0, 2.0, 4.0}; /* ratio omega r / v of the surface's circumferential speed to its axial speed */
     const double speed = 0.025, cutting = 0.4, least_depth = 0.02, unnoticed = 0.05; /* N */
     for (size_t i = 0; i < sizeof ratios / sizeof *ratios; i++) {
         simulation_config c = scene_with(DRY, 0.0);

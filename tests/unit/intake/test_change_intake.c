@@ -85,7 +85,7 @@ static void malformed_messages_are_not_decoded(void **state) {
     changes_free(&in);
 }
 
-/* What clients check before they decode the server's values. */
+/* Tests the check that clients make before they decode the server's values. */
 static void only_whole_values_fit(void **state) {
     (void)state;
     change_intake in = {.wake = -1};
@@ -127,7 +127,7 @@ static void refusals_have_a_reason_and_no_effect(void **state) {
     changes_free(&none);
 }
 
-/* A change of moduli is passed on once a thread of its own has built their model; meanwhile other changes are refused. */
+/* A change of moduli is passed on to the tick only after a separate thread has built a model with them; meanwhile, other changes are refused. */
 static void moduli_are_passed_on_later(void **state) {
     (void)state;
     change_intake in = {.wake = eventfd(0, EFD_NONBLOCK)};
@@ -154,14 +154,14 @@ static void one_change_at_a_time(void **state) {
     OK(changes_create(&in, sim, &why));
     assert_int_equal(take(&in, "membranes[skin].puncture_force: 2", 0.0, &first), CHANGE_PASS_ON);
     assert_true(first.change_time == TROCAR_CHANGE_TIME && !first.refused);
-    assert_int_equal(changes_take(&in, bytes, message("membranes[skin].puncture_force: 3", 0.5), &second), CHANGE_REFUSED); /* in the same round */
+    assert_int_equal(changes_take(&in, bytes, message("membranes[skin].puncture_force: 3", 0.5), &second), CHANGE_REFUSED); /* two changes in one round */
     assert_non_null(strstr(second.why, "too many"));
-    assert_int_equal(take(&in, "membranes[skin].puncture_force: 3", 0.5, &second), CHANGE_REFUSED); /* before the reply */
+    assert_int_equal(take(&in, "membranes[skin].puncture_force: 3", 0.5, &second), CHANGE_REFUSED); /* a change that comes before the reply to the first */
     assert_non_null(strstr(second.why, "wait for its reply"));
     changes_settle(&in, &first);
     assert_true(skin_of(&in) == 2.0);
     assert_int_equal(take(&in, "membranes[skin].puncture_force: 3", 0.5, &second), CHANGE_PASS_ON);
-    second.refused = true; /* the queue was full */
+    second.refused = true; /* as if the queue of commands had been full */
     changes_settle(&in, &second);
     assert_true(skin_of(&in) == 2.0);
     assert_int_equal(take(&in, "regions[prostate].cutting_force: 1", 0.5, &second), CHANGE_PASS_ON);

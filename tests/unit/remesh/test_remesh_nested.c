@@ -44,7 +44,7 @@ static void another_one_goes_on_to_the_bit(void **state) {
             serve(r);
             assert_int_equal(remesher_serve(second, &request, &other, &why), TROCAR_OK);
             assert_same_bits(&snapshot, &other);
-            choose_window(30); /* and again with a different window */
+            choose_window(30); /* repeats the comparison with a different window */
         }
         request.wanted.count -= n % 2 ? 0 : 3; /* the last nodes */
     }

@@ -38,7 +38,7 @@ static void valences_match_the_mesh(void **state) {
     remesh_timing_valences(tested, counts);
     for (int i = 0; i <= MAX_PATCH; i++) sum += counts[i];
     assert_int_equal(sum, 2 * 9); /* inner nodes, without those on the boundary between the regions */
-    assert_int_equal(counts[15], sum); /* each of Kuhn's elements has 14 neighbours */
+    assert_int_equal(counts[15], sum); /* each inner node of Kuhn's mesh has 14 neighbours */
     trocar_error why;
     static remesh_timing result;
     remesh_case wanted = {.method = REMESH_IMPLICIT, .change = MOVE_NODE, .touched = 14, .samples = 3, .seconds = 60.0};

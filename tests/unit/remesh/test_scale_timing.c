@@ -28,7 +28,7 @@ static scale_timing *measured(double aside, const motion *script, double speed, 
     return &result;
 }
 
-/* With sanitizers, the worker is too slow for this check: measuring what the mesh resolves takes several ticks. */
+/* With sanitizers, the worker is too slow for this check: measuring the mesh's resolution takes several ticks. */
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
 static const bool INSTRUMENTED = true;
 #else

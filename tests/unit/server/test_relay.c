@@ -16,7 +16,7 @@
 #include <stdint.h>
 #include <cmocka.h>
 
-enum { MESSAGES = 100, LONGEST = 10 }; /* LONGEST: s, until the test fails */
+enum { MESSAGES = 100, LONGEST = 10 }; /* LONGEST: s, time without a datagram after which the test fails */
 
 typedef struct {
     exchange exchange;

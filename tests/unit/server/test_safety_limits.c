@@ -85,7 +85,7 @@ static void nothing_happens_before_the_first_pose(void **unused) {
 
 static void engaging_ramps_in_over_the_ramp_time(void **unused) {
     (void)unused;
-    device_limits limits = device_defaults(); /* by default, the ramp takes 100 ms */
+    device_limits limits = device_defaults(); /* the default ramp takes 100 ms */
     safety_limits g = {0};
     vec3 force;
     pose_sample s = sample(1, 0, 0);

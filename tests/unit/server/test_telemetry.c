@@ -309,7 +309,7 @@ static void the_contacts_lie_on_the_needle(void **state) {
         assert_int_equal(c->kind[i], i == c->contact_count - 1 ? TROCAR_CONTACTS_T_TIP : TROCAR_CONTACTS_T_TISSUE);
     double pull = 0.0;
     for (int i = 0; i < c->contact_count; i++) {
-        assert_true(fabs(c->position[i][2] - (c->centreline[0][2] + c->arc[i])) < 1e-3); /* nearly straight, along z */
+        assert_true(fabs(c->position[i][2] - (c->centreline[0][2] + c->arc[i])) < 1e-3); /* the needle is nearly straight, along z */
         pull += c->force[i][2];
     }
     assert_true(pull > 0.2); /* the tissue is pushed forward */

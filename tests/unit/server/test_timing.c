@@ -42,7 +42,7 @@ static void quantiles_agree_with_sorting(void **unused) {
     for (size_t k = 0; k < sizeof quantiles / sizeof *quantiles; k++) {
         double exact = 1e-9 * (double)samples[(int)(quantiles[k] * SAMPLES)];
         double found = histogram_quantile(&h, quantiles[k]);
-        assert_true(found >= exact * (1 - 1e-12));           /* the upper edge of the bucket */
+        assert_true(found >= exact * (1 - 1e-12));           /* `found` is the upper edge of the bucket */
         assert_true(found <= exact * (1 + 1.0 / 32) + 1e-9); /* a bucket is at most 1/32 of an octave wide */
     }
     assert_int_equal(h.count, SAMPLES);

@@ -148,7 +148,7 @@ static void a_needle_that_cannot_be_left_is_no_fault(void **state) {
     ask(f, KEPT_SERIAL);
     assert_int_equal(answer(f, KEPT_SERIAL), KEPT_SERIAL);
     ask(f, 1);
-    assert_int_equal(answer(f, 1), 1); /* the worker has finished the request before */
+    assert_int_equal(answer(f, 1), 1); /* by now, the worker has finished the previous request */
     assert_false(((const worker_fault *)triple_buffer_read(&f->exchange.faults, NULL))->lasts);
     assert_int_equal(f->worker.failed, 0);
 }

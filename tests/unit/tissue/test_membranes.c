@@ -140,7 +140,7 @@ static void saved_inverses_belong_to_their_membranes(void **state) {
     for (int stiff = 0; stiff < 2; stiff++)
         for (int kind = 0; kind < 3; kind++) {
             trocar_scene *scene = scene_of(stiff ? 1000 : 0);
-            OK(trocar_scene_set(scene, "inverse", kind ? "condensed" : "dense", &why)); /* the third one is read from its file */
+            OK(trocar_scene_set(scene, "inverse", kind ? "condensed" : "dense", &why)); /* the third inverse is read from a file */
             OK(trocar_scene_set(scene, "cache", folder, &why));
             trocar_model *model = model_of(scene);
             force[stiff][kind] = force_on_skin(model, 5);

@@ -47,7 +47,7 @@ void *__wrap_dlopen(const char *path, int flags) {
     return gmsh_is_absent ? NULL : __real_dlopen(path, flags);
 }
 
-/* Skips the rest of a case where Gmsh is not installed: scripts/arm64 leaves it out. */
+/* Skips the rest of a test case if Gmsh is not installed, as in the system used by scripts/arm64. */
 static void need_gmsh(void) {
     if (__real_dlopen("libgmsh.so.4.8", RTLD_LAZY) == NULL) skip();
 }

@@ -241,7 +241,7 @@ static void directions_across_differ_as_on_the_whole_mesh(void **state) {
     assert_close(log(f.lateral / across) + f.uneven.m[1][1], 0.0, 0.09);
     assert_close(f.uneven.m[0][0] + f.uneven.m[1][1], 0.0, 1e-12);
     assert_close(f.uneven.m[2][2], 0.0, 1e-12);
-    resolved_field turned = mean_along(&b, 0.0, 0.003); /* the same value, because the mesh is symmetric */
+    resolved_field turned = mean_along(&b, 0.0, 0.003); /* must give the same value, because the mesh is symmetric */
     assert_close(turned.uneven.m[1][1], f.uneven.m[0][0], 0.02);
     destroy(&b);
 }

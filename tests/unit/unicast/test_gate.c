@@ -17,7 +17,7 @@
 
 static const int64_t SECOND = 1000000000;
 
-/* A client, as a test plays it. */
+/* A client whose part the test plays. */
 typedef struct {
     struct sockaddr_in address;
     wire_key secret, to_server, to_client;
@@ -123,7 +123,7 @@ static void every_type_names_its_session(void **state) {
     trocar_command_t command = {.session = 5, .command = TROCAR_COMMAND_T_SHUTDOWN};
     int size = trocar_command_t_encode(bytes, 0, sizeof bytes, &command);
     assert_int_equal(send_message(f, &p, "TROCAR_COMMAND", bytes, (size_t)size), GATE_RELAY);
-    assert_string_equal(f->result.channel, "REMOTE_COMMAND"); /* counts as one from another machine */
+    assert_string_equal(f->result.channel, "REMOTE_COMMAND"); /* on this channel, it counts as a command from another machine */
     assert_int_equal(f->gate.clients[0].session, 5);
     for (command.command = -1; command.command < 300; command.command++) {
         size = trocar_command_t_encode(bytes, 0, sizeof bytes, &command);
@@ -145,7 +145,7 @@ static void other_channels_are_dropped(void **state) {
     static const char *const channels[] = {"REMOTE_COMMAND", "TROCAR_WRENCH", "TROCAR_REPLY", "TROCAR_STATUS", "TROCAR_POSE ", "trocar_pose", "", "\x1b[2J", "LCM_SELF_TEST"};
     connect_player(f, &p);
     for (size_t i = 0; i < sizeof channels / sizeof *channels; i++) assert_int_equal(send_message(f, &p, channels[i], bytes, 100), GATE_DROP);
-    assert_int_equal(send_message(f, &p, "TROCAR_POSE", bytes, 23), GATE_DROP); /* too short for a session */
+    assert_int_equal(send_message(f, &p, "TROCAR_POSE", bytes, 23), GATE_DROP); /* too short to contain a session */
     assert_int_equal(f->gate.counts.malformed, 10);
     assert_int_equal(f->gate.counts.relayed, 0);
 }
@@ -163,7 +163,7 @@ static void signs_of_life_are_answered(void **state) {
     f->now += 2 * SECOND;
     assert_int_equal(gate_present(&f->gate, f->now), 1);
     f->now += SECOND;
-    assert_int_equal(gate_present(&f->gate, f->now), 0); /* three seconds of silence */
+    assert_int_equal(gate_present(&f->gate, f->now), 0); /* after three seconds of silence, no client is left */
     assert_int_equal(send_pose(f, &p, 1), GATE_DROP);
 }
 
@@ -233,7 +233,7 @@ static void a_repeated_connect_changes_nothing(void **state) {
     assert_false(f->result.is_new);
     assert_memory_equal(again.h.token, p.h.token, WIRE_TOKEN);
     p.sent = 0;
-    assert_int_equal(send_pose(f, &p, 1), GATE_DROP); /* the first counter again */
+    assert_int_equal(send_pose(f, &p, 1), GATE_DROP); /* a message with the first counter again */
     assert_int_equal(send_pose(f, &p, 1), GATE_RELAY);
 }
 
@@ -283,7 +283,7 @@ static void replays_and_forgeries_are_dropped(void **state) {
     for (int i = 0; i < 200; i++) assert_int_equal(take(f, recorded[i], sizes[i], &p.address), GATE_DROP);
     assert_int_equal(f->gate.counts.replayed, 200);
     size_t size = make_pose(&p, 1, recorded[0]);
-    assert_int_equal(take(f, recorded[0], size, &other.address), GATE_DROP);  /* from another client's address */
+    assert_int_equal(take(f, recorded[0], size, &other.address), GATE_DROP);  /* dropped, because it came from another client's address */
     for (size_t i = 0; i < size; i++) assert_int_equal(take(f, recorded[0], i, &p.address), GATE_DROP);
     for (size_t i = 0; i < size; i++) {
         recorded[0][i] ^= 0x40;
@@ -292,7 +292,7 @@ static void replays_and_forgeries_are_dropped(void **state) {
     }
     unsigned char to[WIRE_MOST];
     size_t back = gate_put(&f->gate, 0, 1, "TROCAR_POSE", recorded[1] + 24, 100, f->now, to);
-    assert_int_equal(take(f, to, back, &p.address), GATE_DROP); /* the server's own datagram, reflected */
+    assert_int_equal(take(f, to, back, &p.address), GATE_DROP); /* dropped: the server's own datagram, reflected */
     to[3] = WIRE_TO_SERVER;
     assert_int_equal(take(f, to, back, &p.address), GATE_DROP);
     assert_int_equal(take(f, recorded[0], size, &p.address), GATE_RELAY);

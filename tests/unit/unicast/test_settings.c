@@ -70,7 +70,7 @@ static void secrets_are_long_and_private(void **state) {
     trocar_error why;
     memset(text, 's', sizeof text);
     wanted = wire_secret_key(text, 32);
-    memcpy(text + 32, "\r\n\n", 3); /* line ends do not belong to the secret */
+    memcpy(text + 32, "\r\n\n", 3); /* line endings are not part of the secret */
     write_secret(text, 35, 0600);
     assert_int_equal(settings_secret(file, &any, &key, &why), TROCAR_OK);
     assert_memory_equal(&key, &wanted, sizeof key);

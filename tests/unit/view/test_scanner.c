@@ -38,7 +38,7 @@ static void end(rig *r) {
     trocar_scene_free(r->scene);
 }
 
-/* True if there are new images within this time. */
+/* Returns true if new images are ready within this time. */
 static bool scans(rig *r, int milliseconds) {
     scanner_tell(r->scanner, &r->feed);
     return poll(&(struct pollfd){.fd = scanner_descriptor(r->scanner), .events = POLLIN}, 1, milliseconds) > 0 && scanner_take(r->scanner, &r->section);
@@ -48,10 +48,10 @@ static void look(rig *r, float z, float x, float depth, float both) {
     scanner_look(r->scanner, &(web_action){.kind = ACTION_LOOK, .steer = {z, x, depth, both}});
 }
 
-/* The JSON at the start of the section. */
+/* Returns the JSON text at the start of the section. */
 static const char *described(const rig *r) { return (const char *)r->section.data + 16; }
 
-/* Origin of the axial image, m. */
+/* Returns the origin (m) of the axial image. */
 static vec3 origin_of(const rig *r) {
     vec3 x = {NAN, NAN, NAN};
     const char *at = strchr(strstr(described(r), "\"origin\""), '[');
@@ -92,7 +92,7 @@ static void the_images_lie_at_the_probe(void **unused) {
     rig r;
     begin(&r, MESHES "/trus.yaml");
     look(&r, 0, 0, 0, 1);
-    assert_true(scans(&r, 30000)); /* before the server has said where the probe is: at the scene's start, whose images are 61 mm deep */
+    assert_true(scans(&r, 30000)); /* until the server reports the probe's pose, the probe is at the scene's start pose, whose axial image is at z = 61 mm */
     assert_close_vector(origin_of(&r), v3(0, -0.032, 0.061), 1e-9);
     r.feed.probe = (trocar_probe){.base = {{0.002, -0.030, -0.07}, {1, 0, 0, 0}}, .placed = 1};
     look(&r, 0, 0, 0, 1); /* a request is valid for two seconds */

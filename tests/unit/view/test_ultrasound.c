@@ -31,7 +31,7 @@ static const double FACE = 0.01, WAVELENGTH = 1540 / 5.66e6; /* m */
 
 static vec3 node_of(const double *nodes, int n) { return v3(nodes[3 * n], nodes[3 * n + 1], nodes[3 * n + 2]); }
 
-/* `behind`: name of the volume from a depth of 30 mm on. */
+/* `behind`: name of the region beyond a depth of 30 mm. */
 static trocar_scene *block_scene(const char *behind, double slope) {
     static const int orders[6][3] = {{0, 1, 2}, {1, 2, 0}, {2, 0, 1}, {0, 2, 1}, {2, 1, 0}, {1, 0, 2}};
     static double nodes[3 * NODES];
@@ -51,7 +51,7 @@ static trocar_scene *block_scene(const char *behind, double slope) {
             if (corner < 3) at[orders[t % 6][corner]]++;
         }
         if (tets[4 * t + 1] < SIDE * SIDE * CELLS) continue;
-        memcpy(back + 3 * faces++, tets + 4 * t + 1, 3 * sizeof *back); /* the path along z first: its other corners are at the top */
+        memcpy(back + 3 * faces++, tets + 4 * t + 1, 3 * sizeof *back); /* if the first step is along z, the last three corners are at the top */
     }
     trocar_mesh mesh = {.node_count = NODES, .tet_count = TETS, .nodes = nodes, .tets = tets, .tet_region = region, .region_count = 2, .regions = names,
                         .triangle_count = faces, .triangles = back, .triangle_surface = surface, .surface_count = 1, .surfaces = surfaces};
@@ -94,7 +94,7 @@ static void release(rig *r) {
     free(r);
 }
 
-/* Draws, and returns a copy of the envelope, which the caller frees. */
+/* Computes the image; `copy` receives a copy of the envelope, which the caller frees. */
 static echo_envelope draw(rig *r, const echo_body *bodies, int count, float **copy) {
     echo_image(r->image, &r->plane, r->nodes, bodies, count, r->levels);
     echo_envelope e = echo_last(r->image);
@@ -111,10 +111,11 @@ static int by_size(const void *a, const void *b) { return (*(const float *)a > *
 /* ---- statistics ---- */
 
 typedef struct {
-    double snr, distance, critical; /* of the amplitude: mean / standard deviation; of the intensity: Kolmogorov-Smirnov distance from the exponential distribution */
+    double snr, distance, critical; /* snr: mean / standard deviation of the amplitude; distance: Kolmogorov-Smirnov distance of the intensity from the
+                                       exponential distribution; critical: its limit */
 } statistics;
 
-/* From every fifth row and line, which are nearly independent, in the depths where the beam hardly changes. */
+/* Uses every fifth row and line, which are nearly independent, at depths where the beam hardly changes. */
 static statistics measure(double density) {
     statistics s = {0};
     static float intensity[200000];
@@ -164,7 +165,8 @@ static void sparse_scatterers_are_found_out(void **unused) {
 
 /* ---- the beam ---- */
 
-/* Standard deviations of a Gaussian beam, from the apertures' formulas: a sinc squared of full width 0.886 wavelength f-number at the focus, and so on. */
+/* Standard deviations (m) of a Gaussian beam in width, thickness and depth, from the formulas for its apertures and its bandwidth. At the focus, for example,
+   the intensity is a squared sinc whose full width at half maximum is 0.886 times the wavelength times the f-number. */
 static double width_of(double depth) {
     double one_way = sqrt(2) * 0.8859 * WAVELENGTH / 2.3548, sent = hypot(one_way * depth / 8e-3, 8e-3 / sqrt(12) * (1 - depth / 0.03));
     double received = one_way * fmax(3.8, depth / 8e-3);
@@ -173,7 +175,7 @@ static double width_of(double depth) {
 static double thickness_of(double depth) { return hypot(1.2067 * WAVELENGTH * depth / 4e-3 / 2.3548, 4e-3 / sqrt(12) * (1 - depth / 0.03)) / sqrt(2); }
 static double pulse_of(void) { return 1540 / 2.0 / (2 * M_PI * 0.62 * 5.66e6 / 2.3548); }
 
-/* A tiny body in the plane of a picture without scatterers. */
+/* Draws tiny bodies in the plane of an image without scatterers. */
 static echo_envelope draw_points(rig *r, const double (*at)[3], int count, float **copy) {
     double ends[8][2][3];
     echo_body bodies[8];
@@ -184,7 +186,7 @@ static echo_envelope draw_points(rig *r, const double (*at)[3], int count, float
     return draw(r, bodies, count, copy);
 }
 
-/* Standard deviation of the echo across a row, m, from the parabola through the logarithms of three amplitudes around the largest. */
+/* Returns the standard deviation (m) of the echo along a row, from the parabola through the logarithms of the largest amplitude and of two around it. */
 static double measured_sigma(const echo_envelope *e, const float *copy, int row) {
     const float *at = copy + row * e->lines;
     int best = 0, apart = 2;
@@ -243,7 +245,7 @@ static double result(const correlation *c) {
     return (c->n * c->ab - c->a * c->b) / sqrt((c->n * c->aa - c->a * c->a) * (c->n * c->bb - c->b * c->b));
 }
 
-/* Correlation of the intensity in a narrow range of depths before and after a motion of the tissue (m). */
+/* Returns the correlation of the intensity, in a narrow range of depths, before and after a motion (m) of the tissue. */
 static double correlation_after(rig *r, vec3 motion, double depth) {
     correlation c = {0};
     for (int k = 0; k < 6; k++) {
@@ -261,7 +263,7 @@ static double correlation_after(rig *r, vec3 motion, double depth) {
     return result(&c);
 }
 
-/* The echo of a Gaussian beam is correlated with itself after a shift d as exp(-d^2 / (4 s^2)); the intensity of speckle, with its square. */
+/* The correlation of a Gaussian beam's echo with itself after a shift d is exp(-d^2 / (4 s^2)); that of the speckle's intensity is the square of this. */
 static void speckle_decorrelates_with_motion_as_theory_says(void **unused) {
     (void)unused;
     rig *r = create("gland", 0, 4 * ECHO_DENSITY, false, NULL);
@@ -280,8 +282,9 @@ static void speckle_decorrelates_with_motion_as_theory_says(void **unused) {
     release(r);
 }
 
-/* Where tissue is stretched along the beam by a part e about a point, the phases within the pulse there change: correlation of the intensity exp(-2 (k s e)^2),
-   with k = 2 pi / wavelength, for small e; in full with the pulse (1 + e) times as long as in the undeformed tissue. */
+/* Stretching the tissue along the beam by a fraction e about a point changes the phases within the pulse at this point. For small e, the correlation of the
+   intensity is exp(-2 (k s e)^2), with k = 2 pi / wavelength. The full expression also takes into account that the pulse is (1 + e) times as long as in the
+   undeformed tissue. */
 static void check_strain(double density, double tolerance) {
     rig *r = create("gland", 0, density, false, NULL);
     double k = 2 * M_PI / WAVELENGTH, s = pulse_of();
@@ -291,7 +294,7 @@ static void check_strain(double density, double tolerance) {
             float *before, *after;
             r->plane.origin.z = 0.008 + 0.0085 * plane;
             echo_envelope e = draw(r, NULL, 0, &before);
-            for (int step = 0; step < 24; step++) { /* the point that does not move */
+            for (int step = 0; step < 24; step++) { /* stretches the tissue about one fixed point after another */
                 int row = row_at(&e, 0.015 + 0.001 * step);
                 double fixed = e.first_row + row * e.step - FACE;
                 for (int n = 0; n < NODES; n++) r->nodes[3 * n + 1] += strain * (r->nodes[3 * n + 1] - fixed);
@@ -310,7 +313,8 @@ static void check_strain(double density, double tolerance) {
     release(r);
 }
 
-/* The theory is for infinitely many scatterers. With the few scatterers of an image, single ones remain recognisable. */
+/* The theory assumes infinitely many scatterers, so the tolerance is larger for the few scatterers of a real image, in which single ones remain
+   recognisable. */
 static void speckle_decorrelates_with_strain_as_theory_says(void **unused) {
     (void)unused;
     check_strain(4 * ECHO_DENSITY, 0.03);
@@ -319,10 +323,10 @@ static void speckle_decorrelates_with_strain_as_theory_says(void **unused) {
 
 /* ---- motion ---- */
 
-/* Displacement of the tissue that the motion of the speckle is compared with, m. */
+/* Displacement (m) of the tissue, with which the motion of the speckle is compared. */
 static vec3 field_at(vec3 x) { return v3(0.6e-3 * sin(40 * x.y), 0.5e-3 * sin(60 * x.x) + 0.01 * x.y, 0); }
 
-/* Returns the shift (rows, lines; with fractions) at which a block of the second picture best matches that of the first. */
+/* Computes the shift (in rows and lines, including fractions) at which a block of the second image best matches that of the first. */
 static void track(const echo_envelope *e, const float *before, const float *after, int row, int line, double *down, double *right) {
     enum { HALF_ROWS = 20, HALF_LINES = 9, REACH_ROWS = 18, REACH_LINES = 4 };
     static double score[2 * REACH_ROWS + 1][2 * REACH_LINES + 1];
@@ -360,7 +364,7 @@ static void speckle_moves_with_the_tissue(void **unused) {
             double down, right, weights = 0;
             vec3 at = v3(e.first_line + line * e.spacing, e.first_row + row * e.step - FACE, 0.03), expected = v3(0, 0, 0);
             track(&e, before, after, row, line, &down, &right);
-            for (int n = 0; n < NODES; n++) { /* linear in each direction between the nodes; the tetrahedra differ from this by little */
+            for (int n = 0; n < NODES; n++) { /* trilinear interpolation between the nodes; that of the tetrahedra differs little from it */
                 vec3 rest = node_of(trocar_model_nodes(r->model), n), from = v3_scale(100, v3_sub(at, rest));
                 double w = fmax(0, 1 - fabs(from.x)) * fmax(0, 1 - fabs(from.y)) * fmax(0, 1 - fabs(from.z));
                 expected = v3_axpy(w, field_at(rest), expected);
@@ -438,8 +442,8 @@ static void a_needle_reverberates(void **unused) {
     release(r);
 }
 
-/* A boundary reflects most where the sound meets it at a right angle: facets with a slope of 0.35, and 15 % in all directions. The echo of an oblique boundary is
-   also spread over the depths that the width of the beam covers. */
+/* A boundary reflects most where the sound meets it at a right angle: it is modelled as facets whose slopes vary by 0.35, and it scatters 15 % in all
+   directions. The echo of an oblique boundary is also spread over the depths that the width of the beam covers. */
 static void a_boundary_reflects_by_angle(void **unused) {
     (void)unused;
     double straight = 0;
@@ -467,8 +471,8 @@ static double mean_power(const echo_envelope *e, const float *copy, double x, do
     return sum / count;
 }
 
-/* Behind a calcification and behind a needle across the plane it is dark; behind urine, which does not attenuate sound, it is brighter, because the
- * scanner compensates for attenuation. */
+/* The image is dark behind a calcification and behind a needle that crosses the plane; behind urine, which does not attenuate sound, it is brighter, because
+   the scanner compensates for attenuation. */
 static void there_are_shadows_and_enhancement(void **unused) {
     (void)unused;
     float *copy;
@@ -498,7 +502,7 @@ static void planes_turn_with_the_probe(void **unused) {
     planes_at_probe(&p, (pose){v3(0.001, -0.03, -0.08), turn}, planes);
     for (int k = 0; k < SLICES; k++) {
         assert_close_vector(planes[k].origin, v3(0.001, -0.03, 0.06), 1e-12);
-        assert_close_vector(planes[k].axes[1], v3(-sin(0.3), cos(0.3), 0), 1e-12); /* away from the probe */
+        assert_close_vector(planes[k].axes[1], v3(-sin(0.3), cos(0.3), 0), 1e-12); /* the axis of the rows points away from the probe */
         assert_close_vector(v3_cross(planes[k].axes[0], planes[k].axes[1]), planes[k].axes[2], 1e-12);
     }
     assert_close_vector(planes[SLICE_AXIAL].axes[2], v3(0, 0, 1), 1e-12);

@@ -116,7 +116,7 @@ typedef struct {
     int takes, releases, leaves, removals;
     bool no_server;          /* if true, no server is heard, so driving is not allowed */
     web_page pages[WEB_BROWSERS + 1]; /* the newest description of each browser, by its number */
-    int described[WEB_BROWSERS + 1];  /* how often each was described */
+    int described[WEB_BROWSERS + 1];  /* how often each browser was described */
 } fixture;
 
 static char *describe(void *context, const web_page *page) {
@@ -255,7 +255,8 @@ static void hanging_browser_delays_nobody_and_is_disconnected(void **unused) {
     close_fixture(&f);
 }
 
-/* A section that nobody has been sent is not delivered, such as images for a browser that has yet to acknowledge earlier ones. */
+/* While a browser is connected, a section counts as delivered only once it has been handed over for sending, which waits until the browser has acknowledged
+   earlier images. */
 static void delivery_waits_for_a_browser(void **unused) {
     (void)unused;
     fixture f;
@@ -264,10 +265,10 @@ static void delivery_waits_for_a_browser(void **unused) {
     open_fixture(&f, 0);
     assert_true(web_delivered(f.web, &f.images));
     f.images.version++;
-    assert_true(web_delivered(f.web, &f.images)); /* nobody would be sent it */
+    assert_true(web_delivered(f.web, &f.images)); /* delivered, because there is no browser to which it could be sent */
     join(&f, &c);
     bytes_append(&f.images.bytes, "an image", 8);
-    for (int i = 0; i < 4; i++) { /* by then, the browser has as many updates as it may have */
+    for (int i = 0; i < 4; i++) { /* afterwards, the browser has as many unacknowledged updates as permitted */
         f.images.version++;
         web_news(f.web);
         go_round(&f, &c, 1);
@@ -329,7 +330,7 @@ static void only_the_driver_handles_needles(void **unused) {
     close_fixture(&f);
 }
 
-/* Each browser has a number of its own, which is free again when it has gone, and hears the number of the one that drives. */
+/* Each browser has its own number, which becomes free again when the browser disconnects, and is told the number of the browser that drives. */
 static void browsers_are_numbered(void **unused) {
     (void)unused;
     fixture f;

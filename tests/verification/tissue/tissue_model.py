@@ -25,7 +25,7 @@ if not shutil.which("ccx"):
     sys.exit(SKIPPED)
 
 TETRAHEDRON, TRIANGLE = 4, 2  # Gmsh's element types
-EDGES = ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3))  # in the order of the mid-side nodes of a C3D10
+EDGES = ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3))  # edges of a tetrahedron, in the order of a C3D10's mid-side nodes
 
 
 @dataclass

@@ -152,7 +152,7 @@ def compare_quadratic(rows, model):
 
 # ---- a needle through the skin ----
 
-NEEDLE_LIMIT = 0.05                   # as for needles without a membrane (verify_resolution.py)
+NEEDLE_LIMIT = 0.05                   # largest permitted error, the same as for needles without a membrane (verify_resolution.py)
 NEEDLE_NOTE = "tip 20 mm below the skin; without a membrane, the reference's mesh is 0.9 % too stiff sideways and 0.5 % axially"
 SIZES = {"short": (0.0125,), "full": (0.0155, 0.0125, 0.0078, 0.0053)}   # m, sizes of the elements
 

@@ -18,8 +18,8 @@ class Figure:
     unit: str                    # Gy, % or cm³
     dose: float | None = None    # V: the volume that receives this dose
     volume: float | None = None  # D: the dose that this volume receives
-    absolute: bool = False       # if `volume` is in m^3, or the result in cm^3
-    least: float | None = None   # limits: fraction of the prescription, or of the organ
+    absolute: bool = False       # true if `volume` is in m^3, or the result is in cm^3
+    least: float | None = None   # limits (least and most), as fractions of the prescription or of the organ
     most: float | None = None
     source: str = ""
 

@@ -33,9 +33,9 @@ class SeedError(NamedTuple):
     planned: Array     # planned centre
     axis: Array        # unit vector along the planned needle
     total: Array
-    tissue: Array      # due to displacement of the tissue that the operator did not correct
-    image: Array       # due to the error of the image
-    splay: Array       # due to the tilt of the needle
+    tissue: Array      # part due to displacement of the tissue that the operator did not correct
+    image: Array       # part due to the error of the image
+    splay: Array       # part due to the tilt of the needle
 
     @property
     def remainder(self) -> Array:

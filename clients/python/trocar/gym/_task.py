@@ -18,7 +18,7 @@ Array = npt.NDArray[np.float64]
 Range = tuple[float, float]
 
 TASKS = ("reach", "avoid", "implant")
-MOST_STIFFNESSES = 64    # maximum number; each keeps a model in memory
+MOST_STIFFNESSES = 64    # maximum number of stiffnesses, each of which keeps a model in memory
 FARTHEST = 1.0           # m, distance ahead of the tip within which the needle's line must enter the tissue
 
 
@@ -66,7 +66,7 @@ class Task:
     scene: Scene
     target: dict[str, Range]                                      # x, y, depth: m from the entry, along the needle's axes before the insertion
     obstacle: dict[str, Range] = field(default_factory=dict)      # along: fraction of the way to the target; x, y: m from the line to it; radius: m
-    randomise: dict[str, Range] = field(default_factory=dict)     # keys of the scene
+    randomise: dict[str, Range] = field(default_factory=dict)     # ranges of scene keys that are drawn at random for each episode
     stiffnesses: int = 8          # number of models with different elastic moduli
     speed: float = 0.05           # m/s, largest speed of the base along the needle
     roll_rate: float = 12.0       # rad/s, largest roll rate of the base
@@ -105,7 +105,7 @@ def _borders(model: Model) -> npt.NDArray[np.int32]:
     which = which.reshape(-1)    # NumPy 2.0 returns a column
     count, total = np.bincount(which), np.bincount(which, regions)
     square = np.bincount(which, regions.astype(float) ** 2)
-    return unique[(count == 1) | (2.0 * square > total ** 2)].astype(np.int32)    # for two equal regions a: 2 (a^2 + a^2) = (a + a)^2
+    return unique[(count == 1) | (2.0 * square > total ** 2)].astype(np.int32)    # two different regions a and b: 2 (a^2 + b^2) > (a + b)^2
 
 
 # ---- reading ------------------------------------------------------------------------------------------------------------------------------

@@ -25,7 +25,7 @@ class Cost(NamedTuple):
     pilots: int
     duration: float               # s, mean of the model time of a run
     models: int                   # number of models that are shared by several runs
-    model_seconds: float          # s, for each of them
+    model_seconds: float          # s, to build each of these models
     run_seconds: tuple[float, float, float]    # s, for a run: mean, least and largest of the pilots. Contains the model if runs do not share it
     memory: float                 # bytes, largest of a process with model and run
     table: float                  # bytes, size of result.csv
@@ -37,7 +37,8 @@ class Cost(NamedTuple):
 
 
 def _pilot(study: Study, values: Any, shared: bool, sparse: bool) -> list[Any]:
-    """Carries out one run in this process: model's and run's processor times (s), model time (s), memory (bytes), size of the frames (bytes), results."""
+    """Carries out one run in this process; returns the processor times (s) for the model and for the run, the model time (s), the memory (bytes), the size of
+    the frames (bytes), and the results."""
     begin = time.process_time()
     base = Model(study.run_scene(values, sparse)) if shared else None
     between = time.process_time()

@@ -28,7 +28,7 @@ class Fitted:
     """The result of a fit."""
 
     estimates: list[Estimate]
-    correlations: Array         # (p, p) of the estimates
+    correlations: Array         # (p, p) correlations of the estimates
     chi2: float                 # sum of squares of the data's residuals, each divided by its standard deviation
     freedom: int                # number of data minus number of parameters
     converged: bool

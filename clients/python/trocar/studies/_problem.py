@@ -28,8 +28,7 @@ MOST_SAMPLES = 64    # maximum number of samples, each of which keeps a model in
 MOST_POINTS = 2e6    # maximum number of points in an obstacle
 LONGEST = 0.1        # m, maximum clearance or tolerance that a problem may specify
 LONGEST_REST = 60.0  # s
-IN_FRONT = 1e-3      # m, distance in front of the rectangle at which points are tested, because rounding may put a rectangle on the skin slightly inside the
-                     # tissue
+IN_FRONT = 1e-3      # m, distance in front of the rectangle at which points are tested, because a rectangle on the skin may be slightly inside by rounding
 SLOWEST = 1e-3       # m/s
 
 

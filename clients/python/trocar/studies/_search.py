@@ -218,7 +218,7 @@ class Case:
                 continue
             direction = area.direction + np.tan(beyond) @ across
             tried.append((float(beyond @ beyond), plain._replace(point=start, direction=direction / np.linalg.norm(direction))))
-        tried = tried or [(0.0, plain)]    # the target is not ahead of any point of the area
+        tried = tried or [(0.0, plain)]    # used if the target is not ahead of any point of the area
         tried.sort(key=lambda entry: entry[0])
         best: tuple[float, Aim] | None = None
         for _, aim in tried:    # because aims are sorted by tilt, the first that keeps the clearances has the least tilt
@@ -376,7 +376,7 @@ class Case:
         rehearsals, obstacles, n = self.all_rehearsals(), len(problem.obstacles), len(nominal.x) + 1
         every = [*(variable.name for variable in freedom.variables), "depth"]    # the last component of z is the depth in mm
         kept: dict[bytes, tuple[Array, Array]] = {}
-        outcomes: dict[bytes, tuple[Outcome | None, Array]] = {}    # for nominal parameters, and the clearances
+        outcomes: dict[bytes, tuple[Outcome | None, Array]] = {}    # outcome for nominal parameters, and the clearances
 
         def evaluate(z: Array, most: float = math.inf, order: Sequence[int] = range(len(rehearsals))) -> tuple[Array, Array]:
             """Returns the errors (samples, 3), and the actual minus the desired clearances (samples, obstacles), in units of the search. Samples are

@@ -148,7 +148,7 @@ def _regions(reader: Reader, node: Any, place: str, known: list[str]) -> list[st
 
 
 def _wholes(model: Model, names: list[str]) -> list[str]:
-    """Leaves out the parts of regions that are in the list as well."""
+    """Returns the list without regions that are parts of another region in it."""
     whole = dict(zip(model.groups, (model.groups[i] for i in model.part_of)))
     return [name for name in names if whole[name] == name or whole[name] not in names]
 

@@ -23,7 +23,7 @@ class Words:
         self._texts: dict[str, str] = {key: text for code in (ENGLISH, self.language) for key, text in json.loads((FOLDER / f"{code}.json").read_text(encoding="utf-8")).items()}
 
     def __call__(self, key: str, **values: object) -> str:
-        """Returns the text with this key, with `values` in its places, such as {count}."""
+        """Returns the text with this key, with `values` in its placeholders, such as {count}."""
         return self._texts[key].format(**values)
 
     def limit(self, measure: str, least: float | None, most: float | None) -> str:

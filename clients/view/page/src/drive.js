@@ -11,8 +11,8 @@ export const TOUCH = matchMedia('(pointer: coarse)').matches // a phone or table
 const HELP = t(TOUCH ? 'drive.help.touch' : 'drive.help')
 const HOLD = 800 // ms for which a button must be held down; the same value is in style.css
 
-/** Returns the code of a key that is a command. Letters count by what is printed on the key, so that Z and Y are not exchanged on a German keyboard; the keys that
- * steer count by their place. */
+/** Returns the code of a key that is a command. Letters are identified by what is printed on the key, so that Z and Y are not exchanged on a German keyboard;
+ * steering keys are identified by their position on the keyboard. */
 export const actionOf = ({ key, code }) => (/^[a-z]$/i.test(key) ? `Key${key.toUpperCase()}` : code)
 
 /** Takes the focus from a button that was clicked with a pointer, so that the space bar does not press it again. With the keyboard, the focus stays. */

@@ -58,7 +58,7 @@ const link = new Link({
   },
   samples(samples) {
     history.addSamples(samples, scene.membranes)
-    if (scene.live && history.count > samples.length) sound.hear(samples) // the first ones are of the last minute
+    if (scene.live && history.count > samples.length) sound.hear(samples) // no sounds for the first samples, which cover the past minute
   },
   seeds(seeds) {
     procedure.hearSeeds(seeds)
@@ -225,7 +225,7 @@ function draw(now) {
   procedure.draw(stage.coarse)
   if (!shown?.fresh) return
   if (drawn) drawing = shown
-  else if (finished && !stage.dirty) age.show(shown) // it looks like the picture on the screen
+  else if (finished && !stage.dirty) age.show(shown) // the new picture looks the same as the one on the screen
   else return
   shown.fresh = false
 }
@@ -299,8 +299,8 @@ function drawPlots() {
 function showNumbers() {
   showScale()
   if (history.count === 0) return
-  const rests = clock.following && status.state === 'resting' // no hand feels the force on a resting needle
-  // `gone`: the newest sample is from an earlier server, or is too old, as after the needle was left at rest
+  const rests = clock.following && status.state === 'resting' // no hand feels the force on a resting needle.
+  // gone: the newest sample is from an earlier server, or is too old, as after the needle was left at rest
   const newest = history.count - 1, gone = history.end <= restarted || scene.live && status.alive && liveTime() - history.end > FRESH
   const at = rests || clock.following && gone ? -1 : clock.following ? newest : history.sampleNear(timeShown()), value = (column) => history.columns[column][at]
   element('depth').textContent = at < 0 ? '–' : `${(1e3 * value(7)).toFixed(1)} mm`

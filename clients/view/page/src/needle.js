@@ -72,7 +72,7 @@ export class Needle {
 
   addHub(colour) {
     const body = new THREE.CylinderGeometry(0.0045, 0.0022, 0.022, 24).rotateX(-Math.PI / 2).translate(0, 0, -0.011)
-    const mark = new THREE.BoxGeometry(0.0016, 0.0022, 0.02).translate(0, 0.0042, -0.011) // this mark is on the side of the bevel
+    const mark = new THREE.BoxGeometry(0.0016, 0.0022, 0.02).translate(0, 0.0042, -0.011) // marks the side of the hub on which the bevel is
     this.hub = new THREE.Group()
     this.hub.add(new THREE.Mesh(body, new THREE.MeshPhongMaterial({ color: colour, specular: '#88bbee', shininess: 40 })))
     this.hub.add(new THREE.Mesh(mark, new THREE.MeshPhongMaterial({ color: '#f4d35e' })))

@@ -15,10 +15,10 @@ export class Slicer {
   constructor(scene) {
     this.scene = scene
     this.distance = new Float32Array(scene.nodes.length / 3)
-    this.place = new Filled()   // 3 per vertex, m, deformed
-    this.nominal = new Filled() // 3 per vertex, m, undeformed
+    this.place = new Filled()   // 3 coordinates (m) per vertex, in the deformed mesh
+    this.nominal = new Filled() // 3 coordinates (m) per vertex, in the undeformed mesh
     this.region = new Filled()  // 1 per vertex
-    this.edges = new Filled()   // 3 per endpoint of a segment, m
+    this.edges = new Filled()   // 3 coordinates (m) per endpoint of a segment
   }
 
   measure(nodes, normal, offset) {

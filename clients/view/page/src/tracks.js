@@ -15,7 +15,7 @@ export class Tracks {
   constructor({ nodes, tets }) {
     this.nodes = nodes
     this.tets = tets
-    this.ends = new Filled() // 2 points per line segment, 3 numbers each, m
+    this.ends = new Filled() // m, 2 points per line segment, 3 coordinates each
     this.holes = new Filled() // 1 point per puncture
     this.lines = new THREE.LineSegments(new THREE.BufferGeometry(), new THREE.LineBasicMaterial({ color: TRACK }))
     this.punctures = new THREE.Points(new THREE.BufferGeometry(), new THREE.PointsMaterial({ color: TRACK, size: 6, sizeAttenuation: false }))

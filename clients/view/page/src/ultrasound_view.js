@@ -82,8 +82,8 @@ const FLASH = `
 const SIMPLE_VERTEX = 'varying vec2 place; void main() { place = position.xy; gl_Position = projectionMatrix * modelViewMatrix * vec4(position, 1.0); }'
 const GREY = { bone: 0.95, gland: 0.42, host: 0.66, other: 0.55 }
 
-const FEW = 4 // with more needles than this, only those in the slice are drawn, because each takes as much time as the image
-const MOVING = 0.5 // resolution with software rendering
+const FEW = 4 // if there are more needles than this, only those in the slice are drawn, because drawing a needle takes as long as drawing the image
+const MOVING = 0.5 // factor on the resolution with software rendering
 
 /** Planes of a slice: the axis normal to it and the axis to the left; y is up. `sides`: sides of the patient at the left, right, upper and lower
     edge. */
@@ -92,7 +92,7 @@ export const SAGITTAL = { name: t('slice.sagittal'), normal: 'x', across: 'z', s
 const INDEX = { x: 0, y: 1, z: 2 }
 const SAME_PLANE = 0.002, NEARBY = 0.01 // m, largest distance from the chosen plane at which a computed image is shown; NEARBY: for a new image
 const SOON = 60 // ms that the page waits for the image that belongs to a new picture
-const NEW = 1000 // ms for which an image counts as new: while the plane moves, it is ahead of its image
+const NEW = 1000 // ms for which an image counts as new; while the plane is being moved, its image lags behind
 const FRAMES = 600 // number of times that are kept for tests
 
 const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
@@ -113,9 +113,9 @@ export class Echo {
     this.camera = new THREE.OrthographicCamera(-1, 1, 1, -1, -1, 1)
     this.place = 0
     this.image = null       // the newest computed image
-    this.live = false       // true while the page shows live data, of which there are computed images
+    this.live = false       // true while the page shows live data, for which there are computed images
     this.look = { gain: 0, range: 60 } // dB
-    this.marked = true      // outlines, needles and seeds are drawn over the image
+    this.marked = true      // true if outlines, needles and seeds are drawn over the image
     this.pixels = document.createElement('canvas') // the computed image, one pixel for each of its levels
     this.isolines = new Isolines()
     this.frames = []        // ms, times at which computed images were first drawn
@@ -139,8 +139,8 @@ export class Echo {
     return Math.abs(this.image.origin[INDEX[this.plane.normal]] - this.place) < (this.isRecent ? NEARBY : SAME_PLANE)
   }
 
-  /** Returns the plane that is shown: a point in it, unit vectors, and the coordinates of the point in the image, where x is the axis across the image of an
-      image that is not tilted, and y is up. */
+  /** Returns the plane that is shown: a point in it, unit vectors, and the coordinates of the point in the image, where x runs across the image as if it were
+   * not tilted, and y is up. */
   get frame() {
     const { across, normal } = this.plane
     if (this.simulated) return { ...this.image, at: [this.image.origin[INDEX[across]], this.image.origin[1]] }

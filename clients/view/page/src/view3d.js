@@ -82,11 +82,11 @@ export class Stage {
     this.clipping = []
     this.addLights()
     this.addDragging()
-    this.dirty = true   // something has changed since the last rendering
+    this.dirty = true   // true if something has changed since the last rendering
     this.end = null     // GPU fence that signals the end of the last rendering
-    this.coarse = false // the last rendering was at low resolution
+    this.coarse = false // true if the last rendering was at low resolution
     this.changed = 0    // ms, performance.now() at the last change
-    this.drawn = -PACE_BESIDE_IMAGES // ms, at the last rendering
+    this.drawn = -PACE_BESIDE_IMAGES // ms, performance.now() at the last rendering
     this.onSlice = () => {}
     this.onCut = () => {}
   }

@@ -35,7 +35,7 @@ export class Tissue {
     const keys = Object.keys(values)
     if (keys.length !== this.inputs.size || keys.some((key) => !this.inputs.has(key))) this.list(keys)
     for (const [key, field] of this.inputs) {
-      const text = values[key] === null ? '.inf' : String(values[key]) // bone: JSON has no infinity
+      const text = values[key] === null ? '.inf' : String(values[key]) // null stands for infinity (bone), which JSON lacks
       if (field.value === field.known) field.value = text
       field.known = text
       field.disabled = values[key] === null

@@ -11,7 +11,7 @@ import { SliceMarks } from './slice_marks.js'
 import { Template } from './template.js'
 import { hasText, said, t } from '../words/words.js'
 
-const ORGANS = /prostate|gland|urethra/i // in the middle of the images, which show the rectum's wall below them
+const ORGANS = /prostate|gland|urethra/i // names of organs on which the images are centred; the images show the rectum's wall below them
 const TARGET = /prostate|gland/i // organs in which seeds belong
 const ASK_AGAIN = 500 // ms after which a hole is sent again if trocar-view has not acknowledged it
 const PUSH = t(TOUCH ? 'push.touch' : 'push'), PULL = t(TOUCH ? 'pull.touch' : 'pull')

@@ -10,8 +10,8 @@ export function chooseLanguage(wanted, available) {
 }
 
 export class Messages {
-  /** `own` and `english`: texts by key. A text is a string with places such as {count}, or, where it depends on the number `count`, an object with a string
-   * for each plural category of the language (Unicode CLDR: one, few, many, other, ...). */
+  /** `own` and `english`: texts by key. A text is a string with placeholders such as {count}, or, where it depends on the number `count`, an object with a
+   * string for each plural category of the language (Unicode CLDR: one, few, many, other, ...). */
   constructor(language, own, english) {
     Object.assign(this, { language, own, english })
     this.plural = new Intl.PluralRules(language)
@@ -20,8 +20,8 @@ export class Messages {
 
   has(key) { return key in this.own || key in this.english }
 
-  /** Returns what trocar-view or the server says, in this language if one of the texts said.* is its English form, else as it comes. A text may contain another, such as
-   * the reason for a refusal; the first that matches counts. */
+  /** Translates a message from trocar-view or the server if one of the texts said.* is its English form; otherwise, returns the message unchanged. A message
+   * may contain another one, such as the reason for a refusal. The first text that matches is used. */
   said(message) {
     for (const [key, english] of Object.entries(this.english)) {
       if (!key.startsWith('said.')) continue

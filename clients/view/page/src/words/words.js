@@ -1,5 +1,5 @@
 // The page's texts in the language of the user. All texts are in en.json and the other files of this folder; a file that is added, such as fr.json, is found
-// when the page is built. Names of organs, what a task says, and what the server says to its operator, are shown as they come.
+// when the page is built. Names of organs, texts of a task, and the server's messages to its operator are shown untranslated.
 import english from './en.json'
 import { chooseLanguage, Messages } from './messages.js'
 
@@ -41,7 +41,7 @@ export function fill(root) {
   for (const node of root.querySelectorAll('[data-t-label]')) node.setAttribute('aria-label', t(node.dataset.tLabel))
 }
 
-/** Fills the menu of languages, each named in itself. The page is loaded again in the chosen one. */
+/** Fills the menu of languages, each with its name in that language. The page is loaded again in the chosen one. */
 export async function listLanguages(menu) {
   const names = await Promise.all(codes.map(async (code) => (code === 'en' ? english : await files[`./${code}.json`]().catch(() => ({}))).language ?? code))
   menu.replaceChildren(...codes.map((code, i) => Object.assign(new Option(names[i], code, false, code === messages.language), { lang: code })))

@@ -78,8 +78,6 @@ trocar_status trocar_sim_change(trocar_sim *sim, const trocar_change *change, do
     bool stiffens = change->moduli != sim->elasticity.to.model;
     if (!trocar_change_prepared(change)) return fail(why, TROCAR_BAD_INPUT, "the change's moduli have no model yet: call trocar_change_prepare first");
     if (!trocar_sim_accepts(sim, change)) return fail(why, TROCAR_BAD_INPUT, "the moduli are still moving to their last values: wait %g s", elasticity_left(&sim->elasticity));
-    for (int i = 0; i < sim->needle_count && stiffens; i++)
-        if (link_phase(&sim->needles[i].link) != PHASE_HELD) return fail(why, TROCAR_BAD_INPUT, "moduli cannot change while a needle rests: take or reset needle %d first", i);
     trocar_status status = sim->changing ? TROCAR_OK : changing_create(&sim->model->parts, &sim->changing, why); /* allocates memory only in a batch, which does
                                                                                                                     not run in real time */
     if (status != TROCAR_OK) return status;

@@ -93,7 +93,6 @@ trocar_status trocar_sim_leave(trocar_sim *sim, int needle, trocar_error *error)
     if (reason) return refuse(error, needle, reason);
     if (n->state.tip.place.phase == TIP_FREE) return refuse(error, needle, "it is not in the tissue: insert it before leaving it");
     if (n->state.moving_on) return refuse(error, needle, "it is on its way to another shape: hold it still first");
-    if (elasticity_left(&sim->elasticity) > 0.0) return refuse(error, needle, "the tissue's moduli are changing: wait until they have their new values");
     fill_message_of_left_needle(sim, needle);
     post_no_hold(sim, &n->link);
     link_leave(&n->link, &n->state);
@@ -208,10 +207,13 @@ tick_input tick_of(const trocar_sim *sim, int index, const compliance_snapshot *
     return tick;
 }
 
-static void follow_moduli(trocar_sim *sim) {
+static void follow_moduli(trocar_sim *sim, const tick_input *tick, insertion_state *state) {
     elasticity *e = &sim->elasticity;
-    if (elasticity_left(e) > 0.0) wake_worker(&sim->link);
-    if (!elasticity_follow(e, &sim->changing->ticking, sim->rounds.time)) return;
+    if (elasticity_left(e) == 0.0) return;
+    wake_worker(&sim->link);
+    bool complete = elasticity_follow(e, &sim->changing->ticking, sim->rounds.time);
+    insertion_soften(tick, state, sim->workspace);
+    if (!complete) return;
     model_release(e->from.model);
     e->from = moduli_of(model_share(e->to.model));
     elasticity_rest(e);
@@ -224,13 +226,13 @@ trocar_status run_tick(trocar_sim *sim, int index, const compliance_snapshot *sn
     floating_mode before = flush_denormals();
     needle->given = base;
     advance_time(&sim->rounds, index, dt);
+    tick_input tick = tick_of(sim, index, snapshot, dt);
     if (sim->changing) {
         values_follow(&sim->changing->ticking, sim->rounds.time);
-        follow_moduli(sim);
+        follow_moduli(sim, &tick, &needle->state);
     }
     atomic_store_explicit(&sim->link.probe.time, llround(1e9 * sim->rounds.time), memory_order_relaxed);
     atomic_fetch_add_explicit(&needle->link.since_release, llround(1e9 * dt), memory_order_relaxed);
-    tick_input tick = tick_of(sim, index, snapshot, dt);
     insertion_tick(&tick, &needle->state, sim->workspace, &wrench);
     bool finite = insertion_is_finite(&needle->state, &wrench);
     if (finite) {

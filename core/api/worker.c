@@ -1,6 +1,8 @@
 /* trocar.h: the worker's tasks, both in a thread of its own and in lockstep. */
 #include "api/worker.h"
 
+#include <stdlib.h>
+
 #include "api/worker_answer.h"
 #include "api/worker_probe.h"
 #include "api/worker_resting.h"
@@ -8,17 +10,30 @@
 
 enum { MOST_ANSWERS = 4 };             /* number of requests answered in a row before other work gets its turn */
 
-/* While moduli change, updates the mesh's compliance and marks everything that was computed from it as outdated. */
+/* Moves the mesh's compliance by a step, lets resting needles follow, and marks everything that was computed from it as outdated. */
+static trocar_status move_moduli(trocar_sim *sim, double now, trocar_error *why) {
+    double *displacement;
+    trocar_status status = rest_before_softening(sim, &displacement, why);
+    elasticity_mix(&sim->elasticity, sim->mixed, &sim->changing->worker, now);
+    if (sim->pairs) needle_pairs_soften(sim->pairs);
+    sim->resting.changes++;
+    mark_stale(sim, NULL);
+    if (status == TROCAR_OK) status = rest_after_softening(sim, displacement, why);
+    free(displacement);
+    return status == TROCAR_OK ? press_probe(sim, why) : status;
+}
+
+/* While moduli change, follows the ticking thread. */
 static trocar_status follow_moduli(trocar_sim *sim, trocar_error *why) {
     model_free_retired();
     bool felt = false;
     for (int i = 0; i < sim->needle_count; i++) felt |= sim->needles[i].served_changes == attached_changes(sim);
     double now = 1e-9 * (double)atomic_load_explicit(&sim->link.probe.time, memory_order_relaxed);
-    if (!sim->changing || !elasticity_mix(&sim->elasticity, sim->mixed, &sim->changing->worker, now, felt)) return TROCAR_OK;
-    if (sim->pairs) needle_pairs_soften(sim->pairs);
-    sim->resting.changes++;
-    mark_stale(sim, NULL);
-    return press_probe(sim, why);
+    if (!sim->changing || !elasticity_lags(&sim->elasticity, now, felt)) return TROCAR_OK;
+    floating_mode before = flush_denormals();
+    trocar_status status = move_moduli(sim, now, why);
+    restore_floating_mode(before);
+    return status;
 }
 
 /* ---- in its own thread ------------------------------------------------------------------------------------------------------ */

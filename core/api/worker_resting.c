@@ -164,6 +164,46 @@ static void hold_loads(const trocar_sim *sim, const insertion_state *state, bool
     else insertion_add_loads(worker_model(sim), state, loads);
 }
 
+/* Computes the resting needles' compliances again for the present moduli, and attaches the needles with them. Forces do not change. */
+static trocar_status soften_resting(trocar_sim *sim, trocar_error *why) {
+    resting_scratch *scratch = sim->resting_scratch;
+    other_loads held;
+    list_others(sim, BESIDE_RESTING, &held);
+    trocar_status status = resting_set_change(&sim->resting, 0, NULL, &held, why);
+    for (int i = 0; i < sim->needle_count && status == TROCAR_OK; i++) {
+        sim_needle *n = &sim->needles[i];
+        if (!n->attached) continue;
+        tick_input tick = {.model = worker_model(sim), .snapshot = link_answer_slot(&n->link), .dt = TICK};
+        status = answer_fully(sim, i, &n->resting->anchor.request, why);
+        if (status == TROCAR_OK) status = resting_soften(&tick, sim->inverse, scratch, n->resting, why);
+        hold_loads(sim, &n->resting->anchor, true, &n->held);
+    }
+    trocar_status attached = attach_again(sim, why);
+    return status == TROCAR_OK ? attached : status;
+}
+
+trocar_status rest_before_softening(trocar_sim *sim, double **displacement, trocar_error *why) {
+    bool all_alone = true;
+    other_loads held;
+    *displacement = NULL;
+    if (sim->resting.count == 0) return TROCAR_OK;
+    for (int i = 0; i < sim->needle_count; i++) all_alone = all_alone && !(sim->needles[i].attached && !sim->needles[i].resting->alone);
+    trocar_status status = all_alone ? TROCAR_OK : soften_resting(sim, why);
+    list_others(sim, BESIDE_RESTING, &held);
+    return status == TROCAR_OK ? resting_set_displacement(&sim->resting, &held, displacement, why) : status;
+}
+
+trocar_status rest_after_softening(trocar_sim *sim, const double *displacement, trocar_error *why) {
+    other_loads held;
+    if (!displacement) return TROCAR_OK;
+    trocar_status status = soften_resting(sim, why);
+    list_others(sim, BESIDE_RESTING, &held);
+    if (status == TROCAR_OK) status = resting_set_follow(&sim->resting, &held, displacement, why);
+    if (status == TROCAR_OK) status = respond_to_loads(sim, true, why);
+    mark_stale(sim, NULL);
+    return status;
+}
+
 /* True if another held needle is in the tissue. */
 static bool is_felt_by_a_hand(const trocar_sim *sim, int index) {
     for (int i = 0; i < sim->needle_count; i++)

@@ -18,6 +18,11 @@ trocar_status respond_to_loads(trocar_sim *sim, bool all, trocar_error *why);
 /* Lets all resting needles (or, unless `all` is true, one of them) slip, and shows the changes. Returns true if more needles have to slip. */
 bool slip_some(trocar_sim *sim, bool all);
 
+/* To be called before and after a step of the moduli. The first returns the displacements of the resting needles' points, which the caller frees; with these, the
+   second lets the needles follow. */
+trocar_status rest_before_softening(trocar_sim *sim, double **displacement, trocar_error *why);
+trocar_status rest_after_softening(trocar_sim *sim, const double *displacement, trocar_error *why);
+
 /* To be called after a restore: the first allocates memory for a resting needle; the second attaches the resting needles and shows them. */
 trocar_status make_room_to_rest(trocar_sim *sim, sim_needle *needle, trocar_error *why);
 trocar_status rest_again(trocar_sim *sim, trocar_error *why);

@@ -1,6 +1,6 @@
 #include "changes/elasticity.h"
 
-static const double PATIENCE = 0.02;   /* s of simulated time: maximum delay between two steps (see elasticity_mix). Chosen: longer than an answer takes, much
+static const double PATIENCE = 0.02;   /* s of simulated time: maximum delay between two steps (see elasticity_lags). Chosen: longer than an answer takes, much
                                           shorter than a change */
 static const double WHOLE = 1.0 - 1e-9; /* dimensionless: part above which a change counts as complete. Rounding tolerance */
 
@@ -13,6 +13,7 @@ static void use(values_in_use *v, const elasticity *e, double weight) {
     v->model.next = weight == 0.0 ? from->local : to->local;
     v->model.weight = weight == 1.0 ? 0.0 : weight;
     v->model.stiffens = (weight < 1.0 && from->stiffens) || (weight > 0.0 && to->stiffens);
+    for (int g = 0; g < MESH_MAX_GROUPS; g++) mix_moduli(&e->from.parts->materials[g], &e->to.parts->materials[g], weight, &v->now.materials[g]);
 }
 
 /* ---- the ticking thread -------------------------------------------------------------------------------------------------------- */
@@ -53,21 +54,22 @@ double elasticity_left(const elasticity *e) {
 
 /* ---- the worker ------------------------------------------------------------------------------------------------------------------ */
 
-bool elasticity_mix(elasticity *e, inverse *mixed, values_in_use *worker, double now, bool felt) {
-    if (stage_of(e) != ELASTICITY_MOVING) return false;
+bool elasticity_lags(const elasticity *e, double now, bool felt) {
+    const change_course *c = &e->course;
+    return stage_of(e) == ELASTICITY_MOVING && atomic_load_explicit(&e->part, memory_order_acquire) > c->mixed && (felt || now >= c->mixed_at + PATIENCE);
+}
+
+void elasticity_mix(elasticity *e, inverse *mixed, values_in_use *worker, double now) {
     change_course *c = &e->course;
-    double target = atomic_load_explicit(&e->part, memory_order_acquire);
-    if (!(target > c->mixed) || (!felt && now < c->mixed_at + PATIENCE)) return false;
-    c->mixed = smaller_of(target, c->mixed + ramp_step(&e->ramp));
+    c->mixed = smaller_of(atomic_load_explicit(&e->part, memory_order_acquire), c->mixed + ramp_step(&e->ramp));
     c->mixed_at = now;
     bool complete = c->mixed > WHOLE;
     double weight = complete ? 1.0 : ramp_weight(&e->ramp, c->mixed);
     inverse_mix(mixed, complete ? e->to.parts->inverse : e->from.parts->inverse, e->to.parts->inverse, weight);
     use(worker, e, weight);
-    if (!complete) return true;
+    if (!complete) return;
     c->mixed = 0.0;
     set_stage(e, ELASTICITY_SETTLED);
-    return true;
 }
 
 /* ---- saved states ------------------------------------------------------------------------------------------------------------------- */

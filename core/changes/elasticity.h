@@ -53,9 +53,11 @@ double elasticity_left(const elasticity *e);
 
 /* ---- the worker ---- */
 
-/* Moves the mesh's compliance by at most one step, at the simulated time `now` (s). Returns true if it has changed. The next step is taken when a needle feels
-   this one (`felt`), or 20 ms later. */
-bool elasticity_mix(elasticity *e, inverse *mixed, values_in_use *worker, double now, bool felt);
+/* True if the mesh's compliance should move by a step at the simulated time `now` (s): when a needle feels the last step (`felt`), or 20 ms after it. */
+bool elasticity_lags(const elasticity *e, double now, bool felt);
+
+/* Moves the mesh's compliance by at most one step. */
+void elasticity_mix(elasticity *e, inverse *mixed, values_in_use *worker, double now);
 
 /* ---- both: between lockstep steps ---- */
 

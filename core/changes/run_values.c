@@ -67,7 +67,18 @@ void values_change(values_in_use *v, const run_values *to, double time, double d
     v->time = time;
 }
 
-void values_set(values_in_use *v, const run_values *to) { v->now = v->from = v->to = *to; }
+/* Uses the values at the end of the change, except for the moduli of the materials. */
+static void settle(values_in_use *v) {
+    region_material before[MESH_MAX_GROUPS];
+    memcpy(before, v->now.materials, sizeof before);
+    v->now = v->to;
+    for (int g = 0; g < MESH_MAX_GROUPS; g++) mix_moduli(&before[g], &before[g], 0.0, &v->now.materials[g]);
+}
+
+void values_set(values_in_use *v, const run_values *to) {
+    v->from = v->to = *to;
+    settle(v);
+}
 
 /* Infinite values never change, and the difference of two of them would not be a number. */
 static double between(double from, double to, double part) { return from == to ? to : from + part * (to - from); }
@@ -105,5 +116,5 @@ void values_follow(values_in_use *v, double time) {
     v->time = time;
     if (v->part > WHOLE) v->part = 1.0;
     if (v->part < 1.0) move(v);
-    else v->now = v->to;
+    else settle(v);
 }

@@ -18,7 +18,8 @@ typedef struct {
    moves linearly in simulated time. */
 typedef struct {
     insertion_model model;
-    run_values now, from, to; /* `from` and `to`: at the beginning and at the end of the last change */
+    run_values now, from, to; /* `from` and `to`: at the beginning and at the end of the last change. The moduli of the materials in `now` belong to
+                                 elasticity.c, which moves them with the tissue's compliance */
     double duration;         /* s, of the last change; 0 before the first */
     double part;             /* from 0 to 1, completed part of the last change */
     double time;             /* s, simulated time for which `now` holds */

@@ -412,6 +412,28 @@ void inverse_attached_displaced(inverse *inv, const double *displacement, double
     respond(a, 1, force, motion);
 }
 
+void inverse_attached_yield(const inverse *inv, const double *force, double *displacement) {
+    const attached_inverse *a = (const attached_inverse *)inv;
+    if (a->row_count == 0) return;
+    memcpy(displacement, force, (size_t)a->row_count * sizeof *force);
+    cblas_dtrmv(CblasColMajor, CblasLower, CblasTrans, CblasNonUnit, a->row_count, a->factor, a->row_count, displacement, 1);
+    cblas_dtrmv(CblasColMajor, CblasLower, CblasNoTrans, CblasNonUnit, a->row_count, a->factor, a->row_count, displacement, 1);
+}
+
+trocar_status inverse_attached_under(inverse *inv, const nodal_forces *loads, double *displacement, trocar_error *why) {
+    attached_inverse *a = (attached_inverse *)inv;
+    for (int first = 0; first < loads->count && a->row_count > 0; first += TILE) {
+        int count = loads->count - first < TILE ? loads->count - first : TILE;
+        trocar_status status = keep_all(a, count, loads->nodes + first, why);
+        if (status != TROCAR_OK) return status;
+        for (int i = first; i < first + count; i++) {
+            const double f[] = {loads->force[i].x, loads->force[i].y, loads->force[i].z};
+            cblas_dgemv(CblasColMajor, CblasNoTrans, a->row_count, 3, 1.0, slot_of(a, loads->nodes[i]), a->row_count, f, 1, 1.0, displacement, 1);
+        }
+    }
+    return TROCAR_OK;
+}
+
 trocar_status inverse_attached_displace(inverse *inv, const double *force, int count, const int *nodes, vec3 *displacement, trocar_error *why) {
     attached_inverse *a = (attached_inverse *)inv;
     if (a->row_count == 0) return TROCAR_OK;

@@ -55,6 +55,12 @@ void inverse_attached_columns(inverse *inv, int count, const int *rows, double *
 /* Computes the response to displacements (m) of all rows. */
 void inverse_attached_displaced(inverse *inv, const double *displacement, double *force, double *motion);
 
+/* Computes the displacements (m) of all rows under forces (N) at all rows, by the compliances of tissue and attachments: (G + C) force. */
+void inverse_attached_yield(const inverse *inv, const double *force, double *displacement);
+
+/* Adds the displacements (m) of all rows that forces on nodes would cause if nothing were attached. */
+trocar_status inverse_attached_under(inverse *inv, const nodal_forces *loads, double *displacement, trocar_error *why);
+
 /* Adds the displacements (m) of nodes that forces at all rows would cause if nothing were attached. */
 trocar_status inverse_attached_displace(inverse *inv, const double *force, int count, const int *nodes, vec3 *displacement, trocar_error *why);
 

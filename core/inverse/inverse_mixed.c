@@ -101,6 +101,5 @@ void inverse_mix(inverse *mixed, inverse *first, inverse *second, double weight)
     m->of[1] = second;
     m->weight = weight;
     memcpy(m->materials, a, sizeof m->materials);
-    for (int g = 0; g < MESH_MAX_GROUPS; g++)
-        if (a[g].youngs_modulus != b[g].youngs_modulus) m->materials[g].youngs_modulus = 1.0 / ((1.0 - weight) / a[g].youngs_modulus + weight / b[g].youngs_modulus);
+    for (int g = 0; g < MESH_MAX_GROUPS; g++) mix_moduli(&a[g], &b[g], weight, &m->materials[g]);
 }

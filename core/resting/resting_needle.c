@@ -168,6 +168,14 @@ static bool is_open(const insertion_workspace *w, const resting_needle *r, int u
     return axial >= 0 && r->upper[axial] <= 0.0 && r->lower[axial] >= 0.0;
 }
 
+/* Takes the compliance, and decouples rows whose forces stay zero. */
+static trocar_status take_coupled(const mesh *m, const insertion_state *state, const insertion_workspace *w, inverse *inv, resting_needle *r, trocar_error *why) {
+    trocar_status status = take_compliance(m, state, w, inv, r, why);
+    for (int u = 0; u < r->unknown_count && status == TROCAR_OK; u++)
+        if (is_open(w, r, u)) uncouple(r, u);
+    return status;
+}
+
 static vec3 displaced(base_motion t, vec3 lever) { return v3_add(t.shift, v3_cross(t.turn, lever)); }
 
 /* Computes orthonormal motions of the rows, and the motions of the base that cause them. Rotations are measured by the arc that the tip describes. */
@@ -207,12 +215,18 @@ static void put_force(const resting_needle *r, int point, vec3 force, double sha
     if (r->points[point].kind == POINT_TIP) unknowns[unknown(count, point, 2) + 1] = shaft;
 }
 
-static void take_forces(const insertion_model *model, const insertion_state *state, int guided, resting_needle *r) {
+static void take_forces(const insertion_state *state, resting_needle *r) {
     for (int i = 0; i < r->point_count; i++) {
         const contact_point *p = &r->points[i];
         bool tip = p->kind == POINT_TIP;
         put_force(r, i, point_force(state, p), tip ? state->tip.shaft.traction * (p->share.to - p->share.from) : 0.0, r->anchor_force);
-        if (p->kind == POINT_GUIDE) continue;
+    }
+}
+
+/* Takes the loads on the tissue from its memory. */
+static void take_memory(const insertion_model *model, const insertion_state *state, int guided, resting_needle *r) {
+    for (int i = guided; i < r->point_count; i++) {
+        bool tip = r->points[i].kind == POINT_TIP;
         vec3 beside = tip ? v3_add(state->tip.dent.damping, creep_tip_load(model, &state->memory)) : creep_load(model, &state->memory, i - guided);
         put_force(r, i, beside, 0.0, r->beside);
     }
@@ -249,6 +263,8 @@ static trocar_status linearise(const tick_input *given, const insertion_state *s
     r->axial_count = p->axial_count;
     r->unknown_count = unknown_count(p);
     r->tip = w->points.tip;
+    r->loaded = loaded;
+    r->alone = false;
     memcpy(r->points, w->points.list, (size_t)p->count * sizeof *r->points);
     memcpy(r->lower, p->lower, (size_t)p->axial_count * sizeof *r->lower);
     memcpy(r->upper, p->upper, (size_t)p->axial_count * sizeof *r->upper);
@@ -262,13 +278,25 @@ static trocar_status linearise(const tick_input *given, const insertion_state *s
     take_rows(tick.model->mesh, &scratch->state, r);
     take_places(tick.model, &scratch->state, r);
     take_motions(w, scratch->state.needle.base, tick.model->needle->given.length, r);
-    take_forces(tick.model, state, w->points.guided, r);
+    take_forces(state, r);
+    take_memory(tick.model, state, w->points.guided, r);
     memcpy(r->force, r->anchor_force, sizeof r->force);
     memcpy(r->free_force, r->anchor_force, sizeof r->free_force);
-    trocar_status status = take_compliance(tick.model->mesh, state, w, inv, r, why);
-    for (int u = 0; u < r->unknown_count && status == TROCAR_OK; u++)
-        if (is_open(w, r, u)) uncouple(r, u);
-    return status;
+    return take_coupled(tick.model->mesh, state, w, inv, r, why);
+}
+
+trocar_status resting_soften(const tick_input *given, inverse *inv, resting_scratch *scratch, resting_needle *r, trocar_error *why) {
+    tick_input tick = *given;
+    insertion_workspace *w = &scratch->workspace;
+    tick_output ignored = {0};
+    tick.base = (mount){.pose = r->anchor.needle.base};
+    insertion_soften(&tick, &r->anchor, w);
+    scratch->state = r->anchor;
+    if (!insertion_linearise(&tick, &scratch->state, w, &ignored, r->loaded) || w->problem.count != r->point_count)
+        return fail(why, TROCAR_NUMERIC, "a resting needle has lost contacts");
+    r->alone = true;
+    take_memory(tick.model, &r->anchor, w->points.guided, r);
+    return take_coupled(tick.model->mesh, &r->anchor, w, inv, r, why);
 }
 
 static bool is_definite(const resting_needle *r, resting_scratch *scratch) {

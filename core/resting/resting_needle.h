@@ -17,6 +17,8 @@ typedef struct {
     insertion_state anchor;  /* equilibrium in which the needle was left */
     int point_count, unknown_count, axial_count;
     bool tip;                /* true if the last point is the tip */
+    bool loaded;             /* true if `compliance` includes the effect of the needle's forces on its own stiffness */
+    bool alone;              /* true if `compliance` was computed while no needle was attached, as for a change of moduli (resting_soften) */
     contact_point points[MAX_POINTS];
     attached_row rows[MAX_UNKNOWNS];
     tissue_loads places;                           /* positions of its loads on the tissue, which act at all points that are not at a guide; the forces are
@@ -50,6 +52,9 @@ typedef struct {
    needle touches no tissue. Allocates. */
 trocar_status resting_linearise(const tick_input *tick, const insertion_state *state, inverse *inv, resting_scratch *scratch, resting_needle *r,
                                 trocar_error *why);
+
+/* Computes `compliance` again about the anchor, for changed moduli. tick->snapshot must contain the needle's rows of `inv`, to which nothing is attached. */
+trocar_status resting_soften(const tick_input *tick, inverse *inv, resting_scratch *scratch, resting_needle *r, trocar_error *why);
 
 /* Stores the forces of the rows in `held`, the state in which the hand released the needle, in r->fading. To be called after resting_linearise. */
 void resting_bore(const insertion_model *model, const insertion_state *held, resting_needle *r);

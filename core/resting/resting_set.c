@@ -199,6 +199,49 @@ trocar_status resting_set_change(resting_set *s, int count, resting_needle *cons
     return status;
 }
 
+/* ---- changes of the tissue's compliance ------------------------------------------------------------------------------------- */
+
+/* Computes (G + C) f + B h, where h are the loads of held needles and the probe, and B is the compliance between them and the rows. */
+static trocar_status find_displacement(resting_set *s, const other_loads *held, double *displacement, trocar_error *why) {
+    const mesh *m = inverse_tissue(s->inverse)->mesh;
+    if (!make_room(s, 1 + loads_most_nodes(held))) return fail(why, TROCAR_NO_MEMORY, "no memory for the loads of held needles");
+    for (int i = 0; i < s->count; i++) {
+        const resting_needle *r = s->needles[i];
+        for (int u = 0; u < r->unknown_count; u++) s->force[s->row[i] + u] = r->force[u] + r->beside[u];
+    }
+    inverse_attached_yield(s->inverse, s->force, displacement);
+    int count = loads_on_nodes(m, held, s->nodes, s->nodal);
+    trocar_status status = inverse_attached_under(s->inverse, &(nodal_forces){count, s->nodes, s->nodal}, displacement, why);
+    if (s->cached_at != s->changes) forget_lacks(s);
+    for (int i = 0; i < s->count && s->pairs && status == TROCAR_OK; i++) {
+        bool any = false;
+        status = find_displaced(s, i, held, s->force, &any, why);
+        for (int u = 0; u < s->needles[i]->unknown_count && any; u++) displacement[s->row[i] + u] += s->force[u];
+    }
+    return status;
+}
+
+trocar_status resting_set_displacement(resting_set *s, const other_loads *held, double **displacement, trocar_error *why) {
+    *displacement = calloc((size_t)inverse_attached_rows(s->inverse) + 1, sizeof **displacement);
+    return *displacement ? find_displacement(s, held, *displacement, why) : fail(why, TROCAR_NO_MEMORY, "no memory for %d resting needles", s->count);
+}
+
+trocar_status resting_set_follow(resting_set *s, const other_loads *held, const double *before, trocar_error *why) {
+    double *d;
+    trocar_status status = resting_set_displacement(s, held, &d, why);
+    for (int i = 0; i < inverse_attached_rows(s->inverse) && status == TROCAR_OK; i++) d[i] -= before[i];
+    if (status == TROCAR_OK) inverse_attached_displaced(s->inverse, d, s->force, s->move);
+    for (int i = 0; i < s->count && status == TROCAR_OK; i++) {
+        resting_needle *r = s->needles[i];
+        const double *force = s->force + s->row[i], *motion = s->move + s->motion[i];
+        for (int u = 0; u < r->unknown_count; u++) r->free_force[u] += force[u], r->force[u] += force[u];
+        for (int k = 0; k < r->motion_count; k++) r->free_motion[k] += motion[k], r->motion[k] += motion[k];
+    }
+    free(d);
+    if (status == TROCAR_OK) take_load(s);
+    return status;
+}
+
 /* ---- slip ------------------------------------------------------------------------------------------------------------------- */
 
 static double excess(const insertion_model *model, const resting_needle *r, int i) {

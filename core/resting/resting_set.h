@@ -44,6 +44,13 @@ trocar_status resting_set_load(resting_set *s, const other_loads *held, trocar_e
 /* Lets needles slip whose forces exceed their friction bounds, one after another, up to `most` per call. Returns true if more needles have to slip. */
 bool resting_set_slip(resting_set *s, const insertion_model *model, int most);
 
+/* Computes the displacements (m) of all rows under the present forces of all needles, by the compliances of tissue and needles. Allocates *displacement. */
+trocar_status resting_set_displacement(resting_set *s, const other_loads *held, double **displacement, trocar_error *why);
+
+/* After a change of compliances, with which the needles have been attached again (resting_set_change): changes their forces and motions so that the rows are displaced
+   as before. `before`: displacement before the change. */
+trocar_status resting_set_follow(resting_set *s, const other_loads *held, const double *before, trocar_error *why);
+
 /* To be called before and after a needle is released. The first records the forces of all resting needles (resting_bore records those of the released one); the
    second starts to fade in the effect of the change. */
 void resting_set_before_release(resting_set *s);

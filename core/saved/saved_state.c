@@ -198,6 +198,8 @@ void saved_resting(state_stream *s, int segments, resting_needle *r) {
     stream_count(s, &r->axial_count, MAX_AXIAL);
     stream_count(s, &r->motion_count, MAX_MOTIONS);
     STREAM(s, r->tip);
+    STREAM(s, r->loaded);
+    STREAM(s, r->alone);
     STREAM_ENTRIES(s, r->points, r->point_count);
     STREAM_ENTRIES(s, r->rows, r->unknown_count);
     stream_count(s, &r->places.count, MAX_LOADS);

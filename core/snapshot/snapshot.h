@@ -38,6 +38,7 @@ typedef struct {
     int tet;
     double weights[4];       /* barycentric */
     vec3 at;                 /* m, nominal position of the load */
+    double modulus;          /* Pa, Young's modulus of the element with which the load was remembered */
     shaft_piece shaft;       /* the piece of shaft that exerted the load */
     vec3 load[MAX_RELAXATION]; /* N */
 } residual_load;

@@ -21,6 +21,10 @@ typedef struct {
     double friction_viscous;   /* N s/m^2, additional friction per unit length and unit sliding speed */
 } region_material;
 
+/* Gives `mixed` the modulus and stiffening of a mixture of two tissues whose compliances are mixed linearly. `weight`: of the second one, from 0 to 1. Because
+   compliance is linear in the weight, so is 1 / E. RT */
+void mix_moduli(const region_material *first, const region_material *second, double weight, region_material *mixed);
+
 /* How the volumetric energy, lambda/2 (div u)^2, is integrated. If it is integrated by element, linear tetrahedra lock (at nu = 0.45, needle forces are 10
    to 15 % too large). Averaging the volumetric strain prevents this: either over disjoint patches of 8 tetrahedra of the same region (after the F-bar
    patches of de Souza Neto and others 2005), or at the nodes of each region (Bonet and Burton 1998), which couples a node with its neighbours' neighbours

@@ -46,9 +46,9 @@ TROCAR_API int trocar_change_at(const trocar_change *change, int index, char key
    change per tick, for all held needles; a resting needle keeps the friction with which it was left until it is taken. Contact forces keep their values at the
    beginning and then follow the moving limits, so the wrench does not jump; a membrane is punctured as soon as its limit falls below the force with which the
    tip presses on it. Replaces a change that has not ended yet. The simulation does not refer to `change` afterwards. If moduli differ, the tissue's compliance
-   moves to that of the prepared model, by at most 2 % per tick, which may take longer than `time`. BAD_INPUT, without effect, for a time out of range, a change
-   made for a simulation of another model, and, if moduli differ, one that is not prepared, that trocar_sim_accepts does not accept, or that comes while a
-   needle rests; NO_MEMORY only for a simulation of a batch. [tick, RT, wakes] */
+   moves to that of the prepared model, by at most 2 % per tick, which may take longer than `time`, above all while needles rest. BAD_INPUT, without effect, for a
+   time out of range, a change made for a simulation of another model, and, if moduli differ, one that is not prepared, or that trocar_sim_accepts does not
+   accept; NO_MEMORY only for a simulation of a batch. [tick, RT, wakes] */
 TROCAR_API trocar_status trocar_sim_change(trocar_sim *sim, const trocar_change *change, double time, trocar_error *error);
 
 /* Returns 0 if the simulation's moduli are still moving and `change` would move them to other values; otherwise 1. [tick, RT] */

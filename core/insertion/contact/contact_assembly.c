@@ -154,14 +154,27 @@ void find_local_compliance(const tick_input *tick, const insertion_state *state,
     tissue->axial[t + 1] = axial / fmax(shaft->axial, LEAST_STIFFNESS);
 }
 
+/* Gives the shaft the softness of the tissue along the point's share. */
+static stiffened_shaft soften_shaft(const contact_point *p, shaft_hold *shaft) {
+    shaft->softness = (p->share.to - p->share.from) / larger_of(p->shaft.axial, LEAST_STIFFNESS);
+    shaft->stiffening = p->shaft.stiffening;
+    return (stiffened_shaft){shaft->softness, shaft->stiffening};
+}
+
+void soften_shear(const tick_input *tick, insertion_state *state, contact_points *points) {
+    points->tip = state->tip.place.phase == TIP_INSIDE;
+    points_list(tick, state, points);
+    for (int i = points->guided; i < points->count; i++) {
+        const contact_point *p = &points->list[i];
+        soften_shaft(p, p->kind == POINT_TIP ? &state->tip.shaft : &state->contacts[p->handle].shaft);
+    }
+}
+
 /* Change (m) of the shaft's lead over the tissue under its current traction after the tissue along its share has become softer (positive) or stiffer
    (negative). When part of the shaft enters another region, it has not sheared the tissue there yet; without this correction, the shaft would slide in the tick
    in which the tip enters the region. */
 static double lead_gained(const insertion_model *model, const contact_point *p, double logarithm, double traction, shaft_hold *shaft) {
-    stiffened_shaft before = {shaft->softness, shaft->stiffening};
-    stiffened_shaft now = {(p->share.to - p->share.from) / larger_of(p->shaft.axial, LEAST_STIFFNESS), p->shaft.stiffening};
-    shaft->softness = now.softness;
-    shaft->stiffening = now.stiffening;
+    stiffened_shaft before = {shaft->softness, shaft->stiffening}, now = soften_shaft(p, shaft);
     if (before.softness == 0.0) return 0.0;
     return logarithm * (now.softness - before.softness) * traction + stiffening_lead(model, before, now, traction);
 }

@@ -19,7 +19,10 @@ void points_load_needle(const tick_input *tick, const insertion_state *state, co
 void find_tip_rows(const tick_input *tick, const insertion_state *state, const contact_points *points, tissue_step *tissue, const creep_step *creep,
                    const int handles[4]);
 
-/* Preserves the shear of the tissue along each share when shares move into other regions. RT */
+/* Takes over changed moduli of the tissue around the shaft. Its shear stays, so that its traction changes. `points` is scratch. RT */
+void soften_shear(const tick_input *tick, insertion_state *state, contact_points *points);
+
+/* Preserves the traction along each share when shares move into other regions, where the shaft has not sheared the tissue yet. RT */
 void keep_shear(const tick_input *tick, insertion_state *state, contact_points *points, const creep_step *creep);
 
 /* Computes the points' local compliances, m/N. Shaft: from the length of the point's share in each region. Tip, across the needle: as for a shaft as long

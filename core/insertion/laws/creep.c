@@ -28,6 +28,8 @@ static void add_up(int count, const double *weights, const remembered_forces *te
     for (int k = 0; k < count; k++) add_part(weights[k], &terms[k], sum);
 }
 
+static double modulus_in(const insertion_model *model, int tet) { return model->materials[model->mesh->region[tet]].youngs_modulus; }
+
 /* ---- loads that nothing holds ------------------------------------------------------------------------------------------ */
 
 static double size_of_terms(const creep_series *series, const vec3 *terms) {
@@ -72,7 +74,7 @@ static void deposit_load(const insertion_model *model, tissue_memory *memory, co
     int i = closest_residual(residual, share->at, &distance);
     if (i < 0 || (distance > TOGETHER && residual->count < MAX_RESIDUAL_LOADS)) {
         i = residual->count++;
-        residual->loads[i] = (residual_load){.tet = share->tet, .at = share->at, .shaft = shaft};
+        residual->loads[i] = (residual_load){.tet = share->tet, .at = share->at, .modulus = share->modulus, .shaft = shaft};
         mesh_barycentric(model->mesh, share->tet, share->at, residual->loads[i].weights);
     } else if (distance <= TOGETHER) {
         extend_piece(&shaft, &residual->loads[i].shaft);
@@ -122,10 +124,11 @@ static const share_memory *share_of(const insertion_state *state, const contact_
 static share_memory empty_share(const tick_input *tick, const insertion_state *state, const contact_point *p) {
     if (p->kind == POINT_TIP) {
         shaft_share share = {p->share.from, p->share.to + tick->model->needle->radius};
-        return (share_memory){.shaft = shaft_piece_of_tip(state, share), .tet = state->tip.place.tet, .at = state->tip.place.nominal};
+        int tet = state->tip.place.tet;
+        return (share_memory){.shaft = shaft_piece_of_tip(state, share), .tet = tet, .at = state->tip.place.nominal, .modulus = modulus_in(tick->model, tet)};
     }
     const added_node *node = &state->refined.nodes[p->handle];
-    return (share_memory){.shaft = shaft_piece_of_contact(state, p->handle, p->share), .tet = node->tet, .at = node->position};
+    return (share_memory){.shaft = shaft_piece_of_contact(state, p->handle, p->share), .tet = node->tet, .at = node->position, .modulus = modulus_in(tick->model, node->tet)};
 }
 
 /* Number of shares, counted from the base, whose borders are the same as in the last step. The last share, which ends at the tip, is not counted. */
@@ -193,6 +196,32 @@ void creep_deposit_all(const insertion_model *model, tissue_memory *memory, cons
     memory->count = 0;
     memory->tip = false;
     memset(memory->face, 0, sizeof memory->face);
+}
+
+/* Returns the factor by which the modulus of an element has changed, and takes over the new one. */
+static double soften(const insertion_model *model, int tet, double *modulus) {
+    double before = *modulus;
+    *modulus = modulus_in(model, tet);
+    return *modulus / before;
+}
+
+void creep_soften(const insertion_model *model, tissue_memory *memory) {
+    const creep_series *series = &model->creep;
+    for (int i = 0; i < memory->count && series->count > 0; i++) {
+        share_memory *share = &memory->shares[i];
+        double factor = soften(model, share->tet, &share->modulus);
+        for (int k = 0; k < series->count; k++) {
+            remembered_forces *term = &share->terms[k];
+            *term = (remembered_forces){v3_scale(factor, term->load), factor * term->along, factor * term->twist};
+            if (memory->tip && i + 1 == memory->count) memory->face[k] *= factor;
+        }
+    }
+    for (int i = 0; i < memory->residual.count; i++) {
+        residual_load *residual = &memory->residual.loads[i];
+        double factor = soften(model, residual->tet, &residual->modulus);
+        for (int k = 0; k < series->count; k++) residual->load[k] = v3_scale(factor, residual->load[k]);
+        memory->residual_added += fabs(factor - 1.0) * size_of_terms(series, residual->load); /* the worker needs the new loads */
+    }
 }
 
 void creep_forget(tissue_memory *memory) {

@@ -14,6 +14,9 @@ void creep_divide(const tick_input *tick, insertion_state *state, const contact_
 /* Converts all memory to residual loads when the needle no longer touches the tissue. `decay` is that of the step, or NULL between two steps. RT */
 void creep_deposit_all(const insertion_model *model, tissue_memory *memory, const double *decay);
 
+/* Takes over changed moduli: the tissue keeps the displacements that it remembers, so that the remembered forces change like its modulus. RT */
+void creep_soften(const insertion_model *model, tissue_memory *memory);
+
 /* Clears all memory, as if the tissue had never been touched. RT */
 void creep_forget(tissue_memory *memory);
 

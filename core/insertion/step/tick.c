@@ -2,6 +2,7 @@
 
 #include <string.h>
 
+#include "insertion/contact/contact_assembly.h"
 #include "insertion/contact/tissue_stage.h"
 #include "insertion/laws/creep.h"
 #include "insertion/step/equilibrium.h"
@@ -49,6 +50,11 @@ void insertion_tick(const tick_input *given, insertion_state *state, insertion_w
     outside_watch(&tick, state, output);
     prefetch_request(given->model, state);
     profile_end_part(&w->profile, TIMED_WRENCH);
+}
+
+void insertion_soften(const tick_input *tick, insertion_state *state, insertion_workspace *w) {
+    creep_soften(tick->model, &state->memory);
+    if (touches_tissue(state)) soften_shear(tick, state, &w->points);
 }
 
 bool insertion_linearise(const tick_input *tick, insertion_state *state, insertion_workspace *w, tick_output *output, bool loaded) {

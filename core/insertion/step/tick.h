@@ -13,6 +13,9 @@ void insertion_reset(const insertion_model *model, pose base, insertion_state *s
    skin. No allocation, no lock, no library call. RT */
 void insertion_tick(const tick_input *tick, insertion_state *state, insertion_workspace *w, tick_output *output);
 
+/* Takes over changed moduli between two ticks. RT */
+void insertion_soften(const tick_input *tick, insertion_state *state, insertion_workspace *w);
+
 /* Assembles in w->problem, without solving it, the contact problem of a tick in which the base does not move. The state's memory of relaxing tissue
    advances as in a tick. Unless `loaded` is true, the stiffness that the forces add to the needle is left out. Returns false if the needle touches no
    tissue. */

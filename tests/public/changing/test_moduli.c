@@ -56,11 +56,13 @@ static void a_changed_simulation_is_that_of_the_changed_scene(void **state) {
     trocar_model_free(built);
 }
 
-/* A dent is elastic: its force does not depend on when the moduli changed. */
+/* A dent is elastic if the shaft does not slide in it: its force does not depend on when the moduli changed. */
 static void a_dent_has_the_force_of_the_new_moduli(void **state) {
     (void)state;
-    trocar_model *built;
-    trocar_sim *changed = sim_of(model), *other = sim_with(OTHER_KEYS, OTHER_VALUES, 3, &built);
+    trocar_model *built, *original;
+    const char *const keys[] = {"regions[surrounding].friction.static", "regions[surrounding].friction.kinetic", OTHER_KEYS[0], OTHER_KEYS[1], OTHER_KEYS[2]};
+    const char *const values[] = {"1e4", "1e4", OTHER_VALUES[0], OTHER_VALUES[1], OTHER_VALUES[2]};
+    trocar_sim *changed = sim_with(keys, values, 2, &original), *other = sim_with(keys, values, 5, &built);
     push(changed, -1e-3, 1e-3, 0.01);
     double before = 0.0;
     for (int i = 0; i < 3000; i++) before = step_at(changed, 1e-3).force[2]; /* until the dent has settled */
@@ -75,10 +77,33 @@ static void a_dent_has_the_force_of_the_new_moduli(void **state) {
     change(changed, "regions[prostate].youngs_modulus: 60e3\nregions[surrounding].youngs_modulus: 30e3\nmembranes[skin].stiffness: 0", 0.1);
     wait(changed, 1e-3);
     for (int i = 0; i < 3000; i++) a = step_at(changed, 1e-3);
+    printf("and back: %.9f N, before %.9f N\n", a.force[2], before);
     assert_true(fabs(a.force[2] - before) < 1e-5 * fabs(before));
     trocar_sim_free(changed);
     trocar_sim_free(other);
+    trocar_model_free(original);
     trocar_model_free(built);
+}
+
+/* If all of the tissue becomes softer by the same factor, the force of a needle that nothing moves falls by this factor, also in tissue that has relaxed. */
+static void the_force_is_proportional_to_the_moduli(void **state) {
+    (void)state;
+    const char *const keys[] = {"relaxation[0].weight", "relaxation[0].time", "relaxation[1].weight", "relaxation[1].time"}, *const values[] = {"0.25", "0.15", "0.15", "0.5"};
+    for (int relaxes = 0; relaxes <= 1; relaxes++) {
+        trocar_model *built;
+        trocar_sim *sim = sim_with(keys, values, relaxes ? 4 : 0, &built);
+        push(sim, -1e-3, 0.045, 0.03);
+        trocar_output before, after;
+        for (int i = 0; i < 8000; i++) before = step_at(sim, 0.045);
+        change(sim, "regions[prostate].youngs_modulus: 30e3\nregions[surrounding].youngs_modulus: 15e3", 0.3);
+        wait(sim, 0.045);
+        double at_once = step_at(sim, 0.045).force[2];
+        for (int i = 0; i < 8000; i++) after = step_at(sim, 0.045);
+        printf("half the moduli: %.5f of %.5f N, %.5f, at once %.5f\n", after.force[2], before.force[2], after.force[2] / before.force[2], at_once / before.force[2]);
+        assert_true(fabs(after.force[2] / before.force[2] - 0.5) < 1e-3 && fabs(at_once / before.force[2] - 0.5) < 5e-3);
+        trocar_sim_free(sim);
+        trocar_model_free(built);
+    }
 }
 
 /* ---- no jump ------------------------------------------------------------------------------------------------------------------- */
@@ -100,11 +125,12 @@ static void set_some(trocar_change *c, unsigned *seed) {
 typedef struct { double largest, newton; int changes, ticks, punctures; } jumps;
 
 /* Runs the motion with `count` changes of moduli or, if `changes` is 0, without any. */
-static jumps run(bool moves, int changes, int count, unsigned seed) {
+static jumps run(bool moves, double aside, int changes, int count, unsigned seed) {
     enum { RECOIL = 25, HOLD = 400, POOL = 24 }; /* POOL: number of models between which the moduli change at random */
     jumps j = {0};
     trocar_sim *sim = sim_of(model);
     trocar_output last = push(sim, -1e-3, 0.045, 0.03);
+    for (int i = 1; i <= 100; i++) last = step(sim, base_at(0.045, 0.01 * i * aside, 0));
     unsigned values = seed;
     int since = 0;
     trocar_change *pool[POOL];
@@ -120,7 +146,7 @@ static jumps run(bool moves, int changes, int count, unsigned seed) {
         int ticks = 0;
         while (ticks++ < (changes ? 5000 : HOLD) && (ticks < 20 || !changes || trocar_sim_changing(sim) > 0.0)) {
             double depth = 0.045 - (moves ? 3e-3 * (1 - cos(2 * M_PI * 1e-3 * j.ticks)) : 0.0); /* at most 19 mm/s */
-            trocar_output out = step_at(sim, depth);
+            trocar_output out = step(sim, base_at(depth, aside, 0));
             if (out.events & (TROCAR_EVENT_UNSTABLE | TROCAR_EVENT_FULL)) fail_msg("tick %d: events %#x", j.ticks, out.events);
             since = out.events & (TROCAR_EVENT_PUNCTURED | TROCAR_EVENT_EXITED) ? 0 : since + 1;
             j.punctures += since == 0;
@@ -135,15 +161,132 @@ static jumps run(bool moves, int changes, int count, unsigned seed) {
     return j;
 }
 
-static void check_jumps(bool moves, unsigned seed) {
-    jumps with = run(moves, 1, N_CHANGES, seed), without = run(moves, 0, N_CHANGES, seed);
-    printf("%s needle: %d changes in %d ticks, %d punctures: largest change per tick %.3f of what is noticed, %.4f N; without changes %.3f, %.4f N\n", moves ? "moving" : "still",
+static void check_jumps(bool moves, double aside, unsigned seed) {
+    jumps with = run(moves, aside, 1, N_CHANGES, seed), without = run(moves, aside, 0, N_CHANGES, seed);
+    printf("%s%s needle: %d changes in %d ticks, %d punctures: largest change per tick %.3f of what is noticed, %.4f N; without changes %.3f, %.4f N\n", moves ? "moving" : "still", aside > 0.0 ? ", bent" : "",
            with.changes, with.ticks, with.punctures, with.largest, with.newton, without.largest, without.newton);
     assert_true(with.changes == N_CHANGES && with.largest < 1.0);
 }
 
-static void a_still_needle_feels_no_jump(void **state) { (void)state; check_jumps(false, 3u); }
-static void a_moving_needle_feels_no_jump(void **state) { (void)state; check_jumps(true, 5u); }
+static void a_still_needle_feels_no_jump(void **state) { (void)state; check_jumps(false, 0.0, 3u); }
+static void a_moving_needle_feels_no_jump(void **state) { (void)state; check_jumps(true, 0.0, 5u); }
+static void a_bent_needle_feels_no_jump(void **state) { (void)state; check_jumps(false, 3e-3, 7u); }
+
+/* ---- resting needles ------------------------------------------------------------------------------------------------------------ */
+
+static trocar_output step_of(trocar_sim *sim, int needle, double x, double depth) {
+    trocar_pose base = {{x, 0.003, depth - LENGTH}, {1, 0, 0, 0}};
+    trocar_output out;
+    OK(trocar_sim_step(sim, needle, &base, DT, &out, &why));
+    return out;
+}
+
+static void let_go(trocar_sim *sim) {
+    OK(trocar_sim_leave(sim, 0, &why));
+    OK(trocar_sim_work(sim, NULL, &why));
+    assert_int_equal(trocar_sim_needle_state(sim, 0), TROCAR_NEEDLE_RESTING);
+}
+
+typedef struct {
+    trocar_output held;
+    double jump;             /* largest change of the held needle's force in a tick, in units of the smallest change that people notice */
+    int count;
+    trocar_contact contacts[TROCAR_MAX_POINTS];
+} both_needles;
+typedef enum { RESTS, LEFT_MEANWHILE, HELD } during_change; /* what the first needle does while the moduli change */
+
+/* A needle rests in the tissue 6 mm beside one that is inserted after it and held, pressed aside. */
+static trocar_sim *two_needles(trocar_model *of) {
+    trocar_sim *sim;
+    OK(trocar_sim_create(of, &sim, &why));
+    for (int i = 0; i < 2; i++) {
+        trocar_pose start = {{0.005 + 0.006 * i, 0.003, -1e-3 - LENGTH}, {1, 0, 0, 0}};
+        OK(trocar_sim_reset(sim, i, &start, &why));
+        for (int t = 0; t <= 500; t++) step_of(sim, i, start.position[0], -1e-3 + 1e-4 * t);
+        if (i == 0) let_go(sim);
+    }
+    for (int t = 0; t < 200; t++) step_of(sim, 1, 0.011 + 5e-6 * t, 0.049);
+    return sim;
+}
+
+static both_needles after_change(trocar_model *of, const char *lines, during_change first) {
+    both_needles found = {.count = 0};
+    trocar_sim *sim = two_needles(of);
+    trocar_pose base = trocar_view_base(trocar_sim_view(sim), 0);
+    bool held = first != RESTS;
+    if (held) {
+        OK(trocar_sim_take(sim, 0, &why));
+        OK(trocar_sim_work(sim, NULL, &why));
+    }
+    found.held = step_of(sim, 1, 0.012, 0.049);
+    change(sim, lines, 0.2);
+    for (int t = 0; trocar_sim_changing(sim) > 0.0; t++) {
+        trocar_output ignored, last = found.held;
+        if (t == 100 && first == LEFT_MEANWHILE) let_go(sim), held = false;
+        if (held) OK(trocar_sim_step(sim, 0, &base, DT, &ignored, &why));
+        found.held = step_of(sim, 1, 0.012, 0.049);
+        found.jump = fmax(found.jump, distance(found.held.force, last.force) / noticed(last.force));
+    }
+    if (held) let_go(sim);
+    for (int t = 0; t < 2000; t++) found.held = step_of(sim, 1, 0.012, 0.049);
+    found.count = trocar_view_contacts(trocar_sim_view(sim), 0, found.contacts, TROCAR_MAX_POINTS);
+    trocar_sim_free(sim);
+    return found;
+}
+
+/* As long as nothing slides, the forces do not depend on whether the needle rested while the moduli changed, or was held and let go afterwards, when its equilibrium
+   is found by ticks instead of a linear response. Softer tissue lowers the forces, so that nothing begins to slide. A needle that was let go has at most 1 mN left at
+   its base, which the contacts bear. */
+static void a_resting_needle_follows_the_moduli(void **state) {
+    (void)state;
+    static const char *const needles[] = {"needles"}, *const two[] = {"2"};
+    static const char softer[] = "regions[prostate].youngs_modulus: 40e3\nregions[surrounding].youngs_modulus: 20e3";
+    trocar_model *built;
+    trocar_sim_free(sim_with(needles, two, 1, &built));
+    trocar_sim *unchanged = two_needles(built);
+    double before = step_of(unchanged, 1, 0.012, 0.049).force[2];
+    both_needles expected = after_change(built, softer, HELD);
+    for (during_change first = RESTS; first <= LEFT_MEANWHILE; first++) {
+        both_needles found = after_change(built, softer, first);
+        double worst = 0.0, largest = 0.0;
+        assert_true(found.count == expected.count && found.count > 5);
+        for (int i = 0; i < found.count; i++) {
+            worst = fmax(worst, distance(found.contacts[i].force, expected.contacts[i].force));
+            largest = fmax(largest, distance(expected.contacts[i].force, (double[3]){0}));
+        }
+        printf("resting needle: largest contact force %.4f N, largest difference %.5f N; held needle: %.4f N before, %.4f N, expected %.4f N, "
+               "jumps %.3f\n", largest, worst, before, found.held.force[2], expected.held.force[2], found.jump);
+        assert_true(worst < 2e-3 && fabs(found.held.force[2] - expected.held.force[2]) < 2e-3 && found.jump < 1.0);
+        assert_true(fabs(expected.held.force[2]) < 0.8 * fabs(before));
+    }
+    trocar_sim_free(unchanged);
+    trocar_model_free(built);
+}
+
+/* A state saved while the moduli around a resting needle change continues in another simulation as in the first. */
+static void a_state_with_a_resting_needle_is_restored_during_a_change(void **state) {
+    (void)state;
+    static const char *const needles[] = {"needles"}, *const two[] = {"2"};
+    trocar_model *built;
+    trocar_sim *other = sim_with(needles, two, 1, &built), *sim = two_needles(built);
+    change(sim, "regions[prostate].youngs_modulus: 40e3", 0.4);
+    for (int t = 0; t < 150; t++) step_of(sim, 1, 0.012, 0.049);
+    size_t size = trocar_sim_state_size(sim);
+    void *saved = malloc(size);
+    OK(trocar_sim_save(sim, saved, size, &why));
+    OK(trocar_sim_restore(other, saved, trocar_state_bytes(saved), &why));
+    OK(trocar_sim_restore(sim, saved, trocar_state_bytes(saved), &why));
+    assert_true(trocar_sim_changing(other) > 0.1);
+    for (int t = 0; t < 500; t++) {
+        trocar_output a = step_of(sim, 1, 0.012, 0.049), b = step_of(other, 1, 0.012, 0.049);
+        if (memcmp(&a, &b, sizeof a) != 0) fail_msg("tick %d: %.17g N, not %.17g", t, a.force[2], b.force[2]);
+    }
+    assert_true(trocar_sim_changing(other) == 0.0);
+    free(saved);
+    trocar_sim_free(other);
+    trocar_sim_free(sim);
+    trocar_model_free(built);
+}
 
 /* ---- refusals and saved states -------------------------------------------------------------------------------------------------- */
 
@@ -237,7 +380,8 @@ int main(void) {
         cmocka_unit_test(a_dent_has_the_force_of_the_new_moduli),
         cmocka_unit_test(a_saved_state_contains_its_change),
         cmocka_unit_test(a_reset_does_not_undo_a_change),
-        cmocka_unit_test(a_still_needle_feels_no_jump),
+        cmocka_unit_test(the_force_is_proportional_to_the_moduli), cmocka_unit_test(a_resting_needle_follows_the_moduli),
+        cmocka_unit_test(a_state_with_a_resting_needle_is_restored_during_a_change), cmocka_unit_test(a_bent_needle_feels_no_jump), cmocka_unit_test(a_still_needle_feels_no_jump),
         cmocka_unit_test(a_moving_needle_feels_no_jump),
     };
     return cmocka_run_group_tests(tests, build, discard);

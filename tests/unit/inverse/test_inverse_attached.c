@@ -201,6 +201,17 @@ static void forces_and_motions_close_the_gaps(void **state) {
     for (int i = 0; i < CUBE_NODES; i++) size = fmax(size, v3_norm(u[i]));
     for (int i = 0; i < ALL; i++) strength = fmax(strength, fabs(df[i]));
     for (int i = 0; i < CUBE_NODES; i++) assert_close_vector(alone[i], u[i], 1e-10 * size);
+    double d[ALL]; /* displacements of the rows by the compliances of tissue and attachments */
+    inverse_attached_yield(inv, df, d);
+    OK(inverse_attached_under(inv, &(nodal_forces){LOADS, nodes, force}, d, &why));
+    for (int t = 0; t < THINGS; t++) {
+        attachment a = attachment_of(t);
+        for (int i = 0; i < ROWS; i++) {
+            double moved = 0.0;
+            for (int k = 0; k < a.motion_count; k++) moved += a.motions[k * ROWS + i] * q[t * FREE + k];
+            assert_close(d[t * ROWS + i], moved, 1e-10 * size);
+        }
+    }
     for (int t = 0; t < THINGS; t++) {
         attachment a = attachment_of(t);
         for (int i = 0; i < ROWS; i++) {

@@ -314,10 +314,10 @@ static void a_worker_thread_serves_the_tick(void **state) {
     trocar_model_free(model);
 }
 
-static trocar_change *doubled_modulus(const trocar_sim *sim) {
+static trocar_change *other_modulus(const trocar_sim *sim) {
     trocar_change *change;
     OK(trocar_change_create(sim, &change, &why));
-    OK(trocar_change_set(change, "regions[body].youngs_modulus: 40e3", &why));
+    OK(trocar_change_set(change, "regions[body].youngs_modulus: 100e3", &why));
     OK(trocar_change_prepare(change, NULL, &why));
     return change;
 }
@@ -329,7 +329,7 @@ static void moduli_change_beside_a_worker_thread(void **state) {
     trocar_model *model = model_of(cube_scene());
     trocar_sim *plain = sim_at_start(model), *together = sim_at_start(model);
     worker w = {.sim = sim_at_start(model)};
-    trocar_change *change = doubled_modulus(together), *change_beside = doubled_modulus(w.sim);
+    trocar_change *change = other_modulus(together), *change_beside = other_modulus(w.sim);
     run(plain, 0, TICKS, unchanged);
     run(together, 0, TICKS / 2, a);
     OK(trocar_sim_change(together, change, TROCAR_CHANGE_TIME_LEAST, &why));

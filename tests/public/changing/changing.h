@@ -26,6 +26,13 @@ static const double DT = 1e-3, LENGTH = 0.2;
 static trocar_scene *scene;
 static trocar_model *model; /* all simulations share its inverse */
 
+static inline int build_figure8(void **state) {
+    (void)state;
+    OK(trocar_scene_load(MESHES "/figure8.yaml", &scene, &why));
+    OK(trocar_model_create(scene, NULL, &model, &why));
+    return 0;
+}
+
 static inline int discard(void **state) {
     (void)state;
     trocar_model_free(model);

@@ -259,7 +259,7 @@ def build(domain, fine):
 
 
 def check_found(domain, found, missed):
-    """Raises Thin if too little of some regions is left."""
+    """Raises Thin if too little of any region is left."""
     pieces, names = domain.image[1], [region.name for region in domain.regions]
     left = {pieces.regions[piece] for piece in found.cells if piece != OUTSIDE}
     gone = [name for k, name in enumerate(names) if k not in left]

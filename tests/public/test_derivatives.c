@@ -1,4 +1,4 @@
-/* Tests the derivatives of a step against central differences: in random states, for the pose of the base and for properties of the tissue. */
+/* Tests the derivatives of a step against central differences, in random states, with respect to the pose of the base and to properties of the tissue. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>

@@ -22,7 +22,7 @@ typedef struct {
     double response[MAX_UNKNOWNS][2 * MAX_POINTS];   /* m: change of each gap if the forces turn with the tangents */
     double matrix[MOST_ROWS * MOST_ROWS];            /* column by column */
     double side[MAX_VARIABLES][MOST_ROWS];           /* right-hand sides, then the solution */
-    double gap[MAX_VARIABLES][MAX_UNKNOWNS];         /* m: change of the gaps if neither forces nor tangents change */
+    double gap[MAX_VARIABLES][MAX_UNKNOWNS];         /* m: derivative of each gap with respect to each variable, with forces and tangents fixed */
     lapack_int pivots[MOST_ROWS];
 } linear_system;
 

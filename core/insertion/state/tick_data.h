@@ -257,7 +257,7 @@ static inline vec3 point_track(const insertion_state *state, const contact_point
     return p->kind == POINT_TIP ? state->tip.place.direction : state->contacts[p->handle].direction;
 }
 
-/* The shaft's hold at a point, which must be in the tissue and not at a guide. */
+/* State of the shaft in the tissue at a point, which must not be at a guide. */
 static inline const shaft_hold *point_shaft(const insertion_state *state, const contact_point *p) {
     return p->kind == POINT_TIP ? &state->tip.shaft : &state->contacts[p->handle].shaft;
 }

@@ -65,7 +65,7 @@ def carry_out(scene: str | PathLike[str], plan: Plan, **operator: Any) -> Carrie
     sim = Sim(Model(loaded))
     field = sim.displacements()
     for needle, poses in Operator(plan=plan, **operator).moves(sim, STEP):
-        # a seed that has been dropped is in the needle until the needle is drawn back
+        # a seed that has been dropped stays in the needle until the needle is drawn back
         before = sim.displacements() if sim.pending_seeds(needle) else None
         try:
             sim.run(poses, STEP, needle)

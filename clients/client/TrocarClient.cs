@@ -107,7 +107,7 @@ public enum TrocarEvents : int {
     OutsideModel = 4096,
     /// <summary>there was no room for more tracks: the needle's oldest track has been dropped</summary>
     TrackDropped = 8192,
-    /// <summary>the solver did not reach its tolerance: the error of the wrench may be larger</summary>
+    /// <summary>the solver did not reach its tolerance: the error in the wrench may be larger</summary>
     Inexact = 16384,
 }
 

@@ -336,8 +336,8 @@ static double norm_of_group(double derivatives[VALUES][VARIABLES], double minus[
     return hypot(first, lengths[group] * second);
 }
 
-/* Kinds of parameters that are compared together. If both moduli grow alike, only stiffness changes. If their ratio changes, so do the radii that the mesh resolves at
-   the border of the regions. They are measured, and the derivatives neglect their changes, which are of opposite sign for the two moduli; so there is no limit that
+/* Kinds of parameters that are compared together. If both moduli grow alike, only stiffness changes. If their ratio changes, so do the resolved radii at the
+   border of the regions. They are measured, and the derivatives neglect their changes, which are of opposite sign for the two moduli; so there is no limit that
    follows from theory for a single modulus, only the documented accuracy. */
 enum { KINDS = 3 };
 static const struct {

@@ -13,13 +13,13 @@
 
 enum { MOST_ROWS = MAX_UNKNOWNS + 2 * MAX_POINTS };
 
-/* The linear system. Its unknowns are the changes of the contact problem's forces, in the points' frames, followed by the changes of the points' tangents, two
-   for each point. A point's frame turns with its tangent: the force turns with it by B times the change of the tangent (turned_force). */
+/* The linear system. Its unknowns are the derivatives of the contact problem's forces, in the points' frames, followed by those of the points' tangents, two
+   for each point. A point's frame turns with its tangent: the force changes by B times the change in the tangent (turned_force). */
 typedef struct {
     int variables;
     needle_influence needle;
     point_forces forces;
-    double response[MAX_UNKNOWNS][2 * MAX_POINTS];   /* m: change of each gap if the forces turn with the tangents */
+    double response[MAX_UNKNOWNS][2 * MAX_POINTS];   /* m: derivative of each gap with respect to each tangent, with which a force turns */
     double matrix[MOST_ROWS * MOST_ROWS];            /* column by column */
     double side[MAX_VARIABLES][MOST_ROWS];           /* right-hand sides, then the solution */
     double gap[MAX_VARIABLES][MAX_UNKNOWNS];         /* m: derivative of each gap with respect to each variable, with forces and tangents fixed */
@@ -49,8 +49,8 @@ static axial_law law_of_climber(const contact_problem *p, int i, double force) {
     return law;
 }
 
-/* Change of the friction (N/m) along the needle per slip: its limit weakens while the shaft's surface slides. If the shaft also turns, only a part of slip and friction
-   is along the needle; roll_bound_for_sliding includes the change of that part. */
+/* Decrease of the friction along the needle per slip (N/m): the limit of friction falls while the shaft's surface slides. If the shaft also turns, only a part
+   of slip and friction is along the needle; roll_bound_for_sliding includes the change in that part. */
 static double weakening(const tick_input *tick, const insertion_state *state, const contact_point *point, double slip) {
     double distance = tick->model->settings.weakening_distance, along = part_along(tick, state, point, slip);
     return along * along * point->shaft.excess / distance * exp(-slid_distance(tick, state, point) / distance);
@@ -76,7 +76,7 @@ static double axial_force(const linear_system *s, const contact_problem *p, cons
 
 /* ---- turning frames -------------------------------------------------------------------------------------------------------- */
 
-/* Change of a force in its frame, per change of the tangent along axis a. */
+/* Derivative of a force's component along `axis` of its frame with respect to the tangent along axis a. */
 static double turned_force(const double force[3], int axis, int a) { return axis == 2 ? -force[a] : axis == a ? force[2] : 0.0; }
 
 /* Sum of the force at point j that turns with the tangent along axis a, weighted by the point's rows: two across the needle and the first along it. At the tip,
@@ -88,7 +88,7 @@ static double turned_sum(const linear_system *s, const insertion_workspace *w, i
     return sum;
 }
 
-/* Change of the gap `row` if the force at point j turns with the tangent along axis a. */
+/* Derivative of the gap `row` with respect to the tangent at point j along axis a, with which the force there turns. */
 static double gap_by_turning(const linear_system *s, const insertion_workspace *w, int row, int j, int a) {
     const contact_problem *p = &w->problem;
     bool tip = w->points.list[j].kind == POINT_TIP;

@@ -96,7 +96,7 @@ static double face_change(const tick_input *tick, const insertion_state *state, 
     return (high - low) / (2.0 * SMALL_CHANGE * tick->model->materials[region].youngs_modulus);
 }
 
-/* Adds the changes of the tip's local displacements: its shaft and its end face bear different forces. */
+/* Adds the derivatives of the tip's local displacements: its shaft and its end face bear different forces. */
 static void stiffen_tip(const insertion_workspace *w, const insertion_state *state, const point_forces *forces, lateral_axial part, double face, double gaps[MAX_UNKNOWNS]) {
     int t = w->points.count - 1, x = unknown(w->problem.count, t, 0), z = unknown(w->problem.count, t, 2);
     const mat3 *frame = &w->points.list[t].at.frame;

@@ -1,4 +1,4 @@
-/* The data of one tick: its input, the scratch of its stages, and its output. */
+/* The data of one tick: its input, scratch for its stages, and its output. */
 #ifndef TROCAR_TICK_DATA_H
 #define TROCAR_TICK_DATA_H
 
@@ -215,7 +215,7 @@ typedef struct {
     creep_step creep;
     resistance_ahead ahead;
     needle_response response;
-    _Alignas(CACHE_LINE) between_components joints_to_points[3 * (NEEDLE_MAX_SEGMENTS + 1)]; /* m/N, world frame: scratch of assemble_between_points */
+    _Alignas(CACHE_LINE) between_components joints_to_points[3 * (NEEDLE_MAX_SEGMENTS + 1)]; /* m/N, world frame: scratch for assemble_between_points */
     hole_edge edges[MAX_GUIDE_POINTS];       /* edges of the holes at the guide points */
     stiffening_step stiffening;
     damper_step damper;

@@ -27,7 +27,7 @@ from ..shapes.contours import Unusable
 from ..limits import Crashed, TooLong
 from ..trouble import BadFile
 
-VOLUME_LIMIT = 0.01                     # largest permitted error of a volume, as a fraction of the volume of the voxels
+VOLUME_LIMIT = 0.01                     # largest permitted error in a volume, as a fraction of the volume of the voxels
 LEAST_ANGLE, GREATEST_ANGLE = 10, 165   # deg
 MEAN_LIMIT = 1.0                        # mm, mean distance from the faces of the voxels to the mesh
 SPACING = (1.0, 1.0, 1.5)               # mm

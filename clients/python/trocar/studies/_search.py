@@ -29,7 +29,7 @@ LAST = 2e-3          # m: a turn is omitted if it would be closer to the target 
 # factor by which the steps of difference quotients over samples are lengthened; otherwise the differences would be small compared with the roughness within a
 # step
 LONGER = 4.0
-ROUNDING = 1e-5      # m, tolerance for rounding errors of a clearance
+ROUNDING = 1e-5      # m, tolerance for rounding errors in a clearance
 MARGIN = 2e-5        # m, added to the desired clearance so that the needle still has that clearance when the plan is carried out
 SPARE = 2e-3         # m: clearance that exceeds the desired one by more than this has no influence on the search
 TOO_NEAR = 10.0      # weight of violations of clearances relative to the worst-case error

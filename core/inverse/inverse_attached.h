@@ -45,7 +45,7 @@ typedef struct {
     const vec3 *force;       /* N */
 } nodal_forces;
 
-/* Computes the response of the attachments to these forces: the changes of the forces at all rows (N), and all motions. */
+/* Computes the response of the attachments to these forces: the changes in the forces at all rows (N), and all motions. */
 trocar_status inverse_attached_response(inverse *inv, const nodal_forces *loads, double *force, double *motion, trocar_error *why);
 
 /* Computes the response to a unit displacement of each of these rows: force[k * rows + i], motion[k * motions + i]. */

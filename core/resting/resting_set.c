@@ -199,7 +199,7 @@ trocar_status resting_set_change(resting_set *s, int count, resting_needle *cons
     return status;
 }
 
-/* ---- changes of the tissue's compliance ------------------------------------------------------------------------------------- */
+/* ---- changes in the tissue's compliance ------------------------------------------------------------------------------------- */
 
 /* Computes (G + C) f + B h, where h are the loads of held needles and the probe, and B is the compliance between them and the rows. */
 static trocar_status find_displacement(resting_set *s, const other_loads *held, double *displacement, trocar_error *why) {

@@ -47,7 +47,7 @@ bool resting_set_slip(resting_set *s, const insertion_model *model, int most);
 /* Computes the displacements (m) of all rows under the present forces of all needles, by the compliances of tissue and needles. Allocates *displacement. */
 trocar_status resting_set_displacement(resting_set *s, const other_loads *held, double **displacement, trocar_error *why);
 
-/* After a change of compliances, with which the needles have been attached again (resting_set_change): changes their forces and motions so that the rows are displaced
+/* After a change in compliances, with which the needles have been attached again (resting_set_change): changes their forces and motions so that the rows are displaced
    as before. `before`: displacement before the change. */
 trocar_status resting_set_follow(resting_set *s, const other_loads *held, const double *before, trocar_error *why);
 

@@ -346,7 +346,7 @@ static const struct {
 } KIND[KINDS] = {{"cutting and friction", BASE, BASE + MODULI}, {"both moduli", UNIFORM, UNIFORM + 1}, {"each modulus", BASE + MODULI, UNIFORM}};
 static const double EACH_MODULUS = 1e-2;
 
-/* For changes of a property by 0.1 %, central differences of a smooth function have relative errors of the order of the square, 1e-6. Ten times as much is
+/* For changes in a property by 0.1 %, central differences of a smooth function have relative errors of the order of the square, 1e-6. Ten times as much is
    allowed. */
 #define CHANGE 1e-3
 static const double CENTRAL = 10.0 * CHANGE * CHANGE;

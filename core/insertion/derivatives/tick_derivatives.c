@@ -33,7 +33,7 @@ typedef struct {
     bool sticks;
     double viscosity;        /* N/m */
     double slip;             /* m, remaining slip until the law changes */
-    double force;            /* N, remaining change of the force until the law changes; sticking contacts only */
+    double force;            /* N, remaining change in the force until the law changes; sticking contacts only */
     int piece;               /* piece of the staircase on which the tip slides; -1 otherwise */
 } axial_law;
 
@@ -168,12 +168,12 @@ static vec3 carried(const insertion_state *state, int variable, vec3 x) {
     return variable < 3 ? axis : v3_cross(axis, v3_sub(x, state->needle.base.position));
 }
 
-/* Change of a direction that turns with the base. */
+/* Derivative of a direction that turns with the base. */
 static vec3 turned(int variable, vec3 direction) {
     return variable < 3 || variable >= BASE_VARIABLES ? v3(0, 0, 0) : v3_cross(unit_vector(variable % 3), direction);
 }
 
-/* Change of the forces on the needle in a frame that moves rigidly with the base: they do not turn with the base. Components in the points' frames. */
+/* Derivative of the forces on the needle in a frame that turns with the base, although the forces do not. Components in the points' frames. */
 static void turn_loads(const insertion_state *state, const contact_points *points, int variable, double load[POINT_AXES]) {
     for (int j = 0; j < points->count; j++) {
         vec3 change = m3_apply_transposed(&points->list[j].at.frame, turned(variable, point_force(state, &points->list[j])));
@@ -235,7 +235,7 @@ static void follow_support(const insertion_workspace *w, linear_system *s, int o
         for (int a = 0; a < 2; a++) *entry(s, order, row, 2 * i + a) -= w->tissue.tightening[i] * s->forces.at[i][a];
 }
 
-/* Adds the equation of a sliding contact: the force along the needle changes by viscosity times the change of the gap, plus the direct effect of the
+/* Adds the equation of a sliding contact: the force along the needle changes by viscosity times the change in the gap, plus the direct effect of the
    parameters. */
 static void follow_law(const tick_input *tick, const insertion_state *state, const insertion_workspace *w, const tick_derivatives *wanted, linear_system *s,
                        int order, int row, const axial_law *law) {
@@ -278,7 +278,7 @@ static bool solve(const tick_input *tick, const insertion_state *state, const in
 
 /* ---- results --------------------------------------------------------------------------------------------------------------- */
 
-/* Changes of the forces on tissue and guides, in the points' frames (N). */
+/* Derivatives of the forces on tissue and guides, in the points' frames (N). */
 static void change_forces(const insertion_workspace *w, const linear_system *s, const double *solution, double change[POINT_AXES]) {
     const contact_problem *p = &w->problem;
     int rows = unknown_count(p);
@@ -293,7 +293,7 @@ static vec3 to_world(const contact_points *points, int i, const double *change) 
     return m3_apply(&points->list[i].at.frame, v3(change[3 * i], change[3 * i + 1], change[3 * i + 2]));
 }
 
-/* Change of the damper's force (N, world frame) on the tissue at the tip. */
+/* Derivative of the damper's force (N, world frame) on the tissue at the tip. */
 static vec3 change_damping(const insertion_state *state, const insertion_workspace *w, const linear_system *s, const double *solution) {
     const contact_problem *p = &w->problem;
     const double *column = w->damper.column;
@@ -351,7 +351,7 @@ static void add_roll(const tick_input *tick, const insertion_state *state, const
     to->torque = v3_axpy(-rolled * roll_stiffness(tick, state, &w->points, &w->creep), axis, to->torque);
 }
 
-/* Change of the variable at which this contact would switch. */
+/* Change in the variable at which this contact would switch. */
 static double switches_at(const tick_input *tick, const insertion_state *state, const insertion_workspace *w, const linear_system *s, int row, int variable) {
     const contact_problem *p = &w->problem;
     const double *solution = s->side[variable];

@@ -434,7 +434,7 @@ def losses_in(organs, mesh, domain, labels, place, names):
 
 def crowded_row(number, folder_, build, size=SMALL, nodes=FEW):
     """Returns a row of the table, whether it is good (the scene loads, the needle enters the first region, and losses of parts are small or named), and the
-    largest change of a part's volume that is not named."""
+    largest change in a part's volume that is not named."""
     binding.trocar(build)
     labels, place, names, chosen = crowded_map(number, size)
     began, path = used()[0], os.path.join(folder_, f"{number}.seg.nrrd")

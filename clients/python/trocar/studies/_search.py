@@ -47,7 +47,7 @@ ENOUGH = 0.05        # the search ends when the expected improvement of the next
 
 class Variable(NamedTuple):
     name: str
-    scale: float    # change of the variable that corresponds to one unit of the search
+    scale: float    # change in the variable that corresponds to one unit of the search
     low: float
     high: float
     step: float     # step size of the difference quotient
@@ -112,7 +112,7 @@ class Freedom:
 
 
     def carried(self, x: Array, other: Array, outcome: Outcome) -> Outcome:
-        """Returns the outcome at x if the needle is moved from x to other without a change of its shape or of the tissue."""
+        """Returns the outcome at x if the needle is moved from x to other without a change in its shape or of the tissue."""
         here, there = self.aim(x), self.aim(other)
         frame = lambda aim: multiply(towards(aim.direction), exponential([0.0, 0.0, aim.roll]))
         local = rotate(frame(here) * [1.0, -1.0, -1.0, -1.0], outcome.shaft - here.point)

@@ -58,7 +58,7 @@ class Carried(NamedTuple):
 
 
 def carry_out(scene: str | PathLike[str], plan: Plan, **operator: Any) -> Carried:
-    """Carries out a plan in a simulation of a scene, which gets as many needles as the plan has. operator: arguments of `trocar.brachy.virtual_operator.Operator`,
+    """Carries out a plan in a simulation of a scene, with as many needles as the plan has. operator: arguments of `trocar.brachy.virtual_operator.Operator`,
     such as follows_image and seed. Raises BadPlan if the plan does not fit the scene, or a needle cannot be simulated, and Error if the scene cannot be used."""
     loaded = Scene.load(scene)
     loaded["needles"] = max(len(plan.needles), int(loaded["needles"]))

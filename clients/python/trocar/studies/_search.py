@@ -112,7 +112,7 @@ class Freedom:
 
 
     def carried(self, x: Array, other: Array, outcome: Outcome) -> Outcome:
-        """Returns the outcome at x if the needle is moved from x to other without a change in its shape or of the tissue."""
+        """Returns the outcome at x if the needle is moved from x to other without a change in its shape or in the tissue."""
         here, there = self.aim(x), self.aim(other)
         frame = lambda aim: multiply(towards(aim.direction), exponential([0.0, 0.0, aim.roll]))
         local = rotate(frame(here) * [1.0, -1.0, -1.0, -1.0], outcome.shaft - here.point)

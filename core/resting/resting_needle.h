@@ -34,7 +34,7 @@ typedef struct {
     double beside[MAX_UNKNOWNS];                   /* N, loads on the tissue from its memory, which are not forces of the needle */
     double free_force[MAX_UNKNOWNS], free_motion[MAX_MOTIONS]; /* forces and motions in the absence of held needles */
     double force[MAX_UNKNOWNS], motion[MAX_MOTIONS];           /* current forces and motion */
-    double aside[MAX_UNKNOWNS];                    /* N, change in the forces due to the part, finer than the mesh, of the displacements that held needles cause */
+    double aside[MAX_UNKNOWNS];                    /* N, change in the forces due to the part, finer than the mesh, of the displacements by held needles */
     double fading[MAX_UNKNOWNS];                   /* N, forces of the needle's rows before the last release minus those after it (resting_set) */
     double slip[MAX_AXIAL], slid[MAX_AXIAL];       /* m, slip of the shaft since the anchor (positive: forward relative to the tissue), and total distance
                                                       slid */

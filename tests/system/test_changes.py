@@ -74,7 +74,7 @@ def ask(client, values, seconds=0.0):
 
 
 def random_values(chance):
-    """Between a third and three times the scene's values. The ratio of static to kinetic friction stays the same, so that the moving shaft does not stick and slip."""
+    """Between a third and three times the scene's values. Static and kinetic friction are scaled together, so that the moving shaft does not stick and slip."""
     scale = lambda: 3.0 ** chance.uniform(-1, 1)
     region, kind = chance.choice([("prostate", (15, 9, 0.3)), ("surrounding", (12, 7, 0.25))]), chance.randrange(4)
     name, (static, kinetic, cutting) = region

@@ -61,7 +61,7 @@ def source_of(plan: Plan, table: str | PathLike[str] | None = None) -> Source:
 
 
 def seed_model(name: str, table: str | PathLike[str] | None, path: str) -> Source:
-    """Returns the seed model of this isotope and model: a built-in one, or that of a table file. `path`: file that specifies the model, for messages. Raises BadPlan."""
+    """Returns the seed model of this name: built in, or from a table file. `path`: file that specifies the seed model, for messages. Raises BadPlan."""
     try:
         source = Source.load(table) if table else Source(name)
     except Error as error:

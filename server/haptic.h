@@ -18,7 +18,7 @@ typedef struct {
     bool faulty;                 /* the last tick did not produce a reliable wrench */
     vec3 force;                  /* N, the model's force in the last tick */
     bool taken;                  /* a hand took the needle where it rested, so engaging the needle does not start a new insertion */
-    bool pending;                /* the command in `command` is being executed for this needle */
+    bool pending;                /* `command` is being executed for this needle */
     needle_command command;
     hand_clutch clutch;          /* offset of the hand that has taken the needle */
 } haptic_needle;

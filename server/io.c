@@ -39,7 +39,7 @@ void io_free(io *o) {
     sem_destroy(&o->ready);
 }
 
-/* Publishes a message, and passes it to the relay thread if there is one. If the ring is full, the relay's client does not get the message. */
+/* Publishes a message, and passes it to the relay thread if there is one. If the ring is full, the relay's client does not receive the message. */
 static int publish(io *o, const char *channel, int64_t session, const unsigned char *bytes, int size) {
     if (size <= 0) return -1;
     if (o->exchange->relay_wake >= 0) {

@@ -6,7 +6,7 @@
 
 typedef struct {
     const char *name;        /* names of the program and the benchmark, separated by a space */
-    trocar_status (*run)(int count, char **arguments, trocar_error *why); /* arguments[0] is the name in `name` */
+    trocar_status (*run)(int count, char **arguments, trocar_error *why); /* arguments[0] is `name` */
 } benchmark;
 
 /* Runs the benchmark selected by the arguments; `doc` is the text of --help, as in argp. Returns the exit status. */

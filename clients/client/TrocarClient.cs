@@ -107,7 +107,7 @@ public enum TrocarEvents : int {
     OutsideModel = 4096,
     /// <summary>there was no room for more tracks: the needle's oldest track has been dropped</summary>
     TrackDropped = 8192,
-    /// <summary>the solver did not reach its tolerance: the error of the wrench may be larger</summary>
+    /// <summary>the solver did not reach its tolerance: the error in the wrench may be larger</summary>
     Inexact = 16384,
 }
 
@@ -348,7 +348,7 @@ public sealed class TrocarOptions {
 public sealed class TrocarClient : IDisposable {
     const double Ramp = 0.1;           // s, after an outage
     const double Patience = 0.1;       // s of silence after which the client follows another server
-    const double LongestPeriod = 0.01; // s of the device's loop, the longest for which the wrench may change
+    const double LongestPeriod = 0.01; // s: if the device's loop takes longer, the wrench may change by no more than the rate limits allow in this time
     const double LongestReply = 3;     // s
     const double LongestEcho = 10;     // s within which the client's first message has to come back from the network
 
@@ -777,7 +777,7 @@ internal sealed class Lcm : INetwork {
             sender.SetSocketOption(SocketOptionLevel.IP, SocketOptionName.MulticastTimeToLive, ttl);
             receiver.SetSocketOption(SocketOptionLevel.Socket, SocketOptionName.ReuseAddress, true);
             if (buffer > 0) receiver.ReceiveBufferSize = buffer;
-            // on other systems, a socket can be bound to the multicast group and gets no other datagrams
+            // on other systems, a socket can be bound to the multicast group and then receives no other datagrams
             bool windows = Environment.OSVersion.Platform == PlatformID.Win32NT;
             receiver.Bind(new IPEndPoint(windows ? IPAddress.Any : group.Address, group.Port));
             receiver.SetSocketOption(SocketOptionLevel.IP, SocketOptionName.AddMembership, new MulticastOption(group.Address));

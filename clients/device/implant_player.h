@@ -20,7 +20,7 @@ typedef struct {
 typedef struct {
     int needles, seeds;      /* number of needles inserted, and of seeds dropped */
     int repeats;             /* number of times a drop command was repeated because the previous seed was still in the needle */
-    double greatest_drag;    /* m, largest change of a resting needle's depth after it was left */
+    double greatest_drag;    /* m, largest change in a resting needle's depth after it was left */
     int greatest_drag_needle; /* index of the needle with the largest change */
     double duration;         /* s */
     double greatest_force;   /* N */

@@ -44,7 +44,7 @@ typedef struct {
     double least_torque[3], greatest_torque[3];              /* N m */
     int puncture_count;      /* number of punctures, which may exceed the length of the list */
     puncture punctures[SUMMARY_MAX_PUNCTURES];
-    double largest_jump;     /* N, largest change of the raw force between two ticks; punctures and the ticks directly after them are not counted */
+    double largest_jump;     /* N, largest change in the raw force between two ticks; punctures and the ticks directly after them are not counted */
     double jump_time;        /* s since the start, time of the largest jump */
     double jump_force;       /* N, magnitude of the raw force at jump_time */
     double deepest;          /* m */

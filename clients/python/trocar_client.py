@@ -117,7 +117,7 @@ class Events(enum.IntFlag):
     MISSED_GUIDE = 2048  # same meaning as the flag MISSED_GUIDE; set in every tick while the condition holds
     OUTSIDE_MODEL = 4096  # same meaning as the flag OUTSIDE_MODEL; set in every tick while the condition holds
     TRACK_DROPPED = 8192  # there was no room for more tracks: the needle's oldest track has been dropped
-    INEXACT = 16384  # the solver did not reach its tolerance: the error of the wrench may be larger
+    INEXACT = 16384  # the solver did not reach its tolerance: the error in the wrench may be larger
 
 
 _NEEDLE_POSE = _Message(0xc03690dc1196e46f, ">qqq3d4dqi",

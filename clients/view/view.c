@@ -32,7 +32,7 @@ static const int64_t PICTURE_PATIENCE = 60000000000; /* ns, time limit for a pic
 typedef struct {
     const view_options *options;
     trocar_scene *scene;
-    trocar_model *model;     /* the mesh without a simulation */
+    trocar_model *model;     /* for the mesh only; it is not simulated */
     double needle_length;    /* m */
     int needle_count;        /* number of needles of a live scene; a log shows one */
     pose parking_poses[TROCAR_MAX_NEEDLES]; /* each needle's waiting pose outside the tissue */

@@ -59,8 +59,8 @@ typedef struct {
     /* Used by the worker: */
     remesher *remesher;      /* contact nodes of this needle */
     bool loaded;             /* whether u_free, as of the last answer, is nonzero anywhere */
-    vec3 u_free[MAX_HANDLES]; /* m, free displacements, as in the last answer; computed once per request */
-    unresolved_shift unresolved, unresolved_residual[MAX_RELAXATION]; /* as in the last answer */
+    vec3 u_free[MAX_HANDLES]; /* m, free displacements of the last answer, computed once per request */
+    unresolved_shift unresolved, unresolved_residual[MAX_RELAXATION]; /* same as in the snapshot of the last answer */
     tissue_loads held;       /* the needle's forces on the tissue as the worker knows them; while it rests, its residual loads alone */
     resting_needle *resting; /* NULL if the needle has never rested */
     bool attached;           /* the needle is attached to the tissue */

@@ -45,7 +45,7 @@ static void add_up(unresolved_shift *shift) {
     for (int k = 0; k < shift->count; k++) shift->sum[k + 1] = v3_add(shift->sum[k + 1], shift->sum[k]);
 }
 
-/* Finds the displacements caused by other needles and by the needle's own residual loads that the mesh does not resolve. */
+/* Finds the part, finer than the mesh, of the displacements caused by other needles and by the needle's own residual loads. */
 static trocar_status find_unresolved(const trocar_sim *sim, int index, const remesh_request *request, const other_loads *others, compliance_snapshot *snapshot,
                                      trocar_error *why) {
     shaft_steps steps = {.count = 0};

@@ -18,7 +18,7 @@ void mark_stale(trocar_sim *sim, const sim_needle *except);
 /* Writes the complete answer to a request to this needle's answer slot. */
 trocar_status answer_fully(trocar_sim *sim, int needle, const remesh_request *request, trocar_error *why);
 
-/* Completely answers this needle's current request and publishes the answer. For lockstep, where one thread both posts and answers. */
+/* Writes the complete answer to this needle's current request and publishes it. For lockstep, where one thread both posts and answers. */
 trocar_status answer_and_publish(trocar_sim *sim, int needle, trocar_error *why);
 
 /* Answers the newest request of this needle, if there is one: first the rows, then the mesh's resolution line by line, until a newer request arrives. The

@@ -129,7 +129,7 @@ typedef struct {
 /* `lockstep`: one thread is both the ticking thread and the worker, so that nothing has to be ready in advance. */
 trocar_status link_create(needle_link *link, bool lockstep, trocar_error *why);
 
-/* Creates the buffer for holds. To be called in addition to link_create in scenes with a probe. */
+/* Creates the buffer for needle_hold. To be called in addition to link_create in scenes with a probe. */
 trocar_status link_create_holds(needle_link *link, trocar_error *why);
 void link_free(needle_link *link);
 
@@ -154,7 +154,7 @@ bool link_post_request(needle_link *link, const remesh_request *request, int64_t
 
 void link_post_loads(needle_link *link, const tissue_loads *loads);
 
-/* Returns the slot for a hold, to be filled before link_publish_hold. */
+/* Returns the slot for a needle_hold, to be filled before link_publish_hold. */
 needle_hold *link_hold_slot(needle_link *link);
 void link_publish_hold(needle_link *link);
 
@@ -189,7 +189,7 @@ bool link_request_waits(needle_link *link); /* true if there is a newer request 
 /* Returns the newest loads; sets *fresh, unless NULL, if they have not been read before. */
 const tissue_loads *link_loads(needle_link *link, bool *fresh);
 
-/* Returns the newest hold, which is valid until the next call. */
+/* Returns the newest needle_hold, which is valid until the next call. */
 const needle_hold *link_hold(needle_link *link);
 
 const left_needle *link_left(needle_link *link);

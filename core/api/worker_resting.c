@@ -18,7 +18,7 @@ static const rest_limits AT_REST = {1e-3, 1e-4, 1e-7}, RELAXING = {20e-3, 2e-3, 
 
 static const double LARGEST_STEP = 16.0; /* maximum ratio of a step to the step that would be taken without sliding */
 static const double TICK = 1e-3;       /* s */
-static const double SHOWN = 1e-4;      /* N, change of force above which a needle is shown again */
+static const double SHOWN = 1e-4;      /* N, change in force above which a needle is shown again */
 static const double SHOWN_ALL = 1e-7;  /* N, threshold used instead of SHOWN while all needles are updated */
 enum { SHOWN_AT_ONCE = 4 };            /* maximum number of needles whose shape is computed in one pass of the worker */
 

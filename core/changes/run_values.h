@@ -22,7 +22,7 @@ typedef struct {
                                  elasticity.c, which moves them with the tissue's compliance */
     double duration;         /* s, of the last change; 0 before the first */
     double part;             /* from 0 to 1, completed part of the last change */
-    double time;             /* s, simulated time for which `now` holds */
+    double time;             /* s, simulated time to which `now` belongs */
 } values_in_use;
 
 /* Copies the values of a model. */

@@ -42,7 +42,7 @@ static int compare_z(const void *a, const void *b) {
     return compare(p->at.z, q->at.z, p->node, q->node);
 }
 
-/* Halves a set of nodes perpendicular to its longest side, repeatedly until the parts are small. */
+/* Halves a set of nodes across the longest side of its bounding box, and then each half in the same way, until the parts are small. */
 static void divide(coarse_space *c, int first, int count) {
     place *p = c->places + first;
     vec3 low = p->at, high = p->at, sum = v3(0.0, 0.0, 0.0);

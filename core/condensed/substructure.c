@@ -239,7 +239,7 @@ static bool plan(substructure *s, const bool *last) {
     for (size_t i = 0; i < fronts; i++) s->first_child[i] = s->next[i] = -1;
     double matrix = matrix_bytes(s->tissue), tiles = (double)TILE * TILE * team_members(s->team) * sizeof(double);
     s->bytes = matrix + tiles + panels_bytes(3 * s->region_count, 3 * s->region_count);
-    s->bytes += (double)nodes * (2.0 * sizeof(int) + sizeof(response)); /* scratch of the elimination for each node */
+    s->bytes += (double)nodes * (2.0 * sizeof(int) + sizeof(response)); /* for each node, scratch for its elimination */
     if (!find_filled(s) || !find_tree(s)) return false;
     s->bytes = fmax(s->bytes, 2.0 * matrix); /* a second copy of K is needed to reorder it */
     return true;
@@ -449,9 +449,9 @@ static double add_energy(elimination *e, int place, const double y[3]) {
     return energy;
 }
 
-/* The ratio of |load|^2 to the energy is an upper bound on the part's smallest eigenvalue, and close to it if the part is loose. While the rest of the
-   body is fixed, no part has a smaller eigenvalue than the whole body (interlacing). A test of the whole body would miss a small loose part next to a large
-   one. */
+/* The ratio of |load|^2 to the energy is an upper bound on the part's smallest eigenvalue, and close to it if the part is hardly constrained. While the rest of
+   the body is fixed, no part has a smaller eigenvalue than the whole body (interlacing). A test of the whole body would miss a small, hardly constrained part
+   next to a large one. */
 static bool is_constrained(const elimination *e, const response *part) { return part->squares >= LOOSE_BODY * e->norm * part->energy; }
 
 /* Solves L y = load for the pivots and passes the rest of the load to the parent. */

@@ -83,8 +83,8 @@ static trocar_status differentiate_targets(const derivative_call *call, const in
 
 /* ---- moduli ------------------------------------------------------------------------------------------------------------------ */
 
-/* Changes of the displacements (m / Pa, node_count) per unit of a region's modulus, under the present forces: -K^-1 dK/dE u, where dK/dE is the region's part of K
-   divided by E. `scratch`: node_count entries. */
+/* Derivatives of the displacements (m / Pa, node_count) with respect to a region's modulus, under the present forces: -K^-1 dK/dE u, where dK/dE is the
+   region's part of K divided by E. `scratch`: node_count entries. */
 static trocar_status soften(const derivative_call *call, int region, const vec3 *u, vec3 *scratch, vec3 *change, trocar_error *why) {
     const model_parts *parts = call->sim->elasticity.to.parts;
     trocar_status status = region_forces(&parts->tissue, region, u, scratch, why);

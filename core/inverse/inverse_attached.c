@@ -32,10 +32,10 @@ typedef struct {
     lru slots;
     double *kept;            /* for each slot: c, z and Q^T y, in 3 columns each */
     block_cache blocks;
-    double *batch, *columns; /* scratch; batch: blocks between BATCH nodes and all of `nodes`; columns: 3 BATCH columns with the entries of all rows and all
-                                motions */
-    double *left, *right, *tile; /* scratch; left and right: 3 TILE columns each, with the entries of all rows; tile: a square of 3 TILE rows */
-    double *moved, *sum;     /* scratch of apply; moved: entries of all rows and motions; sum: dof_count entries */
+    double *batch, *columns; /* scratch; batch: blocks between BATCH nodes and all of `nodes`; columns: 3 BATCH columns with one entry per row and per
+                                motion */
+    double *left, *right, *tile; /* scratch; left and right: 3 TILE columns each, with one entry per row; tile: a square of 3 TILE rows */
+    double *moved, *sum;     /* scratch for apply; moved: one entry per row and per motion; sum: dof_count entries */
 } attached_inverse;
 
 static size_t slot_size(const attached_inverse *a) { return 3 * (2 * (size_t)a->row_count + (size_t)a->motion_count); }

@@ -21,8 +21,8 @@ typedef struct {
     const double *compliance; /* m/N, G, row_count square, lower triangle: [i * ld + j], j <= i. Positive semidefinite, and definite together with C; 0 for
                                  a rigid attachment */
     int ld;
-    const double *mutual;    /* m/N, the part of the compliance between its rows and those of all earlier attachments, in order, that the mesh does not
-                                resolve: [i * mutual_ld + j]; NULL if there is none. Semidefinite together with the compliances of all attachments */
+    const double *mutual;    /* m/N, the part, finer than the mesh, of the compliance between its rows and those of all earlier attachments, in order:
+                                [i * mutual_ld + j]; NULL if there is none. Semidefinite together with the compliances of all attachments */
     int mutual_ld;
     int motion_count;        /* number of independent motions that only the attachment's rows resist */
     const double *motions;   /* R, displacement of each row under each motion: [motion * motion_ld + row] */
@@ -46,7 +46,7 @@ typedef struct {
     const vec3 *force;       /* N */
 } nodal_forces;
 
-/* Computes the response of the attachments to these forces: the changes of the forces at all rows (N), and all motions. */
+/* Computes the response of the attachments to these forces: the changes in the forces at all rows (N), and all motions. */
 trocar_status inverse_attached_response(inverse *inv, const nodal_forces *loads, double *force, double *motion, trocar_error *why);
 
 /* Computes the response to a unit displacement of each of these rows: force[k * rows + i], motion[k * motions + i]. */

@@ -14,7 +14,7 @@ typedef struct {
     tissue tissue;           /* the tissue of of[0], but with the materials of the mixture */
     region_material materials[MESH_MAX_GROUPS];
     double *tile;            /* scratch, a square of 3 TILE rows */
-    double *sum;             /* scratch of apply, dof_count */
+    double *sum;             /* scratch for apply, dof_count */
 } mixed_inverse;
 
 static trocar_status add_tile(mixed_inverse *m, const inverse_blocks *tile, trocar_error *why) {

@@ -24,7 +24,7 @@ typedef struct {
     size_t slot_size;        /* number of entries in the longest half-solve */
     double *halves;          /* slots.slot_count x slot_size */
     pthread_mutex_t gather_lock;       /* protects all members above it */
-    double *block, *tile;    /* scratch of gather: a square of 3 PRODUCT_BLOCK rows */
+    double *block, *tile;    /* scratch for gather: a square of 3 PRODUCT_BLOCK rows */
     block_cache blocks;
     solver field_solver;     /* solver for displacement fields, which another thread may request */
 } sparse_inverse;

@@ -65,8 +65,8 @@ void panel_multiply(const panel *from, int row, int rows, int column, int column
     else cblas_dgemm(CblasColMajor, CblasNoTrans, CblasTrans, rows, columns, from->width, alpha, a, from->rows, b, from->rows, beta, c, ld);
 }
 
-/* The rows of panel j below its corner, divided into pieces for a team. If some panels are not filled, each later panel is one piece. The division, and
-   therefore the result, does not depend on the number of members. */
+/* The rows of panel j below its diagonal block, divided into pieces for a team. If the matrix has empty blocks (`filled`), the rows in each later panel are
+   one piece. The division, and therefore the result, does not depend on the number of members. */
 typedef struct {
     const panels *all;
     const panel *to;
@@ -89,7 +89,7 @@ static int start_of(const share *s, int piece) {
     return s->all->filled ? s->all->panels[s->j + 1 + piece].first - s->to->first : s->to->width + (int)(below * piece / s->pieces) / VECTORS * VECTORS;
 }
 
-/* Subtracts the contribution of the factored panels from the corner, or from a piece of the rows below the corner. */
+/* Subtracts the contribution of the factored panels from the diagonal block, or from a piece of the rows below it. */
 static void subtract(void *context, int i, int member) {
     (void)member;
     const share *s = context;
@@ -101,7 +101,7 @@ static void subtract(void *context, int i, int member) {
             panel_multiply(&s->all->panels[k], to->first + row, end - row, to->first, to->width, -1.0, 1.0, (double *)to->values + row, to->rows);
 }
 
-/* Solves X L^T = B for X, where B consists of these rows and L is the corner's factor. */
+/* Solves X L^T = B for X, where B consists of these rows and L is the factor of the diagonal block. */
 static void solve_piece(void *context, int i, int member) {
     (void)member;
     const share *s = context;

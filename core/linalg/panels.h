@@ -39,9 +39,9 @@ void panel_release(panel *p);
    both are the same rows, only the lower triangle of C is computed. */
 void panel_multiply(const panel *from, int row, int rows, int column, int columns, double alpha, double beta, double *c, int ld);
 
-/* Left-looking Cholesky factorisation, one panel at a time: subtracts the contribution of the factored panels k < min(j, pivots) from panel j, and
-   factorises panel j if j < pivots; blocks that are not filled are skipped. Returns false if a pivot is not positive. The members of the team share the
-   rows; each calls BLAS, which must use one thread. */
+/* Left-looking Cholesky factorisation, one panel at a time: subtracts the contribution of the factored panels k < min(j, pivots) from panel j, and factorises
+   panel j if j < pivots; empty blocks are skipped. Returns false if a pivot is not positive. The members of the team share the rows; each calls BLAS, which
+   must use one thread. */
 bool panels_eliminate(panels *p, int j, int pivots, team *t);
 
 /* Replaces the first entries of `load` (as many as the first `pivots` panels have columns) by y = L^-1 load, and subtracts L y from the other entries. */

@@ -44,7 +44,7 @@ static inline vec3 needle_joint_moved(const needle_tangent *tangent, int joint, 
 /* Moves the needle to the linearised equilibrium under `load`. Returns the largest rotation of a segment (rad). RT */
 double needle_advance(const needle_model *model, const needle_tangent *tangent, const vec3 *load, needle_state *state);
 
-/* needle_motion_of: computes the change of shape from `before` to `after`, which took `dt` seconds. needle_extrapolate: extrapolates the shape by `dt`; if
+/* needle_motion_of: computes the change in shape from `before` to `after`, which took `dt` seconds. needle_extrapolate: extrapolates the shape by `dt`; if
    it cannot, returns false without changing the shape. RT */
 void needle_motion_of(const needle_model *model, const needle_state *before, const needle_state *after, double dt, needle_motion *motion);
 bool needle_extrapolate(const needle_model *model, const needle_motion *motion, double dt, needle_state *state);

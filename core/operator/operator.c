@@ -31,7 +31,7 @@ typedef struct {
     quat orientation;        /* orientation of the needle, including its tilt */
     vec3 pivot, tilted;      /* a point on the tilted axis, m, and the unit vector along it */
     double pivot_depth;      /* m, depth of a tip at the pivot */
-    double image_error;      /* m, error of the image along the axis */
+    double image_error;      /* m, image error along the axis */
     double speed;            /* m/s */
     int first, seeds;        /* index of its first target, which is the full depth, and number of its seeds, whose targets follow */
 } handled;

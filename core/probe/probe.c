@@ -23,10 +23,10 @@ static const double LONG_EDGE = 0.5; /* probe radii: length of edges below which
 static const double STEP = 0.25; /* probe radii: largest step of the probe, so that the closest points on its surface move little. Chosen by judgement */
 static const double CATCHING_UP = 0.3; /* m/s: speed at which a stopped probe follows the newest pose once the tissue yields; a jump would be a jolt to the hands.
                                           Chosen: as fast as a hand inserts a needle */
-static const double CONVERGED = 1e-9; /* m: largest change of a node's position in an iteration that counts as converged. Rounding tolerance */
+static const double CONVERGED = 1e-9; /* m: largest change in a node's position in an iteration that counts as converged. Rounding tolerance */
 static const double PENETRATION = 1e-12; /* m: penetration up to which a node still counts as outside. Rounding tolerance */
-static const double TURNED = 0.02; /* rad: change of a normal above which the node is attached again, along the new normal. Effort limit */
-static const double NOTICEABLE = 1e-5; /* N: smallest change of a force for which a new answer is published. Effort limit */
+static const double TURNED = 0.02; /* rad: change in a normal above which the node is attached again, along the new normal. Effort limit */
+static const double NOTICEABLE = 1e-5; /* N: smallest change in a force for which a new answer is published. Effort limit */
 static const double STOPPED = 1e-3; /* fraction: margin below max_force, as a fraction of it, within which the probe stops. Chosen by judgement */
 static const double EDGE_COMPLIANCE = 1e-4; /* fraction: part of an edge's own compliance that is added to its diagonal entry, because the forces on an
                                                edge and on its ends would otherwise not be independent. Chosen by judgement */

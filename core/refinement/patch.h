@@ -1,4 +1,4 @@
-/* The patch of one contact node: the nodes of the elements that it splits or bends, and the resulting change of their stiffness. */
+/* The patch of one contact node: the nodes of the elements that it splits or bends, and the resulting change in their stiffness. */
 #ifndef TROCAR_PATCH_H
 #define TROCAR_PATCH_H
 
@@ -15,7 +15,7 @@ typedef struct {
     double change[MAX_RANK][MAX_RANK]; /* stiffness after minus before, N/m: [3 i + a][3 k + b], symmetric */
 } patch;
 
-/* Computes the change of stiffness caused by the contact node at place `position` of the order, in the mesh with all earlier nodes. `position` may be
+/* Computes the change in stiffness caused by the contact node at place `position` of the order, in the mesh with all earlier nodes. `position` may be
    r->count for a node in order[count] that is not counted yet. The stiffness of that mesh plus the change is the stiffness of the next mesh. Averaged
    strains remain those of the nominal mesh, which is valid only for added nodes: moved nodes require STRAIN_BY_ELEMENT. Membranes do not change, because
    nodes are added inside elements; tests that add nodes on faces of the nominal mesh or move its nodes have no membranes. */

@@ -56,7 +56,7 @@ struct remesher {
     gathered_blocks gathered;        /* scratch */
 };
 
-/* M = change (I + block change)^-1 = (I + change block)^-1 change, symmetric: a change of stiffness at n dofs subtracts M from the inverse, between the
+/* M = change (I + block change)^-1 = (I + change block)^-1 change, symmetric: a change in stiffness at n dofs subtracts M from the inverse, between the
    inverse's columns at those dofs (Woodbury); `block` is the inverse between these dofs. Row-major; `middle` (n square) may be the same memory as
    `change`. */
 typedef struct { const double *entries; int ld; } strided_matrix;

@@ -72,8 +72,8 @@ trocar_status resting_lacks(needle_pairs *pairs, const resting_needle *r, const 
     return status;
 }
 
-/* Adds half of the displacements, caused by another needle's forces, that the mesh does not resolve, as blocks between places of this needle (rows) and of the
-   other one. */
+/* Adds half of the part, finer than the mesh, of the displacements that another needle's forces cause, as blocks between places of this needle (rows) and of
+   the other one. */
 static trocar_status add_lacks(needle_pairs *pairs, const resting_needle *r, const resting_needle *other, bool transposed, mat3 *blocks, int ld,
                                trocar_error *why) {
     mat3 lacks[MAX_LOADS];

@@ -34,8 +34,7 @@ typedef struct {
     double beside[MAX_UNKNOWNS];                   /* N, loads on the tissue from its memory, which are not forces of the needle */
     double free_force[MAX_UNKNOWNS], free_motion[MAX_MOTIONS]; /* forces and motions in the absence of held needles */
     double force[MAX_UNKNOWNS], motion[MAX_MOTIONS];           /* current forces and motion */
-    double aside[MAX_UNKNOWNS];                    /* N, change of the forces due to the part of the displacements caused by held needles that the mesh does not
-                                                      resolve */
+    double aside[MAX_UNKNOWNS];                    /* N, change in the forces due to the part, finer than the mesh, of the displacements by held needles */
     double fading[MAX_UNKNOWNS];                   /* N, forces of the needle's rows before the last release minus those after it (resting_set) */
     double slip[MAX_AXIAL], slid[MAX_AXIAL];       /* m, slip of the shaft since the anchor (positive: forward relative to the tissue), and total distance
                                                       slid */
@@ -67,11 +66,11 @@ pose pose_moved(pose base, base_motion step);
 /* Returns the row's place as an index of `places`, or -1 if the row is at a guide. */
 int resting_place(const resting_needle *r, int u);
 
-/* For each place, computes the part of its displacement per unit force on a piece of another needle's shaft that the mesh does not resolve:
-   lacks[places.count], m/N. *any: false if all of it is zero; `lacks` is not set then. */
+/* For each place, computes the part, finer than the mesh, of its displacement per unit force on a piece of another needle's shaft: lacks[places.count], m/N.
+   *any: false if all of it is zero; `lacks` is not set then. */
 trocar_status resting_lacks(needle_pairs *pairs, const resting_needle *r, const shaft_piece *piece, mat3 *lacks, bool *any, trocar_error *why);
 
-/* Computes the part of the compliance (m/N) between this needle's rows and those of another needle that the mesh does not resolve: [u * ld + v]. Allocates. */
+/* Computes the part, finer than the mesh, of the compliance (m/N) between this needle's rows and those of another needle: [u * ld + v]. Allocates. */
 trocar_status resting_mutual(needle_pairs *pairs, const resting_needle *r, const resting_needle *other, double *compliance, int ld, trocar_error *why);
 
 attachment resting_attachment(const resting_needle *r);

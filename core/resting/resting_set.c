@@ -53,7 +53,7 @@ static bool make_room(resting_set *s, int count) {
     return s->load_room > 0;
 }
 
-/* Computes the part of the displacements (m) of a needle's rows, caused by held needles, that the mesh does not resolve. */
+/* Computes the part, finer than the mesh, of the displacements (m) of a needle's rows that held needles cause. */
 static trocar_status find_displaced(resting_set *s, int index, const other_loads *held, double *displacement, bool *any, trocar_error *why) {
     const resting_needle *r = s->needles[index];
     vec3 at[MAX_LOADS] = {{0, 0, 0}};
@@ -130,7 +130,7 @@ bool resting_set_fade(resting_set *s, double part) {
     return true;
 }
 
-/* For attachments: computes the part of the compliance between each needle and the earlier needles that the mesh does not resolve. */
+/* For attachments: computes the part, finer than the mesh, of the compliance between each needle and the earlier needles. */
 static trocar_status find_mutual(const resting_set *s, int index, double **compliance, trocar_error *why) {
     const resting_needle *r = s->needles[index];
     *compliance = NULL;
@@ -199,7 +199,7 @@ trocar_status resting_set_change(resting_set *s, int count, resting_needle *cons
     return status;
 }
 
-/* ---- changes of the tissue's compliance ------------------------------------------------------------------------------------- */
+/* ---- changes in the tissue's compliance ------------------------------------------------------------------------------------- */
 
 /* Computes (G + C) f + B h, where h are the loads of held needles and the probe, and B is the compliance between them and the rows. */
 static trocar_status find_displacement(resting_set *s, const other_loads *held, double *displacement, trocar_error *why) {

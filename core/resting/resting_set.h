@@ -12,7 +12,7 @@ typedef struct {
     resting_needle *needles[MAX_NEEDLES];
     int row[MAX_NEEDLES], motion[MAX_NEEDLES]; /* index of each needle's first row and motion */
     double *force, *move;    /* scratch: forces of all rows, and all motions */
-    double *aside, *aside_move; /* responses to the part of the displacements caused by held needles that the mesh does not resolve */
+    double *aside, *aside_move; /* responses to the part, finer than the mesh, of the displacements that held needles cause */
     bool any_aside;          /* true if `aside` is not zero */
     unresolved_cache caches[MAX_NEEDLES][MAX_NEEDLES]; /* one for each pair of a resting needle and a held one, at its index in other_loads.of */
     uint64_t cached_at;     /* value of `changes` for which the caches are valid */
@@ -47,7 +47,7 @@ bool resting_set_slip(resting_set *s, const insertion_model *model, int most);
 /* Computes the displacements (m) of all rows under the present forces of all needles, by the compliances of tissue and needles. Allocates *displacement. */
 trocar_status resting_set_displacement(resting_set *s, const other_loads *held, double **displacement, trocar_error *why);
 
-/* After a change of compliances, with which the needles have been attached again (resting_set_change): changes their forces and motions so that the rows are displaced
+/* After a change in compliances, with which the needles have been attached again (resting_set_change): changes their forces and motions so that the rows are displaced
    as before. `before`: displacement before the change. */
 trocar_status resting_set_follow(resting_set *s, const other_loads *held, const double *before, trocar_error *why);
 
@@ -59,8 +59,8 @@ void resting_set_after_release(resting_set *s);
 /* Sets the remaining fraction of the fading change. Returns true if it has changed. */
 bool resting_set_fade(resting_set *s, double part);
 
-/* Adds the part of a shaft's displacements, caused by the resting needles' forces, that the mesh does not resolve. `fades`: true if the fading part of the
-   forces is included. */
+/* Adds the part, finer than the mesh, of a shaft's displacements under the resting needles' forces. `fades`: true if the fading part of the forces is included.
+   */
 trocar_status resting_set_shift(const resting_set *s, bool fades, const shaft_steps *steps, unresolved_shift *shift, trocar_error *why);
 
 /* Writes the loads of one resting needle on the tissue. */

@@ -1,4 +1,4 @@
-/* A cache of the displacements of a resting needle, per unit force on each piece of a held needle's shaft, that the mesh does not resolve. With many needles,
+/* A cache of the part, finer than the mesh, of a resting needle's displacements per unit force on each piece of a held needle's shaft. With many needles,
    computing them for each response would take most of the worker's time, and pieces of a shaft seldom change except at the tip. To be freed when the resting
    needle or the moduli change. */
 #ifndef TROCAR_UNRESOLVED_CACHE_H

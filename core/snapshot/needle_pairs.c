@@ -106,8 +106,8 @@ static double box_twice_integrated(double t, double width) {
 
 /* Lines interact along the range in which they overlap, measured along the bisector of their directions. Both lines then use the same measure, so that the
    forces are reciprocal. A force at a point of one line moves the other line over a length of twice the distance between them. Spread evenly over this length,
-   the force has the same unresolved displacement as a point force, if the distance is close to the radius that the mesh resolves. A needle in its own old track
-   is at least one radius away from the forces on the shaft's surface, as in line_field_lacks. */
+   the force causes as much displacement finer than the mesh as a point force does, if the distance is close to the resolved radius. A needle in its own old
+   track is at least one radius away from the forces on the shaft's surface, as in line_field_lacks. */
 static meeting meet(const shaft_steps *steps, int k, const shaft_piece *piece, double radius) {
     vec3 along = steps->at[k].direction, other = piece->direction;
     if (v3_dot(along, other) < 0.0) other = v3_scale(-1.0, other);
@@ -125,9 +125,9 @@ static meeting meet(const shaft_steps *steps, int k, const shaft_piece *piece, d
     return (meeting){common * lean / (4.0 * half * half_piece), place};
 }
 
-/* The part of the displacement at a place, caused by a force per unit length on the other line, that the mesh does not resolve: the mean of the estimates from
-   both lines' patches. If the tissue is softer at one line than at the other, both estimates are scaled to the geometric mean of the softnesses, which keeps
-   the compliance matrix of all needles positive definite. */
+/* The part, finer than the mesh, of the displacement at a place that a force per unit length on the other line causes: the mean of the estimates from both
+   lines' patches. If the tissue is softer at one line than at the other, both estimates are scaled to the geometric mean of the softnesses, which keeps the
+   compliance matrix of all needles positive definite. */
 static mat3 lacks_between(const needle_pairs *p, const line_field *of, const shaft_steps *steps, int k, const line_field *own, int tet, vec3 place) {
     double weights[4], softer = sqrt(own->softness / of->softness);
     mat3 there = line_field_lacks(of, p->mesh, steps->at[k].tet, steps->at[k].weights, steps->at[k].place, p->radius);
@@ -139,8 +139,8 @@ static mat3 lacks_between(const needle_pairs *p, const line_field *of, const sha
     return mean;
 }
 
-/* Fraction of the unresolved displacement that is added for a load at this depth. It grows from 0 at the surface, because Kelvin's solution is for an infinite
-   body. */
+/* Fraction of the displacement finer than the mesh that is added for a load at this depth. It grows from 0 at the surface, because Kelvin's solution is for an
+   infinite body. */
 static double embedded_part(const needle_pairs *p, double depth) { return fmin(depth / (EMBEDDING_DEPTH * p->radius), 1.0); }
 
 trocar_status needle_pairs_find(needle_pairs *p, const shaft_steps *steps, const shaft_piece *piece, int *from, int *to, mat3 *lacks, trocar_error *why) {

@@ -97,8 +97,8 @@ typedef struct {
     double at[3][3][CONTACT_COLUMNS];
 } contact_rows;
 
-/* Displacement of the shaft, along its track, that nearby needles cause and the mesh does not resolve. It is stored as a running sum over depth, so that
-   the mean over any interval is a difference of two sums. */
+/* The part, finer than the mesh, of the displacement that nearby needles cause along the shaft's track. It is stored as a running sum over depth, so that the
+   mean over any interval is a difference of two sums. */
 enum { SHIFT_STEPS = 128 };
 typedef struct {
     bool any;                /* true if the displacement is not zero everywhere */
@@ -123,11 +123,11 @@ typedef struct {
     line_piece pieces[MAX_PIECES];
     bool loaded;             /* true if u_free is not zero everywhere */
     vec3 u_free[MAX_HANDLES]; /* m, displacement of each handle due to all causes except the needle itself */
-    unresolved_shift unresolved; /* displacement that other needles cause and the mesh does not resolve */
+    unresolved_shift unresolved; /* the part, finer than the mesh, of the displacement that other needles cause */
     bool has_residuals;      /* true if u_residual is not zero everywhere */
     double residual_time;    /* s, residual_loads.time of the request */
     vec3 u_residual[MAX_RELAXATION][MAX_HANDLES]; /* m, displacement at residual_time under the residual loads of each term */
-    unresolved_shift unresolved_residual[MAX_RELAXATION]; /* the part of the shaft's displacement by these loads that the mesh does not resolve; valid if
+    unresolved_shift unresolved_residual[MAX_RELAXATION]; /* the part, finer than the mesh, of the shaft's displacement under these loads; valid if
                                                              has_residuals */
     double compliance[SNAPSHOT_LD * SNAPSHOT_LD]; /* m/N, between handles i and j: [(3 i + a) * SNAPSHOT_LD + 3 j + b] */
 } compliance_snapshot;

@@ -1,5 +1,5 @@
-/* The elements around a point on a line, in the line's frame, and their stiffness for a shear modulus of 1. In resolved_radius.c they serve to measure how
-   well the mesh resolves the line's field. */
+/* The elements around a point on a line, in the line's frame, and their stiffness for a shear modulus of 1. In resolved_radius.c they serve to measure down to
+   which distance the mesh resolves the line's field. */
 #ifndef TROCAR_NEIGHBOURHOOD_H
 #define TROCAR_NEIGHBOURHOOD_H
 

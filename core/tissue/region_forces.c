@@ -16,7 +16,7 @@ static void add_element(const tissue *t, int tet, const vec3 *u, vec3 *force) {
         for (int b = 0; b < 12; b++) (&force[t->mesh->tets[tet][a / 3]].x)[a % 3] += k[a][b] * (&u[t->mesh->tets[tet][b / 3]].x)[b % 3];
 }
 
-/* Volume and change of volume, m^3. */
+/* Volume and change in volume, m^3. */
 typedef struct {
     double volume, change;
 } dilation;

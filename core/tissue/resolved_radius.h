@@ -1,6 +1,6 @@
-/* Measures how well the mesh resolves a needle's field at a place. Line forces, with and without an end, and a point force act on a small patch of
-   elements whose boundary moves as in the exact solution; the displacement of the mesh is compared with that solution. No constant is fitted. See
-   docs/mechanics.md, "Local compliance". */
+/* Measures down to which distance from a needle the mesh resolves the needle's displacement field. Line forces, with and without an end, and a point force act
+   on a small patch of elements whose boundary moves as in the exact solution; the displacement of the mesh is compared with that solution. No constant is
+   fitted. See docs/mechanics.md, "Local compliance". */
 #ifndef TROCAR_RESOLVED_RADIUS_H
 #define TROCAR_RESOLVED_RADIUS_H
 
@@ -46,7 +46,7 @@ typedef struct {
 static inline bool line_same(const line_in_tet *a, const line_in_tet *b) { return a->tet == b->tet && v3_same(a->point, b->point) && v3_same(a->direction, b->direction); }
 
 /* Displacement of the mesh around an endless line under a unit force per unit length, for a shear modulus of 1. Its difference from Kelvin's solution is the
-   part of the interaction between this needle and nearby ones that the mesh does not resolve. */
+   part of the interaction between this needle and nearby ones that is finer than the mesh. */
 enum { FIELD_NODES = 256 };
 typedef struct {
     line_in_tet line;
@@ -74,8 +74,8 @@ trocar_status resolver_spread(resolver *r, const line_in_tet *line, line_field *
 /* 1 / mu (m^2/N) of an element: the scale of its lines' fields. */
 double resolver_softness(const resolver *r, int tet);
 
-/* The part of the displacement at x (with these weights in element `tet`) that the mesh does not resolve, divided by the force per unit length on the line
-   (m^2/N, world frame). If x is closer to the line than `radius` (m), that distance is used. Zero outside the patch, where the mesh resolves the field. */
+/* The part of the displacement at x (with these weights in element `tet`) that is finer than the mesh, divided by the force per unit length on the line (m^2/N,
+   world frame). If x is closer to the line than `radius` (m), that distance is used. Zero outside the patch, where the mesh is fine enough for the field. */
 mat3 line_field_lacks(const line_field *field, const mesh *m, int tet, const double weights[4], vec3 x, double radius);
 
 #endif

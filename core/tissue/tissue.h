@@ -65,13 +65,13 @@ trocar_status tissue_assemble(const mesh *m, const region_material *materials, c
    NO_MEMORY, before the computation, if too little memory is currently available. After an error, `factor` is NULL. */
 trocar_status tissue_factor(tissue *t, int count, const int *nodes, trocar_error *why);
 
-static const double LOOSE_BODY = 1e-13; /* fraction: ratio of the smallest to the largest eigenvalue of K below which the body counts as loose. Rounding
-                                           tolerance */
+static const double LOOSE_BODY = 1e-13; /* fraction: ratio of the smallest to the largest eigenvalue of K below which the body counts as insufficiently
+                                           constrained. Rounding tolerance */
 
-/* Reports in `why` that the body is loose, and returns BAD_INPUT. */
+/* Reports in `why` that the fixed nodes do not constrain the body, and returns BAD_INPUT. */
 trocar_status tissue_loose(trocar_error *why);
 
-/* A load that is not orthogonal to any rigid motion, used to find loose bodies. */
+/* A load that is not orthogonal to any rigid motion, used to find bodies that are not constrained. */
 static inline double tissue_test_load(int dof) { return 1.0 + 0.37 * (dof % 7); }
 
 /* Assembles and factorises without nodes that are eliminated last; for tests. A simulation factorises only once these nodes are known, or never. */

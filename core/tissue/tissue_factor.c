@@ -1,4 +1,4 @@
-/* The Cholesky factor of K: elimination order, factorisation, and the check for a loose body. */
+/* The Cholesky factor of K: elimination order, factorisation, and the check that the body is constrained. */
 #include <cblas.h>
 #include <math.h>
 #include <stdlib.h>

@@ -29,7 +29,7 @@ REFUSED_MISSED = 0.10   # fraction of a region's surface: a mesh in which a larg
 FAILURES = 3            # number of Gmsh failures after which no other element sizes are tried
 # number of Gmsh failures after which the search ends if the best mesh has far too many nodes and the next attempt would use even larger elements
 FAR_FAILURES = 2
-JITTER = 0.025          # relative change of the element size that gives a different mesh with about the same number of nodes
+JITTER = 0.025          # relative change in the element size that gives a different mesh with about the same number of nodes
 SMOOTH = 5000           # number of nodes: above it, the number of nodes depends smoothly on the element size
 CLOSE = 0.04            # fraction of the desired number of nodes: among meshes within this range, the one with the best angles is chosen
 OFF = 0.10              # fraction of the desired number of nodes: if the mesh is farther off, the report mentions it
@@ -259,7 +259,7 @@ def build(domain, fine):
 
 
 def check_found(domain, found, missed):
-    """Raises Thin if too little of some regions is left."""
+    """Raises Thin if too little of any region is left."""
     pieces, names = domain.image[1], [region.name for region in domain.regions]
     left = {pieces.regions[piece] for piece in found.cells if piece != OUTSIDE}
     gone = [name for k, name in enumerate(names) if k not in left]

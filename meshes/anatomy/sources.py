@@ -111,7 +111,7 @@ def stems(paths):
 
 
 def of_maps(readers, in_mm):
-    """Reads any number of label maps, [(path, function that reads it)]; empty maps are left out if there are others."""
+    """Reads any number of label maps, [(path, function that reads it)]; leaves out empty maps, unless all are empty."""
     maps, empty = {}, []
     for path, reader in readers:
         try:

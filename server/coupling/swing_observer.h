@@ -12,7 +12,7 @@ typedef struct {
     vec3 turn, farthest;     /* m, the last turning point, and the point farthest from it since */
     int64_t turned, reached; /* ns, times at which the hand was at `turn` and at `farthest` */
     vec3 force;              /* N, force at the time when the last turning point was detected */
-    double stir;             /* N, largest change of the force since that turning point was detected */
+    double stir;             /* N, largest change in the force since that turning point was detected */
     double lengths[2];       /* m, lengths of the last two swings, the newer one second */
     int lasting;             /* number of consecutive undamped swings */
 } swing_observer;

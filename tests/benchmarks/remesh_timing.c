@@ -4,7 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { NEAR = 32, LEAST_SAMPLES = 3 };       /* NEAR: number of nodes in the window, as in front of an advancing tip */
+enum { NEAR = 32, LEAST_SAMPLES = 3 };       /* NEAR: number of nodes in the window, about as many as are requested ahead of a tip */
 
 typedef struct {
     const tissue *tissue;

@@ -17,7 +17,7 @@ typedef struct {
     int count;                                    /* blocks */
     tridiagonal_block diagonal[TRIDIAGONAL_BLOCKS];           /* A_k; after tridiagonal_factor, the inverse of its Schur complement S_k */
     tridiagonal_block upper[TRIDIAGONAL_BLOCKS];              /* B_k, rows of block k and columns of block k + 1; after tridiagonal_factor, S_k^-1 B_k */
-    tridiagonal_rows columns[2][TRIDIAGONAL_ROWS];            /* scratch of tridiagonal_inverse_heads */
+    tridiagonal_rows columns[2][TRIDIAGONAL_ROWS];            /* scratch for tridiagonal_inverse_heads */
 } block_tridiagonal;
 
 /* Factorises in place by block elimination from the first block to the last, with 6 TRIDIAGONAL_ROWS^3 operations per block. */

@@ -7,7 +7,7 @@
 
 typedef struct dense_remesher dense_remesher;
 
-/* A change of the stiffness at `count` dofs. The last `fresh` of them are new: 3 for an added node, otherwise 0. */
+/* A change in the stiffness at `count` dofs. The last `fresh` of them are new: 3 for an added node, otherwise 0. */
 typedef struct {
     int n;                   /* number of dofs up to the last one in use */
     int first;               /* number of dofs affected by all previous changes */

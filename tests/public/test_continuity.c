@@ -38,7 +38,7 @@ static double norm(const double v[3]) { return sqrt(v[0] * v[0] + v[1] * v[1] + 
 enum { RECOIL = 30 }; /* duration of the tissue's recoil after a puncture, ms */
 
 /* Moves the base along z by `way` (m), by at most `step` (m) per tick of 1 ms. Returns the magnitude of the last force. If `most` is given, it receives the
-   largest change of the force (N) in any tick that reports one of `events`, except shortly after a puncture. */
+   largest change in the force (N) in any tick that reports one of `events`, except shortly after a puncture. */
 static double move(trocar_sim *sim, int needle, trocar_pose *base, double way, double step, unsigned events, double *most) {
     trocar_output out = {0};
     double last[3] = {0}, change[3];

@@ -1,4 +1,4 @@
-/* Tests the derivatives of a step against central differences: in random states, for the pose of the base and for properties of the tissue. */
+/* Tests the derivatives of a step against central differences, in random states, with respect to the pose of the base and to properties of the tissue. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -336,8 +336,8 @@ static double norm_of_group(double derivatives[VALUES][VARIABLES], double minus[
     return hypot(first, lengths[group] * second);
 }
 
-/* Kinds of parameters that are compared together. If both moduli grow alike, only stiffness changes. If their ratio changes, so do the radii that the mesh resolves at
-   the border of the regions. They are measured, and the derivatives neglect their changes, which are of opposite sign for the two moduli; so there is no limit that
+/* Kinds of parameters that are compared together. If both moduli grow alike, only stiffness changes. If their ratio changes, so do the resolved radii at the
+   border of the regions. They are measured, and the derivatives neglect their changes, which are of opposite sign for the two moduli; so there is no limit that
    follows from theory for a single modulus, only the documented accuracy. */
 enum { KINDS = 3 };
 static const struct {
@@ -346,7 +346,7 @@ static const struct {
 } KIND[KINDS] = {{"cutting and friction", BASE, BASE + MODULI}, {"both moduli", UNIFORM, UNIFORM + 1}, {"each modulus", BASE + MODULI, UNIFORM}};
 static const double EACH_MODULUS = 1e-2;
 
-/* For changes of a property by 0.1 %, central differences of a smooth function have relative errors of the order of the square, 1e-6. Ten times as much is
+/* For changes in a property by 0.1 %, central differences of a smooth function have relative errors of the order of the square, 1e-6. Ten times as much is
    allowed. */
 #define CHANGE 1e-3
 static const double CENTRAL = 10.0 * CHANGE * CHANGE;

@@ -362,7 +362,7 @@ static void spreading_stays_where_a_membrane_was_punctured(void **state) {
 
 static double uniform(unsigned *seed) { return (double)rand_r(seed) / RAND_MAX; }
 
-/* Whatever motion the hand makes around an old track, it never gets back more energy than it supplied. The test has no friction, which would hide an error. */
+/* Whatever motion the hand makes around an old track, it never receives more energy than it supplied. The test has no friction, which would hide an error. */
 static void tracks_never_give_energy(void **state) {
     (void)state;
     trocar_scene *scene = load_scene(0.0);

@@ -12,7 +12,7 @@ static const double FIGURE8_DURATION = 2.4, FIGURE8_SLOWEST_PERIOD = 4e-3; /* s 
 typedef struct {
     double rate;
     int ticks, punctures;
-    double worst_jump;       /* largest change of the force per tick, as a multiple of the limit max(7 %, 0.05 N), except close to punctures */
+    double worst_jump;       /* largest change in the force per tick, as a multiple of the limit max(7 %, 0.05 N), except close to punctures */
     unsigned events;
     double wrench[FIGURE8_MOST_TICKS][6];
 } figure8_record;

@@ -166,7 +166,7 @@ class Trial:
     def __init__(self, folder):
         self.folder, self.path, self.server = folder, f"{folder}/spnav.sock", None
         self.poses = Poses()
-        self.slack = 0.3 if "uncertain" in sys.argv else 0.03   # permitted relative error of a speed; larger on a busy machine, which may delay the bridge
+        self.slack = 0.3 if "uncertain" in sys.argv else 0.03   # permitted relative error in a speed; larger on a busy machine, which may delay the bridge
 
     def start_server(self):
         self.server = subprocess.Popen([f"{BUILD}/server/trocar-server", "--scene", f"{SOURCE}/meshes/figure8.yaml", "--allow-non-rt"],

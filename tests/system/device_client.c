@@ -223,7 +223,7 @@ static void wrenches_of_other_needles_are_ignored(void **state) {
     lcm_destroy(lcm);
 }
 
-/* One wrench may overtake another in the network: the force must never return to that of an older wrench. Wrenches of a server that has restarted its numbering
+/* One wrench may overtake another on the network: the force must never return to that of an older wrench. Wrenches of a server that has restarted its numbering
    are accepted once the last wrench before the restart has expired. */
 static void overtaken_wrenches_are_dropped(void **state) {
     trocar_client *c = *state;

@@ -31,7 +31,7 @@ SCENE = SOURCE / "meshes/figure8.yaml"
 URL = "udpm://239.255.76.67:7667?ttl=0&recv_buf_size=4194304"   # recv_buf_size: bytes, enough for the messages of a second, in case the machine is busy
 RECOIL = 25     # number of ticks after a puncture that belong to its recoil, as in tests/public/changing/test_changes.c
 LATE = 2000     # us; if two ticks are further apart than this, one has missed its period
-NOTICED, NOTICED_LEAST = 0.07, 0.05     # just noticeable change of a force: a fraction, and N (tests/verification/verify_smoothness.c)
+NOTICED, NOTICED_LEAST = 0.07, 0.05     # just noticeable change in a force: a fraction, and N (tests/verification/verify_smoothness.c)
 
 
 def check(good, what):
@@ -74,7 +74,7 @@ def ask(client, values, seconds=0.0):
 
 
 def random_values(chance):
-    """Between a third and three times the scene's values. Static and kinetic friction stay in proportion, so that the moving shaft does not stick and slip."""
+    """Between a third and three times the scene's values. Static and kinetic friction are scaled together, so that the moving shaft does not stick and slip."""
     scale = lambda: 3.0 ** chance.uniform(-1, 1)
     region, kind = chance.choice([("prostate", (15, 9, 0.3)), ("surrounding", (12, 7, 0.25))]), chance.randrange(4)
     name, (static, kinetic, cutting) = region
@@ -132,7 +132,7 @@ def missed(timing, spans):
 
 
 def largest_jump(wrenches, spans):
-    """Returns the largest change of the model's force from tick to tick, in units of the just noticeable difference, and the number of ticks that exceed it.
+    """Returns the largest change in the model's force from tick to tick, in units of the just noticeable difference, and the number of ticks that exceed it.
     The recoil of a puncture counts as part of the puncture. Ticks that came late, or whose poses came late, do not count, because such a tick contains the
     hand's motion of several periods."""
     largest, noticed, since = 0.0, 0, 0

@@ -144,7 +144,7 @@ class Bus(threading.Thread):
 # ---- the attacker -------------------------------------------------------------------------------------------------------------
 
 class Between(threading.Thread):
-    """An attacker that passes datagrams between a client and the server. attack(datagram) returns the datagrams that the server gets instead of a message."""
+    """An attacker that passes datagrams between a client and the server. attack(datagram) returns the datagrams that the server receives instead."""
 
     def __init__(self, machine):
         super().__init__(daemon=True)

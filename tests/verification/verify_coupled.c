@@ -200,7 +200,7 @@ static bool whole_shaft_slides(const lockstep *l, friction_state way) {
     return contacts_active(&l->state) > 0 && l->state.tip.solved.friction == way && l->state.tip.shaft.friction == way && l->state.tip.barrier.blocked_by == NOT_BLOCKED;
 }
 
-/* Returns the largest error of the axial force during a move in which the whole shaft slides, relative to the sum of friction times depth and, during
+/* Returns the largest error in the axial force during a move in which the whole shaft slides, relative to the sum of friction times depth and, during
    insertion, the cutting force. */
 static double curve_error(lockstep *l, double way, friction_state slides, int *ticks, double *depth, double *force, int *count) {
     double worst = 0.0;

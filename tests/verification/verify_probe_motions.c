@@ -139,7 +139,7 @@ static void look(trial *t) {
 
 /* ---- ticks --------------------------------------------------------------------------------------------------------------------- */
 
-/* Returns a change of the force relative to the just noticeable change. */
+/* Returns a change in the force relative to the just noticeable change. */
 static double change_of(const double before[3], const double after[3]) {
     return distance3(before, after) / fmax(NOTICED_LEAST, NOTICED * length3(before));
 }

@@ -65,8 +65,8 @@ static bool in_tissue(const trial *t, const double x[3]) {
 }
 
 /* Returns how far (m) the other needles push the skin along the axis at the entry point of this needle. The displacement is that of a half-space in closed
-   form, including the part that the mesh resolves. A tip on the skin acts as a flat punch, which fixes the surface whatever loads the tissue remembers (Sneddon
-   1965). The forces of a tip inside the tissue are applied at the skin (Boussinesq), which gives an upper bound. */
+   form, including the part that the mesh represents. A tip on the skin acts as a flat punch, which fixes the surface whatever loads the tissue remembers
+   (Sneddon 1965). The forces of a tip inside the tissue are applied at the skin (Boussinesq), which gives an upper bound. */
 static double dent_by_others(const trial *t, int needle, const double end[3], const double axis[3], double radius) {
     trocar_contact contacts[TROCAR_MAX_POINTS];
     trocar_material m = trocar_model_material(t->model, trocar_model_tet_regions(t->model)[0]);

@@ -1,4 +1,4 @@
-/* Measures the largest change of the base force per tick at 1 kHz in random insertions with steering, retraction and reinsertion, on several meshes. People
+/* Measures the largest change in the base force per tick at 1 kHz in random insertions with steering, retraction and reinsertion, on several meshes. People
    notice changes of 7 %, or of 0.05 N if the force is small. In stiffening tissue, the force must also increase while a sticking needle is pushed. */
 #include "lockstep.h"
 #include "random_hand.h"

@@ -39,7 +39,7 @@ typedef struct {
 typedef struct {
     const options *options;
     trocar_scene *scene;
-    trocar_model *model;     /* model for the mesh only; it is not simulated */
+    trocar_model *model;     /* for the mesh only; it is not simulated */
     lcm_t *lcm;
     subscriber feed;
     outlets outlets;

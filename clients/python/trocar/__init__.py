@@ -81,7 +81,7 @@ class Derivatives(NamedTuple):
     tip: npt.NDArray[np.float64]        #: (3, V): position of the needle's end, m
     direction: npt.NDArray[np.float64]  #: (3, V): direction of the needle's end, a unit vector
     targets: npt.NDArray[np.float64]    #: (T, 3, V): positions of the targets, m
-    range: npt.NDArray[np.float64]      #: (6,), m and rad: change of each variable of the base at which a contact would start or stop sliding, by linear extrapolation
+    range: npt.NDArray[np.float64]      #: (6,), m and rad: change in each variable of the base at which a contact would start or stop sliding, by linear extrapolation
 
 
 def _contact_names(enum: str) -> dict[int, str]:

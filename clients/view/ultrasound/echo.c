@@ -13,7 +13,7 @@ static const double MIRROR = 45;             /* dB, echo of a perfect mirror rel
 static const double COMPENSATED = 0.5;       /* dB/(cm MHz), attenuation for which the scanner compensates */
 static const double SHARPEST = 0.3;          /* smallest standard deviation of a kernel, in rows or lines */
 
-/* Kernel of a Gaussian in rows or lines, from -half to half. */
+/* A Gaussian kernel: its weights at offsets of -half to half rows or lines. */
 typedef struct {
     int half;
     float weights[2 * WIDEST_KERNEL + 1];

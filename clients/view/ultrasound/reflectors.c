@@ -143,7 +143,7 @@ static vec3 normal_of(const image_point c[3]) {
     return v3_scale(1 / fmax(v3_norm(n), 1e-30), n);
 }
 
-/* Row in which a line crosses the segment between two points; a line that only touches it by rounding gets the nearer end. */
+/* Row in which a line crosses the segment between two points; if the line only touches it, because of rounding, the row of the nearer end. */
 static double cross(const echo_grid *g, int line, flat_point p, flat_point q) {
     double across, away, place = g->first_line + line * g->spacing, du = q.u - p.u, dv = q.v - p.v, part;
     grid_beam(g, line, &across, &away);

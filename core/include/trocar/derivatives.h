@@ -42,7 +42,7 @@ typedef struct trocar_derivatives {
     double *tip;             /* [3][V]: position (m) of the needle's end */
     double *direction;       /* [3][V]: direction of the needle's end, a unit vector */
     double *targets;         /* [T][3][V]: positions (m) of the targets */
-    double *range;           /* [6], m and rad: smallest change of each variable of the base, up or down, at which a contact would start or stop sliding,
+    double *range;           /* [6], m and rad: smallest change in each variable of the base, up or down, at which a contact would start or stop sliding,
                                 extrapolated linearly; INFINITY if none would */
 } trocar_derivatives;
 

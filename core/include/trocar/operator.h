@@ -81,7 +81,7 @@ TROCAR_API double trocar_operator_depth(const trocar_operator *op, int needle, c
 typedef struct trocar_operator_seed {
     double planned[3];       /* m, planned centre in the tissue at rest */
     double tissue[3];        /* caused by displacement of the tissue when the seed was dropped, as far as the operator did not follow it */
-    double image[3];         /* caused by the error of the image */
+    double image[3];         /* caused by the image error */
     double splay[3];         /* caused by the tilt of the needle */
     int32_t needle, number;  /* the needle, and the seed's number in it, from 0 for the distal seed */
 } trocar_operator_seed;

@@ -19,7 +19,7 @@ TROCAR_API void trocar_picture_free(trocar_picture *picture); /* [one] */
 TROCAR_API void trocar_sim_take_picture(const trocar_sim *sim, trocar_picture *picture);
 TROCAR_API void trocar_picture_copy(const trocar_picture *from, trocar_picture *to); /* [one, RT] */
 
-/* Returns the view of a picture, whose functions may be called by the thread that has the picture. [one, RT] */
+/* Returns a picture's view. Only the thread that currently has the picture may call the view's functions. [one, RT] */
 TROCAR_API const trocar_view *trocar_picture_view(const trocar_picture *picture);
 
 /* The refined mesh: the nodes of the model's mesh, followed by the contact nodes. At all free nodes, stiffness times displacements = forces. The arrays

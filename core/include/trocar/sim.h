@@ -44,7 +44,7 @@ enum {
     TROCAR_EVENT_OUTSIDE_MODEL = 1 << 12, /* the shaft is pushed into a body from the side, for which the model computes no force; set in every such tick */
     TROCAR_EVENT_TRACK_DROPPED = 1 << 13, /* there was no room for more tracks (TROCAR_MAX_TRACKS, TROCAR_MAX_TRACK_POINTS), so the needle's oldest track was
                                              dropped */
-    TROCAR_EVENT_INEXACT = 1 << 14    /* the passes did not converge: the error of the wrench may exceed the tolerance */
+    TROCAR_EVENT_INEXACT = 1 << 14    /* the passes did not converge: the error in the wrench may exceed the tolerance */
 };
 
 /* The result of a tick. */

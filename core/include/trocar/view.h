@@ -11,8 +11,8 @@ extern "C" {
 #endif
 
 /* A view of a simulation or a picture. It belongs to that object, is valid as long as the object exists, and always shows the object's current state. The view
-   of a picture may be used by the thread that has the picture; that of a simulation, by its ticking thread. Functions that fill an array write at most `room`
-   entries and return the total number of entries; this is 0 for a needle out of range. */
+   of a picture may be used by the thread that currently has the picture; that of a simulation, by its ticking thread. Functions that fill an array write at
+   most `room` entries and return the total number of entries; this is 0 for a needle out of range. */
 typedef struct trocar_view trocar_view;
 TROCAR_API const trocar_view *trocar_sim_view(const trocar_sim *sim); /* [any, RT] */
 

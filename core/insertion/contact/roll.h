@@ -28,7 +28,7 @@ void roll_solve(const tick_input *tick, insertion_state *state, const contact_po
 /* Torque (N m) about the needle's axis that all points together exert on the tissue. RT */
 double roll_torque(const insertion_state *state, const contact_points *points);
 
-/* Change of roll_torque per rotation of the base (N m / rad), as long as no point switches between sticking and sliding. RT */
+/* Derivative of roll_torque with respect to the base's rotation (N m / rad), as long as no point switches between sticking and sliding. RT */
 double roll_stiffness(const tick_input *tick, const insertion_state *state, const contact_points *points, const creep_step *creep);
 
 #endif

@@ -9,9 +9,9 @@ enum { POINT_AXES = 3 * MAX_POINTS };
 /* Response to a unit force on the needle at point j along axis b of that point's frame, in column 3 j + b. The base is held. */
 typedef struct {
     double moved[POINT_AXES][POINT_AXES];           /* m/N, row 3 i + a: displacement of point i along its axis a */
-    double turned[2 * MAX_POINTS][POINT_AXES];      /* rad/N, row 2 i + a: change of the tangent at point i along its axis a */
+    double turned[2 * MAX_POINTS][POINT_AXES];      /* rad/N, row 2 i + a: change in the tangent at point i along its axis a */
     vec3 end[POINT_AXES];                           /* m/N, world frame: displacement of the needle's end */
-    vec3 end_turned[POINT_AXES];                    /* rad/N, world frame: change of the direction of the needle's end */
+    vec3 end_turned[POINT_AXES];                    /* rad/N, world frame: change in the direction of the needle's end */
 } needle_influence;
 
 /* Uses the needle's tangent in w->response. */

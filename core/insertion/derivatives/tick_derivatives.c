@@ -13,16 +13,16 @@
 
 enum { MOST_ROWS = MAX_UNKNOWNS + 2 * MAX_POINTS };
 
-/* The linear system. Its unknowns are the changes of the contact problem's forces, in the points' frames, followed by the changes of the points' tangents, two
-   for each point. A point's frame turns with its tangent: the force turns with it by B times the change of the tangent (turned_force). */
+/* The linear system. Its unknowns are the derivatives of the contact problem's forces, in the points' frames, followed by those of the points' tangents, two
+   for each point. A point's frame turns with its tangent: the force changes by B times the change in the tangent (turned_force). */
 typedef struct {
     int variables;
     needle_influence needle;
     point_forces forces;
-    double response[MAX_UNKNOWNS][2 * MAX_POINTS];   /* m: change of each gap if the forces turn with the tangents */
+    double response[MAX_UNKNOWNS][2 * MAX_POINTS];   /* m: derivative of each gap with respect to each tangent, with which a force turns */
     double matrix[MOST_ROWS * MOST_ROWS];            /* column by column */
     double side[MAX_VARIABLES][MOST_ROWS];           /* right-hand sides, then the solution */
-    double gap[MAX_VARIABLES][MAX_UNKNOWNS];         /* m: change of the gaps if neither forces nor tangents change */
+    double gap[MAX_VARIABLES][MAX_UNKNOWNS];         /* m: derivative of each gap with respect to each variable, with forces and tangents fixed */
     lapack_int pivots[MOST_ROWS];
 } linear_system;
 
@@ -33,7 +33,7 @@ typedef struct {
     bool sticks;
     double viscosity;        /* N/m */
     double slip;             /* m, remaining slip until the law changes */
-    double force;            /* N, remaining change of the force until the law changes; sticking contacts only */
+    double force;            /* N, remaining change in the force until the law changes; sticking contacts only */
     int piece;               /* piece of the staircase on which the tip slides; -1 otherwise */
 } axial_law;
 
@@ -49,8 +49,8 @@ static axial_law law_of_climber(const contact_problem *p, int i, double force) {
     return law;
 }
 
-/* Change of the friction (N/m) along the needle per slip: its limit weakens while the shaft's surface slides. If the shaft also turns, only a part of slip and friction
-   is along the needle; roll_bound_for_sliding includes the change of that part. */
+/* Decrease of the friction along the needle per slip (N/m): the limit of friction falls while the shaft's surface slides. If the shaft also turns, only a part
+   of slip and friction is along the needle; roll_bound_for_sliding includes the change in that part. */
 static double weakening(const tick_input *tick, const insertion_state *state, const contact_point *point, double slip) {
     double distance = tick->model->settings.weakening_distance, along = part_along(tick, state, point, slip);
     return along * along * point->shaft.excess / distance * exp(-slid_distance(tick, state, point) / distance);
@@ -76,7 +76,7 @@ static double axial_force(const linear_system *s, const contact_problem *p, cons
 
 /* ---- turning frames -------------------------------------------------------------------------------------------------------- */
 
-/* Change of a force in its frame, per change of the tangent along axis a. */
+/* Derivative of a force's component along `axis` of its frame with respect to the tangent along axis a. */
 static double turned_force(const double force[3], int axis, int a) { return axis == 2 ? -force[a] : axis == a ? force[2] : 0.0; }
 
 /* Sum of the force at point j that turns with the tangent along axis a, weighted by the point's rows: two across the needle and the first along it. At the tip,
@@ -88,7 +88,7 @@ static double turned_sum(const linear_system *s, const insertion_workspace *w, i
     return sum;
 }
 
-/* Change of the gap `row` if the force at point j turns with the tangent along axis a. */
+/* Derivative of the gap `row` with respect to the tangent at point j along axis a, with which the force there turns. */
 static double gap_by_turning(const linear_system *s, const insertion_workspace *w, int row, int j, int a) {
     const contact_problem *p = &w->problem;
     bool tip = w->points.list[j].kind == POINT_TIP;
@@ -168,12 +168,12 @@ static vec3 carried(const insertion_state *state, int variable, vec3 x) {
     return variable < 3 ? axis : v3_cross(axis, v3_sub(x, state->needle.base.position));
 }
 
-/* Change of a direction that turns with the base. */
+/* Derivative of a direction that turns with the base. */
 static vec3 turned(int variable, vec3 direction) {
     return variable < 3 || variable >= BASE_VARIABLES ? v3(0, 0, 0) : v3_cross(unit_vector(variable % 3), direction);
 }
 
-/* Change of the forces on the needle in a frame that moves rigidly with the base: they do not turn with the base. Components in the points' frames. */
+/* Derivative of the forces on the needle in a frame that turns with the base, although the forces do not. Components in the points' frames. */
 static void turn_loads(const insertion_state *state, const contact_points *points, int variable, double load[POINT_AXES]) {
     for (int j = 0; j < points->count; j++) {
         vec3 change = m3_apply_transposed(&points->list[j].at.frame, turned(variable, point_force(state, &points->list[j])));
@@ -235,7 +235,7 @@ static void follow_support(const insertion_workspace *w, linear_system *s, int o
         for (int a = 0; a < 2; a++) *entry(s, order, row, 2 * i + a) -= w->tissue.tightening[i] * s->forces.at[i][a];
 }
 
-/* Adds the equation of a sliding contact: the force along the needle changes by viscosity times the change of the gap, plus the direct effect of the
+/* Adds the equation of a sliding contact: the force along the needle changes by viscosity times the change in the gap, plus the direct effect of the
    parameters. */
 static void follow_law(const tick_input *tick, const insertion_state *state, const insertion_workspace *w, const tick_derivatives *wanted, linear_system *s,
                        int order, int row, const axial_law *law) {
@@ -278,7 +278,7 @@ static bool solve(const tick_input *tick, const insertion_state *state, const in
 
 /* ---- results --------------------------------------------------------------------------------------------------------------- */
 
-/* Changes of the forces on tissue and guides, in the points' frames (N). */
+/* Derivatives of the forces on tissue and guides, in the points' frames (N). */
 static void change_forces(const insertion_workspace *w, const linear_system *s, const double *solution, double change[POINT_AXES]) {
     const contact_problem *p = &w->problem;
     int rows = unknown_count(p);
@@ -293,7 +293,7 @@ static vec3 to_world(const contact_points *points, int i, const double *change) 
     return m3_apply(&points->list[i].at.frame, v3(change[3 * i], change[3 * i + 1], change[3 * i + 2]));
 }
 
-/* Change of the damper's force (N, world frame) on the tissue at the tip. */
+/* Derivative of the damper's force (N, world frame) on the tissue at the tip. */
 static vec3 change_damping(const insertion_state *state, const insertion_workspace *w, const linear_system *s, const double *solution) {
     const contact_problem *p = &w->problem;
     const double *column = w->damper.column;
@@ -351,7 +351,7 @@ static void add_roll(const tick_input *tick, const insertion_state *state, const
     to->torque = v3_axpy(-rolled * roll_stiffness(tick, state, &w->points, &w->creep), axis, to->torque);
 }
 
-/* Change of the variable at which this contact would switch. */
+/* Change in the variable at which this contact would switch. */
 static double switches_at(const tick_input *tick, const insertion_state *state, const insertion_workspace *w, const linear_system *s, int row, int variable) {
     const contact_problem *p = &w->problem;
     const double *solution = s->side[variable];

@@ -20,7 +20,7 @@ typedef struct {
 typedef struct {
     int count;                                              /* number of variables: BASE_VARIABLES and the parameters */
     tissue_parameter parameters[MAX_VARIABLES - BASE_VARIABLES]; /* in */
-    vec3 moved[MAX_VARIABLES - BASE_VARIABLES][MAX_POINTS]; /* in, for moduli: m / Pa, change of the nominal mesh's displacement at each point under the
+    vec3 moved[MAX_VARIABLES - BASE_VARIABLES][MAX_POINTS]; /* in, for moduli: m / Pa, derivative of the nominal mesh's displacement at each point under the
                                                                present forces */
     variable_derivatives of[MAX_VARIABLES];                 /* out */
 } tick_derivatives;

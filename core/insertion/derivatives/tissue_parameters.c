@@ -6,7 +6,7 @@
 #include "insertion/model/local_compliance.h"
 #include "insertion/state/strata.h"
 
-static const double SMALL_CHANGE = 1e-4; /* fraction: change of a modulus for the central difference of the tip's local compliance, which is a smooth closed formula */
+static const double SMALL_CHANGE = 1e-4; /* fraction: change in a modulus for the central difference of the tip's local compliance, which is a smooth closed formula */
 
 /* ---- friction and cutting ---------------------------------------------------------------------------------------------------- */
 
@@ -20,7 +20,7 @@ static double length_in(const insertion_state *state, shaft_share share, int reg
     return sum;
 }
 
-/* Change of the friction on a share of the shaft per unit of a property; the slip is fixed. */
+/* Derivative of the friction on a share of the shaft with respect to a property; the slip is fixed. */
 static double friction_change(const tick_input *tick, const insertion_state *state, const contact_problem *p, const contact_point *point, int i,
                               const tissue_parameter *parameter) {
     double length = length_in(state, point->share, parameter->region), weak = exp(-slid_distance(tick, state, point) / tick->model->settings.weakening_distance);
@@ -33,7 +33,7 @@ static double friction_change(const tick_input *tick, const insertion_state *sta
     }
 }
 
-/* Change of the resistance ahead of the tip, which slides on this piece of the staircase. The tip's element determines the tissue. */
+/* Derivative of the resistance ahead of the tip, which slides on this piece of the staircase. The tip's element determines the tissue. */
 static double cutting_change(const tick_input *tick, const insertion_state *state, const insertion_workspace *w, const tissue_parameter *parameter, int piece) {
     const contact_problem *p = &w->problem;
     const region_material *material = &tick->model->materials[parameter->region];
@@ -59,8 +59,8 @@ double resistance_change(const tick_input *tick, const insertion_state *state, c
 
 /* ---- stiffness --------------------------------------------------------------------------------------------------------------- */
 
-/* Change of a local displacement (m / Pa, world frame) of the shaft under the force `force`: the local compliances are inversely proportional to the means of the
-   moduli over the share. */
+/* Derivative of a local displacement (m / Pa, world frame) of the shaft under the force `force`: the local compliances are inversely proportional to the means
+   of the moduli over the share. */
 static vec3 shaft_change(const principal_tensor *lateral, double axial, vec3 track, vec3 force, lateral_axial part) {
     double along = v3_dot(track, force);
     vec3 across = v3_axpy(lateral->more * v3_dot(lateral->easy, force), lateral->easy, v3_scale(lateral->least, v3_axpy(-along, track, force)));
@@ -96,7 +96,7 @@ static double face_change(const tick_input *tick, const insertion_state *state, 
     return (high - low) / (2.0 * SMALL_CHANGE * tick->model->materials[region].youngs_modulus);
 }
 
-/* Adds the changes of the tip's local displacements: its shaft and its end face bear different forces. */
+/* Adds the derivatives of the tip's local displacements: its shaft and its end face bear different forces. */
 static void stiffen_tip(const insertion_workspace *w, const insertion_state *state, const point_forces *forces, lateral_axial part, double face, double gaps[MAX_UNKNOWNS]) {
     int t = w->points.count - 1, x = unknown(w->problem.count, t, 0), z = unknown(w->problem.count, t, 2);
     const mat3 *frame = &w->points.list[t].at.frame;

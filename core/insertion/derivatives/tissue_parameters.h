@@ -12,11 +12,11 @@ typedef struct {
     int region;              /* group index */
 } tissue_parameter;
 
-/* Change of the force in this row, which slides along the needle, per unit of the property. `piece`: piece of the staircase on which the tip slides. */
+/* Derivative of the force in this row, which slides along the needle, with respect to the property. `piece`: piece of the staircase on which the tip slides. */
 double resistance_change(const tick_input *tick, const insertion_state *state, const insertion_workspace *w, const tissue_parameter *parameter, int row, int piece);
 
-/* Computes the changes of all gaps (m / Pa) per unit of a region's Young's modulus. `moved` (m / Pa): change of the nominal mesh's displacement at each point.
-   Returns false if there is no memory. */
+/* Computes the derivatives of all gaps (m / Pa) with respect to a region's Young's modulus. `moved` (m / Pa): derivative of the nominal mesh's displacement at
+   each point. Returns false if there is no memory. */
 bool stiffen(const tick_input *tick, const insertion_state *state, const insertion_workspace *w, const point_forces *forces, int region, const vec3 moved[MAX_POINTS],
              double gaps[MAX_UNKNOWNS]);
 

@@ -6,7 +6,7 @@ static const double LEAST_SLOPE = 0.3; /* cosine, below 1: smallest cosine of th
                                           needle. Chosen: 70 degrees, beyond any real needle */
 static const double TOLERANCE = 1e-6; /* m: largest distance between needle and edge at which the passes end. Chosen: a tolerance ten times smaller takes
                                          up to 1.6 times as many passes */
-static const double FORCE_TOLERANCE = 0.01; /* fraction: relative error of the edge spring's force at which the passes end, so that light touches are
+static const double FORCE_TOLERANCE = 0.01; /* fraction: relative error in the edge spring's force at which the passes end, so that light touches are
                                                resolved. Chosen in the same way as TOLERANCE */
 static const double ROUNDING = 1e-12; /* m: distance between needle and edge that is accepted in any case. Rounding tolerance */
 

@@ -60,8 +60,8 @@ vec3 creep_free(const tick_input *tick, const insertion_state *state, const cree
 /* Displacement (m), due to all causes except the needle's current contacts, interpolated at the point with these corners and weights. RT */
 vec3 creep_free_at(const tick_input *tick, const insertion_state *state, const creep_step *creep, const int handles[4], const double weights[4]);
 
-/* Mean displacement (m) of the shaft over an interval of depth, or at the beginning of its track, that the loads of other needles and this needle's residual
-   loads cause and the mesh does not resolve. RT */
+/* Mean displacement (m) of the shaft over an interval of depth, or at the beginning of its track, under the loads of other needles and this needle's residual
+   loads: only the part finer than the mesh. RT */
 vec3 creep_unresolved(const tick_input *tick, const insertion_state *state, const creep_step *creep, double from, double to);
 vec3 creep_unresolved_at_entry(const tick_input *tick, const insertion_state *state, const creep_step *creep);
 

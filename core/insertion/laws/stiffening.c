@@ -4,7 +4,7 @@
 #include "insertion/model/local_compliance.h"
 #include "insertion/state/strata.h"
 
-static const double AGREEMENT = 1e-6; /* m: error of the linearised displacements below which the passes end. Chosen: a thousandth of a needle's diameter */
+static const double AGREEMENT = 1e-6; /* m: error in the linearised displacements below which the passes end. Chosen: a thousandth of a needle's diameter */
 
 /* ---- laws ----------------------------------------------------------------------------------------------------------------- */
 

@@ -30,7 +30,7 @@ typedef struct {
     double track_reach;          /* needle diameters, distance up to which an old track is open to the tip; 0: tracks close behind the needle */
     double track_angle;          /* rad, largest angle between track and cutting direction at which the track is open */
     int max_passes;              /* maximum number of Newton passes per step */
-    double tolerance;            /* m, error of the needle's shape below which the passes end */
+    double tolerance;            /* m, error in the needle's shape below which the passes end */
     double bone_compliance;      /* m/N, compliance of bone under the tip */
     double surface_friction;     /* friction coefficient between the tip and a surface that it has not punctured */
     double gradient_span;        /* m, distance behind and ahead of the tip over which the gradient of the tissue's displacement is computed */

@@ -12,14 +12,14 @@ static double shear_of(double b) {
 }
 
 enum { MOST_FORCES = 30 }; /* iterations: maximum number in the search for the force at a given displacement. Effort limit: 8 are enough for S = 10 */
-static const double SAME_FORCE = 1e-6; /* dimensionless: relative change of the force at which the iteration ends. Rounding: the force serves only as a point of
+static const double SAME_FORCE = 1e-6; /* dimensionless: relative change in the force at which the iteration ends. Rounding: the force serves only as a point of
                                           linearisation */
 static const double RIGID = 1e-3; /* dimensionless: fraction of the linear compliance below which the iteration ends. Rounding: the force serves only as a point
                                      of linearisation */
 
 /* ---- shaft: shear stress F' / (2 pi rho) at the distance rho ----------------------------------------------------------------
 
-   The change of the linear displacement is the integral of g - F' / (2 pi mu rho) from the radius r to infinity. Substituting g for rho gives
+   The change in the linear displacement is the integral of g - F' / (2 pi mu rho) from the radius r to infinity. Substituting g for rho gives
    a (q / (1 + q) - 3/2 ln(1 + q)), where a = F' / (2 pi mu) and q = 2 S g^2 at r. Nearly all of it arises within a few radii of the shaft, so it does not
    depend on the radius that the mesh resolves. */
 

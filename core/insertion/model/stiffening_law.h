@@ -2,7 +2,7 @@
 #ifndef TROCAR_STIFFENING_LAW_H
 #define TROCAR_STIFFENING_LAW_H
 
-/* Change of the linear displacement caused by stiffening: `unit` times a function of (`scale` times the force). The field around the shaft and that in
+/* Change in the linear displacement caused by stiffening: `unit` times a function of (`scale` times the force). The field around the shaft and that in
    front of the tip each have their own function. */
 typedef struct {
     enum { NOT_STIFFENING, STIFFENING_SHAFT, STIFFENING_TIP } field;

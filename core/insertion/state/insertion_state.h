@@ -25,7 +25,7 @@ typedef struct {
     friction_state friction;
 } roll_friction;
 
-/* How the tissue along a share of the track holds the shaft. When the tip leaves a contact, or returns to it, this struct is handed over unchanged. */
+/* Slip, friction and rotation of the shaft along a share of the track. When the tip leaves a contact or returns to it, this struct is handed over as it is. */
 typedef struct {
     double origin;           /* m: arc minus depth of the material point of the shaft that would be at the track if the tissue were not sheared along the
                                 shaft. Near the tip, this point may be beyond the needle's end */

@@ -1,4 +1,4 @@
-/* The data of one tick: its input, the scratch of its stages, and its output. */
+/* The data of one tick: its input, scratch for its stages, and its output. */
 #ifndef TROCAR_TICK_DATA_H
 #define TROCAR_TICK_DATA_H
 
@@ -215,7 +215,7 @@ typedef struct {
     creep_step creep;
     resistance_ahead ahead;
     needle_response response;
-    _Alignas(CACHE_LINE) between_components joints_to_points[3 * (NEEDLE_MAX_SEGMENTS + 1)]; /* m/N, world frame: scratch of assemble_between_points */
+    _Alignas(CACHE_LINE) between_components joints_to_points[3 * (NEEDLE_MAX_SEGMENTS + 1)]; /* m/N, world frame: scratch for assemble_between_points */
     hole_edge edges[MAX_GUIDE_POINTS];       /* edges of the holes at the guide points */
     stiffening_step stiffening;
     damper_step damper;
@@ -257,7 +257,7 @@ static inline vec3 point_track(const insertion_state *state, const contact_point
     return p->kind == POINT_TIP ? state->tip.place.direction : state->contacts[p->handle].direction;
 }
 
-/* The shaft's hold at a point, which must be in the tissue and not at a guide. */
+/* State of the shaft in the tissue at a point, which must not be at a guide. */
 static inline const shaft_hold *point_shaft(const insertion_state *state, const contact_point *p) {
     return p->kind == POINT_TIP ? &state->tip.shaft : &state->contacts[p->handle].shaft;
 }

@@ -31,7 +31,7 @@ typedef struct {
     bool tip;                    /* true if the last share is the tip's */
     share_memory shares[MAX_SHARES]; /* shares in the last solve, from base to tip */
     double face[MAX_RELAXATION]; /* N, memory of the force on the tip's end face */
-    residual_loads residual;         /* loads at places where the needle no longer is, at `time` */
+    residual_loads residual;         /* loads, as of `time`, that act where the needle no longer is */
     double residual_added;           /* N, sum of the residual loads added since the last request to the worker */
     bool residual_growing;           /* true if residual load was added in this step */
 } tissue_memory;

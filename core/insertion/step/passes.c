@@ -9,7 +9,7 @@
 #include "insertion/step/checkpoint.h"
 #include "insertion/step/needle_drag.h"
 
-static const double NEW_PUSH = 0.05; /* fraction: change of push, relative to the Euler load, above which the needle is linearised again. Otherwise a needle
+static const double NEW_PUSH = 0.05; /* fraction: change in push, relative to the Euler load, above which the needle is linearised again. Otherwise a needle
                                         pushed along its axis at 50 mm/s would bear eight times its buckling load before it bows
                                         (tests/unit/insertion/test_guides.c). Chosen by judgement */
 static const double LEAP = 0.05; /* rad: rotation of a segment above which the passes of one step may have moved to a branch other than that of the last

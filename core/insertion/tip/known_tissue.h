@@ -14,9 +14,9 @@ vec3 displacement_at_tip(const tick_input *tick, const insertion_state *state, c
 /* Activates the contacts whose rows of the inverse have arrived, with the force on their shares of the shaft. Returns the number of these contacts. RT */
 int accept_snapshot(const tick_input *tick, insertion_state *state, tick_output *output);
 
-/* Finds the handles of the corners around the tip or, if the worker is late, around the last point that the snapshot covered. Without such a point, they
-   are NO_HANDLE and the mesh is treated as rigid. The tip's force acts on the nominal mesh by interpolation: a separate node at the tip would become
-   stiffer as it approached a face, and would add less than what the mesh already resolves. RT */
+/* Finds the handles of the corners around the tip or, if the worker is late, around the last point that the snapshot covered. Without such a point, they are
+   NO_HANDLE and the mesh is treated as rigid. The tip's force acts on the nominal mesh by interpolation: a separate node at the tip would become stiffer as it
+   approached a face, and would add less compliance than the mesh already has. RT */
 void follow_known_point(const tick_input *tick, insertion_state *state, tick_output *output, int handles[4]);
 
 /* Updates the mesh's resolution at the tip without a jump. If the worker is late, uses the last measurement or an estimate, so that forces always act on a

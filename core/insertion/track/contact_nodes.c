@@ -20,7 +20,7 @@ void set_beside(needle_tip *tip, vec3 beside) {
     tip->place.graze_normal = v3_norm(beside) > 0.0 ? v3_unit(beside) : v3(0, 0, 0);
 }
 
-/* Sets the needle's line at a new node; a line that an earlier request contained for the node is kept. */
+/* Sets the needle's line at a new node. If the last request contains almost the same line, that line is used, so that it need not be measured again. */
 static void set_line(insertion_state *state, int slot, vec3 direction) {
     added_node *node = &state->refined.nodes[slot];
     node->line = (line_in_tet){node->tet, node->position, v3_unit(direction)};

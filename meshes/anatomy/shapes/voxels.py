@@ -29,7 +29,7 @@ MOST_SIZE = 2 ** 31    # maximum number of voxels in a file
 ELONGATED = 1.5        # ratio of a voxel's sides above which additional slices are interpolated
 AROUND = 3             # number of empty voxels added around the labels
 PASS_BAND = 0.1        # pass band of the smoothing filter, at most 2: removes waves shorter than about six voxels
-SMOOTHED = 0.05        # largest change of a part's volume by smoothing: a part that changes more is a few voxels thin and is not smoothed
+SMOOTHED = 0.05        # largest change in a part's volume by smoothing: a part that changes more is a few voxels thin and is not smoothed
 # fraction of a part's volume: interpolation makes parts that are only one slice thick too thin; if the error is larger than this, they are thickened
 OFF_VOLUME = 0.05
 MOST_CHECKED = 4000    # number of points on a label's surface at which the distance from the mesh is measured

@@ -27,7 +27,7 @@ from ..shapes.contours import Unusable
 from ..limits import Crashed, TooLong
 from ..trouble import BadFile
 
-VOLUME_LIMIT = 0.01                     # largest permitted error of a volume, as a fraction of the volume of the voxels
+VOLUME_LIMIT = 0.01                     # largest permitted error in a volume, as a fraction of the volume of the voxels
 LEAST_ANGLE, GREATEST_ANGLE = 10, 165   # deg
 MEAN_LIMIT = 1.0                        # mm, mean distance from the faces of the voxels to the mesh
 SPACING = (1.0, 1.0, 1.5)               # mm
@@ -434,7 +434,7 @@ def losses_in(organs, mesh, domain, labels, place, names):
 
 def crowded_row(number, folder_, build, size=SMALL, nodes=FEW):
     """Returns a row of the table, whether it is good (the scene loads, the needle enters the first region, and losses of parts are small or named), and the
-    largest change of a part's volume that is not named."""
+    largest change in a part's volume that is not named."""
     binding.trocar(build)
     labels, place, names, chosen = crowded_map(number, size)
     began, path = used()[0], os.path.join(folder_, f"{number}.seg.nrrd")

@@ -11,7 +11,7 @@ from .. import organ, pipeline
 from ..shapes import shells
 from . import patient, tables
 
-VOLUME_LIMIT = 0.03                     # largest permitted error of a volume, as a fraction of the volume of the outlines as read
+VOLUME_LIMIT = 0.03                     # largest permitted error in a volume, as a fraction of the volume of the outlines as read
 MEAN_LIMIT, GREATEST_LIMIT = 1.0, 6.0   # mm, mean and greatest distance from the surface to the outlines without the defects, which move them by up to 10 mm
 
 

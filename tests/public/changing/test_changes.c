@@ -52,7 +52,7 @@ static void set_some(trocar_change *c, const trocar_change *original, unsigned *
 }
 
 typedef struct {
-    double largest;          /* largest change of force per tick, in units of the just noticeable difference (tests/verification/verify_smoothness.c) */
+    double largest;          /* largest change in force per tick, in units of the just noticeable difference (tests/verification/verify_smoothness.c) */
     double newton;           /* N, the same */
     double caused;           /* largest part of it that the change of values in that tick causes, in the same units */
     int changes, ticks, compared, punctures;

@@ -111,7 +111,7 @@ static void let_go(trocar_sim *sim) {
 
 typedef struct {
     trocar_output held;
-    double jump;             /* largest change of the held needle's force in a tick, in units of the smallest change that people notice */
+    double jump;             /* largest change in the held needle's force in a tick, in units of the smallest change that people notice */
     int count;
     trocar_contact contacts[TROCAR_MAX_POINTS];
 } both_needles;

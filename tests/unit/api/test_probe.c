@@ -598,7 +598,7 @@ static double least_gap(rectum *r, pose at, bool rest) {
     return least;
 }
 
-/* Returns the largest change of force (N) over a short distance that does not yet count as a jump. */
+/* Returns the largest change in force (N) over a short distance that does not yet count as a jump. */
 static double smooth_change(double before, double after) { return fmax(0.05, 0.07 * fmax(before, after)); }
 
 static double change_of(const trocar_probe *from, const trocar_probe *to) {
@@ -640,7 +640,7 @@ static void does_not_pass_the_wall(void **state) {
     }
 }
 
-/* Repeats the motion to `at` from the saved state in smaller parts. `change` is the change of force in the whole motion, in units of the largest change that
+/* Repeats the motion to `at` from the saved state in smaller parts. `change` is the change in force in the whole motion, in units of the largest change that
    does not count as a jump. There are twice as many parts as a steady rise would need, so that a real jump still falls into a single part. Returns the largest
    change per part, in the same unit. */
 static double change_in_parts(rectum *r, const void *saved, size_t size, trocar_probe last, pose at, double change) {
@@ -696,7 +696,7 @@ static void moved_at_random(void **state) {
                     change = change_in_parts(&r, saved, size, last, now, change);
                     p = trocar_view_probe(trocar_sim_view(r.sim));
                 }
-                if (change > 1.0 && last.contacts > 0 && p.contacts > 0) { /* a change of force at the beginning or end of contact does not count as a jump */
+                if (change > 1.0 && last.contacts > 0 && p.contacts > 0) { /* a change in force at the beginning or end of contact does not count as a jump */
                     jumps++;
                     print_message("motion %d, %.1f of it: %.3f to %.3f N, %d to %d points, on a way of %.3f mm\n", LEGS * path + leg, (double)i / steps,
                                   v3_norm(vector(last.force)), v3_norm(vector(p.force)), last.contacts, p.contacts, 1e3 * probe_way(&TRANSRECTAL, from, now));

@@ -166,7 +166,7 @@ static void add_left(const trocar_sim *sim, int needle, const insertion_state *s
     for (int i = 0; i < left.count; i++) add_point(p, needle, left.loads[i].tet, left.loads[i].weights, left.loads[i].force, &IDENTITY);
 }
 
-/* Computes the displacements (m) of a resting needle's rows due to the local fields of a held needle's forces, which the mesh does not resolve. */
+/* Computes the displacements (m) of a resting needle's rows due to the local fields of a held needle's forces, which are finer than the mesh. */
 static void displaced_nearby(trocar_sim *sim, const resting_needle *r, int held, double *displacement) {
     static tissue_loads loads;
     static mat3 lacks[MAX_LOADS];
@@ -188,7 +188,7 @@ static void displaced_nearby(trocar_sim *sim, const resting_needle *r, int held,
 
        (G + C) df + C_held f = R q,    R^T df = 0
 
-   where G and R are those at the needle's release, C includes the part of the compliance between needles that the mesh does not resolve, and df is relative to
+   where G and R are those at the needle's release, C includes the part of the compliance between needles that is finer than the mesh, and df is relative to
    `reference`, the forces when no needle was held. The dense system is solved by LU. Returns the largest difference from the simulation's forces (N), and the
    largest difference from the displacements that the tick uses at the held needle's contacts (m). */
 typedef struct { double forces, displacement, size; } differences;

@@ -88,7 +88,7 @@ static void assemble(trocar_sim *sim, one_problem *p) {
         const resting_needle *r = set->needles[k];
         size_t first = (size_t)set->row[k];
         static double nearby[MAX_UNKNOWNS * MAX_UNKNOWNS];
-        for (int l = 0; l < k; l++) { /* adds the compliance between the two needles that the mesh does not resolve */
+        for (int l = 0; l < k; l++) { /* adds the part of the compliance between the two needles that is finer than the mesh */
             OK(resting_mutual(sim->pairs, r, set->needles[l], nearby, MAX_UNKNOWNS, &why));
             for (int u = 0; u < r->unknown_count; u++)
                 for (int v = 0; v < set->needles[l]->unknown_count; v++) {

@@ -1,6 +1,6 @@
-/* Tests a worker that gets so little processor time that a newer request is already waiting whenever it has answered one, or that gets none at all. A tip in
-   the tissue must feel about the same force as with a punctual worker, each tick must report that the worker is late, and afterwards the state must be the
-   same as if the worker had always been in time. */
+/* Tests a worker that receives so little processor time that a newer request is already waiting whenever it has answered one, or that receives none at all. A
+   tip in the tissue must feel about the same force as with a punctual worker, each tick must report that the worker is late, and afterwards the state must be
+   the same as if the worker had always been in time. */
 #include <math.h>
 
 #include "api/api.h"

@@ -102,7 +102,7 @@ static void quantiles_and_end_are_reported(void **state) {
     assert_close(comparison_quantile(&c, 1.0), 5.0 / 6.0, 1.1e-3);
 }
 
-/* The errors of components that are nearly zero are given relative to 0.1 N and 2 mN m. */
+/* Errors in components that are nearly zero are given relative to 0.1 N and 2 mN m. */
 static void small_components_use_a_minimum_peak(void **state) {
     fixture *f = *state;
     f->golden[3].raw_force[0] = 0.9e-3;

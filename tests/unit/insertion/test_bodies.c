@@ -162,7 +162,7 @@ static void mesh_unit_is_applied(void **unused) {
 
 /* ---- stiff tissue ------------------------------------------------------------------------------------------------------- */
 
-/* Returns the largest change of force per tick, relative to max(7 %, 0.05 N), while the needle is inserted through a layer of the given stiffness, moved
+/* Returns the largest change in force per tick, relative to max(7 %, 0.05 N), while the needle is inserted through a layer of the given stiffness, moved
    sideways at the base, and withdrawn. */
 static double worst_step(double stiffness, unsigned *seen) {
     enum { TICKS = 1200 };

@@ -80,14 +80,14 @@ static void a_bowed_column_is_the_elastica(void **unused) {
 
 typedef struct {
     double most, at_end;     /* N */
-    /* N/m, largest ratio of the change of force to the displacement of the hand before buckling, which is the stiffness that the hand works against */
+    /* N/m, largest ratio of the change in force to the displacement of the hand before buckling, which is the stiffness that the hand works against */
     double stiffest;
-    double jump;             /* largest change of force per tick after buckling, relative to the perceptible change or the change explained by `stiffest` */
+    double jump;             /* largest change in force per tick after buckling, relative to the perceptible change or the change explained by `stiffest` */
     double work, most_work;  /* J; work: the hand's work over the whole path; most_work: its maximum along the path */
     int passes;              /* maximum number of passes in a tick */
 } path;
 
-/* Moves the hand along the axis by `way` (m) and back, until the needle touches nothing. Changes of force at punctures do not count as jumps. */
+/* Moves the hand along the axis by `way` (m) and back, until the needle touches nothing. Changes in force at punctures do not count as jumps. */
 static path there_and_back(lockstep *l, double way, double speed) {
     const double noticed = 0.05, noticed_part = 0.07; /* perceptible change, in N and as a fraction of the force */
     int ticks = (int)(way / (speed * 1e-3) + 0.5);

@@ -86,7 +86,7 @@ static void record(const lockstep *l, load_history *h) {
 }
 
 /* Computes the nodal forces on the nominal mesh that displace elastic tissue in the same way as the recorded history displaces relaxing tissue, `later` ticks
-   after the needle's removal. Each change of force is weighted by the creep that has followed it. */
+   after the needle's removal. Each change in force is weighted by the creep that has followed it. */
 static void recover(const lockstep *l, const load_history *h, const double *creep, int later, vec3 *nominal) {
     for (int i = 0; i < h->count; i++) {
         vec3 sum = v3(0, 0, 0);

@@ -336,7 +336,7 @@ static pose trembling(double t, unsigned seed, double before, double deep) {
 
 typedef struct { double peak, step, across; int passes, worst, touching; } trembling_result;
 
-/* Returns the largest force, the largest change of the force per tick, and the largest change per tick of the component across the axis. */
+/* Returns the largest force, the largest change in the force per tick, and the largest change per tick of the component across the axis. */
 static trembling_result tremble(lockstep *l, unsigned seed, double before, double deep, int ticks, double dt) {
     trembling_result r = {0};
     pose start = trembling(0.0, seed, before, deep);

@@ -62,8 +62,8 @@ static void correction_is_small_on_fine_meshes(void **state) {
 }
 
 /* Force per metre of displacement for a disc with a radius of 0.635 mm in tissue with E = 20 kPa and nu = 0.45, for a disc at the end of a hole and for one
-   bonded to a surface. The values come from finite elements that resolve the disc (tests/verification/references/resolved_needle.json: tip_disc and
-   skin_disc). The last argument is 0 because the mesh resolves none of the displacement. */
+   bonded to a surface. The values come from finite elements that resolve the disc (tests/verification/references/resolved_needle.json: tip_disc and skin_disc).
+   The last argument, the compliance of the mesh, is 0. */
 static void single_tip_matches_resolved_disc(void **state) {
     (void)state;
     create(0.0, true);

@@ -174,7 +174,7 @@ static void a_coarse_space_that_does_not_help_is_given_up(void **state) {
     coarse_way = COARSE_WORKS;
 }
 
-/* The error of an entry is small compared with the compliances of its two nodes, and the file is half as large. Diagonal blocks are exactly symmetric. */
+/* The error in an entry is small compared with the compliances of its two nodes, and the file is half as large. Diagonal blocks are exactly symmetric. */
 static void single_precision_takes_half_the_room(void **state) {
     (void)state;
     condensed c;

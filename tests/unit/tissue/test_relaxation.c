@@ -50,7 +50,8 @@ static void creep_and_relaxation_belong_together(void **unused) {
     check_against_quadrature(4, close, 2e-3, 3000, 3e-6);
 }
 
-/* In the long term, the displacement under a constant force is the reciprocal of the stress that remains under a constant strain. */
+/* The long-term displacement under a constant force, relative to the initial one, is the reciprocal of the fraction of stress that remains under a constant
+   strain. */
 static void long_term_values_are_inverse(void **unused) {
     (void)unused;
     creep_series creep;

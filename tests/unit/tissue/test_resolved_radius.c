@@ -1,5 +1,5 @@
-/* Tests what the mesh resolves around a line: the exact fields must satisfy their differential equations, and the radii measured in patches must equal those
-   measured in whole meshes. */
+/* Tests the measurement of the radius that a mesh resolves around a line: the exact fields must satisfy their differential equations, and the radii measured in
+   patches must equal those measured in whole meshes. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>

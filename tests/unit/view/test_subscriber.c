@@ -149,7 +149,7 @@ static void change_of_server_is_detected(void **state) {
     trocar_status_t_publish(f->lcm, "TROCAR_STATUS", &said);
     handle_all(f);
     hear_wrench(f, 1, 90002);
-    hear_wrench(f, 1, 90001); /* a wrench that was delayed in the network */
+    hear_wrench(f, 1, 90001); /* a wrench that was delayed on the network */
     assert_true(f->feed.servers == 1 && f->feed.needles[0].status && subscriber_base(&f->feed, 0, &base));
     sleep_until(f->feed.heard + 500000001);
     hear_wrench(f, 2, 3);

@@ -129,7 +129,7 @@ static trocar_status forces_deeper(body *b, pose base, vec3 way, double *force, 
     return status;
 }
 
-/* Computes the total force with the tick, as the change of the wrench when the base moves by 1 mm while all contacts stick. (The wrench at rest is not exactly
+/* Computes the total force with the tick, as the change in the wrench when the base moves by 1 mm while all contacts stick. (The wrench at rest is not exactly
    zero, because nodes are kept away from the faces of elements and therefore lie slightly off the needle.) */
 static trocar_status force_of_tick(body *b, pose base, vec3 way, double *force, trocar_error *why) {
     tick_output wrench;

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Checks the error of linear elasticity with small strains, using the force on a rigid needle moved by up to 5 mm, from large_deflection.json.
+"""Checks the error that linear elasticity with small strains makes, using the force on a rigid needle moved by up to 5 mm, from large_deflection.json.
 large_deflection.py solved this problem with CalculiX: linearly, and with large displacements in a neo-Hookean material and in a stiffening one (Yeoh). The full
 form solves the neo-Hookean case for sideways motion again. The core's needle is compared with the linear solution and, in stiffening tissue (the scene's
 `stiffening`), with the Yeoh material.

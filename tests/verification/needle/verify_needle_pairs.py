@@ -1,6 +1,6 @@
 #!/usr/bin/python3
 """Checks two rigid needles a few millimetres apart: compares the force on each when one of them is moved with that on needles whose surfaces are resolved
-(resolved_pair.json). The distance between the needles is smaller than an element, so most of the effect that one has on the other is not resolved by the mesh.
+(resolved_pair.json). The distance between the needles is smaller than an element, so most of the displacement of one by the other is finer than the mesh.
 """
 import json
 import os
@@ -13,7 +13,7 @@ sys.path[:0] = [str(Path(__file__).resolve().parents[1] / folder) for folder in 
 import needle_meshes  # noqa: E402: first, because it skips this check if Gmsh is missing
 from rows import REPOSITORY, Rows  # noqa: E402
 
-LIMITS = {448: 0.10, 1440: 0.05}  # number of nodes -> largest permitted error of a force; on other meshes, the error is reported but not checked
+LIMITS = {448: 0.10, 1440: 0.05}  # number of nodes -> largest permitted error in a force; on other meshes, the error is reported but not checked
 RECIPROCAL = 0.02                 # largest permitted difference between the lateral forces of the two needles, as a fraction of the largest force
 LENGTH = 0.2                      # m, default length of the needle
 STEP, TICKS, RISE = 1e-3, 300, 100  # STEP: m; TICKS, RISE: number of ticks of 1 ms in total, and while the needle moves

@@ -17,7 +17,7 @@ sys.path[:0] = [str(Path(__file__).resolve().parents[1] / folder) for folder in 
 import needle_meshes  # noqa: E402
 from rows import REPOSITORY, Rows  # noqa: E402
 
-LIMIT, MEDIAN = 0.05, 0.02  # limits on the error of a single force, and on the median of all errors
+LIMIT, MEDIAN = 0.05, 0.02  # limits on the error in a single force, and on the median of all errors
 TICK_LIMIT = 0.002  # limit on the effect of the coupling between directions, which rigid_needle.c neglects
 ABREAST = "the sum of springs neglects cross-coupling between directions"
 SHORT = "less than two elements deep: the force on the end face moves the shaft behind it no farther than the mesh says"

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Measures the error of linear elasticity with small strains: forces on a rigid needle with large displacements, computed with CalculiX.
+"""Measures the error that linear elasticity with small strains makes: forces on a rigid needle with large displacements, computed with CalculiX.
 
 The needle of the case depth_r0.635_nu0.45 of resolved_needle.py is moved by up to 5 mm on a coarser mesh of quadratic tetrahedra: linearly, and with large
 displacements (NLGEOM) in two nearly incompressible hyperelastic materials with the same initial moduli,

@@ -34,7 +34,7 @@ BALANCE = 1e-4  # largest permitted imbalance of the reactions relative to their
 # the distance from the rings. `sectors`: number of elements around the needle. `largest`: largest element size, far from the needle. Discs have a finer rim:
 # where the
 # bonded end meets the free wall of the hole (a clamped-free corner of 270 degrees, Williams 1952), displacements vary with the power 0.28 of the distance at nu
-# = 0.45, so the error of forces varies as rim^0.56.
+# = 0.45, so the error in the forces varies as rim^0.56.
 MESHES = {
     "coarse": {"needle": {"rim": 0.24, "slope": 1.0, "far_slope": 0.5, "sectors": 8, "largest": 0.018},
                "disc": {"rim": 0.006, "slope": 0.7, "far_slope": 0.6, "sectors": 8, "largest": 0.025}},

@@ -28,7 +28,7 @@ LOCKING_NU = 0.499
 AMPLITUDE = np.array([1, -0.7, 0.4]) * 1e-3  # m
 STRAINS = ("patch", "node", "element")  # the sets over which the volumetric strain is averaged
 YOUNGS_MODULUS = 20e3                 # Pa
-ORDER_LIMIT = 0.05                    # permitted relative error of the observed order of convergence
+ORDER_LIMIT = 0.05                    # permitted relative error in the observed order of convergence
 
 
 def cube(path, size, fixed_faces):

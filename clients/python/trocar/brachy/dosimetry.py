@@ -58,14 +58,14 @@ class Carried(NamedTuple):
 
 
 def carry_out(scene: str | PathLike[str], plan: Plan, **operator: Any) -> Carried:
-    """Carries out a plan in a simulation of a scene, which gets as many needles as the plan has. operator: arguments of `trocar.brachy.virtual_operator.Operator`,
+    """Carries out a plan in a simulation of a scene, with as many needles as the plan has. operator: arguments of `trocar.brachy.virtual_operator.Operator`,
     such as follows_image and seed. Raises BadPlan if the plan does not fit the scene, or a needle cannot be simulated, and Error if the scene cannot be used."""
     loaded = Scene.load(scene)
     loaded["needles"] = max(len(plan.needles), int(loaded["needles"]))
     sim = Sim(Model(loaded))
     field = sim.displacements()
     for needle, poses in Operator(plan=plan, **operator).moves(sim, STEP):
-        # a seed that has been dropped is in the needle until the needle is drawn back
+        # a seed that has been dropped stays in the needle until the needle is drawn back
         before = sim.displacements() if sim.pending_seeds(needle) else None
         try:
             sim.run(poses, STEP, needle)

@@ -61,7 +61,7 @@ def source_of(plan: Plan, table: str | PathLike[str] | None = None) -> Source:
 
 
 def seed_model(name: str, table: str | PathLike[str] | None, path: str) -> Source:
-    """Returns a built-in seed model, or that of a table file, by isotope and model. `path` names the file that asks for it in messages. Raises BadPlan."""
+    """Returns the seed model of this name: built in, or from a table file. `path`: file that specifies the seed model, for messages. Raises BadPlan."""
     try:
         source = Source.load(table) if table else Source(name)
     except Error as error:

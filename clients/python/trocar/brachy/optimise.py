@@ -1,4 +1,4 @@
-"""Makes a plan: chooses holes of the template and seeds in their needles, so that the gland gets the prescribed dose and other organs are spared.
+"""Makes a plan: chooses holes of the template and seeds in their needles, so that the gland receives the prescribed dose and other organs are spared.
 
 Seeds may lie on planes 5 mm apart, on the axes of holes. The search adds seeds one at a time, always the seed that lowers the cost most, until no
 further seed lowers it. Then it moves each seed in turn to its best position, or removes it, until no such exchange lowers the cost. The cost is a sum

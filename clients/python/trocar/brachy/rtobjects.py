@@ -57,7 +57,7 @@ def structure_set(given: Dataset, organs: Mapping[str, Organ], seeds: Mapping[st
 
 
 def _histogram(number: int, dvh: DVH) -> Dataset:
-    """Describes the histogram of region `number`, as pairs of a bin's width (Gy) and the volume (cm^3) that gets the dose at its lower edge."""
+    """Describes the histogram of region `number`, as pairs of a bin's width (Gy) and the volume (cm^3) that receives at least the dose at its lower edge."""
     edges = np.linspace(0.0, dvh.dose(0.0) * (1.0 + 1e-9), BINS, endpoint=False)
     volumes = [1e6 * dvh.voxel * len(dvh.doses) * dvh.volume(float(edge)) for edge in edges]
     width = float(edges[1])

@@ -82,7 +82,7 @@ class Swollen:
         polar, azimuth = self._cells(off)
         reach = np.zeros((CELLS, 2 * CELLS))
         np.maximum.at(reach, (polar, azimuth), far)
-        if not reach.all():    # in a gland of few voxels, a direction without voxels gets the mean of the others
+        if not reach.all():    # in a gland of few voxels, a direction without voxels has the mean of the others
             reach[reach == 0.0] = reach[reach > 0.0].mean()
         self._reach = reach + RAY
 

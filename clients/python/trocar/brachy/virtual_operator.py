@@ -34,7 +34,7 @@ class SeedError(NamedTuple):
     axis: Array        # unit vector along the planned needle
     total: Array
     tissue: Array      # part due to displacement of the tissue that the operator did not correct
-    image: Array       # part due to the error of the image
+    image: Array       # part due to the image error
     splay: Array       # part due to the tilt of the needle
 
     @property

@@ -71,7 +71,7 @@ class Task:
     speed: float = 0.05           # m/s, largest speed of the base along the needle
     roll_rate: float = 12.0       # rad/s, largest roll rate of the base
     interval: float = 0.02        # s, time between two actions
-    tolerance: float = 1e-3       # m, largest error of a success
+    tolerance: float = 1e-3       # m, largest error that counts as a success
     displacement_cost: float = 5.0    # 1/s, weight of the tissue's displacement in the reward
     start: Array = field(default_factory=lambda: np.zeros(7))     # (7,) pose of the base before the insertion
     axes: Array = field(default_factory=lambda: np.eye(3))        # (3, 3) the needle's axes at `start`, one unit vector per row; +z points from base to tip

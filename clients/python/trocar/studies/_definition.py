@@ -107,7 +107,7 @@ class Study:
     described: str = ""                 # text for the manifest that describes the motion and other settings
     inverse: str = "auto"               # the scene's inverse
     text: str = ""                      # contents of the study's file
-    _scene: Scene | None = None         # the scene with `settings` applied; read only once, so that later changes of the file have no effect
+    _scene: Scene | None = None         # the scene with `settings` applied; read only once, so that later changes to the file have no effect
 
     def samples(self) -> npt.NDArray[np.float64]:
         """Returns the parameter values of all runs, (runs, parameters). The values depend only on the seed and the run's index."""

@@ -27,7 +27,7 @@ class Cost(NamedTuple):
     models: int                   # number of models that are shared by several runs
     model_seconds: float          # s, to build each of these models
     run_seconds: tuple[float, float, float]    # s, for a run: mean, least and largest of the pilots. Contains the model if runs do not share it
-    memory: float                 # bytes, largest of a process with model and run
+    memory: float                 # bytes, peak of a process with its model and run
     table: float                  # bytes, size of result.csv
     frames: float                 # bytes, size of the files of all runs' frames; frames.h5 takes as much again
 

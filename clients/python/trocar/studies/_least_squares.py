@@ -11,12 +11,12 @@ Array = npt.NDArray[np.float64]
 # Returns the residuals (n,) at each of several points (p,), or None where they cannot be computed.
 Evaluate = Callable[[Sequence[Array]], list[Array | None]]
 
-# Simulations are not perfectly smooth: a small change of a parameter can shift an event, such as the tip's entry into the next element, to a different
+# Simulations are not perfectly smooth: a small change in a parameter can shift an event, such as the tip's entry into the next element, to a different
 # tick, which makes some residuals jump. Finite differences therefore need steps that change the residuals by much more than such jumps do, and the search
 # must be able to cross the jumps.
 FIRST_STEP = 0.01     # initial step of the finite differences, as a fraction of a parameter's range
 STEPS = (0.002, 0.1)     # smallest and largest step
-CHANGE = 10.0         # norm of the change of the residuals that a step of the finite differences should cause
+CHANGE = 10.0         # norm of the change in the residuals that a step of the finite differences should cause
 JUMP = 10.0           # largest increase of chi squared that the search accepts, to cross a jump
 MOST_RISES = 5        # maximum number of such increases
 SMALL = 0.02          # predicted decrease of chi squared below which a step is not worthwhile: a seventh of a standard error

@@ -53,9 +53,9 @@ class Problem:
     study: Study                          # the scene, its settings and the samples
     hand: Implant                         # speed and rests with which the needles are moved
     targets: list[tuple[str, Array]] = field(default_factory=list)    # names of the targets, and their positions (3,) m in the tissue at rest
-    plan: Plan | None = None              # a plan whose seeds should end at their planned places; used instead of targets
+    plan: Plan | None = None              # a plan whose seeds should end at their planned places; None if there are `targets`
     area: Area | None = None
-    template: str = ""                    # name of the template; used instead of an area
+    template: str = ""                    # name of the template; empty if needles enter through `area`
     holes: list[str] = field(default_factory=list)    # holes of the template that may be used
     tilt: float = 0.0                     # rad, largest tilt allowed about each of the two axes
     roll: float | None = None             # rad; None: free

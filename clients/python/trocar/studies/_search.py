@@ -29,7 +29,7 @@ LAST = 2e-3          # m: a turn is omitted if it would be closer to the target 
 # factor by which the steps of difference quotients over samples are lengthened; otherwise the differences would be small compared with the roughness within a
 # step
 LONGER = 4.0
-ROUNDING = 1e-5      # m, tolerance for rounding errors of a clearance
+ROUNDING = 1e-5      # m, tolerance for rounding errors in a clearance
 MARGIN = 2e-5        # m, added to the desired clearance so that the needle still has that clearance when the plan is carried out
 SPARE = 2e-3         # m: clearance that exceeds the desired one by more than this has no influence on the search
 TOO_NEAR = 10.0      # weight of violations of clearances relative to the worst-case error
@@ -47,7 +47,7 @@ ENOUGH = 0.05        # the search ends when the expected improvement of the next
 
 class Variable(NamedTuple):
     name: str
-    scale: float    # change of the variable that corresponds to one unit of the search
+    scale: float    # change in the variable that corresponds to one unit of the search
     low: float
     high: float
     step: float     # step size of the difference quotient
@@ -112,7 +112,7 @@ class Freedom:
 
 
     def carried(self, x: Array, other: Array, outcome: Outcome) -> Outcome:
-        """Returns the outcome at x if the needle is moved from x to other without a change of its shape or of the tissue."""
+        """Returns the outcome at x if the needle is moved from x to other without a change in its shape or in the tissue."""
         here, there = self.aim(x), self.aim(other)
         frame = lambda aim: multiply(towards(aim.direction), exponential([0.0, 0.0, aim.roll]))
         local = rotate(frame(here) * [1.0, -1.0, -1.0, -1.0], outcome.shaft - here.point)

@@ -49,7 +49,7 @@ def _estimate(values: Array) -> tuple[Array, Array]:
     """Computes indices (..., p) from values (..., N, p + 2)."""
     a, b, mixed = values[..., :1], values[..., 1:2], values[..., 2:]
     both = np.concatenate([a, b], axis=-1)
-    mean = both.mean(axis=(-2, -1), keepdims=True)    # subtract the mean, because the error of the first formula grows with it
+    mean = both.mean(axis=(-2, -1), keepdims=True)    # subtract the mean, because the error in the first formula grows with it
     variance = both.var(axis=(-2, -1))[..., None]
     with np.errstate(invalid="ignore", divide="ignore"):    # the sensitivity indices of a constant result are undefined (NAN)
         first = ((b - mean) * (mixed - a)).mean(axis=-2) / variance

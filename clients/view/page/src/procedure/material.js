@@ -2,7 +2,7 @@
 import * as THREE from 'three'
 import { interpolate, weightsIn } from '../barycentric.js'
 
-const EDGE = -1e-6 // tolerance for rounding errors of a barycentric weight
+const EDGE = -1e-6 // tolerance for rounding errors in a barycentric weight
 
 /** Returns the tetrahedron that contains a position [x, y, z] when the nodes are at `nodes`, or -1 outside the tissue. `guess` is a tetrahedron that
     may contain it, and is tried first. */

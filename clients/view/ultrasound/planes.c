@@ -82,15 +82,13 @@ void planes_at_tip(const image_planner *p, const double tip[3], image_plane plan
     planes_at(p, tip ? within(tip[2], p->low.z, p->high.z) : middle.z, tip ? within(tip[0], p->low.x, p->high.x) : middle.x, planes);
 }
 
+/* Half of the extent of a box along an axis. */
+static double half_extent(vec3 half, vec3 axis) { return half.x * fabs(axis.x) + half.y * fabs(axis.y) + half.z * fabs(axis.z); }
+
 image_field image_field_of(const image_planner *p, slice_kind kind, const image_plane *plane, double depth) {
-    double low = INFINITY, high = -INFINITY, far = 0;
-    for (int corner = 0; corner < 8; corner++) {
-        vec3 x = v3(corner & 1 ? p->high.x : p->low.x, corner & 2 ? p->high.y : p->low.y, corner & 4 ? p->high.z : p->low.z), from = v3_sub(x, plane->origin);
-        double across = v3_dot(from, plane->axes[0]);
-        low = fmin(low, across);
-        high = fmax(high, across);
-        far = fmax(far, v3_dot(from, plane->axes[1]));
-    }
+    vec3 half = v3_scale(0.5, v3_sub(p->high, p->low)), from = v3_sub(v3_scale(0.5, v3_add(p->low, p->high)), plane->origin);
+    double middle = v3_dot(from, plane->axes[0]), low = middle - half_extent(half, plane->axes[0]), high = middle + half_extent(half, plane->axes[0]);
+    double far = fmax(0.0, v3_dot(from, plane->axes[1]) + half_extent(half, plane->axes[1]));
     image_field f = {.sector = kind == SLICE_AXIAL, .near = NEAR[kind], .far = far + MARGIN, .face = p->has_probe ? p->probe_radius : NEAR[kind]};
     if (f.sector) f.side = fmin(WIDEST, atan2(fmax(high, -low) + MARGIN, 0.5 * f.far));
     else f.side = 0.5 * (high - low) + MARGIN, f.centre = 0.5 * (low + high);

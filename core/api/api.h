@@ -52,6 +52,7 @@ typedef struct {
     /* Used by the ticking thread: */
     insertion_state state;   /* while the needle is held, its current state; while it rests, its state at the moment when it was left */
     uint64_t stamp;          /* changes whenever `state` changes */
+    uint64_t softened;       /* value of elasticity.moves for which the shear and the memory in `state` hold */
     double base_compliance;  /* m/N, compliance of the spring between the given pose and the base */
     pose given;              /* pose of the base given in the last tick or reset */
     tissue_loads loads;      /* the needle's current forces on the tissue */

@@ -197,6 +197,7 @@ trocar_status trocar_sim_restore(trocar_sim *sim, const void *state, size_t size
     for (int i = 0; i < sim->needle_count && status == TROCAR_OK; i++) {
         sim_needle *needle = &sim->needles[i];
         needle->served_changes = attached_changes(sim);
+        needle->softened = sim->elasticity.moves;
         needle->served_shifts = attached_shifts(sim);
         status = remesher_resume(needle->remesher, &needle->state.request, link_answer_slot(&needle->link), why);
         link_publish_answer(&needle->link);

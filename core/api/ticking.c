@@ -53,6 +53,7 @@ void adopt_needle(trocar_sim *sim, sim_needle *n) {
     if (link_refuses(&n->link, ON_ADOPT)) return;
     memcpy(&n->state, &link_shown(&n->link)->state, sizeof n->state);
     n->stamp = next_stamp();
+    n->softened = 0; /* the worker may have been behind in a change of moduli */
     n->given = n->state.needle.base;
     n->loads.count = 0;
     insertion_add_loads(ticking_model(sim), &n->state, &n->loads);
@@ -207,12 +208,12 @@ tick_input tick_of(const trocar_sim *sim, int index, const compliance_snapshot *
     return tick;
 }
 
-static void follow_moduli(trocar_sim *sim, const tick_input *tick, insertion_state *state) {
+static void follow_moduli(trocar_sim *sim, const tick_input *tick, sim_needle *needle) {
     elasticity *e = &sim->elasticity;
-    if (elasticity_left(e) == 0.0) return;
-    wake_worker(&sim->link);
+    if (elasticity_left(e) > 0.0) wake_worker(&sim->link);
     bool complete = elasticity_follow(e, &sim->changing->ticking, sim->rounds.time);
-    insertion_soften(tick, state, sim->workspace);
+    if (needle->softened != e->moves) insertion_soften(tick, &needle->state, sim->workspace);
+    needle->softened = e->moves;
     if (!complete) return;
     model_release(e->from.model);
     e->from = moduli_of(model_share(e->to.model));
@@ -229,7 +230,7 @@ trocar_status run_tick(trocar_sim *sim, int index, const compliance_snapshot *sn
     tick_input tick = tick_of(sim, index, snapshot, dt);
     if (sim->changing) {
         values_follow(&sim->changing->ticking, sim->rounds.time);
-        follow_moduli(sim, &tick, &needle->state);
+        follow_moduli(sim, &tick, needle);
     }
     atomic_store_explicit(&sim->link.probe.time, llround(1e9 * sim->rounds.time), memory_order_relaxed);
     atomic_fetch_add_explicit(&needle->link.since_release, llround(1e9 * dt), memory_order_relaxed);

@@ -14,13 +14,16 @@ enum { MOST_ANSWERS = 4 };             /* number of requests answered in a row b
 static trocar_status move_moduli(trocar_sim *sim, double now, trocar_error *why) {
     double *displacement;
     trocar_status status = rest_before_softening(sim, &displacement, why);
-    elasticity_mix(&sim->elasticity, sim->mixed, &sim->changing->worker, now);
-    if (sim->pairs) needle_pairs_soften(sim->pairs);
-    sim->resting.changes++;
-    mark_stale(sim, NULL);
-    if (status == TROCAR_OK) status = rest_after_softening(sim, displacement, why);
+    if (status == TROCAR_OK) {
+        elasticity_mix(&sim->elasticity, sim->mixed, &sim->changing->worker, now);
+        if (sim->pairs) needle_pairs_soften(sim->pairs);
+        sim->resting.changes++;
+        mark_stale(sim, NULL);
+        status = rest_after_softening(sim, displacement, why);
+    }
     free(displacement);
-    return status == TROCAR_OK ? press_probe(sim, why) : status;
+    if (status == TROCAR_OK) status = press_probe(sim, why);
+    return status == TROCAR_OK ? respond_to_loads(sim, false, why) : status;
 }
 
 /* While moduli change, follows the ticking thread. */
@@ -78,8 +81,7 @@ trocar_status trocar_sim_work(trocar_sim *sim, trocar_work *done, trocar_error *
     changing_take(sim->changing);
     if (take_loads(sim)) sim->to_respond = true;
     if (take_probe_pose(sim)) sim->to_respond = true;
-    trocar_status moved = follow_moduli(sim, why), status = change_resting(sim, &change, why);
-    if (moved != TROCAR_OK) status = moved;
+    trocar_status moved = follow_moduli(sim, why), status = change_resting(sim, &change, moved == TROCAR_OK ? why : &ignored);
     work.more = change.any;
     work.still_held = change.kept;
     for (int i = 0; i < sim->needle_count && !work.more; i++) {
@@ -98,7 +100,7 @@ trocar_status trocar_sim_work(trocar_sim *sim, trocar_work *done, trocar_error *
     }
     restore_floating_mode(before);
     if (done) *done = work;
-    return status;
+    return moved != TROCAR_OK ? moved : status;
 }
 
 int trocar_sim_work_descriptor(const trocar_sim *sim) { return sim->link.work_event; }

@@ -40,6 +40,7 @@ static trocar_status release_base(trocar_sim *sim, int index, const track_list *
     tick_output wrench;
     tick_input tick = {.model = worker_model(sim), .snapshot = snapshot, .dt = TICK, .base = {.pose = state->needle.base}, .others = {others}, .other_count = 1};
     state->base_shift = v3(0, 0, 0);
+    insertion_soften(&tick, state, &scratch->workspace); /* the tick may have been ahead of the worker in a change of moduli */
     trocar_status status = answer_fully(sim, index, &state->request, why);
     double size = 1.0; /* step size; it grows as long as sliding of the shaft keeps the wrench from falling */
     vec3 before = v3(0, 0, 0);
@@ -70,15 +71,20 @@ static int list_attached(const trocar_sim *sim, resting_needle *list[MAX_NEEDLES
     return count;
 }
 
-/* Attaches all resting needles again after needles have been added or removed. */
-static trocar_status attach_again(trocar_sim *sim, trocar_error *why) {
+/* Attaches all resting needles again. Their forces do not change. */
+static trocar_status attach_all(trocar_sim *sim, trocar_error *why) {
     resting_needle *list[MAX_NEEDLES];
     other_loads held;
     int count = list_attached(sim, list);
     atomic_store(&sim->link.resting, count);
     list_others(sim, BESIDE_RESTING, &held);
     mark_stale(sim, NULL);
-    trocar_status status = resting_set_change(&sim->resting, count, list, &held, why);
+    return resting_set_change(&sim->resting, count, list, &held, why);
+}
+
+/* The same after needles have been added or removed. */
+static trocar_status attach_again(trocar_sim *sim, trocar_error *why) {
+    trocar_status status = attach_all(sim, why);
     return status == TROCAR_OK ? press_probe(sim, why) : status;
 }
 
@@ -178,17 +184,23 @@ static trocar_status soften_resting(trocar_sim *sim, trocar_error *why) {
         if (status == TROCAR_OK) status = resting_soften(&tick, sim->inverse, scratch, n->resting, why);
         hold_loads(sim, &n->resting->anchor, true, &n->held);
     }
-    trocar_status attached = attach_again(sim, why);
+    trocar_error ignored;
+    trocar_status attached = attach_all(sim, status == TROCAR_OK ? why : &ignored);
     return status == TROCAR_OK ? attached : status;
 }
 
 trocar_status rest_before_softening(trocar_sim *sim, double **displacement, trocar_error *why) {
-    bool all_alone = true;
+    bool all_alone = true, any = false;
     other_loads held;
     *displacement = NULL;
-    if (sim->resting.count == 0) return TROCAR_OK;
-    for (int i = 0; i < sim->needle_count; i++) all_alone = all_alone && !(sim->needles[i].attached && !sim->needles[i].resting->alone);
-    trocar_status status = all_alone ? TROCAR_OK : soften_resting(sim, why);
+    for (int i = 0; i < sim->needle_count; i++) {
+        if (!sim->needles[i].attached) continue;
+        any = true;
+        all_alone = all_alone && sim->needles[i].resting->alone;
+    }
+    if (!any) return TROCAR_OK;
+    trocar_status status = respond_to_loads(sim, false, why); /* the forces must belong to the loads of held needles when the needles are attached again */
+    if (status == TROCAR_OK && !all_alone) status = soften_resting(sim, why);
     list_others(sim, BESIDE_RESTING, &held);
     return status == TROCAR_OK ? resting_set_displacement(&sim->resting, &held, displacement, why) : status;
 }
@@ -199,7 +211,8 @@ trocar_status rest_after_softening(trocar_sim *sim, const double *displacement, 
     trocar_status status = soften_resting(sim, why);
     list_others(sim, BESIDE_RESTING, &held);
     if (status == TROCAR_OK) status = resting_set_follow(&sim->resting, &held, displacement, why);
-    if (status == TROCAR_OK) status = respond_to_loads(sim, true, why);
+    for (int i = 0; i < sim->needle_count && status != TROCAR_OK; i++)
+        if (sim->needles[i].attached) sim->needles[i].resting->alone = false; /* the next step attaches them anew */
     mark_stale(sim, NULL);
     return status;
 }

@@ -4,6 +4,9 @@ static const double PATIENCE = 0.02;   /* s of simulated time: maximum delay bet
                                           shorter than a change */
 static const double WHOLE = 1.0 - 1e-9; /* dimensionless: part above which a change counts as complete. Rounding tolerance */
 
+static const double MOST_AHEAD = 5.0;  /* steps: how far the ticking thread may be ahead of the worker, whose steps take longer while needles rest. Chosen: a tenth
+                                          of the compliance, more than a worker lags that keeps up */
+
 static elasticity_stage stage_of(const elasticity *e) { return (elasticity_stage)atomic_load_explicit(&e->stage, memory_order_acquire); }
 static void set_stage(elasticity *e, elasticity_stage stage) { atomic_store_explicit(&e->stage, (int)stage, memory_order_release); }
 
@@ -18,6 +21,11 @@ static void use(values_in_use *v, const elasticity *e, double weight) {
 
 /* ---- the ticking thread -------------------------------------------------------------------------------------------------------- */
 
+static void set_mixed(elasticity *e, double mixed) {
+    e->course.mixed = mixed;
+    atomic_store_explicit(&e->mixed, mixed, memory_order_release);
+}
+
 static void set_part(elasticity *e, double part) {
     e->course.part = part;
     atomic_store_explicit(&e->part, part, memory_order_release);
@@ -29,17 +37,20 @@ void elasticity_change(elasticity *e, moduli to, double time, double duration) {
     e->course.duration = duration;
     e->course.time = time;
     set_part(e, 0.0);
+    set_mixed(e, 0.0);
     set_stage(e, ELASTICITY_MOVING);
 }
 
 bool elasticity_follow(elasticity *e, values_in_use *ticking, double time) {
     elasticity_stage stage = stage_of(e);
     if (stage != ELASTICITY_MOVING) return stage == ELASTICITY_SETTLED;
-    double part = e->course.part + smaller_of((time - e->course.time) / e->course.duration, ramp_step(&e->ramp));
+    double step = ramp_step(&e->ramp), limit = atomic_load_explicit(&e->mixed, memory_order_acquire) + MOST_AHEAD * step;
+    double part = larger_of(e->course.part, smaller_of(e->course.part + smaller_of((time - e->course.time) / e->course.duration, step), limit));
     e->course.time = time;
     if (part > WHOLE) part = 1.0;
     use(ticking, e, ramp_weight(&e->ramp, part));
     set_part(e, part);
+    e->moves++;
     return false;
 }
 
@@ -61,14 +72,14 @@ bool elasticity_lags(const elasticity *e, double now, bool felt) {
 
 void elasticity_mix(elasticity *e, inverse *mixed, values_in_use *worker, double now) {
     change_course *c = &e->course;
-    c->mixed = smaller_of(atomic_load_explicit(&e->part, memory_order_acquire), c->mixed + ramp_step(&e->ramp));
+    set_mixed(e, smaller_of(atomic_load_explicit(&e->part, memory_order_acquire), c->mixed + ramp_step(&e->ramp)));
     c->mixed_at = now;
     bool complete = c->mixed > WHOLE;
     double weight = complete ? 1.0 : ramp_weight(&e->ramp, c->mixed);
     inverse_mix(mixed, complete ? e->to.parts->inverse : e->from.parts->inverse, e->to.parts->inverse, weight);
     use(worker, e, weight);
     if (!complete) return;
-    c->mixed = 0.0;
+    set_mixed(e, 0.0);
     set_stage(e, ELASTICITY_SETTLED);
 }
 
@@ -123,6 +134,7 @@ void elasticity_resume(elasticity *e, const saved_elasticity *saved, moduli from
     e->ramp = ramp_between(&from.parts->config, &to.parts->config);
     e->course = saved->course;
     set_part(e, saved->course.part);
+    set_mixed(e, saved->course.mixed);
     set_stage(e, saved->moves ? ELASTICITY_MOVING : ELASTICITY_STILL);
     double weight = ramp_weight(&e->ramp, saved->course.mixed);
     inverse_mix(mixed, from.parts->inverse, to.parts->inverse, weight);

@@ -4,6 +4,7 @@
 #define TROCAR_ELASTICITY_H
 
 #include <stdatomic.h>
+#include <stdint.h>
 
 #include "changes/changing.h"
 #include "changes/stiffness_ramp.h"
@@ -32,7 +33,9 @@ typedef struct {
     moduli from, to;         /* the same model unless MOVING or SETTLED */
     stiffness_ramp ramp;
     change_course course;
+    uint64_t moves;          /* used by the ticking thread: number of steps that it has taken */
     _Atomic double part;     /* course.part, for the worker */
+    _Atomic double mixed;    /* course.mixed, for the ticking thread */
 } elasticity;
 
 /* ---- the ticking thread. All RT ---- */

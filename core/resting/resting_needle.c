@@ -285,6 +285,12 @@ static trocar_status linearise(const tick_input *given, const insertion_state *s
     return take_coupled(tick.model->mesh, state, w, inv, r, why);
 }
 
+static bool is_definite(const resting_needle *r, resting_scratch *scratch) {
+    for (int u = 0; u < r->unknown_count; u++)
+        for (int v = 0; v <= u; v++) scratch->matrix[v][u] = r->compliance[u][v]; /* column-major */
+    return LAPACKE_dpotrf(LAPACK_COL_MAJOR, 'L', r->unknown_count, scratch->matrix[0], MAX_UNKNOWNS) == 0;
+}
+
 trocar_status resting_soften(const tick_input *given, inverse *inv, resting_scratch *scratch, resting_needle *r, trocar_error *why) {
     tick_input tick = *given;
     insertion_workspace *w = &scratch->workspace;
@@ -295,14 +301,12 @@ trocar_status resting_soften(const tick_input *given, inverse *inv, resting_scra
     if (!insertion_linearise(&tick, &scratch->state, w, &ignored, r->loaded) || w->problem.count != r->point_count)
         return fail(why, TROCAR_NUMERIC, "a resting needle has lost contacts");
     r->alone = true;
+    r->anchor.request.residual_loads = r->anchor.memory.residual;
     take_memory(tick.model, &r->anchor, w->points.guided, r);
-    return take_coupled(tick.model->mesh, &r->anchor, w, inv, r, why);
-}
-
-static bool is_definite(const resting_needle *r, resting_scratch *scratch) {
-    for (int u = 0; u < r->unknown_count; u++)
-        for (int v = 0; v <= u; v++) scratch->matrix[v][u] = r->compliance[u][v]; /* column-major */
-    return LAPACKE_dpotrf(LAPACK_COL_MAJOR, 'L', r->unknown_count, scratch->matrix[0], MAX_UNKNOWNS) == 0;
+    trocar_status status = take_coupled(tick.model->mesh, &r->anchor, w, inv, r, why);
+    if (status != TROCAR_OK || !r->loaded || is_definite(r, scratch)) return status;
+    r->loaded = false; /* see resting_linearise */
+    return resting_soften(given, inv, scratch, r, why);
 }
 
 /* A needle that would buckle under its forces without the tissue is linearised with its stiffness without forces, because an attachment must be stable by

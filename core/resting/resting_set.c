@@ -201,7 +201,8 @@ trocar_status resting_set_change(resting_set *s, int count, resting_needle *cons
 
 /* ---- changes in the tissue's compliance ------------------------------------------------------------------------------------- */
 
-/* Computes (G + C) f + B h, where h are the loads of held needles and the probe, and B is the compliance between them and the rows. */
+/* Computes (G + C) f + C m + B h, where m are the loads of the tissue's memory, h those of held needles and the probe, and B is the compliance between h and the rows.
+   The local displacements that the memory stands for do not change. */
 static trocar_status find_displacement(resting_set *s, const other_loads *held, double *displacement, trocar_error *why) {
     const mesh *m = inverse_tissue(s->inverse)->mesh;
     if (!make_room(s, 1 + loads_most_nodes(held))) return fail(why, TROCAR_NO_MEMORY, "no memory for the loads of held needles");
@@ -210,6 +211,11 @@ static trocar_status find_displacement(resting_set *s, const other_loads *held, 
         for (int u = 0; u < r->unknown_count; u++) s->force[s->row[i] + u] = r->force[u] + r->beside[u];
     }
     inverse_attached_yield(s->inverse, s->force, displacement);
+    for (int i = 0; i < s->count; i++) {
+        const resting_needle *r = s->needles[i];
+        for (int u = 0; u < r->unknown_count; u++)
+            for (int v = 0; v < r->unknown_count; v++) displacement[s->row[i] + u] -= r->compliance[u > v ? u : v][u > v ? v : u] * r->beside[v];
+    }
     int count = loads_on_nodes(m, held, s->nodes, s->nodal);
     trocar_status status = inverse_attached_under(s->inverse, &(nodal_forces){count, s->nodes, s->nodal}, displacement, why);
     if (s->cached_at != s->changes) forget_lacks(s);

@@ -37,13 +37,16 @@ static int number_dofs(tissue *t) {
     return next;
 }
 
-/* If the volumetric part is integrated separately, the element's mu is unchanged and its lambda is 0. */
+/* Exact at both ends. */
+static double between(double first, double second, double weight) { return weight == 1.0 ? second : first + weight * (second - first); }
+
 void mix_moduli(const region_material *first, const region_material *second, double weight, region_material *mixed) {
     double a = first->youngs_modulus, b = second->youngs_modulus;
-    mixed->youngs_modulus = a == b || weight == 0.0 ? a : weight == 1.0 ? b : 1.0 / ((1.0 - weight) / a + weight / b);
-    mixed->stiffening = first->stiffening + weight * (second->stiffening - first->stiffening);
+    mixed->youngs_modulus = a == b || weight == 0.0 ? a : weight == 1.0 ? b : 1.0 / between(1.0 / a, 1.0 / b, weight);
+    mixed->stiffening = between(first->stiffening, second->stiffening, weight);
 }
 
+/* If the volumetric part is integrated separately, the element's mu is unchanged and its lambda is 0. */
 void element_moduli(const tissue *t, int tet, double *youngs_modulus, double *poisson_ratio) {
     const region_material *material = &t->materials[t->mesh->region[tet]];
     bool whole = t->volumetric == STRAIN_BY_ELEMENT;

@@ -641,7 +641,7 @@ class Sim:
         """Changes friction, cutting and puncture forces, moduli, calcifications and guides from now on, for all needles:
         sim.change({"membranes[skin].puncture_force": 2.0}). `parameters` lists the keys. During `time` seconds of simulated time (0.1 to 60), every value
         moves to its new one, so that no force jumps. A change of moduli first builds a model, which takes as long as Model(). Raises Error, without effect,
-        for a key that cannot change during a run, for a bad value, and for a change of moduli while the last one is under way or a needle rests."""
+        for a key that cannot change during a run, for a bad value, and for a change of moduli while the last one is under way."""
         why, handle = ffi.new("trocar_error *"), ffi.new("trocar_change **")
         lines = "\n".join("%s: %s" % (key, ".inf" if value == np.inf else value) for key, value in values.items())
         with self._turn:

@@ -190,15 +190,13 @@ static trocar_status soften_resting(trocar_sim *sim, trocar_error *why) {
 }
 
 trocar_status rest_before_softening(trocar_sim *sim, double **displacement, trocar_error *why) {
-    bool all_alone = true, any = false;
+    resting_needle *list[MAX_NEEDLES];
+    int count = list_attached(sim, list);
+    bool all_alone = true;
     other_loads held;
     *displacement = NULL;
-    for (int i = 0; i < sim->needle_count; i++) {
-        if (!sim->needles[i].attached) continue;
-        any = true;
-        all_alone = all_alone && sim->needles[i].resting->alone;
-    }
-    if (!any) return TROCAR_OK;
+    if (count == 0) return TROCAR_OK;
+    for (int i = 0; i < count; i++) all_alone = all_alone && list[i]->alone;
     trocar_status status = respond_to_loads(sim, false, why); /* the forces must belong to the loads of held needles when the needles are attached again */
     if (status == TROCAR_OK && !all_alone) status = soften_resting(sim, why);
     list_others(sim, BESIDE_RESTING, &held);
@@ -206,13 +204,14 @@ trocar_status rest_before_softening(trocar_sim *sim, double **displacement, troc
 }
 
 trocar_status rest_after_softening(trocar_sim *sim, const double *displacement, trocar_error *why) {
+    resting_needle *list[MAX_NEEDLES];
     other_loads held;
     if (!displacement) return TROCAR_OK;
     trocar_status status = soften_resting(sim, why);
     list_others(sim, BESIDE_RESTING, &held);
     if (status == TROCAR_OK) status = resting_set_follow(&sim->resting, &held, displacement, why);
-    for (int i = 0; i < sim->needle_count && status != TROCAR_OK; i++)
-        if (sim->needles[i].attached) sim->needles[i].resting->alone = false; /* the next step attaches them anew */
+    int count = list_attached(sim, list);
+    for (int i = 0; i < count && status != TROCAR_OK; i++) list[i]->alone = false; /* the next step attaches them anew */
     mark_stale(sim, NULL);
     return status;
 }

@@ -14,6 +14,9 @@ typedef struct { vec3 position; quat orientation; } pose;
 static inline double larger_of(double a, double b) { return a > b ? a : b; }
 static inline double smaller_of(double a, double b) { return a < b ? a : b; }
 
+/* Linear interpolation, exact at both ends and between equal values, which may be infinite. RT */
+static inline double value_between(double from, double to, double part) { return from == to ? to : part == 1.0 ? to : from + part * (to - from); }
+
 static inline vec3 v3(double x, double y, double z) { return (vec3){x, y, z}; }
 static inline vec3 v3_add(vec3 a, vec3 b) { return v3(a.x + b.x, a.y + b.y, a.z + b.z); }
 static inline vec3 v3_sub(vec3 a, vec3 b) { return v3(a.x - b.x, a.y - b.y, a.z - b.z); }

@@ -72,16 +72,16 @@ static void settle(values_in_use *v) {
     region_material before[MESH_MAX_GROUPS];
     memcpy(before, v->now.materials, sizeof before);
     v->now = v->to;
-    for (int g = 0; g < MESH_MAX_GROUPS; g++) mix_moduli(&before[g], &before[g], 0.0, &v->now.materials[g]);
+    for (int g = 0; g < MESH_MAX_GROUPS; g++) {
+        v->now.materials[g].youngs_modulus = before[g].youngs_modulus;
+        v->now.materials[g].stiffening = before[g].stiffening;
+    }
 }
 
 void values_set(values_in_use *v, const run_values *to) {
     v->from = v->to = *to;
     settle(v);
 }
-
-/* Infinite values never change, and the difference of two of them would not be a number. */
-static double between(double from, double to, double part) { return from == to ? to : from + part * (to - from); }
 
 /* Because the change is linear, every condition that both ends satisfy also holds between them, such as kinetic friction at most static friction. */
 static void move(values_in_use *v) {
@@ -90,19 +90,19 @@ static void move(values_in_use *v) {
     for (int i = 0; i < MESH_MAX_GROUPS; i++) {
         const region_material *from = &a->materials[i], *to = &b->materials[i];
         region_material *m = &v->now.materials[i];
-        m->cutting_force = between(from->cutting_force, to->cutting_force, part);
-        m->cutting_viscosity = between(from->cutting_viscosity, to->cutting_viscosity, part);
-        m->spreading_force = between(from->spreading_force, to->spreading_force, part);
-        m->friction_static = between(from->friction_static, to->friction_static, part);
-        m->friction_kinetic = between(from->friction_kinetic, to->friction_kinetic, part);
-        m->friction_viscous = between(from->friction_viscous, to->friction_viscous, part);
+        m->cutting_force = value_between(from->cutting_force, to->cutting_force, part);
+        m->cutting_viscosity = value_between(from->cutting_viscosity, to->cutting_viscosity, part);
+        m->spreading_force = value_between(from->spreading_force, to->spreading_force, part);
+        m->friction_static = value_between(from->friction_static, to->friction_static, part);
+        m->friction_kinetic = value_between(from->friction_kinetic, to->friction_kinetic, part);
+        m->friction_viscous = value_between(from->friction_viscous, to->friction_viscous, part);
     }
-    for (int i = 0; i < v->model.membrane_count; i++) v->now.membranes[i].puncture_force = between(a->membranes[i].puncture_force, b->membranes[i].puncture_force, part);
+    for (int i = 0; i < v->model.membrane_count; i++) v->now.membranes[i].puncture_force = value_between(a->membranes[i].puncture_force, b->membranes[i].puncture_force, part);
     for (int i = 0; i < v->model.calcification_count; i++)
-        v->now.calcifications[i].cutting_factor = between(a->calcifications[i].cutting_factor, b->calcifications[i].cutting_factor, part);
+        v->now.calcifications[i].cutting_factor = value_between(a->calcifications[i].cutting_factor, b->calcifications[i].cutting_factor, part);
     for (int i = 0; i < v->model.guide_count; i++) {
-        v->now.guides[i].stiffness = between(a->guides[i].stiffness, b->guides[i].stiffness, part);
-        v->now.guides[i].friction = between(a->guides[i].friction, b->guides[i].friction, part);
+        v->now.guides[i].stiffness = value_between(a->guides[i].stiffness, b->guides[i].stiffness, part);
+        v->now.guides[i].friction = value_between(a->guides[i].friction, b->guides[i].friction, part);
     }
 }
 

@@ -199,6 +199,21 @@ trocar_status resting_set_change(resting_set *s, int count, resting_needle *cons
     return status;
 }
 
+/* Adds `part` times a response that lasts, whatever held needles do, to the forces and motions of all needles. */
+static void add_response(resting_set *s, const double *force, const double *move, double part) {
+    for (int i = 0; i < s->count; i++) {
+        resting_needle *r = s->needles[i];
+        for (int u = 0; u < r->unknown_count; u++) {
+            r->free_force[u] += force[s->row[i] + u] * part;
+            r->force[u] += force[s->row[i] + u] * part;
+        }
+        for (int k = 0; k < r->motion_count; k++) {
+            r->free_motion[k] += move[s->motion[i] + k] * part;
+            r->motion[k] += move[s->motion[i] + k] * part;
+        }
+    }
+}
+
 /* ---- changes in the tissue's compliance ------------------------------------------------------------------------------------- */
 
 /* Computes (G + C) f + C m + B h, where m are the loads of the tissue's memory, h those of held needles and the probe, and B is the compliance between h and the rows.
@@ -237,15 +252,11 @@ trocar_status resting_set_follow(resting_set *s, const other_loads *held, const 
     trocar_status status = resting_set_displacement(s, held, &d, why);
     for (int i = 0; i < inverse_attached_rows(s->inverse) && status == TROCAR_OK; i++) d[i] -= before[i];
     if (status == TROCAR_OK) inverse_attached_displaced(s->inverse, d, s->force, s->move);
-    for (int i = 0; i < s->count && status == TROCAR_OK; i++) {
-        resting_needle *r = s->needles[i];
-        const double *force = s->force + s->row[i], *motion = s->move + s->motion[i];
-        for (int u = 0; u < r->unknown_count; u++) r->free_force[u] += force[u], r->force[u] += force[u];
-        for (int k = 0; k < r->motion_count; k++) r->free_motion[k] += motion[k], r->motion[k] += motion[k];
-    }
     free(d);
-    if (status == TROCAR_OK) take_load(s);
-    return status;
+    if (status != TROCAR_OK) return status;
+    add_response(s, s->force, s->move, 1.0);
+    take_load(s);
+    return TROCAR_OK;
 }
 
 /* ---- slip ------------------------------------------------------------------------------------------------------------------- */
@@ -319,17 +330,7 @@ static bool slip_needle(resting_set *s, const insertion_model *model, int index)
         r->slip[i] += slip[i];
         r->slid[i] += fabs(slip[i]);
         const double *force = columns + (size_t)i * n, *move = columns + count * n + (size_t)i * m;
-        for (int k = 0; k < s->count; k++) {
-            resting_needle *other = s->needles[k];
-            for (int u = 0; u < other->unknown_count; u++) {
-                other->free_force[u] += force[s->row[k] + u] * slip[i];
-                other->force[u] += force[s->row[k] + u] * slip[i];
-            }
-            for (int q = 0; q < other->motion_count; q++) {
-                other->free_motion[q] += move[s->motion[k] + q] * slip[i];
-                other->motion[q] += move[s->motion[k] + q] * slip[i];
-            }
-        }
+        add_response(s, force, move, slip[i]);
     }
     return true;
 }

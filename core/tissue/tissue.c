@@ -37,13 +37,10 @@ static int number_dofs(tissue *t) {
     return next;
 }
 
-/* Exact at both ends. */
-static double between(double first, double second, double weight) { return weight == 1.0 ? second : first + weight * (second - first); }
-
 void mix_moduli(const region_material *first, const region_material *second, double weight, region_material *mixed) {
     double a = first->youngs_modulus, b = second->youngs_modulus;
-    mixed->youngs_modulus = a == b || weight == 0.0 ? a : weight == 1.0 ? b : 1.0 / between(1.0 / a, 1.0 / b, weight);
-    mixed->stiffening = between(first->stiffening, second->stiffening, weight);
+    mixed->youngs_modulus = a == b || weight == 0.0 ? a : weight == 1.0 ? b : 1.0 / value_between(1.0 / a, 1.0 / b, weight);
+    mixed->stiffening = value_between(first->stiffening, second->stiffening, weight);
 }
 
 /* If the volumetric part is integrated separately, the element's mu is unchanged and its lambda is 0. */

@@ -44,6 +44,8 @@ typedef struct {
     double oldest_snapshot;          /* s, largest age of a snapshot since watch() */
     int seen, always;                /* seen: flags set in any wrench since watch(); always: flags set in all of them */
     int told;                        /* flags set in any status since watch() */
+    int64_t sent;                    /* ns, time of the last pose, 0 before the first */
+    double silence;                  /* s, longest time between two poses since watch() */
     double least, most;              /* N, smallest (least) and largest (most) force since watch() */
 } client;
 
@@ -102,7 +104,7 @@ static inline void watch(client *c) {
     c->seen = c->told = c->record.count = 0;
     c->always = -1;
     c->least = INFINITY;
-    c->most = c->oldest_snapshot = 0.0;
+    c->most = c->oldest_snapshot = c->silence = 0.0;
 }
 
 static inline trocar_needle_pose_t next_pose(client *c) {
@@ -123,6 +125,9 @@ static inline void step(client *c) {
     sleep_until(due);
     if (c->sends) {
         trocar_needle_pose_t m = next_pose(c);
+        now = monotonic_ns();
+        if (c->sent > 0) c->silence = fmax(c->silence, 1e-9 * (double)(now - c->sent));
+        c->sent = now;
         publish_pose(c, &m);
     }
     while (lcm_handle_timeout(c->lcm, 0) > 0) continue;

@@ -4,7 +4,7 @@
 import assert from 'node:assert/strict'
 import { writeFile } from 'node:fs/promises'
 import path from 'node:path'
-import { browser, check, checkLayout, driven, faults, open, until } from './page.mjs'
+import { browser, check, checkLayout, driven, faults, open, shoot, until } from './page.mjs'
 import { ready, run, source, start, stop } from './parts.mjs'
 
 const OUT = process.argv[4], implant = path.join(source, 'meshes/implant.yaml'), task = path.join(OUT, 'reach.yaml')
@@ -153,7 +153,7 @@ try {
     await page.keyboard.press('Enter')
     await until(page, "document.getElementById('task-report').shadowRoot.querySelector('.verdict') !== null")
     assert.match(await page.evaluate("document.getElementById('task-report').shadowRoot.textContent"), /Passed: 1 of 1/)
-    await page.screenshot({ path: path.join(OUT, 'keyboard-report.png') })
+    await shoot(page, 'keyboard-report')
     await checkLayout(page, 'report')
     await page.keyboard.press('Escape')
   })

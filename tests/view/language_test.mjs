@@ -3,16 +3,16 @@
 import assert from 'node:assert/strict'
 import { readFile } from 'node:fs/promises'
 import path from 'node:path'
-import { browser, check, checkLayout, faults, hold, holeOnScreen, open, until } from './page.mjs'
+import { browser, check, checkLayout, faults, hold, holeOnScreen, open, shoot as shootPage, until } from './page.mjs'
 import { source, start, stop } from './parts.mjs'
 
-const OUT = process.argv[4], SIZES = [[390, 844], [1024, 768]]
+const SIZES = [[390, 844], [1024, 768]]
 const pelvis = path.join(source, 'meshes/pelvis.yaml')
 const read = async (code) => JSON.parse(await readFile(path.join(source, `clients/view/page/src/words/${code}.json`), 'utf8'))
 const german = await read('de'), english = await read('en')
 const text = (id) => `document.getElementById('${id}').textContent`
 const live = "trocar.state.name === 'live' && document.body.classList.contains('procedure')"
-const shoot = (page, name) => page.screenshot({ path: path.join(OUT, `language-${name}.png`) })
+const shoot = (page, name) => shootPage(page, `language-${name}`)
 
 /** All messages, enclosed in brackets, so that a text without brackets on the page does not come from the message files. */
 const marked = Object.fromEntries(Object.entries(english).map(([key, message]) =>

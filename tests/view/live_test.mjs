@@ -5,7 +5,7 @@ import { once } from 'node:events'
 import { readFile, writeFile } from 'node:fs/promises'
 import { connect } from 'node:net'
 import path from 'node:path'
-import { browser, check, checkLayout, driven, faults, open, until } from './page.mjs'
+import { browser, check, checkLayout, driven, faults, open, shoot, until } from './page.mjs'
 import { ADDRESS, run, scene, source, start, stop } from './parts.mjs'
 
 // the last size is that of a screen of 1024 x 768 with the page zoomed to 150 %
@@ -355,7 +355,7 @@ try {
         await second.setViewportSize({ width, height })
         await second.waitForTimeout(300)
         await checkLayout(second, `two needles, ${driven ? 'one driven, ' : ''}${width} x ${height}`)
-        await second.screenshot({ path: path.join(process.argv[4], `two-needles-${driven ? 'driven-' : ''}${width}.png`) })
+        await shoot(second, `two-needles-${driven ? 'driven-' : ''}${width}`)
       }
     }
   })

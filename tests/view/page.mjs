@@ -1,5 +1,6 @@
 // Shared by live_test.mjs and log_test.mjs: a browser, its pages, and the check of a page's layout.
 import assert from 'node:assert/strict'
+import path from 'node:path'
 import { ADDRESS, axe, launch } from './parts.mjs'
 
 const PATIENCE = 150000 // ms, enough for a busy machine; the tests in this folder do not measure time
@@ -83,8 +84,20 @@ export async function driven(name, page, body, take) {
   })
 }
 
-/** Checks in both themes that axe-core finds no violations, and that no element overlaps another or is cut off. */
+/** Saves a screenshot of the page, to be inspected by people, if test_view.sh was given a folder for them. */
+export async function shoot(page, name) {
+  const folder = process.env.TROCAR_PICTURES
+  if (folder) await page.screenshot({ path: path.join(folder, `${name}.png`) })
+}
+
+/** Checks that no element overlaps another or is cut off, and that axe-core finds no violations. */
 export async function checkLayout(page, name) {
+  await checkAccess(page, name)
+  await checkPlaces(page, name)
+}
+
+/** Checks in both themes that axe-core finds no violations. */
+export async function checkAccess(page, name) {
   if (!await page.evaluate('"axe" in window')) await page.evaluate(axe)
   await page.evaluate(stopDrawing)
   try {
@@ -99,6 +112,10 @@ export async function checkLayout(page, name) {
   } finally {
     await page.evaluate(drawAgain)
   }
+}
+
+/** Checks that no element overlaps another or is cut off. */
+export async function checkPlaces(page, name) {
   assert.deepEqual(await page.evaluate(layoutFaults), [], name)
   assert.deepEqual(await page.evaluate(textFaults), [], name)
 }

@@ -3,10 +3,10 @@
    usage: probe_test.mjs BUILD_DIR SOURCE_DIR OUT_DIR */
 import assert from 'node:assert/strict'
 import path from 'node:path'
-import { browser, check, checkLayout, driven, faults, open, pressUntil, until } from './page.mjs'
+import { browser, check, checkLayout, driven, faults, open, pressUntil, shoot, until } from './page.mjs'
 import { source, start, stop } from './parts.mjs'
 
-const OUT = process.argv[4], trus = path.join(source, 'meshes/trus.yaml')
+const trus = path.join(source, 'meshes/trus.yaml')
 const words = () => page.evaluate("document.getElementById('probe-force').textContent")
 const probe = () => page.evaluate('trocar.shown.probe && { y: trocar.shown.probe.position[1], z: trocar.shown.probe.position[2], force: [...trocar.shown.probe.force] }')
 
@@ -66,7 +66,7 @@ try {
     const start = await page.evaluate('trocar.shown.needles[0].joints[2]')
     await press('s', `trocar.shown.needles[0].joints[2] < ${start - 1e-3}`)
     assert(Math.abs((await probe()).z - z) < 1e-3)
-    await page.screenshot({ path: path.join(OUT, 'probe.png') })
+    await shoot(page, 'probe')
     await checkLayout(page, 'the probe while driving')
   })
   assert.deepEqual(faults, [])

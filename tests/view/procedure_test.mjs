@@ -4,9 +4,10 @@
 import assert from 'node:assert/strict'
 import { writeFile } from 'node:fs/promises'
 import path from 'node:path'
-import { browser, check, checkInView, checkLayout, driven, faults, hold, holeOnScreen, open, pressUntil, until } from './page.mjs'
+import { browser, check, checkAccess, checkInView, checkPlaces, driven, faults, hold, holeOnScreen, open, pressUntil, shoot as shootPage, until } from './page.mjs'
 import { source, start, stop } from './parts.mjs'
 
+const ARRANGEMENTS = ['1280 x 720', '1024 x 768', '768 x 1024', '390 x 844', '844 x 390'] // one size of each that the style sheet distinguishes
 const SIZES = [[1280, 720], [1366, 768], [1280, 800], [1024, 768], [1440, 900], [1680, 1050], [1920, 1080], [768, 1024], [390, 844], [844, 390]]
 const NEEDED = '#next, #answer, #hole, #drop, #undo, #fresh, #take, #lever, #pad, #roll, #reset, #drive-note' // without scrolling
 const OUT = process.argv[4]
@@ -16,8 +17,7 @@ const says = (id, pattern) => until(page, `${pattern}.test(${text(id)})`)
 const tip = () => page.evaluate('trocar.stage.needles[0].tip.toArray()')
 
 let shots = 0
-/** Saves a screenshot of the page, to be inspected by people. */
-const shoot = (name) => page.screenshot({ path: path.join(OUT, `procedure-${++shots}-${name}.png`) })
+const shoot = (name) => shootPage(page, `procedure-${++shots}-${name}`)
 
 const press = (key, done) => pressUntil(page, key, done, 30)
 
@@ -209,14 +209,16 @@ try {
         const one = await page.evaluate("document.getElementById('panes').checkVisibility()") // a small screen, on which one of the panes is shown
         for (const pane of one ? ['axial', 'stage'] : ['axial']) {
           await page.evaluate(`trocar.procedure.choosePane('${pane}')`) // chooses what a small screen shows
-          await checkLayout(page, `${width} x ${height}, ${pane}`)
+          const name = `${width} x ${height}, ${pane}`
+          await checkPlaces(page, name)
+          if (ARRANGEMENTS.includes(`${width} x ${height}`) && !many) await checkAccess(page, name)
         }
         await page.evaluate("trocar.procedure.choosePane('axial')")
         if (height > 560) await checkInView(page, NEEDED, `${width} x ${height}`)
         else await checkInView(page, '#next, #hole, #drop', `${width} x ${height}`)
         if (height >= 1050) await checkInView(page, '#dose svg[role=img]', `${width} x ${height}`)
         await shoot(`${width}-dark${many ? '-many' : ''}`)
-        if (many) return
+        if (many || !process.env.TROCAR_PICTURES) return
         await page.evaluate('trocar.setTheme("light")')
         await page.waitForTimeout(300)
         await shoot(`${width}-light`)

@@ -5,7 +5,7 @@ import assert from 'node:assert/strict'
 import { execFileSync, spawnSync } from 'node:child_process'
 import { readdir, readFile, writeFile } from 'node:fs/promises'
 import path from 'node:path'
-import { browser, check, driven, faults, open, until } from './page.mjs'
+import { browser, check, driven, faults, open, shoot, until } from './page.mjs'
 import { ready, run, source, start, stop } from './parts.mjs'
 
 const [build, , OUT] = process.argv.slice(2)
@@ -34,7 +34,7 @@ try {
     assert.equal(await page.evaluate(text('task-title')), 'Reach it')
     assert.match(await page.evaluate(text('task-criteria')), /at most 0\.1 mm \(too strict\)/)
     assert.match(await page.evaluate(text('task-hints')), /Do not hurry/)
-    await page.screenshot({ path: path.join(OUT, 'task-1-start.png') })
+    await shoot(page, 'task-1-start')
   })
 
   await check('Start starts the time', async () => {
@@ -51,7 +51,7 @@ try {
       for (const end = Date.now() + 1500; Date.now() < end && !await page.evaluate('trocar.procedure.tipError(trocar.stage.needles[0].tip)?.along < 0.004');) await page.waitForTimeout(30)
       await page.keyboard.up('w')
     }
-    await page.screenshot({ path: path.join(OUT, 'task-2-at-target.png') })
+    await shoot(page, 'task-2-at-target')
   })
 
   await check('Finish shows the report', async () => {
@@ -61,7 +61,7 @@ try {
     const words = await page.evaluate("document.getElementById('task-report').shadowRoot.textContent")
     assert.match(words, /Not passed: 1 of 2 criteria are met/)
     await page.evaluate("document.getElementById('task').scrollTo(0, 300)")
-    await page.screenshot({ path: path.join(OUT, 'task-3-report.png') })
+    await shoot(page, 'task-3-report')
     const shown = await page.evaluate("[...document.getElementById('task-report').shadowRoot.querySelectorAll('img')].map((image) => image.complete && image.naturalWidth > 0)")
     assert.deepEqual(shown, [true, true])
   })

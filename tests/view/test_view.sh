@@ -1,7 +1,7 @@
 #!/bin/bash
 # Tests the complete viewer in a private network namespace: with a live server, with a log and pictures made from it, in the procedure mode of an implant,
 # with a probe, with a trainee's task, with changes of the tissue, with ultrasound images, in other languages and by touch, or with the keyboard alone. Exit
-# status 77: Chromium, npm or namespaces are not available.
+# status 77: Chromium, npm or namespaces are not available. With OUT_DIR, screenshots are saved there.
 # usage: test_view.sh BUILD_DIR SOURCE_DIR live|log|procedure|probe|task|tissue|ultrasound|language|keyboard [OUT_DIR]
 set -euo pipefail
 build=$1 source=$2 part=$3 out=${4:-}
@@ -17,7 +17,7 @@ trap 'rm -rf "$work"' EXIT
 
 fail() { echo "FAILED: $*" >&2; exit 1; }
 
-node "$source/tests/view/${part}_test.mjs" "$build" "$source" "${out:-$work}"
+TROCAR_PICTURES=$out node "$source/tests/view/${part}_test.mjs" "$build" "$source" "${out:-$work}"
 [ "$part" = log ] || exit 0
 
 # The picture that log_test.mjs saved without options is a PNG. With invalid options, the exit status is 2, a message is printed, and no file is written.

@@ -3,13 +3,13 @@
    usage: ultrasound_test.mjs BUILD_DIR SOURCE_DIR OUT_DIR */
 import assert from 'node:assert/strict'
 import path from 'node:path'
-import { browser, check, checkLayout, driven, faults, open, pressUntil, until } from './page.mjs'
+import { browser, check, checkLayout, driven, faults, open, pressUntil, shoot as shootPage, until } from './page.mjs'
 import { source, start, stop } from './parts.mjs'
 
-const OUT = process.argv[4], trus = path.join(source, 'meshes/trus.yaml')
+const trus = path.join(source, 'meshes/trus.yaml')
 const SLICES = { axial: 'trocar.echo', sagittal: 'trocar.procedure.sagittal' }
 let shots = 0
-const shoot = (name) => page.screenshot({ path: path.join(OUT, `ultrasound-${++shots}-${name}.png`) })
+const shoot = (name) => shootPage(page, `ultrasound-${++shots}-${name}`)
 
 /** Returns the mean brightness of a canvas's pixels, without those outside the ultrasound image. */
 const brightness = (slice) => page.evaluate((slice) => {

@@ -93,7 +93,7 @@ static void pass_moduli(state_stream *s, simulation_config *config) {
     for (int i = 0; i < count; i++) STREAM(s, *moduli[i]);
 }
 
-/* Streams each member separately, because saved_layout does not cover the size of this struct. */
+/* Streams each member separately, because saved_layout does not include the size of this struct. */
 static void pass_course(state_stream *s, change_course *c) {
     STREAM(s, c->part);
     STREAM(s, c->duration);

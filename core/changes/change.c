@@ -6,7 +6,7 @@
 #include "base/decimal.h"
 #include "scene/scene_table.h"
 
-enum { VALUE_ROOM = 32, LIVE_MOST = 12 }; /* VALUE_ROOM: bytes for the text of a value; LIVE_MOST: maximum number of changeable keys of one entry */
+enum { VALUE_ROOM = 32, LIVE_MOST = 12 }; /* VALUE_ROOM: bytes for the text of a value; LIVE_MOST: maximum number of changeable keys per list entry */
 
 void change_begin(const model_parts *parts, const run_values *in_use, change_values *change) {
     change->parts = parts;
@@ -80,7 +80,7 @@ trocar_status change_set(change_values *change, const char *lines, trocar_error 
 
 /* ---- the keys ------------------------------------------------------------------------------------------------------------ */
 
-/* Lists the rows of the table whose values may change, for the entries of one list. Returns their number. */
+/* Collects the rows of the scene table for one list whose values may change during a run. Returns their number. */
 static int live_rows(list_kind list, const key_spec *rows[LIVE_MOST]) {
     int count = 0;
     for (int i = 0; i < SCENE_ROWS && count < LIVE_MOST; i++)
@@ -95,7 +95,7 @@ int change_count(const change_values *change) {
     return count;
 }
 
-/* The keys are in the order of the lists, of their entries, and of the table. */
+/* Keys are ordered by list, then by entry, then by table row. */
 int change_at(const change_values *change, int index, char key[TROCAR_CHANGE_KEY], double *value) {
     scene *values = (scene *)&change->values; /* count_of, name_of and entry_of do not write to it */
     const key_spec *rows[LIVE_MOST];

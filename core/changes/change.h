@@ -1,4 +1,4 @@
-/* Values to which a simulation is to change, set by the keys of a scene. See docs/training/changes.md. */
+/* New values for a running simulation, set by scene keys. See docs/training/changes.md. */
 #ifndef TROCAR_CHANGE_H
 #define TROCAR_CHANGE_H
 

@@ -39,7 +39,7 @@ void changing_take(sim_changing *c) {
 
 size_t changing_state_size(void) { return sizeof(int) + sizeof(values_in_use); }
 
-/* Writes the entries in use to a stream, or reads them from it. */
+/* Writes the array entries that the model uses to a stream, or reads them from it. */
 static void pass_values(state_stream *s, const model_parts *parts, run_values *v) {
     STREAM_ENTRIES(s, v->materials, parts->mesh.group_count);
     STREAM_ENTRIES(s, v->membranes, parts->config.membrane_count);

@@ -1,4 +1,4 @@
-/* The values that a simulation uses, which may change during its run: those of the ticking thread, and those of the worker. */
+/* The values in a simulation that may change during its run: one set for the ticking thread, and one for the worker. */
 #ifndef TROCAR_CHANGING_H
 #define TROCAR_CHANGING_H
 
@@ -8,18 +8,18 @@
 
 typedef struct {
     values_in_use ticking;   /* used by the ticking thread */
-    values_in_use worker;    /* used by the worker when it releases needles: from the beginning of a change, its final values */
+    values_in_use worker;    /* used by the worker when it releases needles; holds the final values of a change from its beginning */
     triple_buffer changes;   /* run_values: ticking thread -> worker */
 } sim_changing;
 
-/* Creates both sets with the values of the model. NO_MEMORY. Allocates. */
+/* Allocates both sets, with the values of the model. NO_MEMORY. */
 trocar_status changing_create(const model_parts *parts, sim_changing **changing, trocar_error *why);
 void changing_free(sim_changing *c);
 
 /* Begins a change in the ticking thread, at `time` (s, simulated), and posts it to the worker. RT */
 void changing_begin(sim_changing *c, const run_values *to, double time, double duration);
 
-/* Makes the newest values those of the worker, which calls this before its other work. */
+/* Gives the worker the newest values. The worker calls this before its other work. */
 void changing_take(sim_changing *c);
 
 /* Saves the values, or restores them; see saved_state.h. If `c` or *changing is NULL, the values are those of the model. */

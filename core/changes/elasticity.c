@@ -1,11 +1,11 @@
 #include "changes/elasticity.h"
 
-static const double PATIENCE = 0.02;   /* s of simulated time: maximum delay between two steps (see elasticity_lags). Chosen: longer than an answer takes, much
-                                          shorter than a change */
-static const double WHOLE = 1.0 - 1e-9; /* dimensionless: part above which a change counts as complete. Rounding tolerance */
+static const double PATIENCE = 0.02;   /* s of simulated time: maximum delay between two steps (see elasticity_lags). Chosen: longer than the worker needs for
+                                          an answer, much shorter than a change */
+static const double WHOLE = 1.0 - 1e-9; /* dimensionless: fraction above which a change counts as complete. Rounding tolerance */
 
-static const double MOST_AHEAD = 5.0;  /* steps: how far the ticking thread may be ahead of the worker, whose steps take longer while needles rest. Chosen: a tenth
-                                          of the compliance, more than a worker lags that keeps up */
+static const double MOST_AHEAD = 5.0;  /* steps: how far the ticking thread may be ahead of the worker, whose steps take longer while there are resting
+                                          needles. Chosen: a change in compliance of 10 %, more than the lag of a worker that keeps up */
 
 static elasticity_stage stage_of(const elasticity *e) { return (elasticity_stage)atomic_load_explicit(&e->stage, memory_order_acquire); }
 static void set_stage(elasticity *e, elasticity_stage stage) { atomic_store_explicit(&e->stage, (int)stage, memory_order_release); }
@@ -93,7 +93,7 @@ static void pass_moduli(state_stream *s, simulation_config *config) {
     for (int i = 0; i < count; i++) STREAM(s, *moduli[i]);
 }
 
-/* Member by member, because saved_layout does not know the struct's size. */
+/* Streams each member separately, because saved_layout does not include the size of this struct. */
 static void pass_course(state_stream *s, change_course *c) {
     STREAM(s, c->part);
     STREAM(s, c->duration);

@@ -10,7 +10,7 @@ void run_values_of(const model_parts *parts, run_values *values) {
     memcpy(values->guides, parts->guides, sizeof values->guides);
 }
 
-/* Copies one parameter between a configuration and the values in use, in one of the two directions. */
+/* Copies one parameter from a configuration to the values in use, or back. */
 typedef void (*copier)(double *of_config, double *in_use);
 
 static void for_each_value(const model_parts *parts, simulation_config *config, run_values *values, copier copy) {
@@ -67,7 +67,7 @@ void values_change(values_in_use *v, const run_values *to, double time, double d
     v->time = time;
 }
 
-/* Uses the values at the end of the change, except for the moduli of the materials. */
+/* Switches to the final values of the change, except for the materials' moduli. */
 static void settle(values_in_use *v) {
     region_material before[MESH_MAX_GROUPS];
     memcpy(before, v->now.materials, sizeof before);
@@ -83,7 +83,8 @@ void values_set(values_in_use *v, const run_values *to) {
     settle(v);
 }
 
-/* Because the change is linear, every condition that both ends satisfy also holds between them, such as kinetic friction at most static friction. */
+/* Interpolates linearly, so that a linear condition that both ends satisfy also holds in between: for example, that kinetic friction does not exceed static
+   friction. */
 static void move(values_in_use *v) {
     const run_values *a = &v->from, *b = &v->to;
     double part = v->part;
@@ -106,10 +107,10 @@ static void move(values_in_use *v) {
     }
 }
 
-static const double WHOLE = 1.0 - 1e-9; /* dimensionless: part above which a change counts as complete. Rounding tolerance */
+static const double WHOLE = 1.0 - 1e-9; /* dimensionless: fraction above which a change counts as complete. Rounding tolerance */
 
 void values_follow(values_in_use *v, double time) {
-    static const double MOST = 0.02; /* dimensionless: largest part of a change per tick. Chosen: twice the part that a tick of 1 ms contributes to the shortest
+    static const double MOST = 0.02; /* dimensionless: largest fraction of a change per tick. Chosen: twice what a tick of 1 ms contributes to the shortest
                                         change */
     if (v->part == 1.0) return;
     v->part += smaller_of((time - v->time) / v->duration, MOST);

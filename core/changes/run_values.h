@@ -1,10 +1,10 @@
-/* The parameters that may change during a run, and their change over a stated time. See docs/training/changes.md. */
+/* The parameters that may change during a run, and how they change over a given time. See docs/training/changes.md. */
 #ifndef TROCAR_RUN_VALUES_H
 #define TROCAR_RUN_VALUES_H
 
 #include "model/model_parts.h"
 
-/* Structs with parameters that may change (the table of scene keys says which); their other members are copies of the model's. */
+/* Structs with parameters that may change (the scene key table says which); their other members are copies of the model's. */
 typedef struct {
     region_material materials[MESH_MAX_GROUPS];
     membrane membranes[MAX_MEMBRANES];
@@ -14,21 +14,21 @@ typedef struct {
     guide guides[MAX_GUIDES];
 } run_values;
 
-/* A set of values in use, and the constants of an insertion with them. Does not move in memory, because `model` points to `now`. During a change, every value
-   moves linearly in simulated time. */
+/* A set of values in use, and the constants of an insertion that uses them. Must not be moved in memory, because `model` points to `now`. During a change,
+   every value is a linear function of simulated time. */
 typedef struct {
     insertion_model model;
-    run_values now, from, to; /* `from` and `to`: at the beginning and at the end of the last change. The moduli of the materials in `now` belong to
-                                 elasticity.c, which moves them with the tissue's compliance */
-    double duration;         /* s, of the last change; 0 before the first */
-    double part;             /* from 0 to 1, completed part of the last change */
+    run_values now, from, to; /* `from` and `to`: values at the beginning and at the end of the last change. The material moduli in `now` belong to
+                                 elasticity.c, which changes them together with the tissue's compliance */
+    double duration;         /* s, duration of the last change; 0 before the first */
+    double part;             /* from 0 to 1, completed fraction of the last change */
     double time;             /* s, simulated time to which `now` belongs */
 } values_in_use;
 
 /* Copies the values of a model. */
 void run_values_of(const model_parts *parts, run_values *values);
 
-/* Takes over those values of a configuration that may change. The names of the configuration's entries must be those of the model. */
+/* Copies those values of a configuration that may change. The configuration's entries must have the same names as the model's. */
 void run_values_bind(const model_parts *parts, const simulation_config *config, run_values *values);
 
 /* The reverse: writes the values into the configuration of the model. */
@@ -40,10 +40,10 @@ void values_begin(const model_parts *parts, values_in_use *v);
 /* Begins, at `time` (s), a change from the values now in use to others. RT */
 void values_change(values_in_use *v, const run_values *to, double time, double duration);
 
-/* Advances the values to a later time (s). A call moves them by a small part of the change at most, so that the force does not jump after a late tick. RT */
+/* Advances the values to a later time (s). Each call covers at most a small fraction of the change, so that the force does not jump after a late tick. RT */
 void values_follow(values_in_use *v, double time);
 
-/* Uses other values at once. RT */
+/* Switches to other values at once, except for the materials' moduli. RT */
 void values_set(values_in_use *v, const run_values *to);
 
 #endif

@@ -1,4 +1,4 @@
-/* The course of a change of moduli: the weight of the new compliance. Pure functions. See docs/training/changes.md. */
+/* How a change of moduli proceeds: the weight of the new compliance at each point of the change. Pure functions. See docs/training/changes.md. */
 #ifndef TROCAR_STIFFNESS_RAMP_H
 #define TROCAR_STIFFNESS_RAMP_H
 
@@ -8,16 +8,17 @@
 typedef struct {
     double softer, stiffer;
     double crossing;         /* weight below which softening tissue has the largest relative rate of change; above it, stiffening tissue */
-    double first, whole;     /* logarithms of the factors by which the fastest-changing compliance changes up to `crossing`, and in the whole change */
+    double first, whole;     /* logarithms of the factors by which the fastest-changing compliance changes up to `crossing`, and over the whole change */
 } stiffness_ramp;
 
-/* Begins a change between the moduli of two configurations of the same mesh. */
+/* Returns the ramp for a change between the moduli of two configurations of the same mesh. */
 stiffness_ramp ramp_between(const simulation_config *from, const simulation_config *to);
 
-/* The weight, from 0 to 1, after a part (from 0 to 1) of the change. It makes the largest relative rate of change of the compliance constant. RT */
+/* Returns the weight (0 to 1) of the new compliance when a given part (0 to 1) of the change is complete. With this weight, the largest relative rate of
+   change of the compliance is constant. RT */
 double ramp_weight(const stiffness_ramp *r, double part);
 
-/* Largest part of the change per tick, so that no compliance changes by more than 2 %. RT */
+/* Returns the largest part of the change per tick such that no compliance changes by more than 2 %. RT */
 double ramp_step(const stiffness_ramp *r);
 
 #endif

@@ -15,16 +15,16 @@ typedef struct {
     double depth;            /* m */
     vec3 at;                 /* m, nominal */
     int tet;
-    int next;                /* next contact toward the entry, as an index in order from the base; -1: the entry is next */
+    int next;                /* index, in order from the base, of the next contact toward the entry; -1 if the entry is next */
 } track_site;
 
-/* Returns the next contact from this site toward the entry; NULL if there is none in the tip's body. */
+/* Returns the next contact from this site toward the entry; NULL if there is none in the body that contains the tip. */
 static const shaft_contact *contact_behind(const insertion_state *state, const track_site *site) {
     const shaft_contact *contact = site->next >= 0 ? &state->contacts[state->refined.order[site->next]] : NULL;
     return contact && contact->depth < tip_entry_depth(state) ? NULL : contact;
 }
 
-/* Moves the site back along the track to this depth, which must be in the tip's body. */
+/* Moves the site back along the track to this depth, which must be in the body that contains the tip. */
 static void go_back(const insertion_model *model, const insertion_state *state, double depth, track_site *site) {
     double entry = tip_entry_depth(state);
     int gap = last_gap(state);
@@ -42,8 +42,8 @@ static void go_back(const insertion_model *model, const insertion_state *state, 
     }
 }
 
-/* Finds the place of a seed whose distal end is at this depth. The search starts at `site`, which must be at least as deep; afterwards, `site` is at the seed's
-   proximal end. Returns false if part of the seed would be outside the tissue. */
+/* Finds the position of a seed whose distal end is at this depth. The search starts at `site`, which must be at least as deep; afterwards, `site` is at the
+   seed's proximal end. Returns false if part of the seed would be outside the tissue. */
 static bool find_place(const insertion_model *model, const insertion_state *state, double depth, double length, track_site *site, seed *s) {
     go_back(model, state, depth, site);
     vec3 distal = site->at;
@@ -75,7 +75,7 @@ static void note_hole(const insertion_model *model, const insertion_state *state
         if (state->guides[i].passage == GUIDE_IN_HOLE) s->guide = i, s->hole = state->guides[i].hole;
 }
 
-/* Makes the checks that do not depend on the track. Returns the reason why these seeds cannot be dropped. */
+/* Makes the checks that do not depend on the track. Returns the reason why these seeds cannot be dropped, or SEEDS_ACCEPTED. */
 static seed_refusal refuse(const insertion_model *model, const seed_size *size, const insertion_state *state, int needle, int count, double spacing,
                            const seed_list *list) {
     if (count < 1 || count > MAX_STRAND) return SEEDS_BAD_COUNT;

@@ -17,7 +17,7 @@ typedef struct {
 
 /* A seed in the tissue, or the planned position of a seed still in the needle. */
 typedef struct {
-    int tet;                     /* nominal element of its centre */
+    int tet;                     /* nominal element that contains its centre */
     double weights[4];           /* barycentric weights of its centre in that element */
     vec3 at;                     /* m, nominal position of its centre */
     vec3 direction;              /* unit vector from its proximal to its distal end, in the undeformed tissue */
@@ -62,7 +62,7 @@ double seeds_strand_length(const seed_size *size, int count, double spacing);
 /* Deposits the seeds over which the needle has been drawn back. To be called after each of the needle's ticks. RT */
 void seeds_follow(const insertion_state *state, int needle, seed_list *list);
 
-/* Cancels the pending part of the drop: seeds over which the needle has not been drawn back stay in it. RT */
+/* Cancels the rest of the drop: seeds over which the needle has not been drawn back stay in the needle. RT */
 void seeds_keep(int needle, seed_list *list);
 
 /* Number of seeds of the needle's last drop that are still in it. RT */

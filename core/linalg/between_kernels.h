@@ -1,5 +1,5 @@
-/* Compliance of needle and tissue between points along the needle. Points are numbered by place from base to tip. All data are stored one component at a
-   time, so that several points are processed at once. */
+/* Compliance of needle and tissue between points along the needle. A point's place is its number, counted from base to tip. Data are stored as structures of
+   arrays, so that several points are processed at once. */
 #ifndef TROCAR_BETWEEN_KERNELS_H
 #define TROCAR_BETWEEN_KERNELS_H
 
@@ -55,8 +55,8 @@ between_kernel *between_kernel_here(void);
 void between_interpolate(const double *compliance, int ld, int count, const between_interpolation *points, between_components *to);
 
 /* Stores the blocks between the point at place k and all later points (`count` places in total) in the upper triangle of a matrix: first the two unknowns
-   across each point, then the one along it. Writes whole vectors, which start before place k and overwrite blocks of points closer to the base; therefore
-   those must be stored later. RT */
+   across the needle at each point, then the one along it. Writes whole vectors, which may start before place k and overwrite blocks of points closer to the
+   base; store those blocks afterwards. RT */
 void between_store(int count, int k, between_rows blocks, double (*matrix)[MOST_COLUMNS]);
 
 #endif

@@ -5,7 +5,7 @@
 
 enum { CHANCES = 10, MOST_PIVOTS = 1000 };
 
-/* Computes the positive entries of z by factorising the corresponding part of A; the other entries are 0. */
+/* Computes the positive entries of z by factorising the corresponding principal submatrix of A; sets the other entries to 0. */
 static bool solve_positive(int n, const double *a, int ld, const double *q, const double *positive, double *z, double *part) {
     int count = 0;
     for (int i = 0; i < n; i++) {
@@ -25,7 +25,7 @@ static bool solve_positive(int n, const double *a, int ld, const double *q, cons
 }
 
 bool complementarity_solve(int n, const double *a, int ld, const double *q, double tolerance, double *z, double *scratch) {
-    double *positive = scratch, *part = scratch + n; /* part: n square, plus n entries for the right-hand side */
+    double *positive = scratch, *part = scratch + n; /* part: n x n, plus n entries for the right-hand side */
     int fewest = n + 1, chances = CHANCES;
     for (int i = 0; i < n; i++) positive[i] = z[i] > 0.0;
     for (int pivot = 0; pivot < MOST_PIVOTS; pivot++) {

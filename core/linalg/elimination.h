@@ -1,5 +1,5 @@
-/* Elimination in a dense symmetric system. The upper triangle is stored by rows, with the right-hand side as an additional column. Rows are eliminated in
-   panels, so that the rest of the matrix is read and written once per panel. The lower triangle is overwritten with meaningless numbers. */
+/* Gaussian elimination in a dense symmetric system. The upper triangle is stored by rows, with the right-hand side as an additional column. Rows are
+   eliminated in panels, so that the rest of the matrix is read and written once per panel. The lower triangle is overwritten with meaningless numbers. */
 #ifndef TROCAR_ELIMINATION_H
 #define TROCAR_ELIMINATION_H
 
@@ -20,14 +20,13 @@ typedef struct {
     int order;
 } symmetric_system;
 
-/* A panel: rows that are eliminated together. Their diagonal block, which determines the elimination, is processed first, and the columns to its right
-   afterwards. */
+/* A panel: rows that are eliminated together. Their diagonal block determines the elimination and is processed first; the columns to its right follow. */
 typedef struct {
     int begin, end;          /* range of at most PANEL_ROWS rows; if there are fewer, the block is padded with ones on the diagonal */
     bool turned;             /* true if the rows are rotated in pairs, by the angles below */
     double cosine[PANEL_ROWS / 2], sine[PANEL_ROWS / 2], inverse[PANEL_ROWS]; /* cosines and sines of the rotation angles; inverse pivots */
-    double block[PANEL_ROWS][PANEL_ROWS];                                     /* the diagonal block on and above its diagonal; after the elimination, its
-                                                                                 rows are not divided by the pivots */
+    double block[PANEL_ROWS][PANEL_ROWS];                                     /* upper triangle of the diagonal block; after the elimination, its rows are not
+                                                                                 divided by the pivots */
     _Alignas(CACHE_LINE) double undivided[PANEL_ROWS][MOST_COLUMNS];          /* to the right of the block: rows before division by their pivots */
 } elimination_panel;
 

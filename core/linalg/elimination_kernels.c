@@ -1,4 +1,4 @@
-/* The kernel of elimination.h, compiled for one vector width. */
+/* The kernel declared in elimination.h, compiled for one vector width. */
 #include "linalg/elimination.h"
 
 #include <stddef.h>

@@ -75,7 +75,7 @@ typedef struct {
 } share;
 
 static share share_of(const panels *p, int j, int factored) {
-    enum { FEW = 192, MANY = 4 * 768 }; /* FEW: number of rows that is not worth dividing; MANY: number of rows that suffices for four large products */
+    enum { FEW = 192, MANY = 4 * 768 }; /* FEW: too few rows to be worth dividing; MANY: enough rows for four large products */
     const panel *to = &p->panels[j];
     int below = to->rows - to->width;
     return (share){p, to, j, factored, p->filled ? p->count - 1 - j : below < FEW ? below > 0 : 4 * ((below + MANY - 1) / MANY)};

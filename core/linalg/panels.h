@@ -19,7 +19,7 @@ typedef struct {
 typedef struct {
     int count;
     panel *panels;
-    bool *filled;            /* count square: [i * count + j] is true if the rows of panel i have entries in panel j; NULL if all have entries */
+    bool *filled;            /* count x count: [i * count + j] is true if the rows of panel i have entries in panel j; NULL if all have entries */
 } panels;
 
 static inline bool panels_filled(const panels *p, int i, int j) { return !p->filled || p->filled[i * p->count + j]; }

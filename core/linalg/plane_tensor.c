@@ -2,7 +2,7 @@
 
 #include "base/vec.h"
 
-/* Axes of the plane across the track. */
+/* Computes the axes of the plane across the track. */
 static void axes_across(vec3 direction, vec3 *x, vec3 *y) {
     mat3 frame = frame_along(direction);
     *x = m3_column(&frame, 0);

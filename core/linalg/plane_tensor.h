@@ -15,7 +15,7 @@ typedef struct {
     vec3 easy;
 } principal_tensor;
 
-/* Sum of all components; it is finite if all components are. RT */
+/* Sum of all components; not finite if any of them is not. RT */
 static inline double plane_total(plane_tensor t) { return t.xx + t.xy + t.yy; }
 
 /* Mean over all directions. RT */

@@ -25,10 +25,10 @@ typedef struct {
 void rows_clear(const column_ranges *c, double *to, int ld);
 void rows_copy(const column_ranges *c, const double *from, int from_ld, double *to, int ld);
 
-/* Computes to += sum of by * rows. Each entry is summed in this order, so its last bits do not depend on other entries. */
+/* Computes to += sum of by * rows. The terms are added in the order of `parts`, so the last bits of an entry do not depend on other entries. */
 void rows_add(const column_ranges *c, int count, const row_triple *parts, double *to, int ld);
 
-/* Computes to = sum of weight * rows, summed in this order. */
+/* Computes to = sum of weight * rows, added in the order of `parts`. */
 typedef struct {
     const double *rows;
     int ld;
@@ -36,7 +36,7 @@ typedef struct {
 } weighted_triple;
 void rows_interpolate(const column_ranges *c, int count, const weighted_triple *parts, double *to, int ld);
 
-/* block = sum of rows * by over the first three columns, summed in the same order; the fourth column of the block is zero. */
+/* Computes block = sum of rows * by over the first three columns, added in the order of `parts`; the fourth column of the block is zero. */
 typedef struct {
     const double *rows;
     int ld;

@@ -36,9 +36,9 @@ static inline simd_wide simd_wide_where(simd_wide_mask mask, simd_wide x) { retu
 /* Returns the largest multiple of SIMD_WIDE_WIDTH that is at most i, for i >= 0. */
 static inline int simd_wide_below(int i) { return i / SIMD_WIDE_WIDTH * SIMD_WIDE_WIDTH; }
 
-#ifdef TROCAR_AVX512 /* defined if the program contains code for x86-64-v4 in addition to that for any other processor */
+#ifdef TROCAR_AVX512 /* defined if the program contains code for x86-64-v4 in addition to the portable code */
 
-/* True if this processor supports x86-64-v4. Results are bitwise identical only if both versions of the code use fused multiply-add. RT */
+/* True if this processor supports x86-64-v4 and the portable code uses fused multiply-add, without which the results of the two versions would differ. RT */
 static inline bool runs_avx512(void) {
 #ifdef __FMA__
     return __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512bw") && __builtin_cpu_supports("avx512cd")

@@ -8,7 +8,7 @@
 typedef struct {
     int count;               /* rows of blocks */
     bool single;             /* true for float, false for double */
-    void *numbers;           /* block (i, j), j <= i, row-major, is the (i (i + 1) / 2 + j)th */
+    void *numbers;           /* block (i, j), j <= i, row-major, has index i (i + 1) / 2 + j among the blocks */
 } symmetric_blocks;
 
 /* Number of values, and of bytes, that `count` rows of blocks need. */

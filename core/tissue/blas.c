@@ -20,7 +20,7 @@ static pthread_once_t found = PTHREAD_ONCE_INIT, started = PTHREAD_ONCE_INIT;
 static pthread_mutex_t turn = PTHREAD_MUTEX_INITIALIZER, room = PTHREAD_MUTEX_INITIALIZER;
 static int own_threads;
 
-/* After a fork, the child has no other threads that could release a lock that was held. */
+/* After a fork, the child has no other thread that could release a lock held at the time of the fork. */
 static void forget_threads(void) {
     pthread_mutex_init(&turn, NULL);
     pthread_mutex_init(&room, NULL);
@@ -70,8 +70,8 @@ static bool has_room(size_t bytes) {
     return true;
 }
 
-/* Each of OpenBLAS's own threads allocates a buffer when it first runs, which may be much later. A product that is large enough for all threads makes them
-   allocate now. */
+/* Each of OpenBLAS's own threads allocates a buffer when it first runs, which may be much later. A matrix product that is large enough to use all threads
+   makes them allocate it now. */
 static void run_own_threads(void) {
     enum { SIZE = 256 };
     double *product = calloc(SIZE * SIZE, sizeof *product);
@@ -82,7 +82,7 @@ static void run_own_threads(void) {
     free(product);
 }
 
-/* Buffers that are allocated at the same time are distinct, and OpenBLAS keeps them all. */
+/* Buffers that are held at the same time are distinct, and OpenBLAS keeps all of them for later use. */
 static void fill_table(int count) {
     void *buffer[MOST_BUFFERS];
     for (int i = 0; i < count; i++) buffer[i] = library.allocate(0);

@@ -11,7 +11,7 @@ trocar_status blas_start(trocar_error *why);
 /* Number of threads that OpenBLAS would use by default: the number of processors, or the setting in the environment. To be called after blas_start. */
 int blas_own_threads(void);
 
-/* Between these two calls, OpenBLAS uses its default number of threads in the whole process. Callers wait for each other. */
+/* Between these two calls, OpenBLAS uses its default number of threads in the whole process. Callers take turns. */
 void blas_begin_turn(void);
 void blas_end_turn(void);
 

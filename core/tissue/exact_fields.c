@@ -6,7 +6,7 @@ vec3 line_axial(double x, double y) { return v3(0, 0, -log(hypot(x, y)) / (2.0 *
 
 double line_axial_radius(double u) { return exp(-2.0 * M_PI * u); }
 
-/* -1/2 is minus the mean of x^2 / rho^2 over a circle, so that the mean displacement of the circle is the logarithm alone. */
+/* The term -1/2 cancels the mean of x^2 / rho^2 over a circle, so that the circle's mean displacement consists of the logarithm alone. */
 vec3 line_lateral(double x, double y, double poisson_ratio) {
     double square = x * x + y * y, c = 1.0 / (8.0 * M_PI * (1.0 - poisson_ratio));
     return v3(c * (-(3.0 - 4.0 * poisson_ratio) * 0.5 * log(square) + x * x / square - 0.5), c * x * y / square, 0);
@@ -29,8 +29,8 @@ double line_lateral_logarithm(double u, double poisson_ratio) { return -8.0 * M_
 
 double line_lateral_radius(double u, double poisson_ratio) { return exp(line_lateral_logarithm(u, poisson_ratio)); }
 
-/* Integrals over a segment of 1/r, 1/r^3, z/r^3 and z^2/r^3, where r is the distance of x from a point of the segment and z the coordinate of x relative
-   to that point; and their gradients. */
+/* Integrals of 1/r, 1/r^3, z/r^3 and z^2/r^3 over a segment, and their gradients. r: distance of x from a point of the segment; z: coordinate of x relative
+   to that point. */
 typedef struct {
     double value[4];
     vec3 gradient[4];
@@ -47,7 +47,10 @@ static segment_integrals integrate(const line_segment *line, vec3 x) {
     s.value[1] = cosines / square;
     s.value[2] = 1.0 / ra - 1.0 / rb;
     s.value[3] = s.value[0] - cosines;
-    double outward[] = {-s.value[1], -(2.0 * s.value[1] + cubes) / square, 1.0 / (rb * rb * rb) - 1.0 / (ra * ra * ra), cubes - s.value[1]}; /* over rho */
+    double outward[] = {-s.value[1], -(2.0 * s.value[1] + cubes) / square, 1.0 / (rb * rb * rb) - 1.0 / (ra * ra * ra), cubes - s.value[1]}; /* radial
+                                                                                                                                                derivatives,
+                                                                                                                                                divided by
+                                                                                                                                                rho */
     double along[] = {1.0 / rb - 1.0 / ra, 1.0 / (rb * rb * rb) - 1.0 / (ra * ra * ra), cubes, b * b / (rb * rb * rb) - a * a / (ra * ra * ra)};
     for (int i = 0; i < 4; i++) s.gradient[i] = v3(outward[i] * x.x, outward[i] * x.y, along[i]);
     return s;
@@ -67,7 +70,7 @@ vec3 segment_displacement(const line_segment *line, vec3 x, double poisson_ratio
 vec3 segment_traction(const line_segment *line, vec3 x, vec3 area, double poisson_ratio) {
     segment_integrals s = integrate(line, x);
     double c = 1.0 / (16.0 * M_PI * (1.0 - poisson_ratio)), k = 3.0 - 4.0 * poisson_ratio;
-    vec3 ex = v3(1, 0, 0), ey = v3(0, 1, 0), e = line->axis == 0 ? ex : ey, row[3]; /* row: gradients of the components */
+    vec3 ex = v3(1, 0, 0), ey = v3(0, 1, 0), e = line->axis == 0 ? ex : ey, row[3]; /* row: gradients of the displacement components */
     const vec3 *g = s.gradient;
     double aside = line->axis == 0 ? x.x : x.y;
     vec3 even = v3_axpy(k, g[0], v3_axpy(aside * aside, g[1], v3_scale(2.0 * aside * s.value[1], e)));
@@ -83,7 +86,7 @@ vec3 segment_traction(const line_segment *line, vec3 x, vec3 area, double poisso
     return v3_scale(c, v3_add(v3_add(t, turned), v3(v3_dot(row[0], area), v3_dot(row[1], area), v3_dot(row[2], area))));
 }
 
-/* On a circle, the mean of x^2 is half of rho^2. */
+/* On a circle, the mean of x^2 is rho^2 / 2. */
 double segment_logarithm(double from, double to, double radius, double poisson_ratio) {
     double logarithm = asinh(to / radius) - asinh(from / radius), cosines = to / hypot(to, radius) - from / hypot(from, radius);
     return line_lateral_logarithm(((3.0 - 4.0 * poisson_ratio) * logarithm + 0.5 * cosines) / (16.0 * M_PI * (1.0 - poisson_ratio)), poisson_ratio);

@@ -1,13 +1,13 @@
-/* Displacements caused by forces in an infinite elastic body, and below a free plane surface, for unit force and unit shear modulus. Meshes that are too
-   coarse to resolve these fields are compared with them. */
+/* Displacements caused by forces in an infinite elastic body and in a half-space, for unit force and unit shear modulus. They are the reference for meshes
+   that are too coarse to resolve these fields. */
 #ifndef TROCAR_EXACT_FIELDS_H
 #define TROCAR_EXACT_FIELDS_H
 
 #include "base/vec.h"
 
-/* Displacement at (x, y) under a force per unit length along an infinite line, the z axis: Kelvin's solution in plane strain (lateral: the line is pushed along
-   x), and anti-plane shear (axial: pushed along z). Additive constants are chosen such that the displacement at rho = R is that of a rigid cylinder of
-   radius R around the line. The unit 1/m stands for N/m divided by Pa. */
+/* Displacement at (x, y) under a force per unit length along an infinite line, the z axis: Kelvin's solution in plane strain (lateral: the line is pushed
+   along x), and anti-plane shear (axial: pushed along z). Additive constants are chosen such that the displacement at rho = R is that of a rigid cylinder of
+   radius R around the line. Dimensionless: displacement (m) times shear modulus (Pa) divided by the line force (N/m). */
 vec3 line_lateral(double x, double y, double poisson_ratio);
 vec3 line_axial(double x, double y);
 
@@ -15,8 +15,8 @@ vec3 line_axial(double x, double y);
    and y; axis 2: along z. */
 vec3 line_traction(int axis, vec3 x, vec3 area, double poisson_ratio);
 
-/* Displacement under a force per unit length, in the direction `axis`, between two points of the z axis (the integral of Kelvin's solution for a point force);
-   and the force on a small surface, as in line_traction. */
+/* Displacement under a force per unit length in the direction `axis`, applied to the z axis between z = from and z = to (the integral of Kelvin's solution
+   for a point force); and the force on a small surface, as in line_traction. */
 typedef struct {
     int axis;
     double from, to;
@@ -24,15 +24,15 @@ typedef struct {
 vec3 segment_displacement(const line_segment *line, vec3 x, double poisson_ratio);
 vec3 segment_traction(const line_segment *line, vec3 x, vec3 area, double poisson_ratio);
 
-/* Displacement of a cylinder of this radius around the line, caused by the part of the line that is `from` to `to` ahead of it and is pushed across the line.
-   It is a mean over the circumference, expressed as the logarithm of a radius. */
+/* Lateral displacement of a circle of this radius around the line, caused by a lateral force on the part of the line that is `from` to `to` (m) ahead of the
+   circle. It is a mean over the circumference, expressed as the logarithm of a radius. */
 double segment_logarithm(double from, double to, double radius, double poisson_ratio);
 
-/* Radius of the cylinder that is displaced by `u` under the same force. */
+/* Radius of the rigid cylinder that the force of line_lateral or line_axial displaces by `u`. */
 double line_lateral_radius(double u, double poisson_ratio);
 double line_axial_radius(double u);
 
-/* Logarithm of the ratio of radii that corresponds to this difference of displacements across the line. */
+/* Logarithm of the ratio of radii that corresponds to a difference `u` between lateral displacements. */
 double line_lateral_logarithm(double u, double poisson_ratio);
 
 /* Displacement (1/m) at `x` under a unit force at `source`, in a body whose free surface is the plane z = 0; source.z >= 0, x.z >= 0. Mindlin, Physics 7,

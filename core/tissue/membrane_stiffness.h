@@ -1,11 +1,12 @@
-/* Membranes: named surfaces that are stiff in their plane, such as skin, capsules and fascia. On each face of the mesh, a membrane is a triangle of constant
-   strain in plane stress. It is unstressed at rest, so to first order it does not resist displacements across its plane. See docs/mechanics.md, "Membranes". */
+/* Membranes: named surfaces that are stiff in their plane, such as skin, capsules and fascia. On each face of the mesh, a membrane is a constant-strain
+   triangle in plane stress. It is unstressed at rest, so to first order it does not resist displacements normal to its plane. See docs/mechanics.md,
+   "Membranes". */
 #ifndef TROCAR_MEMBRANE_STIFFNESS_H
 #define TROCAR_MEMBRANE_STIFFNESS_H
 
 #include "mesh/mesh.h"
 
-/* Elasticity of a membrane in its plane; a named surface without it has a stiffness of 0. */
+/* In-plane elasticity of a membrane. The stiffness is 0 for a named surface that has none. */
 typedef struct {
     double stiffness;          /* N/m, Young's modulus times thickness */
     double poisson_ratio;      /* below 0.5 */
@@ -20,10 +21,10 @@ typedef struct {
     double stiffness[9][9];  /* N/m, sum over all membranes on the face */
 } membrane_face;
 
-/* In the following, `materials` has an entry for each group of the mesh, of which only those of dimension 2 are used; NULL: there are no membranes. */
+/* In the functions below, `materials` has an entry for each group of the mesh; only those of dimension 2 are used. NULL: there are no membranes. */
 
-/* Computes a face's membranes. Returns false if it has none with a stiffness. A face between two tetrahedra is reported only for the one with the smaller
-   number. */
+/* Computes the stiffness of the membranes on a face. Returns false if there are none with a stiffness. A face between two tetrahedra is reported only for the
+   tetrahedron with the smaller number. */
 bool membrane_on_face(const mesh *m, const membrane_material *materials, int tet, int face, membrane_face *found);
 
 /* Number of faces with membranes. */

@@ -53,7 +53,7 @@ static bool is_near(const neighbourhood *n, int tet, double radius, double half_
     return false;
 }
 
-/* Collects elements from the first one outward, across faces. Returns false if there is no room for all of them. */
+/* Collects elements outward from the first one, from face to face. Returns false if there is no room for all of them. */
 static bool grow(neighbourhood *n, int tet, double radius, double half_length) {
     forget(n);
     if (!add_tet(n, tet)) return false;
@@ -73,7 +73,7 @@ static bool is_free(const neighbourhood *n, int tet, int face) {
     return m->neighbours[tet][face] < 0 && !held;
 }
 
-/* Lists the free faces, and marks the nodes of all other faces on the boundary. */
+/* Lists the free faces, and marks the nodes of all other boundary faces. */
 static void mark_cut(neighbourhood *n) {
     const mesh *m = n->tissue->mesh;
     n->free_count = 0;
@@ -89,7 +89,8 @@ static void mark_cut(neighbourhood *n) {
         }
 }
 
-/* The line's path through the elements, in pieces that each lie in one element; a piece on a face or an edge belongs to one of the adjacent elements. */
+/* Orders the pieces of the line's path by their start. Each piece lies in one element; a piece on a face or an edge belongs to only one of the adjacent
+   elements. */
 static int by_start(const void *a, const void *b) {
     double x = ((const chord *)a)->from, y = ((const chord *)b)->from;
     return (x > y) - (x < y);

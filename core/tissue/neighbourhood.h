@@ -1,5 +1,5 @@
-/* The elements around a point on a line, in the line's frame, and their stiffness for a shear modulus of 1. In resolved_radius.c they serve to measure down to
-   which distance the mesh resolves the line's field. */
+/* The elements around a point on a line, in the line's frame, and their stiffness for a shear modulus of 1. resolved_radius.c uses them to measure how close
+   to the line the mesh still resolves the line's field. */
 #ifndef TROCAR_NEIGHBOURHOOD_H
 #define TROCAR_NEIGHBOURHOOD_H
 
@@ -14,7 +14,7 @@ typedef struct {
 
 typedef struct { int tet, face; } tet_face;
 
-/* All positions are in the line's frame: z along it, the origin at its point. */
+/* All positions are in the line's frame: z along the line, the origin at the given point. */
 typedef struct {
     const tissue *tissue;
     int *local;              /* for each node of the mesh: its number in the neighbourhood, or -1 */
@@ -31,21 +31,21 @@ typedef struct {
     double poisson_ratio;    /* Poisson's ratio of the element that contains the point, used for all elements */
     int chord_count;
     chord chords[AROUND_TETS]; /* the line's path through the elements, in order */
-    double stiffness[AROUND_DOFS * AROUND_DOFS]; /* stiffness matrix of the nodes, with both triangles */
+    double stiffness[AROUND_DOFS * AROUND_DOFS]; /* stiffness matrix of the nodes; both triangles are filled */
 } neighbourhood;
 
-/* Allocates. `t` must outlive it. NO_MEMORY. */
+/* Allocates the work arrays. `t` must outlive the neighbourhood. NO_MEMORY. */
 trocar_status neighbourhood_create(const tissue *t, neighbourhood *n, trocar_error *why);
 void neighbourhood_free(neighbourhood *n);
 
 /* Extent of the neighbourhood: distance from the line, and length along the line in both directions. */
 typedef struct {
     double radius, half_length; /* in edge lengths of the mesh at the point */
-    double least;               /* m, smallest half length */
+    double least;               /* m, lower limit for the half length */
 } patch_reach;
 
-/* Collects the elements within reach of `x` (in element `tet`) and of the line through x, as far as there is room, and computes their stiffness. Does not
-   allocate memory. */
+/* Collects the elements within `reach` of `x` (in element `tet`) along and across the line through x, as far as there is room, and computes their stiffness.
+   Does not allocate memory. */
 void neighbourhood_take(neighbourhood *n, int tet, vec3 x, vec3 direction, patch_reach reach);
 
 /* Direction of the line, as a unit vector in the mesh's coordinates. */

@@ -29,8 +29,8 @@ static double modulus_at(int count, const relaxation_term *terms, double rate) {
     return sum;
 }
 
-/* Rate of creep between two adjacent rates of relaxation (the lower one may be 0). Between these rates, the modulus falls from infinity (or, if the lower
-   one is 0, from its long-term value) to minus infinity. */
+/* Creep rate between two adjacent relaxation rates (the lower one may be 0). Between these rates, the modulus falls from infinity (or, if the lower one is 0,
+   from its long-term value) to minus infinity. */
 static double creep_rate(int count, const relaxation_term *terms, double low, double high) {
     for (double middle = 0.5 * (low + high); low < middle && middle < high; middle = 0.5 * (low + high)) {
         if (modulus_at(count, terms, middle) > 0.0) low = middle;

@@ -10,15 +10,16 @@
 #include "tissue/exact_fields.h"
 #include "tissue/neighbourhood.h"
 
-static const double RADIUS = 1.6; /* edge lengths: distance from the line within which a node's elements belong to the patch. Measured: with this patch, ln
-                                     R differs from that of the whole mesh by 0.01 across the line and by 0.02 to 0.03 along it (docs/mechanics.md) */
+static const double RADIUS = 1.6; /* edge lengths: distance from the line within which a node's elements belong to the patch. Measured: with this patch, ln R
+                                     (R: resolved radius) differs from its value on the whole mesh by 0.01 across the line and by 0.02 to 0.03 along it
+                                     (docs/mechanics.md) */
 static const double HALF_LENGTH = 1.2; /* edge lengths: half the extent of the patch along the line; also, smallest ratio of this half extent to the line's
                                           length within the element. Measured in the same way as RADIUS */
 static const double FREE = 0.45; /* edge lengths: distance from the line below which boundary nodes are left free, because the exact solution does not hold
                                     for a mesh so close to the line. Measured in the same way as RADIUS */
 static const double GAP = 1e-9; /* m: largest gap between consecutive pieces of the line. Rounding tolerance */
 
-/* Displacement of one point along one axis, per unit load on each component and per unit displacement of each fixed component. */
+/* Displacement of one point along one axis, per unit load on each degree of freedom and per unit displacement of each fixed one. */
 typedef struct {
     double of_load[AROUND_DOFS], of_moved[AROUND_DOFS];
 } influence;
@@ -48,7 +49,7 @@ void resolver_free(resolver *r) {
 
 /* ---- solving ------------------------------------------------------------------------------------------------------- */
 
-/* Factorises the stiffness of the free components. */
+/* Factorises the stiffness of the free degrees of freedom. */
 static trocar_status factor(resolver *r, trocar_error *why) {
     for (int i = 0; i < r->unknowns; i++)
         for (int j = 0; j <= i; j++) r->reduced[(size_t)i * (size_t)r->unknowns + (size_t)j] = r->around.stiffness[r->unknown[i] * AROUND_DOFS + r->unknown[j]];
@@ -61,7 +62,8 @@ static void weights_at(const resolver *r, int tet, vec3 x, int nodes[4], double 
     for (int c = 0; c < 4; c++) nodes[c] = r->around.local[r->around.tissue->mesh->tets[tet][c]];
 }
 
-/* Computes how each component's load, and each fixed component's displacement, influences one point along one axis. One solve serves all lines. */
+/* Computes how far the load on each degree of freedom, and the displacement of each fixed one, moves one point along one axis. One solve serves all line
+   forces. */
 static void find_influence(resolver *r, int tet, vec3 x, int axis, influence *on) {
     double right[AROUND_DOFS], weights[4];
     int n = 3 * r->around.node_count, nodes[4];
@@ -78,7 +80,7 @@ static void find_influence(resolver *r, int tet, vec3 x, int axis, influence *on
     for (int i = 0; i < r->unknowns; i++) on->of_moved[r->unknown[i]] = 0.0;
 }
 
-/* Displacement under the current load and with the current displacements of the fixed components. */
+/* Displacement under the current load and with the current displacements of the fixed degrees of freedom. */
 static double moved_by(const resolver *r, const influence *on) {
     int n = 3 * r->around.node_count;
     return cblas_ddot(n, on->of_load, 1, r->load, 1) + cblas_ddot(n, on->of_moved, 1, r->moved, 1);
@@ -106,7 +108,7 @@ static vec3 displacement_of(const resolver *r, const line_segment *line, vec3 x)
     return v3(-turned.y, turned.x, 0);
 }
 
-/* Number of parts into which each edge of a face is divided to integrate the line's traction: fewer if the face is far from the line's end. */
+/* Number of parts into which each edge of a face is divided to integrate the line's traction: fewer if the line is finite and the face is far from it. */
 static int parts_of_face(const line_segment *line, vec3 a, vec3 b, vec3 c) {
     enum { NEAR = 6, FAR = 2 };
     vec3 middle = v3_axpy(1.0 / 3.0, v3_add(b, c), a);
@@ -156,7 +158,8 @@ static bool is_near_line(const resolver *r, int node) {
     return hypot(r->around.position[node].x, r->around.position[node].y) < FREE * r->around.size;
 }
 
-/* Prescribes the displacement caused by the line force on the boundary. Near the line, the nodes are free, across the needle or along it. */
+/* Lists the unknowns: all displacements of interior nodes, and those of boundary nodes near the line either along it (`along`) or across it. All others are
+   prescribed by the exact solution. */
 static void free_for_line(resolver *r, bool along) {
     r->unknowns = 0;
     for (int i = 0; i < r->around.node_count; i++)
@@ -186,7 +189,7 @@ static void set_lateral(const resolver *r, double moved[2][2], resolved_field *r
 
 static double place_on_line(const resolver *r, vec3 x) { return v3_dot(v3_sub(x, r->around.origin), neighbourhood_direction(&r->around)); }
 
-/* Finds the distance at which the line leaves the patch or the body. */
+/* Returns the distance from a point on the line to where the line leaves the patch or the body. */
 static double reach_of(const resolver *r, double place) {
     double end = place;
     for (int i = 0; i < r->around.chord_count; i++)
@@ -194,14 +197,14 @@ static double reach_of(const resolver *r, double place) {
     return end - place;
 }
 
-/* Places of the line's end are closer together near the tip, where accuracy matters most. */
+/* Returns how far ahead of the point the k-th sampled line end is. The samples are denser close to the point, where accuracy matters most. */
 static double end_place(const line_end *end, int k) {
     double part = (double)k / LINE_ENDS;
     return part * part * end->reach;
 }
 
-/* Displacement of a cylinder of the resolved radius, caused by the part of the line from `from` to `to` beyond the point, minus the displacement of the
-   mesh. */
+/* Displacement of a cylinder of the resolved radius, caused by the part of the line from `from` to `to` beyond the point, minus the displacement of the mesh;
+   as the logarithm of a ratio of radii. */
 static double difference_beyond(resolver *r, double place, double from, double to, double radius, const influence *on) {
     double moved = 0.0, nu = r->around.poisson_ratio;
     for (int axis = 0; axis < 2; axis++) {
@@ -274,8 +277,8 @@ static plane surface_near(const resolver *r, vec3 x) {
     return found;
 }
 
-/* Displacement of a boundary node under a unit force along the line, distributed to the corners of the element as in the mesh. On the boundary, only the
-   difference from a point force matters. */
+/* Exact displacement of a boundary node under a unit force along the line. The force is distributed to the corners of the element as in the mesh, because on
+   the boundary the difference from a point force is not negligible. */
 static vec3 push_at(const resolver *r, int tet, const double weights[4], int node, const plane *surface) {
     const mesh *m = r->around.tissue->mesh;
     vec3 along = neighbourhood_direction(&r->around), at = m->nodes[r->around.nodes[node]], sum = {0};
@@ -318,7 +321,7 @@ static trocar_status measure_point(resolver *r, int tet, int count, const vec3 *
 
 /* ---- beside the line ----------------------------------------------------------------------------------------------- */
 
-/* Computes the displacement of all nodes under a force along one axis, with the factorised stiffness. */
+/* Computes the displacement of all nodes under an infinite line force along one axis, with the factorised stiffness. */
 static void move_all(resolver *r, int axis, line_field *field) {
     double right[AROUND_DOFS];
     int n = 3 * r->around.node_count;

@@ -1,6 +1,6 @@
-/* Measures down to which distance from a needle the mesh resolves the needle's displacement field. Line forces, with and without an end, and a point force act
-   on a small patch of elements whose boundary moves as in the exact solution; the displacement of the mesh is compared with that solution. No constant is
-   fitted. See docs/mechanics.md, "Local compliance". */
+/* Measures how close to a needle the mesh still resolves the needle's displacement field. Infinite and finite line forces and a point force act on a small
+   patch of elements whose boundary moves as in the exact solution; the displacement of the mesh is compared with that solution. No constant is fitted. See
+   docs/mechanics.md, "Local compliance". */
 #ifndef TROCAR_RESOLVED_RADIUS_H
 #define TROCAR_RESOLVED_RADIUS_H
 
@@ -21,7 +21,7 @@ typedef struct {
 /* Interpolates `more` for a line that ends this far ahead (m). RT */
 double line_end_at(const line_end *end, double ahead);
 
-/* Like m3_add_scaled. RT */
+/* Computes to += scale * from for all members. RT */
 void line_end_add_scaled(line_end *to, double scale, const line_end *from);
 
 /* Sum of all members: finite only if all of them are. RT */
@@ -30,11 +30,11 @@ double line_end_total(const line_end *end);
 /* The measurement at one point on the line. The material is uniform and equal to that of the point's element, without membranes, so that only the mesh
    matters. */
 typedef struct {
-    double lateral, axial;   /* m, radius of a rigid cylinder with the mesh's compliance to a line force; across the line, a geometric mean over the
-                                directions */
+    double lateral, axial;   /* m, radius of the rigid cylinder that is as compliant as the mesh under a line force. `lateral`: geometric mean over the
+                                directions across the line */
     mat3 uneven;             /* symmetric: for a force along the unit vector e across the line, e.uneven e is added to the logarithm of the radius */
     line_end end;            /* correction for a line that ends ahead of the point, in the line's direction */
-    double point;            /* 1/m, displacement of the mesh along the line under a force at the point, multiplied by the shear modulus */
+    double point;            /* 1/m, displacement of the mesh along the line under a unit force at the point, multiplied by the shear modulus */
 } resolved_field;
 
 /* A line through an element, representing a piece of the needle's path. */
@@ -45,15 +45,15 @@ typedef struct {
 
 static inline bool line_same(const line_in_tet *a, const line_in_tet *b) { return a->tet == b->tet && v3_same(a->point, b->point) && v3_same(a->direction, b->direction); }
 
-/* Displacement of the mesh around an endless line under a unit force per unit length, for a shear modulus of 1. Its difference from Kelvin's solution is the
-   part of the interaction between this needle and nearby ones that is finer than the mesh. */
+/* Displacement of the mesh around an infinite line under a unit force per unit length, for a shear modulus of 1. Its difference from Kelvin's solution is the
+   part of the interaction between this needle and nearby ones that the mesh does not resolve. */
 enum { FIELD_NODES = 256 };
 typedef struct {
     line_in_tet line;
-    mat3 frame;              /* columns: its axes */
+    mat3 frame;              /* columns: the axes of the line's frame */
     double poisson_ratio, softness; /* Poisson's ratio and 1 / mu (m^2/N) of the element that contains the line */
     int count, nodes[FIELD_NODES]; /* nodes of the mesh */
-    vec3 moved[FIELD_NODES][3]; /* displacement in the line's frame under a force along each of its axes; the unit 1/m stands for N/m divided by Pa */
+    vec3 moved[FIELD_NODES][3]; /* displacement in the line's frame under a force along each of its axes. Dimensionless, as in exact_fields.h */
 } line_field;
 
 typedef struct resolver resolver;
@@ -71,11 +71,12 @@ trocar_status resolver_measure(resolver *r, int tet, vec3 direction, int count, 
 /* Computes the field of one line. NUMERIC if the patch has no stiffness. */
 trocar_status resolver_spread(resolver *r, const line_in_tet *line, line_field *field, trocar_error *why);
 
-/* 1 / mu (m^2/N) of an element: the scale of its lines' fields. */
+/* 1 / mu (m^2/N) of an element: the factor by which the fields of lines through it are multiplied. */
 double resolver_softness(const resolver *r, int tet);
 
-/* The part of the displacement at x (with these weights in element `tet`) that is finer than the mesh, divided by the force per unit length on the line (m^2/N,
-   world frame). If x is closer to the line than `radius` (m), that distance is used. Zero outside the patch, where the mesh is fine enough for the field. */
+/* The part of the displacement at x (with these weights in element `tet`) that the mesh does not resolve, divided by the force per unit length on the line
+   (m^2/N, world frame). If x is closer to the line than `radius` (m), that distance is used. Zero outside the patch, where the mesh is fine enough for the
+   field. */
 mat3 line_field_lacks(const line_field *field, const mesh *m, int tet, const double weights[4], vec3 x, double radius);
 
 #endif

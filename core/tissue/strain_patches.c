@@ -28,7 +28,7 @@ static int beside(const mesh *m, int tet, int others[4]) {
     return count;
 }
 
-/* Number of a tetrahedron's faces that it shares with tetrahedra of this patch. */
+/* Number of faces that a tetrahedron shares with tetrahedra of this patch. */
 static int shared_faces(const partition *p, int tet, int patch) {
     int others[4], count = beside(p->mesh, tet, others), shared = 0;
     for (int i = 0; i < count; i++) shared += p->patch[others[i]] == patch;
@@ -98,7 +98,7 @@ static void grow_all(partition *p) {
 
 /* ---- what is left over ---------------------------------------------------------------------------------------------- */
 
-/* Index in `grown` after that of a patch's last tetrahedron. */
+/* Index in `grown` one past a patch's last tetrahedron. */
 static int end_of(const partition *p, int patch) { return patch + 1 < p->count ? p->first[patch + 1] : p->taken; }
 
 /* Moves one tetrahedron of a small patch to the smallest adjacent patch that is large enough. Returns false if there is no such patch. */

@@ -21,8 +21,8 @@ typedef struct {
     double friction_viscous;   /* N s/m^2, additional friction per unit length and unit sliding speed */
 } region_material;
 
-/* Gives `mixed` the modulus and stiffening of a mixture of two tissues whose compliances are mixed linearly. `weight`: of the second one, from 0 to 1. Because
-   compliance is linear in the weight, so is 1 / E. RT */
+/* Sets the modulus and stiffening of `mixed` by interpolation between two tissues. `weight`: of the second one, from 0 to 1. The compliance is linear in the
+   weight, and therefore so is 1 / E. RT */
 void mix_moduli(const region_material *first, const region_material *second, double weight, region_material *mixed);
 
 /* How the volumetric energy, lambda/2 (div u)^2, is integrated. If it is integrated by element, linear tetrahedra lock (at nu = 0.45, needle forces are 10
@@ -42,8 +42,8 @@ typedef struct {
     int dof_count;             /* number of free displacements */
     int *dof;                  /* [node_count]: first of each node's three dofs, or -1 if the node is fixed */
     cholmod_common common;     /* workspace of the thread that owns the factor */
-    cholmod_sparse *stiffness; /* K, N/m, dof_count square, lower triangle; NULL until tissue_stiffness is called */
-    atomic_bool assembled;     /* true once K exists and is visible to any thread */
+    cholmod_sparse *stiffness; /* K, N/m, dof_count x dof_count, lower triangle; NULL until tissue_stiffness is called */
+    atomic_bool assembled;     /* true once K exists and is visible to all threads */
     cholmod_factor *factor;    /* supernodal Cholesky factor of K; NULL until tissue_factor is called */
     double refused;            /* bytes that the last tissue_factor required if it failed for lack of memory; otherwise 0 */
     int *column;               /* [dof_count / 3]: position in the factor of dofs 3 i, 3 i + 1, 3 i + 2 */
@@ -74,7 +74,8 @@ trocar_status tissue_loose(trocar_error *why);
 /* A load that is not orthogonal to any rigid motion, used to find bodies that are not constrained. */
 static inline double tissue_test_load(int dof) { return 1.0 + 0.37 * (dof % 7); }
 
-/* Assembles and factorises without nodes that are eliminated last; for tests. A simulation factorises only once these nodes are known, or never. */
+/* Assembles and factorises K without designating nodes to be eliminated last; for tests. A simulation factorises only once these nodes are known, or
+   never. */
 trocar_status tissue_create(const mesh *m, const region_material *materials, const bool *fixed, volumetric_strain volumetric,
                             tissue *t, trocar_error *why);
 void tissue_free(tissue *t);
@@ -83,7 +84,7 @@ void tissue_free(tissue *t);
    needs to be freed; the original must outlive the copy. */
 tissue tissue_constants(const tissue *t);
 
-/* Elastic moduli for the part of the energy that is integrated by element. */
+/* Returns the elastic moduli for the part of the energy that is integrated by element. */
 void element_moduli(const tissue *t, int tet, double *youngs_modulus, double *poisson_ratio);
 
 /* Lists the means of div u to which an element contributes equal parts of its volume: that of its patch, or those of its nodes. Returns their number. Not for

@@ -42,8 +42,8 @@ static bool analyse(tissue *t, const bool *last) {
 /* ---- factor ---- */
 
 /* Estimates the ratio of the smallest to the largest eigenvalue of K by the Rayleigh quotient after two steps of inverse iteration. Because of rounding
-   errors, a singular K may have inconspicuous pivots (for a body free to rotate about two nodes, 7e-9 of the largest pivot was observed), but its quotient
-   is not much above 1e-16. Returns a negative number if out of memory. */
+   errors, a singular K may have inconspicuous pivots (for a body free to rotate about two nodes, the smallest was 7e-9 of the largest), but its quotient is
+   not much above 1e-16. Returns a negative number if out of memory. */
 static double least_stiffness(tissue *t) {
     int n = t->dof_count;
     double one[2] = {1, 0}, zero[2] = {0, 0}, quotient = -1.0;
@@ -69,13 +69,13 @@ trocar_status tissue_loose(trocar_error *why) {
                 "under `fixed` that every part of the mesh is connected to");
 }
 
-/* Required memory: for the factor, for the largest update of a supernode, and for K in the order of elimination. */
+/* Required memory: for the factor, for the largest update of a supernode, and for K in elimination order. */
 static double factor_bytes(tissue *t) {
     double numbers = (double)t->factor->xsize + (double)t->factor->maxcsize;
     return sizeof(double) * numbers + (sizeof(double) + sizeof(int)) * (double)cholmod_nnz(t->stiffness, &t->common);
 }
 
-/* Checks memory before the computation, because the kernel may kill a process that runs out of memory, without any message. */
+/* Checks memory before the computation, because the kernel may kill a process that runs out of memory without any message. */
 static trocar_status check_memory(tissue *t, trocar_error *why) {
     static const char remedy[] = "with inverse: condensed and needles that stay in the region_of_interest it is not needed";
     if (!t->factor || t->common.status == CHOLMOD_TOO_LARGE)

@@ -84,7 +84,7 @@ static void put_block(contact_problem *p, int i, int j, const mat3 *block) {
         }
 }
 
-/* Decouples a guide that the needle does not touch. */
+/* Decouples a guide point at which the needle does not touch the edge. */
 static void uncouple_guide(const contact_points *points, contact_problem *problem, int i) {
     static const mat3 nothing;
     for (int j = 0; j < points->count; j++) put_block(problem, i, j, &nothing);
@@ -99,8 +99,8 @@ static void put_blocks(const contact_points *points, contact_problem *problem, c
     }
 }
 
-/* Returns the tissue's compliance between point k and points k, k + 1, ...: between contacts that are in order, the snapshot's rows are used without
-   copying. */
+/* Points `row` to the tissue's compliance between point k and points k, k + 1, ..., for points in the order of their slots: the snapshot's rows are used
+   without copying. */
 static void read_tissue(const tick_input *tick, const contact_points *points, const tissue_step *tissue, const creep_step *creep, int k, between_points_row *row) {
     static const double none[BETWEEN_PLACES];
     const contact_point *point = &points->list[k];

@@ -14,8 +14,8 @@
 #include "snapshot/snapshot_kernels.h"
 
 static const double TIP_FADE = 3e-3; /* m: depth over which the tissue's lateral support of tip and shaft grows to its full value. Chosen by judgement */
-static const double LEAST_STIFFNESS = 1e-3; /* N/m: smallest stiffness of a share of the shaft per logarithm, for a share that has emerged from a gap and is
-                                               barely in the tissue. Rounding: stiffness of 0.5 um of shaft at 1 kPa */
+static const double LEAST_STIFFNESS = 1e-3; /* N/m: lower limit for the stiffness of a share of the shaft (shaft_resistance), needed for a share that has
+                                               emerged from a gap and is barely in the tissue. Rounding: stiffness of 0.5 um of shaft at 1 kPa */
 static const double LEAST_HOLD = 1e-6; /* fraction: smallest lateral support, so that its compliance is finite. Rounding tolerance */
 
 /* ---- points and forces --------------------------------------------------------------------------------------------- */
@@ -40,9 +40,9 @@ void points_list(const tick_input *tick, const insertion_state *state, contact_p
     p->shaft = shaft_resistance_of(tick->model, state, p->share);
 }
 
-/* A contact's force acts at the shaft's material point that the tissue holds, or at the needle's end if that point would lie beyond it. The same is true
-   of the shaft next to the tip; this point is behind the needle's end by the depth of the dent under the end face. The force on the end face acts at the
-   needle's end. The resultant of the two lateral forces acts between both points. */
+/* A contact's force acts at the shaft's material point that the tissue holds, or at the needle's end if that point would lie beyond it. The same is true of
+   the shaft next to the tip; this point is behind the needle's end by the depth of the dent under the end face. The force on the end face acts at the
+   needle's end. The resultant of the two lateral forces acts between the two points. */
 static void place_on_shaft(const tick_input *tick, const insertion_state *state, const tissue_step *tissue, contact_point *p) {
     double length = tick->model->needle->given.length;
     bool tip = p->kind == POINT_TIP;
@@ -154,7 +154,7 @@ void find_local_compliance(const tick_input *tick, const insertion_state *state,
     tissue->axial[t + 1] = axial / fmax(shaft->axial, LEAST_STIFFNESS);
 }
 
-/* Gives the shaft the softness of the tissue along the point's share. */
+/* Sets the shaft's softness and stiffening to those of the tissue along the point's share, and returns both. */
 static stiffened_shaft soften_shaft(const contact_point *p, shaft_hold *shaft) {
     shaft->softness = (p->share.to - p->share.from) / larger_of(p->shaft.axial, LEAST_STIFFNESS);
     shaft->stiffening = p->shaft.stiffening;
@@ -170,9 +170,9 @@ void soften_shear(const tick_input *tick, insertion_state *state, contact_points
     }
 }
 
-/* Change (m) of the shaft's lead over the tissue under its current traction after the tissue along its share has become softer (positive) or stiffer
-   (negative). When part of the shaft enters another region, it has not sheared the tissue there yet; without this correction, the shaft would slide in the tick
-   in which the tip enters the region. */
+/* Change (m) in the shaft's lead over the tissue under its current traction after the tissue along its share has become softer (positive) or stiffer
+   (negative). When part of the shaft enters another region, it has not sheared the tissue there yet; without this correction, the shaft would slide in the
+   tick in which the tip enters the region. */
 static double lead_gained(const insertion_model *model, const contact_point *p, double logarithm, double traction, shaft_hold *shaft) {
     stiffened_shaft before = {shaft->softness, shaft->stiffening}, now = soften_shaft(p, shaft);
     if (before.softness == 0.0) return 0.0;
@@ -208,8 +208,8 @@ static void bound_friction(const tick_input *tick, contact_problem *problem, int
     problem->state[i] = last;
 }
 
-/* Work (N, along the needle) done against the lateral support per unit length of advance. Near the surface, this support grows with depth, which stores elastic
-   energy in tissue and needle; the hand must do that work as the tip advances. Without this term, a tip that meets no resistance, as in an old track,
+/* Work done against the lateral support per unit length of advance (N, along the needle). Near the surface, this support grows with depth, which stores
+   elastic energy in tissue and needle; the hand must do that work as the tip advances. Without this term, a tip that meets no resistance, as in an old track,
    would oscillate along the needle: a needle with firmer support bends more, and its end moves back. */
 static double work_of_hold(const insertion_state *state, const contact_points *points, const tissue_step *tissue) {
     double sum = 0.0;

@@ -1,5 +1,5 @@
-/* Assembles the contact problem: the contact points; the compliance of tissue, needle and mount between them; the bounds of their forces; and the gaps
-   that would open without forces. */
+/* Assembles the contact problem: the contact points; the compliance of tissue, needle and mount between them; the bounds on their forces; and the gaps that
+   would open without forces. */
 #ifndef TROCAR_CONTACT_ASSEMBLY_H
 #define TROCAR_CONTACT_ASSEMBLY_H
 
@@ -8,21 +8,21 @@
 /* Lists the contact points: guides, active contacts, and the tip if it is in the tissue (points->tip). RT */
 void points_list(const tick_input *tick, const insertion_state *state, contact_points *points);
 
-/* Finds the points' positions on the needle, and where the holes and the tissue would be without the needle's forces. RT */
+/* Finds the points' positions on the needle, and the positions that the holes and the tissue would have without the needle's forces. RT */
 void points_locate(const tick_input *tick, const insertion_state *state, contact_points *points, const tissue_step *tissue, const creep_step *creep, hole_edge *edges);
 
 /* Computes the forces that the contact points exert on the needle's joints. RT */
 void points_load_needle(const tick_input *tick, const insertion_state *state, const contact_points *points, needle_response *response);
 
-/* Computes the tissue's compliance between the tip and each point, and the free displacement at the tip. `handles`: handles of the corner nodes of the element
-   that contains the tip. RT */
+/* Computes the tissue's compliance between the tip and each point, and the displacement at the tip without the needle's current forces. `handles`: handles of
+   the corner nodes of the element that contains the tip. RT */
 void find_tip_rows(const tick_input *tick, const insertion_state *state, const contact_points *points, tissue_step *tissue, const creep_step *creep,
                    const int handles[4]);
 
-/* Takes over changed moduli of the tissue around the shaft. Its shear stays, so that its traction changes. `points` is scratch. RT */
+/* Adopts changed moduli of the tissue around the shaft. The tissue's shear strain is kept, so the traction changes. `points` is scratch. RT */
 void soften_shear(const tick_input *tick, insertion_state *state, contact_points *points);
 
-/* Preserves the traction along each share when shares move into other regions, where the shaft has not sheared the tissue yet. RT */
+/* Preserves the traction along each share of the shaft when the share extends into another region, where the shaft has not sheared the tissue yet. RT */
 void keep_shear(const tick_input *tick, insertion_state *state, contact_points *points, const creep_step *creep);
 
 /* Computes the points' local compliances, m/N. Shaft: from the length of the point's share in each region. Tip, across the needle: as for a shaft as long

@@ -1,5 +1,6 @@
-/* The resistance to the tip's advance in this step: uncut tissue, open tracks and their ends, calcifications, membranes, bone. Once per step, they are
-   listed as stretches of the tip's slip; the contact problem receives them as a single staircase. See docs/mechanics.md, "One tick is one convex problem". */
+/* The resistance to the tip's advance in this step: uncut tissue, open tracks and their ends, calcifications, membranes, bone. Once per step, they are listed
+   as stretches, each an interval of the tip's slip; the contact problem receives them as a single staircase. See docs/mechanics.md, "One tick is one convex
+   problem". */
 #ifndef TROCAR_RESISTANCE_AHEAD_H
 #define TROCAR_RESISTANCE_AHEAD_H
 

@@ -45,7 +45,7 @@ void roll_follow_base(insertion_state *state, quat orientation) {
     state->tip_lead -= turn; /* the tip does not follow the base until the solve rotates it */
 }
 
-/* State of a tissue point's rotation; guides do not resist rotation of the shaft. */
+/* Rotational state at a point in the tissue; guides do not resist rotation of the shaft. */
 static const roll_friction *roll_at(const insertion_state *state, const contact_point *p) { return &point_shaft(state, p)->roll; }
 
 static roll_friction *roll_of(insertion_state *state, const contact_point *p) {
@@ -69,8 +69,8 @@ typedef struct {
     double stiffness, offset, angle;
 } roll_point;
 
-/* The rotation of the tissue around a shaft is local: a torque m' per unit length rotates the tissue by m' / (4 pi mu r^2), whatever the mesh. Here 2 pi mu is
-   the inverse of the local compliance along the needle. */
+/* The rotation of the tissue around a shaft is local: a torque m' per unit length rotates the tissue by m' / (4 pi mu r^2), regardless of the mesh. Here 2 pi
+   mu is the inverse of the local compliance along the needle. */
 static roll_point point_at(const tick_input *tick, const insertion_state *state, const creep_step *creep, const contact_point *p) {
     const insertion_model *model = tick->model;
     bool tip = p->kind == POINT_TIP;
@@ -167,7 +167,7 @@ double roll_stiffness(const tick_input *tick, const insertion_state *state, cons
     for (int i = 0; i < n; i++) {
         roll_friction roll = *roll_at(state, &tissue_points(points)[i]);
         chain[i] = chain_link(tick, state, points, creep, i);
-        if (chain[i].bound.bound == 0.0 && chain[i].bound.viscosity > 0.0) roll.friction = SLIP_FORWARD; /* the shaft slides along, so that it turns freely */
+        if (chain[i].bound.bound == 0.0 && chain[i].bound.viscosity > 0.0) roll.friction = SLIP_FORWARD; /* it slides lengthwise, so it turns freely */
         take_law(&chain[i], &roll);
         chain[i].offset = 0.0;
     }

@@ -7,16 +7,16 @@
 /* The part of a common friction bound that is available to one motion, sliding or turning. */
 typedef struct {
     double bound;                /* N for sliding, N m for turning */
-    double viscosity;            /* N/m or N m/rad: growth of the force with the slip, as the direction of the slip changes */
+    double viscosity;            /* N/m or N m/rad: rate at which the force grows with the slip, because the direction of the slip changes */
 } shared_bound;
 
-/* Bound of the force along the needle, for a shaft with the total bound `dry` (N) that slid by `slip` (m) while it turned. RT */
+/* Bound on the force along the needle, for a shaft with the total bound `dry` (N) that slid by `slip` (m) while it turned. RT */
 shared_bound roll_bound_for_sliding(double dry, double slip, const roll_friction *roll, double radius);
 
-/* Bound of the torque, while the force along the needle is `along` (N). RT */
+/* Bound on the torque, while the force along the needle is `along` (N). RT */
 shared_bound roll_bound_for_turning(double dry, double slip, double along, const roll_friction *roll, double radius);
 
-/* Distance (m) by which the shaft's surface slid. RT */
+/* Distance (m) that the shaft's surface has slid, along the needle and around it. RT */
 double roll_slip_length(double slip, const roll_friction *roll, double radius);
 
 /* Adds the base's rotation about the needle's axis; the tip does not follow yet. To be called before needle_move_base. RT */

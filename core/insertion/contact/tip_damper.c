@@ -59,7 +59,7 @@ void damper_eliminate(const tick_input *tick, const insertion_state *state, inse
     }
 }
 
-/* Displacement (m) that would be in static equilibrium with the forces. */
+/* Displacement (m) of the tissue at the tip that would be in static equilibrium with the forces. */
 static double static_dent(const tick_input *tick, const insertion_state *state, const insertion_workspace *w) {
     const contact_problem *p = &w->problem;
     int tip = unknown(p->count, p->count - 1, 2);

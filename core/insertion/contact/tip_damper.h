@@ -4,11 +4,11 @@
 
 #include "insertion/state/tick_data.h"
 
-/* Fraction of the distance to static equilibrium that the tissue at the tip covers in this step. It is 1 while the tip sticks: then the tissue follows the
-   hand, which is far slower than the waves. RT */
+/* Fraction of the distance to static equilibrium that the tissue at the tip covers in this step. It is 1 while the tip sticks, because the tissue then
+   follows the hand, which is far slower than the waves. RT */
 double damper_relaxed(const insertion_model *model, const needle_tip *tip, double dt);
 
-/* When new contacts take over force from the tip, this force acts at their positions, where it displaces the tip less. To prevent a sudden rebound, the
+/* When new contacts take over force from the tip, that force then acts at their positions, where it displaces the tip less. To prevent a sudden rebound, the
    difference is kept as an offset, which fades as fast as shear waves cross the dent. To be called before the passes. RT */
 void damper_keep_dent(insertion_state *state, const contact_points *points, const tissue_step *tissue);
 

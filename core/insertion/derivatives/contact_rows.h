@@ -10,7 +10,7 @@ static inline double slid_distance(const tick_input *tick, const insertion_state
     return shaft->slid + roll_slip_length(shaft->slip, &shaft->roll, tick->model->needle->radius);
 }
 
-/* Part of the friction that acts along the needle, for a shaft that slides by `slip` (m) while it turns: -1 to 1. */
+/* Signed fraction (-1 to 1) of the friction that acts along the needle, for a shaft that slides by `slip` (m) while it turns. */
 static inline double part_along(const tick_input *tick, const insertion_state *state, const contact_point *point, double slip) {
     double way = roll_slip_length(slip, &point_shaft(state, point)->roll, tick->model->needle->radius);
     return way > 0.0 ? slip / way : 0.0;
@@ -18,7 +18,7 @@ static inline double part_along(const tick_input *tick, const insertion_state *s
 
 typedef struct {
     double at[MAX_POINTS][3]; /* N, force on the body at each point, in the point's frame */
-    double face, shaft;       /* N, the tip's two forces along the needle */
+    double face, shaft;       /* N, the tip's forces along the needle: on the end face and on the adjacent shaft */
 } point_forces;
 
 static inline point_forces point_forces_of(const insertion_state *state, const contact_points *points) {

@@ -16,7 +16,7 @@ static vec3 point_moved(const needle_point *p, const vec3 *moved) {
 }
 
 /* The tangent of the B-spline at a point has the direction of (1 - f) d0 + f d1, where d0 and d1 are the segments between its joints, and f is the position
-   between their middles. On the two straight half segments at the ends, f is 0 or 1. */
+   between their midpoints. On the two straight half segments at the ends, f is 0 or 1. */
 static vec3 tangent_of(const needle_point *p, const vec3 *joints) {
     double f = smaller_of(sqrt(2.0 * p->weights[2]), 1.0);
     vec3 before = v3_sub(joints[p->first + 1], joints[p->first]), after = v3_sub(joints[p->first + 2], joints[p->first + 1]);

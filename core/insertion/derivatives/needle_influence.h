@@ -14,10 +14,10 @@ typedef struct {
     vec3 end_turned[POINT_AXES];                    /* rad/N, world frame: change in the direction of the needle's end */
 } needle_influence;
 
-/* Uses the needle's tangent in w->response. */
+/* Computes the influence from the needle's tangent in w->response. */
 void needle_influence_find(const tick_input *tick, const insertion_workspace *w, needle_influence *influence);
 
-/* Unit vector along the last segment. */
+/* Returns the unit vector along the last segment. */
 vec3 needle_end_direction(const tick_input *tick, const needle_state *needle);
 
 #endif

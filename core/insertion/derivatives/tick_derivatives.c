@@ -14,13 +14,13 @@
 enum { MOST_ROWS = MAX_UNKNOWNS + 2 * MAX_POINTS };
 
 /* The linear system. Its unknowns are the derivatives of the contact problem's forces, in the points' frames, followed by those of the points' tangents, two
-   for each point. A point's frame turns with its tangent: the force changes by B times the change in the tangent (turned_force). */
+   for each point. A point's frame turns with its tangent, and the force turns with the frame (turned_force). */
 typedef struct {
     int variables;
     needle_influence needle;
     point_forces forces;
-    double response[MAX_UNKNOWNS][2 * MAX_POINTS];   /* m: derivative of each gap with respect to each tangent, with which a force turns */
-    double matrix[MOST_ROWS * MOST_ROWS];            /* column by column */
+    double response[MAX_UNKNOWNS][2 * MAX_POINTS];   /* m: derivative of each gap with respect to each tangent, with which the force there turns */
+    double matrix[MOST_ROWS * MOST_ROWS];            /* column-major */
     double side[MAX_VARIABLES][MOST_ROWS];           /* right-hand sides, then the solution */
     double gap[MAX_VARIABLES][MAX_UNKNOWNS];         /* m: derivative of each gap with respect to each variable, with forces and tangents fixed */
     lapack_int pivots[MOST_ROWS];
@@ -37,7 +37,7 @@ typedef struct {
     int piece;               /* piece of the staircase on which the tip slides; -1 otherwise */
 } axial_law;
 
-/* The law of the tip's end face, which climbs a staircase. */
+/* Returns the law of the tip's end face, whose force follows the staircase. */
 static axial_law law_of_climber(const contact_problem *p, int i, double force) {
     const staircase *s = &p->ahead;
     int k = p->knot < s->count ? p->knot : s->count - 1, below = k - 1, piece = p->state[i] == SLIP_FORWARD ? k : below;
@@ -49,8 +49,8 @@ static axial_law law_of_climber(const contact_problem *p, int i, double force) {
     return law;
 }
 
-/* Decrease of the friction along the needle per slip (N/m): the limit of friction falls while the shaft's surface slides. If the shaft also turns, only a part
-   of slip and friction is along the needle; roll_bound_for_sliding includes the change in that part. */
+/* Decrease of the friction along the needle per unit slip (N/m): the friction limit falls while the shaft's surface slides. If the shaft also turns, only a
+   part of slip and friction is along the needle; roll_bound_for_sliding includes the change in that part. */
 static double weakening(const tick_input *tick, const insertion_state *state, const contact_point *point, double slip) {
     double distance = tick->model->settings.weakening_distance, along = part_along(tick, state, point, slip);
     return along * along * point->shaft.excess / distance * exp(-slid_distance(tick, state, point) / distance);
@@ -79,8 +79,9 @@ static double axial_force(const linear_system *s, const contact_problem *p, cons
 /* Derivative of a force's component along `axis` of its frame with respect to the tangent along axis a. */
 static double turned_force(const double force[3], int axis, int a) { return axis == 2 ? -force[a] : axis == a ? force[2] : 0.0; }
 
-/* Sum of the force at point j that turns with the tangent along axis a, weighted by the point's rows: two across the needle and the first along it. At the tip,
-   forces along the needle on the end face and on the shaft are different unknowns: the force across turns into both by the parts that act there. */
+/* Weighted sum of the components of the force at point j, differentiated with respect to the tangent along axis a. `across`, `along`: weights of the
+   components across and along the needle. At the tip, the forces along the needle on the end face and on the shaft are different unknowns, with the weights
+   along[0] and along[1]; a lateral force that turns contributes to both in the fractions in which it acts there. */
 static double turned_sum(const linear_system *s, const insertion_workspace *w, int j, int a, const double across[2], const double along[2]) {
     double on_shaft = w->points.list[j].kind == POINT_TIP ? w->tissue.sideways_on_shaft : 0.0;
     double sum = turned_force(s->forces.at[j], 2, a) * ((1.0 - on_shaft) * along[0] + on_shaft * along[1]);
@@ -95,11 +96,12 @@ static double gap_by_turning(const linear_system *s, const insertion_workspace *
     int x = unknown(p->count, j, 0), z = unknown(p->count, j, 2);
     double across[2] = {compliance_of(p, row, x), compliance_of(p, row, x + 1)};
     const double along[2] = {compliance_of(p, row, z), tip ? compliance_of(p, row, z + 1) : 0.0};
-    if ((row == x || row == x + 1) && j >= w->points.guided) across[row - x] -= w->tissue.extra_lateral_compliance[j]; /* turns with the frame */
+    if ((row == x || row == x + 1) && j >= w->points.guided) across[row - x] -= w->tissue.extra_lateral_compliance[j]; /* this compliance turns with the
+                                                                                                                          frame */
     return turned_sum(s, w, j, a, across, along);
 }
 
-/* Displacement (m) of the tissue at the tip's end face minus that at its shaft, across the needle, which the local compliances allow. */
+/* Lateral displacement (m) of the tissue at the tip's end face relative to that at the adjacent shaft, due to the local compliances. */
 static void part_at_tip(const linear_system *s, const insertion_state *state, const insertion_workspace *w, double parted[2]) {
     int t = w->points.count - 1;
     double on_shaft = w->tissue.sideways_on_shaft, face = w->tissue.axial[t], shaft = w->tissue.axial[t + 1];
@@ -112,14 +114,14 @@ static void part_at_tip(const linear_system *s, const insertion_state *state, co
     parted[1] = face * (1.0 - on_shaft) * s->forces.at[t][1] - local.y;
 }
 
-/* The tip's forces across the needle are one unknown, of which fixed fractions act on shaft and end face. If its forces along the needle turn with the tangent, their
-   parts across the needle act where they did before. Adds the difference that this makes to the tip's gaps. */
+/* Each of the tip's forces across the needle is one unknown, of which fixed fractions act on the shaft and on the end face. When the forces along the needle
+   turn with the tangent, however, each remains on the shaft or on the end face. Adds the resulting difference to the tip's gaps. */
 static void turn_tip(const insertion_state *state, const insertion_workspace *w, linear_system *s) {
     int t = w->points.count - 1;
     const principal_tensor *lateral = &w->tissue.lateral[t];
     const track_shares at = along_track(state, &w->points, &w->tissue, t);
     double face = w->tissue.axial[t] + w->stiffening.end.slope, shaft = w->tissue.axial[t + 1];
-    /* N per rad: force that a turn adds on the shaft and takes from the end face */
+    /* N per rad: lateral force that a rotation adds on the shaft and removes from the end face */
     double more = (1.0 - w->tissue.sideways_on_shaft) * s->forces.shaft - w->tissue.sideways_on_shaft * s->forces.face;
     vec3 aside = m3_apply_transposed(&w->points.list[t].at.frame, lateral->easy);
     const double easy[] = {aside.x, aside.y, aside.z, aside.z};
@@ -130,8 +132,8 @@ static void turn_tip(const insertion_state *state, const insertion_workspace *w,
         }
 }
 
-/* In a frame that turns, the components of the gap vector change: its part across the needle (m) enters the gap along the needle, and the slip enters the gaps
-   across it. */
+/* In a frame that turns, the components of the gap vector change: its component across the needle (m) enters the gap along the needle, and the slip enters
+   the gaps across it. */
 static void add_turning_gaps(const insertion_state *state, const insertion_workspace *w, linear_system *s) {
     const contact_problem *p = &w->problem;
     for (int i = w->points.guided; i < p->count; i++) {
@@ -173,7 +175,7 @@ static vec3 turned(int variable, vec3 direction) {
     return variable < 3 || variable >= BASE_VARIABLES ? v3(0, 0, 0) : v3_cross(unit_vector(variable % 3), direction);
 }
 
-/* Derivative of the forces on the needle in a frame that turns with the base, although the forces do not. Components in the points' frames. */
+/* Derivative of the forces on the needle as seen from a frame that turns with the base, while the forces do not turn. Components in the points' frames. */
 static void turn_loads(const insertion_state *state, const contact_points *points, int variable, double load[POINT_AXES]) {
     for (int j = 0; j < points->count; j++) {
         vec3 change = m3_apply_transposed(&points->list[j].at.frame, turned(variable, point_force(state, &points->list[j])));
@@ -211,7 +213,7 @@ static void move_base(const insertion_state *state, const insertion_workspace *w
 
 static double *entry(linear_system *s, int order, int row, int column) { return &s->matrix[(size_t)column * (size_t)order + (size_t)row]; }
 
-/* Adds `factor` times the condition that the gap does not change. */
+/* Adds the equation that the gap does not change, multiplied by `factor`. */
 static void close_gap(const insertion_workspace *w, linear_system *s, int order, int row, double factor) {
     const contact_problem *p = &w->problem;
     int rows = unknown_count(p);
@@ -220,7 +222,7 @@ static void close_gap(const insertion_workspace *w, linear_system *s, int order,
     for (int v = 0; v < s->variables; v++) s->side[v][row] += factor * s->gap[v][row];
 }
 
-/* Friction on the edge of a guide's hole is in proportion to the force across the needle. */
+/* Adds the change in the friction on the edge of a guide's hole, which is proportional to the force across the needle. */
 static void follow_edge(const tick_input *tick, const insertion_workspace *w, linear_system *s, int order, int row) {
     const contact_problem *p = &w->problem;
     int i = row - 2 * p->count;
@@ -229,7 +231,7 @@ static void follow_edge(const tick_input *tick, const insertion_workspace *w, li
     for (int a = 0; a < 2; a++) *entry(s, order, row, 2 * i + a) -= friction * s->forces.at[i][a];
 }
 
-/* Near the surface, the force that cuts also does the work of the growing lateral support (bound_contacts). */
+/* Adds the change in the work against the growing lateral support, which the cutting force also has to do near the surface (bound_contacts). */
 static void follow_support(const insertion_workspace *w, linear_system *s, int order, int row) {
     for (int i = w->points.guided; i < w->points.count; i++)
         for (int a = 0; a < 2; a++) *entry(s, order, row, 2 * i + a) -= w->tissue.tightening[i] * s->forces.at[i][a];
@@ -307,7 +309,7 @@ static vec3 change_damping(const insertion_state *state, const insertion_workspa
     return v3_scale(-(1.0 - w->damper.relaxed) * dent / w->damper.yield, state->tip.place.direction);
 }
 
-/* Forces that displace the nominal mesh as much as the needle does. */
+/* Computes the derivatives of the forces that displace the nominal mesh as much as the needle does. */
 static void find_loads(const insertion_state *state, const insertion_workspace *w, const linear_system *s, const double *solution, const double *change,
                        variable_derivatives *to) {
     for (int i = 0; i < w->points.count; i++)
@@ -343,7 +345,7 @@ static void find_wrench(const tick_input *tick, const insertion_state *state, co
     to->tip = v3_axpy(-shift, sum, end);
 }
 
-/* The torque about the needle's axis turns with the axis, and changes as the base rolls. */
+/* Adds the change in the torque about the needle's axis, which turns with the axis and depends on the base's roll. */
 static void add_roll(const tick_input *tick, const insertion_state *state, const insertion_workspace *w, int variable, double torque, variable_derivatives *to) {
     vec3 axis = q_axis(state->needle.base.orientation);
     double rolled = variable < 3 || variable >= BASE_VARIABLES ? 0.0 : v3_dot(unit_vector(variable % 3), axis);
@@ -379,8 +381,8 @@ static void differentiate_free(const tick_input *tick, const insertion_state *st
                                                     .direction = turned(v, needle_end_direction(tick, &state->needle))};
 }
 
-/* Undoes what equilibrium_find and tip_puncture changed after the passes, because the equilibrium depends on the values during the passes: the tip's place and
-   lagging push, and each shaft's rotation, because sliding and turning share one friction bound. */
+/* Undoes what equilibrium_find and tip_puncture changed after the passes, because the equilibrium depends on the values during the passes: the tip's place
+   and filtered push, and the shaft's rotation at each point, because sliding and turning share one friction bound. */
 static void undo_conclusion(const insertion_workspace *w, insertion_state *state) {
     const pass_checkpoint *start = &w->start;
     for (int i = w->points.guided; i < w->points.count; i++) {
@@ -395,8 +397,8 @@ static void undo_conclusion(const insertion_workspace *w, insertion_state *state
     state->tip.filtered_push = start->tip.filtered_push;
 }
 
-/* Differentiates the equilibrium in copies of the workspace and of the state during the passes. `torque` (N m): torque on the tissue about the needle's axis.
-   Returns false if the system is singular. */
+/* Differentiates the equilibrium, using copies of the workspace and of the state as it was during the passes. `torque` (N m): torque on the tissue about the
+   needle's axis. Returns false if the system is singular. */
 static bool differentiate(const tick_input *tick, const insertion_state *state, double torque, insertion_workspace *w, linear_system *s, tick_derivatives *derivatives) {
     passes_linearise(tick, state, w, true);
     needle_influence_find(tick, w, &s->needle);

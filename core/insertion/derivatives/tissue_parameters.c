@@ -6,7 +6,8 @@
 #include "insertion/model/local_compliance.h"
 #include "insertion/state/strata.h"
 
-static const double SMALL_CHANGE = 1e-4; /* fraction: change in a modulus for the central difference of the tip's local compliance, which is a smooth closed formula */
+static const double SMALL_CHANGE = 1e-4; /* fraction: change in a modulus for the central difference of the tip's local compliance, which is a smooth
+                                            closed-form function */
 
 /* ---- friction and cutting ---------------------------------------------------------------------------------------------------- */
 
@@ -33,7 +34,7 @@ static double friction_change(const tick_input *tick, const insertion_state *sta
     }
 }
 
-/* Derivative of the resistance ahead of the tip, which slides on this piece of the staircase. The tip's element determines the tissue. */
+/* Derivative of the resistance ahead of the tip, which slides on this piece of the staircase. The region is taken to be that of the tip's element. */
 static double cutting_change(const tick_input *tick, const insertion_state *state, const insertion_workspace *w, const tissue_parameter *parameter, int piece) {
     const contact_problem *p = &w->problem;
     const region_material *material = &tick->model->materials[parameter->region];
@@ -96,7 +97,7 @@ static double face_change(const tick_input *tick, const insertion_state *state, 
     return (high - low) / (2.0 * SMALL_CHANGE * tick->model->materials[region].youngs_modulus);
 }
 
-/* Adds the derivatives of the tip's local displacements: its shaft and its end face bear different forces. */
+/* Adds the derivatives of the tip's local displacements, separately for the shaft and the end face, which bear different forces. */
 static void stiffen_tip(const insertion_workspace *w, const insertion_state *state, const point_forces *forces, lateral_axial part, double face, double gaps[MAX_UNKNOWNS]) {
     int t = w->points.count - 1, x = unknown(w->problem.count, t, 0), z = unknown(w->problem.count, t, 2);
     const mat3 *frame = &w->points.list[t].at.frame;

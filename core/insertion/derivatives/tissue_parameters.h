@@ -12,7 +12,8 @@ typedef struct {
     int region;              /* group index */
 } tissue_parameter;
 
-/* Derivative of the force in this row, which slides along the needle, with respect to the property. `piece`: piece of the staircase on which the tip slides. */
+/* Derivative, with respect to the property, of the force in a row whose point slides along the needle. `piece`: piece of the staircase on which the tip
+   slides. */
 double resistance_change(const tick_input *tick, const insertion_state *state, const insertion_workspace *w, const tissue_parameter *parameter, int row, int piece);
 
 /* Computes the derivatives of all gaps (m / Pa) with respect to a region's Young's modulus. `moved` (m / Pa): derivative of the nominal mesh's displacement at

@@ -1,7 +1,6 @@
 #include "insertion/guide/guides.h"
 
-static const double LEAST_STIFFNESS = 1e-2; /* N/m: stiffness along the edge of a hole at a place where the needle touches the edge without force. Rounding
-                                               tolerance */
+static const double LEAST_STIFFNESS = 1e-2; /* N/m: tangential stiffness of a hole's edge where the needle touches it without force. Rounding tolerance */
 static const double LEAST_SLOPE = 0.3; /* cosine, below 1: smallest cosine of the angle between needle and hole axis at which the hole still guides the
                                           needle. Chosen: 70 degrees, beyond any real needle */
 static const double TOLERANCE = 1e-6; /* m: largest distance between needle and edge at which the passes end. Chosen: a tolerance ten times smaller takes
@@ -18,7 +17,7 @@ static const guide_contact *contact_of(const insertion_state *state, const conta
 /* Distance (m) from the guide's front face back to the plane of a guide point. */
 static double plane_of(const guide_state *state, int face) { return face == 0 ? 0.0 : state->depth; }
 
-/* True if the guide point is at the tip, because the tip is still inside the plate. */
+/* True if this guide point is at the tip, which is the case while the tip is inside the plate. */
 static bool at_tip(const guide *g, const guide_state *state, int face) { return face == 1 && state->depth < g->thickness; }
 
 /* Distance (m) along the needle from the plane through `centre` to the point. */
@@ -117,7 +116,7 @@ void guides_list(const tick_input *tick, const insertion_state *state, contact_p
     }
 }
 
-/* Map from the needle's lateral displacement to the face; it is oblique if the needle is not normal to the plate. */
+/* Returns the map from the needle's lateral displacement to displacement in the face; it is oblique if the needle is not normal to the plate. */
 static crossing_map map_of(const guide *g, const needle_point *at) {
     crossing_map j;
     vec3 along = needle_along(at);
@@ -172,8 +171,8 @@ static void find_touch(const tick_input *tick, const insertion_state *state, con
     edge->agrees = missing * compliance <= allowed;
 }
 
-/* If the needle would have to pull on the edges at both faces of a plate in one pass, only the face with the larger pull is released: usually the other
-   one pulls only because of it. */
+/* If the needle would have to pull on the edges at both faces of a plate in one pass, only the face with the larger pull is released: usually the pull at the
+   other face only results from it. */
 static void keep_one_face(hole_edge *edges, int front) {
     hole_edge *edge = &edges[front];
     if (edge[0].pulled == 0.0 || edge[1].pulled == 0.0) return;

@@ -4,7 +4,7 @@
 
 #include "insertion/state/tick_data.h"
 
-/* After the tip has moved: records for each guide which hole the needle is in, or that the needle misses the plate. RT */
+/* Records for each guide, after the tip has moved, which hole the needle is in, or that it misses the plate. RT */
 void guides_follow(const tick_input *tick, insertion_state *state, tick_output *output);
 
 /* Slides the shaft through the holes by the slips of the last solve. RT */
@@ -16,7 +16,7 @@ bool guides_hold(const insertion_model *model, const insertion_state *state);
 /* Lists the guides' contact points; they come first in the list. RT */
 void guides_list(const tick_input *tick, const insertion_state *state, contact_points *points);
 
-/* Finds the guide points' positions on the needle, their targets on the holes' edges, and the edges' compliance. RT */
+/* Finds the guide points' positions on the needle, their targets on the hole edges, and the compliance of the edges. RT */
 void guides_locate(const tick_input *tick, const insertion_state *state, contact_points *points, hole_edge *edges);
 
 /* Bounds the point's force along the needle by Coulomb friction, with the normal force of the last pass. RT */

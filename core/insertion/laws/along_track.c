@@ -11,7 +11,7 @@ track_shares along_track(const insertion_state *state, const contact_points *poi
                           {sideways, sideways, !tip, tip}, {1.0 - sideways, 1.0 - sideways, tip, 0.0}, {track.x, track.y, track.z, track.z}};
 }
 
-/* For the tip's lateral force, the fraction that acts on the shaft; for friction along the needle, the force on the shaft. */
+/* Force (N) along the track on the shaft next to the tip: the shaft's fraction of the tip's lateral force, plus the friction along the needle. */
 static double on_tip_shaft(const insertion_state *state, const contact_points *points, const tissue_step *tissue, int t) {
     const contact_point *p = &points->list[t];
     const needle_tip *tip = &state->tip;

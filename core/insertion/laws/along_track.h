@@ -16,7 +16,7 @@ typedef struct {
 /* Returns the shares for point i in the tissue, for the needle's current shape. RT */
 track_shares along_track(const insertion_state *state, const contact_points *points, const tissue_step *tissue, int i);
 
-/* Forces on the tissue along the track (N) that the shaft at point i exerts, and that the tip's end face exerts. RT */
+/* Forces (N) along the track that the shaft at point i and the tip's end face exert on the tissue. RT */
 double force_on_shaft(const insertion_state *state, const contact_points *points, const tissue_step *tissue, int i);
 double force_on_face(const insertion_state *state, const contact_points *points, const tissue_step *tissue);
 

@@ -60,8 +60,8 @@ static void extend_piece(const shaft_piece *other, shaft_piece *piece) {
     }
 }
 
-/* Adds this fraction of a share's load to the residual loads, at the point where the share's load acts, decayed to the end of the step. The load comes from
-   the deep end of the share's piece of shaft. `decay` is NULL between two steps. */
+/* Adds this fraction of a share's load to the residual loads, at the point where the share's load acts, decayed to the end of the step. The load is
+   attributed to the deep end of the share's piece of shaft. `decay` is NULL between two steps. */
 static void deposit_load(const insertion_model *model, tissue_memory *memory, const share_memory *share, double part, const double *decay) {
     const creep_series *series = &model->creep;
     residual_loads *residual = &memory->residual;
@@ -146,8 +146,8 @@ static double tip_way_since(const insertion_state *state, const contact_points *
     return memory->tip && points->tip ? v3_norm(v3_sub(state->tip.place.nominal, memory->shares[memory->count - 1].at)) : 0.0;
 }
 
-/* A tip that slides along the surface has no track. While it moves by up to one diameter, the tissue that it leaves keeps its memory; the tissue that it
-   reaches has none. */
+/* A tip that slides along the surface has no track. As it moves over about one diameter, its memory becomes residual load on the tissue that it leaves; the
+   tissue that it reaches has no memory. */
 static void glide(const tick_input *tick, insertion_state *state, const creep_step *creep) {
     tissue_memory *memory = &state->memory;
     share_memory *share = &memory->shares[0];
@@ -198,7 +198,7 @@ void creep_deposit_all(const insertion_model *model, tissue_memory *memory, cons
     memset(memory->face, 0, sizeof memory->face);
 }
 
-/* Returns the factor by which the modulus of an element has changed, and takes over the new one. */
+/* Returns the factor by which the modulus of an element has changed, and stores the new modulus. */
 static double soften(const insertion_model *model, int tet, double *modulus) {
     double before = *modulus;
     *modulus = modulus_in(model, tet);
@@ -233,8 +233,8 @@ void creep_forget(tissue_memory *memory) {
 
 /* ---- displacements ----------------------------------------------------------------------------------------------------- */
 
-/* Displacements around the end face extend over about one diameter, so an advancing tip reaches tissue with less memory. A remembered dent deeper than one
-   diameter fades over a distance equal to its depth; otherwise the work of tissue that springs back on a cutting tip would exceed the work of cutting. */
+/* Displacements around the end face extend over about one diameter, so an advancing tip reaches tissue with less memory. The memory fades over one diameter
+   plus the depth of the remembered dent; with one diameter alone, tissue springing back on a cutting tip could do more work than the cutting. */
 static void fade_face(const tick_input *tick, insertion_state *state, const creep_step *creep, double yielding) {
     const creep_series *series = &tick->model->creep;
     double *face = state->memory.face, dent = 0.0, moved = creep->tip_moved;
@@ -244,8 +244,8 @@ static void fade_face(const tick_input *tick, insertion_state *state, const cree
     for (int k = 0; k < series->count; k++) face[k] *= fading;
 }
 
-/* The shaft next to the tip is one radius shorter than the share that bears the tip's lateral forces. Returns the fraction that this shorter shaft bears of the
-   load in `along`, which is the load on a shaft as long as the share. */
+/* The shaft next to the tip is one radius shorter than the share that bears the tip's lateral forces. Returns the fraction of `along`, the load on a shaft as
+   long as the share, that this shorter shaft bears. */
 static double shaft_part(const tick_input *tick, const insertion_state *state) {
     const share_memory *share = &state->memory.shares[state->memory.count - 1];
     return 1.0 - tick->model->needle->radius / (share->shaft.to - share->shaft.from);
@@ -294,7 +294,7 @@ static double traction_at(const tick_input *tick, const creep_step *creep, int c
 double creep_traction_of(const tick_input *tick, const insertion_state *state, const contact_points *points, const creep_step *creep,
                          int i) { return tick->model->creep.count > 0 ? traction_of(tick, creep, share_of(state, points, i)) : 0.0; }
 
-/* A share whose borders have moved remembers a different mean shear of the tissue. The shaft's origin is shifted so that this change does not move the
+/* When the borders of a share have moved, the mean shear that it remembers is different. The shaft's origin is shifted so that this change does not move the
    shaft, as in keep_shear. */
 static void keep_remembered_shear(const tick_input *tick, insertion_state *state, const contact_points *points, const tissue_step *tissue, const creep_step *creep,
                                   const stiffening_step *stiffening) {

@@ -1,5 +1,6 @@
-/* Creep: tissue that relaxes under a constant strain creeps under a constant force. For each share of the track, the tick stores one low-pass filtered
-   force per term of the creep series. Without a relaxation series, these functions have no effect. See docs/mechanics.md, "Relaxation". */
+/* Creep: tissue that relaxes under a constant strain creeps under a constant force. For each share of the track (the part that one contact represents), the
+   tick stores one low-pass filtered force per term of the creep series. Without a relaxation series, these functions have no effect. See docs/mechanics.md,
+   "Relaxation". */
 #ifndef TROCAR_CREEP_H
 #define TROCAR_CREEP_H
 
@@ -11,10 +12,10 @@ void creep_begin(const tick_input *tick, insertion_state *state, creep_step *cre
 /* Divides the memory among the shares of this step's points; memory beyond the tip becomes residual load. RT */
 void creep_divide(const tick_input *tick, insertion_state *state, const contact_points *points, creep_step *creep);
 
-/* Converts all memory to residual loads when the needle no longer touches the tissue. `decay` is that of the step, or NULL between two steps. RT */
+/* Converts all memory to residual loads when the needle no longer touches the tissue. `decay`: decay factors of the step, or NULL between two steps. RT */
 void creep_deposit_all(const insertion_model *model, tissue_memory *memory, const double *decay);
 
-/* Takes over changed moduli: the tissue keeps the displacements that it remembers, so that the remembered forces change like its modulus. RT */
+/* Adopts changed moduli: the remembered displacements stay the same, so the remembered forces change in proportion to the modulus. RT */
 void creep_soften(const insertion_model *model, tissue_memory *memory);
 
 /* Clears all memory, as if the tissue had never been touched. RT */
@@ -51,7 +52,7 @@ vec3 creep_residual_load(const insertion_model *model, const residual_load *resi
 /* Traction along the shaft (N/m) that is equivalent to the memory of point i's share. Point i must not be a guide's. To be called after creep_divide. RT */
 double creep_traction_of(const tick_input *tick, const insertion_state *state, const contact_points *points, const creep_step *creep, int i);
 
-/* Sum over the memory, which is not finite if any entry is not. RT */
+/* Sum of all entries of the memory; not finite if any entry is not finite. RT */
 double creep_sum(const tissue_memory *memory);
 
 /* Displacement (m) of the node with this handle due to all causes except the needle's current contacts. RT */
@@ -61,14 +62,14 @@ vec3 creep_free(const tick_input *tick, const insertion_state *state, const cree
 vec3 creep_free_at(const tick_input *tick, const insertion_state *state, const creep_step *creep, const int handles[4], const double weights[4]);
 
 /* Mean displacement (m) of the shaft over an interval of depth, or at the beginning of its track, under the loads of other needles and this needle's residual
-   loads: only the part finer than the mesh. RT */
+   loads: only the part that the mesh does not resolve. RT */
 vec3 creep_unresolved(const tick_input *tick, const insertion_state *state, const creep_step *creep, double from, double to);
 vec3 creep_unresolved_at_entry(const tick_input *tick, const insertion_state *state, const creep_step *creep);
 
-/* True if only the needle's current contacts displace the tissue, and neither other bodies nor this needle's memory do. RT */
+/* True if nothing but the needle's current contacts displaces the tissue: neither other bodies nor this needle's memory. RT */
 bool creep_free_is_zero(const tick_input *tick, const insertion_state *state);
 
-/* True if enough residual load has been added to inform the worker. RT */
+/* True if so much residual load has been added that the worker should be informed. RT */
 bool creep_has_new_residuals(const tissue_memory *memory);
 
 #endif

@@ -8,7 +8,7 @@ static const double AGREEMENT = 1e-6; /* m: error in the linearised displacement
 
 /* ---- laws ----------------------------------------------------------------------------------------------------------------- */
 
-/* Change (m) of a shaft's displacement that stiffening causes under this traction, in tissue with this softness (m^2/N per logarithm). */
+/* Change (m) of a shaft's displacement that stiffening causes under this traction, in tissue with this softness (m^2/N, as in stiffened_shaft). */
 static double shift_under(const insertion_model *model, double stiffening, double softness, double traction) {
     stiffening_law law = stiffening_of_shaft(stiffening, model->needle->radius, 1.0 / softness, INFINITY);
     return stiffening_at(&law, traction).shift;

@@ -5,19 +5,20 @@
 
 #include "insertion/state/tick_data.h"
 
-/* Means over a share of the shaft: compliance to a line force per logarithm (m^2/N), and stiffening coefficient. */
+/* Means over a share of the shaft: material factor of the local compliance to an axial line force (m^2/N; see local_line_stiffness), and stiffening
+   coefficient. */
 typedef struct {
     double softness, stiffening;
 } stiffened_shaft;
 
-/* Additional displacement (m) of the shaft relative to the tissue, beyond the linear one, when a share under this traction (N/m) moves into other regions.
+/* Additional displacement (m) of the shaft relative to the tissue, beyond the linear one, when a share under this traction (N/m) extends into another region.
    RT */
 double stiffening_lead(const insertion_model *model, stiffened_shaft before, stiffened_shaft now, double traction);
 
 /* Sets up the laws for this step's points. To be called after find_local_compliance and before creep_prepare. RT */
 void stiffening_prepare(const tick_input *tick, const insertion_state *state, const contact_points *points, const tissue_step *tissue, stiffening_step *stiffening);
 
-/* Change (m/N) of the compliance along the shaft at point i that stiffening causes under this force; at most 0. RT */
+/* Change (m/N) in the compliance along the shaft at point i that stiffening causes under this force; at most 0. RT */
 double stiffening_slope(const stiffening_step *stiffening, int i, double force);
 
 /* Linearises the laws, in the first pass about the current forces, later about the forces of the last pass. RT */

@@ -2,7 +2,7 @@
 
 #include <math.h>
 
-static const double SKIN_CONTACT = 1e-5; /* m: depth by which a plate may overlap the tissue, because a plate on the skin touches it. Rounding tolerance */
+static const double SKIN_CONTACT = 1e-5; /* m: depth by which a plate may overlap the tissue, so that it may rest on the skin. Rounding tolerance */
 static const double LEAST_SINE = 1e-3; /* dimensionless: smallest sine of the angle between the normal and the direction of the columns. Rounding tolerance */
 static const double LEAST_SQUARE = 0.7; /* cosine, below 1: smallest cosine of the angle between the given direction of the rows and the perpendicular to
                                            the columns. Chosen: 45 degrees; with a larger angle, the direction would be nearer to that of the columns */
@@ -19,7 +19,8 @@ static vec3 direction_of(vec3 v) {
 
 static bool is_zero(vec3 v) { return v.x == 0.0 && v.y == 0.0 && v.z == 0.0; }
 
-/* Returns any direction perpendicular to the normal, for a plate with one hole: the projection of an axis that is not nearly parallel to the normal. */
+/* Returns a coordinate axis that is not nearly parallel to the normal. For a plate with one hole, its projection into the plate serves as the direction of
+   the columns. */
 static vec3 some_direction_across(vec3 normal) { return fabs(normal.x) < 0.9 ? v3(1, 0, 0) : v3(0, 1, 0); }
 
 /* Finds the unit vectors along columns and rows. `square` is the cosine of the angle between the given direction of the rows and the resulting one. */
@@ -33,7 +34,8 @@ static void find_axes(const guide_config *given, vec3 across[2], double *square)
     *square = -*square;
 }
 
-/* True if the given direction of the rows lies in the plate and is perpendicular to the columns. The columns' direction must be valid. */
+/* True if the given direction of the rows is close enough (LEAST_SQUARE) to the perpendicular to the columns in the plate. The columns' direction must be
+   valid. */
 static bool has_square_rows(const guide_config *g) {
     vec3 across[2];
     double square;

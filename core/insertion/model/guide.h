@@ -19,7 +19,7 @@ typedef struct {
     vec3 origin;             /* m, middle of the grid on the front face, where needles enter */
     vec3 normal;             /* direction in which needles pass through the plate; any length */
     vec3 along;              /* direction along which columns are counted; any length; zero if not given */
-    vec3 rows_along;         /* direction along which rows are counted; only its sign relative to `along` matters; zero selects normal x along */
+    vec3 rows_along;         /* direction along which rows are counted; only the side of `along` to which it points matters; zero selects normal x along */
     int columns, rows;
     double spacing;          /* m, distance between the axes of neighbouring holes */
     double hole_diameter;    /* m */

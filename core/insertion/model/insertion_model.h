@@ -13,11 +13,11 @@ typedef struct {
     double puncture_force;   /* N; INFINITY if the surface can never be punctured */
 } membrane;
 
-/* A hard ball in the tissue, which is harder to cut there. */
+/* A ball within which the tissue is harder to cut. */
 typedef struct {
     vec3 centre;             /* m, in the undeformed tissue */
     double radius;           /* m */
-    double cutting_factor;   /* factor of the cutting force of the region in which the ball lies, at least 1 */
+    double cutting_factor;   /* at least 1; multiplies the cutting force of the region in which the ball lies */
     int line;                /* line of the centre in the scene file, for messages; 0 if none */
 } calcification;
 

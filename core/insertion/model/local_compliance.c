@@ -6,12 +6,12 @@ static const double LEAST_LOGARITHM = 0.02; /* dimensionless: smallest logarithm
                                                where the mesh itself resolves the needle's surface. Chosen by judgement */
 static const double DENSITY = 1050.0; /* kg/m^3: density of soft tissue, for the speed of shear waves, which limits how fast tissue springs back. Cited: ICRU
                                          Report 46 (1992), skeletal muscle 1050, average soft tissue 1030 */
-static const double GUESSED_LATERAL = 0.42; /* edge lengths: radius that a mesh resolves across the needle, used until it has been measured. Measured:
-                                               median of 4500 random places and directions in the meshes of figure8.yaml, implant.yaml and trus.yaml; 9 in
-                                               10 are within a factor of 1.6 */
+static const double GUESSED_LATERAL = 0.42; /* edge lengths: radius that a mesh resolves across the needle, used until it has been measured. Measured: median
+                                               of 4500 random positions and directions in the meshes of figure8.yaml, implant.yaml and trus.yaml; 9 in 10 are
+                                               within a factor of 1.6 */
 static const double GUESSED_AXIAL = 0.49; /* edge lengths: radius that a mesh resolves along the needle, used until it has been measured. Measured in the same
                                              way as GUESSED_LATERAL */
-static const double GUESSED_POINT = 0.14; /* 1 / edge length: compliance of the mesh to a point force times the shear modulus, used until it has been
+static const double GUESSED_POINT = 0.14; /* 1 / edge length: compliance of the mesh to a point force, multiplied by the shear modulus; used until it has been
                                              measured. Measured in the same way as GUESSED_LATERAL */
 
 /* ---- model ---------------------------------------------------------------------------------------------------------- */

@@ -24,16 +24,16 @@ static inline lateral_axial local_line_stiffness(const region_material *material
 /* Logarithm of the ratio of resolved radius to needle radius; across the needle, a mean over the directions. */
 lateral_axial local_logarithm(const insertion_model *model, const resolved_field *resolved); /* RT */
 
-/* Logarithm of the ratio of resolved radius to needle radius, for each direction across an endless needle, without a lower limit. RT */
+/* Logarithm of the ratio of resolved radius to needle radius, for each direction across an infinitely long needle, without a lower limit. RT */
 plane_tensor local_logarithm_across(const insertion_model *model, const resolved_field *resolved, vec3 direction);
 
 /* Logarithm of the ratio of resolved radius to needle radius, across a needle whose tip is `ahead` (m) in front of the point; positive definite. RT */
 plane_tensor local_logarithm_behind_tip(plane_tensor endless, const line_end *end, double ahead);
 
-/* Typical resolution of an element of this size, for elements in which it has not been measured. RT */
+/* Returns the typical resolution of an element of this size, for use until it has been measured. RT */
 resolved_field local_resolution_guess(const insertion_model *model, int tet);
 
-/* The tip's end face, modelled as a disc `depth` (m) below the surface that is pushed with `push` (N). RT */
+/* The tip's end face, modelled as a disc that is `depth` (m) below the surface and is pushed with `push` (N). RT */
 typedef struct {
     double compliance;       /* m/N, compliance of the disc including all tissue around it */
     double angle;            /* solid angle of the tissue around the disc, steradians */
@@ -48,8 +48,8 @@ double local_at_tip(const insertion_model *model, int tet, vec3 x, double depth,
 /* Speed of shear waves, m/s. RT */
 double local_wave_speed(const insertion_model *model, int tet, vec3 x);
 
-/* Fills the arrays node_* of a model whose other members have been set, with means over the elements around each node. Returns NO_MEMORY if it cannot
-   allocate them. */
+/* Allocates `local` of a model whose other members have been set, and fills it with means over the elements around each node. Sets `next` to `local`,
+   `weight` to 0, and `stiffens`. NO_MEMORY. */
 trocar_status local_create(insertion_model *model, trocar_error *why);
 void local_free(insertion_model *model);
 

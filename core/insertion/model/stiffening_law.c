@@ -12,10 +12,10 @@ static double shear_of(double b) {
 }
 
 enum { MOST_FORCES = 30 }; /* iterations: maximum number in the search for the force at a given displacement. Effort limit: 8 are enough for S = 10 */
-static const double SAME_FORCE = 1e-6; /* dimensionless: relative change in the force at which the iteration ends. Rounding: the force serves only as a point of
-                                          linearisation */
-static const double RIGID = 1e-3; /* dimensionless: fraction of the linear compliance below which the iteration ends. Rounding: the force serves only as a point
-                                     of linearisation */
+static const double SAME_FORCE = 1e-6; /* dimensionless: relative change in the force at which the iteration ends. Rounding: the force serves only as a
+                                          linearisation point */
+static const double RIGID = 1e-3; /* dimensionless: fraction of the linear compliance below which the iteration ends. Rounding: the force serves only as a
+                                     linearisation point */
 
 /* ---- shaft: shear stress F' / (2 pi rho) at the distance rho ----------------------------------------------------------------
 
@@ -72,7 +72,7 @@ static stiffening_shift tip_field(double b) {
     return (stiffening_shift){sqrt(b) * integral(y) - y - b, tip_slope(y)};
 }
 
-/* The slope decreases monotonically with y to -1; it is solved for by bisection to a relative width of 2^-40. */
+/* The slope decreases monotonically with y to -1, so the limit is found by bisection, to a relative width of 2^-40. */
 static double tip_limit(double most) {
     double low = 0.0, high = 1.0;
     while (tip_slope(high) > -most && high < 1e6) high *= 2.0;

@@ -2,13 +2,13 @@
 #ifndef TROCAR_STIFFENING_LAW_H
 #define TROCAR_STIFFENING_LAW_H
 
-/* Change in the linear displacement caused by stiffening: `unit` times a function of (`scale` times the force). The field around the shaft and that in
-   front of the tip each have their own function. */
+/* The law by which stiffening changes the displacement from that of linear tissue: `unit` times a function of (`scale` times the force). The fields around
+   the shaft and in front of the tip have different functions. */
 typedef struct {
     enum { NOT_STIFFENING, STIFFENING_SHAFT, STIFFENING_TIP } field;
     double unit;             /* m */
     double scale;            /* 1/N */
-    double most;             /* limit of the tangent's magnitude, as a multiple of unit * scale */
+    double most;             /* limit on the magnitude of the slope, as a multiple of unit * scale */
     double linear;           /* m/N, linear local compliance */
 } stiffening_law;
 
@@ -18,8 +18,8 @@ typedef struct {
     double slope;            /* m/N, derivative of `shift` with respect to the force; at most 0 */
 } stiffening_shift;
 
-/* Law for a line force along a shaft of this radius (m). `stiffness` (N/m): length of the shaft divided by its linear compliance to a line force per
-   logarithm. `room` (m/N): largest decrease of the compliance; beyond it, the law continues with constant slope. RT */
+/* Law for a line force along a shaft of this radius (m). `stiffness` (N/m): length of the shaft divided by the material factor of its linear local compliance
+   (local_line_stiffness). `room` (m/N): largest decrease of the compliance; beyond it, the law continues with constant slope. RT */
 stiffening_law stiffening_of_shaft(double stiffening, double radius, double stiffness, double room);
 
 /* Law for a disc of this radius (m) and linear compliance `disc` (m/N), in tissue of softness 1 / mu (m^2/N) that fills `angle` steradians around it: 2 pi at

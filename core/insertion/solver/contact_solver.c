@@ -5,8 +5,8 @@
 
 #include "linalg/rows.h"
 
-static const double LEAST_PIVOT = 1e-8; /* fraction: smallest magnitude of a pivot, relative to the contact's own lateral compliance. Rounding: the square
-                                           root of double precision, so that the elimination keeps half of its digits */
+static const double LEAST_PIVOT = 1e-8; /* fraction: smallest magnitude of a pivot, relative to the contact's own lateral compliance. Rounding: about the
+                                           square root of the machine epsilon, so that the elimination keeps half of its digits */
 
 /* Principal directions of one contact's lateral block [p q; q r]: a rotation by the angle with cosine c and sine s makes it diagonal. Two scalar pivots
    keep their accuracy even if their magnitudes differ greatly; the inverse of the block would not. */
@@ -59,7 +59,7 @@ static symmetric_system axial_system(contact_problem *p) {
     return (symmetric_system){(double (*)[CONTACT_LD])&p->compliance[2 * p->count][2 * p->count], p->axial_count};
 }
 
-/* Computes the slips (m), under the current forces, of the points that slide freely. */
+/* Computes the slips (m) of the axial unknowns under the current forces. */
 static void find_slips(contact_problem *p, double slip[MAX_AXIAL]) {
     symmetric_system s = axial_system(p);
     double force[MAX_AXIAL + PADDING] = {0}, sum[MAX_AXIAL + PADDING];
@@ -108,13 +108,14 @@ static void stand_at_knot(contact_problem *p, int k) {
     p->viscosity[i][0] = k > 0 ? s->slope[k - 1] : 0.0;
 }
 
-/* Slip (m) that is the origin of the law of unknown i. */
+/* Slip (m) from which the law of unknown i counts: that of the climber's current knot, otherwise 0. */
 static double origin(const contact_problem *p, int i) { return p->ahead.count > 0 && i == p->climber ? p->ahead.at[p->knot] : 0.0; }
 
 static double bound(const contact_problem *p, int i) { return p->state[i] == SLIP_FORWARD ? p->upper[i] : p->lower[i]; }
 static double viscosity(const contact_problem *p, int i) { return p->viscosity[i][p->state[i] == SLIP_FORWARD]; }
 
-/* Copies the part of the row of the a-th of `count` selected unknowns that begins at the diagonal; `all` is the total number of unknowns. */
+/* Copies the row of the a-th selected unknown, from the diagonal on and only for the columns of the selected unknowns. `count`: number of selected unknowns;
+   `all`: number of all unknowns. */
 static void copy_row(const double *row, int all, int count, const int *unknown, int a, double *to) {
     if (count == all) row_copy(row, a, count, to);
     else for (int b = a; b < count; b++) to[b] = row[unknown[b]];

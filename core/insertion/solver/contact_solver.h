@@ -1,4 +1,4 @@
-/* The condensed contact problem of one tick: gaps across the needle are closed, friction along it is bounded. See docs/mechanics.md, "One tick is one
+/* The condensed contact problem of one tick: gaps across the needle are closed, and friction along it is bounded. See docs/mechanics.md, "One tick is one
    convex problem". */
 #ifndef TROCAR_CONTACT_SOLVER_H
 #define TROCAR_CONTACT_SOLVER_H
@@ -58,13 +58,13 @@ static inline int point_of_unknown(int count, int u) { return u < 2 * count ? u 
 static inline int axis_of_unknown(int count, int u) { return u < 2 * count ? u % 2 : 2; }
 static inline int unknown_count(const contact_problem *p) { return 2 * p->count + p->axial_count; }
 
-/* Compliance (m/N) between two unknowns, of which the upper triangle is stored. RT */
+/* Compliance (m/N) between two unknowns, read from the upper triangle. RT */
 static inline double compliance_of(const contact_problem *p, int i, int j) { return i <= j ? p->compliance[i][j] : p->compliance[j][i]; }
 
-/* Solves exactly by pivoting. The solution is unique if needle and tissue together are stable whichever points slide; the Schur complement of the axial
-   part is then positive definite. A needle far beyond its buckling load may be stable only because it sticks. One of several solutions is then found, and
-   the caller has to compare `negative` with the number of the needle's own unstable modes. Returns NUMERIC, with zero forces, if A is singular or the
-   search does not end. Does not allocate memory. RT */
+/* Solves exactly by pivoting. The solution is unique if needle and tissue together are stable regardless of which points slide; the Schur complement of the
+   axial part is then positive definite. A needle far beyond its buckling load may be stable only because it sticks. One of several solutions is then found,
+   and the caller has to compare `negative` with the number of the needle's own unstable modes. Returns NUMERIC, with zero forces, if A is singular or the
+   search does not terminate. Does not allocate memory. RT */
 trocar_status contact_solve(contact_problem *p);
 
 #endif

@@ -25,7 +25,8 @@ typedef struct {
     friction_state friction;
 } roll_friction;
 
-/* Slip, friction and rotation of the shaft along a share of the track. When the tip leaves a contact or returns to it, this struct is handed over as it is. */
+/* Slip, friction and rotation of the shaft along a share of the track. When the tip leaves a contact or returns to it, this struct is handed over
+   unchanged. */
 typedef struct {
     double origin;           /* m: arc minus depth of the material point of the shaft that would be at the track if the tissue were not sheared along the
                                 shaft. Near the tip, this point may be beyond the needle's end */
@@ -33,7 +34,8 @@ typedef struct {
     double slid;             /* m, distance slid since the shaft last stuck */
     friction_state friction;
     double traction;         /* N/m, force along the needle per unit length of the share */
-    double softness;         /* m^2/N, mean over the share of the local compliance to a line force along the needle, per logarithm; 0 if not known yet */
+    double softness;         /* m^2/N, mean over the share of the material factor of the local compliance to an axial line force (local_line_stiffness); 0 if
+                                not known yet */
     double stiffening;       /* stiffening coefficient of the tissue's regions, averaged over the share */
     roll_friction roll;
 } shaft_hold;
@@ -45,14 +47,15 @@ static const double FULL_GRIP = 0.05; /* N: force along the needle at which the 
 /* One contact: a node of the tissue on the shaft's track. */
 typedef struct {
     contact_status status;
-    vec3 track;              /* m, world frame: position of the tip when it left the contact. The node, which is kept off faces, may be slightly beside it */
+    vec3 track;              /* m, nominal: position of the tip when it left the contact behind. The node, which is kept off faces, may be slightly beside
+                                it */
     vec3 beside;             /* m, offset of the track from the node, outward across an outer face, as in tip_place */
     vec3 direction;          /* unit vector of the track at the contact, in the undeformed tissue */
     double depth;            /* m along the nominal track, measured from the skin */
     shaft_hold shaft;
     resolved_field resolved; /* resolution of the mesh at the contact; resolved.point is that of the tip at this position */
     double log_axial;        /* logarithm of the ratio of resolved radius to needle radius, for forces along the needle; 0 if not known yet */
-    plane_tensor log_lateral; /* logarithm of the ratio of resolved radius to needle radius, for forces across the track of an endless needle */
+    plane_tensor log_lateral; /* logarithm of the ratio of resolved radius to needle radius, for forces across the track of an infinitely long needle */
     vec3 force;              /* N, world frame, on the tissue */
 } shaft_contact;
 
@@ -73,8 +76,8 @@ typedef struct {
     double depth;            /* m along the nominal track, measured from the skin */
     vec3 graze_normal;       /* unit normal of the outer face that the tip grazes; zero if none */
     vec3 beside;             /* m, from `nominal` (just inside the grazed face) to the tip itself, which may be up to one radius outside */
-    vec3 end;                /* m, world frame: last position of the needle's end while the tip was beyond the tissue; during that time, `nominal` is where
-                                the tip left the tissue */
+    vec3 end;                /* m, world frame: previous position of the needle's end, used while the tip is beyond the tissue; `nominal` is then where the
+                                tip left the tissue */
 } tip_place;
 
 /* Obstacle at the tip; written by the path stage. */
@@ -179,7 +182,7 @@ typedef struct {
     vec3 base_shift;             /* m, deflection of the spring through which the hand holds the base; zero if the base is held rigidly */
     needle_state needle;
     needle_motion motion;        /* motion in the last step, if that step ended in equilibrium */
-    double base_turn;            /* rad, rotation of the base about the needle's axis, accumulated over full turns */
+    double base_turn;            /* rad, total rotation of the base about the needle's axis, which may exceed a full turn */
     double tip_lead;             /* rad, roll of the tip minus that of the base; negative if the tip lags */
     needle_tip tip;
     vec3 entry;                  /* m, nominal point at which the track begins */
@@ -188,10 +191,10 @@ typedef struct {
     refinement refined;          /* the contact nodes, ordered from base to tip */
     shaft_contact contacts[MAX_CONTACTS]; /* contacts, indexed by the slot of their node */
     guide_state guides[MAX_GUIDES];
-    int watched;                 /* index of the segment that was last checked for being in a body that it entered sideways */
-    uint64_t outside;            /* bit mask of the segments that are in a body that they entered sideways */
+    int watched;                 /* index of the segment that was last checked for having entered a body sideways */
+    uint64_t outside;            /* bit mask of the segments that have entered a body sideways */
     bool moving_on;              /* true if no stable equilibrium is near, so that the needle moves to another one against its drag */
-    vec3 surface;                /* m, last known displacement of the surface at the end of a free needle; NAN if not known yet */
+    vec3 surface;                /* m, last known displacement of the surface at the end of a needle outside the tissue; NAN if not known yet */
     tissue_memory memory;        /* memory of relaxing tissue */
     track_list tracks;           /* tracks that this needle has cut since its reset */
     uint64_t next_id;
@@ -227,7 +230,8 @@ static inline int contact_planned(const insertion_state *state) {
 /* Number of contact nodes that the tip has passed: all nodes except a planned one. RT */
 static inline int contacts_passed(const insertion_state *state) { return state->refined.count - (contact_planned(state) >= 0); }
 
-/* Shifts the shaft next to the tip relative to the tissue by `shift` (m), together with the shaft at contacts that have no row yet. RT */
+/* Shifts the shaft next to the tip relative to the tissue by `shift` (m), together with the shaft at contacts whose row of the inverse has not arrived yet.
+   RT */
 static inline void shift_tip_shaft(insertion_state *state, double shift) {
     state->tip.shaft.origin += shift;
     for (int k = contacts_active(state); k < contacts_passed(state); k++) state->contacts[state->refined.order[k]].shaft.origin += shift;

@@ -15,7 +15,7 @@ typedef struct {
 typedef struct {
     double kinetic, excess;      /* N, limit of kinetic friction, and difference between the static and the kinetic limit */
     double viscous;              /* N s/m, viscous friction */
-    double lateral, axial;       /* N/m, length of shaft divided by the local compliance to a line force per logarithm */
+    double lateral, axial;       /* N/m, length of shaft divided by the material factor of its local compliance to a line force (local_line_stiffness) */
     double stiffening;           /* mean of the regions' stiffening coefficients, weighted by axial stiffness: exact to third order in the force */
 } shaft_resistance;
 
@@ -23,11 +23,11 @@ typedef struct {
    is the number of active contacts) and has the rest of the shaft. RT */
 shaft_share shaft_share_of(const insertion_state *state, int k, bool tip);
 
-/* Like shaft_share_of, but called for one share after the other, from k = 0. `border` (m of depth), initially 0, is where this share begins; it is
-   advanced to where the next one begins. RT */
+/* Like shaft_share_of, but must be called for consecutive shares, from k = 0. `border` (m of depth), initially 0, is where this share begins; the call
+   advances it to where the next share begins. RT */
 shaft_share shaft_next_share(const insertion_state *state, int k, bool tip, double *border);
 
-/* The piece of shaft that is in a share: that of the contact in `slot`, or of the tip. RT */
+/* The piece of shaft in a share: the share of the contact in `slot`, or that of the tip. RT */
 shaft_piece shaft_piece_of_contact(const insertion_state *state, int slot, shaft_share share);
 shaft_piece shaft_piece_of_tip(const insertion_state *state, shaft_share share);
 

@@ -12,7 +12,7 @@ typedef enum {
     EVENT_ADDED = 1 << 2,        /* a contact became active */
     EVENT_REMOVED = 1 << 3,      /* a contact was removed because the tip returned to it */
     EVENT_EXITED = 1 << 4,       /* the tip left the tissue on the far side, or into a gap */
-    EVENT_REENTERED = 1 << 5,    /* the tip returned to the tissue the way it had left */
+    EVENT_REENTERED = 1 << 5,    /* the tip returned to the tissue the same way it had left */
     EVENT_WITHDRAWN = 1 << 6,    /* the needle was withdrawn from the tissue through its entry */
     EVENT_LATE = 1 << 7,         /* the snapshot does not cover the tip, or the mesh's resolution at the tip has not been measured: the tick used the last
                                     known values, or estimates */
@@ -35,8 +35,8 @@ typedef struct {
     int passes, switches;        /* number of passes, and number of contact switches, in this tick */
 } tick_output;
 
-/* The parts of a tick that are timed, each of several stages (insertion/README.md): hand to ahead; needle and advance; problem and solve; and, after the last
-   pass, conclude and output. */
+/* The parts of a tick that are timed. Each covers several stages (insertion/README.md): hand to ahead; needle and advance; problem and solve; and, after the
+   last pass, conclude and output. */
 typedef enum { TIMED_TISSUE, TIMED_NEEDLE, TIMED_CONTACT, TIMED_WRENCH, TIMED_PARTS } timed_part;
 
 /* Time spent in each part of a tick. The caller provides the clock; if it is NULL, nothing is measured. */
@@ -106,7 +106,7 @@ typedef struct {
     linear_shift shaft[MAX_POINTS], end;
 } stiffening_step;
 
-/* The map J from a lateral displacement of the shaft, in the shaft's frame, to the displacement of the point where its axis intersects the face of a
+/* The map J from a lateral displacement of the shaft, in the shaft's frame, to the displacement of the point where the shaft's axis intersects the face of a
    guide, in the directions of the grid. A force f in the plane of the face is equivalent to the lateral force J^T f on the needle. */
 typedef struct {
     double m[2][2], inverse[2][2];
@@ -117,7 +117,7 @@ typedef struct {
     crossing_map map;
     double offset[2];        /* m, offset of the needle's axis from that of the hole, in the plane of the face */
     bool touched;
-    double pulled;           /* N, tensile force in the last pass if the edge would have to pull the needle; otherwise unused */
+    double pulled;           /* N, force with which the edge would have to pull on the needle after the last pass; 0 if the needle touches the edge */
     double pressed;          /* N, force about which the edge is linearised */
     double normal[2];        /* unit vector from the hole's axis to the point of contact between needle and edge */
     double lateral[3];       /* m/N, compliance of the edge in the needle's frame: xx, xy, yy */
@@ -145,7 +145,7 @@ typedef struct {
     needle_state needle;
     vec3 base_shift;                          /* m */
     needle_tip tip;
-    guide_contact faces[MAX_GUIDE_POINTS];    /* the guide contacts of the points at guides */
+    guide_contact faces[MAX_GUIDE_POINTS];    /* the guide contacts at the guide points */
     struct { vec3 force; shaft_hold shaft; } contacts[MAX_POINTS]; /* force and shaft state at each point in contact with tissue */
     int knot;                                 /* current knot of the contact problem's staircase */
 } pass_checkpoint;
@@ -156,7 +156,7 @@ _Static_assert((int)MAX_POINTS <= BETWEEN_POINTS && (int)NEEDLE_POINT_JOINTS == 
 typedef struct {
     double carried;          /* m, distance by which the hand carries the tip forward; INFINITY if not known */
     vec3 end_before;         /* m, previous position of the needle's end */
-    vec3 straight_before;    /* m, previous position of the end of a straight needle at the same base */
+    vec3 straight_before;    /* m, previous position that the needle's end would have had if the needle were straight */
 } hand_advance;
 
 /* Intended direction of the tip; written by the path stage. */
@@ -175,7 +175,7 @@ typedef struct {
 
 /* Compliance of the tissue at the points; written by the tissue stage. */
 typedef struct {
-    vec3 free_at_tip;                /* m, free displacement at the tip */
+    vec3 free_at_tip;                /* m, displacement at the tip without the needle's current forces */
     mat3 tip_row[MAX_POINTS];        /* m/N, world frame, compliance of the tissue between the tip and each point */
     double tip_resolved;             /* 1/m, resolved_field.point at the tip; 0 if the mesh is treated as rigid at the tip */
     principal_tensor lateral[MAX_POINTS]; /* m/N, local compliance across the track at each point */
@@ -197,7 +197,7 @@ typedef struct {
 typedef struct {
     _Alignas(CACHE_LINE) needle_tangent tangent;
     vec3 load[NEEDLE_MAX_SEGMENTS + 1]; /* N, loads of all contact points on each joint */
-    double drag;                     /* drag coefficient of the needle's rotation over the step; 0 if the needle is in equilibrium */
+    double drag;                     /* drag coefficient against rotation of the needle's segments over the step; 0 if the needle is in equilibrium */
 } needle_response;
 
 /* A step that is divided into small increments (continuation.c). */
@@ -206,7 +206,8 @@ typedef struct {
     double kept_open;                /* fraction of that difference that still remains */
 } continuation_step;
 
-/* Scratch of one step, grouped by the stage that writes it. After a tick, only the profile, which spans the steps of a tick, and insertion_hold use it. */
+/* Scratch of one step, grouped by the stage that writes it; the profile covers all steps of a tick. After a tick, only insertion_hold and
+   insertion_differentiate use it. */
 typedef struct {
     hand_advance hand;
     path_step path;

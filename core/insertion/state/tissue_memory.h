@@ -20,7 +20,7 @@ typedef struct {
     shaft_piece shaft;           /* the piece of shaft in the share */
     int tet;                     /* nominal element in which the share's load acts */
     vec3 at;                     /* m, nominal point at which the share's load acts */
-    double modulus;              /* Pa, Young's modulus of the element with which the forces were remembered */
+    double modulus;              /* Pa, Young's modulus of the element to which the remembered forces refer */
     remembered_forces terms[MAX_RELAXATION];
 } share_memory;
 

@@ -59,7 +59,7 @@ static bool is_joined(track_list *list, vec3 x) {
     return last && v3_norm(v3_sub(x, last->at)) <= JOINED;
 }
 
-/* Moves the last point forward, to no more than the spacing from the point before it, and then appends further points. */
+/* Extends the newest track: moves its last point forward if it stays within the spacing of the point before it; otherwise appends points. */
 static bool extend(track_list *list, track_point to) {
     int points = list->point_count - list->first[list->count - 1];
     track_point *last = newest_point(list);

@@ -25,7 +25,7 @@ typedef struct {
     track_point points[MAX_TRACK_POINTS];
 } track_list;
 
-/* Index after that of the track's last point. RT */
+/* Index one past the track's last point. RT */
 static inline int track_end(const track_list *list, int track) { return track + 1 < list->count ? list->first[track + 1] : list->point_count; }
 
 /* Records a cut from one nominal point to another. If the cut begins at the end of the newest track, it extends that track; otherwise it begins a new one.

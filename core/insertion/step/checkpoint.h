@@ -1,4 +1,4 @@
-/* The only checkpoint of the passes. It saves and restores everything that the passes change. */
+/* The checkpoint of the passes: saves and restores everything that they change. */
 #ifndef TROCAR_CHECKPOINT_H
 #define TROCAR_CHECKPOINT_H
 

@@ -9,8 +9,8 @@
 #include "insertion/step/checkpoint.h"
 #include "insertion/step/continuation.h"
 
-static const double BITE_TIME = 20e-3; /* s: time by which the surface's support lags behind the force along the needle; without the lag, the two would
-                                          oscillate. Chosen by judgement */
+static const double BITE_TIME = 20e-3; /* s: time constant with which the surface's support follows the force along the needle; without this lag, the two
+                                          would oscillate. Chosen by judgement */
 
 /* Lists the resistance ahead of the tip, for the needle's shape at the start of the passes. */
 static void begin(const tick_input *tick, const insertion_state *state, insertion_workspace *w) {
@@ -43,7 +43,7 @@ static void conclude(const tick_input *tick, insertion_state *state, const inser
     roll_solve(tick, state, &w->points, &w->creep);
     creep_remember(tick, state, &w->points, &w->tissue, &w->creep);
     if (w->points.tip) filter_push(tip, &last->at, tick->dt);
-    if (!r.found) state->base_turn = NAN; /* restarts the insertion (see insertion_is_finite), because no step had a solution */
+    if (!r.found) state->base_turn = NAN; /* restarts the insertion (see insertion_is_finite), because the contact problem had no solution */
 }
 
 /* The extrapolated shape only improves the starting point: a needle in steady motion then often needs just one pass. A misleading guess costs one or two

@@ -11,8 +11,8 @@ void equilibrium_find(const tick_input *tick, insertion_state *state, insertion_
 /* For a needle without contact: discards the starting point for the next equilibrium. RT */
 void equilibrium_forget(insertion_state *state);
 
-/* Assembles the contact problem for the current shape and forces in w->problem, without solving it. Unless `loaded` is true, the needle has the stiffness
-   of a needle without forces. To be called after the tissue stage. */
+/* Assembles the contact problem for the current shape and forces in w->problem, without solving it. Unless `loaded` is true, the stiffness is that of an
+   unloaded needle. To be called after the tissue stage. */
 void equilibrium_linearise(const tick_input *tick, insertion_state *state, insertion_workspace *w, bool loaded);
 
 #endif

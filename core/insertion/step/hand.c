@@ -12,13 +12,14 @@ static void slide(shaft_hold *shaft, double radius) {
     shaft->slid = slid_on(shaft->slid, shaft->slip, shaft->friction, &shaft->roll, radius);
 }
 
-/* Slides the shaft past its contacts by the slips of the last solve. Where contacts have no row yet, it slides like the adjacent shaft. */
+/* Slides the shaft past its contacts by the slips of the last solve. At contacts whose row of the inverse has not arrived yet, it slides like the adjacent
+   shaft. */
 static void slide_in_tissue(insertion_state *state, double radius) {
     double slip = 0.0;
     for (int k = 0; contact_is_active(state, k); k++) {
         shaft_contact *contact = &state->contacts[state->refined.order[k]];
         slide(&contact->shaft, radius);
-        contact->shaft.origin = larger_of(contact->shaft.origin, -contact->depth); /* a needle pushed in up to its base drags along the contacts at its base */
+        contact->shaft.origin = larger_of(contact->shaft.origin, -contact->depth); /* a needle pushed in up to its base drags contacts there along */
         slip = contact->shaft.slip;
     }
     bool inside = state->tip.place.phase == TIP_INSIDE;

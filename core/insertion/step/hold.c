@@ -37,10 +37,10 @@ void insertion_hold(const tick_input *tick, const insertion_state *state, insert
     hold->count = hold->unstable = 0;
     if (w->points.count == 0 || !touches_tissue(state)) return;
     hold->unstable = w->response.tangent.unstable;
-    double yield = w->creep.yield; /* the loads are yield times the forces: loads that displace elastic tissue as much as the forces displace relaxing tissue */
+    double yield = w->creep.yield; /* loads are yield times the forces: they displace elastic tissue as much as the forces displace relaxing tissue */
     w->creep.yield = 0.0;
     memset(w->tissue.tip_row, 0, sizeof w->tissue.tip_row);
-    assemble_compliance(tick, state, w); /* the compliance of the needle's side alone */
+    assemble_compliance(tick, state, w); /* the compliance without the nominal mesh's part */
     for (int u = 0; u < unknown_count(p); u++) {
         if (!holds(w, u)) continue;
         int i = hold->count++;

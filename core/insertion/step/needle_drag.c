@@ -11,8 +11,8 @@ double needle_drag(const needle_model *model) {
     return 2.0 * sqrt(mass * model->bending);
 }
 
-/* The drag against rotation of a segment has the energy d l |t - t_start|^2 / 2. Up to a constant, this is the energy of a tension d along t_start.
-   Tensions along the segments are equivalent to forces at the joints: the differences of adjacent tensions, whose sum is zero. */
+/* The drag against rotation of a segment has the energy d l |t - t_start|^2 / 2. Up to a constant, this is the energy of a tension d along t_start. Tensions
+   along the segments are equivalent to forces at the joints: the differences between adjacent tensions, which add up to zero. */
 static vec3 drag_at(const tick_input *tick, const needle_response *response, const pass_checkpoint *start, int joint) {
     const vec3 *joints = start->needle.joints;
     vec3 before = joint > 0 ? v3_unit(v3_sub(joints[joint], joints[joint - 1])) : v3(0, 0, 0);

@@ -8,7 +8,7 @@
 /* Drag coefficient of this needle, N s: moment per unit length, divided by the rate of rotation. */
 double needle_drag(const needle_model *model);
 
-/* Adds the drag on a needle that has moved from `start` in this step to the loads on its joints. RT */
+/* Adds to the loads on the joints the drag on a needle that was at `start` when the step began. RT */
 void drag_add_loads(const tick_input *tick, needle_response *response, const pass_checkpoint *start);
 
 /* Adds the displacement caused by the drag to the displacement that the joints have without loads. The compliance of all joints must have been computed. RT */

@@ -1,5 +1,5 @@
-/* Newton passes, each consisting of needle, problem, solve and advance, until the state is in equilibrium. See docs/mechanics.md, "One tick is one convex
-   problem". */
+/* Newton passes, each consisting of the stages needle, problem, solve and advance, until the state is in equilibrium. See docs/mechanics.md, "One tick is one
+   convex problem". */
 #ifndef TROCAR_PASSES_H
 #define TROCAR_PASSES_H
 
@@ -19,7 +19,7 @@ static inline bool passes_are_stable(pass_result r) { return r.found && r.conver
 /* Locates the points on the needle's current shape, for its current forces. To be called before the first pass. RT */
 void passes_begin(const tick_input *tick, const insertion_state *state, insertion_workspace *w);
 
-/* Restores the checkpoint w->start, and with it the contact problem at that state and its forces. RT */
+/* Restores the checkpoint w->start, and assembles the contact problem for the restored shape and forces. RT */
 void passes_go_back(const tick_input *tick, insertion_state *state, insertion_workspace *w);
 
 /* Linearises needle and tissue (in the first pass, about the current shape and forces) and assembles the contact problem. RT */

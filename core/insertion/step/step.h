@@ -1,4 +1,4 @@
-/* One step: the stages of core/insertion/README.md in sequence. */
+/* One step: runs the stages listed in core/insertion/README.md in sequence. */
 #ifndef TROCAR_STEP_H
 #define TROCAR_STEP_H
 

@@ -1,11 +1,11 @@
-/* The tick: computes the wrench from the mount of the base. The model is immutable, and the state is mutable. No allocation, no clock. */
+/* The tick: computes the wrench on the base from the pose of its mount. The model is immutable, and the state is mutable. No allocation, no clock. */
 #ifndef TROCAR_TICK_H
 #define TROCAR_TICK_H
 
 #include "insertion/step/loads.h"
 #include "insertion/state/tick_data.h"
 
-/* Resets to a straight needle whose base is held at `base`. Where the needle overlaps the tissue, it counts as inserted along its axis without force. The
+/* Resets to a straight needle whose base is held at `base`. Where the needle overlaps the tissue, it is treated as inserted along its axis without force. The
    tissue forgets this needle's forces and tracks. RT */
 void insertion_reset(const insertion_model *model, pose base, insertion_state *state);
 
@@ -13,7 +13,7 @@ void insertion_reset(const insertion_model *model, pose base, insertion_state *s
    skin. No allocation, no lock, no library call. RT */
 void insertion_tick(const tick_input *tick, insertion_state *state, insertion_workspace *w, tick_output *output);
 
-/* Takes over changed moduli between two ticks. RT */
+/* Adopts changed moduli between two ticks. RT */
 void insertion_soften(const tick_input *tick, insertion_state *state, insertion_workspace *w);
 
 /* Assembles in w->problem, without solving it, the contact problem of a tick in which the base does not move. The state's memory of relaxing tissue

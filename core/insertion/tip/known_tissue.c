@@ -8,7 +8,7 @@
 #include "insertion/track/contact_nodes.h"
 #include "snapshot/snapshot_kernels.h"
 
-/* Finds the handles of the last point of the tip's track that the snapshot covered; returns false if there is none. */
+/* Finds the handles of the corners around the last point of the tip's track that the snapshot covered; returns false if there is none. */
 static bool tip_handles(const tick_input *tick, const insertion_state *state, int handles[4]) {
     const needle_tip *tip = &state->tip;
     return tip->place.phase == TIP_INSIDE && tip->known.tet >= 0 && snapshot_covers(tick->snapshot, tick->model->mesh->tets[tip->known.tet], handles);
@@ -19,7 +19,7 @@ static vec3 load_of(const tick_input *tick, const insertion_state *state, int k)
     return v3_add(state->contacts[state->refined.order[k]].force, creep_load(tick->model, &state->memory, k));
 }
 
-/* Displacement (m) of a handle under the tip's load, which acts on the handles `corners`. */
+/* Displacement (m) of the node with this handle under the tip's load, which acts on the nodes with the handles `corners`. */
 static vec3 displaced_by_tip(const tick_input *tick, const insertion_state *state, const int corners[4], int handle) {
     mat3 c = compliance_to_point(tick->snapshot, corners, state->tip.known.weights, handle);
     return m3_apply_transposed(&c, v3_add(tip_load(&state->tip), creep_tip_load(tick->model, &state->memory)));
@@ -44,7 +44,7 @@ vec3 displacement_at_tip(const tick_input *tick, const insertion_state *state, c
     return covered ? displacement_at(tick, state, creep, corners, tip->known.weights) : v3(0, 0, 0);
 }
 
-/* Activates a contact whose row has arrived. Its initial state is that of the shaft next to the tip. */
+/* Activates a contact whose row of the inverse has arrived. Its initial state is that of the shaft next to the tip. */
 static void activate_contact(const tick_input *tick, insertion_state *state, int k) {
     int slot = state->refined.order[k];
     shaft_contact *contact = &state->contacts[slot];
@@ -58,7 +58,7 @@ static void activate_contact(const tick_input *tick, insertion_state *state, int
     contact->shaft.origin = origin;
 }
 
-/* Transfers the tip's force on the part of the contact's share that belonged to the tip until now; this part began at `from` (m of depth). */
+/* Transfers to the contact the tip's force on that part of the contact's share which belonged to the tip until now; it began at `from` (m of depth). */
 static void take_over_force(const tick_input *tick, insertion_state *state, int k, double from) {
     shaft_contact *contact = &state->contacts[state->refined.order[k]];
     if (state->tip.place.phase != TIP_INSIDE || contact->depth < tip_entry_depth(state)) return;
@@ -100,7 +100,8 @@ void follow_known_point(const tick_input *tick, insertion_state *state, tick_out
 /* Two measurements differ if the element has changed or the line has turned. The difference fades out while the tip advances by about one diameter. */
 static double faded(double now, double then, double used, double fading) { return now + (used - then) * fading; }
 
-/* Keeps the last measurement, because adjacent elements differ little. If it was made farther away, or if there is none, the worker counts as late. */
+/* Keeps the last measurement, because adjacent elements differ little. If it was made more than an edge length away, or if there is none, the worker counts
+   as late. */
 static void keep_resolution(const tick_input *tick, insertion_state *state, tick_output *output) {
     const insertion_model *model = tick->model;
     needle_tip *tip = &state->tip;

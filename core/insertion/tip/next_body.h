@@ -11,8 +11,8 @@ typedef struct {
     vec3 point;              /* m, nominal */
 } entrance;
 
-/* For a tip that has left the tissue on the far side: it has returned if the needle's end is more than one radius behind the exit point. With a smaller
-   distance, tissue that springs back when the tip leaves would enclose the tip again. RT */
+/* Lets a tip that has left the tissue on the far side re-enter it if the needle's end is more than one radius behind the exit point. At a smaller distance,
+   tissue that springs back when the tip leaves would enclose the tip again. RT */
 void reenter_tissue(const tick_input *tick, insertion_state *state, const creep_step *creep, tick_output *output);
 
 /* Looks for other tissue ahead of a needle that has left the tissue on the far side. RT */
@@ -29,7 +29,7 @@ entrance next_body(const tick_input *tick, const insertion_state *state, vec3 le
 /* Enters the next body, `gap` (m) beyond the exit. If there is no room to record the gap, the needle advances without contact. RT */
 void enter_next(const tick_input *tick, insertion_state *state, tick_output *output, const entrance *at, double gap);
 
-/* Cutting direction of the tip: along the needle, plus a lateral component directed away from the bevel's face. RT */
+/* Cutting direction of the tip: along the needle, plus a lateral component directed away from the bevel face. RT */
 vec3 needle_direction(const tick_input *tick, const insertion_state *state);
 
 #endif

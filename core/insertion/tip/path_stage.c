@@ -33,8 +33,9 @@ static vec3 surface_displacement(const tick_input *tick, const insertion_state *
     return u;
 }
 
-/* Lets the tip touch the surface above its nominal position `now` (m), which is in the tissue. Other needles have moved the tissue over the tip, or their
-   displacement has just become known. The search starts one diameter behind the tip and doubles that distance, up to two needle lengths. */
+/* Lets the tip touch the surface above its nominal position `now` (m), which is in the tissue. This happens if other needles have moved the tissue over the
+   tip, or if the displacement that they cause has just become known. The search starts one diameter behind the tip and doubles that distance, up to two
+   needle lengths. */
 static void touch_above(const tick_input *tick, insertion_state *state, tick_output *output, vec3 now, vec3 axis) {
     const insertion_model *model = tick->model;
     for (double back = model->needle->given.outer_diameter; back < 2.0 * model->needle->given.length; back *= 2.0) {

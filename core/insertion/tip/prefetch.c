@@ -9,7 +9,7 @@ static const double LINE_TURN = 0.02; /* rad: rotation above which a needle's li
 static const line_tolerance SAME_LINE = {1e-9, 1e-9}; /* m and rad: differences below which lines are the same. Rounding tolerance */
 static const double ABOUT_TO_TOUCH = 2e-3; /* m: distance of the needle from the skin below which the requested line must be exact, so that an insertion
                                               does not depend on the needle's earlier motion. Chosen by judgement */
-static const double NEAR_FACE = 1e-7; /* m: distance between touching surfaces. Rounding tolerance */
+static const double NEAR_FACE = 1e-7; /* m: distance within which surfaces count as touching. Rounding tolerance */
 static const double WAY_IN = 1.25; /* ratio: length of the requested path into a body, divided by `prefetch_distance`. Chosen by judgement */
 enum { AHEAD = 16 }; /* elements: number requested ahead of the tip. Effort limit */
 enum { BEHIND = 4 }; /* contacts: number of contacts behind the tip whose elements are requested. Effort limit */
@@ -64,7 +64,8 @@ static bool cross_gap(const mesh *m, straight_way *way) {
     return true;
 }
 
-/* Adds the elements along the path, up to its end. The line is measured in the first `measured` of them. The caller may lengthen the path afterwards. */
+/* Adds the elements along the path, up to its end. The line is measured in the first `measured` of them. The caller may then lengthen and continue the
+   path. */
 static void add_way(const mesh *m, straight_way *way, int measured, wanted_tissue *list) {
     for (; way->steps < AHEAD; way->steps++) {
         double chord;
@@ -85,13 +86,13 @@ static void add_surroundings(const mesh *m, int tet, wanted_tissue *list) {
         if (m->neighbours[tet][f] >= 0) add_tet(m, m->neighbours[tet][f], list);
 }
 
-/* Adds the elements behind those outer faces that share an edge with this face, because the tip may slide onto them: goes around each edge, from element
-   to element, to the end of the tissue. */
+/* Adds the elements behind those outer faces that share an edge with this face, because the tip may slide onto them: goes around each edge, from element to
+   element, until it reaches the outer surface again. */
 static void add_beside(const mesh *m, int tet, int face, wanted_tissue *list) {
     for (int c = 0; c < 4; c++) {
         if (c == face) continue;
         int at = tet, exit = c, last = m->tets[tet][face], sum = 0; /* `last`: corner of the crossed face that is not on the edge */
-        for (int k = 0; k < 4; k++) sum += k == face || k == c ? 0 : m->tets[tet][k]; /* sum of the indices of the edge's ends */
+        for (int k = 0; k < 4; k++) sum += k == face || k == c ? 0 : m->tets[tet][k]; /* sum of the node indices of the edge's ends */
         for (int step = 0; step < AROUND_EDGE && m->neighbours[at][exit] >= 0; step++) {
             at = m->neighbours[at][exit];
             int all = 0;
@@ -137,7 +138,7 @@ static void add_way_in(const mesh *m, surface_hit hit, vec3 direction, double re
     if (hit.hit) add_way(m, &way, 1, list);
 }
 
-/* Position of a free needle's end in the tissue at rest, at the same distance from the surface as the needle's end has from the displaced surface. */
+/* Position of the end of a needle outside the tissue, relative to the tissue at rest: as far from its surface as the end is from the displaced surface. */
 static vec3 end_before_tissue(const insertion_model *model, const insertion_state *state) {
     vec3 end = state->needle.joints[model->needle->given.segments];
     return isnan(state->surface.x) ? end : v3_sub(end, state->surface);
@@ -149,7 +150,7 @@ static wanted_tissue wanted_nodes(const insertion_model *model, const insertion_
     vec3 direction = q_axis(state->needle.frames[n - 1]), end = state->needle.joints[n];
     double reach = model->settings.prefetch_distance;
     wanted_tissue list = {.count = 0, .piece_count = 0, .tolerance = SAME_FIELD};
-    if (state->tip.place.phase == TIP_FREE) { /* lists the path from the expected entry */
+    if (state->tip.place.phase == TIP_FREE) { /* lists the path from the expected entry point */
         end = end_before_tissue(model, state);
         surface_hit hit = mesh_enter(m, end, v3_axpy(reach, direction, end));
         if (!hit.hit) { /* the needle's end is in a dent */

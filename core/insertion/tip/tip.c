@@ -55,8 +55,8 @@ static void tip_glide(const tick_input *tick, insertion_state *state, tick_outpu
     tip->barrier.entering = true;
 }
 
-/* The tip slides half the distance that would return the force to the friction cone. The full distance could overshoot and lift a needle that barely presses
-   off the surface. */
+/* The tip slides half the distance that would return the force to the friction cone. The full distance could overshoot and lift a lightly pressing needle off
+   the surface. */
 void tip_glide_on_surface(const tick_input *tick, insertion_state *state, tick_output *output) {
     const insertion_model *model = tick->model;
     const needle_tip *tip = &state->tip;
@@ -92,7 +92,8 @@ static vec3 pull_back(vec3 gradient, vec3 direction) {
 
 vec3 tip_cut_direction(const tick_input *tick, const insertion_state *state, vec3 track_gradient) { return pull_back(track_gradient, needle_direction(tick, state)); }
 
-/* Updates the track's direction at the tip, a running mean over about one needle diameter. `way`: segment that was just cut. */
+/* Updates the track's direction at the tip, a running mean over about one needle diameter. `way`: the segment just cut or retraced, in the cutting
+   direction. */
 static void follow_track(const insertion_model *model, needle_tip *tip, vec3 way) {
     double length = v3_norm(way);
     if (length == 0.0) return;

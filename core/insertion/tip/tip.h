@@ -4,8 +4,8 @@
 
 #include "insertion/state/tick_data.h"
 
-/* Starts an insertion where the segment from `from` to `to` crosses the outer surface; returns false if it does not. The track begins along the needle,
-   however the tip has moved. RT */
+/* Starts an insertion where the segment from `from` to `to` crosses the outer surface; returns false if it does not. The track begins in the needle's
+   direction, regardless of how the tip has moved. RT */
 bool tip_touch(const tick_input *tick, insertion_state *state, tick_output *output, vec3 from, vec3 to);
 
 /* True if the segment enters the nominal body and its end is still in the body. RT */

@@ -51,7 +51,7 @@ static void exit_tissue(const tick_input *tick, insertion_state *state, tick_out
     output->events |= EVENT_EXITED;
 }
 
-/* The tip leaves this body backwards, into the gap before it, and returns to its exit point in the previous body. */
+/* Moves the tip backwards out of this body into the gap before it, to the point where it left the previous body. */
 static void back_into_gap(const tick_input *tick, insertion_state *state, tick_output *output) {
     int gap = last_gap(state);
     const stratum *left = &state->strata[gap];
@@ -76,7 +76,8 @@ void withdraw_tip(insertion_state *state, tick_output *output) {
    A needle has not left the tissue as soon as its axis has: a tip that reaches an outer face at a small angle continues along the face until its axis is
    outside by the needle's radius. Meanwhile, a point just inside the face represents the tip in the mesh. */
 
-/* True if the tip continues along the outer face that it has reached, because there is neither other tissue behind the face nor a membrane on it. */
+/* True if the tip continues along the outer face that it has reached: it meets the face at a small angle, and there is neither a membrane on the face nor
+   other tissue behind it. */
 static bool grazes(const tick_input *tick, const insertion_state *state, int face, vec3 direction) {
     const insertion_model *model = tick->model;
     const needle_tip *tip = &state->tip;
@@ -142,7 +143,7 @@ void puncture_barrier(const tick_input *tick, insertion_state *state, tick_outpu
     }
 }
 
-/* Distance (m) of the tip from an exit out of the tissue through its current element; INFINITY if there is none. */
+/* Distance (m) from the tip to where it would leave the tissue through its current element; INFINITY if it would not. */
 static double distance_to_exit(const insertion_model *model, const needle_tip *tip, vec3 direction) {
     double to_face, rising = v3_dot(direction, tip->place.graze_normal);
     int face = mesh_exit(model->mesh, tip->place.tet, tip->place.nominal, tip_way(&tip->place, direction), &to_face);

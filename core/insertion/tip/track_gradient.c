@@ -28,7 +28,8 @@ static vec3 displacement_behind(const tick_input *tick, const insertion_state *s
     return ahead;
 }
 
-/* Displacement (m) of the tissue at one span, or as far as the tissue reaches, ahead of the tip; that at the tip if the snapshot does not cover the point. */
+/* Displacement (m) of the tissue one span ahead of the tip, or at the end of the tissue if that is closer. Returns the displacement at the tip if the
+   snapshot does not cover that point. */
 static vec3 displacement_ahead(const tick_input *tick, const insertion_state *state, const creep_step *creep, vec3 direction, vec3 at_tip) {
     const mesh *m = tick->model->mesh;
     double left = tick->model->settings.gradient_span, chord;

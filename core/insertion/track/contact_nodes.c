@@ -3,8 +3,8 @@
 #include "insertion/model/local_compliance.h"
 #include "insertion/state/strata.h"
 
-static const double LONGEST_SHARE = 0.8; /* edge lengths: longest share of one contact within an element; if the chord is longer, it gets several contacts.
-                                            Chosen by judgement */
+static const double LONGEST_SHARE = 0.8; /* edge lengths: longest piece of a chord that one contact represents; a longer chord gets several contacts. Chosen
+                                            by judgement */
 static const double PLAN_TOLERANCE = 2e-4; /* m: largest distance between the tip and a planned contact node at which the node can still be used. Chosen by
                                               judgement */
 static const double LAST_PLACE = 0.95; /* fraction, above 0.5 and below 1: farthest position of a node along the chord through an element; a node due

@@ -7,8 +7,8 @@
 /* Depth (m) of the last contact that the tip has passed; -INFINITY if there is none. RT */
 double last_contact_depth(const insertion_state *state);
 
-/* Plans the contact node of an element that the tip enters: halfway along its chord (or at the exit point, if the scene says so); on a long chord, in the
-   middle of the first share. The node is at least `spacing` from the previous one. Its row of the inverse is requested now, so that it arrives before the
+/* Plans the contact node of an element that the tip enters: halfway along its chord; a long chord is divided into equal parts, and the node is in the middle
+   of the first one. The node is at least `contact_spacing` from the previous one. Its row of the inverse is requested now, so that the row arrives before the
    tip. RT */
 void plan_contact(const tick_input *tick, insertion_state *state, tick_output *output, vec3 direction);
 
@@ -24,14 +24,14 @@ void plan_exit(const tick_input *tick, insertion_state *state, tick_output *outp
 /* Sets the mesh's resolution at a contact. RT */
 void set_resolution(const insertion_model *model, shaft_contact *contact, const resolved_field *resolved);
 
-/* Leaves a contact node at the tip's position: the planned one, or a new one if the tip has passed beside it. The contact becomes active once the worker
-   has supplied its row. RT */
+/* Leaves a contact node at the tip's position: the planned one, or a new one if the tip has passed beside it. The contact becomes active once the worker has
+   supplied its row of the inverse. RT */
 void place_contact(const tick_input *tick, insertion_state *state, tick_output *output);
 
-/* Removes the last contact when the tip has returned to it; the tip adopts its state. RT */
+/* Removes the last contact when the tip has returned to it; the tip takes over the contact's state. RT */
 void return_to_contact(const tick_input *tick, insertion_state *state, tick_output *output);
 
-/* Sets the tip's offset outside an outer face; zero if the tip is not outside. RT */
+/* Sets the offset by which the tip is outside an outer face; zero if it is not outside. RT */
 void set_beside(needle_tip *tip, vec3 beside);
 
 #endif

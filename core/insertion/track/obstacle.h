@@ -15,7 +15,7 @@ double cutting_resistance(const insertion_model *model, int tet, vec3 x, double 
 /* The larger of cutting_resistance and the force (N) needed to pierce the obstacle at the tip: bone, or a membrane with this damage (0 to 1). RT */
 double blocked_resistance(const insertion_model *model, int tet, vec3 x, double openness, int blocked_by, double damage);
 
-/* Resistance (N), by cutting or puncture, ahead of the tip at its current position. RT */
+/* Cutting or puncture resistance (N) ahead of the tip at its current position. RT */
 double tip_resistance(const insertion_model *model, const needle_tip *tip);
 
 /* Returns the obstacle at a face: BLOCKED_BY_BONE, the strongest membrane on the face, or NOT_BLOCKED. `behind`: element on the other side, -1 if none. RT */

@@ -2,10 +2,10 @@
 
 #include "insertion/track/obstacle.h"
 
-static const double FADE = 1.5; /* ratio, above 1: a track's openness falls from 1 at the limits of distance and angle to 0 at these limits times this
-                                   ratio. Chosen by judgement */
-static const double CATCH_UP = 4.0; /* needle diameters: distance of travel over which a tip beside a track reduces its distance from the track by the
-                                       factor e. Chosen by judgement */
+static const double FADE = 1.5; /* ratio, above 1: a track's openness falls from 1 at the limits of distance and angle to 0 at this multiple of the limits.
+                                   Chosen by judgement */
+static const double CATCH_UP = 4.0; /* needle diameters: distance of travel over which a tip beside a track reduces its distance from the track by a factor of
+                                       e. Chosen by judgement */
 static const double CLOSED = 1e-5; /* m: distance from the end of a track within which a tip counts as having reached the end. Rounding tolerance */
 
 /* Returns 1 up to the limit, falling to 0 at FADE times the limit. */
@@ -32,13 +32,14 @@ void old_tracks_puncture(insertion_state *state, tick_output *output, int membra
 
 /* ---- what is open -------------------------------------------------------------------------------------------------------- */
 
-/* Returns the track lists in the tissue one by one; index 0 is the needle's own list. NULL after the last list. */
+/* Returns the track list with this index: the needle's own for index 0, followed by those of the other needles; NULL after the last one. */
 static const track_list *list_of(const tick_input *tick, const insertion_state *state, int index) {
     if (index == 0) return &state->tracks;
     return index <= tick->other_count ? tick->others[index - 1] : NULL;
 }
 
-/* Openness of this membrane at x, which depends on the distance from its punctures as that of a track depends on the distance from the track. */
+/* Openness of this membrane at x. It falls with the distance from the nearest puncture in the same way as that of a track falls with the distance from the
+   track. */
 static double membrane_open(const tick_input *tick, const insertion_state *state, int membrane, vec3 x) {
     double reach = reach_of(tick->model), closest = INFINITY;
     const track_list *list;

@@ -12,7 +12,7 @@ open_track old_tracks_ahead(const tick_input *tick, const insertion_state *state
 /* Direction of a tip that follows this track and would otherwise cut along `direction`. RT */
 vec3 old_tracks_lead(const open_track *track, vec3 direction);
 
-/* Bound (N) of the tip's force along the needle for advancing: `resistance` plus the force needed to guide the tip sideways. RT */
+/* Force (N) along the needle at which the tip advances: `resistance` plus the force needed to guide the tip sideways. RT */
 double old_tracks_bound(const open_track *track, vec3 tip_force, vec3 needle, double resistance);
 
 /* Records that the tip has cut from `from`, in element `tet`, to its current position. RT */
@@ -24,7 +24,7 @@ void old_tracks_puncture(insertion_state *state, tick_output *output, int membra
 /* Damage (0 to 1) of a membrane at this nominal point, caused by punctures near it; 0 if `blocked_by` is not a membrane. RT */
 double old_tracks_damage(const tick_input *tick, const insertion_state *state, int blocked_by, vec3 x);
 
-/* Returns the obstacle for a tip at this nominal point of a face, in the same way as obstacle(), but without a membrane that is open at this point. RT */
+/* Returns the obstacle for a tip at this nominal point of a face, in the same way as obstacle(), but ignores a membrane that is open at this point. RT */
 int old_tracks_obstacle(const tick_input *tick, const insertion_state *state, int tet, int face, int behind, vec3 x);
 
 #endif

@@ -36,7 +36,7 @@ RT_STRUCTURES = "1.2.840.10008.5.1.4.1.1.481.3"
 # m, largest distance from the axis of its hole at which a seed is considered to have been planned for this template
 FROM_AXIS = 0.5e-3
 NOT_FOR_TREATMENT = "Not for treatment: simulated by trocar"
-ON_AXIS = 0.01e-3                               # m, tolerance for rounding: seeds farther from the axis are moved to it, which is reported
+ON_AXIS = 0.01e-3                               # m, tolerance for rounding: seeds farther from the axis than this are moved to it and reported
 
 
 # ---- writing ------------------------------------------------------------------------------------------------------------------------

@@ -6,7 +6,7 @@
        service/realtime/control-commands     set_cursor_force; commands are forgotten unless they are repeated
        service/commons/json-conventions      groups of devices; ports; unknown keys are ignored
        service/commons/basis                 right-handed, +x right, +y forward, +z up; m, N
-       service/tutorials/01 to 06            session.configure.profile.name in the first message only; a handle points along its local +y
+       service/tutorials/01 to 06            session.configure.profile.name in the first message only; handles, which point along their local +y
 
    Uncertain: the key of the force is "vector" in the documentation of 3.5 and "values" in the samples for 3.1 to 3.4; the bridge chooses
    by session_id, which only 3.5 documents. The names of a handle's buttons other than a, b and c are not documented. */

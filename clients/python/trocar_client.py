@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
 # SPDX-FileCopyrightText: 2026 trocar developers
-"""Connects a haptic device to trocar-server, in one file that needs only Python 3.8's standard library, on any system.
+"""Connects a haptic device to trocar-server. One file that needs only the standard library of Python 3.8, on any system.
 
     with trocar_client.Client() as server:
         while True:                                           # the device's loop
@@ -171,7 +171,7 @@ def _read_url(url):
 
 
 def _is_own(address):
-    """True if this address belongs to this machine: only then does the system use it as the source of packets that are sent to it."""
+    """True if this address belongs to this machine. Only then does the system choose it as the source address of packets sent to it."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
             probe.connect((address, 1))     # sends nothing
@@ -184,7 +184,7 @@ def _is_own(address):
 
 _HELLO, _COOKIE, _CONNECT, _WELCOME, _REFUSED, _TO_SERVER, _TO_CLIENT = range(1, 8)
 _WRONG_SECRET, _FULL = 1, 2
-_HANDSHAKE = 76         # bytes, size of a datagram of the handshake
+_HANDSHAKE = 76         # bytes, size of a handshake datagram
 _LONGEST_HANDSHAKE = 2.0    # s for which the constructor waits for a server
 _RETRY, _KEEP_ALIVE, _SILENCE = 0.2, 0.25, 1.0  # s: between attempts to connect, between keep-alive messages, and until the connection is given up
 
@@ -194,7 +194,7 @@ def _tag(key, data):
 
 
 class _Window:
-    """Counters that have been received. A message may be overtaken by up to 63 others."""
+    """The message counters that have been received, to reject repeated messages. A message may be overtaken by up to 63 others."""
 
     def __init__(self):
         self._newest, self._seen = 0, 0
@@ -212,7 +212,7 @@ class _Window:
 
 
 def _read_secret(path):
-    """Returns the key that belongs to a secret file; an empty path means that there is no secret."""
+    """Returns the key derived from the secret in a file; an empty path means that there is no secret."""
     secret = b""
     if path:
         try:
@@ -431,20 +431,20 @@ class Client:
         flags = Flags(found["flags"]) | (Flags.SATURATED if less_force or less_torque else Flags(0))
         return Wrench(True, force, torque, found["depth"], found["tick"], found["contacts"], Events(found["events"]), found["membrane"], flags)
 
-    # Commands for the client's needle, and changes of the tissue. Each is sent at once; the server's reply arrives later. Only one command may be pending: while the previous
-    # command waits for its reply, the methods do nothing and return False.
+    # Commands for the client's needle, and changes to the tissue. Each is sent at once; the server's reply arrives later. Only one command may be pending:
+    # while the previous command waits for its reply, these methods do nothing and return False.
 
     def reset(self):
         """Removes the needle and relaxes the tissue; the next pose engages the needle again."""
         return self._ask(_COMMAND_RESET)
 
     def leave(self):
-        """Leaves the needle to rest in tissue and template. Stop publishing poses, and close the client or take the needle again."""
+        """Leaves the needle resting in tissue and template. Stop publishing poses, and close the client or take the needle again."""
         return self._ask(_COMMAND_LEAVE)
 
     def take(self):
-        """Holds a resting needle again where it rests: the first pose after the reply is mapped to that place, and the needle follows the
-        hand's motion from there."""
+        """Takes hold of a resting needle again: the first pose after the reply is mapped to the pose at which the needle rests, and the needle
+        follows the hand's motion from there."""
         return self._ask(_COMMAND_TAKE)
 
     def drop_seeds(self, count, spacing=0.0):
@@ -457,10 +457,9 @@ class Client:
         return self._ask(_COMMAND_UNDO)
 
     def change(self, values, time=0.0):
-        """Changes the tissue while the server runs, for all needles; the client need not hold one. values: a dict, such as
-        {"membranes[skin].puncture_force": 2}, with keys and units of a scene file (docs/training/changes.md lists them). During `time` s, 0.1 to 60 (0: 0.5), every
-        value moves linearly to the new one. After a change of moduli, the client waits for the reply as long as the server reports that it is preparing the
-        change."""
+        """Changes the tissue while the server runs, for all needles; the client need not hold one. values: a dict with keys and units of a scene file, such as
+        {"membranes[skin].puncture_force": 2}; docs/training/changes.md lists the keys. Each value moves linearly to its new value over `time` s, 0.1 to 60 (0:
+        0.5). If moduli are changed, the client waits for the reply for as long as the server reports that it is preparing the change."""
         lines = "\n".join("%s: %s" % (key, value) for key, value in values.items())
         return self._begin(lambda number: self._send(b"TROCAR_CHANGE", _CHANGE.encode(utime=_utime(), session=self._session, seq=number, time=time, values=lines)))
 
@@ -575,7 +574,7 @@ class Client:
             self._take_message(channel, message)
 
     def _take_fragment(self, packet, sender):
-        """Assembles fragmented messages, one at a time. Fragment 0 of a message must come first; the others may come in any order."""
+        """Reassembles fragmented messages, one at a time. Fragment 0 of a message must come first; the others may come in any order."""
         if len(packet) < 20:
             return
         sequence, total, offset, number, count = struct.unpack(">IIIHH", packet[4:20])
@@ -610,7 +609,7 @@ class Client:
             self._echoed = True
 
     def _is_ours(self, found, now):
-        """True if a message is meant for this client and comes from the server that it follows. That is the first server heard, until it falls
+        """True if a message is meant for this client and comes from the server that the client follows: the first one heard, until it falls
         silent."""
         if found is None or found["session"] != self._session or found["needle"] != self._needle:
             return False

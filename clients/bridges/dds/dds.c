@@ -1,4 +1,4 @@
-/* trocar-dds: connects a needle of trocar-server to nodes of ROS 2, or of any other program with DDS. */
+/* trocar-dds: connects a needle of trocar-server to ROS 2 nodes, or to any other program that uses DDS. */
 #include <stdlib.h>
 #include <string.h>
 
@@ -39,7 +39,7 @@ static const struct argp_option option_list[] = {
     {0},
 };
 
-/* Parses a name as ROS permits it: words of letters, digits and underscores, which do not begin with a digit, separated by slashes. */
+/* Parses a name that ROS permits: words separated by slashes. A word consists of letters, digits and underscores, and does not begin with a digit. */
 static const char *parse_name(const struct argp_state *state, const char *text) {
     static const char letters[] = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ_", all[] = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ_0123456789";
     const char *name = text + (*text == '/'), *word = name;
@@ -96,7 +96,8 @@ typedef struct {
 
 static void say(const char *text) { fprintf(stderr, "trocar-dds: %s\n", text); }
 
-/* Poses may arrive at any rate, but the server needs one every few milliseconds. Therefore the needle moves to each pose within the time between the last two. */
+/* Poses may arrive at any rate, but the server needs one every few milliseconds. Therefore the needle moves to each pose over a time equal to that between the
+   last two poses. */
 static pose pose_at(const bridge *b, double now) { return pose_between(b->from, b->to, smaller_of(1, (now - b->heard) / b->period)); }
 
 static void take(bridge *b, pose newest, double now) {
@@ -108,7 +109,7 @@ static void take(bridge *b, pose newest, double now) {
     b->held = true;
 }
 
-/* Releases the needle, which a client does when it is closed, and opens the next client. */
+/* Releases the needle by closing the client, and opens a new client. */
 static trocar_status release(bridge *b, trocar_error *why) {
     say("no poses: the needle is released");
     topics_publish(b->topics, &(needle_state){.base = b->to});

@@ -25,7 +25,7 @@ struct topics {
 
 static dds_entity_t find_topic(const topics *t, const topic_settings *s, const char *name, const dds_topic_descriptor_t *type) {
     char full[256];
-    snprintf(full, sizeof full, "rt/%s/%s", s->name_space, name); /* ROS marks its topics with rt/ */
+    snprintf(full, sizeof full, "rt/%s/%s", s->name_space, name); /* ROS prefixes the names of its topics with rt/ */
     return dds_create_topic(t->participant, type, full, NULL, NULL);
 }
 
@@ -69,7 +69,7 @@ void topics_close(topics *t) {
 
 /* ---- poses ---- */
 
-/* Converts a message to a pose. `why` receives the reason if the pose is refused; otherwise it is empty. */
+/* Converts a message to a pose. `why` receives the reason if the pose must be refused; otherwise it becomes empty. */
 static void examine(const topics *t, const geometry_msgs_msg_dds__PoseStamped_ *m, pose *p, char why[256]) {
     const geometry_msgs_msg_dds__Point_ *x = &m->pose.position;
     const geometry_msgs_msg_dds__Quaternion_ *q = &m->pose.orientation;
@@ -83,8 +83,8 @@ static void examine(const topics *t, const geometry_msgs_msg_dds__PoseStamped_ *
     else p->orientation = q_unit(p->orientation);
 }
 
-/* Prints the reason unless it was also the last one printed. At most one line per second is printed, because the reasons of two faulty publishers may
-   alternate. */
+/* Prints the reason unless it is the same as the last one printed. At most one line is printed per second, because two faulty publishers may cause
+   alternating reasons. */
 static void say(topics *t, const char *why, double now) {
     if (strcmp(why, t->said) == 0 || (*t->said && now - t->said_at < 1)) return;
     fprintf(stderr, "trocar-dds: a pose is refused: %s\n", why);

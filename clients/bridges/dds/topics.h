@@ -1,5 +1,5 @@
-/* Topics of a needle in ROS 2, over CycloneDDS: poses come in, wrenches and joint states go out. Names, types and quality of service (that of sensor data:
-   best effort, volatile, the last five samples) are those of ROS, so that ROS nodes can use the topics, but ROS is not needed. */
+/* ROS 2 topics of a needle, over CycloneDDS: poses come in, wrenches and joint states go out. Names, types and quality of service (that of sensor data: best
+   effort, volatile, the last five samples) are those of ROS. ROS nodes can therefore use the topics, but ROS is not needed. */
 #ifndef TROCAR_DDS_TOPICS_H
 #define TROCAR_DDS_TOPICS_H
 
@@ -13,7 +13,7 @@ enum { DOMAIN_MAX = 232 };                     /* the largest domain for which D
 
 typedef struct {
     int domain;                                /* DDS domain, as in ROS_DOMAIN_ID */
-    const char *name_space;                    /* prefix of the topics, as in ROS without leading slash: "trocar" for /trocar/pose, ... */
+    const char *name_space;                    /* namespace of the topics, without the leading slash: "trocar" for /trocar/pose, ... */
     const char *frame;                         /* frame_id of all messages */
 } topic_settings;
 
@@ -23,20 +23,20 @@ typedef struct topics topics;
 trocar_status topics_open(const topic_settings *settings, topics **opened, trocar_error *why);
 void topics_close(topics *t);
 
-/* Gets the newest pose (m) that has arrived since the last call; false if there is none. Poses in another frame, with numbers that are not finite or with
-   an orientation that is not a unit quaternion are refused, and so are poses of a second publisher while the first one is still sending. The reason is printed
-   on stderr once, not for each pose. */
+/* Gets the newest pose (m) that has arrived since the last call; false if there is none. A pose is refused if it is in another frame, if a number is not
+   finite, if the orientation is not a unit quaternion, or if it comes from a second publisher while the first one is still sending. The reason is printed on
+   stderr once, not for each pose. */
 bool topics_take_pose(topics *t, pose *newest);
 
-/* The state of a needle that is published. */
+/* The published state of a needle. */
 typedef struct {
     pose base;                                 /* m */
     vec3 force, torque;                        /* N and N m, world frame: exerted by the needle's base on the hand, torque about the base */
     double depth;                              /* m, length of the needle's track in the tissue */
 } needle_state;
 
-/* Publishes the wrench, and the joint state: insertion, with the depth and the axial force, and roll, with the rotation of the base about the needle's axis
-   (rad, the twist of its orientation, from -pi to pi) and the axial torque. */
+/* Publishes the wrench and the states of two joints: "insertion", with the depth and the axial force, and "roll", with the rotation of the base about the
+   needle's axis (rad, the twist of its orientation, from -pi to pi) and the axial torque. */
 void topics_publish(topics *t, const needle_state *state);
 
 #endif

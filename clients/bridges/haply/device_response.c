@@ -20,7 +20,7 @@ void response_begin(device_response *r, double greatest, double now) {
 
 bool response_is_over(const device_response *r, double now) { return now > r->begin + DURATION; }
 
-/* Adds the integral of value * e^(-i w t) over a short interval around `middle` to the sum. A Hann window suppresses the hand's drift. */
+/* Adds the integral of value * e^(-i w t) over a short interval around `middle` to the sums. A Hann window suppresses the hand's drift. */
 static void integrate_step(const device_response *r, double sums[][2], double value, double middle, double length) {
     double t = middle - r->begin;
     if (t < 0.0 || t > DURATION) return;
@@ -59,8 +59,7 @@ void response_add(device_response *r, double now, double position) {
     r->position.known = true;
 }
 
-/* Fits mass, damping and stiffness to the impedances (N/m), assuming one value of the delay. Returns the squared misfit relative to the
-   impedances. */
+/* Fits mass, damping and stiffness to the impedances (N/m) for a given delay. Returns the squared misfit relative to the impedances. */
 static double fit(const double complex *impedances, double delay, response_model *model) {
     double s0 = 0, s1 = 0, s2 = 0, b0 = 0, b1 = 0, d0 = 0, d1 = 0, misfit = 0;
     for (int i = 0; i < RESPONSE_FREQUENCIES; i++) { /* weighted least squares fit of Re z = k - m w^2, Im z = c w */

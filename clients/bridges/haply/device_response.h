@@ -11,7 +11,7 @@ enum { RESPONSE_FREQUENCIES = 3 };
 typedef struct {
     double amplitude;        /* N, amplitude of the force at each frequency */
     double begin;            /* s */
-    struct { double time, value; bool known; } force, position; /* newest values of force (N) and position (m) along the same direction */
+    struct { double time, value; bool known; } force, position; /* newest force (N) and position (m), along the same direction */
     double forces[RESPONSE_FREQUENCIES][2], positions[RESPONSE_FREQUENCIES][2]; /* Fourier integrals of force (N s) and position (m s): cosine and sine parts */
 } device_response;
 
@@ -29,7 +29,7 @@ void response_begin(device_response *r, double greatest, double now);
 /* Returns the force (N) to render at the time `now`; zero after the measurement. */
 double response_force(device_response *r, double now);
 
-/* Takes the device's position (m) in the direction of the force, as read at the time `now`. */
+/* Adds the device's position (m) along the direction of the force, as read at the time `now`. */
 void response_add(device_response *r, double now, double position);
 
 bool response_is_over(const device_response *r, double now);

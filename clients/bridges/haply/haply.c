@@ -51,15 +51,15 @@ typedef struct {
     limiter limit;
     haply_state state;
 
-    bool valid;              /* the newest message contains a state, and the service has answered in time */
+    bool valid;              /* the newest message contains a usable state, and the service has answered in time */
     haply_state seen;        /* the previous state */
     int64_t changed_at;      /* ns: time when the state last changed while a force was applied */
-    bool frozen;             /* the state has not changed for too long, so the force stays zero until it changes */
+    bool frozen;             /* the state has been constant for too long, so the force stays zero until it changes */
     bool lost;               /* the loss of the connection has been reported */
     bool absent;             /* the newest message does not contain a device */
     bool greeted;
     const char *key;         /* key under which a message gives the force; NULL before the first message */
-    unsigned told;           /* one bit for each problem reported since the connection was opened */
+    unsigned told;           /* one bit for each kind of problem; set once it has been reported on this connection */
     int waiting;             /* number of pending replies */
     bool overdue;            /* replies took too long, so nothing more is sent until all pending replies have arrived */
     int64_t asked_at;        /* ns: time at which the oldest message without a reply was sent */
@@ -132,7 +132,7 @@ static void no_state(bridge *b) {
     if (b->unanswered_since != REPORTED) b->unanswered_since = 0;
 }
 
-/* Keeps using the first device and handle, even if others are connected later. */
+/* Makes the bridge keep using the first device and handle, even if others are connected later. */
 static void choose(bridge *b) {
     if (!b->choice.device[0]) say("device %s", b->state.device);
     memcpy(b->choice.device, b->state.device, HAPLY_ID);
@@ -198,7 +198,7 @@ static void on_state(void *context, const char *text, size_t length) {
         no_state(b);
         return;
     }
-    if (b->waiting > 0) return; /* this reply is late, and newer ones will follow it */
+    if (b->waiting > 0) return; /* this reply is late; newer ones are still to come */
     if (is_frozen(b)) {
         report_problem(b, HAPLY_FROZEN);
         no_state(b);
@@ -300,7 +300,7 @@ static void on_opened(void *context) {
     b->told = 0;
     b->waiting = 0;
     b->overdue = false;
-    b->sent_at = monotonic_ns(); /* the wait for a reply starts now, because the service sends the first message */
+    b->sent_at = monotonic_ns(); /* the service sends the first message, so the wait for it starts now */
 }
 
 static void on_closed(void *context, const char *why) {
@@ -331,8 +331,8 @@ static void renew(bridge *b) {
     websocket_drop(&b->service);
 }
 
-/* Sends one more message, with a force of zero, to a service that does not reply in time, so that the next message it reads stops the force. If a
-   second message were sent as well, a service slower than the tick would always lag behind the bridge. */
+/* Sends one more message, with a force of zero, to a service that does not reply in time, so that the force stops once the service has read it. If
+   more were sent, a service slower than the tick would fall ever further behind the bridge. */
 static void await_reply(bridge *b, int64_t now) {
     if (now - b->asked_at > CONNECTION_TIMEOUT) renew(b);
     if (now - b->asked_at < REPLY_TIMEOUT || b->overdue) return;
@@ -360,7 +360,7 @@ static void on_tick(void *context) {
 
 static trocar_status run(bridge *b, trocar_error *why) {
     int priority = 0;
-    if (b->set.realtime && playing_use_realtime()) priority = PRIORITY_DEVICE - 1; /* the client's thread runs at the priority just below that of this thread */
+    if (b->set.realtime && playing_use_realtime()) priority = PRIORITY_DEVICE - 1; /* the client's thread runs just below the priority of this thread */
     trocar_client_options server = {.url = b->set.lcm_url[0] ? b->set.lcm_url : NULL, .needle = b->set.needle, .priority = priority};
     b->server = trocar_client_open(&server, why->text, sizeof why->text);
     if (!b->server) return TROCAR_BAD_INPUT; /* the URL of the LCM network is not valid */

@@ -16,7 +16,7 @@ typedef struct {
    (`carried`), both in N. Returns zero if a number is not finite. */
 vec3 limiter_next(limiter *l, vec3 felt, vec3 carried, double period);
 
-/* Releases the needle: its force restarts at zero and rises over the next 0.1 s. */
+/* Lets go of the needle. After the last such call, its force rises from zero over 0.1 s. */
 void limiter_let_go(limiter *l);
 
 /* Sets the rendered force to zero at once. */

@@ -26,7 +26,7 @@ static void clutch_released(mapping *m, vec3 position, const quat *handle) {
 }
 
 pose mapping_pose(mapping *m, vec3 position, const quat *handle, bool clutch) {
-    if (!handle) clutch = m->clutched; /* without a handle the button's state is unknown, so the clutch keeps its state */
+    if (!handle) clutch = m->clutched; /* without a handle, the state of the button is unknown, so that of the clutch does not change */
     if (m->set.fixed) handle = NULL;
     if (!m->placed) m->origin = m->set.has_offset ? m->set.offset : v3_sub(m->set.start, in_scene(m, position));
     if (m->clutched && !clutch) clutch_released(m, position, handle);

@@ -24,7 +24,7 @@ typedef struct {
     mapping_settings set;
     bool placed;
     vec3 origin;             /* m, scene's frame: position of the device's origin */
-    quat turn;               /* rotation between the needle and the handle's direction, which changes with each use of the clutch */
+    quat turn;               /* rotation of the needle relative to the handle; changes with each use of the clutch */
     quat orientation;        /* newest orientation of the needle in the scene */
     bool clutched;
     pose held;               /* pose of the base while the clutch is pressed */
@@ -32,9 +32,9 @@ typedef struct {
 
 void mapping_init(mapping *m, const mapping_settings *settings);
 
-/* Returns the pose of the base for a cursor at `position` (m, device's frame) and the handle's orientation. If `handle` is NULL, there is no
-   handle: the needle keeps its orientation and the clutch its state. While the clutch is pressed, the needle stays where it is; when the clutch is
-   released, the needle follows the hand from there. */
+/* Returns the pose of the base for a cursor at `position` (m, device's frame) and the handle's orientation. If `handle` is NULL, there is no handle:
+   the needle keeps its orientation, and the clutch its state. While the clutch is pressed, the needle stays where it is; when the clutch is released,
+   the needle follows the hand from there. */
 pose mapping_pose(mapping *m, vec3 position, const quat *handle, bool clutch);
 
 /* Rotates a force from the scene's frame to the device's frame. */

@@ -9,7 +9,7 @@ static const double UNIT_TOLERANCE = 0.05;    /* maximum allowed difference betw
 
 static const cJSON *member(const cJSON *object, const char *name) { return cJSON_GetObjectItemCaseSensitive(object, name); }
 
-/* Copies a device's ID if the ID can be sent back verbatim in a message. */
+/* Copies a device's ID. Returns false if it cannot be sent back verbatim in a message. */
 static bool read_id(const cJSON *device, char id[HAPLY_ID]) {
     const char *text = cJSON_GetStringValue(member(device, "device_id"));
     if (!text || text[0] == '\0' || strlen(text) >= HAPLY_ID) return false;
@@ -19,7 +19,7 @@ static bool read_id(const cJSON *device, char id[HAPLY_ID]) {
     return true;
 }
 
-/* Reads finite numbers from the members of an object; returns false if one of them is missing. */
+/* Reads finite numbers from the members of an object; returns false if one is missing or is not a finite number. */
 static bool read_numbers(const cJSON *object, const char *const *names, int count, double *numbers) {
     for (int i = 0; i < count; i++) {
         const cJSON *number = member(object, names[i]);

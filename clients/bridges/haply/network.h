@@ -8,7 +8,7 @@
 
 #include "base/error.h"
 
-enum { NETWORK_TEXT = 1 << 18 };  /* bytes, size of the longest message that can be received; a longer one is passed on as an empty string */
+enum { NETWORK_TEXT = 1 << 18 };  /* bytes, size of the longest message that can be received; longer ones are passed on as empty strings */
 
 struct lws;
 typedef struct network network;
@@ -35,7 +35,7 @@ typedef struct {
 trocar_status network_create(double rate, void (*tick)(void *context), void *context, network **created, trocar_error *why);
 void network_free(network *n);
 
-/* Waits for events and handles them; also returns after a signal has arrived. */
+/* Waits for events and handles them; also returns when a signal has arrived. */
 void network_round(network *n);
 
 /* Connects if the next attempt is due. Must be called in every tick. */

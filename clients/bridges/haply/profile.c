@@ -43,7 +43,7 @@ static trocar_status read_value(reader *r, char *value, size_t size) {
     return r->event.type == YAML_SEQUENCE_END_EVENT ? TROCAR_OK : wrong(r, "expected a list of numbers");
 }
 
-/* Reads one key and its value; the newest event of the parser is the key. */
+/* Reads one option: the parser's newest event is the key, and the value follows. */
 static trocar_status read_option(reader *r, profile_setter set, void *context) {
     char key[64], value[1024] = "", place[1024];
     snprintf(key, sizeof key, "%s", (const char *)r->event.data.scalar.value);

@@ -60,7 +60,7 @@ static quat parse_rotation(const struct argp_state *state, const char *option, c
     return q_unit((quat){n[0], n[1], n[2], n[3]});
 }
 
-/* True if `text` is the second of the two words; exits if it is neither. */
+/* True if `text` is the second of two words, false if it is the first; exits if it is neither. */
 static bool parse_word(const struct argp_state *state, const char *option, const char *text, const char *first, const char *second) {
     if (strcmp(text, first) != 0 && strcmp(text, second) != 0) argp_error(state, "--%s: '%s': expected %s or %s", option, text, first, second);
     return strcmp(text, second) == 0;

@@ -33,7 +33,7 @@ void igtl_free(igtl_message *m) {
     bytes_free(&m->content);
 }
 
-/* Records that the content has changed. */
+/* Turns the changed content into a new value of the message. */
 static void renew(igtl_message *m, int64_t utime) {
     drop_packets(m);
     m->utime = utime;
@@ -117,14 +117,14 @@ void igtl_move_points(igtl_message *m, int64_t utime, const float *points, int c
 
 /* ---- packets ---- */
 
-/* Returns a time as a fixed-point number with seconds since the epoch in the upper half and fractions of a second in the lower half. */
+/* Returns a time as a fixed-point number: seconds since the epoch in the upper 32 bits, fractions of a second in the lower 32 bits. */
 static igtl_uint64 stamp_of(int64_t utime) {
     igtl_uint64 seconds = (igtl_uint64)(utime / 1000000), us = (igtl_uint64)(utime % 1000000);
     return seconds << 32 | (us << 32) / 1000000;
 }
 
-/* Writes the parts that version 2 of the protocol adds around the content: the lengths of extended header and metadata, and a message number, which
-   this program does not use. */
+/* Writes the parts that version 2 of the protocol adds around the content: an extended header, with lengths and an unused message number, and empty
+   metadata. */
 static void write_extension(unsigned char *body, size_t content) {
     const uint16_t sizes[2] = {htobe16(EXTENDED_HEADER), htobe16(NO_METADATA)};
     memset(body, 0, EXTENDED_HEADER);

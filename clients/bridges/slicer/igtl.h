@@ -40,8 +40,8 @@ void igtl_set_string(igtl_message *m, int64_t utime, const char *text);
    image. An image equal to the previous one does not count as a new value. */
 void igtl_set_image(igtl_message *m, int64_t utime, const ras_matrix *matrix, int width, int height, const unsigned char *grey);
 
-/* A triangulated surface (each triangle is a 3 followed by the indices of its points) or a curve through points. Create it once, without a value, and then move
-   its points (x y z, mm). If no point has moved, that does not count as a new value. Returns false if memory is exhausted. */
+/* Make a triangulated surface (each triangle is a 3 followed by the indices of its points), or a curve through points; return false if memory is exhausted. The
+   message has no value until igtl_move_points sets its points (x y z, mm). Setting the same points again does not count as a new value. */
 bool igtl_make_surface(igtl_message *m, int points, int triangles, uint32_t *polygons);
 bool igtl_make_curve(igtl_message *m, int points);
 void igtl_move_points(igtl_message *m, int64_t utime, const float *points, int count);

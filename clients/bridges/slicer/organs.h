@@ -1,4 +1,4 @@
-/* The surfaces of the organs as POLYDATA messages of OpenIGTLink: one message for each volume of the mesh, named after the volume. The surfaces move
+/* The surfaces of the organs as OpenIGTLink POLYDATA messages: one message for each volume of the mesh, named after the volume. The surfaces move
    with the tissue. */
 #ifndef TROCAR_ORGANS_H
 #define TROCAR_ORGANS_H

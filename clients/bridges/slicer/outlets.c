@@ -148,7 +148,7 @@ void outlets_show_forces(outlets *o, const subscriber *feed) {
         igtl_set_transform(m, w->utime, &force);
     }
     if (o->probe < 0 || !feed->probe.placed) return;
-    int64_t now = wall_us(); /* the current time, because the subscriber does not store the times of its messages */
+    int64_t now = wall_us(); /* the current time, because the subscriber does not store the times of the probe's messages */
     const trocar_probe *p = &feed->probe;
     ras_matrix place = ras_of_pose(&o->frame, load_pose(p->base.position, p->base.orientation)), force = ras_of_vector(&o->frame, p->force);
     igtl_set_transform(&o->messages[o->probe], now, &place);

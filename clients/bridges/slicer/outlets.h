@@ -1,4 +1,4 @@
-/* Messages sent to clients (name and value), built from the server's latest messages. */
+/* The messages that are sent to clients, built from the server's latest messages. */
 #ifndef TROCAR_OUTLETS_H
 #define TROCAR_OUTLETS_H
 
@@ -12,8 +12,8 @@ typedef struct {
     patient_frame frame;     /* conversion between the mesh's coordinates and RAS */
     bool registered;         /* true if the scene is registered to a patient */
     igtl_message *messages;
-    int count, light_count;  /* number of messages, and number of small ones among them, which come first */
-    int needles;             /* index of the first needle's four messages (base, tip, force and shape), which are followed by those of the other needles */
+    int count, light_count;  /* number of messages, and how many of them, the first ones, are small */
+    int needles;             /* index of the first needle's four messages (base, tip, force, shape); those of the other needles follow */
     int probe;               /* index of the first of the probe's two messages (pose and force); -1 if the scene has no probe */
     int images;              /* index of the first of the two images; -1 if there are none */
     organ *organs;
@@ -28,13 +28,13 @@ typedef struct {
 trocar_status outlets_create(outlets *o, const trocar_scene *scene, const trocar_model *model, const slice_settings *images, trocar_error *why);
 void outlets_free(outlets *o);
 
-/* Updates needles and organs from the newest deformation, and has the images drawn; before the first deformation, shows them at rest. */
+/* Updates needles and organs from the newest deformation, and requests new images. Before the first deformation, shows the tissue at rest. */
 void outlets_show_picture(outlets *o, const subscriber *feed);
 
 /* Updates the images, if new ones have been drawn. */
 void outlets_show_images(outlets *o);
 
-/* Updates the values that change more often than pictures arrive: the forces, and the probe. */
+/* Updates the values that change more often than deformations arrive: the forces, and the probe. */
 void outlets_show_forces(outlets *o, const subscriber *feed);
 
 /* Updates the status, a JSON text. */

@@ -41,8 +41,8 @@ struct peer {
     uint64_t widest;         /* bytes, the largest receive window that the peer has offered so far */
     pace paces[PACES];       /* ring buffer of the last records; newest_pace is the index of the newest one */
     int newest_pace;
-    int turn;                /* index of the heavy message that is considered first */
-    int64_t *given;          /* for each message, the number of the last value that the peer received */
+    int turn;                /* index, among the heavy messages, of the one to consider first */
+    int64_t *given;          /* for each message, the number of the last value that was sent to the peer */
     igtl_head head;          /* header of the incoming message */
     bool in_body;            /* the next bytes belong to the body of the incoming message */
     uint64_t skip;           /* number of bytes of a skipped body that are still to come */
@@ -78,8 +78,8 @@ static void name_peer(peer *c, const struct sockaddr *address, socklen_t size) {
 }
 
 static peer *add_peer(peers *p, int i, int socket, const struct sockaddr *address, socklen_t size) {
-    const int on = 1, unsent = 65536; /* `unsent`: number of unsent bytes in the kernel above which the client counts as slow, because these bytes belong to
-                                         outdated values */
+    const int on = 1, unsent = 65536; /* `unsent`: number of unsent bytes in the kernel above which the socket does not count as writable, because these bytes
+                                         would become outdated */
     peer *c = calloc(1, sizeof *c);
     int64_t *given = calloc((size_t)p->settings.message_count, sizeof *given);
     if (!c || !given) {
@@ -174,11 +174,11 @@ static void complain(peer *c, const char *what, const char *fault) {
     c->unsaid = 0;
 }
 
-/* Answers GET_TYPE, which requests the value of one name, or all values, again. Other queries need no answer, because all messages are sent
-   anyway. */
+/* Answers a GET_ query for a type of message by sending the current values of that type again, either all or the one with the given name. Other
+   queries need no answer, because all messages are sent anyway. */
 static void answer_query(const peers *p, peer *c) {
     if (strncmp(c->head.type, "GET_", 4) != 0) return;
-    const char *type = c->head.type + 4; /* a type with this prefix is truncated to 12 bytes, so TRANSFORM becomes TRANSFOR */
+    const char *type = c->head.type + 4; /* with its prefix, the type is truncated to 12 bytes: TRANSFORM becomes TRANSFOR */
     for (int i = 0; i < p->settings.message_count; i++) {
         const igtl_message *m = &p->settings.messages[i];
         if (*type && strncmp(type, m->type, strlen(type)) == 0 && (!c->head.name[0] || strcmp(c->head.name, m->name) == 0)) c->given[i] = 0;
@@ -249,9 +249,9 @@ static void receive(peers *p, int i) {
 
 /* ---- how far a client is behind ---- */
 
-/* Returns the number of bytes that the peer has not read yet: those in transit, and those waiting on its machine, which make the window that it
-   offers smaller than the largest one. Each acknowledgement reports the window, but reading alone does not cause an acknowledgement, so the number
-   may be too high until something more is sent. */
+/* Returns the number of bytes that the peer has not read yet: those in transit, and those waiting on its machine. The latter reduce the receive
+   window that it offers below the largest one. Each acknowledgement reports the window, but reading alone does not cause an acknowledgement, so the
+   number may be too high until something more is sent. */
 static uint64_t unread(peer *c) {
     struct tcp_info info = {0};
     socklen_t size = sizeof info;
@@ -274,9 +274,8 @@ static double reading_rate(peer *c, uint64_t waiting, int64_t now) {
     return oldest->at < now && at_present.read > oldest->read ? 1e9 * (double)(at_present.read - oldest->read) / (double)(now - oldest->at) : 0.0;
 }
 
-/* True if the peer should first read the bytes that it has before it is sent another heavy message; otherwise it would show outdated values. Small
-   messages are still sent, and their acknowledgements report the peer's window; if there are none, one heavy message is sent per second for that
-   purpose. */
+/* True if the peer should read what it has already been sent before the next heavy message; otherwise it would show outdated values. Small messages
+   are still sent, and their acknowledgements report the peer's window; if there are none, one heavy message is sent per second for that purpose. */
 static bool is_behind(peer *c) {
     int64_t now = monotonic_ns();
     uint64_t waiting = unread(c);
@@ -320,11 +319,11 @@ static void note_sent(peer *c, size_t count) {
     c->sent_at = monotonic_ns();
 }
 
-/* Sends messages until the socket does not accept any more. */
+/* Sends messages until the socket accepts no more. */
 static void send_news(peers *p, int i) {
     peer *c = p->all[i];
     while (c->sending || begin_sending(p, c)) {
-        if (!c->sending) continue; /* there is not enough memory for the message */
+        if (!c->sending) continue; /* there was not enough memory for the message */
         ssize_t count = send(c->socket, c->sending->bytes + c->sent, c->sending->size - c->sent, MSG_DONTWAIT | MSG_NOSIGNAL);
         if (count < 0 && (errno == EAGAIN || errno == EINTR)) return;
         if (count < 0) close_broken(p, i);
@@ -351,7 +350,7 @@ int peers_watch(peers *p, struct pollfd *events) {
 }
 
 void peers_handle(peers *p, const struct pollfd *events, int count) {
-    int next = 1; /* index of the next event: the events are in the same order as the peers */
+    int next = 1; /* index of the next peer's event: the events are in the same order as the peers */
     for (int i = 0; i <= TRACKER && next < count; i++) {
         if (!p->all[i] || p->all[i]->socket != events[next].fd) continue;
         short ready = events[next++].revents;

@@ -1,6 +1,6 @@
-/* Manages up to PEERS OpenIGTLink clients, none of which ever delays another client or the caller. If a client accepts no data, at most one message
-   is in transit to it; the next message carries the newest value, so that a slow client skips values instead of falling behind. There can also be a
-   connection to a tracker's own server, such as PLUS, from which transforms are read. */
+/* Manages up to PEERS OpenIGTLink clients. No client ever delays another client or the caller. At most one message waits for a client that accepts no
+   data; the message after it carries the newest value, so that a slow client skips values instead of falling behind. Optionally, transforms are also
+   read from a tracker's own server, such as PLUS. */
 #ifndef TROCAR_PEERS_H
 #define TROCAR_PEERS_H
 
@@ -17,7 +17,7 @@ typedef struct {
     int port;                /* port number; 0 selects any free port */
     const char *tracker;     /* HOST[:PORT] of a server that sends transforms; NULL if there is none */
     igtl_message *messages;  /* messages that are sent to every client */
-    int message_count, light_count; /* number of messages; the first light_count of them are sent before the others */
+    int message_count, light_count; /* number of messages, and of those at the beginning that are small and sent first */
     /* Called for each well-formed TRANSFORM; `who` identifies its sender in messages to the user. */
     void (*transform)(void *context, const char *who, const char *name, const ras_matrix *matrix);
     void *context;
@@ -26,14 +26,14 @@ typedef struct {
 typedef struct {
     peer_settings settings;
     int listener;
-    int port;                /* port that is listened on */
+    int port;                /* port on which the program listens */
     peer *all[PEERS + 1];    /* NULL marks a free slot; the last element is the tracker's server */
     struct addrinfo *tracker_addresses, *tracker; /* addresses of the tracker's host, and the next address to try; NULL if there is no tracker */
     int64_t tracker_retry;   /* ns, monotonic: time of the next attempt to connect to the tracker */
-    bool tracker_said;       /* true once it has been reported that the tracker is missing */
+    bool tracker_said;       /* true once it has been reported that the tracker cannot be reached */
 } peers;
 
-/* Starts listening. BAD_INPUT for an address or a port that cannot be used, and if the tracker's host is unknown. */
+/* Starts listening. BAD_INPUT if the address or the port cannot be used, or if the tracker's host is unknown. */
 trocar_status peers_open(peers *p, const peer_settings *settings, trocar_error *why);
 void peers_close(peers *p);
 

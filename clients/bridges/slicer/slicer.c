@@ -29,7 +29,7 @@ typedef struct {
     peer_settings peers;
 } options;
 
-/* The sender that is allowed to move the needle or probe. If several senders try, the first one is allowed. */
+/* The sender that is allowed to move the needle or probe: the first one that tries. */
 typedef struct {
     char who[80];
     int64_t heard;           /* ns, monotonic: arrival time of the sender's last pose; 0 if there is no sender */
@@ -39,7 +39,7 @@ typedef struct {
 typedef struct {
     const options *options;
     trocar_scene *scene;
-    trocar_model *model;     /* for the mesh only; it is not simulated */
+    trocar_model *model;     /* provides only the mesh; it is not simulated */
     lcm_t *lcm;
     subscriber feed;
     outlets outlets;
@@ -167,7 +167,7 @@ static void say_server(bridge *b) {
     b->servers = b->feed.servers;
     if (b->feed.refused <= b->refused) return;
     fprintf(stderr, "trocar-slicer: messages of the server do not fit: is --scene %s its scene, and is it of the same release?\n", b->options->scene_path);
-    b->refused = INT64_MAX; /* so that each server is reported only once */
+    b->refused = INT64_MAX; /* reports each server only once */
 }
 
 /* ---- the loop ---- */
@@ -181,15 +181,15 @@ static bool is_due(int64_t *due, int64_t now, int64_t period) {
 
 static int64_t newest_picture(const bridge *b) { return b->feed.deformation ? b->feed.deformation->utime : -1; }
 
-/* Updates the values for the clients. Pictures take the most time and are computed only while clients are connected. */
+/* Updates the values for the clients. Showing a deformation takes the most time, and is done only while clients are connected. */
 static void show_news(bridge *b) {
     int64_t now = monotonic_ns(), period = (int64_t)(1e9 / b->options->rate);
     say_server(b);
     if (is_due(&b->status_due, now, SECOND / 10)) outlets_show_status(&b->outlets, &b->feed);
     if (peers_count(&b->peers) == 0) return;
     if (is_due(&b->forces_due, now, period)) outlets_show_forces(&b->outlets, &b->feed);
-    if (newest_picture(b) != b->shown && now - b->picture_made > period / 4 * 3) { /* three quarters of a period, because pictures arrive with jitter, and those
-                                                                                      at the server's own rate must be neither delayed nor skipped */
+    if (newest_picture(b) != b->shown && now - b->picture_made > period / 4 * 3) { /* three quarters of a period: deformations arrive with jitter, and those at
+                                                                                      the server's own rate must be neither delayed nor skipped */
         b->picture_made = now;
         b->shown = newest_picture(b);
         outlets_show_picture(&b->outlets, &b->feed);
@@ -215,8 +215,8 @@ static void serve(bridge *b) {
 
 /* ---- set-up ---- */
 
-/* Returns the LCM URL with the largest receive buffer that the system permits. With the default size, large deformations, whose packets arrive in
-   quick succession, are sometimes lost. */
+/* Returns the LCM URL with the largest receive buffer that the system permits. With the default size, large deformation messages are sometimes lost,
+   because their packets arrive in quick succession. */
 static void widen_url(const char *url, size_t size, char *wider) {
     int most = 0;
     FILE *limit = fopen("/proc/sys/net/core/rmem_max", "r");

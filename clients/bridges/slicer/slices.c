@@ -11,7 +11,7 @@
 
 enum { LARGEST_SIDE = 2048 };           /* pixels */
 
-/* Input of the thread. */
+/* Input of the drawing thread. */
 typedef struct {
     int64_t utime;
     bool has_probe;
@@ -54,7 +54,7 @@ static trocar_status frame_slice(slices *s, const trocar_scene *scene, slice_kin
 
 /* ---- volumes ---- */
 
-/* A corner of the polygon in which a plane cuts a tetrahedron, with its position in the image (pixels). */
+/* A corner of the polygon in which a plane cuts a tetrahedron; position in the image (pixels). */
 typedef struct {
     double x, y;
 } corner;

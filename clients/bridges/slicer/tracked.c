@@ -40,7 +40,7 @@ static bool wait_for_pose(tracked_needle *t) {
     return goes_on;
 }
 
-/* Computes the next pose for the server. Returns false if poses no longer arrive, or if the thread should end. */
+/* Computes the next pose for the server. Returns false if no poses have arrived for too long, or if the thread should end. */
 static bool next_pose(tracked_needle *t, int64_t now, pose *p) {
     pthread_mutex_lock(&t->lock);
     bool lost = now - t->heard > SILENCE;

@@ -1,6 +1,6 @@
-/* Moves a needle of the server according to the poses from a tracker, and the probe according to poses from a tracker or stepper. A tracker sends 20
-   to 100 poses a second, while the server needs one every few milliseconds. Therefore a thread interpolates between the tracker's poses, with a lag
-   of one tracker period. The client holds the needle from the first pose onwards, keeps it still while poses are missing, and releases it after two
+/* Moves a needle of the server according to poses from a tracker, and the probe according to poses from a tracker or stepper. A tracker sends 20 to
+   100 poses a second, while the server needs one every few milliseconds. Therefore a thread interpolates between the tracker's poses, with a lag of
+   one tracker period. The client holds the needle from the first pose onwards, keeps it still while poses are missing, and releases it after two
    seconds without a pose. */
 #ifndef TROCAR_TRACKED_H
 #define TROCAR_TRACKED_H

@@ -9,7 +9,7 @@
 #include "base/triple_buffer.h"
 #include "common/timing.h"
 
-static const int PERIOD = 20;                    /* ms between two updates of the force; changes of the device's state are passed on at once */
+static const int PERIOD = 20;                    /* ms between two updates of the force; changes to the device's state are passed on at once */
 static const int64_t RETRY = 1000000000;         /* ns between two attempts to open the device */
 static const int64_t SILENCE = 50000000;         /* ns after which the force is set to zero unless it is renewed */
 
@@ -21,7 +21,7 @@ struct input {
     triple_buffer states;                        /* input_state */
     _Atomic double push;                         /* N */
     _Atomic int64_t pushed;                      /* ns, monotonic: time at which the force was last set */
-    /* this and all following members are used only by the thread */
+    /* the following members are used only by the thread */
     input_state state;
     char said[512];
 };

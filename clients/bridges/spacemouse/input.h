@@ -13,8 +13,7 @@ enum { INPUT_AXES = 10, INPUT_BUTTONS = 32 };
 typedef struct {
     double axes[INPUT_AXES];           /* deflections from -1 to 1, in the driver's order; 0 at rest and while no device is connected */
     bool held[INPUT_BUTTONS];
-    uint32_t presses[INPUT_BUTTONS];   /* number of times that each button has been pressed since the start; also counts presses that are too short to be seen
-                                          in `held` */
+    uint32_t presses[INPUT_BUTTONS];   /* number of presses of each button since the start, including those too short to appear in `held` */
 } input_state;
 
 /* Driver for one type of device. All functions are called from the same thread. */

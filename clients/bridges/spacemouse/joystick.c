@@ -59,7 +59,7 @@ static void take_rest(joystick *j) {
 }
 
 /* Corrects the recorded rest value of a stick with the range 0 to 255. Until its first report, such a stick has the value 0, like a trigger. It then
-   jumps to the middle of the range, whereas a trigger reaches the middle in small steps. */
+   jumps close to the middle of the range, whereas a trigger reaches the middle in small steps. */
 static void correct_rest(joystick *j, unsigned code, int value) {
     for (int i = 0; i < INPUT_AXES; i++) {
         if (codes[i] != code || j->moved[i]) continue;
@@ -107,7 +107,7 @@ static void play(joystick *j, int level, bool begin) {
     struct ff_effect effect = {.type = FF_CONSTANT, .id = (int16_t)j->effect, .direction = (uint16_t)lround(j->force.direction * 0x10000 / 360),
                                .replay = {.length = LASTS}, .u.constant = {.level = (int16_t)level}};
     if (ioctl(j->fd, EVIOCSFF, &effect) < 0) {
-        if (errno == ENODEV) return; /* the next read reports that the device is lost */
+        if (errno == ENODEV) return; /* the next read will report that the device is lost */
         fprintf(stderr, "trocar-spacemouse: the joystick rejects the force (%s): no force is rendered\n", strerror(errno));
         j->has_force = false;
         return;

@@ -22,7 +22,7 @@ typedef struct {
     int fd;
     int effect;              /* number of the uploaded effect; -1 if there is none */
     bool has_force;
-    int rest[INPUT_AXES];    /* values of the axes when the device was opened, taken as their rest values */
+    int rest[INPUT_AXES];    /* rest values of the axes: normally their values when the device was opened */
     bool moved[INPUT_AXES];  /* true once the axis has moved since the device was opened */
 } joystick;
 

@@ -21,7 +21,7 @@ static void list(const char *const *names, int count, char *text, size_t size) {
     for (int i = 0; i < count && names[i]; i++) snprintf(text + strlen(text), size - strlen(text), "%s%s", i > 0 ? ", " : "", names[i]);
 }
 
-/* Splits the first NAME=VALUE off `*rest`; returns false at the end of the list. If there is no '=', `value` is empty. */
+/* Splits the first NAME=VALUE off `*rest`; returns false at the end of the list. `value` becomes empty if there is no '='. */
 static bool next_pair(const char **rest, char name[32], char value[32]) {
     if (!**rest) return false;
     size_t length = strcspn(*rest, ",");

@@ -27,7 +27,7 @@ bool mapping_parse_buttons(mapping *m, const char *text, char *why, size_t size)
    starts to move slowly. */
 rate_control_command mapping_command(const mapping *m, const input_state *state);
 
-/* Returns the force (N) on a hand that pushes the needle along its axis; a force that opposes the push is positive. `force` (N, world frame) is taken
+/* Returns the force (N) along the needle's axis on a hand that pushes the needle; positive if it opposes the push. `force` (N, world frame) is taken
    from the wrench. */
 double axial_push(const double force[3], quat orientation);
 

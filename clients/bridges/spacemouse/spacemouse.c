@@ -71,7 +71,7 @@ static const struct argp_option option_list[] = {
     {0},
 };
 
-/* Parses the lists of axes and buttons, which is possible only after all options have been read. */
+/* Parses the lists of axes and buttons. This is possible only after all options have been read. */
 static void parse_lists(options *o, const struct argp_state *state) {
     const char *axes = o->use_joystick ? "forward=-y,right=x,up=-hat0y,roll=rz" : "right=x,up=y,forward=z,pitch=rx,yaw=ry,roll=rz";
     const input_driver *driver = o->use_joystick ? &joystick_driver : &spnav_driver;
@@ -142,7 +142,7 @@ typedef struct {
     rate_control_state drive;
     uint32_t presses[INPUT_BUTTONS];    /* number of presses of each button that have been handled so far */
     int pending;                        /* the action that awaits its reply; -1 if there is none */
-    bool rests;                         /* the needle has been left in the tissue */
+    bool rests;                         /* the needle has been left resting in the tissue */
     double heard;                       /* s, arrival time of the last wrench, or start of the wait for the first one */
     int64_t tick;                       /* tick of the last wrench; -1 before the first */
     bool silent;                        /* true once it has been reported that no wrenches arrive */
@@ -181,8 +181,8 @@ static void hear_reply(bridge *b) {
         rate_control_begin(&b->drive, b->drive.home, b->drive.home);
         b->rests = false;
     }
-    /* The server refuses a take command if the needle does not rest in the tissue, for example after a restart of the server. In that case, the program holds
-       the needle as it does at the start. */
+    /* The server refuses a take command if the needle is not resting in the tissue, for example because the server was restarted. The program then holds the
+       needle as it does at the start. */
     if (b->pending == ACTION_LEAVE) b->rests = b->rests ? answer == TROCAR_CLIENT_UNANSWERED : done;
     b->heard = playing_now();
     b->pending = -1;
@@ -220,7 +220,7 @@ static void move(bridge *b, const input_state *state, bool held, double dt) {
     if (clutch >= 0 && state->held[clutch]) command = (rate_control_command){0};
     bool guarded = b->tick >= 0 && playing_now() - b->heard < PATIENCE;
     if (held && guarded) rate_control_step(&b->drive, &b->limits, command, dt);
-    else rate_control_begin(&b->drive, b->drive.home, b->drive.base); /* without a server, the needle is considered to be at rest and does not move */
+    else rate_control_begin(&b->drive, b->drive.home, b->drive.base); /* without a server, the needle stops and stays where it is */
 }
 
 /* Runs one period of the device loop. */
@@ -287,7 +287,7 @@ static trocar_status drive(options *o, trocar_error *why) {
     b.client = trocar_client_open(&client, why->text, sizeof why->text);
     if (b.client) run(&b);
     else status = TROCAR_BAD_INPUT;
-    input_stop(b.in); /* this is done first, to switch the motors off */
+    input_stop(b.in); /* done first, to switch the motors off */
     trocar_client_close(b.client);
     return status;
 }

@@ -29,7 +29,7 @@ static bool open_daemon(void *context, char *text, size_t size) {
         snprintf(text, size, "device: spacenavd, protocol 0, which does not say whether there is a device");
         return true;
     }
-    spnav_evmask(0); /* switch events off between a request and its response */
+    spnav_evmask(0); /* switches events off, so that none comes between a request and its response */
     bool present = spnav_dev_name(name, sizeof name) > 0;
     spnav_evmask(SPNAV_EVMASK_DEFAULT);
     if (present) snprintf(text, size, "device: %s", name);

@@ -1,8 +1,8 @@
-"""trocar: a flexible needle in soft tissue, from Python.
+"""trocar: simulates a flexible needle in soft tissue.
 
 A thin layer over libtrocar (see trocar.h): arrays are NumPy arrays, units are SI, and the world frame is the frame of the mesh. A `Scene` describes
-the simulation; a `Model` is built from it once and is immutable; a `Sim` holds everything that changes. `rollout` runs many insertions on one model,
-and a `Batch` steps many simulations together.
+the simulation; a `Model` is built from it once and is immutable; a `Sim` holds all mutable state. `rollout` runs many insertions on one model, and a
+`Batch` steps many simulations together.
 
     >>> import trocar
     >>> model = trocar.Model(trocar.Scene.load("figure8.yaml"))
@@ -12,9 +12,9 @@ and a `Batch` steps many simulations together.
     >>> out.force
     array([...])
 
-Messages, such as the chosen inverse and repairs of the mesh, go to the logger "trocar" of Python's `logging`, at level INFO or WARNING.
+Messages, for example about the chosen inverse or repairs to the mesh, go to the `logging` logger "trocar" at level INFO or WARNING.
 
-A pose is seven numbers: position x, y, z (m) and orientation w, x, y, z (unit quaternion, needle frame -> world) of the needle's base.
+A pose is seven numbers: the position x, y, z (m) and orientation w, x, y, z (unit quaternion, needle frame -> world frame) of the needle's base.
 """
 from __future__ import annotations
 
@@ -53,12 +53,11 @@ class Event(IntFlag):
 
 
 class Output(NamedTuple):
-    """One tick's result.
+    """The result of one tick.
 
-    force (3,) N and torque (3,) N m, world frame: exerted by the needle's base on the hand, torque about the base point; depth, m:
-    length of the track in the tissue; contacts: number of active contacts along the shaft; events: bits of `Event`; membrane: index of the membrane
-    punctured in this tick, -1 if none; passes: iterations of Newton's method; switches: changes between sticking and sliding while the tick was
-    solved.
+    force (3,) N and torque (3,) N m, world frame: exerted by the needle's base on the hand, torque about the base point; depth, m: length of the
+    track in the tissue; contacts: number of active contacts along the shaft; events: bits of `Event`; membrane: index of the membrane punctured in
+    this tick, -1 if none; passes: number of Newton iterations; switches: number of changes between sticking and sliding while the tick was solved.
     """
 
     force: npt.NDArray[np.float64]
@@ -75,17 +74,17 @@ _PROPERTIES = ("cutting_force", "cutting_viscosity", "friction_static", "frictio
 
 
 class Derivatives(NamedTuple):
-    """Derivatives of the results of a tick with respect to V variables, see `Sim.differentiate`; all vectors are in the world frame."""
+    """Derivatives of the results of a tick with respect to V variables (see `Sim.differentiate`). All vectors are in the world frame."""
 
     wrench: npt.NDArray[np.float64]     #: (6, V): force (N) and torque (N m) on the hand
     tip: npt.NDArray[np.float64]        #: (3, V): position of the needle's end, m
     direction: npt.NDArray[np.float64]  #: (3, V): direction of the needle's end, a unit vector
     targets: npt.NDArray[np.float64]    #: (T, 3, V): positions of the targets, m
-    range: npt.NDArray[np.float64]      #: (6,), m and rad: change in each variable of the base at which a contact would start or stop sliding, by linear extrapolation
+    range: npt.NDArray[np.float64]      #: (6,), m and rad: change in each base variable at which a contact would start or stop sliding (linear extrapolation)
 
 
 def _contact_names(enum: str) -> dict[int, str]:
-    """Maps values to names: TROCAR_CONTACT_TIP becomes "tip"."""
+    """Maps the values of a C enum to short names: TROCAR_CONTACT_TIP becomes "tip"."""
     return {value: name.removeprefix("TROCAR_CONTACT_").lower() for value, name in ffi.typeof(enum).elements.items()}
 
 
@@ -97,7 +96,7 @@ class Contact(NamedTuple):
     """A point where the needle meets tissue or a guide; force (3,) N acts on the tissue or guide, position (3,) m lies on the
     deformed needle.
 
-    A tissue contact keeps its id and slot from its addition to its removal. For the same needle, ids are never reused, but slots are.
+    A tissue contact keeps its id and slot from when it is added until it is removed. For a given needle, ids are never reused, but slots are.
     """
 
     kind: str  # "tissue", "tip" or "guide"
@@ -113,10 +112,10 @@ class Contact(NamedTuple):
 
 
 class Track(NamedTuple):
-    """The path along which a needle has cut since its last reset; tissue stays cut.
+    """A path that a needle has cut since its last reset. Tissue stays cut.
 
-    points (n, 3) m in the tissue at rest, from skin to tip, at most 4 mm apart; membranes (n,): index in the scene of the membrane punctured
-    at that point, -1 if none.
+    points (n, 3) m in the tissue at rest, from skin to tip, at most 4 mm apart; membranes (n,): for each point, the scene's index of the membrane
+    punctured there, or -1.
     """
 
     points: npt.NDArray[np.float64]
@@ -141,10 +140,10 @@ class Seed(NamedTuple):
 
 
 class Guide(NamedTuple):
-    """A guide of the scene. Hole (column, row), from 0, has its axis at origin + (column - (columns - 1) / 2) spacing across[0] +
-    (row - (rows - 1) / 2) spacing across[1] on the front face.
+    """A guide of the scene. The axis of hole (column, row), both counted from 0, meets the front face at origin + (column - (columns - 1) / 2)
+    spacing across[0] + (row - (rows - 1) / 2) spacing across[1].
 
-    origin (3,) m; normal (3,), unit vector through the plate; across (2, 3), unit vectors along columns and along rows.
+    origin (3,) m; normal (3,): unit vector along which needles pass through the plate; across (2, 3): unit vectors along which columns and rows are counted.
     """
 
     name: str
@@ -159,19 +158,19 @@ class Guide(NamedTuple):
 
 
 class SeedSize(NamedTuple):
-    """The scene's keys `seeds.*`, m."""
+    """Dimensions and spacing (m) of the seeds, from the scene's `seeds.*` keys."""
 
     length: float
     diameter: float
-    spacing: float  # centre-to-centre spacing of the seeds of a strand
+    spacing: float  # centre-to-centre spacing of the seeds in a strand
 
 
 class Probe(NamedTuple):
     """State of the ultrasound probe in the last solution.
 
-    pose (7,): pose of the probe's base; force (3,) N and torque (3,) N m, world frame: exerted on the hand that holds the probe, torque about the
-    base point; contacts: number of surface points of the tissue on which the probe presses; stopped: true if the tissue stops the probe short of the last
-    commanded pose, and until the probe has caught up with that pose.
+    pose (7,): pose of the probe's base; force (3,) N and torque (3,) N m, world frame: exerted on the hand that holds the probe, torque about the base point;
+    contacts: number of surface points of the tissue on which the probe presses; stopped: true while the tissue keeps the probe from moving to the last
+    commanded pose, and while the probe then catches up with that pose.
     """
 
     pose: npt.NDArray[np.float64]
@@ -182,7 +181,7 @@ class Probe(NamedTuple):
 
 
 class Key(NamedTuple):
-    """A key of the scene file: one row of its reference table."""
+    """A key of the scene file, as listed in its reference table."""
 
     key: str
     unit: str
@@ -204,7 +203,7 @@ def keys() -> list[Key]:
 
 
 def _pattern(key: str) -> str:
-    """Replaces names in a key: regions[gland].friction.static becomes regions[].friction.static."""
+    """Removes the name in brackets from a key: regions[gland].friction.static becomes regions[].friction.static."""
     first, bracket, rest = key.partition("[")
     return first + "[]" + rest.rpartition("]")[2] if bracket else key
 
@@ -216,8 +215,8 @@ _KIND_OF = {key.key: key.kind for key in keys()}  # by pattern
 class Mesh:
     """A tetrahedral mesh in memory.
 
-    nodes (n, 3) m; tets (m, 4) node indices; regions: names, with tet_region (m,) an index into `regions`; surfaces: names, with
-    triangles (k, 3) node indices and triangle_surface (k,) an index into `surfaces`.
+    nodes (n, 3) m; tets (m, 4): node indices; regions: names; tet_region (m,): index into `regions` for each tetrahedron; surfaces: names; triangles
+    (k, 3): node indices; triangle_surface (k,): index into `surfaces` for each triangle.
     """
 
     nodes: npt.ArrayLike
@@ -230,8 +229,8 @@ class Mesh:
 
 
 class Scene:
-    """Description of a simulation: the keys of a scene file. `key in scene` and iteration refer to the keys that have a value; entries of lists
-    appear with their index. Any number of threads may read a scene and build models from it; changing the scene at the same time raises Error."""
+    """Description of a simulation: the keys of a scene file. Membership tests and iteration cover the keys that have a value; list entries appear
+    with their index. Any number of threads may read a scene and build models from it; changing the scene at the same time raises Error."""
 
     def __init__(self) -> None:
         """Creates a scene in which every key has its default value; `mesh`, `regions` and `fixed` must be set before use."""
@@ -286,7 +285,7 @@ class Scene:
         return ffi.string(text).decode() if status == lib.TROCAR_OK else None
 
     def __setitem__(self, key: str, value: float | str | Sequence[str] | Sequence[float]) -> None:
-        """scene["needle.length"] = 0.15; scene["regions[prostate].youngs_modulus"] = 20e3; scene["fixed"] = ["back"].
+        """Sets a key: scene["needle.length"] = 0.15, scene["regions[prostate].youngs_modulus"] = 20e3 or scene["fixed"] = ["back"].
 
         An unknown name in a list appends an entry. Raises Error, and leaves the scene unchanged, if the key or the value is invalid.
         """
@@ -345,7 +344,7 @@ class Scene:
 
 
 class _View:
-    """A read-only view for NumPy of memory that belongs to the library. The view keeps the owner of that memory alive as long as an array uses it."""
+    """A read-only NumPy view of memory owned by the library. The view keeps the owner of that memory alive for as long as an array uses it."""
 
     def __init__(self, pointer: Any, kind: str, shape: tuple[int, ...], owner: Any):
         address = int(ffi.cast("uintptr_t", pointer))
@@ -357,8 +356,8 @@ class Model:
     """Mesh, stiffness, inverse, needle and materials. A model is immutable and can be shared by any number of simulations and threads."""
 
     def __init__(self, scene: Scene, mesh_only: bool = False, progress: Callable[[str, float], Any] | None = None) -> None:
-        """Builds the model, which takes seconds for thousands of nodes. The GIL is released during that time. mesh_only: reads only the mesh and the names in
-        it; such a model cannot be simulated.
+        """Builds the model, which takes seconds for thousands of nodes. The GIL is released during that time. mesh_only: reads only the mesh and its group
+        names; such a model cannot be simulated.
 
         progress(what, fraction) is called during long steps. An exception raised in it ends the call, and so does Ctrl-C, except while the mesh is
         read or a matrix is factorised.
@@ -386,9 +385,9 @@ class Model:
         return self._scene.copy()
 
     def derive(self, scene: Scene | None = None, /, **changes: float | str | Sequence[str] | Sequence[float]) -> Model:
-        """Creates a model of another scene that shares the mesh, stiffness and inverse of this model, which takes only milliseconds. The other scene is
-        `scene` (default: this model's scene), with the keys in `changes` changed: model.derive(**{"needle.outer_diameter": 1e-3}). The two scenes may
-        differ in needle, friction, cutting, puncture forces, relaxation, guides and seeds. Raises Error, which names the key, if the stiffness would
+        """Creates a model of another scene that shares this model's mesh, stiffness and inverse; this takes only milliseconds. The other scene is
+        `scene` (default: this model's scene) with the keys in `changes` changed: model.derive(**{"needle.outer_diameter": 1e-3}). The two scenes may
+        differ in needle, friction, cutting, puncture forces, relaxation, guides and seeds. Raises an Error that names the key if the stiffness would
         differ."""
         why, handle = ffi.new("trocar_error *"), ffi.new("trocar_model **")
         changed = (scene or self._scene).copy()
@@ -402,22 +401,22 @@ class Model:
 
     @property
     def nodes(self) -> npt.NDArray[np.float64]:
-        """Nodes of the mesh at rest, (n, 3) m; read only, not a copy."""
+        """Nodes of the mesh at rest, (n, 3) m; read-only, not a copy."""
         return np.asarray(_View(lib.trocar_model_nodes(self._handle), "f8", (lib.trocar_model_node_count(self._handle), 3), self))
 
     @property
     def tets(self) -> npt.NDArray[np.int32]:
-        """Node indices of the tetrahedra, (m, 4); read only, not a copy."""
+        """Node indices of the tetrahedra, (m, 4); read-only, not a copy."""
         return np.asarray(_View(lib.trocar_model_tets(self._handle), "i4", (lib.trocar_model_tet_count(self._handle), 4), self))
 
     @property
     def tet_regions(self) -> npt.NDArray[np.int32]:
-        """Index into `groups` for each tetrahedron, (m,); read only, not a copy."""
+        """Index into `groups` for each tetrahedron, (m,); read-only, not a copy."""
         return np.asarray(_View(lib.trocar_model_tet_regions(self._handle), "i4", (lib.trocar_model_tet_count(self._handle),), self))
 
     @property
     def part_of(self) -> npt.NDArray[np.int32]:
-        """For each of `groups`, the index of the region of which it is a part (the scene's part_of), or its own index, (groups,)."""
+        """For each group, the index of the region that it is part of (the scene's part_of), or its own index; (groups,)."""
         return np.array([lib.trocar_model_part_of(self._handle, i) for i in range(len(self.groups))], np.int32)
 
     def tets_of(self, region: str) -> npt.NDArray[np.int32]:
@@ -429,7 +428,7 @@ class Model:
         return self.tets[(self.tet_regions == index) | (self.part_of[self.tet_regions] == index)]
 
     def surface(self, name: str) -> npt.NDArray[np.int32]:
-        """Returns the triangles of a surface among the mesh's groups: (k, 3) node indices. Raises ValueError if there is no surface of this name."""
+        """Returns the triangles of a surface of the mesh: (k, 3) node indices. Raises ValueError if there is no surface of this name."""
         if name not in self.groups:
             raise ValueError("the mesh has no surface \"%s\": it has %s" % (name, ", ".join(self.groups)))
         shape = (lib.trocar_model_tet_count(self._handle), 4)
@@ -439,7 +438,7 @@ class Model:
 
     @property
     def groups(self) -> list[str]:
-        """Names of the mesh's groups: regions, surfaces, points."""
+        """Names of the mesh's groups (regions, surfaces and points)."""
         count = lib.trocar_model_region_count(self._handle)
         return [ffi.string(lib.trocar_model_region_name(self._handle, i)).decode() for i in range(count)]
 
@@ -472,7 +471,7 @@ class Model:
 
     @property
     def needles(self) -> int:
-        """Number of needles of a simulation."""
+        """Number of needles in a simulation."""
         return lib.trocar_model_needles(self._handle)
 
     @property
@@ -488,7 +487,7 @@ class Model:
 
     @property
     def guides(self) -> list[Guide]:
-        """The scene's guides, as a dict with their names as keys."""
+        """The scene's guides, in the order of the scene."""
         found = []
         for i in range(lib.trocar_model_guide_count(self._handle)):
             g = lib.trocar_model_guide(self._handle, i)
@@ -498,7 +497,7 @@ class Model:
 
     @property
     def seed_size(self) -> SeedSize:
-        """The scene's keys `seeds.*`."""
+        """Dimensions and spacing (m) of the seeds, from the scene's `seeds.*` keys."""
         size = lib.trocar_model_seed_size(self._handle)
         return SeedSize(size.length, size.diameter, size.spacing)
 
@@ -510,8 +509,7 @@ class Model:
         return np.array(list(point)) if lib.trocar_model_entry(self._handle, *given, point) else None
 
     def displaced_seeds(self, seeds: Sequence[Seed], displacements: npt.ArrayLike) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-        """Returns positions (k, 3) m and directions (k, 3) of seeds in the displaced tissue; `displacements` (n, 3) m are those of the mesh's
-        nodes."""
+        """Returns the positions (k, 3) m and directions (k, 3) of seeds in tissue whose mesh nodes are displaced by `displacements` (n, 3) m."""
         field = np.ascontiguousarray(displacements, np.float64)
         if field.shape != self.nodes.shape:
             raise ValueError("displacements are %s; got shape %s" % (self.nodes.shape, field.shape))
@@ -534,8 +532,8 @@ def _pose(pose: npt.ArrayLike) -> Any:
 
 
 class Sim:
-    """The state that changes: needle and tissue. Only one thread at a time may use it; a concurrent call raises Error. A copy starts from the same
-    state and continues independently."""
+    """The mutable state of a simulation: needle and tissue. Only one thread at a time may use it; a concurrent call raises Error. A copy starts from
+    the same state and continues independently."""
 
     def __init__(self, model: Model) -> None:
         why, handle = ffi.new("trocar_error *"), ffi.new("trocar_sim **")
@@ -571,7 +569,7 @@ class Sim:
             _check(lib.trocar_sim_reset(self._handle, needle, pointer, why), why)
 
     def step(self, pose: npt.ArrayLike, dt: float, needle: int = 0) -> Output:
-        """Runs a tick of `dt` seconds with the base at `pose` (7,), and then the mesh update that this tick requests. Releases the GIL."""
+        """Runs a tick of `dt` seconds with the base at `pose` (7,), and then performs the mesh update that the tick requests. Releases the GIL."""
         why = ffi.new("trocar_error *")
         pointer, _kept = _pose(pose)
         with self._turn:
@@ -585,12 +583,11 @@ class Sim:
 
     def differentiate(self, pose: npt.ArrayLike, dt: float, targets: npt.ArrayLike = (), parameters: Sequence[tuple[str, str]] = (),
                       needle: int = 0) -> tuple[Output, Derivatives]:
-        """Runs a tick as `step` does, with the same results, and differentiates these results for a fixed state before the tick.
+        """Runs a tick as `step` does, with the same results, and differentiates these results; the state before the tick is held fixed.
 
         Variables: displacement of the base along x, y and z (m), rotation of the base about the world's x, y and z (rad), and then `parameters`: pairs of a
-        property ("cutting_force", "cutting_viscosity", "friction_static", "friction_kinetic", "friction_viscous" or
-        "youngs_modulus") and the name of a region.
-        targets (T, 3): material points of the tissue, in the tissue at rest (m).
+        property ("cutting_force", "cutting_viscosity", "friction_static", "friction_kinetic", "friction_viscous" or "youngs_modulus") and the name of a region.
+        targets (T, 3): positions at rest (m) of material points of the tissue.
 
         dt is at most 0.001 s. Raises Error for targets outside the tissue, and, after the tick, if the result has no derivatives. Releases the GIL.
         """
@@ -615,8 +612,8 @@ class Sim:
         return {"property": number, "region": lib.trocar_model_find_region(self.model._handle, region.encode(), 3)}
 
     def run(self, poses: npt.ArrayLike, dt: float, needle: int = 0, progress: Callable[[str, float], Any] | None = None) -> npt.NDArray[Any]:
-        """Runs a `step` for each of the poses (steps, 7), which is faster than a loop in Python. Returns a structured array
-        (steps,) with the fields of `Output`. Raises Error with the number of the step that failed.
+        """Runs `step` for each of the poses (steps, 7); faster than a loop in Python. Returns a structured array (steps,) with the fields of
+        `Output`. Raises an Error that names the step that failed.
 
         progress("run", fraction) is called every 64 steps. An exception raised in it ends the run, and so does Ctrl-C.
         """
@@ -632,16 +629,16 @@ class Sim:
 
     @property
     def time(self) -> float:
-        """Simulated time since the creation of this object, s: the sum of all `dt`. Several needles that tick in turn for the same period advance the time only
-        once. Saved and restored with the state."""
+        """Simulated time (s) since the creation of this object: the sum of all `dt`. When several needles tick in turn for the same period, the time advances
+        only once. It is saved and restored with the state."""
         with self._turn:
             return lib.trocar_view_time(self._view)
 
     def change(self, values: Mapping[str, float], time: float = 0.5) -> None:
         """Changes friction, cutting and puncture forces, moduli, calcifications and guides from now on, for all needles:
-        sim.change({"membranes[skin].puncture_force": 2.0}). `parameters` lists the keys. During `time` seconds of simulated time (0.1 to 60), every value
-        moves to its new one, so that no force jumps. A change of moduli first builds a model, which takes as long as Model(). Raises Error, without effect,
-        for a key that cannot change during a run, for a bad value, and for a change of moduli while the last one is under way."""
+        sim.change({"membranes[skin].puncture_force": 2.0}). `parameters` lists the keys. Each value moves to its new value over `time` seconds of simulated
+        time (0.1 to 60), so that no force jumps. Changing moduli first builds a model, which takes as long as Model(). Raises Error, and changes nothing, for a
+        key that cannot change during a run, for a bad value, or if moduli are changed while the last change of moduli is under way."""
         why, handle = ffi.new("trocar_error *"), ffi.new("trocar_change **")
         lines = "\n".join("%s: %s" % (key, ".inf" if value == np.inf else value) for key, value in values.items())
         with self._turn:
@@ -653,7 +650,7 @@ class Sim:
 
     @property
     def parameters(self) -> dict[str, float]:
-        """Keys that `change` accepts, with their values; a change that has not ended is still approaching them."""
+        """Keys that `change` accepts, with their values. While a change is under way, these are the values that it is approaching."""
         why, handle = ffi.new("trocar_error *"), ffi.new("trocar_change **")
         key, value, found = ffi.new("char[]", lib.TROCAR_CHANGE_KEY), ffi.new("double *"), {}
         with self._turn:
@@ -666,7 +663,7 @@ class Sim:
 
     @property
     def changing(self) -> float:
-        """Simulated time, s, until the last change is complete; 0 if it is."""
+        """Simulated time (s) remaining until the last change is complete; 0 if it is."""
         with self._turn:
             return lib.trocar_sim_changing(self._handle)
 
@@ -688,14 +685,14 @@ class Sim:
                      bool(p.stopped))
 
     def leave(self, needle: int = 0) -> None:
-        """Leaves a needle to rest in tissue and guides, with its base free."""
+        """Leaves a needle resting in tissue and guides, with its base free."""
         why = ffi.new("trocar_error *")
         with self._turn:
             _check(lib.trocar_sim_leave(self._handle, needle, why), why)
             _check(lib.trocar_sim_work(self._handle, ffi.NULL, why), why)
 
     def take(self, needle: int = 0) -> None:
-        """Holds a resting needle again; the first pose should be `base(needle)`."""
+        """Takes hold of a resting needle again; the first pose should be `base(needle)`."""
         why = ffi.new("trocar_error *")
         with self._turn:
             _check(lib.trocar_sim_take(self._handle, needle, why), why)
@@ -811,7 +808,7 @@ class Sim:
             return lib.trocar_view_pending_seeds(self._view, needle)
 
     def displacements(self) -> npt.NDArray[np.float64]:
-        """Returns the displacements of the mesh's nodes, (n, 3) m, which requires one solve with the full stiffness matrix."""
+        """Returns the displacements of the mesh's nodes, (n, 3) m. This requires one solve with the full stiffness matrix."""
         why = ffi.new("trocar_error *")
         field = np.empty((lib.trocar_model_node_count(self.model._handle), 3))
         with self._turn:
@@ -842,12 +839,12 @@ def rollout(model: Model | Sequence[Model], poses: npt.ArrayLike, dt: float = 0.
             states: Sequence[bytes | None] | bytes | None = None) -> npt.NDArray[Any]:
     """Simulates many insertions.
 
-    model: one model, or a sequence with the model of each insertion. poses (batch, steps, 7), or (batch, steps, needles, 7) to drive several needles.
-    Each insertion starts in tissue at rest, with its needles at their first poses, and runs one tick of `dt` seconds per pose. With `states`, it
-    continues from a state that `Sim.save` returned: one state for all insertions, or a sequence with a state or None for each. A needle that rests in
-    such a state is not ticked: its poses are not read, and its force, torque and events are 0. Returns a structured array with the fields of `Output`,
-    (batch, steps) or (batch, steps, needles): result["force"] is (batch, steps, 3). `threads` threads run in parallel; the GIL is released. With a
-    dense or condensed inverse, the results do not depend on the number of threads.
+    model: one model, or a sequence with one model for each insertion. poses (batch, steps, 7), or (batch, steps, needles, 7) to drive several
+    needles. Each insertion starts in tissue at rest, with its needles at their first poses, and runs one tick of `dt` seconds per pose. With
+    `states`, it continues from a state that `Sim.save` returned: one state for all insertions, or a sequence with a state or None for each. A needle
+    that rests in such a state is not ticked: its poses are not read, and its force, torque and events are 0. Returns a structured array with the
+    fields of `Output`, (batch, steps) or (batch, steps, needles): result["force"] is (batch, steps, 3). `threads` threads run in parallel; the GIL is
+    released. With a dense or condensed inverse, the results do not depend on the number of threads.
 
     progress("rollout", fraction) is called every 64 ticks. An exception raised in it ends the rollout, and so does Ctrl-C.
     """
@@ -879,7 +876,7 @@ def rollout(model: Model | Sequence[Model], poses: npt.ArrayLike, dt: float = 0.
     return outputs
 
 
-# For each output of a batch: NumPy's and C's type, the shape of an entry, and whether each needle has one.
+# For each output of a batch: its NumPy type, its C type, the shape of an entry, and whether there is one entry per needle.
 _BATCH_OUTPUTS = {"force": ("f8", "double *", (3,), True), "torque": ("f8", "double *", (3,), True), "depth": ("f8", "double *", (), True),
                   "tip": ("f8", "trocar_pose *", (7,), True), "contacts": ("i4", "int32_t *", (), True), "events": ("u4", "uint32_t *", (), True),
                   "membrane": ("i4", "int32_t *", (), True), "passes": ("i4", "int32_t *", (), True), "switches": ("i4", "int32_t *", (), True),
@@ -890,13 +887,13 @@ class Batch:
     """Several simulations, called rows, that are stepped together in the library's threads, with the GIL released. The results do not depend on the
     number of threads, and are bit-identical to those of single simulations with the same poses.
 
-    `batch[row]` is the `Sim` of a row, for use between the calls of the batch: contacts, centreline, drop_seeds, leave, take, save and so on. Only one
+    `batch[row]` is the `Sim` of a row, for use between calls to the batch: contacts, centreline, drop_seeds, leave, take, save and so on. Only one
     thread at a time may use a batch and its rows; a concurrent call raises Error. `len(batch)` is the number of rows.
 
-    Outputs, with their shape for each row, step and needle: force (3,) N and torque (3,) N m, world frame, on the hand; depth, m; tip (7,): pose of the
-    needle's end, with +z along the needle and +y towards the bevel's side; contacts; events: bits of `Event`; membrane; passes; switches, as in
-    `Output`; and, for each row and step, seeds: number of seeds in the tissue. A needle that rests is not ticked: its pose is not read, and its force,
-    torque and events are 0.
+    Outputs, with their shape for each row, step and needle: force (3,) N and torque (3,) N m, world frame, on the hand; depth, m; tip (7,): pose of
+    the needle's end, with +z along the needle and +y in the direction that the bevel faces; contacts; events: bits of `Event`; membrane; passes;
+    switches, as in `Output`; and, for each row and step, seeds: number of seeds in the tissue. A needle that rests is not ticked: its pose is not
+    read, and its force, torque and events are 0.
     """
 
     def __init__(self, models: Model | Sequence[Model], count: int | None = None, threads: int = 0,
@@ -957,16 +954,16 @@ class Batch:
 
     @property
     def status(self) -> npt.NDArray[np.int32]:
-        """For each row, 0 if its last step succeeded, and otherwise a number above 0; (rows,), overwritten by `step` and `run`."""
+        """For each row, 0 if its last step succeeded, otherwise a positive number; (rows,). Overwritten by `step` and `run`."""
         return self._status
 
     @property
     def done(self) -> npt.NDArray[np.int32]:
-        """For each row, the number of steps that it completed in the last call; (rows,), overwritten by `step` and `run`."""
+        """For each row, the number of steps that it completed in the last call; (rows,). Overwritten by `step` and `run`."""
         return self._done
 
     def set_model(self, row: int, model: Model) -> None:
-        """Replaces the simulation of a row by a new one of another model, which takes a few milliseconds; its needles are at the origin until `reset`
+        """Replaces the simulation of a row with a new one of this model; this takes a few milliseconds. The needles are at the origin until `reset`
         is called."""
         row = range(len(self))[row]
         why = ffi.new("trocar_error *")
@@ -977,7 +974,7 @@ class Batch:
                 self._bind(row)
 
     def _mask(self, mask: npt.ArrayLike | None) -> tuple[Any, Any]:
-        """Returns the mask for C, and the array that it points to."""
+        """Returns the mask as a C pointer, and the array that it points to."""
         if mask is None:
             return ffi.NULL, None
         array = np.ascontiguousarray(mask, np.bool_)
@@ -986,9 +983,9 @@ class Batch:
         return ffi.from_buffer("uint8_t[]", array), array
 
     def reset(self, poses: npt.ArrayLike, mask: npt.ArrayLike | None = None) -> None:
-        """Returns the rows of the mask (rows,), or all rows if it is None, to the state in which they were created: at time 0, with the tissue at rest
-        and without seeds, tracks or resting needles. Their needles are straight at `poses`: (7,) for all, (rows, 7), or (rows, needles, 7); poses of
-        other rows are not read."""
+        """Resets the rows selected by `mask` (rows,), or all rows if it is None, to the state in which they were created: at time 0, with the tissue
+        at rest and without seeds, tracks or resting needles. Their needles are straight at `poses`: (7,) for all, (rows, 7), or (rows, needles, 7);
+        poses of other rows are not read."""
         given = np.asarray(poses, np.float64)
         if given.ndim == 2 and given.shape[0] == len(self):
             given = given[:, None]
@@ -1022,7 +1019,7 @@ class Batch:
             _check(status, why)
 
     def _given(self, poses: npt.ArrayLike, axes: str, many: bool) -> tuple[npt.NDArray[np.float64], bool]:
-        """Returns poses as (rows, steps, needles, 7), and whether they were given with an axis of needles."""
+        """Returns poses as (rows, steps, needles, 7), and whether they were given with a needle axis."""
         given = np.ascontiguousarray(poses, np.float64)
         with_needles = given.ndim == (4 if many else 3)
         if not many:
@@ -1035,13 +1032,13 @@ class Batch:
         return given, with_needles
 
     def step(self, poses: npt.ArrayLike, dt: float = 0.001, mask: npt.ArrayLike | None = None) -> dict[str, npt.NDArray[Any]]:
-        """Runs a tick of `dt` seconds, and the mesh update that it requests, in each row of the mask (rows,), or in all rows if it is None. poses:
-        (rows, 7), or (rows, needles, 7).
+        """Runs a tick of `dt` seconds, and the mesh update that it requests, in each row selected by `mask` (rows,), or in all rows if it is None.
+        poses: (rows, 7), or (rows, needles, 7).
 
-        Returns the chosen outputs: (rows, ...), or (rows, needles, ...) if the poses had such an axis. The arrays belong to the batch and are
-        overwritten by the next call; rows outside the mask keep their last values. An error in a row does not stop the others: when all rows are done,
-        Error is raised with the message of the failed row with the lowest index. `status` then shows which rows failed, and the arrays returned by
-        earlier calls contain the results of the others."""
+        Returns the chosen outputs: (rows, ...), or (rows, needles, ...) if the poses have a needle axis. The arrays belong to the batch and are
+        overwritten by the next call; rows outside the mask keep their last values. An error in a row does not stop the others: when all rows are
+        done, Error is raised with the message of the failed row with the lowest index. `status` then shows which rows failed, and the arrays returned
+        by earlier calls contain the results of the others."""
         given, with_needles = self._given(poses, "", False)
         self._step(given, dt, mask, self._arrays, None)
         shown = {name: array[:, 0] for name, array in self._arrays.items()}
@@ -1049,23 +1046,23 @@ class Batch:
 
     def run(self, poses: npt.ArrayLike, dt: float = 0.001, mask: npt.ArrayLike | None = None,
             progress: Callable[[str, float], Any] | None = None) -> dict[str, npt.NDArray[Any]]:
-        """Runs several ticks: poses (rows, steps, 7), or (rows, steps, needles, 7). This is faster than the same number of calls of `step`.
+        """Runs several ticks: poses (rows, steps, 7), or (rows, steps, needles, 7). This is faster than the same number of calls to `step`.
 
-        Returns the chosen outputs in new arrays, (rows, steps, ...) or (rows, steps, needles, ...); rows outside the mask are zero. Errors as in
-        `step`. progress("batch", fraction) is called after at most 64 steps of a row. An exception raised in it ends the call, and so does Ctrl-C;
-        `done` then contains the number of steps that each row has completed."""
+        Returns the chosen outputs in new arrays, (rows, steps, ...) or (rows, steps, needles, ...); rows outside the mask are zero. Errors are
+        reported as in `step`. progress("batch", fraction) is called at least once every 64 steps of a row. An exception raised in it ends the call,
+        and so does Ctrl-C; `done` then contains the number of steps that each row has completed."""
         given, with_needles = self._given(poses, ", steps", True)
         arrays = self._new_arrays(given.shape[1])
         self._step(given, dt, mask, arrays, _Watch(progress))
         return arrays if with_needles else {name: array[:, :, 0] if _BATCH_OUTPUTS[name][3] else array for name, array in arrays.items()}
 
     def save(self, mask: npt.ArrayLike | None = None) -> list[bytes]:
-        """Returns the states of the rows of the mask (rows,), or of all rows if it is None, in the order of the rows. See `Sim.save`."""
+        """Returns the states of the rows selected by `mask` (rows,), or of all rows if it is None, in the order of the rows. See `Sim.save`."""
         return [self[int(row)].save() for row in self._rows(mask)]
 
     def restore(self, states: bytes | Sequence[bytes], mask: npt.ArrayLike | None = None) -> None:
-        """Restores the rows of the mask (rows,), or all rows if it is None, in several threads: all of them from one state, or each from its own, in
-        the order of the rows. See `Sim.restore`."""
+        """Restores the rows selected by `mask` (rows,), or all rows if it is None, in several threads: all of them from one state, or each from its
+        own, in the order of the rows. See `Sim.restore`."""
         rows = self._rows(mask)
         given = [states] * len(rows) if isinstance(states, bytes) else list(states)
         if len(given) != len(rows):

@@ -1,4 +1,4 @@
-"""Opens files that a user has named, or that may have changed since a program wrote them; replaces files as a whole."""
+"""Opens files that a user has named, or that may have changed since a program wrote them; replaces files atomically."""
 from __future__ import annotations
 
 import os

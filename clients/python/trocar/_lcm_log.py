@@ -14,7 +14,7 @@ _HEAD = struct.Struct(">IqqII")
 
 
 def events(path: Path, error: type[Exception]) -> Iterator[tuple[str, bytes]]:
-    """Yields channel and message of each event in an LCM log. Raises `error`, with file and byte, if the file cannot be opened or is not a complete log."""
+    """Yields the channel and message of each event in an LCM log. Raises `error`, with file and byte offset, if the file cannot be opened or is incomplete."""
     try:
         file = open_input(path, "rb")
     except OSError as fault:

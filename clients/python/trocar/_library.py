@@ -66,8 +66,8 @@ def _write_log(level: int, message: Any, _: Any) -> None:
 
 
 class _Turn:
-    """Protects an object of the library during calls that release the GIL: either a single thread may use it, or several threads may read it. Other
-    threads get an Error."""
+    """Protects a library object during calls that release the GIL: either one thread may use it, or several threads may read it. Other threads get an
+    Error."""
 
     def __init__(self, what: str):
         self._what, self._lock = what, threading.Lock()
@@ -96,8 +96,8 @@ class _Turn:
 
 
 class _Watch:
-    """Makes a long call report `progress(what, fraction)`. The call ends if `progress` raises an exception, or if a signal handler does, as after
-    Ctrl-C."""
+    """Makes a long call report its progress by calling `progress(what, fraction)`. The call ends if `progress` raises an exception, or if a signal
+    handler does, as after Ctrl-C."""
 
     def __init__(self, progress: Callable[[str, float], Any] | None):
         self._raised: BaseException | None = None

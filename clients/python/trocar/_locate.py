@@ -13,8 +13,8 @@ Array = npt.NDArray[np.float64]
 
 
 def weight_gradients(corners: Array) -> Array:
-    """Returns the gradients (k, 3, 3), in 1/m, of the barycentric weights of corners 1 to 3 of tetrahedra with these corners (k, 4, 3). Written out,
-    because OpenBLAS solves even 3 x 3 systems with several threads, which wait for each other for seconds on a busy machine."""
+    """Returns the gradients (k, 3, 3), in 1/m, of the barycentric weights of corners 1 to 3 of tetrahedra with these corners (k, 4, 3). The inverse
+    is written out, because OpenBLAS solves even 3 x 3 systems with several threads, which wait for each other for seconds on a busy machine."""
     a, b, c = (corners[:, 1:] - corners[:, :1]).transpose(1, 0, 2)
     normals = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=1)
     return normals / np.einsum("ti,ti->t", a, normals[:, 0])[:, None, None]

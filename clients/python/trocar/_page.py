@@ -1,4 +1,4 @@
-"""Reports as pages of HTML without scripts, which can be printed: their style, tables and figures."""
+"""Style, tables and figures of reports: printable HTML pages without scripts."""
 from __future__ import annotations
 
 import base64
@@ -22,7 +22,7 @@ OUTLINES = "#9aa4af"
 
 
 def svg(drawn: Any) -> str:
-    """Returns a figure as text of an SVG image; the same figure gives the same text."""
+    """Returns a figure as SVG text; the same figure always gives the same text."""
     import matplotlib
     out = io.StringIO()
     with matplotlib.rc_context({"svg.hashsalt": "trocar", "svg.fonttype": "none"}):
@@ -31,7 +31,7 @@ def svg(drawn: Any) -> str:
 
 
 def figure(width: float, height: float, widths: Sequence[float] = (1,)) -> tuple[Any, Sequence[Any]]:
-    """Makes a figure (inches) with panels of these relative widths."""
+    """Makes a figure of this size (inches), with one panel for each of the relative `widths`."""
     from matplotlib.figure import Figure
     drawn = Figure(figsize=(width, height), layout="constrained")
     return drawn, np.atleast_1d(drawn.subplots(1, len(widths), width_ratios=widths))
@@ -58,7 +58,7 @@ def image(drawing: str, words: str) -> str:
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]], caption: str, numbers: Sequence[int] = ()) -> str:
-    """Makes a table; cells are plain text. `numbers`: columns that are aligned to the right."""
+    """Makes an HTML table; cells are plain text. `numbers`: indices of the columns that are right-aligned."""
     cell = lambda i, text, tag="td": f'<{tag}{" class=number" if i in numbers else ""}>{escape(text)}</{tag}>'
     header = "".join(f'<th scope="col"{" class=number" if i in numbers else ""}>{escape(text)}</th>' if text else "<td></td>" for i, text in enumerate(head))
     body = "".join("<tr>" + "".join(cell(i, text) for i, text in enumerate(row)) + "</tr>\n" for row in rows)
@@ -66,7 +66,7 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]], caption: str, numb
 
 
 def page(title: str, parts: Iterable[str], language: str = "en") -> str:
-    """Returns the whole page; `parts` are its elements in HTML."""
+    """Returns the whole HTML page; `parts` are the elements of its body."""
     return (f"<!DOCTYPE html>\n<html lang=\"{language}\">\n<head><meta charset=\"utf-8\"><meta name=\"viewport\" content=\"width=device-width\">"
             f"<title>{escape(title)}</title>\n<style>\n{STYLE}</style></head>\n<body><main>\n" + "\n".join(parts) + "\n</main></body>\n</html>\n")
 

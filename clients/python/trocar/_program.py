@@ -50,9 +50,9 @@ def _stop(number: int, _: Any) -> None:
 
 
 def ended(program: str, call: Callable[[], int], place: str, packages: str, interrupted: str = "interrupted") -> int:
-    """Calls `call()` and returns its exit status. Reports in one line whatever may stop a program: an interrupt, a missing Debian package from this
-    list, or a file that cannot be read or written (`place` names the file if the error does not). SIGTERM ends the call in the same way as an
-    exception."""
+    """Calls `call()` and returns its exit status. Reports in one line whatever may stop a program: an interrupt, a missing Python module (`packages`
+    lists the Debian packages to install), or a file that cannot be read or written (`place` names the file if the error does not). SIGTERM ends the
+    call as an exception would."""
     signal.signal(signal.SIGTERM, _stop)
     try:
         return call()

@@ -1,4 +1,4 @@
-"""Strict reader that consumes YAML files key by key; its errors give file, line and remedy."""
+"""A strict reader of YAML files, key by key; its errors give file, line and remedy."""
 from __future__ import annotations
 
 import math

@@ -154,7 +154,7 @@ class _Motion:
         yield poses
 
     def moves(self, sim: Sim, dt: float) -> Iterable[tuple[int, Array]]:
-        """Like `play`, also for motions of several needles: yields the needle that the poses are for, and the poses."""
+        """Like `play`, but also for motions of several needles: yields pairs of a needle's index and its poses."""
         return ((0, poses) for poses in self.play(sim, dt))
 
 
@@ -173,7 +173,7 @@ class Script(_Motion):
 
     legs: tuple[Leg, ...] = ()
     seconds: float = 0.0
-    speed: float = 1.0        # factor by which the motion is faster than the script
+    speed: float = 1.0        # the motion is this many times faster than the script
     depth: float = DEPTH      # m, insertion depth; a deeper insertion takes proportionally longer
 
     adjustable = (*_Motion.adjustable, "depth", "speed")

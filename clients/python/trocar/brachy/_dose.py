@@ -1,4 +1,4 @@
-"""Computes the dose of brachytherapy seeds according to AAPM TG-43: see the section "dose" of trocar.h."""
+"""Computes the dose of brachytherapy seeds according to AAPM TG-43; see the section "dose" of trocar.h."""
 from __future__ import annotations
 
 from os import PathLike, fspath
@@ -86,7 +86,7 @@ class Source:
         return rates
 
     def hours(self, hours: float = float("inf")) -> float:
-        """Returns the dose accumulated in the first `hours` of decay, divided by the initial dose rate (result in h). The default, infinity, is for a permanent
+        """Returns the dose accumulated in the first `hours` of decay divided by the initial dose rate, in h. The default, infinity, is for a permanent
         implant."""
         return lib.trocar_dose_hours(self._handle, hours)
 
@@ -192,7 +192,7 @@ class Structure:
 
     @classmethod
     def from_surface(cls, nodes: npt.ArrayLike, triangles: npt.ArrayLike, spacing: float = 1e-3) -> Structure:
-        """Finds the voxels inside a closed surface: nodes (n, 3) m, triangles (m, 3) of node indices."""
+        """Finds the voxels inside a closed surface, given by nodes (n, 3) m and triangles (m, 3) of node indices."""
         where, corners = _vectors(nodes, "nodes"), np.ascontiguousarray(triangles, np.int32).reshape(-1, 3)
         mesh = ffi.new("trocar_mesh *", {"node_count": len(where), "nodes": _inputs(where), "triangle_count": len(corners),
                                          "triangles": _inputs(corners, "int32_t[]")})
@@ -200,7 +200,7 @@ class Structure:
 
     @classmethod
     def from_region(cls, model: Model, region: str, spacing: float = 1e-3) -> Structure:
-        """Finds the voxels inside a region of a model's mesh, by its name, and inside the regions that are parts of it."""
+        """Finds the voxels inside the region of this name in a model's mesh, including the regions that are parts of it."""
         nodes, tets = model.nodes, model.tets_of(region)
         mesh = ffi.new("trocar_mesh *", {"node_count": len(nodes), "nodes": lib.trocar_model_nodes(model._handle), "tet_count": len(tets),
                                          "tets": _inputs(tets, "int32_t[]")})
@@ -215,8 +215,8 @@ class Structure:
         return cls(handle[0])
 
     def displacements(self, nodal: npt.ArrayLike) -> npt.NDArray[np.float64]:
-        """Returns the displacements (n, 3) m at the voxel centres, interpolated from those of the mesh's nodes, which `Sim.displacements` returns.
-        Only for structures made from a region."""
+        """Returns the displacements (n, 3) m at the voxel centres, interpolated from nodal displacements such as `Sim.displacements` returns. Only
+        for structures made from a region."""
         nodal = _vectors(nodal, "displacements")
         if self._nodes is not None and len(nodal) != self._nodes:
             raise ValueError("%d displacements for a mesh of %d nodes" % (len(nodal), self._nodes))

@@ -1,4 +1,4 @@
-"""The report of an implant: planned, achieved and after swelling, as HTML with figures, JSON and CSV."""
+"""Report on an implant, as planned, as achieved and after swelling: HTML with figures, JSON and CSV."""
 from __future__ import annotations
 
 import csv
@@ -22,7 +22,7 @@ Array = npt.NDArray[np.float64]
 FORMAT = 1
 NOTICE = "Not for treatment. The doses are those of a simulation; stiffness, friction and the operator are assumptions."
 STYLES = {"planned": "--", "at the last seed": ":", "needles out": "-", "after swelling": "-."}
-MARGIN = 6.0       # mm, margin of a section around the gland and the seeds
+MARGIN = 6.0       # mm, margin that the section views show around the gland and the seeds
 
 
 def _figures(done: Dosimetry) -> list[Figure]:
@@ -30,13 +30,13 @@ def _figures(done: Dosimetry) -> list[Figure]:
 
 
 def limit(f: Figure, prescription: float) -> str:
-    """Describes the limit of a figure; empty if it has none."""
+    """Describes the limit on a dose-volume figure; empty if it has none."""
     least, most = f.limit(prescription)
     return f"at least {f.shown(least)}" if least is not None else f"at most {f.shown(most)}" if most is not None else ""
 
 
 def as_text(done: Dosimetry) -> str:
-    """Returns the figures as a table for a terminal."""
+    """Returns the dose-volume figures as a table for a terminal."""
     rows = [["", "limit", *(state.name for state in done.states)]]
     for f in _figures(done):
         rows.append([f.name, limit(f, done.plan.prescription), *(_judged(f, state.figures[f.name], done) for state in done.states)])
@@ -70,7 +70,7 @@ def as_json(done: Dosimetry, files: Sequence[str] = ()) -> str:
 
 
 def as_csv(done: Dosimetry) -> str:
-    """Returns the figures as a table, in Gy, fractions and cm^3."""
+    """Returns the dose-volume figures as CSV, in Gy, fractions and cm^3."""
     out = io.StringIO()
     rows = csv.writer(out, lineterminator="\n")
     rows.writerow(["figure", "least", "most", *(state.name for state in done.states), "source"])
@@ -80,7 +80,7 @@ def as_csv(done: Dosimetry) -> str:
 
 
 def histograms_csv(done: Dosimetry) -> str:
-    """Returns the histograms as a table: the fraction of each organ that receives at least each dose, in steps of 1 Gy."""
+    """Returns the histograms as CSV: the fraction of each organ that receives at least each dose, in steps of 1 Gy."""
     out = io.StringIO()
     rows = csv.writer(out, lineterminator="\n")
     rows.writerow(["dose [Gy]", *(f"{organ.name}, {state.name}" for organ in done.organs.values() for state in done.states)])
@@ -108,8 +108,8 @@ def draw_histograms(done: Dosimetry) -> str:
 
 
 def _mask(points: Array, axis: int, at: float) -> tuple[Array, Array, Array]:
-    """Returns a mask of the cells, on a grid of 1 mm in a plane, that have voxels (n, 3) mm within a millimetre of the plane, and the grid's
-    coordinates."""
+    """Returns the coordinates of the cells of a 1 mm grid in a plane, and a mask of the cells with voxels, centred at `points` (n, 3) mm, within a
+    millimetre of the plane."""
     across = [a for a in range(3) if a != axis]
     near = points[np.abs(points[:, axis] - at) <= 1.0][:, across]
     if not len(near):
@@ -120,7 +120,7 @@ def _mask(points: Array, axis: int, at: float) -> tuple[Array, Array, Array]:
 
 
 def draw_sections(done: Dosimetry) -> str:
-    """Draws planned and achieved positions of the seeds over three sections of the organs through the gland's middle."""
+    """Draws the planned and achieved seed positions over three sections of the organs through the gland's centre."""
     frame = Frame(done.model)
     planned = frame.position([seed.position for seed in planned_seeds(done.plan, done.model)])
     placed = frame.position([seed.position for seed in done.placed])
@@ -159,7 +159,7 @@ def _misplacement(done: Dosimetry) -> list[str]:
 
 
 def as_html(done: Dosimetry, files: Sequence[str] = ()) -> str:
-    """Returns the report as a page of HTML without scripts, which can be printed. `files`: names of the DICOM files."""
+    """Returns the report as a printable HTML page without scripts. `files`: names of the DICOM files."""
     plan, prescription = done.plan, done.plan.prescription
     rows = [[f.name, limit(f, prescription), *(_judged(f, s.figures[f.name], done) for s in done.states), f.source] for f in _figures(done)]
     organs = ", ".join(f"{organ.name} ({1e6 * organ.volume:.1f} cm³)" for organ in done.organs.values())

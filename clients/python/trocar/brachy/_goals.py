@@ -16,8 +16,8 @@ class Figure:
     name: str
     organ: str
     unit: str                    # Gy, % or cm³
-    dose: float | None = None    # V: the volume that receives this dose
-    volume: float | None = None  # D: the dose that this volume receives
+    dose: float | None = None    # for figures such as V100: the value is the volume that receives at least this dose
+    volume: float | None = None  # for figures such as D90: the value is the minimum dose received by this volume
     absolute: bool = False       # true if `volume` is in m^3, or the result is in cm^3
     least: float | None = None   # limits (least and most), as fractions of the prescription or of the organ
     most: float | None = None
@@ -31,12 +31,12 @@ class Figure:
         return dvh.volume(self.dose * prescription) * (1e6 * whole if self.absolute else 1.0)
 
     def limit(self, prescription: float) -> tuple[float | None, float | None]:
-        """Returns the smallest and the largest allowed value, in the unit of `value`."""
+        """Returns the smallest and the largest allowed value, in the unit that `value` returns."""
         factor = prescription if self.unit == "Gy" else 1.0
         return (None if self.least is None else factor * self.least), (None if self.most is None else factor * self.most)
 
     def met(self, value: float, prescription: float) -> bool | None:
-        """True if the value is within its limits; None if it has none."""
+        """True if the value is within the figure's limits; None if it has none."""
         least, most = self.limit(prescription)
         if least is None and most is None:
             return None
@@ -61,7 +61,7 @@ FIGURES = (
 
 
 def figures(histograms: Mapping[str, DVH], prescription: float) -> dict[str, float]:
-    """Returns the figures of the organs whose histograms are given, by their names."""
+    """Returns the values of the figures, by name, for the organs whose histograms are given."""
     return {figure.name: float(figure.value(histograms[figure.organ], prescription)) for figure in FIGURES if figure.organ in histograms}
 
 

@@ -16,11 +16,11 @@ from .._locate import weight_gradients
 
 Array = npt.NDArray[np.float64]
 
-NEAR = 24    # number of tetrahedra tried first for a point: those whose centres are closest to it
+NEAR = 24    # number of tetrahedra that are tried for a point: those whose centres are closest to it
 
 
 class Embedding:
-    """Computes the positions in the displaced tissue of points that are given at rest. A point outside the tissue moves with the closest node."""
+    """Embeds points at rest in the mesh, so that they can move with the tissue. A point outside the tissue moves with the closest node."""
 
     def __init__(self, model: Model):
         from scipy.spatial import cKDTree
@@ -30,14 +30,14 @@ class Embedding:
         self._centres, self._nodes = cKDTree(corners.mean(axis=1)), cKDTree(model.nodes)
 
     def locate(self, points: Array) -> tuple[npt.NDArray[np.int32], Array]:
-        """Returns, for points (n, 3) m, the nodes (n, 4) between which each point lies, and their weights (n, 4)."""
+        """Returns, for points (n, 3) m, the nodes (n, 4) of the tetrahedron in which each point lies, and their weights (n, 4)."""
         near = self._centres.query(points, min(NEAR, len(self._tets)))[1].reshape(len(points), -1)
         inner = np.einsum("nkij,nkj->nki", self._gradients[near], points[:, None] - self._first[near])
         weights = np.concatenate([1.0 - inner.sum(axis=2, keepdims=True), inner], axis=2)
         best = weights.min(axis=2).argmax(axis=1)
         rows = np.arange(len(points))
         nodes, weights = self._tets[near[rows, best]], weights[rows, best]
-        # a point that lies just outside the tissue, or in a flat element whose centre is not close, is located by slight extrapolation
+        # a point just outside the tissue, or in a flat element whose centre is not among the closest, is slightly extrapolated from a nearby element
         outside = weights.min(axis=1) < -0.05
         nodes[outside], weights[outside] = self._nodes.query(points[outside])[1][:, None], 0.25
         return nodes, weights
@@ -61,7 +61,7 @@ class Obstacle:
         cuts through the obstacle's points. The tissue is at rest, or displaced by `field` (nodes, 3). If the distance certainly exceeds `enough` (m),
         the function may return a lower bound instead, which is faster to compute."""
         line = _refined(shaft, 0.5e-3)
-        apart = np.maximum(self._low - line, line - self._high).max(axis=1)    # distance of each point of the needle from the box around the obstacle's points
+        apart = np.maximum(self._low - line, line - self._high).max(axis=1)    # distance of each needle point from the bounding box of the obstacle's points
         moved = 0.0 if field is None else float(np.linalg.norm(field, axis=1).max())
         if apart.min() - moved - radius > enough:
             return float(apart.min()) - moved - radius
@@ -90,7 +90,7 @@ def _refined(line: Array, spacing: float) -> Array:
 
 
 def spacing_of(clearance: float) -> float:
-    """Returns the spacing (m) of an obstacle's points for which distances are accurate to an eighth of the clearance."""
+    """Returns the spacing (m) of an obstacle's points at which distances are accurate to an eighth of the clearance."""
     return float(np.clip(0.5 * clearance, 0.25e-3, 1e-3))
 
 
@@ -190,7 +190,7 @@ def _inside(polygon: Array, points: Array) -> npt.NDArray[np.bool_]:
 
 def contour_points(outlines: list[Array], to_mesh: Callable[[Array], Array], spacing: float) -> Array:
     """Returns points at most `spacing` (m) apart that fill outlines on axial slices. Between slices, the shape is that of the closer slice; beyond
-    the first and the last slice, it extends by half the distance between slices, as in planimetry."""
+    the first and the last slice, it extends by half a slice spacing, as in planimetry."""
     step = 1e3 * spacing
     heights = np.unique(np.round([outline[:, 2].mean() for outline in outlines], 3))
     pitch = float(np.diff(heights).min()) if len(heights) > 1 else step

@@ -35,24 +35,24 @@ __all__ = ["Carried", "Dosimetry", "carry_out", "evaluate", "make_plan", "read_o
 
 PROGRAM = "trocar.brachy.dosimetry"
 STEP = 4e-3                                 # s, time step of the simulation
-PRESCRIPTIONS = {"I-125": 145.0}            # Gy, prescription of an implant without other radiotherapy (docs/dose.md); other isotopes need the option
+PRESCRIPTIONS = {"I-125": 145.0}            # Gy, prescription for monotherapy (docs/dose.md); --prescription is required for other isotopes
 
 
 # ---- the implant ----------------------------------------------------------------------------------------------------------------------------
 
 
 def impenetrable(scene: Scene) -> list[str]:
-    """Returns the names of the surfaces that no needle punctures: bone."""
+    """Returns the names of the surfaces that no needle can puncture, such as bone."""
     names = {key: str(scene[key]) for key in scene if key.startswith("membranes[") and key.endswith("].name")}
     return [name for key, name in names.items() if scene[key.replace("].name", "].puncture_force")] == float("inf")]
 
 
 class Carried(NamedTuple):
-    """A plan that was carried out."""
+    """The result of carrying out a plan."""
 
     seeds: list[Placed]      # positions in the tissue at rest
     now: list[Placed]        # positions in the displaced tissue at the end
-    needles: list[tuple[int, int]]    # index of each seed's needle, and number of its strand
+    needles: list[tuple[int, int]]    # for each seed, the index of its needle, and its number in its strand
     field: Array             # (nodes, 3) m, displacements of the mesh's nodes when the last seed was left
     time: float              # s, duration of the operator's work
 

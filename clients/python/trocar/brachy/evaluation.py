@@ -1,4 +1,5 @@
-"""The dose of an implant in the patient's organs: as planned, in the tissue that the needles displace, with the needles out, and delivered during swelling."""
+"""The dose of an implant in the patient's organs: as planned, in the tissue displaced by the needles, with the needles out, and as delivered during
+swelling."""
 from __future__ import annotations
 
 import datetime
@@ -19,12 +20,12 @@ from .plan import HALF_LIFE, BadPlan, Frame, Misplacement, Placed, Plan, compare
 from .swelling import Swelling, Swollen, delivered
 
 Array = npt.NDArray[np.float64]
-Seeds = list[tuple[Array, Array]]    # positions (3,) m and directions (3,), in the mesh
+Seeds = list[tuple[Array, Array]]    # positions (3,) m and directions (3,), in mesh coordinates
 
 __all__ = ["Dosimetry", "State", "evaluate", "planned_state", "seed_model", "source_of", "write_dicom"]
 
-HALF_LIVES = 0.01    # largest relative difference of a table's half-life from that of the plan's isotope
-AROUND = 10.0        # mm, margin of an RT Dose's grid around the organs
+HALF_LIVES = 0.01    # largest relative difference between a table's half-life and that of the plan's isotope
+AROUND = 10.0        # mm, margin of the RT Dose grid around the organs
 
 PLANNED, DISPLACED, OUT, DELIVERED = "planned", "at the last seed", "needles out", "after swelling"
 
@@ -34,13 +35,13 @@ class State(NamedTuple):
 
     name: str
     words: str
-    histograms: dict[str, DVH]    # histograms, by the organs' roles
-    figures: dict[str, float]     # Gy, fractions and cm^3, by their names
+    histograms: dict[str, DVH]    # dose-volume histograms, by organ role
+    figures: dict[str, float]     # dose-volume figures, by name: Gy, fractions or cm^3
 
 
 @dataclass
 class Dosimetry:
-    """The doses of an implant."""
+    """The dosimetry of an implant: what was planned and placed, and the doses."""
 
     model: Model
     plan: Plan
@@ -53,8 +54,8 @@ class Dosimetry:
 
 
 def source_of(plan: Plan, table: str | PathLike[str] | None = None) -> Source:
-    """Returns the seed model of a plan, one of the built-in ones or that of a table file. Raises BadPlan if the plan has no source or prescription, there is no such
-    model, or the table is for another one."""
+    """Returns the seed model of a plan, either built in or from a table file. Raises BadPlan if the plan has no source or prescription, if there is no such
+    model, or if the table is for another model."""
     if plan.source is None or plan.prescription is None:
         raise BadPlan(f"{plan.path}: without \"{'source' if plan.source is None else 'prescription'}\", which the dose needs: add it")
     return seed_model(f"{plan.source.isotope} {plan.source.model}", table, plan.path)
@@ -135,8 +136,9 @@ def _grid(done: Dosimetry, seeds: Seeds, spacing: float) -> tuple[Array, Array]:
 
 
 def write_dicom(done: Dosimetry, structures: str, folder: Path, spacing: float = 1.0, date: datetime.date | None = None) -> list[str]:
-    """Writes structures.dcm, and plan and dose of the planned seeds and of the seeds that were left, as planned-plan.dcm and so on. structures: the RT Structure Set that
-    the organs were read from; spacing: of the doses' grid, mm. Makes the folder if it does not exist. Returns the names of the files. Raises BadPlan before anything is written."""
+    """Writes structures.dcm, and an RT Plan and an RT Dose for both the planned seeds and the seeds that were left in the tissue: planned-plan.dcm,
+    planned-dose.dcm and so on. structures: the RT Structure Set that the organs were read from; spacing: of the dose grid, mm. Creates the folder if it does
+    not exist. Returns the names of the files. Raises BadPlan before anything is written."""
     from . import rtplan
     from . import rtobjects
     frame, planned = Frame(done.model), planned_seeds(done.plan, done.model)

@@ -16,14 +16,14 @@ __all__ = ["Implant"]
 
 @dataclass(frozen=True)
 class Implant(_Motion):
-    """Carries out an implant plan, one needle after the other: inserts the needle at `speed` (m/s), turns it if the plan requires that, withdraws it
+    """Carries out an implant plan, one needle after another: inserts the needle at `speed` (m/s), turns it if the plan requires that, withdraws it
     from seed to seed, and removes it."""
 
     plan: plans.Plan | None = None
     speed: float = 0.08
     settle: float = 0.05      # s, rest before a seed is dropped, or at full depth for a needle without seeds
     outside: float = 0.02     # m, distance from the template's face, or from the entry point, at which a needle starts and ends
-    turning: float = 2.0 * math.pi    # rad/s, speed of a turn during the insertion
+    turning: float = 2.0 * math.pi    # rad/s, angular speed of a turn during the insertion
 
     adjustable = ("speed", "roll")
 

@@ -1,8 +1,10 @@
-"""Makes a plan: chooses holes of the template and seeds in their needles, so that the gland receives the prescribed dose and other organs are spared.
+"""Makes a plan: chooses holes of the template, and seeds for the needle in each hole, so that the gland receives the prescribed dose and other organs
+are spared.
 
-Seeds may lie on planes 5 mm apart, on the axes of holes. The search adds seeds one at a time, always the seed that lowers the cost most, until no
-further seed lowers it. Then it moves each seed in turn to its best position, or removes it, until no such exchange lowers the cost. The cost is a sum
-of penalties for overdose and underdose at points of the organs, and for each needle. The same input always gives the same plan.
+Candidate seed positions lie on the axes of holes, in planes 5 mm apart. The search adds seeds one at a time, always the seed that lowers the cost
+most, until no further seed lowers it. Then it moves each seed in turn to its best position, or removes it, until no such exchange lowers the cost.
+The cost is the sum of penalties for overdose and underdose at points of the organs, and a penalty for each needle. The same input always gives the
+same plan.
 
     >>> plan = make_plan(model, organs, source, strength=0.45, prescription=145)
 """
@@ -27,19 +29,19 @@ Array = npt.NDArray[np.float64]
 __all__ = ["Weights", "make_plan"]
 
 PLANES = 5e-3         # m, distance between planes of seeds; more than a seed's length, so that seeds do not overlap
-BESIDE = 1e-3         # m, largest distance of a seed's centre from the gland's voxels
-CLEAR = 3e-3          # m, smallest distance of a needle's axis from voxels of urethra and rectum: half a voxel, the needle's radius, and a margin
+BESIDE = 1e-3         # m, largest distance of a seed's centre from the nearest voxel of the gland
+CLEAR = 3e-3          # m, smallest distance of a needle's axis from voxels of the urethra and the rectum: half a voxel, the needle's radius, and a margin
 FROM_BONE = 3e-3      # m, smallest distance of a needle's axis from bone: the needle's radius, splay of 1 mm at the gland, and motion of the tissue
 SAMPLES = 1500        # maximum number of points per organ in the search
-PATH = 2e-3           # m, distance between the points of a needle's axis that must not be in bone
-LEAST_GAIN = 5e-4     # smallest decrease of the cost for which an exchange is made; the cost is of the order of 1
-SWEEPS = 30           # maximum number of passes over all seeds; fewer than ten are needed
+PATH = 2e-3           # m, spacing of the points at which a needle's axis is checked for bone
+LEAST_GAIN = 5e-4     # smallest decrease in the cost for which an exchange is made; the cost is of the order of 1
+SWEEPS = 30           # maximum number of passes over all seeds; in practice fewer than ten are needed
 
 
 @dataclass(frozen=True)
 class Weights:
-    """The cost. Levels are fractions of the prescription, and deviations are means over the organ's points. These are settings of the search, found by trial on the
-    synthetic patient and the pelvis; the plan is judged by the limits in the report, not by its cost."""
+    """Weights and dose levels of the cost. Levels are fractions of the prescription, and deviations are averaged over the organ's points. These are settings of
+    the search, found by trial on the synthetic patient and the pelvis; the plan is judged by the limits in the report, not by its cost."""
 
     under: float = 30.0        # gland below `aim`
     aim: float = 1.15
@@ -47,7 +49,7 @@ class Weights:
     high: float = 1.5
     urethra: float = 5.0       # urethra above `spare`
     spare: float = 1.4
-    rectum: float = 5.0        # dose above `wall` in the rectum, as a mean over 2 cm^3
+    rectum: float = 5.0        # rectum above `wall`, averaged over 2 cm^3
     wall: float = 0.8
     needle: float = 0.02       # each needle
 
@@ -67,9 +69,9 @@ def _sample(points: Array, most: int) -> Array:
 
 
 def _free(inside: npt.NDArray[np.bool_], way: Array, ends: npt.NDArray[np.bool_], depths: Array, half: float) -> npt.NDArray[np.bool_]:
-    """Returns, for depths (k,) m on an axis, whether a seed of this half length lies in the tissue there, and whether the path to it is free of bone,
-    which is a hole in
-    the mesh. `inside`: whether the points at the ascending depths `way` are in the tissue; `ends` (2, k): whether the ends of the seeds are."""
+    """Returns, for depths (k,) m on an axis, whether a seed of this half-length lies in the tissue there and the path to it is free of bone. Bone is
+    a hole in the mesh. `inside`: whether the points at the ascending depths `way` are in the tissue; `ends` (2, k): whether the ends of the seeds
+    are."""
     if not inside.any():
         return np.zeros(len(depths), bool)
     first = int(np.argmax(inside))
@@ -97,7 +99,7 @@ def _candidates(model: Model, guide: Guide, organs: Mapping[str, Organ], bones: 
         if beside.any() and all(tree.query(line)[0].min() >= clearance for tree, clearance in keep_clear):
             holes.append((hole, face))
             near.append(beside)
-    # one call for all points, because it prepares the whole mesh
+    # one call for all points, because each call prepares the whole mesh
     along = np.concatenate([way, depths - half, depths + half])
     points = [face + along[:, None] * guide.normal for _, face in holes]
     inside = (locate(model, np.concatenate(points))[0] >= 0).reshape(len(holes), -1) if holes else []
@@ -140,7 +142,7 @@ class _Search:
         return np.where(self.chosen | (needles > most_needles), np.inf, cost + self.weights.needle * needles)
 
     def put(self, i: int, times: int = 1) -> None:
-        """Adds a candidate, or with -1 removes it."""
+        """Adds candidate i, or removes it if `times` is -1."""
         self.chosen[i] = times > 0
         self.used[self.hole[i]] += times
         for role in self.total:
@@ -182,8 +184,9 @@ def _doses(source: Source, candidates: list[_Candidate], axis: Array, strength: 
 
 def make_plan(model: Model, organs: Mapping[str, Organ], source: Source, strength: float, prescription: float, template: str | None = None, most_needles: int = 25,
               bones: Sequence[str] = (), weights: Weights = Weights()) -> Plan:
-    """Makes a plan of seeds of `strength` U for a prescription in Gy, in holes of the scene's template (its only guide, or the one of this name), with at most
-    `most_needles` needles. bones: surfaces of the mesh from which needles keep clear. Raises BadPlan if there is no such template, or if no hole leads to the gland."""
+    """Makes a plan with seeds of `strength` U for a prescription in Gy. It uses at most `most_needles` holes of the template: the scene's only guide, or the
+    one of this name. bones: surfaces of the mesh from which needles keep clear. Raises BadPlan if there is no such template, or if no hole leads to the
+    gland."""
     guides = {guide.name: guide for guide in model.guides}
     if template not in guides and (template or len(guides) != 1):
         raise BadPlan(f"the scene has {'the guides ' + ', '.join(guides) if guides else 'no template'}: "

@@ -1,4 +1,4 @@
-"""Organs as voxels inside their outlines in an RT Structure Set, as a planning system sees them."""
+"""Organs, each represented by the voxels inside its outlines in an RT Structure Set, as in a planning system."""
 from __future__ import annotations
 
 import math
@@ -18,7 +18,7 @@ __all__ = ["Displaced", "Organ", "read_organs", "voxels"]
 ROLES = ("gland", "urethra", "rectum")
 DEFAULTS = {"gland": "Prostate", "urethra": "Urethra", "rectum": "Rectum"}
 SPACING = 1.0      # mm, largest distance between voxel centres
-SAME = 0.01        # mm, difference in height up to which outlines are on the same slice
+SAME = 0.01        # mm, largest difference in height between outlines on the same slice
 
 
 @dataclass
@@ -28,7 +28,7 @@ class Organ:
     role: str                # gland, urethra or rectum
     name: str                # name of the region of interest
     outlines: list[Array]    # (n, 3) mm each, in patient coordinates
-    points: Array            # (n, 3) m, centres of its voxels, in the mesh
+    points: Array            # (n, 3) m, centres of its voxels, in mesh coordinates
     voxel: float             # m^3, volume of a voxel
 
     @property
@@ -43,7 +43,7 @@ class Organ:
 
 def voxels(outlines: list[Array], spacing: float = SPACING) -> tuple[Array, float]:
     """Returns the centres (n, 3) mm and the volume (mm^3) of the voxels inside outlines on axial slices. Between slices, the shape is that of the nearer slice;
-    beyond the first and the last one, it extends by half a distance between slices, as in planimetry. An outline inside another on the same slice is a hole."""
+    beyond the first and the last one, it extends by half a slice spacing, as in planimetry. An outline inside another on the same slice is a hole."""
     heights = np.array([outline[:, 2].mean() for outline in outlines])
     slices: list[float] = []
     for height in np.sort(heights):
@@ -66,9 +66,8 @@ def voxels(outlines: list[Array], spacing: float = SPACING) -> tuple[Array, floa
 
 
 def read_organs(path: str, model: Model, names: dict[str, str | None]) -> dict[str, Organ]:
-    """Reads the organs of an RT Structure Set. `names`: names of the regions of interest by role, not case-sensitive; None for the usual name of that
-    role, if the file
-    has it. Raises BadPlan if the gland or a named organ is missing, or not on axial slices."""
+    """Reads the organs of an RT Structure Set. `names`: name of the region of interest for each role, not case-sensitive; None selects the role's
+    usual name, if the file has it. Raises BadPlan if the gland or a named organ is missing, or not on axial slices."""
     try:
         rois = read_all_contours(path)
     except BadContours as error:
@@ -99,7 +98,7 @@ def read_organs(path: str, model: Model, names: dict[str, str | None]) -> dict[s
 
 
 class Displaced:
-    """The tissue displaced by the nodes' displacements (nodes, 3) m."""
+    """The tissue, displaced by nodal displacements (nodes, 3) m."""
 
     def __init__(self, model: Model, field: Array) -> None:
         self._embedding, self._field = Embedding(model), field
@@ -110,6 +109,6 @@ class Displaced:
         return points + np.einsum("nk,nki->ni", weights, self._field[nodes])
 
     def seeds(self, seeds: list[tuple[Array, Array]], length: float) -> list[tuple[Array, Array]]:
-        """Returns position and direction of seeds of this length (m) in the displaced tissue: their ends move with it."""
+        """Returns the positions and directions of seeds of this length (m) in the displaced tissue; both ends of a seed move with the tissue."""
         ends = self.points(np.reshape([[p - 0.5 * length * d, p + 0.5 * length * d] for p, d in seeds], (-1, 3))).reshape(-1, 2, 3)
         return [(0.5 * (a + b), (b - a) / np.linalg.norm(b - a)) for a, b in ends]

@@ -58,7 +58,7 @@ class BadPlan(Exception):
 
 @dataclass
 class Source:
-    """Model and strength of every seed."""
+    """Model and strength of the seeds, the same for all."""
 
     isotope: str     # I-125 or Pd-103
     model: str       # the manufacturer's name for the model
@@ -109,7 +109,7 @@ class Plan:
 
 
 class Planned(NamedTuple):
-    """A planned seed, with its place in the tissue at rest."""
+    """A planned seed, with its position in the tissue at rest."""
 
     hole: str
     number: int                          # number of the seed in its needle, 1 for the distal seed
@@ -128,7 +128,7 @@ class Placed(NamedTuple):
 
 
 class Misplacement(NamedTuple):
-    """A seed paired with its planned place. One of the two is None if the other has no counterpart."""
+    """A placed seed paired with a planned one. Either is None if the other has no counterpart."""
 
     hole: str
     planned: Planned | None
@@ -303,7 +303,7 @@ class Frame:
         return np.asarray(point) @ self._from_mesh[:3, :3].T + self._from_mesh[:3, 3]
 
     def vector(self, vector: npt.ArrayLike) -> npt.NDArray[np.float64]:
-        """Converts differences of positions (..., 3) from mesh coordinates (m) to these axes (mm)."""
+        """Converts vectors (..., 3), such as the difference of two positions, from mesh coordinates (m) to these axes (mm)."""
         return np.asarray(vector) @ self._from_mesh[:3, :3].T
 
     def to_mesh(self, point: npt.ArrayLike) -> npt.NDArray[np.float64]:
@@ -366,13 +366,14 @@ def planned_seeds(plan: Plan, model: Model) -> list[Planned]:
 
 
 def _regions_at(model: Model, points: npt.NDArray[np.float64]) -> list[str | None]:
-    """Returns the region that contains each of the points (k, 3), or the one of which that is a part; None for points outside the tissue."""
+    """Returns the region that contains each of the points (k, 3) or, if that region is part of another, the other one; None for points outside the tissue."""
     names, wholes = model.groups, model.part_of
     return [names[wholes[model.tet_regions[tet]]] if tet >= 0 else None for tet in locate(model, points)[0]]
 
 
 def check(plan: Plan, model: Model) -> dict[str, int]:
-    """Counts the plan's seeds in each region with its parts. Raises BadPlan as `planned_seeds` does, and also for a seed that is not completely in the tissue."""
+    """Counts the plan's seeds in each region, including its parts. Raises BadPlan as `planned_seeds` does, and also for a seed that is not entirely in the
+    tissue."""
     seeds, half = planned_seeds(plan, model), 0.5 * model.seed_size.length
     if not seeds:
         return {}
@@ -430,7 +431,7 @@ def read_seeds(path: str | PathLike[str], model: Model, now: bool = False) -> li
 
 
 def seeds_of(sim: Sim, now: bool = False) -> list[Placed]:
-    """Returns the seeds of a simulation. If `now` is true, their positions are those in the displaced tissue; otherwise, those in the tissue at
+    """Returns the seeds in a simulation. If `now` is true, their positions are those in the displaced tissue; otherwise, those in the tissue at
     rest."""
     seeds, guides = sim.seeds(), sim.model.guides
     places, directions = sim.model.displaced_seeds(seeds, sim.displacements()) if now else ([s.position for s in seeds], [s.direction for s in seeds])

@@ -1,4 +1,4 @@
-"""Writes RT Dose and RT Structure Set of an implant as DICOM files, with pydicom. `trocar.brachy.rtplan` writes its RT Plan."""
+"""Makes the RT Dose and the RT Structure Set of an implant, with pydicom. `trocar.brachy.rtplan` makes its RT Plan."""
 from __future__ import annotations
 
 import datetime
@@ -17,14 +17,14 @@ Array = npt.NDArray[np.float64]
 __all__ = ["dose", "structure_set"]
 
 RT_DOSE = "1.2.840.10008.5.1.4.1.1.481.2"
-LEVELS = 2**16 - 1       # number of levels of the stored doses: steps of some hundredths of a Gy. dicom3tools (dciodvfy) cannot read 32 bits
+LEVELS = 2**16 - 1       # number of steps, of a few hundredths of a Gy, in which doses are stored: 16 bits, because dicom3tools (dciodvfy) cannot read 32
 BINS = 400               # of a histogram
 COLOURS = {"gland": [213, 94, 0], "urethra": [0, 114, 178], "rectum": [138, 90, 0]}    # as in the report
 SEEDS = [0, 127, 95]
 
 
 def _uids(*content: object) -> Callable[[str], str]:
-    """Returns a function that makes UIDs, which are the same for the same content."""
+    """Returns a function that makes reproducible UIDs: equal content always gives equal UIDs."""
     text = repr(content)
     return lambda what: generate_uid(entropy_srcs=["trocar", what, text])
 
@@ -38,8 +38,9 @@ def _contour(kind: str, points: Array) -> Dataset:
 
 
 def structure_set(given: Dataset, organs: Mapping[str, Organ], seeds: Mapping[str, Array], date: datetime.date | None = None) -> FileDataset:
-    """Returns an RT Structure Set with the organs, and with the centres (n, 3) mm of seeds in patient coordinates as points, by the names of their regions. given: the
-    structure set from which the organs were read, whose patient, study and frame of reference it gets. date: today by default."""
+    """Returns an RT Structure Set with the organs as contours and the seeds as points. seeds: centres (n, 3) mm in patient coordinates, by the name of their
+    region of interest. given: the structure set from which the organs were read; the new one gets the same patient, study and frame of reference. date: today
+    by default."""
     uid = _uids("structures", given.get("SOPInstanceUID"), [(o.role, o.name) for o in organs.values()], [(name, points.round(3).tolist()) for name, points in seeds.items()])
     data = new_object(RT_STRUCTURES, "RTSTRUCT", uid, given)
     frame = _frame_of_reference(given) or uid("frame")
@@ -69,9 +70,9 @@ def _histogram(number: int, dvh: DVH) -> Dataset:
 
 def dose(values: Array, origin: Sequence[float], spacing: float, plan: Dataset, structures: Dataset, histograms: Mapping[str, DVH], what: str,
          date: datetime.date | None = None) -> FileDataset:
-    """Returns an RT Dose: doses (nx, ny, nz) Gy on a grid along the patient's axes, with the centre of the first voxel at `origin` (3,) mm and `spacing` mm between
-    voxels. plan: the RT Plan with the seeds; structures: the RT Structure Set with the organs; histograms: by the names of its regions; what: a few words for the
-    description, such as "planned"; date: today by default."""
+    """Returns an RT Dose: doses (nx, ny, nz) Gy on a grid along the patient's axes, with the centre of the first voxel at `origin` (3,) mm and `spacing` mm
+    between voxels. plan: the RT Plan with the seeds; structures: the RT Structure Set with the organs; histograms: by the names of its regions of interest;
+    what: a few words for the description, such as "planned"; date: today by default."""
     uid = _uids("dose", plan.SOPInstanceUID, structures.SOPInstanceUID, what, list(origin), spacing, values.shape, float(values.sum()))
     data = new_object(RT_DOSE, "RTDOSE", uid, structures)
     data.FrameOfReferenceUID, data.PositionReferenceIndicator = structures.FrameOfReferenceUID, ""
@@ -85,7 +86,7 @@ def dose(values: Array, origin: Sequence[float], spacing: float, plan: Dataset, 
     data.GridFrameOffsetVector = [f"{spacing * i:.6g}" for i in range(len(frames))]
     data.SamplesPerPixel, data.PhotometricInterpretation, data.PixelRepresentation = 1, "MONOCHROME2", 0
     data.BitsAllocated, data.BitsStored, data.HighBit = 16, 16, 15
-    scale = f"{max(float(frames.max()), 1e-6) / LEVELS:.9e}"    # at most 16 characters, so that reader and writer use the same number
+    scale = f"{max(float(frames.max()), 1e-6) / LEVELS:.9e}"    # rounded to fit a DICOM decimal string (16 characters), so that readers use the same number
     data.DoseUnits, data.DoseType, data.DoseSummationType, data.DoseComment = "GY", "PHYSICAL", "PLAN", f"{NOT_FOR_TREATMENT}: {what}"[:64]
     data.DoseGridScaling, data.TissueHeterogeneityCorrection = scale, "WATER"
     data.PixelData = np.minimum(np.rint(frames / float(scale)), LEVELS).astype("<u2").tobytes()

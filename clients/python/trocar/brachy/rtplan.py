@@ -36,7 +36,7 @@ RT_STRUCTURES = "1.2.840.10008.5.1.4.1.1.481.3"
 # m, largest distance from the axis of its hole at which a seed is considered to have been planned for this template
 FROM_AXIS = 0.5e-3
 NOT_FOR_TREATMENT = "Not for treatment: simulated by trocar"
-ON_AXIS = 0.01e-3                               # m, tolerance for rounding: seeds farther from the axis are moved to it, which is reported
+ON_AXIS = 0.01e-3                               # m, tolerance for rounding: seeds farther from the axis than this are moved to it and reported
 
 
 # ---- writing ------------------------------------------------------------------------------------------------------------------------
@@ -96,14 +96,14 @@ def _channel(number: int, hole: str, position: Any, direction: Any, behind: floa
 
 
 def _behind(placed: list[Placed], axis: np.ndarray) -> list[float]:
-    """Returns each seed's distance (mm) behind the most distal seed of its hole."""
+    """Returns each seed's distance (mm) behind the most distal seed in its hole."""
     depth = [1e3 * float(seed.position @ axis) for seed in placed]
     return [max(d for d, other in zip(depth, placed) if (other.guide, other.hole) == (seed.guide, seed.hole)) - own for own, seed in zip(depth, placed)]
 
 
 def new_object(kind: str, modality: str, uid: Callable[[str], str], of: Dataset) -> FileDataset:
-    """Returns a data set with the patient and the study of another one, `of`, or with new ones if that is empty. kind: UID of the SOP class; uid: makes a UID for each
-    purpose."""
+    """Returns a data set that has the same patient and study as the data set `of`, or new ones if `of` is empty. kind: UID of the SOP class; uid: function that
+    makes a UID for each purpose."""
     meta = FileMetaDataset()
     meta.MediaStorageSOPClassUID, meta.MediaStorageSOPInstanceUID, meta.TransferSyntaxUID = kind, uid(modality), ExplicitVRLittleEndian
     meta.ImplementationClassUID = pydicom.uid.PYDICOM_IMPLEMENTATION_UID
@@ -220,7 +220,7 @@ class _Seed(NamedTuple):
 
 
 def _seeds_of(path: str, setup: Dataset) -> list[_Seed]:
-    """Returns one seed for each position in a channel's control points."""
+    """Returns one seed for each distinct position among a channel's control points."""
     seeds = []
     for channel in setup.get("ChannelSequence") or []:
         number, places = int(channel.get("ChannelNumber", 0)), []
@@ -247,7 +247,7 @@ def _hole_at(off: np.ndarray, guide: Guide) -> tuple[int, int, np.ndarray]:
 
 
 def _needles_of(path: str, seeds: list[_Seed], guide: Guide, model: Model) -> tuple[list[Needle], list[str]]:
-    """Returns the needles in the order of the file's channels, and the changes that had to be made."""
+    """Returns the needles in the order of the file's channels, and descriptions of the changes that had to be made."""
     frame, length = Frame(model), model.seed_size.length
     holes: dict[tuple[int, int], list[tuple[float, float]]] = {}
     moved = []
@@ -309,7 +309,7 @@ def _open(name: str, model: Model, template: str | None) -> tuple[Dataset, Guide
 
 @contextlib.contextmanager
 def _damage(name: str) -> Iterator[None]:
-    """Reports damage that pydicom detects only on access, when it reads a sequence."""
+    """Raises BadPlan for damage to a file that pydicom detects only when a sequence is accessed."""
     try:
         yield
     except (AttributeError, EOFError, KeyError, OSError, TypeError, ValueError, struct.error) as error:
@@ -317,8 +317,8 @@ def _damage(name: str) -> Iterator[None]:
 
 
 def read(path: str | PathLike[str], model: Model, template: str | None = None) -> Plan:
-    """Reads the plan in an RT Plan with permanent seeds, for this scene's template. template: the name of the guide, if it differs from the name in
-    the file. Needles are in the order of the file's channels. Seeds up to half a millimetre from a hole's axis are moved to the axis and listed in
+    """Reads an RT Plan with permanent seeds as a plan for this scene's template. template: the name of the guide, if it differs from the name in the
+    file. Needles are in the order of the file's channels. Seeds up to half a millimetre from a hole's axis are moved to the axis and listed in
     `Plan.remarks`. Raises BadPlan if the file is not such a plan, or was made for another template."""
     name = fspath(path)
     with _damage(name):

@@ -1,8 +1,8 @@
 """Swelling of the gland after an implant, and the dose that is delivered while it subsides.
 
-The gland swells with the seeds in it, and shrinks to its former size while the seeds decay. Inside the gland, all distances grow by the cube root of the ratio of
-volumes. Outside, the tissue moves aside without changing its volume: on each ray from the gland's middle, r'^3 = r^3 + R^3 (ratio - 1), where R is the distance of
-the gland's surface.
+The gland swells with the seeds in it, and shrinks to its former size while the seeds decay. Inside the gland, all distances grow by the cube root of the ratio
+of volumes. Outside, the tissue moves aside without changing its volume: on each ray from the gland's centre, r'^3 = r^3 + R^3 (ratio - 1), where R is the
+distance from the centre to the gland's surface.
 
     >>> swelling = Swelling()                                    # 1.18 on the day of the implant, linearly gone after 30 days
     >>> swelling = Swelling(1.5, days=None, half_life=10.0)      # exponentially
@@ -26,14 +26,15 @@ __all__ = ["SOURCE", "Swelling", "Swollen", "delivered"]
 SOURCE = ("40 patients with I-125 seeds in serial MR images: 1.18 ± 0.14 times the volume on the day of the implant, 1.01 ± 0.15 after 30 days, linear in between "
           "(Brachytherapy 2010, PubMed 20116344, abstract)")
 STAGES = 8      # Gauss-Legendre points: D90 changes by less than 0.01 % with twice as many (tests/python/test_dosimetry.py)
-RAY = 5e-4      # m, resolution of the distances of the gland's surface from its middle
-CELLS = 24      # number of values of each of two angles around the gland's middle, for which the distance of its surface is tabulated
+RAY = 5e-4      # m, distance from the outermost voxel centre on a ray to the gland's surface: half a voxel of 1 mm
+CELLS = 24      # number of polar cells around the gland's centre in which the distance to its surface is tabulated; there are twice as many azimuthal ones
 
 
 @dataclass(frozen=True)
 class Swelling:
-    """The volume of the gland over time, relative to its volume before the implant. By default, linear as in `SOURCE`. A half-life of about 10 days was found for
-    an exponential (Waterman et al., Int. J. Radiation Oncology Biol. Phys. 41, 1998, as cited by Chen et al., Medical Physics 33, 2006)."""
+    """The volume of the gland over time, relative to its volume before the implant. By default, the swelling subsides linearly, as in `SOURCE`. If it decays
+    exponentially instead, its half-life is about 10 days (Waterman et al., Int. J. Radiation Oncology Biol. Phys. 41, 1998, as cited by Chen et al., Medical
+    Physics 33, 2006)."""
 
     ratio: float = 1.18               # volume on the day of the implant relative to that before it, at least 1
     days: float | None = 30.0         # days after which a linear swelling has subsided; None if it is exponential
@@ -53,9 +54,9 @@ class Swelling:
         return 1.0 + (self.ratio - 1.0) * rest
 
     def stages(self, half_life: float) -> list[tuple[float, float]]:
-        """Returns pairs of a weight and a volume: the dose of seeds with this half-life (days) is the weighted mean of the doses of permanent implants in these
-        volumes. The weights add up to 1."""
-        # Equal intervals of the fraction of decayed atoms have equal weights. The range is split where a linear swelling ends, because of the kink
+        """Returns pairs of a weight and a relative volume: the dose of seeds with this half-life (days) is the weighted mean of their doses in glands of these
+        constant volumes. The weights add up to 1."""
+        # The weight of an interval is the fraction of atoms that decay in it. The range is split where a linear swelling ends, because of the kink
         # there.
         end = 1.0 - 0.5 ** (self.days / half_life) if self.days else 1.0
         at, weights = np.polynomial.legendre.leggauss(STAGES)
@@ -73,7 +74,7 @@ class Swelling:
 
 
 class Swollen:
-    """Moves points with a swelling gland, whose voxels have the centres (n, 3) m. The gland must be star-shaped about its middle, as glands are."""
+    """Moves points with a swelling gland, which is given by its voxel centres (n, 3) m. The gland must be star-shaped about its centroid, as prostates are."""
 
     def __init__(self, voxels: Array) -> None:
         self.middle = voxels.mean(axis=0)
@@ -82,20 +83,20 @@ class Swollen:
         polar, azimuth = self._cells(off)
         reach = np.zeros((CELLS, 2 * CELLS))
         np.maximum.at(reach, (polar, azimuth), far)
-        if not reach.all():    # in a gland of few voxels, a direction without voxels has the mean of the others
+        if not reach.all():    # if the gland has few voxels, cells without voxels get the mean of the others
             reach[reach == 0.0] = reach[reach > 0.0].mean()
         self._reach = reach + RAY
 
     @staticmethod
     def _cells(off: Array) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
-        """Returns the two indices (n,) of the cells, of equal solid angle, that contain directions (n, 3)."""
+        """Returns the polar and azimuthal indices (n,) of the cells that contain directions (n, 3). All cells have the same solid angle."""
         length = np.maximum(np.linalg.norm(off, axis=1), 1e-12)
         polar = np.clip((0.5 * (off[:, 2] / length + 1.0) * CELLS).astype(int), 0, CELLS - 1)
         azimuth = np.clip(((np.arctan2(off[:, 1], off[:, 0]) / (2.0 * math.pi) + 0.5) * 2 * CELLS).astype(int), 0, 2 * CELLS - 1)
         return polar, azimuth
 
     def moved(self, points: Array, ratio: float) -> Array:
-        """Returns the points (n, 3) m in a gland that has `ratio` times its volume."""
+        """Returns the positions (n, 3) m of the points when the gland has swollen to `ratio` times its volume."""
         off = points - self.middle
         far, scale = np.linalg.norm(off, axis=1), np.full(len(points), ratio ** (1.0 / 3.0))
         surface = self._reach[self._cells(off)]
@@ -105,8 +106,8 @@ class Swollen:
 
 
 def delivered(source: Source, seeds: Sequence[tuple[Array, Array]], strength: float, points: Array, swollen: Swollen, swelling: Swelling) -> Array:
-    """Returns the dose (n,) Gy that is delivered to points (n, 3) m of the tissue, which move with the swelling, by seeds of `strength` U given by position and
-    direction, both (3,), in the gland before or after the swelling."""
+    """Returns the dose (n,) Gy that seeds of `strength` U deliver to points (n, 3) m of the tissue, which move with the swelling. Each seed is given by its
+    position (m) and direction, both (3,), in the gland without swelling."""
     total = np.zeros(len(points))
     places = np.reshape([position for position, _ in seeds], (-1, 3))
     for weight, ratio in swelling.stages(source.half_life / 86400.0):

@@ -25,7 +25,7 @@ __all__ = ["Implantation", "Operator", "SeedError"]
 
 
 class SeedError(NamedTuple):
-    """The misplacement of a seed in the tissue at rest, in parts. All vectors are (3,) m in mesh coordinates."""
+    """The misplacement of a seed in the tissue at rest, split into parts by cause. All vectors are (3,) m in mesh coordinates."""
 
     needle: int
     hole: str
@@ -43,25 +43,25 @@ class SeedError(NamedTuple):
         return self.total - self.tissue - self.image - self.splay
 
     def along(self, part: str) -> float:
-        """Returns a part along the needle, m; positive if the seed is too deep."""
+        """Returns the component of a part along the needle, m; positive if the seed is too deep."""
         return float(getattr(self, part) @ self.axis)
 
     def across(self, part: str) -> float:
-        """Returns the length of a part across the needle, m."""
+        """Returns the magnitude of a part's component across the needle, m."""
         return float(np.linalg.norm(getattr(self, part) - self.along(part) * self.axis))
 
 
 @dataclass(frozen=True)
 class Operator(_Motion):
     """Carries out a plan. By default, the operator reads depths from the needle's marks at the template, and makes no errors. An operator who follows the image
-    moves the tip to where an image of the displaced tissue shows each planned place, with errors and speeds as published, unless they are given."""
+    moves the tip to where an image of the displaced tissue shows each planned position. Errors and speeds are then as published, unless they are given."""
 
     plan: plans.Plan | None = None
     follows_image: bool = False
     stabilise: Sequence[str] = ()        # holes of needles without seeds, which are inserted first and removed last
     seed: float = 1                      # seed of the random numbers; a whole number
     speed: float | None = None           # m/s, mean speed of the hand's strokes
-    image_error: float | None = None     # m, standard deviation over the needles, along the needle
+    image_error: float | None = None     # m, standard deviation of the image error along the needle, drawn once for each needle
     splay: float | None = None           # rad, standard deviation of the tilt about each axis across the needle
     speed_spread: float | None = None    # standard deviation of the logarithm of the needles' speeds
     settle: float = 0.3                  # s, rest before a needle that was taken up is moved
@@ -98,13 +98,13 @@ class Operator(_Motion):
 
 class Implantation:
     """An operator at work in a simulation. Iterating yields (needle, poses) with poses (n, 7), one for every `dt` seconds; the caller steps the simulation
-    through them before asking for the next. Needles are reset, left and taken, and seeds are dropped, between them."""
+    through them before asking for the next. In between, needles are reset, left and taken, and seeds are dropped."""
 
     def __init__(self, operator: Operator, sim: Sim, dt: float) -> None:
         plans.check(operator.plan, sim.model)
         self.sim, self.dt, self.settle, self.plan = sim, dt, operator.settle, operator.plan
         self.needles = operator.needles()
-        self._tips: list[Any] = []    # keeps the arrays alive that the library reads
+        self._tips: list[Any] = []    # keeps alive the arrays that the library reads
         given = ffi.new("trocar_operator_needle[]", [self._needle(operator.plan, needle) for needle in self.needles])
         why, handle = ffi.new("trocar_error *"), ffi.new("trocar_operator **")
         _check(lib.trocar_operator_create(sim.model._handle, given, len(given), operator.options(), handle, why), why)

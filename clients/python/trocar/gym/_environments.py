@@ -1,4 +1,4 @@
-"""The environments: a single one, and a vector environment."""
+"""The Gymnasium environments: a single one, and a vectorised one."""
 from __future__ import annotations
 
 from os import PathLike
@@ -32,9 +32,9 @@ def _checked(render_mode: str | None) -> str | None:
 
 
 class NeedleEnv(gymnasium.Env[Observation, Action]):
-    """An environment with one needle in one tissue. `task`: one of TASKS. `file`: the task's file; None: the one in the package.
+    """An environment with one needle in one tissue. `task`: one of TASKS. `file`: the task's file; None selects the one in the package.
 
-    This class only terminates episodes. The time limit is applied by the wrapper of `gymnasium.make`, which truncates them.
+    This class terminates episodes but never truncates them: the time limit is applied by the wrapper that `gymnasium.make` adds.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 50}
@@ -53,12 +53,12 @@ class NeedleEnv(gymnasium.Env[Observation, Action]):
         return self._episodes.observe()[0], _first(self._episodes.info())
 
     def step(self, action: Action) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Carries out an action for the task's interval."""
+        """Applies an action for one interval of the task."""
         result = self._episodes.step(np.asarray(action)[None], np.ones(1, bool))
         return self._episodes.observe()[0], float(result.reward[0]), bool(result.terminated[0]), False, _first(result.info)
 
     def render(self) -> npt.NDArray[np.uint8] | None:
-        """Returns a picture (height, width, 3), or None without a render_mode."""
+        """Returns an image (height, width, 3), or None without a render_mode."""
         return _picture.draw(self._episodes, 0) if self.render_mode else None
 
 
@@ -67,10 +67,10 @@ def _first(info: dict[str, npt.NDArray[Any]]) -> dict[str, Any]:
 
 
 class VectorNeedleEnv(VectorEnv[Observation, Action, npt.NDArray[Any]]):
-    """Many needles, each in its own tissue, which the threads of one `trocar.Batch` move together.
+    """Many needles, each in its own tissue, stepped together by the threads of one `trocar.Batch`.
 
     After a reset with `seed`, row i has the same episodes as a single environment with seed + i. `threads`: number of threads; 0: one for each
-    processor that this process may use. Episodes are truncated after `max_episode_steps`; None: no limit.
+    processor that this process may use. Episodes are truncated after `max_episode_steps` steps; None: never.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 50, "autoreset_mode": AutoresetMode.NEXT_STEP}
@@ -109,7 +109,7 @@ class VectorNeedleEnv(VectorEnv[Observation, Action, npt.NDArray[Any]]):
         return self._episodes.observe(), _with_masks(self._episodes.info(), mask)
 
     def step(self, actions: Action) -> tuple[Observation, npt.NDArray[np.float64], npt.NDArray[np.bool_], npt.NDArray[np.bool_], dict[str, Any]]:
-        """Carries out an action in each row for the task's interval. Rows whose episode has ended start a new one according to the autoreset mode."""
+        """Applies an action in each row for one interval of the task. Rows whose episode has ended start a new one according to the autoreset mode."""
         again = self._ended if self.autoreset_mode == AutoresetMode.NEXT_STEP else np.zeros(self.num_envs, bool)
         if self.autoreset_mode == AutoresetMode.DISABLED and self._ended.any():
             raise gymnasium.error.ResetNeeded("rows %s have ended: call reset with options={\"reset_mask\": ...}" % np.flatnonzero(self._ended))
@@ -131,7 +131,7 @@ class VectorNeedleEnv(VectorEnv[Observation, Action, npt.NDArray[Any]]):
         return self._episodes.observe(), result.reward, terminated, truncated, info
 
     def render(self) -> tuple[npt.NDArray[np.uint8], ...] | None:
-        """Returns a picture (height, width, 3) of each row, or None without a render_mode."""
+        """Returns an image (height, width, 3) of each row, or None without a render_mode."""
         return tuple(_picture.draw(self._episodes, row) for row in range(self.num_envs)) if self.render_mode else None
 
     def _begin(self, mask: npt.NDArray[np.bool_]) -> None:

@@ -60,11 +60,11 @@ class Episodes:
         self.tip, self.force, self.depth = np.zeros((count, 7)), np.zeros((count, 3)), np.zeros(count)
         self.target, self.obstacle = np.zeros((count, 3)), np.zeros((count, 3))    # m, positions in the displaced tissue
         self.displacement = np.zeros(count)    # m, mean over the nodes of the target's region
-        self.error = np.zeros(count)           # m, distance from the tip, or from a seed released there, to the target
+        self.error = np.zeros(count)           # m, distance from the target to the tip or, in the task implant, to the seed
         self.hit, self.released, self.unstable = (np.zeros(count, bool) for _ in range(3))
 
     def begin(self, mask: Mask, randoms: Sequence[np.random.Generator]) -> None:
-        """Starts new episodes in the rows of the mask, drawn with the generators of these rows."""
+        """Starts new episodes in the rows of the mask, drawn at random with the generators of these rows."""
         rows = [int(row) for row in np.flatnonzero(mask)]
         for row in rows:
             episode = self.task.draw(randoms[row])
@@ -80,7 +80,7 @@ class Episodes:
         self._measure(mask)
 
     def step(self, actions: npt.ArrayLike, mask: Mask) -> Step:
-        """Carries out the actions (count, number of actions), clipped to [-1, 1], in the rows of the mask."""
+        """Applies the actions (count, number of actions), clipped to [-1, 1], in the rows of the mask."""
         given = np.clip(np.asarray(actions, np.float64), -1.0, 1.0)
         before = self.error.copy()
         out = self.batch.run(self._poses(given), DT, mask)
@@ -106,7 +106,7 @@ class Episodes:
         return Step(reward, terminated & mask, self.info())
 
     def observe(self) -> npt.NDArray[np.float32]:
-        """Returns the observations (count, values) in mm and N. Vectors are in the frame of the tip, but forces are in the frame of the base."""
+        """Returns the observations (count, values) in mm and N. Positions are in the tip's frame, and forces in the base's frame."""
         tip, base, position = _axes(self.tip[:, 3:]), _axes(self._orientation(self.roll)), self.tip[:, :3]
         within = lambda axes, vectors: np.einsum("nij,nj->ni", axes, vectors)
         values = {"target": MM * within(tip, self.target - position), "force": within(base, self.force), "depth": MM * self.depth[:, None],
@@ -177,7 +177,7 @@ class Episodes:
 
 
 def _axes(quaternions: Array) -> Array:
-    """Returns the frames' axes (count, 3, 3) for quaternions (count, 4): unit vectors in the rows."""
+    """Returns the axes (count, 3, 3) of the frames given by quaternions (count, 4), as unit vectors in the rows."""
     w, x, y, z = quaternions.T
     return np.stack([np.stack([w * w + x * x - y * y - z * z, 2 * (x * y + w * z), 2 * (x * z - w * y)], axis=1),
                      np.stack([2 * (x * y - w * z), w * w - x * x + y * y - z * z, 2 * (y * z + w * x)], axis=1),

@@ -1,4 +1,4 @@
-"""Pictures of an episode: two sections of the tissue through the needle's line, with needle, target and obstacle projected onto them."""
+"""Renders an episode: two sections of the tissue through the needle's line, with needle, target and obstacle projected onto them."""
 from __future__ import annotations
 
 import numpy as np
@@ -10,18 +10,18 @@ from ._task import Array
 HEIGHT, WIDTH = 240, 400           # pixels, size of each section
 FRONT, BEYOND = 0.010, 0.020       # m, lengths shown in front of the skin and beyond the deepest target
 WHITE, BORDER, NEEDLE, TARGET, OBSTACLE = ((255, 255, 255), (138, 146, 155), (36, 41, 47), (0, 127, 95), (213, 94, 0))
-FAINT = 0.5                        # share of white in the discs of target and obstacle
+FAINT = 0.5                        # fraction of white in the discs of target and obstacle
 
 Picture = npt.NDArray[np.uint8]
 
 
 def draw(episodes: Episodes, row: int) -> Picture:
-    """Returns the picture (HEIGHT, 2 WIDTH, 3) of a row. The needle points to the right; its y axis points up in the left section, and its x axis in
-    the right one."""
+    """Returns an image (HEIGHT, 2 WIDTH, 3) of a row. The needle points to the right; its y axis points up in the left section, and its x axis in the
+    right one."""
     task, sim, episode = episodes.task, episodes.sim(row), episodes.episodes.get(row)
     if episode is None:
         raise ValueError("no episode has begun: call reset first")
-    place = lambda points: (np.atleast_2d(points) - task.entry) @ task.axes.T    # coordinates along the needle's axes, from its entry
+    place = lambda points: (np.atleast_2d(points) - task.entry) @ task.axes.T    # coordinates along the needle's axes, from its entry point
     borders = place(episode.model.nodes + sim.displacements())[episode.borders]
     needle = place(sim.centreline())
     scale = WIDTH / (FRONT + task.target["depth"][1] + BEYOND)    # pixels per m

@@ -59,12 +59,12 @@ class Episode:
 
 @dataclass
 class Task:
-    """A task, as described in its file. A range is [lowest, highest], of a uniform distribution."""
+    """A task, as described in its file. A range gives the limits, [lowest, highest], of a uniform distribution."""
 
     name: str                                                     # one of TASKS
     path: str
     scene: Scene
-    target: dict[str, Range]                                      # x, y, depth: m from the entry, along the needle's axes before the insertion
+    target: dict[str, Range]                                      # x, y, depth: m from the entry point, along the needle's axes before the insertion
     obstacle: dict[str, Range] = field(default_factory=dict)      # along: fraction of the way to the target; x, y: m from the line to it; radius: m
     randomise: dict[str, Range] = field(default_factory=dict)     # ranges of scene keys that are drawn at random for each episode
     stiffnesses: int = 8          # number of models with different elastic moduli
@@ -98,7 +98,7 @@ class Task:
 
 
 def _borders(model: Model) -> npt.NDArray[np.int32]:
-    """Returns the faces (n, 3) between different regions, and those of the tissue's surface."""
+    """Returns the faces (n, 3) between different regions and on the tissue's surface."""
     faces = np.sort(np.concatenate([np.delete(model.tets, corner, axis=1) for corner in range(4)]), axis=1)
     regions = np.tile(model.tet_regions, 4)
     unique, which = np.unique(faces, axis=0, return_inverse=True)
@@ -129,7 +129,7 @@ class _TaskReader(Reader):
             raise self.fail(given["scene"], f"scene: {error}") from error
 
     def keys_of(self, node: Any, place: str) -> list[tuple[Any, str, Any]]:
-        """Returns (node of the key, key, node of the value) of a mapping with keys of a scene."""
+        """Returns (key node, key, value node) for each entry of a mapping whose keys are keys of a scene."""
         if not isinstance(node, self.yaml.MappingNode):
             raise self.fail(node, f"{place}: write keys of the scene, and their values")
         return [(key, str(key.value), value) for key, value in node.value]
@@ -191,7 +191,7 @@ def _build(task: Task, reader: _TaskReader, given: dict[str, Any]) -> None:
                 stiff.append(key)
         task._stiffnesses.append(nominal)
         if stiff:
-            random = np.random.default_rng(0)    # always the same models: they belong to the task, and each episode uses one of them
+            random = np.random.default_rng(0)    # fixed seed, so that the task always has the same models; each episode uses one of them
             task._stiffnesses.clear()
             for _ in range(task.stiffnesses):
                 scene = task.scene.copy()

@@ -29,7 +29,7 @@ _STIFFNESS = re.compile(r"regions\[[^]]*\]\.(youngs_modulus|poisson_ratio)|membr
 
 
 def affects_stiffness(key: str) -> bool:
-    """True for a key of the scene that affects the tissue's stiffness: runs in which it differs cannot share a model's inverse."""
+    """True for a key of the scene that affects the tissue's stiffness: runs with different values of it cannot share a model's inverse."""
     return _STIFFNESS.fullmatch(key) is not None
 
 
@@ -46,7 +46,7 @@ class Parameter:
     kind: str                 # uniform, log_uniform, normal or values
     numbers: list[float]      # limits, or mean and standard deviation, or the values themselves
     within: tuple[float, float] | None = None    # limits of a truncated normal distribution
-    steps: int = 0            # number of steps, for a grid
+    steps: int = 0            # number of values on a grid
     line: int = 0
 
     def quantile(self, u: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
@@ -63,7 +63,7 @@ class Parameter:
         if self.within is None:
             return a + b * norm.ppf(u)
         low, high = self.within
-        return np.clip(truncnorm.ppf(u, (low - a) / b, (high - a) / b, loc=a, scale=b), low, high)    # accurate even far from the mean
+        return np.clip(truncnorm.ppf(u, (low - a) / b, (high - a) / b, loc=a, scale=b), low, high)    # truncnorm.ppf is accurate even far from the mean
 
     def levels(self) -> list[float]:
         """Returns the values of the parameter on a grid."""
@@ -140,7 +140,7 @@ class Study:
         return self.motion.adjusted(**by)
 
     def stiffness_columns(self) -> list[int]:
-        """Returns the parameters that affect the stiffness."""
+        """Returns the indices of the parameters that affect the stiffness."""
         return [i for i, parameter in enumerate(self.parameters) if affects_stiffness(parameter.name)]
 
     def possible_stiffnesses(self) -> float:
@@ -155,10 +155,10 @@ class Study:
         return [column for measure in self.measures for column in measure.columns()]
 
     def manifest(self) -> dict[str, str]:
-        """Returns a string that contains everything the results depend on, to tell studies apart."""
+        """Returns a dict that contains everything the results depend on, to tell studies apart."""
         version = f"trocar {__version__}"
         if self.method in ("sobol", "latin hypercube", "saltelli") or any(p.kind == "normal" for p in self.parameters):
-            import scipy    # scipy is needed to draw the samples
+            import scipy    # the samples depend on its version
             version += f", scipy {scipy.__version__}"
         found = {**self.digests, "version": version, "settings": repr(sorted(self.settings.items())), "motion": self.described,
                  "samples": f"{self.method}, {'any number' if self.method == 'random' else self.count}, seed {self.seed}", "record": "; ".join(self.result_columns()) + repr([np.asarray(m.option).tolist() for m in self.measures]),
@@ -172,7 +172,7 @@ class Study:
 
 
 def _digest_of(said: Any) -> str:
-    """Returns the digest of a file's contents, which does not depend on the file's folder."""
+    """Returns the SHA-256 of what was read from a file, so that the file's path and layout do not matter."""
     return hashlib.sha256(repr(said).encode()).hexdigest()
 
 
@@ -182,7 +182,7 @@ def _scene_keys() -> dict[str, Key]:
 
 _MOTION_UNITS = {"x": "m", "y": "m", "z": "m", "tilt_x": "rad", "tilt_y": "rad", "roll": "rad", "depth": "m", "speed": "m/s", "seed": "",
                  "image_error": "m", "splay": "rad", "speed_spread": ""}
-_OF_OPERATOR = ("seed", "image_error", "splay", "speed_spread", "stabilise")    # keys of a plan's operator
+_OF_OPERATOR = ("seed", "image_error", "splay", "speed_spread", "stabilise")    # keys that are allowed only with `operator`
 
 
 class _StudyReader:
@@ -236,7 +236,7 @@ class _StudyReader:
         return self.reader.fail(node, f"{place}: not in the tissue at rest: write x, y, z in {unit}")
 
     def load(self, given: dict[str, Any], study: Study) -> Scene:
-        """Loads the scene, without the keys that are set in the study."""
+        """Loads the scene, without applying the keys that the study sets."""
         study.scene_path = self.file(given["scene"], "scene")
         try:
             study._scene = Scene.load(study.scene_path)
@@ -245,7 +245,7 @@ class _StudyReader:
         return study._scene
 
     def settings(self, given: dict[str, Any], study: Study, scene: Scene) -> None:
-        """Sets the keys below "set"."""
+        """Sets the scene's keys that are listed below "set"."""
         reader = self.reader
         for key, value in self.pairs(given["set"], "set") if "set" in given else []:
             if not isinstance(value, reader.yaml.ScalarNode):
@@ -257,9 +257,9 @@ class _StudyReader:
         study.inverse = str(scene["inverse"])
 
     def start(self, given: dict[str, Any], scene: Scene) -> npt.NDArray[np.float64] | None:
-        """Returns the pose of the base, or None if the motion has no start. The file contains either x, y, z in mesh coordinates (m) or, with
-        `coordinates: patient`, in patient coordinates (mm), and the direction is then that of the scene's needle.start; or a position and a
-        quaternion in mesh coordinates."""
+        """Returns the pose of the base, or None if the motion has no start. The file contains either x, y, z, and the orientation is then that of the
+        scene's needle.start, or a position and a quaternion. Positions are in mesh coordinates (m); with `coordinates: patient`, x, y, z are in
+        patient coordinates (mm)."""
         if "start" not in given:
             if "coordinates" in given:
                 raise self.reader.fail(given["coordinates"], "motion.coordinates: allowed only with start: write start too, or leave it out")
@@ -324,7 +324,7 @@ class _StudyReader:
         return found
 
     def operator(self, given: dict[str, Any], plan: Plan, speed: float | None) -> Any:
-        """Returns the motion that carries out a plan: one needle after the other, or all needles by a virtual operator."""
+        """Returns the motion that carries out a plan: one needle after another, or all needles by a virtual operator."""
         if "operator" not in given:
             for key in _OF_OPERATOR:
                 if key in given:

@@ -26,10 +26,10 @@ class Cost(NamedTuple):
     duration: float               # s, mean of the model time of a run
     models: int                   # number of models that are shared by several runs
     model_seconds: float          # s, to build each of these models
-    run_seconds: tuple[float, float, float]    # s, for a run: mean, least and largest of the pilots. Contains the model if runs do not share it
-    memory: float                 # bytes, peak of a process with its model and run
+    run_seconds: tuple[float, float, float]    # s, for a run: mean, least and largest of the pilots. Includes building the model if runs do not share it
+    memory: float                 # bytes, peak memory of a process that carries out a run
     table: float                  # bytes, size of result.csv
-    frames: float                 # bytes, size of the files of all runs' frames; frames.h5 takes as much again
+    frames: float                 # bytes, total size of the frame files of all runs; frames.h5 takes as much again
 
     @property
     def seconds(self) -> float:

@@ -28,7 +28,7 @@ class BadFit(BadStudy):
 
 @dataclass(frozen=True)
 class Unknown:
-    """A parameter to be estimated, a key of the scene. If its lower bound is above 0, its logarithm is fitted."""
+    """A key of the scene whose value is to be estimated. If its lower bound is above 0, its logarithm is fitted."""
 
     key: str
     unit: str
@@ -42,14 +42,14 @@ class Unknown:
         return self.low > 0.0
 
     def value(self, scaled: float) -> float:
-        """Returns the value at a point of the range between the bounds, from 0 (lower) to 1 (upper)."""
+        """Returns the value at a scaled position between the bounds: 0 at the lower one, 1 at the upper one."""
         return self.low * (self.high / self.low) ** scaled if self.logarithmic else self.low + (self.high - self.low) * scaled
 
     def scaled(self, value: float) -> float:
         return math.log(value / self.low) / math.log(self.high / self.low) if self.logarithmic else (value - self.low) / (self.high - self.low)
 
     def prior_scaled(self) -> tuple[float, float] | None:
-        """Returns mean and standard deviation of the prior in the scaled parameter."""
+        """Returns the mean and the standard deviation of the prior, in terms of the scaled parameter."""
         if self.prior is None:
             return None
         mean, spread = self.prior

@@ -1,4 +1,4 @@
-"""The output of trocar-fit: table, keys of a scene, intervals and picture."""
+"""The output of trocar-fit: a table, keys for a scene, confidence intervals and a plot."""
 from __future__ import annotations
 
 import json
@@ -37,8 +37,8 @@ def _comment(e: Estimate) -> str:
 
 
 def scene_keys(scene: Scene, result: Fitted) -> str:
-    """Returns the estimates as a fragment of a scene. Regions and membranes are named; the whole list of relaxation times is repeated, because its
-    entries have no names."""
+    """Returns the estimates as a fragment of a scene file. Regions and membranes are identified by name; the list of relaxation times is repeated in
+    full, because its entries have no names."""
     found = {e.key: e for e in result.estimates}
     lists: dict[str, dict[str, dict[str, str]]] = {}
     single: dict[str, dict[str, str]] = {}
@@ -47,7 +47,7 @@ def scene_keys(scene: Scene, result: Fitted) -> str:
         first, bracket, rest = key.partition("[")
         if bracket and first != "relaxation":
             name, _, part = rest.partition("].")
-            name = str(scene[f"{first}[{name}].name"])    # an entry may be given by its number
+            name = str(scene[f"{first}[{name}].name"])    # the key may identify an entry by its number
             lists.setdefault(first, {}).setdefault(name, {})[part] = write(e)
         elif not bracket:
             group, _, part = key.partition(".")

@@ -30,8 +30,8 @@ class Fitted:
     estimates: list[Estimate]
     correlations: Array         # (p, p) correlations of the estimates
     chi2: float                 # sum of squares of the data's residuals, each divided by its standard deviation
-    freedom: int                # number of data minus number of parameters
+    freedom: int                # number of data points minus number of parameters
     converged: bool
-    simulations: int            # number of simulations of all recordings
+    simulations: int            # number of times that all recordings were simulated
     warnings: list[str] = field(default_factory=list)
-    predicted: list[list[Array]] = field(default_factory=list)    # means over the intervals, by recording and channel
+    predicted: list[list[Array]] = field(default_factory=list)    # predicted means over the averaging intervals, by recording and channel

@@ -10,11 +10,11 @@ import numpy as np
 from .. import __version__
 from ._definition import Study
 
-_NO_VARIABLE = "This is a netCDF dimension but not a netCDF variable. "    # netCDF-4's mark of a dimension without coordinates
+_NO_VARIABLE = "This is a netCDF dimension but not a netCDF variable. "    # how netCDF-4 marks a dimension without coordinates
 
 
 def describe(file: h5py.File, study: Study, title: str) -> None:
-    """Writes where the data come from into the file's attributes; `manifest` (JSON) holds everything on which the results depend."""
+    """Records in the file's attributes where the data come from; the attribute `manifest` (JSON) holds everything that the results depend on."""
     file.attrs.update({"title": title, "source": f"trocar {__version__}", "study": study.text, "manifest": json.dumps(study.manifest(), sort_keys=True)})
 
 
@@ -29,7 +29,7 @@ def scale(file: h5py.File, name: str, values: int | Sequence[str]) -> None:
 
 
 def attach(file: h5py.File, name: str, dimensions: Sequence[str], units: str = "", words: str = "") -> None:
-    """Names the dimensions of a data set after scales in the file, and states its unit and meaning."""
+    """Attaches dimension scales of the file to a data set, and records its unit and meaning."""
     data = file[name]
     for axis, dimension in zip(data.dims, dimensions, strict=True):
         axis.attach_scale(file[dimension])
@@ -37,8 +37,8 @@ def attach(file: h5py.File, name: str, dimensions: Sequence[str], units: str = "
 
 
 def add_columns(file: h5py.File, name: str, values: Any, columns: Sequence[str]) -> None:
-    """Writes a table `name`s (runs, columns). Its columns are labelled by the dimension `name` and have units `name`_unit; a column is a name with its
-    unit in brackets."""
+    """Writes a data set called `name`s (runs, columns). The dimension `name` labels its columns, and `name`_unit holds their units. Each entry of
+    `columns` is a name, with its unit in brackets if it has one."""
     names, units = zip(*((column.removesuffix("]").rpartition(" [")[::2] if column.endswith("]") else (column, "")) for column in columns))
     table = f"{name}s"
     file[table] = np.asarray(values, np.float64).reshape(-1, len(columns))

@@ -1,4 +1,5 @@
-"""Nonlinear least squares for a model whose evaluation is expensive, parallel and not perfectly smooth, with the covariance of the solution."""
+"""Nonlinear least squares, with the covariance of the solution, for a model that is expensive to evaluate and not perfectly smooth, and is evaluated
+in parallel."""
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -17,10 +18,10 @@ Evaluate = Callable[[Sequence[Array]], list[Array | None]]
 FIRST_STEP = 0.01     # initial step of the finite differences, as a fraction of a parameter's range
 STEPS = (0.002, 0.1)     # smallest and largest step
 CHANGE = 10.0         # norm of the change in the residuals that a step of the finite differences should cause
-JUMP = 10.0           # largest increase of chi squared that the search accepts, to cross a jump
+JUMP = 10.0           # largest increase in chi squared that the search accepts, to cross a jump
 MOST_RISES = 5        # maximum number of such increases
-SMALL = 0.02          # predicted decrease of chi squared below which a step is not worthwhile: a seventh of a standard error
-WORTH = 0.25          # decrease of chi squared that counts as progress: half a standard error
+SMALL = 0.02          # predicted decrease in chi squared below which a step is not worthwhile: a seventh of a standard error
+WORTH = 0.25          # decrease in chi squared that counts as progress: half a standard error
 IDLE = 5              # number of steps without progress after which the search ends, because the residuals jump and no Jacobian describes them
 MOST_STEPS = 60
 
@@ -77,7 +78,7 @@ class _Differences:
         return jacobian
 
     def central(self, point: Array, residuals: Array) -> Array:
-        """Returns the Jacobian by central differences, or one-sided ones at bounds and where the residuals cannot be computed on one side."""
+        """Returns the Jacobian by central differences, or by one-sided ones at bounds and where the residuals can be computed on one side only."""
         jacobian = np.zeros((len(residuals), len(point)))
         every = range(len(point))
         sides = []
@@ -94,8 +95,8 @@ class _Differences:
 
 
 def _bounded_step(jacobian: Array, residuals: Array, point: Array, damping: float) -> Array:
-    """Returns the Levenberg-Marquardt step (Marquardt 1963) within the bounds. It solves a linear least-squares problem with bounds, by an active-set
-    method: the active set is that of the parameters at a bound (Nocedal and Wright 2006, section 16.5)."""
+    """Returns the Levenberg-Marquardt step (Marquardt 1963) within the bounds. The step solves a linear least-squares problem with bounds, by an
+    active-set method; the active set consists of the parameters at a bound (Nocedal and Wright 2006, section 16.5)."""
     size, low, high = np.sum(jacobian ** 2, axis=0), -point, 1.0 - point
     matrix = np.concatenate([jacobian, np.diag(np.sqrt(damping * np.maximum(size, 1e-9 * size.max() + 1e-300)))])
     target = np.concatenate([-residuals, np.zeros(len(point))])
@@ -118,7 +119,7 @@ def _bounded_step(jacobian: Array, residuals: Array, point: Array, damping: floa
 
 
 def _fall(jacobian: Array, residuals: Array, step: Array) -> float:
-    """Returns the decrease of chi squared that the Jacobian predicts for a step."""
+    """Returns the decrease in chi squared that the Jacobian predicts for a step."""
     return float(residuals @ residuals - np.sum((residuals + jacobian @ step) ** 2))
 
 
@@ -134,13 +135,13 @@ def minimise(evaluate: Evaluate, start: Array) -> Solution:
     if residuals is None:
         raise ValueError("no residuals at the start")
     jacobian, damping, rises, converged = differences.one_sided(point, residuals), 1e-3, 0, False
-    moved, idle, renewed = np.zeros(len(point)), 0, False    # moved: change of `point` since the last Jacobian by finite differences
+    moved, idle, renewed = np.zeros(len(point)), 0, False    # moved: change in `point` since the last Jacobian by finite differences
     best = point, residuals
     for _ in range(MOST_STEPS):
         chi2, lowest = float(residuals @ residuals), float(best[1] @ best[1])
         scale = max(1.0, chi2 / max(len(residuals) - len(point), 1))
         fresh = float(np.linalg.norm(jacobian @ moved)) < CHANGE * np.sqrt(scale)
-        left = _fall(jacobian, residuals, _bounded_step(jacobian, residuals, point, 0.0))    # decrease of chi squared that can still be expected
+        left = _fall(jacobian, residuals, _bounded_step(jacobian, residuals, point, 0.0))    # decrease in chi squared that can still be expected
         if (fresh and left < SMALL * scale) or (renewed and idle >= IDLE):
             converged = True
             break

@@ -49,7 +49,7 @@ class Channel:
         return f"{self.point or self.kind} {'xyz'[self.component]}"
 
     def means(self, values: Array) -> Array:
-        """Returns the means (b,) of numbers (n,), one per sample, over the intervals."""
+        """Returns the means (b,) over the intervals of values (n,), one per sample."""
         return np.add.reduceat(values, self.first) / self.counts
 
     def at(self) -> Array:
@@ -68,7 +68,7 @@ class Channel:
 class Recording:
     """An insertion that begins in tissue at rest."""
 
-    name: str                 # name of the file, for messages and pictures
+    name: str                 # name of the file, for messages and plots
     motion: Table             # poses of the base
     channels: list[Channel]
 
@@ -128,7 +128,7 @@ def _channel(path: Path, kind: str, component: int, point: str, times: Array, va
 
 
 def read_forces(path: Path, motion: Table, every: float, kinds: Sequence[str]) -> list[Channel]:
-    """Reads those of the columns fx, fy, fz [N], tx, ty, tz [N m] that the file has and whose kind is wanted. Raises BadRecording."""
+    """Reads the columns among fx, fy, fz [N] and tx, ty, tz [N m] that the file has and whose kind is in `kinds`. Raises BadRecording."""
     table = _Csv(path)
     times, found = table.times(), []
     for i, name in enumerate(FORCES):

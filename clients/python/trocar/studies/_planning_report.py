@@ -1,4 +1,4 @@
-"""The output of trocar-plan: CSV and Markdown tables, and pictures."""
+"""The output of trocar-plan: CSV and Markdown tables, and plots."""
 from __future__ import annotations
 
 import csv
@@ -41,7 +41,7 @@ def _kinds(problem: Problem, result: Any) -> dict[str, Any]:
 
 
 def _errors(expected: Sequence[Any], sampled: bool, over: Any) -> str:
-    """Formats errors for nominal parameters, with the worst-case errors in brackets; `over` combines several targets."""
+    """Formats the error for nominal parameters, followed by the worst-case error in brackets; `over` combines the errors of several targets."""
     worst = f" ({_mm(over([e.worst for e in expected]))})" if sampled else ""
     return _mm(over([e.error for e in expected])) + worst
 
@@ -168,7 +168,7 @@ def _inside(shaft: np.ndarray, depth: float) -> np.ndarray:
 
 
 def _plot_paths(problem: Problem, model: Model, results: Sequence[Any], path: Path) -> None:
-    """Plots needles, targets, the region of the targets, and obstacles in three planes."""
+    """Plots the needles, the targets, the regions that contain the targets, and the obstacles, projected onto three planes."""
     plt = _start_plots()
     frame = Frame(model)
     regions = [model.groups[i] for i in np.unique(model.part_of[model.tet_regions[locate(model, [result.target for result in results])[0]]])]
@@ -216,7 +216,7 @@ def _plot_seeds(problem: Problem, results: Sequence[Any], path: Path) -> None:
 
 
 def write(problem: Problem, model: Model, results: Sequence[Any], out: Path, plots: bool) -> tuple[str, list[Path]]:
-    """Writes result.csv, summary.md and pictures. Returns the text of the summary and the paths of the files."""
+    """Writes result.csv, summary.md and plots. Returns the text of the summary and the paths of the files."""
     text = _seeds(problem, results) if problem.plan else _tips(problem, model, results)
     files = [out / "result.csv", out / "summary.md"]
     _write_csv(problem, results, files[0])

@@ -28,7 +28,7 @@ MOST_SAMPLES = 64    # maximum number of samples, each of which keeps a model in
 MOST_POINTS = 2e6    # maximum number of points in an obstacle
 LONGEST = 0.1        # m, maximum clearance or tolerance that a problem may specify
 LONGEST_REST = 60.0  # s
-IN_FRONT = 1e-3      # m, distance in front of the rectangle at which points are tested, because a rectangle on the skin may be slightly inside by rounding
+IN_FRONT = 1e-3      # m, points are tested this far in front of the rectangle, because rounding may put a rectangle on the skin slightly inside
 SLOWEST = 1e-3       # m/s
 
 
@@ -38,7 +38,7 @@ class BadProblem(BadStudy):
 
 @dataclass
 class Area:
-    """A rectangle through which needles enter. A needle has the direction of the area, tilted about each of two axes."""
+    """A rectangle through which needles enter. A needle has the area's direction, tilted about each of two axes."""
 
     origin: Array       # (3,) m, position of a corner
     edges: Array        # (2, 3) m
@@ -135,7 +135,7 @@ class _ProblemReader(_StudyReader):
         return low, high
 
     def area(self, node: Any, keys: dict[str, Any], frame: Frame, patient: bool) -> Area:
-        """Reads two ranges and a number, along the axes of the mesh or of the patient."""
+        """Reads the entry rectangle: two ranges and a number, along the axes of the mesh or of the patient."""
         reader = self.reader
         missing = [axis for axis in "xyz" if axis not in keys]
         if missing:

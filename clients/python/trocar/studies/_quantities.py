@@ -29,7 +29,7 @@ class Recording:
     _field: Array | None = None
 
     def all(self, name: str) -> npt.NDArray[Any]:
-        """Returns one field of all outputs up to now."""
+        """Returns one field of all outputs so far."""
         return np.concatenate([part[name] for part in self.outputs])
 
     def path(self) -> Array:
@@ -45,8 +45,8 @@ class Recording:
 
 
 class Quantity(NamedTuple):
-    """`unit`, and `parts`: the names of the numbers, ("",) for a single number. `instant`: true if the quantity is taken at one time, false if over
-    the whole motion. `option`: the key that the quantity needs in addition to `at`: "membrane", "region" or "target" (a point)."""
+    """A quantity of a run. `parts`: the names of its numbers, ("",) for a single number. `instant`: true if the quantity is taken at one time, false
+    if over the whole motion. `option`: the key that the quantity needs in addition to `at`: "membrane", "region" or "target" (a point)."""
 
     unit: str
     parts: tuple[str, ...]
@@ -116,7 +116,7 @@ def displaced(model: Model, point: npt.ArrayLike, displacements: Array) -> Array
 
 
 def _shift(r: Recording, region: str) -> list[float]:
-    """Returns the mean displacement of the nodes."""
+    """Returns the mean displacement of the region's nodes, as x, y, z and length (m)."""
     model = r.sim.model
     nodes = np.unique(model.tets_of(region))
     mean = r.displacements()[nodes].mean(axis=0)
@@ -135,7 +135,7 @@ SEED_PARTS = ("total", "tissue", "image", "splay", "remainder")
 
 
 def _seed_parts(r: Recording, _: Any) -> list[float]:
-    """Returns the mean magnitudes of the parts of the misplacement, along and across the needle."""
+    """Returns, for each part of the misplacement, its mean magnitudes (m) along and across the needle."""
     errors = r.moves.errors()
     mean = lambda values: float(np.mean(values)) if errors else float("nan")
     return [number for part in SEED_PARTS for number in (mean([abs(e.along(part)) for e in errors]), mean([e.across(part) for e in errors]))]

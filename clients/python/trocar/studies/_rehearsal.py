@@ -17,8 +17,8 @@ from ..brachy.plan import Turn
 
 Array = npt.NDArray[np.float64]
 
-BACK = 4e-3        # m, distance before the desired depth at which a state is saved, from which insertions to other depths continue
-BEFORE_TURN = 6e-3    # m, distance before a turn at which a state is saved, from which insertions with other turns continue
+BACK = 4e-3        # m, a state is saved at this distance before the desired depth; insertions to other depths continue from it
+BEFORE_TURN = 6e-3    # m, a state is saved at this distance before a turn; insertions with other turns continue from it
 STATES = 6         # maximum number of saved states
 ROUNDS = 8         # maximum number of iterations in the search for the depth
 EXACT = 2e-6       # m, tolerance of the search for the depth
@@ -92,7 +92,7 @@ class Rehearsal:
         return max(math.floor((depth - start) / self._step + 1e-9), 0)
 
     def _leg(self, aim: Aim) -> tuple[bytes, float, float]:
-        """Returns the name, the start and the roll of the last leg of this aim."""
+        """Returns the last leg of this aim: the key of its saved state, its start (m) and its roll (rad)."""
         numbers = np.array([*aim.point, *aim.direction, aim.roll, *(aim.turn or ())])
         return numbers.tobytes(), aim.turn.depth if aim.turn else -self._hand.outside, aim.roll + (aim.turn.by if aim.turn else 0.0)
 
@@ -143,9 +143,9 @@ class Rehearsal:
         return Outcome(depth, shaft[-1] - target.displaced(field), shaft, field)
 
     def best(self, aim: Aim, target: Target, further: float = 0.0) -> Outcome:
-        """Returns the outcome at the depth at which the target is neither ahead of the tip nor behind it, found by the secant method. `further`: expected
-        difference (m) between this depth and that for a rigid needle. If there is no such depth, for example because of bone, returns the best outcome found.
-        Raises Error."""
+        """Returns the outcome at the depth at which the target is neither ahead of the tip nor behind it, found by the secant method. `further`: expected value
+        (m) of this depth minus that for a rigid needle. If there is no such depth, for example because of bone, returns the best outcome found. Raises
+        Error."""
         most = self.model.needle_length - 1e-3
         depth = float(np.clip(depth_of(aim, target) + further, 1e-3, most))
         found: list[tuple[float, float, Outcome]] = []

@@ -1,4 +1,4 @@
-"""Carries out the runs of a study, each in its own process, and writes their rows to a file that survives if the process is killed."""
+"""Carries out the runs of a study, each in its own process, and appends their results to a file that remains usable if a process is killed."""
 from __future__ import annotations
 
 import csv
@@ -176,7 +176,7 @@ def _parse_rows(path: Path, data: bytes, study: Study, samples: npt.NDArray[np.f
             row = Row(int(cells[0]), cells[1], numbers[:parameters], numbers[parameters:])
         except (ValueError, csv.Error):
             raise BadStudy(f"{path}:{number}: damaged or changed since it was written: remove the line, and the run is repeated") from None
-        if study.method == "random" and row.index >= len(samples):    # this row was written when the study had more runs
+        if study.method == "random" and row.index >= len(samples):    # the row was written when the study had more runs
             continue
         if not 0 <= row.index < len(samples) or row.parameters != tuple(samples[row.index].tolist()):
             raise BadStudy(f"{path}:{number}: run {row.index} has other parameters than the study: choose another folder with --out")
@@ -204,7 +204,7 @@ class TaskFile:
         try:
             self._lock()
             size = os.fstat(self._file).st_size
-            # opening the file again and closing the new descriptor would release the lock
+            # read through the locked descriptor: opening the file again and closing that descriptor would release the lock
             self.rows, end = _parse_rows(path, _read_whole(self._file, size), study, samples)
             self.torn = size - end    # bytes
             os.ftruncate(self._file, end)
@@ -224,7 +224,8 @@ class TaskFile:
             raise BadStudy(f"{self.path}: cannot be locked: {error.strerror}: choose with --out a folder on a file system that supports locks") from None
 
     def append(self, row: Row) -> None:
-        """Appends a row. From then on, the row survives if this process is killed, and after one second also a power failure."""
+        """Appends a row. From then on, the row survives if this process is killed. At most once per SYNC seconds, this also flushes the file to disk,
+        so that the rows so far survive a power failure."""
         data = checked(line_of(cells_of(row)))
         if os.write(self._file, data) != len(data):
             raise OSError(28, "No space left on device", str(self.path))
@@ -244,7 +245,7 @@ class TaskFile:
 
 
 def _child(write: int, work: Callable[[], Any], program: str) -> None:
-    """Code that runs in the child: sends the outcome to the parent and exits."""
+    """Runs in the child process: sends the outcome to the parent and exits."""
     status = 1
     try:
         signal.signal(signal.SIGINT, signal.SIG_IGN)     # a SIGINT from the terminal also reaches the parent, which then ends its children
@@ -283,7 +284,7 @@ class Pool:
         self._selector.register(read, selectors.EVENT_READ)
 
     def wait(self) -> None:
-        """Waits until at least one child has sent data."""
+        """Waits until at least one child has sent data or ended, and handles it."""
         for key, _ in self._selector.select():
             data = os.read(key.fd, 1 << 16)
             run_, process, received = self._running[key.fd]

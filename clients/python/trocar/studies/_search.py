@@ -20,29 +20,29 @@ from ..brachy.plan import Turn
 Array = npt.NDArray[np.float64]
 
 UNIT = 1e-4          # m, unit of errors and of violations of clearances in the search
-STAY = 0.02          # weight of the distance from the start; it makes the search find the closest of all insertions that reach the target
+STAY = 0.02          # weight of the distance from the start: of all insertions that reach the target, the search then finds the one closest to the start
 FAILED = 2e-2        # m, error assigned to an insertion that cannot be simulated
 GRID = 13            # number of entry points along each side of the area that are tried with a rigid needle
 NEIGHBOURS = 4       # number of holes from which a search starts, beginning with the closest
 ROLLS = (0.0, 0.5 * math.pi, math.pi, -0.5 * math.pi)    # rad, rolls that are tried in an area until one of them leads to the target
 LAST = 2e-3          # m: a turn is omitted if it would be closer to the target than this
-# factor by which the steps of difference quotients over samples are lengthened; otherwise the differences would be small compared with the roughness within a
-# step
+# factor by which finite-difference steps are lengthened for derivatives over samples; with shorter steps, the differences would be small compared with the
+# roughness of the errors
 LONGER = 4.0
 ROUNDING = 1e-5      # m, tolerance for rounding errors in a clearance
 MARGIN = 2e-5        # m, added to the desired clearance so that the needle still has that clearance when the plan is carried out
 SPARE = 2e-3         # m: clearance that exceeds the desired one by more than this has no influence on the search
 TOO_NEAR = 10.0      # weight of violations of clearances relative to the worst-case error
 NOMINAL_STEPS = 25    # maximum number of steps in the search for nominal parameters
-ENOUGH_NOMINAL = 0.02    # in units of the search, which ends when the expected improvement of the next step is less than this
+ENOUGH_NOMINAL = 0.02    # in units of the search: it ends when the next step is expected to improve by less than this
 NO_ERROR = 0.1       # in units of the search: errors below this need no further search
 BENDING = ("roll", "turn")    # variables that change how the bevel bends the needle, so that it does not move like a rigid body
-JUMP = 3.0           # in units of the search: if a step misses its prediction by more than this, the tip has jumped, and the slopes are kept
+JUMP = 3.0           # in units of the search: if a step misses its prediction by more than this, the tip has jumped, and the slopes are not updated
 PASSES = 2           # number of times that the search for the smallest worst-case error starts with new slopes
 STEPS = 12           # maximum number of steps in the search for the smallest worst-case error
-RADIUS = 0.4         # first radius of the trust region in this search
+RADIUS = 0.4         # initial radius of the trust region in this search
 SMALLEST = 0.02      # smallest step in the search for the smallest worst-case error
-ENOUGH = 0.05        # the search ends when the expected improvement of the next step, in units of the search, is less than this
+ENOUGH = 0.05        # in units of the search: it ends when the next step is expected to improve by less than this
 
 
 class Variable(NamedTuple):
@@ -50,7 +50,7 @@ class Variable(NamedTuple):
     scale: float    # change in the variable that corresponds to one unit of the search
     low: float
     high: float
-    step: float     # step size of the difference quotient
+    step: float     # step of the finite difference
 
 
 class Freedom:
@@ -112,7 +112,7 @@ class Freedom:
 
 
     def carried(self, x: Array, other: Array, outcome: Outcome) -> Outcome:
-        """Returns the outcome at x if the needle is moved from x to other without a change in its shape or in the tissue."""
+        """Returns the outcome at x with the needle moved rigidly to `other`; the tissue does not change."""
         here, there = self.aim(x), self.aim(other)
         frame = lambda aim: multiply(towards(aim.direction), exponential([0.0, 0.0, aim.roll]))
         local = rotate(frame(here) * [1.0, -1.0, -1.0, -1.0], outcome.shaft - here.point)
@@ -139,7 +139,7 @@ class Found:
 
 
 class Case:
-    """A target in one or more models: the nominal model and the samples."""
+    """A target in one or more models: the nominal model and those of the samples."""
 
     def __init__(self, problem: Problem, models: Sequence[Model], point: Array):
         self.problem, self.models = problem, models
@@ -172,7 +172,7 @@ class Case:
         return float(sum(max(o.clearance - o.distance(line, self.radius), 0.0) for o in self.problem.obstacles))
 
     def unplanned(self) -> Aim:
-        """Aims as one would without planning: straight ahead from the hole, or from the point of the area, that faces the target."""
+        """Returns the aim that one would take without planning: straight ahead from the hole, or from the point of the area, that faces the target."""
         problem, point = self.problem, self.target.point
         if problem.area is None:
             return self.hole_aims()[0][1]
@@ -184,7 +184,7 @@ class Case:
         return Aim(area.origin + place @ (area.edges / lengths[:, None]), area.direction, problem.roll or 0.0)
 
     def hole_aims(self) -> list[tuple[str, Aim]]:
-        """Returns aims through the holes, sorted by the distance of the hole's axis from the target, with the closest first."""
+        """Returns aims through the holes, sorted by the distance of the hole's axis from the target, closest first."""
         model, point = self.models[0], self.target.point
         guide = next(guide for guide in model.guides if guide.name == self.problem.template)
         found = []
@@ -233,8 +233,8 @@ class Case:
 
     def search(self, freedom: Freedom) -> Found:
         """Minimises the squares of the errors and the violations of clearances by the Gauss-Newton method within a trust region. The Jacobian of the
-        errors begins with that of a rigid needle and follows from the insertions that are tried (Broyden, Mathematics of Computation 19, 1965,
-        577-593). Difference quotients replace it only if it leads no further and the target is not reached."""
+        errors starts as that of a rigid needle and is updated from the insertions that are tried (Broyden, Mathematics of Computation 19, 1965,
+        577-593). Finite differences replace it only if it leads no further and the target is not reached."""
         from scipy.optimize import lsq_linear
         further, obstacles = 0.0, len(self.problem.obstacles)
 
@@ -251,7 +251,7 @@ class Case:
             return np.concatenate([outcome.error, self.missing(self.clearances(outcome))]) / UNIT, outcome
 
         def differentiate(x: Array, values: Array, names: Collection[str]) -> None:
-            """Replaces the slopes with respect to the variables with these names by difference quotients."""
+            """Replaces the slopes with respect to the variables of these names by finite differences."""
             for i, variable in enumerate(freedom.variables):
                 if variable.name in names:
                     other, step = freedom.stepped(x, i)
@@ -404,8 +404,8 @@ class Case:
             return kept[key]
 
         def slopes(z: Array, names: Sequence[str]) -> tuple[Array, Array]:
-            """Returns the derivatives of `evaluate`; the last axis corresponds to the variables. They are difference quotients for variables with these
-            names, and otherwise those for a needle that keeps its shape."""
+            """Returns the derivatives of `evaluate`; the last axis corresponds to the variables. They are finite differences for variables of these
+            names, and otherwise those of a needle that keeps its shape."""
             (errors, free), x = evaluate(z), z[:-1]
             errors_, free_ = np.zeros((*errors.shape, n)), np.zeros((*free.shape, n))
             outcome, clearances = outcomes[z.tobytes()]
@@ -451,9 +451,9 @@ class Case:
         return Found(aim, 1e-3 * float(z[-1]), UNIT * float(measure(errors)), UNIT * short(free), freedom.at_limits(z[:-1]), z[:-1], freedom)
 
     def _worst(self, start: Array, low: Array, high: Array, evaluate: Callable, slopes: Callable) -> None:
-        """Minimises the worst-case error. Each step is optimal if errors and clearances are linear in z, and stays within a trust region (Madsen,
-        Journal of the Institute of Mathematics and its Applications 16, 1975, 321-328; here with SciPy's SLSQP). The slopes of the errors follow from
-        the points that are tried, as in `search`. `evaluate` records all points that are simulated in all samples."""
+        """Minimises the worst-case error. Each step would be optimal if errors and clearances were linear in z, and stays within a trust region
+        (Madsen, Journal of the Institute of Mathematics and its Applications 16, 1975, 321-328; here with SciPy's SLSQP). The slopes of the errors
+        are updated from the points that are tried, as in `search`. `evaluate` records all points that are simulated in all samples."""
         def merit(values: tuple[Array, Array]) -> float:
             return float(np.linalg.norm(values[0], axis=1).max() + TOO_NEAR * np.maximum(-values[1], 0.0).max(initial=0.0))
 
@@ -469,7 +469,7 @@ class Case:
             if gain < ENOUGH:
                 radius = 0.0
                 continue
-            # a step that is too far for one sample need not be simulated in the others
+            # a step that is too long for one sample need not be simulated in the others
             there = evaluate(z + step, merit(here), np.argsort(-np.linalg.norm(errors + errors_ @ step, axis=1), kind="stable"))
             missed = there[0] - errors - errors_ @ step
             known = np.isfinite(missed[:, 0])

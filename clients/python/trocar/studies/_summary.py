@@ -1,4 +1,4 @@
-"""Percentiles and sensitivities of a study's results, as Markdown and pictures."""
+"""Percentiles and sensitivities of a study's results, as Markdown and plots."""
 from __future__ import annotations
 
 from pathlib import Path
@@ -68,7 +68,7 @@ def _plot_results(columns: Sequence[str], results: npt.NDArray[np.float64], path
     figure, axes = plt.subplots((len(columns) + 2) // 3, 3, figsize=(9.0, 2.2 * ((len(columns) + 2) // 3)), squeeze=False, layout="constrained")
     for axis, column, values in zip(axes.flat, columns, results.T):
         there = np.sort(values[np.isfinite(values)])
-        if len(there) > 200:    # more points would not be distinguishable in the picture
+        if len(there) > 200:    # more points would not be distinguishable in the plot
             there = np.quantile(there, np.linspace(0.0, 1.0, 201))
         if len(there):
             axis.step(there, np.arange(1, len(there) + 1) / len(there), where="post", color="#0072B2")
@@ -107,7 +107,7 @@ def _plot_indices(study: Study, found: dict[str, sensitivity.Indices], path: Pat
 
 
 def write(study: Study, rows: Sequence[Row], out: Path, plots: bool) -> tuple[str, list[Path]]:
-    """Writes summary.md and pictures. Returns the text of the summary and the paths of the pictures."""
+    """Writes summary.md and plots. Returns the text of the summary and the paths of the plots."""
     columns, p = study.result_columns(), len(study.parameters)
     parameters, results = np.array([row.parameters for row in rows]), np.array([row.results for row in rows]).reshape(len(rows), len(columns))
     failed = sum(row.status != "ok" for row in rows)

@@ -364,6 +364,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    from trocar.studies import fit as _imported  # ensures that the classes are the same as in the other modules
+    from trocar.studies import fit as _imported  # not __main__, whose classes would differ from those that other modules import
 
     sys.exit(_imported.main())

@@ -39,7 +39,7 @@ __all__ = ["Writer", "collect", "size_in_words"]
 _KINDS = {"tissue": 0, "tip": 1, "guide": 2}
 _MESH = ("nodes", "tets", "tet_regions")
 _COMPRESSED = {"compression": "gzip", "compression_opts": 4, "shuffle": True}
-# dimensions after run and time, unit and meaning of each data set
+# for each data set: its dimensions after run and time, its unit, and its meaning
 _DATA = {"pose": (("pose_part",), "m and 1", "pose of the needle's base: position and quaternion"),
          "force": (("axis",), "N", "force of the base on the hand"), "torque": (("axis",), "N m", "torque of the base on the hand, about the base"),
          "depth": ((), "m", "length of the track"), "centreline": (("joint", "axis"), "m", "joints of the needle, from base to tip"),

@@ -204,8 +204,8 @@ SEED_EXACT = 2e-5    # m
 
 
 def _placed(problem: Problem, model: Model, given: Needle, needle: Needle) -> Array:
-    """Carries out one needle of a plan as `needle`, and returns the distances (seeds, 3) m of its seeds from their places in `given`, in the tissue
-    at rest. Raises BadPlan, Error."""
+    """Carries out `needle` in place of the plan's needle `given`, and returns the offsets (seeds, 3) m of its seeds from the positions planned in
+    `given`, in the tissue at rest. Raises BadPlan, Error."""
     from .. import Sim
     sim, dt = Sim(model), 1.0 / model.rate_hz
     for poses in replace(problem.hand, plan=replace(problem.plan, needles=[needle])).play(sim, dt):
@@ -223,7 +223,7 @@ def plan_seeds(problem: Problem, models: Sequence[Model], given: Needle) -> Seed
     samples = models if problem.objective != "nominal" else models[:1]
     wanted = np.array([given.depth - behind for behind in given.seeds])    # desired depths of the seeds' centres
     aimed, needle, best, why = wanted.copy(), given, None, ""
-    # depths at which the seeds ended too deep, and depths at which they ended too shallow
+    # smallest depths at which the seeds ended too deep, and greatest depths at which they ended too shallow
     deep, shallow = np.full(len(wanted), np.inf), np.full(len(wanted), -np.inf)
     for _ in range(SEED_ROUNDS):
         try:
@@ -284,9 +284,9 @@ def plan_seeds(problem: Problem, models: Sequence[Model], given: Needle) -> Seed
 
 def plan(problem: Problem, models: Sequence[Model] | None = None, workers: int = 1, only: Sequence[str] = (),
          progress: Callable[[int, int], None] = lambda done, of: None, lost: Callable[[str], None] | None = None) -> list[Result] | list[SeedResult]:
-    """Plans for all targets, or for those that are named, or for all needles of a plan, in their order. The result is the same for any number of
-    workers, which are processes. Reports progress (done, of). If a search ends without a result, for example for lack of memory, calls `lost` with
-    the target or needle, and returns the other results. Raises Error if that happens and `lost` is not given, or if there is no result at all."""
+    """Plans for all targets, or for those that are named, or for all needles of a plan, in their order. The result does not depend on the number of
+    workers (processes). Reports progress (done, of). If a search ends without a result, for example for lack of memory, calls `lost` with the target
+    or needle, and returns the other results. Raises Error if that happens and `lost` is not given, or if there is no result at all."""
     models = models_of(problem) if models is None else models
     jobs: list[Callable[[], Result | SeedResult]]
     if problem.plan:
@@ -501,6 +501,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    from trocar.studies import planner as _imported  # ensures that the classes are the same as in the other modules
+    from trocar.studies import planner as _imported  # not __main__, whose classes would differ from those that other modules import
 
     sys.exit(_imported.main())

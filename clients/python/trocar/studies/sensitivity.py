@@ -66,9 +66,9 @@ def _interval(drawn: Array) -> Array:
 
 
 def indices(values: npt.ArrayLike, parameters: int, resamples: int = 500, seed: int = 0) -> Indices:
-    """Computes the indices from the function's values (count (p + 2),) at the points of `design`. If a value is not finite, its point is left out
-    together with the points that were mixed from it. The intervals are percentiles of `resamples` bootstrap samples of the N points; the limits are
-    NAN if the index is undefined in more than a tenth of these samples, for example because all values are equal."""
+    """Computes the indices from the function's values (count (p + 2),) at the points of `design`. If a value is not finite, all p + 2 values of its
+    Sobol point are left out. The intervals are percentiles of `resamples` bootstrap samples of the N points; the limits are NAN if the index is
+    undefined in more than a tenth of these samples, for example because all values are equal."""
     table = np.asarray(values, np.float64).reshape(-1, parameters + 2)
     table = table[np.isfinite(table).all(axis=1)]
     if len(table) < 2:

@@ -115,7 +115,7 @@ def _batch_script(given: argparse.Namespace, out: Path) -> str:
         environment["PYTHONPATH"] = os.pathsep.join(absolute(part) for part in os.environ["PYTHONPATH"].split(os.pathsep) if part)
     if "TROCAR_LIBRARY" in os.environ:
         library = os.environ["TROCAR_LIBRARY"]
-        environment["TROCAR_LIBRARY"] = absolute(library) if "/" in library else library    # a name without a folder is searched for by the system's loader
+        environment["TROCAR_LIBRARY"] = absolute(library) if "/" in library else library    # the dynamic loader searches for a name without a folder
     command = [sys.executable, "-m", "trocar.studies.study", "run", absolute(given.study), "--out", str(out)]
     if given.record:
         command += ["--record", given.record]
@@ -269,6 +269,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    from trocar.studies import study as _imported  # ensures that the classes are the same as in the other modules
+    from trocar.studies import study as _imported  # not __main__, whose classes would differ from those that other modules import
 
     sys.exit(_imported.main())

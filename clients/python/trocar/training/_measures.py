@@ -10,8 +10,8 @@ class Measure(NamedTuple):
     unit: str
     factor: float    # ratio of the displayed number to the value
     decimals: int
-    of_plan: bool    # True if the task needs a plan
-    of_dose: bool    # True if the plan needs a source and a prescription
+    of_plan: bool    # True if the measure needs a plan
+    of_dose: bool    # True if that plan needs a source and a prescription
 
 
 def _of(unit: str = "", factor: float = 1.0, decimals: int = 0, plan: bool = False, dose: bool = False) -> Measure:

@@ -1,4 +1,4 @@
-"""The messages of a recorded run that its score needs."""
+"""Reads the messages of a recorded run that are needed to score it."""
 from __future__ import annotations
 
 from dataclasses import dataclass, field
@@ -16,7 +16,7 @@ from .._locate import locate
 Array = npt.NDArray[np.float64]
 
 CHANNELS = ("TROCAR_WRENCH", "TROCAR_DEFORMATION", "TROCAR_TRACKS", "TROCAR_SEEDS", "TROCAR_CONTACTS")
-# LCM's fingerprints of the message types; tests/python/test_training.py compares them with lcmtypes/trocar.lcm.
+# LCM fingerprints of the message types; tests/python/test_training.py compares them with lcmtypes/trocar.lcm.
 FINGERPRINTS = dict(zip(CHANNELS, (0x3f878a766c95d360, 0xb6c802e121a810f4, 0xff4a2e4077a7cf58, 0x22281f3a8fc50383, 0xcdae9db269781a73)))
 _WRENCH = np.dtype([(name, ">i8") for name in ("fingerprint", "utime", "tick", "session", "pose_seq", "pose_utime")]
                    + [(name, ">f8", 3) for name in ("force", "torque", "raw_force", "raw_torque")] + [("depth", ">f8")]
@@ -29,7 +29,7 @@ class BadRecording(Exception):
 
 @dataclass
 class Seeds:
-    """The seeds in the last message of the recording."""
+    """The seeds in the recording's last message on TROCAR_SEEDS."""
 
     rest: Array = field(default_factory=lambda: np.zeros((0, 3)))         # (k, 3) m, centres in the tissue at rest
     direction: Array = field(default_factory=lambda: np.zeros((0, 3)))    # (k, 3) unit vectors to the distal ends, in the tissue at rest
@@ -68,10 +68,11 @@ class Recording:
     """What a log says about a run. Only messages of the server are used, so that recordings of the same run by different programs agree.
 
     wrenches: structured array, in the order of the log; paths: tracks (n, 3) m that needles have cut, in the tissue at rest; seeds: at the end;
-    displacement: largest displacement (m) of the chosen nodes in any frame; sightings: of needles that are held, in each frame."""
+    displacement: largest displacement (m) of the chosen nodes in any frame; sightings: one for each held needle in each frame."""
 
     def __init__(self, path: str | PathLike[str], model: Model, nodes: npt.NDArray[np.intp], watched: Array):
-        """`nodes`: those whose displacement counts; watched (k, 3) m: points of the tissue at rest. Raises BadRecording."""
+        """`nodes`: indices of the nodes whose displacement counts; `watched` (k, 3) m: points to which sightings refer, in the tissue at rest. Raises
+        BadRecording."""
         self.path, self._node_count, self._nodes, self._watched = fspath(path), len(model.nodes), nodes, watched
         tets, self._weights = locate(model, watched)
         self._corners = model.tets[tets]

@@ -1,4 +1,4 @@
-"""The report of a run: HTML with figures, JSON and CSV, and the comparison with other runs."""
+"""Report on a run: HTML with figures, JSON and CSV, and a comparison with other runs."""
 from __future__ import annotations
 
 import csv
@@ -24,7 +24,7 @@ from ._words import ENGLISH, Words
 Array = npt.NDArray[np.float64]
 
 FORMAT = 1
-MARGIN = 8e-3      # m, margin of a section around the targets or the plan and the gland
+MARGIN = 8e-3      # m, margin that the section views show around the gland and the targets or planned seeds
 
 
 class BadReport(Exception):
@@ -67,7 +67,7 @@ def as_json(result: Result) -> str:
 
 
 def as_csv(result: Result) -> str:
-    """Returns the measures as a table, in SI units, Gy and fractions."""
+    """Returns the measures as CSV, in SI units, Gy and fractions."""
     out = io.StringIO()
     rows = csv.writer(out, lineterminator="\n")
     rows.writerow(["measure", "value", "least", "most", "met", "source"])
@@ -121,7 +121,7 @@ def _points(result: Result) -> tuple[Array, Array]:
 
 
 def draw_sections(result: Result, words: Words) -> str:
-    """Draws desired and achieved positions, and the paths of the needles, over three sections through the middle of the desired positions."""
+    """Draws the desired and achieved positions and the paths of the needles over three sections through the mean of the desired positions."""
     from matplotlib.collections import LineCollection
     task, model, frame = result.task, result.task.model, Frame(result.task.model)
     wanted, achieved = _points(result)
@@ -154,7 +154,7 @@ def draw_forces(result: Result, words: Words) -> str:
     """Draws the force on the hand against time."""
     drawn, (panel,) = figure(10.5, 2.8)
     times, forces = result.forces
-    # the largest force of each of at most 2000 intervals, so that no peak is lost
+    # plots the largest force in each of at most 2000 intervals, so that no peak is lost
     bins = np.minimum((2000 * times / max(times[-1], 1e-9)).astype(int), 1999)
     first = np.flatnonzero(np.diff(bins, prepend=-1))
     panel.plot(times[first], np.maximum.reduceat(forces, first), color="#0072b2", linewidth=1)
@@ -183,7 +183,7 @@ def draw_histograms(result: Result, words: Words) -> str:
 
 
 def _best(name: str, runs: Sequence[Earlier], result: Result) -> str:
-    """Returns the best value of earlier runs by the task's criterion of this measure; empty if there is none."""
+    """Returns the best value of a measure in earlier runs, judged by the task's criterion for it; empty if there is none."""
     values = [run.measures[name] for run in runs if run.measures.get(name) is not None]
     criterion = next((c for c in result.task.criteria if c.measure == name), None)
     if not values or not criterion:
@@ -219,7 +219,7 @@ def _places(result: Result, words: Words) -> str:
 
 
 def as_html(result: Result, runs: Sequence[Earlier] = (), reference: Earlier | None = None, language: str = ENGLISH) -> str:
-    """Returns the report as a page of HTML without scripts, which can be printed. `runs`: earlier runs, oldest first. Numbers are the same in each language."""
+    """Returns the report as a printable HTML page without scripts. `runs`: earlier runs, oldest first. Numbers are the same in each language."""
     task, words, texts = result.task, Words(language), result.task.texts(language)
     passed, met = words("passed" if result.passed else "failed"), sum(j.met for j in result.judgements)
     verdict = words("verdict", met=met, count=len(result.judgements), time=began(result).replace("T", " ").replace("Z", " UTC"))

@@ -1,4 +1,4 @@
-"""The score of a recorded run: the only implementation, for trocar-score and for trocar-view."""
+"""Scores a recorded run. This is the only implementation, used by both trocar-score and trocar-view."""
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -18,12 +18,12 @@ from ._task import Criterion, Target, Task
 
 Array = npt.NDArray[np.float64]
 
-ENTERED = 2e-3     # m, depth at which a needle has entered the tissue; less is a touch of the skin
-TURN = 5e-3        # m, smallest distance by which a needle is drawn back and pushed forward again in a redirection
+ENTERED = 2e-3     # m, depth from which a needle counts as having entered the tissue; less is a touch of the skin
+TURN = 5e-3        # m, a redirection draws a needle back by at least this much and then pushes it forward again by at least as much
 TAKEN = 5e-3       # m: a track that is longer than this when it appears belongs to a needle that had been left in the tissue
-DEEPEST = 5e-4     # m, difference from the greatest depth up to which a needle counts as being at its deepest
-SAMPLE = 1e-3      # m, distance between the points of a path for which the region is determined
-RECTUM = 2e-6      # m^3, volume of the rectum with the highest doses
+DEEPEST = 5e-4     # m, a needle within this distance of its greatest depth counts as being at its deepest
+SAMPLE = 1e-3      # m, spacing of the points along a path at which the region is determined
+RECTUM = 2e-6      # m^3, volume to which the rectum's D2cc refers
 
 __all__ = ["MEASURES", "Histogram", "Judgement", "Result", "score"]
 
@@ -41,7 +41,7 @@ class Reached(NamedTuple):
 
     target: Target
     error: float | None      # m; None if no needle entered the tissue
-    tip: Array | None        # (3,) m, the tip relative to the target in the displaced tissue, drawn from the target at rest
+    tip: Array | None        # (3,) m, the target's position at rest plus the vector from the displaced target to the tip
 
 
 class Histogram(NamedTuple):
@@ -94,7 +94,7 @@ class Result:
 
 
 def score(task: Task, log: str | PathLike[str]) -> Result:
-    """Scores a recording of TROCAR_WRENCH, TROCAR_DEFORMATION, TROCAR_TRACKS and TROCAR_SEEDS. Raises BadRecording."""
+    """Scores a recording of TROCAR_WRENCH, TROCAR_DEFORMATION, TROCAR_CONTACTS, TROCAR_TRACKS and TROCAR_SEEDS. Raises BadRecording."""
     model = task.model
     gland = task.tets_of("gland")
     nodes = np.unique(gland if len(gland) else model.tets)
@@ -171,14 +171,14 @@ def _forces(recording: Recording) -> tuple[Array, Array]:
 
 
 def _stretches(depths: Array) -> list[Array]:
-    """Splits the depths of a needle at those that are 0: outside the tissue, or without a hand."""
+    """Splits the depths of a needle where they are 0: outside the tissue, or while nobody holds it."""
     inside = np.flatnonzero(depths > 0.0)
     return [depths[part] for part in np.split(inside, np.flatnonzero(np.diff(inside) > 1) + 1) if len(part)]
 
 
 def _passes(recording: Recording) -> dict[str, float]:
     """Counts entries and redirections of all needles, from the lengths of their tracks. The length is 0 in the messages while nobody holds the needle; when a
-    resting needle is taken, it begins with the depth at which the needle rests."""
+    resting needle is taken, it starts at the depth at which the needle rested."""
     passes = redirections = 0
     for needle in np.unique(recording.wrenches["needle"]):
         entered, extremes = False, Extremes()
@@ -211,12 +211,12 @@ def _misplacement(rows: Sequence[plans.Misplacement]) -> dict[str, float | None]
 
 
 def _within(points: Array, others: Array) -> Array:
-    """Returns those points that lie in the bounding box of others: the prostatic urethra."""
+    """Returns those points that lie in the bounding box of the others. This selects the prostatic urethra."""
     return points[((points >= others.min(axis=0)) & (points <= others.max(axis=0))).all(axis=1)]
 
 
 def _histograms(task: Task, recording: Recording) -> list[Histogram]:
-    """Returns the histograms of the organs with a role, in the tissue at rest; empty if the plan has no source or prescription."""
+    """Returns the histograms of the task's organs, in the tissue at rest; empty if the plan has no source or prescription."""
     plan = task.plan
     if not plan or not plan.source or not plan.prescription:
         return []

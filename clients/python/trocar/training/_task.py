@@ -26,7 +26,7 @@ class BadTask(Exception):
 
 @dataclass(frozen=True)
 class Target:
-    """A place that the tip of a needle is to reach."""
+    """A point that the tip of a needle is to reach."""
 
     name: str
     position: npt.NDArray[np.float64]    # (3,) m, position in the tissue at rest
@@ -35,7 +35,7 @@ class Target:
 
 @dataclass(frozen=True)
 class Criterion:
-    """A limit of a measure: either `least` or `most` is given."""
+    """A limit on a measure: either `least` or `most` is given."""
 
     measure: str             # a key of MEASURES
     least: float | None      # SI units, Gy or a fraction
@@ -61,7 +61,7 @@ class Texts:
 class Task:
     """What a trainee is to do, and how it is judged."""
 
-    name: str                # the file's name without its ending; identifies the task in a folder of earlier runs
+    name: str                # the file's name without its extension; identifies the task in a folder of earlier runs
     title: str
     text: str                # what to do
     path: str
@@ -70,7 +70,7 @@ class Task:
     targets: list[Target] = field(default_factory=list)
     plan: plans.Plan | None = None
     plan_path: str = ""
-    organs: dict[str, list[str]] = field(default_factory=dict)    # role, one of ROLES: regions of the mesh, each with its parts
+    organs: dict[str, list[str]] = field(default_factory=dict)    # regions of the mesh, each including its parts, by role (one of ROLES)
     avoid: list[str] = field(default_factory=list)                # regions that no needle is to enter
     criteria: list[Criterion] = field(default_factory=list)
     hints: list[str] = field(default_factory=list)
@@ -83,11 +83,11 @@ class Task:
         return _read_task(fspath(path))
 
     def texts(self, language: str) -> Texts:
-        """Returns the texts in a language; those of the task's file if it has no translation."""
+        """Returns the texts in a language, or those of the task's own file if there is no translation."""
         return self.translations.get(language) or Texts(self.title, self.text, self.hints, [criterion.source for criterion in self.criteria])
 
     def tets_of(self, role: str) -> npt.NDArray[np.int32]:
-        """Returns the tetrahedra of an organ, (k, 4) node indices; none if the task does not name its regions."""
+        """Returns the tetrahedra of an organ, (k, 4) node indices; empty if the task does not name its regions."""
         return np.concatenate([self.model.tets[:0], *(self.model.tets_of(name) for name in self.organs.get(role, []))])
 
 
@@ -116,7 +116,7 @@ class Course:
 
 
 def _file(reader: Reader, node: Any, place: str) -> str:
-    """Reads the name of a file, which is relative to the folder of the file that names it."""
+    """Reads the name of a file and returns its path; names are relative to the folder of the file in which they are written."""
     path = Path(reader.path).parent / reader.text(node, place)
     if not path.is_file():
         raise reader.fail(node, f"{place}: no file {path}: write its path relative to this file")
@@ -148,7 +148,7 @@ def _regions(reader: Reader, node: Any, place: str, known: list[str]) -> list[st
 
 
 def _wholes(model: Model, names: list[str]) -> list[str]:
-    """Returns the list without regions that are parts of another region in it."""
+    """Returns the list without the regions that are parts of another region in the list."""
     whole = dict(zip(model.groups, (model.groups[i] for i in model.part_of)))
     return [name for name in names if whole[name] == name or whole[name] not in names]
 

@@ -1,4 +1,4 @@
-"""The texts of a report in the language of the trainee: words/*.json in this folder, in which others can be added."""
+"""The texts of a report in the trainee's language, from words/*.json in this folder. Files for other languages can be added there."""
 from __future__ import annotations
 
 import json
@@ -11,12 +11,12 @@ ENGLISH = "en"
 
 
 def languages() -> list[str]:
-    """Returns the codes of the languages that have texts, English first."""
+    """Returns the codes of the available languages, English first."""
     return [ENGLISH, *sorted(path.stem for path in FOLDER.glob("*.json") if path.stem != ENGLISH)]
 
 
 class Words:
-    """The texts of a language; texts that are missing from its file are in English."""
+    """The texts in one language, falling back to English where a text is missing."""
 
     def __init__(self, language: str = ENGLISH) -> None:
         self.language = language if language in languages() else ENGLISH
@@ -27,5 +27,5 @@ class Words:
         return self._texts[key].format(**values)
 
     def limit(self, measure: str, least: float | None, most: float | None) -> str:
-        """Returns a limit of a measure in words; one of the two is None."""
+        """Returns a limit on a measure in words; either `least` or `most` is None."""
         return self("limit.most", limit=shown(measure, most)) if least is None else self("limit.least", limit=shown(measure, least))

@@ -13,12 +13,12 @@
 #include <time.h>
 #include <unistd.h>
 
-/* A packet, big-endian. Whole message: magic, sequence number (4 each), channel name with terminating zero, message. Fragment: magic, sequence
+/* Packet format, big-endian. Whole message: magic, sequence number (4 each), channel name with terminating zero, message. Fragment: magic, sequence
    number, size of the message, offset in the message (4 each), number of this fragment, number of fragments (2 each), in fragment 0 the channel
    name with terminating zero, then the fragment's part of the message. */
 enum { WHOLE_HEADER = 8, FRAGMENT_HEADER = 20, CHANNEL_MAX = 63, PAYLOAD_MAX = 65507 };
 static const uint32_t MAGIC_WHOLE = 0x4c433032, MAGIC_FRAGMENT = 0x4c433033; /* LC02, LC03 */
-static const uint32_t MESSAGE_MAX = 1 << 24; /* bytes, the limit of liblcm's unfinished messages; enough for 1.4 million nodes */
+static const uint32_t MESSAGE_MAX = 1 << 24; /* bytes, liblcm's limit for a partially received message; enough for 1.4 million nodes */
 static const char *const SELF_TEST = "LCM_SELF_TEST"; /* sent by liblcm to itself when it starts to receive */
 
 static uint32_t big_endian_32(const unsigned char *b) {
@@ -132,8 +132,8 @@ static bool has_interface(int socket, in_addr_t address) {
     return found;
 }
 
-/* True if a datagram was sent by this machine. The last answer is cached for a second, because most datagrams have the same sender, while interfaces
-   may come and go. */
+/* True if a datagram was sent by this machine. The last result is cached for a second, because most datagrams come from the same sender, while
+   interfaces may come and go. */
 static bool sent_here(int socket, in_addr_t address) {
     static _Thread_local struct {
         in_addr_t address;
@@ -156,7 +156,7 @@ static uint16_t port_of(int socket) {
     return getsockname(socket, (struct sockaddr *)&own, &size) == 0 && own.sin_family == AF_INET ? ntohs(own.sin_port) : 0;
 }
 
-/* True if another machine sent the datagram, and the socket's port accepts only local ones. LCM uses IPv4 sockets only. */
+/* True if another machine sent the datagram. LCM uses IPv4 sockets only. */
 static bool came_from_afar(int socket, const struct msghdr *message) {
     struct sockaddr_in from;
     if (!message->msg_name || message->msg_namelen < sizeof from) return false;
@@ -171,7 +171,7 @@ static void note_distant(const struct msghdr *message) {
     atomic_fetch_add_explicit(&distant, 1, memory_order_relaxed);
 }
 
-/* Moves a whole message from another machine to the channel for distant messages. */
+/* Renames the channel of an unfragmented message from another machine to the channel for distant messages. */
 static void mark_distant(void *packet, size_t size, const packet_origin *origin) {
     if (!origin->channel || size < WHOLE_HEADER || big_endian_32(packet) != MAGIC_WHOLE) return;
     char *channel = (char *)packet + WHOLE_HEADER;
@@ -186,7 +186,7 @@ static bool is_udp(int socket) {
     return getsockopt(socket, SOL_SOCKET, SO_PROTOCOL, &protocol, &size) == 0 && protocol == IPPROTO_UDP;
 }
 
-/* Judges every datagram by itself, regardless of earlier content of the buffer. */
+/* Applies the filter to one datagram and returns its size, or 0 to drop it. Each datagram is judged on its own. */
 static ssize_t filtered(int socket, struct msghdr *message, size_t size) {
     void *packet = message->msg_iov->iov_base;
     const packet_wishes *wishes = atomic_load(&current);

@@ -1,12 +1,12 @@
 /* Keeps malformed packets, and packets from other machines, away from liblcm.
 
-   liblcm 1.3.1 (Debian 12) trusts the headers it receives: one crafted fragment makes it write outside of its buffer, and a packet whose
+   liblcm 1.3.1 (Debian 12) trusts the headers it receives: one crafted fragment makes it write outside its buffer, and a packet whose
    channel name has no end makes it report a message of 4 GB. It also binds its socket to every address of the machine: a URL with ttl=0
    keeps sent datagrams on the machine, but lets other machines' datagrams in.
 
-   Every program that is linked with trocar::types has a recvmsg of its own, in lcm_filter.c, which replaces libc's for liblcm too. It
-   forwards the call, and turns an unwanted datagram into an empty one, which liblcm discards. All other sockets and datagrams pass
-   unchanged.
+   Every program linked with trocar::types gets its own recvmsg, defined in lcm_filter.c, which replaces libc's for liblcm too. It
+   forwards the call, and turns an unwanted datagram into an empty one, which liblcm discards. Wanted datagrams, and those of all other
+   sockets, pass unchanged.
 
    This works in executables, but not in plugins that a program loads at run time. */
 #ifndef TROCAR_LCM_FILTER_H
@@ -23,15 +23,15 @@ typedef enum {
     PACKET_MALFORMED,
 } packet_verdict;
 
-/* A channel on which a program must know whether this machine sent a message: messages from other machines arrive on `distant`, a name of the same
-   length. */
+/* A channel whose messages are told apart by origin: those sent by other machines are delivered on the channel `distant` instead, whose name has the
+   same length. */
 typedef struct {
     const char *channel, *distant;
 } packet_origin;
 
 /* The packets that a program wants to receive. */
 typedef struct {
-    const char *const *channels; /* NULL-terminated; NULL: all channels. liblcm never forgets a channel name that it has seen */
+    const char *const *channels; /* NULL-terminated; NULL: all channels, whose names liblcm then stores and never frees */
     bool whole_only;             /* accept no fragments, because every wanted message fits in one packet */
     packet_origin origin;        /* both pointers are NULL if there is no such channel */
 } packet_wishes;

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Reads trocar.lcm, whose constants and comments are the only list of flags and events.
+"""Reads trocar.lcm, whose constants and comments are the only definition of the flags and events.
 
 As a program, it writes the C header with their names: message_types.py trocar.lcm message_words.h
 """
@@ -12,7 +12,7 @@ class Line(NamedTuple):
     """A field or, with a value, a constant."""
 
     type: str
-    name: str     # name of a field, with its dimensions
+    name: str     # for an array, includes the dimensions
     value: int | None
     doc: str
 

@@ -1,4 +1,4 @@
-/* A baseline for benchmarks: the time that a matrix product takes on this machine, measured in the same run. */
+/* A baseline for benchmarks: the time of a matrix product on the same machine, measured in the same run. */
 #ifndef TROCAR_BASELINE_H
 #define TROCAR_BASELINE_H
 

@@ -12,7 +12,7 @@
 
 static const double TURN_RATE = 6.0;                        /* rad/s, rate at which the base turns */
 static const double SERIES[][2] = {{0.25, 0.15}, {0.15, 2.5}, {0.1, 30.0}}; /* weight and time constant (s) of each relaxation term */
-static const double GUIDE_END = 0.01;                       /* m, initial distance of the guide from the tip */
+static const double GUIDE_END = 0.01;                       /* m, initial distance from the guide to the tip */
 static const double GUIDE_THICKNESS = 0.01;                 /* m, thickness of the guide's plate */
 enum { PLAIN, WHOLE, VARIANTS, ROUNDS = 10 };               /* rounds of the two variants alternate, so that changes in machine load affect both */
 static const char *const NAMES[VARIANTS] = {"without", "with"};

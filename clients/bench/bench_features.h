@@ -1,4 +1,4 @@
-/* trocar-bench features: measures how much relaxation, a guide and turning the needle add to the time per tick. */
+/* trocar-bench features: measures how much a tick slows down with relaxation, a guide and a turning needle. */
 #ifndef TROCAR_BENCH_FEATURES_H
 #define TROCAR_BENCH_FEATURES_H
 

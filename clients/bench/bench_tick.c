@@ -15,7 +15,7 @@ enum { MAX_COUNTS = TROCAR_MAX_CONTACTS };
 
 typedef struct {
     const char *scene_path, *json_path;
-    int counts[MAX_COUNTS], count_count;   /* numbers of contacts to measure, and how many such numbers there are */
+    int counts[MAX_COUNTS], count_count;   /* contact counts to measure, and how many of them there are */
     int ticks;
     double spacing;                        /* m, overrides the scene's contact node spacing if positive */
     vec3 start;                            /* m, or mm in patient coordinates; x is NAN if the start position is taken from the scene */

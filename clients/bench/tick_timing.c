@@ -69,7 +69,7 @@ static trocar_status push_in(timing_run *run, pose *base, trocar_error *why) {
 }
 
 /* Lets the needle settle after it has jumped through a membrane and passed several contact nodes at once: waits for the end of the jump, and then
-   retracts the base until these contacts have been removed. */
+   retracts the base until the surplus contacts have been removed. */
 static trocar_status settle(timing_run *run, pose *base, trocar_error *why) {
     const timing_case *wanted = run->wanted;
     int most = (int)(run->length / (PUSH_SPEED * wanted->dt));
@@ -93,8 +93,8 @@ static void record(const timing_run *run, int64_t time, tick_timing *result) {
     result->unstable += (output->events & TROCAR_EVENT_UNSTABLE) != 0;
 }
 
-/* Times ticks until the number of contacts changes. A tick's time grows with that number, and in a finer mesh the needle reaches the next contact
-   sooner. */
+/* Times ticks until the number of contacts changes, because the time per tick grows with that number, and the needle reaches the next contact sooner in
+   a finer mesh. */
 static trocar_status time_motion(timing_run *run, pose from, tick_timing *result, trocar_error *why) {
     const timing_case *wanted = run->wanted;
     result->contacts = run->output.contacts;
@@ -110,7 +110,7 @@ static trocar_status time_motion(timing_run *run, pose from, tick_timing *result
     return TROCAR_OK;
 }
 
-/* Repeats the insertion in tissue through which the needle has already passed. */
+/* Resets needle and tissue, inserts the needle again and times the motion. */
 static trocar_status time_again(timing_run *run, tick_timing *result, trocar_error *why) {
     pose base;
     int64_t before = result->time.count;

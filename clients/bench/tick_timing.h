@@ -1,4 +1,4 @@
-/* Measures the time per tick with a given number of contacts while the needle moves as in normal use. The server and the worker run in lockstep,
+/* Measures the time per tick with a given number of contacts while the needle moves as in normal use. The simulation and its worker run in lockstep,
    in one thread. */
 #ifndef TROCAR_TICK_TIMING_H
 #define TROCAR_TICK_TIMING_H

@@ -12,8 +12,8 @@
 //         }
 //     }
 //
-// It offers the functions of clients/client/trocar_client.h, with the same watchdog, limits and commands. It is not for real time: garbage collection may
-// stop its threads for milliseconds. For a device that renders force at 1 kHz, use the C library.
+// It offers the functions of clients/client/trocar_client.h, with the same watchdog, limits and commands. It is not suitable for real time: garbage collection
+// may stop its threads for milliseconds. For a device that renders force at 1 kHz, use the C library.
 //
 // Frames: the scene's world frame, in metres. Quaternions are w, x, y, z. The needle's axis is its local +z, from base to tip, and its bevel
 // faces local +y. TrocarNeedle.cs converts from Unity's left-handed frame.
@@ -65,13 +65,13 @@ public enum TrocarFlags : int {
     Unstable = 32,
     /// <summary>too many consecutive periods were missed: the wrench is ramped to zero</summary>
     Overrun = 64,
-    /// <summary>the hand received more energy than it supplied (see energy in status_t), or oscillated, and the coupling has been softened</summary>
+    /// <summary>the hand received more energy than it supplied (see energy in status_t), or it oscillated and the coupling has been softened</summary>
     Active = 128,
     /// <summary>the needle passes a guide outside its holes and is not guided</summary>
     MissedGuide = 256,
     /// <summary>the shaft is pushed into a body from the side, for which the model computes no force: do not trust the wrench</summary>
     OutsideModel = 512,
-    /// <summary>the tissue stops the ultrasound probe short of its pose: see probe_wrench_t</summary>
+    /// <summary>the tissue stops the ultrasound probe short of the commanded pose: see probe_wrench_t</summary>
     ProbeStopped = 1024,
 }
 
@@ -99,7 +99,7 @@ public enum TrocarEvents : int {
     Full = 256,
     /// <summary>same meaning as the flag UNSTABLE</summary>
     Unstable = 512,
-    /// <summary>no longer set</summary>
+    /// <summary>obsolete, never set</summary>
     Kept = 1024,
     /// <summary>same meaning as the flag MISSED_GUIDE; set in every tick while the condition holds</summary>
     MissedGuide = 2048,
@@ -272,19 +272,19 @@ public enum TrocarAnswer {
 
 /// <summary>The wrench to render. All zero while no wrenches arrive.</summary>
 public sealed class TrocarWrench {
-    /// <summary>N, world frame: force of the needle's base on the hand.</summary>
+    /// <summary>N, world frame: force that the needle's base exerts on the hand.</summary>
     public readonly double[] Force = new double[3];
-    /// <summary>N m, world frame, about the base point.</summary>
+    /// <summary>N m, world frame: torque about the base point.</summary>
     public readonly double[] Torque = new double[3];
     /// <summary>m, length of the needle's track in the tissue.</summary>
     public double Depth;
-    /// <summary>Tick of the server.</summary>
+    /// <summary>Server tick in which the wrench was computed.</summary>
     public long Tick;
     /// <summary>Number of active contact nodes.</summary>
     public int Contacts;
     /// <summary>Events of that tick only.</summary>
     public TrocarEvents Events;
-    /// <summary>Membrane that was punctured in that tick, -1 if none.</summary>
+    /// <summary>Index of the membrane punctured in that tick; -1 if none.</summary>
     public int Membrane = -1;
     /// <summary>Flags of the server; Saturated is also set when the client has limited the wrench.</summary>
     public TrocarFlags Flags;
@@ -332,25 +332,25 @@ public sealed class TrocarOptions {
     public int Needle;
     /// <summary>s without a wrench after which the force is zero.</summary>
     public double Watchdog = 0.02;
-    /// <summary>N, largest force to render.</summary>
+    /// <summary>N, maximum force to render.</summary>
     public double MaxForce = 20;
-    /// <summary>N m, largest torque.</summary>
+    /// <summary>N m, maximum torque to render.</summary>
     public double MaxTorque = 1;
-    /// <summary>N/s, largest rate of the force.</summary>
+    /// <summary>N/s, maximum rate of change of the force.</summary>
     public double MaxForceRate = 2000;
-    /// <summary>N m/s, largest rate of the torque.</summary>
+    /// <summary>N m/s, maximum rate of change of the torque.</summary>
     public double MaxTorqueRate = 100;
-    /// <summary>For a mouse or a tracker: the client renders no force, and the needle follows its poses rigidly.</summary>
+    /// <summary>True if the client renders no force, like a mouse or a tracker; the needle then follows its poses rigidly.</summary>
     public bool WithoutForce;
 }
 
 /// <summary>Holds one needle of a scene. For several needles, open a client for each. Call its methods from one thread.</summary>
 public sealed class TrocarClient : IDisposable {
-    const double Ramp = 0.1;           // s, after an outage
+    const double Ramp = 0.1;           // s, duration of the ramp after an outage
     const double Patience = 0.1;       // s of silence after which the client follows another server
-    const double LongestPeriod = 0.01; // s: if the device's loop takes longer, the wrench may change by no more than the rate limits allow in this time
-    const double LongestReply = 3;     // s
-    const double LongestEcho = 10;     // s within which the client's first message has to come back from the network
+    const double LongestPeriod = 0.01; // s; a longer period of the device's loop counts as this long when the rates are limited
+    const double LongestReply = 3;     // s to wait for a reply
+    const double LongestEcho = 10;     // s within which the client's first message must come back from the network
 
     readonly TrocarOptions options;
     readonly INetwork network;
@@ -362,15 +362,15 @@ public sealed class TrocarClient : IDisposable {
     long asked, feltTick;
     bool disposed;
 
-    // Used by both threads, under `guard`, which is held only while some numbers are copied.
+    // Shared by both threads and protected by `guard`, which is held only while a few numbers are copied.
     readonly object guard = new object();
     readonly TrocarWrench newest = new TrocarWrench();
-    double newestAt; // s, arrival; 0: none yet
+    double newestAt; // s, arrival time; 0 before the first
     long replied;    // number of the command that the reply answers
     bool done;
     string why = "";
 
-    // The thread that handles the network.
+    // Used only by the thread that handles the network.
     readonly Thread thread;
     readonly NeedleWrenchMessage receivedWrench = new NeedleWrenchMessage();
     readonly CommandReplyMessage receivedReply = new CommandReplyMessage();
@@ -379,7 +379,8 @@ public sealed class TrocarClient : IDisposable {
     bool echoed;
     volatile bool ends;
 
-    /// <summary>Connects. Waits for the network, but not for a server, which may start later. InvalidOperationException says what to do.</summary>
+    /// <summary>Connects. Waits for the network, but not for a server, which may start later. On failure, the message of the
+    /// InvalidOperationException says what to do.</summary>
     public TrocarClient(TrocarOptions given = null) {
         options = given ?? new TrocarOptions();
         if (!(options.Watchdog > 0 && options.MaxForce > 0 && options.MaxTorque > 0 && options.MaxForceRate > 0 && options.MaxTorqueRate > 0))
@@ -456,15 +457,15 @@ public sealed class TrocarClient : IDisposable {
     /// again.</summary>
     public bool Leave() { return Ask(TrocarCommand.Leave, 0, 0); }
 
-    /// <summary>Holds a resting needle again where it rests: the first pose after the reply is identified with that place, and the needle
-    /// follows the hand's motion from there.</summary>
+    /// <summary>Holds a resting needle again where it rests: the first pose after the reply corresponds to its resting pose, and the
+    /// needle follows the hand's motion from there.</summary>
     public bool Take() { return Ask(TrocarCommand.Take, 0, 0); }
 
-    /// <summary>Drops 1 to 16 seeds, which the needle leaves as it is drawn back over them; the first has its distal end at the tip. The spacing
-    /// of their centres is in m; 0 means the scene's.</summary>
+    /// <summary>Drops 1 to 16 seeds, which stay in the tissue as the needle is drawn back; the first has its distal end at the tip. <c>spacing</c> is
+    /// their centre-to-centre spacing in m; 0 selects the scene's value.</summary>
     public bool DropSeeds(int count, double spacing = 0) { return Ask(TrocarCommand.DropSeed, count, spacing); }
 
-    /// <summary>Cancels the seeds that are still in the needle; if there are none, removes the seed that the needle left last.</summary>
+    /// <summary>Cancels the seeds that are still in the needle; if there are none, removes the last seed that the needle left.</summary>
     public bool Undo() { return Ask(TrocarCommand.Undo, 0, 0); }
 
     /// <summary>Returns the answer to the last command and, unless it is Done, the reason.</summary>
@@ -509,7 +510,7 @@ public sealed class TrocarClient : IDisposable {
     static long RandomSession() {
         var bytes = new byte[8];
         using (var source = RandomNumberGenerator.Create()) source.GetBytes(bytes);
-        return (BitConverter.ToInt64(bytes, 0) & long.MaxValue) | 1; // 0 means that nobody owns the needle
+        return (BitConverter.ToInt64(bytes, 0) & long.MaxValue) | 1; // never 0, which means that nobody owns the needle
     }
 
     static bool AllFinite(double[] numbers) {
@@ -518,7 +519,7 @@ public sealed class TrocarClient : IDisposable {
         return true;
     }
 
-    // ---- the network's thread
+    // ---- the network thread
 
     INetwork Connect() {
         string url = string.IsNullOrEmpty(options.Url) ? Environment.GetEnvironmentVariable("LCM_DEFAULT_URL") : options.Url;
@@ -556,7 +557,7 @@ public sealed class TrocarClient : IDisposable {
             try {
                 network.Receive();
             } catch (SocketException) {
-                Thread.Sleep(10); // while the network is down, every call may fail at once
+                Thread.Sleep(10); // while the network is down, every call may fail immediately
             }
         }
     }
@@ -604,9 +605,9 @@ public sealed class TrocarClient : IDisposable {
     }
 }
 
-// Limits on one vector to render, and its last value.
+// Limits on one rendered vector, and its last value.
 internal sealed class Limiter {
-    readonly double most, rate; // N or N m; the same per s
+    readonly double most, rate; // magnitude limit in N or N m; rate limit in N/s or N m/s
     readonly double[] last = new double[3];
 
     internal Limiter(double most, double rate) {
@@ -616,8 +617,8 @@ internal sealed class Limiter {
 
     internal void Clear() { Array.Clear(last, 0, 3); }
 
-    // Limits the length of gain times `wanted`, then its distance from the last one, to the change allowed in `period` (s). Returns true if it
-    // changed the vector.
+    // Limits the length of `gain` times `wanted`, and then its change since the last value to what the rate allows within `period` (s). Returns true if
+    // either limit took effect.
     internal bool Limit(double[] wanted, double gain, double period) {
         double length = gain * Length(wanted[0], wanted[1], wanted[2]), scale = gain * (length > most ? most / length : 1);
         double x = scale * wanted[0] - last[0], y = scale * wanted[1] - last[1], z = scale * wanted[2] - last[2];
@@ -688,7 +689,7 @@ internal sealed class BigEndianReader {
     internal int UInt16() { return (int)Number(2); }
     internal double Double() { return BitConverter.Int64BitsToDouble(Int64()); }
 
-    // Reads a text, of which only printable ASCII is kept, since it may be printed on a terminal.
+    // Reads a text and replaces all but printable ASCII characters by '?', because it may be printed on a terminal.
     internal string Text() {
         long length = UInt32();
         failed |= length == 0 || length > end - at || bytes[at + length - 1] != 0;
@@ -699,7 +700,7 @@ internal sealed class BigEndianReader {
         return kept.ToString();
     }
 
-    // Reads a channel's name with its terminating zero; null if there is none.
+    // Reads a channel name and its terminating zero. Returns "" for a channel that is not in `Channels`, and null if the name does not end.
     internal string Name() {
         int zero = Array.IndexOf(bytes, (byte)0, at, Math.Min(end - at, 64));
         if (zero < 0) return null;
@@ -712,7 +713,7 @@ internal sealed class BigEndianReader {
         return "";
     }
 
-    // Names are compared with this list instead of copied, so that nothing is allocated for other channels.
+    // Names are compared with this list instead of being copied, so that nothing is allocated for other channels.
     static readonly string[] Channels = { "TROCAR_WRENCH", "TROCAR_REPLY", "LCM_SELF_TEST" };
 
     bool Is(string name, int length) {
@@ -777,7 +778,7 @@ internal sealed class Lcm : INetwork {
             sender.SetSocketOption(SocketOptionLevel.IP, SocketOptionName.MulticastTimeToLive, ttl);
             receiver.SetSocketOption(SocketOptionLevel.Socket, SocketOptionName.ReuseAddress, true);
             if (buffer > 0) receiver.ReceiveBufferSize = buffer;
-            // on other systems, a socket can be bound to the multicast group and then receives no other datagrams
+            // on systems other than Windows, a socket can be bound to the multicast group and then receives no other datagrams
             bool windows = Environment.OSVersion.Platform == PlatformID.Win32NT;
             receiver.Bind(new IPEndPoint(windows ? IPAddress.Any : group.Address, group.Port));
             receiver.SetSocketOption(SocketOptionLevel.IP, SocketOptionName.AddMembership, new MulticastOption(group.Address));
@@ -793,7 +794,7 @@ internal sealed class Lcm : INetwork {
         receiver.Close();
     }
 
-    // Parses udpm://GROUP:PORT?KEY=VALUE&KEY=VALUE, where everything after udpm:// may be missing.
+    // Parses udpm://GROUP:PORT?KEY=VALUE&KEY=VALUE, in which everything after udpm:// is optional.
     static bool Read(string url, out IPEndPoint group, out int ttl, out int buffer) {
         group = null;
         ttl = buffer = 0;
@@ -828,7 +829,7 @@ internal sealed class Lcm : INetwork {
         return packet;
     }
 
-    // Sends the packet. A pose that the network refuses is lost (the server counts it); the next one follows soon.
+    // Sends the packet. If the send fails, a pose is lost (the server counts it as lost); the next one follows soon.
     public void Send(bool mustPass = false) {
         try {
             sender.SendTo(packet.Bytes, 0, packet.Size, SocketFlags.None, group);
@@ -863,7 +864,7 @@ internal sealed class Lcm : INetwork {
         return knownHere;
     }
 
-    // True if this is the machine's own address: only then does the system use it as the source of packets sent to it.
+    // True if this address belongs to this machine. Only then does the system choose it as the source address of packets sent to it.
     static bool IsOwn(IPAddress address) {
         using (var probe = new Socket(AddressFamily.InterNetwork, SocketType.Dgram, ProtocolType.Udp)) {
             try {
@@ -875,7 +876,7 @@ internal sealed class Lcm : INetwork {
         }
     }
 
-    // Assembles a fragmented message, one at a time. Its fragment 0 must come first; the others may come in any order.
+    // Assembles fragmented messages, one at a time. Fragment 0 of a message must come first; the others may come in any order.
     void TakeFragment(IPEndPoint origin, int size) {
         uint sequence = reader.UInt32(), total = reader.UInt32(), offset = reader.UInt32();
         int number = reader.UInt16(), count = reader.UInt16();
@@ -913,7 +914,7 @@ internal sealed class Unicast : INetwork {
     enum Kind : byte { Hello = 1, Cookie, Connect, Welcome, Refused, ToServer, ToClient }
     const byte WrongSecret = 1, Full = 2; // reasons for a refusal
     const int Head = 4, Nonce = 16, Token = 24, Tag = 32, Handshake = Head + Nonce + Token + Tag;
-    // s: between attempts to connect; between signs of life; until the connection is given up; for which the constructor waits for a server
+    // s: interval between attempts to connect, keep-alive interval, silence after which the client reconnects, wait for a server in the constructor
     const double Retry = 0.2, KeepAlive = 0.25, Silence = 1, LongestHandshake = 2;
 
     readonly Socket socket;
@@ -926,7 +927,7 @@ internal sealed class Unicast : INetwork {
     byte refused;
     ulong newest, seen; // largest counter received; bit i of `seen`: newest - i has been received
 
-    // Used by both threads, under `guard`.
+    // Shared by both threads and protected by `guard`.
     readonly object guard = new object();
     HMACSHA256 toServer, toClient; // null while there is no connection
     long sent;
@@ -971,7 +972,7 @@ internal sealed class Unicast : INetwork {
         using (var protocol = new HMACSHA256(Encoding.ASCII.GetBytes("trocar unicast 1"))) return protocol.ComputeHash(bytes, 0, size);
     }
 
-    // Receives during the handshake, when no program may have the server's port yet.
+    // Receives during the handshake, when the server's port may not be open yet and the call may fail.
     void Try() {
         try {
             Receive();
@@ -1032,7 +1033,7 @@ internal sealed class Unicast : INetwork {
 
     // ---- receiving
 
-    // Forgets the connection, so that the next attempt to connect begins with another nonce.
+    // Discards the connection and chooses a new nonce for the next attempt to connect.
     void Disconnect() {
         lock (guard) {
             toServer = toClient = null;
@@ -1042,7 +1043,7 @@ internal sealed class Unicast : INetwork {
         using (var source = RandomNumberGenerator.Create()) source.GetBytes(nonce);
     }
 
-    // Connects, gives signs of life, and connects again after a silence.
+    // Connects, sends keep-alive messages, and reconnects if the server falls silent.
     void Tend() {
         double now = Clock.Now();
         if (toServer != null && now - heardAt > Silence) Disconnect();
@@ -1068,7 +1069,7 @@ internal sealed class Unicast : INetwork {
         else if (size == Handshake && toServer == null && Is(nonce, Head, Nonce)) TakeHandshake((Kind)datagram[3]);
     }
 
-    // True if the datagram contains these bytes at this place. The duration does not depend on their values.
+    // True if the datagram contains these bytes from the offset `at` on. Compares in constant time.
     bool Is(byte[] bytes, int at, int count) {
         int difference = 0;
         for (int i = 0; i < count; i++) difference |= bytes[i] ^ datagram[at + i];
@@ -1086,7 +1087,7 @@ internal sealed class Unicast : INetwork {
 
     void TakeHandshake(Kind kind) {
         byte reason = datagram[Head + Nonce];
-        if (kind == Kind.Refused && reason == WrongSecret) refused = reason; // not authentic, since the keys differ
+        if (kind == Kind.Refused && reason == WrongSecret) refused = reason; // this reply cannot be authenticated, because the keys differ
         if (!IsAuthentic(secret, Handshake)) return;
         if (kind == Kind.Refused) refused = reason;
         if (kind == Kind.Cookie) SendHandshake(Kind.Connect, datagram, Head + Nonce);

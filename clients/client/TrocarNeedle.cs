@@ -4,7 +4,7 @@
 // A needle in Unity: put this component, with TrocarClient.cs, on the object that shows the needle. The object's pose is the pose of the needle's
 // base. The needle points along its blue axis (forward), and its bevel faces the green axis (up). One unit is one metre.
 //
-// The scene of trocar-server is right-handed and Unity is not: x is mirrored.
+// The scene of trocar-server is right-handed, while Unity is left-handed: x is mirrored.
 using System;
 using System.Threading;
 using UnityEngine;
@@ -28,16 +28,16 @@ public sealed class TrocarNeedle : MonoBehaviour {
 
     /// <summary>True while a server answers.</summary>
     public bool Answered { get; private set; }
-    /// <summary>N, in Unity's frame: force of the needle's base on the hand.</summary>
+    /// <summary>N, in Unity's frame: force that the needle's base exerts on the hand.</summary>
     public Vector3 Force { get; private set; }
-    /// <summary>N m, in Unity's frame, about the base point.</summary>
+    /// <summary>N m, in Unity's frame: torque about the base point.</summary>
     public Vector3 Torque { get; private set; }
     /// <summary>m, length of the needle's track in the tissue.</summary>
     public double Depth { get; private set; }
     public TrocarFlags Flags { get; private set; }
     /// <summary>Events of all ticks since this component's last frame.</summary>
     public TrocarEvents Events { get; private set; }
-    /// <summary>Answer to the last command, and the reason unless it is Done.</summary>
+    /// <summary>Result of the last command; unless it is Done, Reason says why.</summary>
     public TrocarAnswer Answer { get; private set; }
     public string Reason { get; private set; }
 
@@ -54,8 +54,8 @@ public sealed class TrocarNeedle : MonoBehaviour {
     string seenReason = "", fault;
     Thread thread;
 
-    /// <summary>Gives a command, such as <c>Ask(client => client.Reset())</c>; see Answer. Returns false while the previous command
-    /// has not been sent.</summary>
+    /// <summary>Queues a command, such as <c>Ask(client => client.Reset())</c>; see Answer for the result. Returns false while the
+    /// previous command has not been sent.</summary>
     public bool Ask(Func<TrocarClient, bool> given) {
         lock (guard) {
             if (command != null) return false;
@@ -135,7 +135,7 @@ public sealed class TrocarNeedle : MonoBehaviour {
         for (int i = 3; i < 7; i++) pose[i] /= Math.Sqrt(norm);
     }
 
-    // The thread.
+    // Body of the thread: sends poses and receives wrenches until the component is disabled.
     void Exchange(TrocarOptions options) {
         double[] pose = new double[7], position = new double[3], orientation = new double[4];
         var wrench = new TrocarWrench();
@@ -175,7 +175,7 @@ public sealed class TrocarNeedle : MonoBehaviour {
         }
     }
 
-    // Without this, Windows sleeps for 16 ms.
+    // Sets the timer resolution; without it, Thread.Sleep(1) takes up to 16 ms on Windows.
 #if UNITY_STANDALONE_WIN || UNITY_EDITOR_WIN
     [System.Runtime.InteropServices.DllImport("winmm.dll")]
     static extern uint timeBeginPeriod(uint milliseconds);

@@ -69,22 +69,22 @@
 static const double WATCHDOG = 0.02;       /* s, default of the option `watchdog` */
 static const double RAMP = 0.1;            /* s, duration of the ramp after an outage */
 static const double PATIENCE = 0.1;        /* s of silence after which the client follows another server */
-static const double LONGEST_PERIOD = 0.01; /* s: if the device's loop takes longer, the wrench may change by no more than the rate limits allow in this time */
-static const double MAX_FORCE = 20.0, MAX_TORQUE = 1.0;                 /* limits of force (N) and torque (N m) for a scene without `device` keys */
-static const double MAX_FORCE_RATE = 2000.0, MAX_TORQUE_RATE = 100.0;   /* limits of the rates of change of force (N/s) and torque (N m/s) for such a scene */
+static const double LONGEST_PERIOD = 0.01; /* s; a longer period of the device's loop counts as this long when the rates are limited */
+static const double MAX_FORCE = 20.0, MAX_TORQUE = 1.0;                 /* N, N m: default limits, as in a scene without `device` keys */
+static const double MAX_FORCE_RATE = 2000.0, MAX_TORQUE_RATE = 100.0;   /* N/s, N m/s: default limits of the rates of change */
 static const double LONGEST_REPLY = 3.0;   /* s to wait for a reply; a server needs 0.1 s for the slowest command, leave, with 25 other needles at rest */
 static const double LONGEST_ECHO = 10.0;   /* s within which the client's first message must come back from the network */
 
 enum {
     CHANNEL_MOST = 63,       /* bytes, length of the longest channel name */
     DATAGRAM_MOST = 65536,
-    MESSAGE_MOST = 1 << 17,  /* bytes, length of the longest message that is assembled from fragments; currently the longest message from a server
-                                has 0.5 kB */
+    MESSAGE_MOST = 1 << 17,  /* bytes, length of the longest message that is assembled from fragments; the longest message that the client uses
+                                currently has 0.5 kB */
     FRAGMENTS_MOST = 256,
     SENT_MOST = 512,         /* bytes, length of the longest datagram that this client sends */
     LINK_PERIOD = 50,        /* ms, largest interval between checks of a unicast connection */
     RUN_MOST = 64,           /* maximum number of datagrams received before a pending pose is sent */
-    APART = 64,              /* bytes, size of a cache line */
+    APART = 64,              /* bytes, padding of the size of a cache line, against false sharing */
 };
 
 /* ---- messages ----------------------------------------------------------------------------------------------------------- */
@@ -332,7 +332,7 @@ static bool random_number(int64_t *number) {
 }
 
 #ifdef TROCAR_CLIENT_UNICAST
-/* Computes the HMAC-SHA256; if the system cannot compute it, fills the tag with random bytes, so that it matches no other tag. */
+/* Computes the HMAC-SHA256. If the system cannot compute it, fills the tag with random bytes, which match no valid tag. */
 static void hmac(const unsigned char *key, size_t key_size, const unsigned char *data, size_t size, unsigned char tag[32]) {
     BCRYPT_ALG_HANDLE algorithm = NULL;
     BCRYPT_HASH_HANDLE hash = NULL;
@@ -501,8 +501,8 @@ typedef struct {
     double last[3];
 } limiter;
 
-/* Passes the newest value from one thread to another through three slots. The writer fills its own slot and swaps it with the middle one; the reader
-   swaps its own slot with the middle one if the middle one is fresh. */
+/* A triple buffer, which passes the newest value from one thread to another. The writer fills its own slot and swaps it with the middle one; the reader
+   swaps its own slot with the middle one if that is fresh. */
 enum { FRESH = 4u, INDEX = 3u };
 typedef struct {
     shared_word middle;      /* index of the middle slot, with the bit FRESH set until the value is read */
@@ -625,8 +625,8 @@ int trocar_client_publish(trocar_client *c, const double position[3], const doub
 
 static double length_of(const double a[3]) { return sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2]); }
 
-/* Limits the length of `wanted`, and then its distance from the last value to the change allowed within `period` (s). Returns true if the vector was
-   changed. */
+/* Limits the length of `wanted`, and then its change since the last value to what the rate allows within `period` (s). Returns true if either limit took
+   effect. */
 static bool limit(limiter *l, double period, double wanted[3]) {
     double length = length_of(wanted), scale = length > l->most ? l->most / length : 1.0, change[3];
     for (int i = 0; i < 3; i++) change[i] = scale * wanted[i] - l->last[i];
@@ -743,7 +743,7 @@ static void take_wrench(trocar_client *c, const unsigned char *bytes, size_t siz
     slots_publish(&c->wrench_slots);
 }
 
-/* Keeps only printable ASCII characters, because text from the network may be printed on a terminal. */
+/* Replaces all but printable ASCII characters by '?', because text from the network may be printed on a terminal. */
 static void make_printable(char *text) {
     for (; *text != '\0'; text++)
         if (*text < ' ' || *text > '~') *text = '?';
@@ -782,7 +782,7 @@ static bool is_same_address(const struct sockaddr_in *a, const struct sockaddr_i
 }
 
 /* Assembles fragmented messages, one at a time. Fragment 0 of a message must come first; the others may come in any order. A new message replaces an
-   incomplete one, because the missing fragments of the latter have been lost. */
+   incomplete one, whose missing fragments have been lost. */
 static void take_fragment(trocar_client *c, const unsigned char *packet, size_t size, const struct sockaddr_in *from) {
     enum { HEADER = 20 };
     assembly *a = &c->assembly;
@@ -836,10 +836,10 @@ enum { WRONG_SECRET = 1, FULL = 2 };                                         /* 
 enum { SECRET_LEAST = 32, SECRET_MOST = 1024 };                              /* bytes */
 static const double RETRY = 0.2;              /* s between attempts to connect */
 static const double KEEP_ALIVE = 0.25;        /* s between keep-alive messages if nothing is sent or nothing is received */
-static const double SILENCE = 1.0;            /* s of silence after which the client connects again */
-static const double LONGEST_HANDSHAKE = 2.0;  /* s for which opening a client waits for a server */
+static const double SILENCE = 1.0;            /* s without a message after which the client reconnects */
+static const double LONGEST_HANDSHAKE = 2.0;  /* s, maximum wait for a server when a client is opened */
 
-/* Completes a datagram of `size` bytes with its tag and sends it; returns false if the network refuses it. */
+/* Appends the tag to a datagram of `size` bytes and sends it; returns false if the send fails. */
 static bool send_tagged(trocar_client *c, const unsigned char key[KEY], unsigned char *datagram, size_t size) {
     hmac(key, KEY, datagram, size, datagram + size);
     return send(c->sender, (const char *)datagram, (int)(size + TAG), 0) == (int)(size + TAG);
@@ -858,7 +858,7 @@ static void send_handshake(trocar_client *c, int kind, const unsigned char token
     send_tagged(c, c->link.secret, datagram, HANDSHAKE - TAG);
 }
 
-/* Sends a message; it is lost while the client is not connected. */
+/* Sends a message; returns false if the client is not connected or the send fails. */
 static bool send_unicast(trocar_client *c, const char *channel, const unsigned char *message, size_t size) {
     unsigned char datagram[SENT_MOST + TAG];
     size_t name = strlen(channel) + 1;
@@ -871,7 +871,7 @@ static bool send_unicast(trocar_client *c, const char *channel, const unsigned c
     return send_tagged(c, c->link.to_server, datagram, 12 + name + size);
 }
 
-/* Forgets the connection, so that the next attempt to connect begins with another nonce. */
+/* Discards the connection and chooses a new nonce for the next attempt to connect; false if the system has no random numbers. */
 static bool disconnect(unicast_link *l) {
     int64_t halves[2];
     l->connected = false;
@@ -881,7 +881,7 @@ static bool disconnect(unicast_link *l) {
     return random;
 }
 
-/* Connects, sends keep-alive messages, and connects again after a silence. */
+/* Connects, sends keep-alive messages, and reconnects if the server falls silent. */
 static void tend_link(trocar_client *c) {
     static const unsigned char none[TOKEN] = {0};
     unicast_link *l = &c->link;
@@ -897,7 +897,7 @@ static void tend_link(trocar_client *c) {
     }
 }
 
-/* True if the tag is right. The duration does not depend on the tag. */
+/* True if the tag is correct. Compares in constant time. */
 static bool is_authentic(const unsigned char key[KEY], const unsigned char *datagram, size_t size) {
     unsigned char tag[TAG];
     volatile unsigned char difference = 0;
@@ -919,7 +919,7 @@ static void take_handshake(trocar_client *c, const unsigned char *datagram) {
     const unsigned char *token = datagram + 4 + NONCE;
     if (l->connected || memcmp(datagram + 4, l->nonce, NONCE) != 0) return;
     int kind = datagram[3];
-    if (kind == REFUSED && token[0] == WRONG_SECRET) l->refused = WRONG_SECRET; /* cannot be authenticated, because the keys differ */
+    if (kind == REFUSED && token[0] == WRONG_SECRET) l->refused = WRONG_SECRET; /* this reply cannot be authenticated, because the keys differ */
     if (!is_authentic(l->secret, datagram, HANDSHAKE)) return;
     if (kind == COOKIE) send_handshake(c, CONNECT, token);
     if (kind == REFUSED) l->refused = token[0];
@@ -973,7 +973,7 @@ static bool send_unicast(trocar_client *c, const char *channel, const unsigned c
 
 /* ---- the socket ---------------------------------------------------------------------------------------------------------- */
 
-/* True if this address belongs to this machine: only then does the system use it as the source of packets that are sent to it. */
+/* True if this address belongs to this machine. Only then does the system choose it as the source address of packets sent to it. */
 static bool is_own(struct in_addr address) {
     struct sockaddr_in to = {0}, from = {0};
     socklen_t length = sizeof from;
@@ -1018,7 +1018,7 @@ static void receive(trocar_client *c) {
 
 /* ---- what goes to the network ------------------------------------------------------------------------------------------ */
 
-/* Sends a message of `size` bytes; returns false if the network refuses it. */
+/* Sends a message of `size` bytes; returns false if the send fails. */
 static bool send_packet(trocar_client *c, const char *channel, const unsigned char *message, size_t size) {
     if (c->link.used) return send_unicast(c, channel, message, size);
     unsigned char packet[SENT_MOST];
@@ -1035,7 +1035,7 @@ static bool send_message(trocar_client *c, const char *channel, const message_ty
     return send_packet(c, channel, bytes, encode(type, message, bytes));
 }
 
-/* Sends the pending pose. If the network refuses it, the pose is lost, which the server counts; the next pose follows soon. */
+/* Sends the pending pose. If the send fails, the pose is lost, and the server counts it as lost; the next pose follows soon. */
 static void send_pose(trocar_client *c) {
     const sent_pose *p = &c->poses[c->pose_slots.front];
     needle_pose m = {.utime = wall_clock(), .session = c->session, .seq = c->seq++, .wrench_tick = p->wrench_tick, .needle = c->needle};
@@ -1112,7 +1112,7 @@ static bool open_receiver(trocar_client *c) {
     struct sockaddr_in own = c->address.group;
     struct ip_mreq membership;
 #ifdef _WIN32
-    own.sin_addr.s_addr = htonl(INADDR_ANY); /* Windows cannot bind a socket to a multicast group, which on other systems keeps other datagrams out */
+    own.sin_addr.s_addr = htonl(INADDR_ANY); /* Windows cannot bind to a multicast group; on other systems, that keeps other datagrams out */
 #endif
     memset(&membership, 0, sizeof membership);
     membership.imr_multiaddr = c->address.group.sin_addr;
@@ -1220,7 +1220,7 @@ static bool open_unicast(trocar_client *c, const char *url, char *why, size_t si
     return opened;
 }
 
-/* Waits a short time for the server, which may be started later; false if it refuses this client. */
+/* Opens the connection and waits briefly for a server, which may also be started later. False if that fails, or if the server refuses this client. */
 static bool connect_unicast(trocar_client *c, const char *url, const char *secret_file, char *why, size_t size) {
     unicast_link *l = &c->link;
     l->used = true;

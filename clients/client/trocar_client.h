@@ -18,9 +18,9 @@
    A client holds one needle. For a scene with several needles, open a client for each, with `needle` in its options.
 
    The client chooses a session number, follows one server if two are heard, tells the server which wrench the hand feels
-   (its virtual coupling needs the round trip), and discards wrenches for other devices.
+   (from which the server's virtual coupling measures the round trip), and discards wrenches for other devices.
 
-   Watchdog: after 20 ms without a wrench the force is zero. When wrenches arrive again, the force is ramped up in 0.1 s.
+   Watchdog: after 20 ms without a wrench the force is zero. When wrenches arrive again, the force is ramped up over 0.1 s.
 
    Limits: whatever arrives, force and torque stay below the limits in the options, and so do their rates of change. LCM has no
    authentication, so anyone on the network can send a wrench; set limits that are safe for your device. A URL udp://HOST:PORT is authenticated.
@@ -28,7 +28,7 @@
    Frames: the scene's world frame, in metres. Quaternions are w, x, y, z. The needle's axis is its local +z, from base to tip,
    and its bevel faces local +y.
 
-   Link with trocar::client (CMake) or trocar-client (pkg-config), or add trocar_client.c to your program, also to one in C++: compile it as C99. It
+   Link with trocar::client (CMake) or trocar-client (pkg-config), or add trocar_client.c, compiled as C99, to your program in C or C++. It
    needs only the operating system, Linux or Windows (link m and pthread; on Windows ws2_32); macOS should work but is untested.
 
    URLs of the form udp://HOST:PORT need trocar::client_unicast (CMake) or trocar-client-unicast (pkg-config), or trocar_client.c compiled with
@@ -50,7 +50,7 @@ typedef struct trocar_client_options {
                                 that is not set, LCM's default */
     double watchdog;         /* s without a wrench after which the force is set to zero; 0 selects the default, 0.02 */
     /* SCHED_FIFO priority of the client's thread, which must be below that of the device's loop; 0 keeps the caller's scheduling. On Windows, any
-       other value means time-critical */
+       other value selects time-critical priority */
     int priority;
     int needle;              /* index of the device's needle in the scene, from 0 */
     double max_force;        /* N, maximum force to render; 0 selects the default, 20; INFINITY disables the limit */
@@ -86,10 +86,10 @@ typedef enum trocar_client_flag {
     TROCAR_CLIENT_FLAG_LATE_WORKER = 16,             /* the compliance around the tip has not been computed yet; the last snapshot or an estimate is used */
     TROCAR_CLIENT_FLAG_UNSTABLE = 32,                /* a value is not finite: the insertion restarts */
     TROCAR_CLIENT_FLAG_OVERRUN = 64,                 /* too many consecutive periods were missed: the wrench is ramped to zero */
-    TROCAR_CLIENT_FLAG_ACTIVE = 128,                 /* the hand received more energy than it supplied (see energy in status_t), or oscillated, and the coupling has been softened */
+    TROCAR_CLIENT_FLAG_ACTIVE = 128,                 /* the hand received more energy than it supplied (see energy in status_t), or it oscillated and the coupling has been softened */
     TROCAR_CLIENT_FLAG_MISSED_GUIDE = 256,           /* the needle passes a guide outside its holes and is not guided */
     TROCAR_CLIENT_FLAG_OUTSIDE_MODEL = 512,          /* the shaft is pushed into a body from the side, for which the model computes no force: do not trust the wrench */
-    TROCAR_CLIENT_FLAG_PROBE_STOPPED = 1024          /* the tissue stops the ultrasound probe short of its pose: see probe_wrench_t */
+    TROCAR_CLIENT_FLAG_PROBE_STOPPED = 1024          /* the tissue stops the ultrasound probe short of the commanded pose: see probe_wrench_t */
 } trocar_client_flag;
 
 /* Bits of `events` in a wrench. */
@@ -104,7 +104,7 @@ typedef enum trocar_client_event {
     TROCAR_CLIENT_EVENT_LATE = 128,                  /* same meaning as the flag LATE_WORKER; set in every tick while the condition holds */
     TROCAR_CLIENT_EVENT_FULL = 256,                  /* no free contact slot was left, or the track has more than 256 layers */
     TROCAR_CLIENT_EVENT_UNSTABLE = 512,              /* same meaning as the flag UNSTABLE */
-    TROCAR_CLIENT_EVENT_KEPT = 1024,                 /* no longer set */
+    TROCAR_CLIENT_EVENT_KEPT = 1024,                 /* obsolete, never set */
     TROCAR_CLIENT_EVENT_MISSED_GUIDE = 2048,         /* same meaning as the flag MISSED_GUIDE; set in every tick while the condition holds */
     TROCAR_CLIENT_EVENT_OUTSIDE_MODEL = 4096,        /* same meaning as the flag OUTSIDE_MODEL; set in every tick while the condition holds */
     TROCAR_CLIENT_EVENT_TRACK_DROPPED = 8192,        /* there was no room for more tracks: the needle's oldest track has been dropped */
@@ -132,11 +132,11 @@ int trocar_client_newest(trocar_client *client, trocar_client_wrench *wrench);
 
        reset       removes the needle and relaxes the tissue; the next pose engages the needle again
        leave       leaves the needle to rest in tissue and template. Stop publishing poses, and close the client or take the needle again
-       take        holds a resting needle again: the first pose after the reply is identified with the place where it rests, and the needle
+       take        holds a resting needle again: the first pose after the reply corresponds to the needle's resting pose, and the needle
                    follows the hand's motion from there
-       drop_seeds  drops `count` seeds, 1 to 16, which the needle leaves as it is drawn back; the first has its distal end at the tip;
+       drop_seeds  drops `count` seeds, 1 to 16, which stay in the tissue as the needle is drawn back; the first has its distal end at the tip;
                    `spacing` is their centre-to-centre spacing in m; 0 selects the scene's value
-       undo        cancels the seeds that are still in the needle; if there are none, removes the seed that the needle left last */
+       undo        cancels the seeds that are still in the needle; if there are none, removes the last seed that the needle left */
 int trocar_client_reset(trocar_client *client);
 int trocar_client_leave(trocar_client *client);
 int trocar_client_take(trocar_client *client);

@@ -19,7 +19,7 @@ typedef struct {
     const char *report_path, *csv_path, *log_path, *scene_path, *plan_path;
     bool start_given, patient;
     const char *script_option; /* name of an option that applies only to scripts; NULL if none was given */
-    const char *plan_option, *image_option; /* names of options that apply only to plans, and only to an operator who follows the image; NULL if none was
+    const char *plan_option, *image_option; /* names of options that apply only to plans, or only to an operator who follows the image; NULL if none was
                                                given */
     const char *errors_path, *stabilise;
     bool follows_image;
@@ -97,7 +97,7 @@ static hand parse_hand(const struct argp_state *state, const char *text) {
     return (hand){.mass = n[0], .damping = n[1], .stiffness = n[2]};
 }
 
-/* Returns the option's name if the option applies only to scripts, or NULL if it may also be used with --plan. */
+/* Returns the option's name if the option applies only to scripts, or NULL if it can also be used with --plan. */
 static const char *script_option(int key) {
     switch (key) {
     case 's': return "--script";
@@ -347,7 +347,7 @@ static trocar_status run_implant(const options *o, trocar_error *why) {
     return status;
 }
 
-/* Takes start, depth and coordinates from the scene, if a scene was given. */
+/* Takes start pose, depth and patient frame from the scene, if one was given. */
 static trocar_status choose_start(options *o, patient_frame *patient, trocar_error *why) {
     static motion script;
     trocar_scene *scene;
@@ -368,7 +368,7 @@ static trocar_status choose_start(options *o, patient_frame *patient, trocar_err
     return status;
 }
 
-/* Returns SYSTEM if the profile is not suitable. */
+/* Checks a device profile and prints the result. SYSTEM if the profile is not suitable. */
 static trocar_status check_profile(options *o, trocar_error *why) {
     static profile_result result;
     output report_file = {0};

@@ -1,4 +1,4 @@
-/* The misplacement of an implant's seeds, divided into its parts: tissue, image, splay and remainder. */
+/* The placement errors of an implant's seeds, split into the components tissue, image, splay and remainder. */
 #ifndef TROCAR_IMPLANT_ERRORS_H
 #define TROCAR_IMPLANT_ERRORS_H
 
@@ -23,7 +23,8 @@ typedef struct {
 /* Compares the seeds that the server has reported with those that the operator dropped; the seeds of a needle are in the same order in both. */
 void implant_errors_find(const implant_plan *plan, const trocar_operator *op, const implant_watch *watch, implant_errors *errors);
 
-/* Prints the mean of each part over all seeds: along the needle (positive: too deep), its magnitude along the needle, and its magnitude across. */
+/* Prints, for each component, the means over all seeds of the error along the needle (positive: too deep), of its magnitude, and of the magnitude of the
+   error across the needle. */
 void implant_errors_print(const implant_errors *errors, FILE *file);
 
 /* Writes a row for each seed. */

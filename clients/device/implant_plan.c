@@ -26,8 +26,7 @@ static trocar_status add_needle(implant_plan *plan, const trocar_guide *guide, c
     return TROCAR_OK;
 }
 
-/* Chooses the needle for the hole of the next seed: the last needle if it is in this hole, otherwise a new needle. A hole may have two names, such as
-   C3 and C3.0. */
+/* Makes the needle in the next seed's hole the last one in the plan, adding a new needle if necessary. A hole may have two names, such as C3 and C3.0. */
 static trocar_status choose_needle(implant_plan *plan, const trocar_guide *guide, const char *hole, const char *where, trocar_error *why) {
     int column, row;
     find_hole(guide, hole, &column, &row);

@@ -19,7 +19,7 @@ typedef struct {
     double seed_length;      /* m */
     int template;            /* index of the template among the scene's guides */
     int node_count;          /* number of nodes in the scene's mesh */
-    double greatest_aside;   /* m, largest distance of a planned seed from the axis of the hole along which it will be dropped */
+    double greatest_aside;   /* m, largest distance of a planned seed from the axis of its hole, on which it will be dropped */
     int needle_count, seed_count;
     planned_needle needles[TROCAR_MAX_NEEDLES];
     double depths[TROCAR_MAX_SEEDS];
@@ -29,7 +29,7 @@ typedef struct {
    becomes the scene's needle 0. BAD_INPUT for a bad table or scene, and a plan made for a template other than the scene's. */
 trocar_status implant_plan_read(const trocar_model *model, const char *path, implant_plan *plan, trocar_error *why);
 
-/* Adds stabilising needles in the holes with these names, separated by commas: needles without seeds, as deep as the deepest needle of the plan. BAD_INPUT for
+/* Adds stabilising needles (needles without seeds, as deep as the deepest needle of the plan) in the named holes, separated by commas. BAD_INPUT for
    a name that is not a hole of the template, and for a hole that is taken. */
 trocar_status implant_plan_stabilise(const trocar_model *model, const char *holes, implant_plan *plan, trocar_error *why);
 

@@ -11,8 +11,8 @@
 #include "shared/motion.h"
 #include "trocar_client.h"
 
-static const double PATIENCE_TO_SEE = 1.0; /* s without messages after which the player gives up; the server sends 30 of each kind per second */
-/* part of the message with which the server refuses a command while a seed is still in the needle: see api_seeds.c */
+static const double PATIENCE_TO_SEE = 1.0; /* s without messages after which the player gives up; the server sends each kind of message 30 times per second */
+/* substring of the server's refusal while a seed is still in the needle: see api_seeds.c */
 static const char *const PENDING = "still holds";
 
 typedef struct {
@@ -92,7 +92,7 @@ static trocar_status engage(player *p) {
     return status == TROCAR_OK ? hold(p, p->play->settle) : status;
 }
 
-/* Reads the depth marks of a needle for which no poses are sent, using a message that arrives after this call. */
+/* Reads the depth marks of a needle for which no poses are being sent, from a message that arrives after this call. */
 static trocar_status read_depth(player *p) {
     double asked = playing_now();
     trocar_status status = TROCAR_OK;
@@ -171,8 +171,8 @@ static trocar_status take(player *p, int needle) {
     return status == TROCAR_OK ? engage(p) : status;
 }
 
-/* Drops a seed. If the tissue has followed the needle while it was drawn back, the previous seed is still in the needle, and the server refuses; the
-   operator is informed. Any other refusal ends the implant. */
+/* Drops a seed. If the tissue has followed the needle while it was drawn back, the previous seed is still in the needle, and the server refuses. `refused`
+   is then set, for the operator. Any other refusal ends the implant. */
 static trocar_status drop(player *p, bool *refused) {
     char reason[256];
     trocar_client_answer answer = TROCAR_CLIENT_NONE;
@@ -197,7 +197,7 @@ static trocar_status perform(player *p, const trocar_operator_action *action, bo
     }
 }
 
-/* Does what the operator decides, until the implant is finished. */
+/* Performs the operator's actions until the implant is finished. */
 static trocar_status carry_out(player *p) {
     trocar_operator_action action = {.act = TROCAR_OPERATOR_START};
     bool refused = false;
@@ -209,7 +209,7 @@ static trocar_status carry_out(player *p) {
     }
 }
 
-/* Waits until the server has reported all seeds, or until it should have done so. */
+/* Waits until the server has reported all seeds, but no longer than PATIENCE_TO_SEE. */
 static trocar_status see_seeds(player *p) {
     double began = playing_now();
     trocar_status status = TROCAR_OK;
@@ -224,8 +224,8 @@ trocar_status implant_carry_out(const implant_plan *plan, trocar_operator *op, c
     if (play->csv) fputs("t [s],needle,hole,stage,tip [m],fx [N],fy [N],fz [N],against [N],depth [m],flags\n", play->csv);
 
     *summary = (implant_summary){0};
-    if (play->realtime && playing_use_realtime()) p.priority = PRIORITY_DEVICE - 1; /* the client's thread runs at the priority just below that of
-                                                                                       this thread */
+    if (play->realtime && playing_use_realtime()) p.priority = PRIORITY_DEVICE - 1; /* the client's thread runs at the priority just below this
+                                                                                       thread's */
     trocar_status status = carry_out(&p);
     if (p.client) trocar_client_close(p.client);
     summary->duration = playing_now() - p.began;

@@ -19,7 +19,7 @@
 #include "shared/server_choice.h"
 #include "trocar_command_t.h"
 
-static const double last_answers = 0.008; /* s, time to listen after the last pose, which is shorter than the server's hold time */
+static const double last_answers = 0.008; /* s, time to listen after the last pose; shorter than the server's hold time */
 
 typedef struct {
     const play_settings *settings;
@@ -56,7 +56,7 @@ static void on_wrench(const lcm_recv_buf_t *buffer, const char *channel, void *u
     if (p->status == TROCAR_OK) p->status = status;
 }
 
-/* Returns the pose of the base at script time t: the script's pose or, with a simulated hand, the pose of the hand that follows the script. */
+/* Returns the base pose t seconds after the start of the script: the script's pose or, with a simulated hand, the pose of the hand that follows the script. */
 static pose next_pose(player *p, double t) {
     pose wanted = motion_pose(p->settings->script, p->settings->start, t * p->settings->speed);
     if (!p->settings->closed_loop) return wanted;
@@ -103,7 +103,7 @@ static trocar_status await_server(player *p) {
     return TROCAR_OK;
 }
 
-/* Rests for the time `settle`, plays the script, and then listens for a short time. */
+/* Waits at the start for the time `settle`, plays the script, and then listens for a short time. */
 static trocar_status play_script(player *p) {
     double start = playing_now() + p->settings->settle, t = 0;
     p->record->start = start;
@@ -153,7 +153,7 @@ trocar_status play(const play_settings *settings, recording *r, trocar_error *wh
     p.hand.velocity = v3(0, 0, 0);
 
     playing_heed_signals();
-    if (settings->realtime) playing_use_realtime(); /* this must be done before LCM is created, because LCM's reader thread inherits the priority */
+    if (settings->realtime) playing_use_realtime(); /* must precede the creation of LCM, whose reader thread inherits the priority */
 
     trocar_status status = open_links(&p);
     if (status == TROCAR_OK) status = await_server(&p);

@@ -15,8 +15,8 @@ typedef struct {
     double speed;            /* script speed, in script seconds per second of real time */
     double duration;         /* s of real time, duration of the motion */
     double patience;         /* s to wait for the server's first answer */
-    double settle;           /* s, rest before the script starts, while the server ramps the force up */
-    bool realtime;           /* ask for SCHED_FIFO */
+    double settle;           /* s, pause before the script starts, while the server ramps the force up */
+    bool realtime;           /* request SCHED_FIFO */
     bool closed_loop;        /* true: a simulated hand, described by `hand`, holds the needle and follows the script */
     hand hand;               /* mass, damping and stiffness of that hand; `play` sets position and velocity */
 } play_settings;

@@ -1,4 +1,4 @@
-/* Functions shared by players and bridges, for signals that end the program and for real-time scheduling. */
+/* Functions shared by players and bridges: termination signals, real-time scheduling and the clock. */
 #ifndef TROCAR_PLAYING_H
 #define TROCAR_PLAYING_H
 

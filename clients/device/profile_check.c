@@ -72,7 +72,7 @@ static void set_up_loop(const profile_settings *s, profile_result *r) {
     l->damping = s->damping >= 0.0 ? s->damping : HAND_DAMPING;
     l->stiffness = s->stiffness > 0.0 ? s->stiffness : HAND_STIFFNESS;
     l->period = period;
-    l->delay = (int)ceil((s->round_trip + r->device_delay) / period - 1e-9); /* excludes the period for which a force is held */
+    l->delay = (int)ceil((s->round_trip + r->device_delay) / period - 1e-9); /* excludes the period during which a force is held constant */
 }
 
 static void judge_loop(profile_result *r) {

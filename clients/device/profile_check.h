@@ -1,4 +1,4 @@
-/* Checks a device profile against a simulated device: whether the needle's travel fits into the workspace, and whether the loop is stable and passive. */
+/* Checks a device profile with a simulated device: whether the needle's travel fits into the workspace, and whether the loop is stable and passive. */
 #ifndef TROCAR_PROFILE_CHECK_H
 #define TROCAR_PROFILE_CHECK_H
 
@@ -20,15 +20,15 @@ typedef struct {
 
 typedef struct {
     char name[1024];
-    trocar_device_limits limits; /* limits that hold at the needle */
+    trocar_device_limits limits; /* the limits, converted to the needle */
     double max_force, max_force_rate, max_stiffness; /* N, N/s, N/m: at the hand */
     double scale, force_scale;
     bool clutch;
     double width, height, depth; /* m, workspace; NAN if unknown */
     double travel;           /* m, travel of the needle */
-    int strokes;             /* number of motions of the hand for this travel; 0 if the workspace is unknown */
+    int strokes;             /* number of hand strokes needed for this travel; 0 if the workspace is unknown */
     double device_delay;     /* s, round-trip delay of the simulated device */
-    double assumed_delay;    /* s, all delays for which the server designs the coupling */
+    double assumed_delay;    /* s, total delay for which the server designs the coupling */
     haptic_loop loop;
     double stability_margin, stability_frequency, simulated_margin, half_mass_margin; /* margins: factors of the stiffness; stability_frequency: Hz */
     double required_damping, passivity_frequency, passivity_margin; /* N s/m; Hz; damping divided by required_damping */

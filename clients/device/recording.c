@@ -83,7 +83,7 @@ static void widen(const double value[3], double least[3], double greatest[3]) {
     }
 }
 
-/* Returns the force's component along the needle, positive toward the tip. */
+/* Returns the raw force's component along the needle (N), positive towards the tip. */
 static double axial_force(const recording *r, const trocar_needle_wrench_t *w) {
     return v3_dot(q_axis(r->sent[w->pose_seq].base.orientation), v3(w->raw_force[0], w->raw_force[1], w->raw_force[2]));
 }
@@ -218,7 +218,7 @@ static void csv_numbers(const double *numbers, int count, FILE *out) {
     for (int i = 0; i < count; i++) fprintf(out, "%.9g,", numbers[i]);
 }
 
-/* Writes a force or torque. */
+/* Writes a force or torque, converted to the patient's axes if `patient` is not NULL. */
 static void csv_vector(const patient_frame *patient, const double v[3], FILE *out) {
     vec3 shown = axes_to_patient(patient, v3(v[0], v[1], v[2]));
     csv_numbers(&shown.x, 3, out);

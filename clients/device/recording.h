@@ -1,4 +1,4 @@
-/* Records the messages that a device sent and received, and summarises the quality of the link and the forces. */
+/* Records the messages that a device sends and receives, and summarises the quality of the connection and the forces. */
 #ifndef TROCAR_RECORDING_H
 #define TROCAR_RECORDING_H
 
@@ -25,12 +25,12 @@ typedef struct {
     int received_count, received_room;
     received_wrench *received;
     int skipped_periods;     /* number of periods that the device's own loop skipped */
-    int64_t foreign_wrenches; /* number of ignored wrenches, which came from servers other than the followed one */
+    int64_t foreign_wrenches; /* number of wrenches ignored because they came from a server other than the one followed */
 } recording;
 
 enum { SUMMARY_MAX_PUNCTURES = 16 };
 
-/* time: s since the start; depth: m; force: axial raw force, N; membrane: its index in the scene */
+/* time: s since the start; depth: m; force: axial raw force, N; membrane: index in the scene */
 typedef struct { double time, depth, force; int membrane; } puncture;
 
 typedef struct {

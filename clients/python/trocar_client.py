@@ -94,10 +94,10 @@ class Flags(enum.IntFlag):
     LATE_WORKER = 16  # the compliance around the tip has not been computed yet; the last snapshot or an estimate is used
     UNSTABLE = 32  # a value is not finite: the insertion restarts
     OVERRUN = 64  # too many consecutive periods were missed: the wrench is ramped to zero
-    ACTIVE = 128  # the hand received more energy than it supplied (see energy in status_t), or oscillated, and the coupling has been softened
+    ACTIVE = 128  # the hand received more energy than it supplied (see energy in status_t), or it oscillated and the coupling has been softened
     MISSED_GUIDE = 256  # the needle passes a guide outside its holes and is not guided
     OUTSIDE_MODEL = 512  # the shaft is pushed into a body from the side, for which the model computes no force: do not trust the wrench
-    PROBE_STOPPED = 1024  # the tissue stops the ultrasound probe short of its pose: see probe_wrench_t
+    PROBE_STOPPED = 1024  # the tissue stops the ultrasound probe short of the commanded pose: see probe_wrench_t
 
 
 class Events(enum.IntFlag):
@@ -113,7 +113,7 @@ class Events(enum.IntFlag):
     LATE = 128  # same meaning as the flag LATE_WORKER; set in every tick while the condition holds
     FULL = 256  # no free contact slot was left, or the track has more than 256 layers
     UNSTABLE = 512  # same meaning as the flag UNSTABLE
-    KEPT = 1024  # no longer set
+    KEPT = 1024  # obsolete, never set
     MISSED_GUIDE = 2048  # same meaning as the flag MISSED_GUIDE; set in every tick while the condition holds
     OUTSIDE_MODEL = 4096  # same meaning as the flag OUTSIDE_MODEL; set in every tick while the condition holds
     TRACK_DROPPED = 8192  # there was no room for more tracks: the needle's oldest track has been dropped

@@ -30,7 +30,7 @@ static trocar_status read_golden(comparison *c, trocar_error *why) {
     }
 }
 
-/* Reads all golden wrenches to find their peaks, and checks their order and values before the replay begins. */
+/* Reads all golden wrenches before the replay begins, to find the peaks and to check the order. */
 static trocar_status look_through(comparison *c, trocar_error *why) {
     int64_t last = -1, server = 0;
     bool begun = false, ended = false;

@@ -1,5 +1,5 @@
-/* A time series for ParaView: PREFIX.pvd lists PREFIX-0000-tissue.vtu, PREFIX-0000-needle.vtu, PREFIX-0000-probe.vtu
-   (if the scene has a probe), PREFIX-0001-... with their times. */
+/* A time series for ParaView: PREFIX.pvd lists the files PREFIX-0000-tissue.vtu, PREFIX-0000-needle.vtu, PREFIX-0000-probe.vtu and
+   PREFIX-0000-membranes.vtu (if the scene has a probe or membranes with a stiffness), PREFIX-0001-... and their times. */
 #ifndef TROCAR_PVD_H
 #define TROCAR_PVD_H
 
@@ -20,7 +20,7 @@ typedef struct {
 /* Starts a series. BAD_INPUT if PREFIX.pvd cannot be written. `prefix` must outlive the series. */
 trocar_status pvd_open(pvd_series *p, const char *prefix, trocar_error *why);
 
-/* Writes this state with its time (s), in patient coordinates if `patient` is not NULL. */
+/* Adds a state at this time (s) to the series, in patient coordinates if `patient` is not NULL. */
 trocar_status pvd_take(pvd_series *p, const trocar_model *model, trocar_picture *picture, const trocar_output *output,
                        const patient_frame *patient, double time, trocar_error *why);
 

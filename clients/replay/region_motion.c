@@ -56,7 +56,7 @@ rigid_motion rigid_motion_fit(int count, const vec3 *from, const vec3 *displacem
     return motion;
 }
 
-/* Lists the corners of the tetrahedra of the region and its parts. */
+/* Lists the nodes of the tetrahedra in the region and its parts. */
 static trocar_status find_nodes(const trocar_model *model, int region, region_motion *motion, trocar_error *why) {
     int node_count = trocar_model_node_count(model), tet_count = trocar_model_tet_count(model);
     bool *inside = calloc((size_t)node_count, sizeof *inside);

@@ -13,10 +13,10 @@ typedef struct {
 
 /* Least-squares fit to `count` points that moved from `from` to `from + displacement`: the shift of the centroid and the rotation
    of Kabsch 1976, computed as the polar factor of the covariance by Newton's method (Higham 1986). The rotation is zero for
-   coplanar points, and for rotations so large that the covariance is a reflection. */
+   coplanar points, and for motions whose covariance has a negative determinant (a reflection). */
 rigid_motion rigid_motion_fit(int count, const vec3 *from, const vec3 *displacement);
 
-/* The nodes of one region whose motion is computed. */
+/* The nodes of the region whose motion is computed. */
 typedef struct {
     int count;
     int *nodes;              /* [count], in ascending order */

@@ -1,6 +1,6 @@
 /* trocar-replay: simulates a recorded pose log in lockstep, one tick per pose, without a network or a clock. Only one needle is
-   replayed, as needle 0 of the simulation, whatever its index, because all needles have the same properties. With --all, every needle
-   in the log is replayed, with the commands that leave, take and reset needles. */
+   replayed. Whatever its index, it becomes needle 0 of the simulation, because all needles have the same properties. With --all, every
+   needle in the log is replayed, with the commands that leave, take and reset needles. */
 #include <inttypes.h>
 #include <math.h>
 #include <stdbool.h>
@@ -42,7 +42,7 @@ typedef struct {
     bool begun;              /* true once the needle has been reset at a pose of `session` */
     bool taken;              /* true if the next pose continues the insertion from where the needle rested */
     int64_t session, utime;  /* session and utime of the needle's last pose */
-    hand_clutch clutch;      /* offset of the hand that has taken the needle */
+    hand_clutch clutch;      /* offset between the needle and the hand that has taken it */
     waiting_drop waiting;
 } replayed_needle;
 
@@ -50,7 +50,7 @@ typedef struct {
     const options *options;
     trocar_scene *scene;
     patient_frame frame;     /* for --patient */
-    const patient_frame *patient; /* coordinates used in the files: `frame`, or NULL for the mesh's own */
+    const patient_frame *patient; /* coordinates used in the output files: `frame`, or NULL for mesh coordinates */
     pose_log poses;          /* counts and commands of the log */
     pose_stream *stream;     /* the poses of the log, read one after another */
     pose_step now;
@@ -58,7 +58,7 @@ typedef struct {
     trocar_model *model;
     trocar_sim *sim;
     trocar_output result;              /* output of the last tick */
-    trocar_picture *picture;           /* picture for --vtu and --pvd */
+    trocar_picture *picture;           /* snapshot of the state, for --vtu and --pvd */
     double *displacements;             /* displacements for --shift, 3 per node of the mesh, m; otherwise NULL */
     output log_file, csv_file, json_file, shift_file, seeds_file;
     region_motion motion;
@@ -178,7 +178,7 @@ static trocar_status open_outputs(replay *r, trocar_error *why) {
     return status;
 }
 
-/* Prepares to track the chosen region, which is the scene's first region by default. */
+/* Prepares to track the motion of the chosen region, by default the scene's first. */
 static trocar_status prepare_shift(replay *r, trocar_error *why) {
     char region[256];
     r->displacements = malloc(3 * (size_t)trocar_model_node_count(r->model) * sizeof *r->displacements);
@@ -264,8 +264,8 @@ static trocar_status log_tick(replay *r, int tick, const trocar_needle_wrench_t 
     return status;
 }
 
-/* Starts the log with everything on which the wrenches depend, except scene and poses. Messages in the log refer to the needle by its index in the
-   recording; the scene may have no needle with that index. */
+/* Starts the log with a status that names the scene and the type of inverse. Messages in the log refer to the needle by its index in the recording,
+   which may exceed the number of needles in the scene. */
 static trocar_status log_origin(replay *r, trocar_error *why) {
     int needles = trocar_model_needles(r->model), needle = r->poses.needle;
     lcm_eventlog_t log = log_at(r);
@@ -370,7 +370,7 @@ static void note_refusal(replay *r, const trocar_error *reason) {
     if (r->refused++ == 0) r->refusal = *reason;
 }
 
-/* Abandons a pending drop of a needle; `next` is the needle's next command, or NULL. */
+/* Executes a needle's pending drop if possible, and otherwise counts it as refused; `next` is the needle's next command, or NULL. */
 static void end_waiting(replay *r, int needle, const logged_command *next) {
     waiting_drop *w = &r->needles[needle].waiting;
     if (!end_waiting_drop(w, r->sim, needle, next)) note_refusal(r, &w->reason);
@@ -414,8 +414,8 @@ static trocar_status run_commands(replay *r, int pose, trocar_error *why) {
     return status;
 }
 
-/* Decides whether to use a pose, as the server does: skips it (*dt = 0) if the needle rests or is held by another session. A session that falls
-   silent loses the needle. */
+/* Decides, as the server does, whether to use a pose: skips it (*dt = 0) if the needle rests or is held by another session. A session that is silent for
+   too long loses the needle. */
 static trocar_status follow_needle(replay *r, trocar_pose *base, double *dt, trocar_error *why) {
     static const int64_t SILENCE = 2000000; /* us */
     const trocar_needle_pose_t *m = &r->now.pose;
@@ -442,7 +442,7 @@ static trocar_status follow_needle(replay *r, trocar_pose *base, double *dt, tro
     return trocar_sim_reset(r->sim, m->needle, base, why);
 }
 
-/* Moves the probe to its newest pose before this needle pose, and logs the poses of the probe up to that one. */
+/* Moves the probe to its newest pose before this needle pose, and logs all probe poses since the previous needle pose. */
 static trocar_status follow_probe(replay *r, trocar_error *why) {
     trocar_status status = TROCAR_OK;
     int count = r->now.probe_count;
@@ -525,7 +525,7 @@ static trocar_status run_all(replay *r, trocar_error *why) {
     for (int i = 0; i < trocar_model_needles(r->model); i++) end_waiting(r, i, NULL);
     if (status == TROCAR_OK) status = pose_stream_next(r->stream, &r->now, why);
     if (status == TROCAR_OK) status = follow_probe(r, why);
-    if (status == TROCAR_OK && r->options->vtu_prefix && !r->dumped) status = dump(r, why); /* no later pose has moved a needle */
+    if (status == TROCAR_OK && r->options->vtu_prefix && !r->dumped) status = dump(r, why); /* no pose at or after --at has moved a needle */
     if (status == TROCAR_OK && r->seeds_file.file) status = seed_table_write(r->seeds_file.file, r->scene, r->model, r->sim, r->patient, why);
     if (status == TROCAR_OK) status = output_commit(&r->seeds_file, why);
     if (status == TROCAR_OK) status = output_commit(&r->log_file, why);
@@ -556,7 +556,8 @@ static void summarise(const replay *r) {
         fprintf(stderr, "%" PRId64 " commands for seeds skipped: of other needles or sessions, or before the first pose\n", r->poses.skipped_commands);
 }
 
-/* Reports that another server session owned the needle. Printed even with --quiet, because it explains why the results are not bitwise identical. */
+/* Reports that the golden log was recorded with another type of inverse. Printed even with --quiet, because it explains why the results are not
+   bit-identical. */
 static void name_other_owner(const replay *r) {
     const char *golden = r->comparison.inverse, *here = trocar_model_inverse(r->model);
     if (golden[0] == '\0' || strcmp(golden, here) == 0) return;

@@ -21,7 +21,7 @@ typedef struct {
     vec3 probe_force, probe_torque; /* force (N) and torque (N m) exerted on the hand that holds the probe */
     int probe_contacts;
     bool probe_placed;
-    vec3 probe_base;         /* pose of the probe's base; valid once the probe has been placed */
+    vec3 probe_base;         /* position of the probe's base, in `unit`; valid once the probe has been placed */
 } tick_row;
 
 /* Writes the names of the columns; those of the probe come last. */

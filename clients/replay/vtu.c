@@ -100,7 +100,7 @@ static void write_tissue_cells(const trocar_model *model, const trocar_refined_m
     fprintf(out, "</CellData>\n");
 }
 
-/* Writes the names of the regions with "--" replaced, because XML does not allow it in comments. */
+/* Writes the names of the regions, with '-' replaced by '_', because XML does not allow "--" in comments. */
 static void write_region_names(const trocar_model *model, FILE *out) {
     fprintf(out, "<!-- regions:");
     for (int g = 0; g < trocar_model_region_count(model); g++) {
@@ -111,8 +111,8 @@ static void write_region_names(const trocar_model *model, FILE *out) {
     fprintf(out, " -->\n");
 }
 
-/* Writes the tissue. The applied forces include that of the damper at the tip, which slows down tissue that springs back; the needle does not feel
-   this force. */
+/* Writes the tissue. The applied forces include the force of the damper at the tip, which slows down tissue that springs back and does not act on the
+   needle. */
 static void write_tissue(const trocar_model *model, const trocar_refined_mesh *m, const patient_frame *patient, FILE *out) {
     fprintf(out, "<?xml version=\"1.0\"?>\n<VTKFile type=\"UnstructuredGrid\" version=\"0.1\" byte_order=\"LittleEndian\">\n<UnstructuredGrid>\n<FieldData>\n");
     write_field_vector("tip_damping", m->damping, patient, axes_to_patient, out);
@@ -138,7 +138,7 @@ bool vtu_has_membranes(const trocar_model *model) { return stiff_surface(model, 
 
 /* A triangle of a membrane. */
 typedef struct {
-    int place, surface;      /* place: 4 x tetrahedron + face, where the tetrahedron is the one with the smaller number; -1 if there are no more triangles */
+    int place, surface;      /* place: 4 x tetrahedron + face, for the adjacent tetrahedron with the smaller index; -1 if there are no more triangles */
 } membrane_triangle;
 
 static bool has_triangle(const trocar_model *model, membrane_triangle t) {
@@ -146,7 +146,7 @@ static bool has_triangle(const trocar_model *model, membrane_triangle t) {
     return (neighbour < 0 || t.place / 4 < neighbour) && trocar_model_face_surfaces(model)[t.place] >> t.surface & 1;
 }
 
-/* Returns the triangle after `t`; the first one is that after {-1, stiff_surface(model, 0)}. */
+/* Returns the triangle after `t`; {-1, stiff_surface(model, 0)} precedes the first. */
 static membrane_triangle next_triangle(const trocar_model *model, membrane_triangle t) {
     for (; t.surface >= 0; t = (membrane_triangle){-1, stiff_surface(model, t.surface + 1)})
         for (t.place++; t.place < 4 * trocar_model_tet_count(model); t.place++)
@@ -158,7 +158,7 @@ static membrane_triangle first_triangle(const trocar_model *model) { return next
 
 #define EACH_TRIANGLE(t) (membrane_triangle t = first_triangle(model); t.place >= 0; t = next_triangle(model, t))
 
-/* Writes what follows the connectivity of triangles. */
+/* Writes the rest of the cells after the triangles' connectivity: offsets and types. */
 static void end_triangles(int count, FILE *out) {
     begin_array("Int32", "offsets", 1, out);
     for (int i = 1; i <= count; i++) fprintf(out, "%d\n", 3 * i);
@@ -251,8 +251,8 @@ static void append(centreline *c, double arc, const double position[3], const do
     c->count++;
 }
 
-/* Collects joints and contact points, merged in order of arc length. If the tip coincides with the end of the needle, the last joint represents
-   it. */
+/* Collects joints and contact points, merged in order of arc length. A contact at the tip is represented by the last joint if it lies at the end of
+   the needle. */
 static void trace_needle(const trocar_model *model, const trocar_picture *picture, centreline *c) {
     static const double none[3] = {-0.0, -0.0, -0.0}, no_tip[3] = {0};
     const trocar_view *view = trocar_picture_view(picture);
@@ -320,11 +320,11 @@ trocar_status vtu_write_needle(const trocar_model *model, const trocar_picture *
 
 /* ---- probe ------------------------------------------------------------------------------------------------------- */
 
-/* number of points around the probe, and of rings along it: one ring is at the base, the others lie between the edge and the end of the tip's
-   rounding */
+/* number of points around the probe, and of rings along it: one ring is at the base, the others are along the
+   rounding of the tip */
 enum { AROUND = 48, ALONG = 16 };
 
-/* Computes the radius and the axial position of a ring, m. The last ring is the edge of the probe's flat end. */
+/* Computes the radius and the axial position of a ring (m). The last ring is the edge of the flat part of the tip. */
 static void profile(const trocar_probe_shape *s, int ring, double *radius, double *along) {
     double angle = 0.5 * M_PI * (ring - 1) / (ALONG - 2);
     *radius = ring == 0 ? s->radius : s->radius - s->tip_radius * (1 - cos(angle));
@@ -342,8 +342,7 @@ static void write_probe_points(const trocar_probe_shape *s, pose base, const pat
     write_points(points[0], AROUND * ALONG + 1, patient, out);
 }
 
-/* Writes two triangles between neighbouring points of neighbouring rings, and one triangle from each edge of the last ring to the centre of the
-   end. */
+/* Writes two triangles for each quadrilateral between adjacent rings, and a fan of triangles from the last ring to the centre of the tip. */
 static void write_probe_triangles(bool placed, FILE *out) {
     int rings = placed ? ALONG - 1 : 0, count = placed ? (2 * rings + 1) * AROUND : 0;
     fprintf(out, "<Cells>\n");

@@ -1,5 +1,5 @@
-/* Exports one state in VTK's XML format, for ParaView and for checks of the balance of forces. Numbers are ASCII with 17 digits, so that reading them
-   gives exactly the same values. If `patient` is not NULL, positions and displacements are in mm, and all vectors are along the patient's axes. */
+/* Exports one state in VTK's XML format, for ParaView and for checks of force equilibrium. Numbers are ASCII with 17 digits, so that reading them gives
+   exactly the same values. If `patient` is not NULL, positions and displacements are in mm, and all vectors are in the patient's axes. */
 #ifndef TROCAR_VTU_H
 #define TROCAR_VTU_H
 
@@ -22,7 +22,7 @@ trocar_status vtu_write_tissue(const trocar_model *model, trocar_picture *pictur
 bool vtu_has_membranes(const trocar_model *model);
 
 /* Writes the needle to PREFIX-needle.vtu: the deformed centreline through joints and contact points. Point data `force` N on the
-   needle, `arc_length` m from the base; field data `base_position` m, and `base_force` N and `base_torque` N m of the base on the
+   needle, `arc_length` m from the base; field data `base_position` m, and `base_force` N and `base_torque` N m exerted by the base on the
    hand: base_force = sum force, base_torque = sum (point - base_position) x force. */
 trocar_status vtu_write_needle(const trocar_model *model, const trocar_picture *picture, const trocar_output *output,
                                const patient_frame *patient, const char *prefix, trocar_error *why);

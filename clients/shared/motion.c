@@ -3,7 +3,7 @@
 #include <stddef.h>
 #include <string.h>
 
-/* From this start, the tip of a needle 200 mm long is 1 mm in front of the skin of the supplied scenes, which lies at z = 0. */
+/* At MOTION_START, the tip of a needle 200 mm long is 1 mm in front of the skin of the supplied scenes, which lies at z = 0. */
 static const motion scripts[] = {
     {"figure8", "push in, move the base up, pull back: figure 8 of the paper", 2.4, 2.8, 4,
      {{0.0, 1.3, {0, 0, 0.066}, {0, 0, 0}},

@@ -30,7 +30,7 @@ const char *patient_unit(const patient_frame *frame);              /* unit of po
    position. */
 bool find_start(const trocar_scene *scene, const patient_frame *frame, const vec3 *given, pose *start);
 
-/* Finds the initial pose of the probe's base: the scene's "probe.start", in the mesh's coordinates. False if the scene has none. */
+/* Finds the initial pose of the probe's base: the scene's "probe.start", in mesh coordinates. False if the scene has none. */
 bool find_probe_start(const trocar_scene *scene, pose *start);
 
 #endif

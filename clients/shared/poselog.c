@@ -21,7 +21,7 @@
 enum { EVENT_HEADER = 28, EVENT_CHANNEL_LENGTH = 20, EVENT_DATA_LENGTH = 24, CHANNEL_MAX = 63, DATA_MAX = 512, CHANGE_MAX = 4096, STATUS_MAX = 4096 };
 static const unsigned char event_magic[4] = {0xED, 0xA1, 0xDA, 0x01};
 
-/* A message type of an older release, which lacks the last fields: in poses, `needle`; in wrenches, `needle` or both `server` and `needle`; in a status,
+/* A message type of an older release, without the last fields: in poses, `needle`; in wrenches, `needle` or both `server` and `needle`; in a status,
    `state` or the last five fields. */
 typedef struct {
     uint64_t fingerprint;
@@ -35,7 +35,7 @@ static const older_type older_statuses[] = {{0xe428bcd4a42ff814, 4}, {0xbcbe6819
 /* State of the pose readers: the log, the last accepted poses, and the server code that decides whether to accept the probe's poses. */
 typedef struct {
     pose_log *poses;
-    bool keeps;              /* true if all poses of the needle in the log are kept */
+    bool keeps;              /* true if the poses are stored in `poses`; false if only counted */
     trocar_needle_pose_t newest[TROCAR_MAX_NEEDLES]; /* last accepted pose of each needle */
     bool begun[TROCAR_MAX_NEEDLES]; /* true if a pose of the needle has been accepted */
     probe_arbiter probe;
@@ -165,7 +165,7 @@ static bool is_finite(const trocar_needle_wrench_t *w) {
     return true;
 }
 
-/* Makes room for one more element in an array of `count` elements, whose size is doubled when the count reaches a power of two. */
+/* Makes room for one more element in an array of `count` elements, whose capacity doubles whenever the count reaches a power of two. */
 static trocar_status make_room(void **array, int count, size_t size, trocar_error *why) {
     if (count & (count - 1)) return TROCAR_OK;
     size_t room = count ? 2 * (size_t)count : 1;
@@ -250,7 +250,7 @@ static trocar_status decode_command(const reader *r, const event_header *h, cons
     return bad_event(r, "not the length of a trocar.command_t: the log is damaged", why);
 }
 
-/* Records a command that concerns seeds; commands of older message types, which have no seeds, are ignored. */
+/* Records a seed command; commands of older message types, which have no seeds, are ignored. */
 static trocar_status note_command(const reader *r, const event_header *h, void *context, trocar_error *why) {
     pose_log *log = ((reading *)context)->poses;
     unsigned char data[DATA_MAX] = {0};
@@ -267,7 +267,7 @@ static trocar_status note_command(const reader *r, const event_header *h, void *
     return add_command(&m, log, why);
 }
 
-/* Records a change of the values, whoever sent it, because it concerns all needles. */
+/* Records a change, whoever sent it, because it affects all needles. */
 static trocar_status note_change(const reader *r, const event_header *h, void *context, trocar_error *why) {
     pose_log *log = ((reading *)context)->poses;
     unsigned char data[CHANGE_MAX] = {0};
@@ -320,7 +320,7 @@ static trocar_status note_reply(const reader *r, const event_header *h, void *co
     return TROCAR_OK;
 }
 
-/* Stores the kind of inverse from a status; statuses of another message type are ignored. */
+/* Stores the type of inverse named in a status; statuses of another message type are ignored. */
 static trocar_status take_status(const reader *r, const event_header *h, void *context, trocar_error *why) {
     wrench_reading *in = context;
     unsigned char data[STATUS_MAX] = {0};
@@ -358,7 +358,7 @@ static trocar_status pass_probe(const trocar_probe_pose_t *m, reading *in, troca
     return TROCAR_OK;
 }
 
-/* Accepts or refuses a pose of the probe by the server's own rules, using the times of the poses instead of a clock. */
+/* Accepts or refuses a pose of the probe by the server's own rules, with the poses' timestamps as the clock. */
 static trocar_status note_probe(const reader *r, const event_header *h, void *context, trocar_error *why) {
     reading *in = context;
     pose_log *log = in->poses;

@@ -27,22 +27,22 @@
 /* The server's answer to a command; unknown if the log contains no reply to it. */
 typedef enum { ANSWER_UNKNOWN, ANSWER_DONE, ANSWER_REFUSED } logged_answer;
 
-/* A command, and the pose before which it arrived; or a change, and the pose before which the server replied (without a reply: before which it arrived). */
+/* A command, with the first pose after its arrival; or a change, with the first pose after the server's reply (or after its arrival, if there is no reply). */
 typedef struct {
-    int next_pose;                /* index of that pose; equals the number of poses if the command arrived after the last one */
-    trocar_command_t command;     /* for a change: its sender and number, with TROCAR_COMMAND_T_CHANGE as the command, and needle 0 */
+    int next_pose;                /* index of that pose; the number of poses if there is none */
+    trocar_command_t command;     /* for a change: its sender and sequence number, with TROCAR_COMMAND_T_CHANGE as the command, and needle 0 */
     double change_time;           /* s, duration of a change; otherwise unused */
     char *change;                 /* lines of "key: value"; NULL if this is not a change */
     logged_answer answer;
 } logged_command;
 
-/* A pose of the ultrasound probe, and the needle pose before which it arrived, as in logged_command. */
+/* A pose of the ultrasound probe, with the first needle pose after its arrival, as in logged_command. */
 typedef struct {
     int next_pose;
     trocar_probe_pose_t pose;
 } logged_probe;
 
-/* The poses in a log that the server would accept: in order, all from one session and therefore of one needle. */
+/* The poses in a log that the server would accept, in order. Unless read by pose_log_read_all, all are from one session and therefore of one needle. */
 typedef struct {
     int needle;
     int most_needle;              /* largest needle index in any pose or command */
@@ -69,7 +69,7 @@ typedef struct {
     char inverse[16];             /* type of inverse according to the log's last status; empty if unknown */
 } wrench_log;
 
-/* Reads the poses of needle and probe and the commands, or the wrenches, of the log at `path`; other channels are ignored. Only the poses of one needle are
+/* Reads the needle poses, probe poses and commands of the log at `path`; other channels are ignored. Only the poses of one needle are
    read: of `needle`, or of the first pose's needle if `needle` is -1, as in pose_log_read. BAD_INPUT, with file and event or byte, for a log that is missing,
    damaged, truncated, empty or of other message types, and for a pose that is not finite, has no unit quaternion (safety_check_pose) or is not later than the
    previous one. Messages of older releases, which do not name their needle or server, are attributed to needle 0 and server 0. */
@@ -84,13 +84,13 @@ trocar_status pose_log_read_all(const char *path, pose_log *log, trocar_error *w
 trocar_status pose_log_read_to_cut(const char *path, pose_log *log, trocar_error *cut, trocar_error *why);
 void pose_log_free(pose_log *log);
 
-/* For logs of any length. pose_log_scan reads a log in the same way as pose_log_read_needle or, if `all` is true, as pose_log_read_all, but keeps
-   only the commands. A stream then reads the log again, pose by pose. */
+/* For logs too long for memory. pose_log_scan reads a log in the same way as pose_log_read_needle or, if `all` is true, as pose_log_read_all, but keeps
+   only the commands. A pose_stream then reads the log again, pose by pose. */
 trocar_status pose_log_scan(const char *path, int needle, bool all, pose_log *log, trocar_error *why);
 
 typedef struct pose_stream pose_stream;
 
-/* The part of a log up to the pose that was read last. */
+/* One step through a log: the next needle pose, and the probe poses before it. */
 typedef struct {
     bool ended;                   /* true if the log has no further pose */
     trocar_needle_pose_t pose;
@@ -102,7 +102,7 @@ trocar_status pose_stream_open(const char *path, int needle, bool all, pose_stre
 trocar_status pose_stream_next(pose_stream *stream, pose_step *step, trocar_error *why);
 void pose_stream_close(pose_stream *stream);
 
-/* Reads a log of wrenches pose by pose in the same way: those that answer a pose, in the order of the log. */
+/* Reads the wrenches that answer a pose, one at a time, in the order of the log. */
 typedef struct wrench_stream wrench_stream;
 trocar_status wrench_stream_open(const char *path, wrench_stream **stream, trocar_error *why);
 trocar_status wrench_stream_next(wrench_stream *stream, trocar_needle_wrench_t *wrench, bool *ended, trocar_error *why);
@@ -127,7 +127,7 @@ trocar_needle_pose_t message_of_pose(pose p, int64_t utime, int64_t session, int
 /* Returns the pose of the probe's base in a message. */
 trocar_pose base_of_probe(const trocar_probe_pose_t *message);
 
-/* Moves the probe to its newest pose before needle pose `i` (log->count: after the last one). `done` is the number of probe poses handled so
+/* Moves the probe to its newest pose before needle pose `i` (if `i` is log->count, to its last pose). `done` is the number of probe poses handled so
    far. Does nothing if the scene has no probe. */
 trocar_status pose_log_move_probe(const pose_log *log, int i, const trocar_model *model, trocar_sim *sim, int *done, trocar_error *why);
 

@@ -1,4 +1,4 @@
-/* Rate control of the needle by a web page or a deflected device: converts commanded speeds into motion of the base within limits, like a motorised
+/* Rate control of the needle from a web page or a deflected device: converts commanded speeds into a motion of the base within limits, like a motorised
    needle holder. The code uses no threads and no clock: time is an argument. */
 #ifndef TROCAR_RATE_CONTROL_H
 #define TROCAR_RATE_CONTROL_H

@@ -10,7 +10,7 @@ typedef struct {
     double patience;         /* s of silence from the followed server after which the client follows another one */
     int64_t followed;        /* ID of the followed server */
     double heard;            /* s, arrival time of the followed server's last message; 0 before the first */
-    int64_t other;           /* ID of the most recent other server that was heard */
+    int64_t other;           /* ID of the other server that was heard most recently */
     double other_heard;      /* s, arrival time of the last message from that other server; 0 before the first */
 } server_choice;
 

@@ -12,7 +12,7 @@
 
 static const double silence = 1.0;  /* s without a message after which the display shows an alarm */
 
-/* True if the message comes from the server that is displayed. */
+/* True if the message comes from the server that is being displayed. */
 static bool follows(dashboard *d, int64_t server, double now) {
     d->servers.patience = silence;
     return server_choice_follows(&d->servers, server, now);
@@ -20,7 +20,7 @@ static bool follows(dashboard *d, int64_t server, double now) {
 
 void dashboard_take_timing(dashboard *d, const trocar_loop_timing_t *timing, double now) {
     if (!follows(d, timing->server, now)) return;
-    /* this is the first message, or a new server */
+    /* this is the first message, or one from a restarted or different server */
     if (!d->heard || timing->ticks < d->timing.ticks || timing->server != d->timing.server) d->first_misses = timing->misses;
     d->heard = true;
     d->heard_at = now;

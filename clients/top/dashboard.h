@@ -17,7 +17,7 @@ typedef struct {
     bool heard;                                  /* true once a timing message has arrived */
     double heard_at;                             /* s, arrival time of the newest timing message */
     trocar_loop_timing_t timing;                 /* the newest timing message */
-    int64_t first_misses;                        /* number of misses before the first timing message, which raise no alarm */
+    int64_t first_misses;                        /* number of missed periods before the first timing message; these raise no alarm */
     double lateness[DASHBOARD_BINS], compute[DASHBOARD_BINS]; /* histogram counts since the start or the last reset */
     trocar_status_t needles[TROCAR_MAX_NEEDLES]; /* newest status of each needle, without its strings */
     int needle_count;                            /* number of needles in the server's scene; 0 before the first status */
@@ -27,7 +27,7 @@ typedef struct {
 
 typedef struct {
     char text[DASHBOARD_WIDTH];
-    bool alarm;                                  /* the line reports something that needs attention */
+    bool alarm;                                  /* the line reports a condition that needs attention */
 } dashboard_line;
 
 /* Takes a message that arrived at the time `now` (s). */

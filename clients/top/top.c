@@ -1,4 +1,4 @@
-/* trocar-top: shows timing, faults and guards of a running trocar-server live in a terminal. */
+/* trocar-top: shows the timing, poses, faults and wrenches of a running trocar-server live in a terminal. */
 #include <curses.h>
 #include <lcm/lcm.h>
 #include <math.h>
@@ -153,7 +153,7 @@ static void receive_until(lcm_t *lcm, double end, bool keys) {
 
 /* ---- screens ----------------------------------------------------------------------------------------------------- */
 
-/* Returns the lines of the dashboard and, with --udp-json, a line about the datagrams. */
+/* Writes the lines of the dashboard and, with --udp-json, a line about the datagrams; returns their number. */
 static int draw_lines(const monitor *m, int height, dashboard_line lines[DASHBOARD_LINES + 1]) {
     int count = dashboard_draw(&m->shown, now(), m->sends ? height - 1 : height, lines);
     if (!m->sends) return count;
@@ -180,7 +180,7 @@ static int print_once(const options *o, lcm_t *lcm, monitor *m) {
     return m->shown.heard ? EXIT_SUCCESS : EXIT_FAILURE;
 }
 
-/* Sends datagrams without showing a display. Reports changes on stderr: whether a server is heard, and whether a program listens to the datagrams. */
+/* Sends datagrams without showing a display. Reports on stderr when a server starts or stops being heard, and when the state of the datagrams changes. */
 static int send_only(lcm_t *lcm, const monitor *m) {
     static const double silence = 1.0; /* s */
     bool heard = true;
@@ -234,7 +234,7 @@ static int show(lcm_t *lcm, monitor *m) {
     return EXIT_SUCCESS;
 }
 
-/* Opens the screen if the output is a terminal that supports drawing, not a file or a dumb terminal. */
+/* Opens the screen if input and output are a terminal with cursor control; otherwise returns false. */
 static bool open_screen(const options *o) {
     if (o->plain || o->once || !isatty(STDIN_FILENO) || !isatty(STDOUT_FILENO)) return false;
     if (!newterm(NULL, stdout, stdin)) return false;

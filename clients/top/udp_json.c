@@ -76,8 +76,8 @@ static void begin_needle(datagram *d, int needle) {
     json_open(&d->j, name, '{');
 }
 
-/* Records a failure, which remains in effect for one second: if no program listens, the system reports an error for only every second datagram, in
-   response to the one before. */
+/* Records a failure, which remains in effect for one second: if no program listens, the system reports an error for only every second datagram, as
+   the result of the previous one. */
 static void note(udp_json *u, int error) {
     int64_t now = monotonic_ns();
     u->count += error == 0;
@@ -104,7 +104,7 @@ void udp_json_pose(udp_json *u, const trocar_needle_pose_t *m) {
     memcpy(n->position, m->position, sizeof n->position);
 }
 
-/* Sends or collects a wrench. It counts as due 0.1 ms early, because wrenches do not arrive at exact intervals. */
+/* Sends a wrench, or only collects its events if none is due. One counts as due 0.1 ms early, because wrenches do not arrive at exact intervals. */
 void udp_json_wrench(udp_json *u, const trocar_needle_wrench_t *m) {
     if (!exists(m->needle)) return;
     udp_needle *n = &u->needles[m->needle];

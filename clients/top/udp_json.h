@@ -36,13 +36,13 @@ typedef struct {
 trocar_status udp_json_open(udp_json *u, const char *to, double rate, trocar_error *why);
 void udp_json_close(udp_json *u);
 
-/* These functions send a message, or keep it for a later datagram. They never wait. */
+/* These functions send a message, or keep it for a later datagram. They never block. */
 void udp_json_pose(udp_json *u, const trocar_needle_pose_t *pose);
 void udp_json_wrench(udp_json *u, const trocar_needle_wrench_t *wrench);
 void udp_json_timing(udp_json *u, const trocar_loop_timing_t *timing);
 void udp_json_status(udp_json *u, const trocar_status_t *status);
 
-/* Describes the state of the datagrams to the user. */
+/* Writes a message for the user: the number of datagrams sent, or the last error. */
 void udp_json_describe(const udp_json *u, char *text, size_t size);
 
 #endif

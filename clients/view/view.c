@@ -1,4 +1,4 @@
-/* trocar-view: shows a live scene or a recorded log in browsers, and makes pictures of a log. */
+/* trocar-view: shows a live scene or a recorded log in browsers, and renders pictures of a log. */
 #define _GNU_SOURCE
 #include <errno.h>
 #include <math.h>
@@ -85,7 +85,7 @@ static void write_needles(const view *v, json *j) {
     json_close(j, ']');
 }
 
-/* Writes the probe's owner as text; "elsewhere" means that another client has moved the probe, and may be silent now. */
+/* Writes the probe's owner, force and contacts. The owner "elsewhere" is another client that has moved the probe, and may be silent now. */
 static void write_probe(const view *v, json *j) {
     const trocar_probe *p = &v->feed.probe;
     json_open(j, "probe", '{');
@@ -95,7 +95,7 @@ static void write_probe(const view *v, json *j) {
     json_close(j, '}');
 }
 
-/* Writes the values that may change during the run, and the answer to the last change. */
+/* Writes the values that can be changed during the run, and the reply to the last change. */
 static void write_values(const view *v, json *j) {
     const trocar_values_t *values = v->feed.values;
     const trocar_command_reply_t *reply = v->feed.change_reply;
@@ -112,7 +112,7 @@ static void write_values(const view *v, json *j) {
     json_close(j, '}');
 }
 
-/* Writes the number of servers since the start, the reason why a browser has lost the needle, and the driven needle's destination. */
+/* Writes the number of servers followed so far, the reason why a browser has lost the needle, and the hole to which the driven needle was sent. */
 static void write_pilot(view *v, json *j) {
     pilot *p = &v->pilot;
     json_integer(j, "server", v->feed.servers);
@@ -126,7 +126,7 @@ static void write_pilot(view *v, json *j) {
     json_close(j, '}');
 }
 
-/* Returns the state of the browser and of the server, as JSON: see page/src/link.js. */
+/* Returns the state of the browser and of the server as JSON, for the handler `status` in page/src/main.js. */
 static char *describe(void *context, const web_page *page) {
     view *v = context;
     char *text = NULL;
@@ -161,7 +161,7 @@ static char *describe(void *context, const web_page *page) {
     return text;
 }
 
-/* Has the next images computed once the last ones have been, and have been sent to a browser, because computing more images than are shown would slow down the
+/* Starts the next ultrasound images once the last ones have been computed and sent to a browser. Computing more images than are shown would slow down the
    browser. */
 static void scan(view *v) {
     if (v->scanner && !scanner_busy(v->scanner) && web_delivered(v->web, &v->ultrasound)) scanner_tell(v->scanner, &v->feed);
@@ -407,7 +407,7 @@ static trocar_status take_picture(view *v, trocar_error *why) {
     return status == TROCAR_OK ? output_commit(&v->png, why) : status;
 }
 
-/* Takes the scene, the plan and its dose from the task. */
+/* Takes the scene, the plan and the dose settings from the task. */
 static trocar_status read_task(view *v, view_options *o, trocar_error *why) {
     training *t = &v->training;
     if (!o->task) return TROCAR_OK;
@@ -423,7 +423,7 @@ static trocar_status read_task(view *v, view_options *o, trocar_error *why) {
 
 int main(int count, char **arguments) {
     view_options o = read_view_options(count, arguments);
-    realtime_flush_denormals();   /* as in trocar-replay, so that the results are the same */
+    realtime_flush_denormals();   /* as in the server's threads: denormals are slow on some processors */
 
     static view v;
     v.options = &o;

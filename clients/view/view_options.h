@@ -5,7 +5,7 @@
 #include "view/implant/implant.h"
 #include "view/web/web.h"
 
-/* Content and size of a picture. */
+/* Content and size of a saved picture. */
 typedef struct {
     int width, height;       /* pixels */
     int view;                /* 1 to 4: the key that selects this view on the page */
@@ -16,7 +16,7 @@ typedef struct {
 
 typedef struct {
     const char *scene_path, *lcm_url, *log_path, *png_path;
-    const char *task, *runs; /* a task for a trainee, and the folder of runs; NULL if not given */
+    const char *task, *runs; /* path of a trainee's task, and folder for the recorded runs; NULL if not given */
     double at;               /* s; INFINITY: the end of the log */
     picture picture;
     const char *picture_option;   /* name of the last option given that needs --png; NULL if there is none */

@@ -4,7 +4,7 @@
 
 static const double CLEARANCE = 0.003; /* m, distance between the tip and the template when the needle waits in front of it */
 static const double HERE = 1e-9;       /* m and rad: smaller distances and angles are treated as zero */
-static const double IN_LINE = 0.5e-3;  /* m, largest distance of base and tip from the hole's axis at which the needle counts as aligned with the hole */
+static const double IN_LINE = 0.5e-3;  /* m, largest distance of base and tip from the hole axis at which the needle counts as aligned with the hole */
 
 pose hole_home(const trocar_guide *guide, double column, double row, double needle_length) {
     pose home = hole_entry(guide, column, row);

@@ -12,7 +12,7 @@
    count from 0, and may lie half-way between two holes. */
 pose hole_home(const trocar_guide *guide, double column, double row, double needle_length);
 
-/* Returns the pose in front of the hole that is closest to a needle's base. */
+/* Returns the waiting pose at the hole nearest to a needle's base. */
 pose hole_home_beside(const trocar_guide *guide, pose base, double needle_length);
 
 /* True if base and tip are within half a millimetre of the axis of the hole that belongs to the waiting pose `home`. */

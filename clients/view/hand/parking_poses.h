@@ -5,8 +5,8 @@
 #include "base/vec.h"
 #include "trocar.h"
 
-/* Finds the poses in which the needles' bases wait, parking_poses[count]. The first is the scene's start pose; if there is none, it is in front of the middle
-   of the template; if there is no template, it is along z at the middle of the mesh, with the tip 2 mm in front of the surface. The other needles
+/* Finds the poses in which the needles' bases wait, parking_poses[count]. The first is the scene's start pose; if there is none, it is in front of the centre
+   of the template; if there is no template, the needle lies along z at the middle of the mesh, with its tip 2 mm in front of the surface. The other needles
    wait next to the first. */
 void find_parking_poses(const trocar_scene *scene, const trocar_model *model, double needle_length, int count, pose *parking_poses);
 

@@ -123,12 +123,12 @@ void pilot_let_go(pilot *p, const char *why) {
     if (drove) p->lost = why;
 }
 
-/* ---- changing hands ---- */
+/* ---- hand-over ---- */
 
 static void tell(pilot *p, order_kind kind) { publisher_tell(&p->publisher, &(publisher_order){.kind = kind}); }
 
-/* Handles the server's answer that it has left the driven needle to rest, or has refused to do so. The needle's next status may arrive later; until
-   then, it would seem that the needle could be driven without taking it. */
+/* Handles the server's reply to a command to leave the driven needle at rest. Marks the needle as resting at once, because until its next status arrives,
+   it would seem that the needle could be driven without being taken. */
 static void heed_left(pilot *p, bool done) {
     handover was = p->handing;
     trocar_status_t *status = p->feed->needles[p->needle].status;
@@ -155,7 +155,7 @@ static void heed_reply(pilot *p) {
     else web_let_go(p->web);
 }
 
-/* Ends a hand-over that cannot proceed. */
+/* Ends a hand-over once the needle has been taken, or if the server has not answered in time. */
 static void watch_handover(pilot *p) {
     const trocar_status_t *status = status_of(p, p->needle);
     bool taken = p->handing == HANDING_TAKEN && status && status->state == TROCAR_STATUS_T_HELD;

@@ -1,4 +1,4 @@
-/* Drives a needle for a browser: turns the browser's actions into orders to the publisher's thread, and watches needles that change hands. */
+/* Drives a needle for a browser: turns the browser's actions into orders to the publisher thread, and supervises the hand-over of needles. */
 #ifndef TROCAR_PILOT_H
 #define TROCAR_PILOT_H
 
@@ -25,7 +25,7 @@ typedef struct {
     web *web;
     pose_publisher publisher;
     pthread_t thread;
-    bool running;            /* true while the publisher's thread is running */
+    bool running;            /* true while the publisher thread is running */
     int needle;              /* index of the needle that a browser drives, or drove last */
     bool driving;            /* true while a browser drives that needle */
     handover handing;        /* stage of a hand-over of that needle */
@@ -38,7 +38,7 @@ typedef struct {
     int64_t servers;         /* value of subscriber.servers for the server to which the driven needle belongs */
 } pilot;
 
-/* Starts the publisher's thread. Uses `p`'s model, parking_poses, needle_length, feed and web, which must outlive the pilot. SYSTEM if LCM or the thread
+/* Starts the publisher thread. Uses `p`'s model, parking_poses, needle_length, feed and web, which must outlive the pilot. SYSTEM if LCM or the thread
    fails. */
 trocar_status pilot_open(pilot *p, lcm_t *lcm, trocar_error *why);
 
@@ -58,7 +58,8 @@ const char *pilot_trouble(const pilot *p, int needle);
 /* Takes the needle away from the driving browser. `why`, a static string, is the reason. */
 void pilot_let_go(pilot *p, const char *why);
 
-/* True if a server is running and this needle neither rests nor is owned by another client, or is just being handed over. */
+/* True if pilot_trouble returns NULL: a server is running, and this needle does not belong to another client and does not rest, unless it is being handed
+   over. */
 bool pilot_has(const pilot *p, int needle);
 
 /* True if a browser may take this needle. A browser that drives no needle may take a resting one. */

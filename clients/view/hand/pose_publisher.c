@@ -19,7 +19,7 @@ enum { ORDERS = 256 };
 static const int64_t PERIOD = 1000000;         /* ns */
 static const int64_t PROBE_PERIOD = 10000000;  /* ns between two poses of the probe; the server accepts 100 per second */
 static const double LONGEST_STEP = 0.01;       /* s, longest time step of the motion */
-static const double AT_HOME = 1e-6;            /* m, rounding */
+static const double AT_HOME = 1e-6;            /* m, tolerance for rounding errors */
 static const int64_t SILENCE = 250000000;      /* ns without an order after which the needle stops */
 static const int64_t SERVER_SILENCE = 100000000; /* ns without a wrench after which the publisher stops sending poses */
 
@@ -86,8 +86,7 @@ static bool is_still(const rate_control_command *c) {
     return c->right == 0 && c->up == 0 && c->forward == 0 && c->pitch == 0 && c->yaw == 0 && c->roll == 0;
 }
 
-/* True if a command contains no motion, or only forward motion, which is the direction in which the needle moves by itself once it is in front of its
-   hole. */
+/* True if a command contains no motion or only forward motion; such commands do not interrupt the approach to a hole. */
 static bool is_still_or_forward(rate_control_command c) {
     c.forward = fmin(c.forward, 0);
     return is_still(&c);
@@ -177,7 +176,7 @@ static void move_probe(pose_publisher *p, int64_t now, double dt) {
     if (!p->probing || now - p->probe_sent >= PROBE_PERIOD) publish_probe(p, now);
 }
 
-/* Returns the distance (m) by which the base is in front of its home. */
+/* Returns the distance (m) of the base ahead of its home, along the home pose's axis. */
 static double ahead_of_home(const pose_publisher *p) { return v3_dot(v3_sub(p->drive.base.position, p->home.position), q_axis(p->home.orientation)); }
 
 /* Returns the current limits. A needle that has been ordered to a hole must stop in front of the template until it is aligned with that hole;

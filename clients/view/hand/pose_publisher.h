@@ -47,7 +47,7 @@ typedef struct {
     spsc_ring orders;        /* publisher_order */
     int wake;                /* eventfd */
     _Atomic int64_t heard;   /* ns, monotonic: arrival time of the last wrench */
-    atomic_bool approaching; /* true while the needle moves to its home pose; written only by the publisher's thread */
+    atomic_bool approaching; /* true while the needle moves to its home pose; written only by the publisher thread */
 
     /* the following members are used only by the thread */
     rate_control_state drive;

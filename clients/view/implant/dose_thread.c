@@ -57,7 +57,7 @@ struct dose_thread {
     unsigned char *levels;
     counted_seed counted[TROCAR_MAX_SEEDS];
     int count;
-    told_state *done;        /* results of the last computation */
+    told_state *done;        /* input of the last computation */
 
     pthread_t thread;
     bool started;
@@ -80,7 +80,7 @@ static int find_organ(const trocar_model *m, const char *const words[2]) {
     return -1;
 }
 
-/* Returns the model's mesh with its organs as regions: a region and its parts have the region's number. The array `organ_of_tet` is given by the caller. */
+/* Returns the model's mesh with its organs as regions: a region and its parts have the region's number. The caller provides `organ_of_tet`. */
 static trocar_mesh mesh_of_organs(const trocar_model *m, int32_t *organ_of_tet) {
     for (int t = 0; t < trocar_model_tet_count(m); t++) organ_of_tet[t] = trocar_model_part_of(m, trocar_model_tet_regions(m)[t]);
     return (trocar_mesh){.node_count = trocar_model_node_count(m), .tet_count = trocar_model_tet_count(m), .nodes = trocar_model_nodes(m),
@@ -151,14 +151,14 @@ static trocar_status prepare(dose_thread *t, const trocar_model *m, trocar_error
 
 /* ---- seeds -------------------------------------------------------------------------------------------------------------- */
 
-/* Returns the distance (m) between a seed's current and previous position. */
+/* Returns the largest difference (m) in a coordinate between two positions of a seed. */
 static double distance(const trocar_dose_seed *a, const trocar_dose_seed *b) {
     double most = 0.0;
     for (int k = 0; k < 3; k++) most = fmax(most, fabs(a->position[k] - b->position[k]));
     return most;
 }
 
-/* Adds a seed to the grid. Skips a seed that exceeds the grid's capacity, which no server ever sends. */
+/* Adds a seed to the grid. Skips seeds beyond the grid's capacity; no server sends that many. */
 static void add_seed(dose_thread *t, const trocar_dose_seed *rest, const trocar_dose_seed *now) {
     counted_seed *s = &t->counted[t->count];
     *s = (counted_seed){.rest = *rest, .now = *now};
@@ -194,7 +194,7 @@ static void count_seeds(dose_thread *t, const told_state *state) {
         if (!found[i]) add_seed(t, &state->rest[i], &state->now[i]);
 }
 
-/* Shrinks the target; the seeds in it move with it. */
+/* Computes the seeds' positions after the target has shrunk; seeds inside it move with it. */
 static void shrink_seeds(const dose_thread *t, const told_state *state, trocar_dose_seed *shrunk) {
     for (int i = 0; i < state->count; i++) {
         shrunk[i] = state->rest[i];
@@ -289,7 +289,7 @@ static bool has_other_seeds(const told_state *now, const told_state *before) {
     return now->count != before->count || memcmp(now->rest, before->rest, (size_t)now->count * sizeof *now->rest) != 0;
 }
 
-/* True if a seed or a voxel of the grid or an organ has moved. */
+/* True if a seed or a node of the mesh has moved by more than NOTICED; false if there are no seeds. */
 static bool has_moved(const dose_thread *t, const told_state *now, const told_state *before) {
     if (now->count == 0) return false;
     for (int i = 0; i < now->count; i++)

@@ -1,4 +1,4 @@
-/* A thread of low priority that computes the seeds' dose: on a grid in space, in the displaced tissue, and in the organs (organ_dose.h). If several
+/* A low-priority thread that computes the seeds' dose: on a grid in space, in the displaced tissue, and in the organs (organ_dose.h). If several
    inputs arrive during a computation, only the newest one is used. */
 #ifndef TROCAR_DOSE_THREAD_H
 #define TROCAR_DOSE_THREAD_H

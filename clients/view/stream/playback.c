@@ -47,7 +47,7 @@ static void note_refusal(playback *p, const trocar_error *reason) {
     if (p->refused++ == 0) p->refusal = *reason;
 }
 
-/* Executes the changes, and the commands for seeds, that came before this pose. As in the server, a refused command changes nothing. */
+/* Executes the changes and seed commands that came before this pose. As in the server, a refused command changes nothing. */
 static void run_commands(playback *p, int pose) {
     trocar_error reason;
     if (!try_waiting_drop(&p->waiting, p->sim, 0)) note_refusal(p, &p->waiting.reason);

@@ -1,4 +1,4 @@
-/* Passes the newest section of a computing thread to the thread that sends to browsers. A section that has not been taken is replaced. */
+/* Passes the newest section from the thread that computes it to the thread that sends it to browsers. A section that has not been taken is replaced. */
 #ifndef TROCAR_SECTION_BOX_H
 #define TROCAR_SECTION_BOX_H
 

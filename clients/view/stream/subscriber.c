@@ -231,7 +231,8 @@ static double time_of_tick(const subscriber *f, int64_t tick) {
     return 1e-9 * (double)(f->heard - f->started) - (double)(f->tick - tick) * f->period;
 }
 
-/* Completes the picture of its tick, which follows the contacts of each needle that has been held; without a held needle, the probe is enough. */
+/* Completes a picture: the deformation of a tick arrives after the contacts of all needles that have been held. If no needle has been held, a placed probe
+   is enough. */
 static void on_deformation(const lcm_recv_buf_t *received, const char *channel, void *context) {
     (void)channel;
     subscriber *f = context;

@@ -42,8 +42,8 @@ typedef struct {
     trocar_deformation_t *deformation; /* NULL before the first message */
     trocar_command_reply_t *reply; /* reply to the last command of `session` other than RELEASE; NULL before the first */
     trocar_command_reply_t *change_reply; /* reply to the last change that `session` asked for; NULL before the first */
-    trocar_values_t *values; /* values that may change during the run; NULL before the first message */
-    int64_t session;         /* the session that gives commands; set by the owner */
+    trocar_values_t *values; /* values that can be changed during the run; NULL before the first message */
+    int64_t session;         /* the session that gives commands; set by the subscriber's owner */
     int64_t seeds_heard, replies_heard; /* number of messages so far, from all servers; a change of server counts as well */
     server_choice choice;    /* only messages of the followed server are used */
     int64_t refused;         /* number of messages of the wrong type for their channel */

@@ -1,6 +1,6 @@
-/* Data for the browsers: encoded pictures, and samples for the plots. Of live data, only the newest picture and the last minute of samples are kept.
-   Of a log, all samples are kept, and all pictures up to a limit; beyond it, every second picture is kept, then every fourth and so on, and always
-   the newest. Not thread-safe. */
+/* Data for the browsers: encoded pictures, which are snapshots of needles and tissue, and samples for the plots. Of live data, only the newest picture
+   and the last minute of samples are kept. Of a log, all samples are kept, and all pictures up to a limit; beyond it, every second picture is kept, then
+   every fourth and so on, and always the newest. Not thread-safe. */
 #ifndef TROCAR_TIMELINE_H
 #define TROCAR_TIMELINE_H
 
@@ -42,7 +42,7 @@ typedef struct {
     int64_t picture, sample;
 } timeline_cursor;
 
-/* Adds the seeds of the newest picture, after that picture. For a log only; in live mode, seeds arrive in messages of their own. */
+/* Adds the seeds of the newest picture, after that picture. For a log only; in live mode, seeds are sent as a separate section. */
 trocar_status timeline_add_seeds(timeline *t, const trocar_seeds_t *seeds, trocar_error *why);
 
 bool timeline_has_news(const timeline *t, const timeline_cursor *cursor);

@@ -205,8 +205,8 @@ static void append_tets(byte_buffer *b, const trocar_model *m) {
     }
 }
 
-/* Appends three nodes (counter-clockwise as seen from outside `tet`), the groups of the regions behind and in front, and the bits
-   of named surfaces. */
+/* Appends three nodes (counter-clockwise as seen from outside `tet`), the groups of the regions on its inside and outside, and
+   the bits of named surfaces. */
 static void append_triangle(byte_buffer *b, const trocar_model *m, int tet, int face, int neighbour) {
     const int32_t *regions = trocar_model_tet_regions(m);
     uint32_t triangle[6];
@@ -272,7 +272,7 @@ static void append_probe(byte_buffer *b, const trocar_probe *p) {
     bytes_append(b, &sent, sizeof sent);
 }
 
-/* Returns the metres per count of a displacement. */
+/* Returns the displacement (m) that one count represents. */
 static float displacement_scale(const trocar_deformation_t *d) {
     float largest = 0;
     for (int n = 0; n < d->node_count; n++)
@@ -357,7 +357,7 @@ void encode_json_and_bytes(byte_buffer *out, section_kind kind, const char *json
 
 /* ---- seeds ---- */
 
-/* A seed: position and direction in the displaced tissue, position and direction at rest; numbers of needle, guide and hole, and number in its
+/* A seed: position and direction in the displaced tissue, position and direction at rest; indices of needle, guide and hole, and index within its
    strand. */
 typedef struct {
     float places[4][3];

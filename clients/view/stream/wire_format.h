@@ -54,7 +54,7 @@ typedef struct {
     const trocar_tracks_t *tracks; /* the newest tracks; NULL before the first message */
 } needle_shown;
 
-/* Encodes one picture at `time` (s): each needle with its contacts and tracks, the probe (if not NULL and placed), and the displacements of all
+/* Encodes a picture, the state at `time` (s): each needle with its contacts and tracks, the probe (if not NULL and placed), and the displacements of all
    nodes, rounded to 1/32767 of the largest component (30 nm per millimetre). */
 void encode_picture(byte_buffer *out, double time, const needle_shown needles[], int count, const trocar_probe *probe, const trocar_deformation_t *tissue);
 

@@ -22,7 +22,8 @@ enum { QUEUE = 16384 /* messages; about five seconds */, ARGUMENTS = 16, NOT_STA
 
 /* ---- trocar-score ---- */
 
-/* Starts trocar-score from this program's folder with these arguments, NULL-terminated; `said` receives a file in memory with all that it prints. */
+/* Starts trocar-score from this program's folder with these arguments, NULL-terminated; `said` receives the descriptor of an in-memory file for its
+   output. Returns the process ID, or -1. */
 static pid_t start_scorer(const char *const *arguments, int *said) {
     char program[PATH_MAX] = "";
     ssize_t length = readlink("/proc/self/exe", program, sizeof program - 1);
@@ -35,7 +36,7 @@ static pid_t start_scorer(const char *const *arguments, int *said) {
     if (*said < 0) return -1;
     pid_t process = fork();
     if (process == 0) {
-        setsid(); /* Linux shares processor time between sessions, so that a browser that draws in software does not starve it */
+        setsid(); /* Linux divides processor time among sessions, so that a browser that renders in software does not starve it */
         dup2(*said, STDOUT_FILENO);
         dup2(*said, STDERR_FILENO);
         execv(program, (char *const *)all);
@@ -140,7 +141,7 @@ void training_close(training *t) {
 
 /* ---- running ---- */
 
-/* Tells the page what prevents the start. */
+/* Stores the reason for a refusal, which the page shows; returns false. */
 static bool refuse(training *t, const char *words) {
     snprintf(t->message, sizeof t->message, "%.500s", words);
     return false;

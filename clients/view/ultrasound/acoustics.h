@@ -13,7 +13,7 @@ typedef struct {
 extern const acoustics BONE, STEEL, TITANIUM;
 
 /* Finds the properties of a volume of the model by its name; a volume that cannot be cut has those of bone. Names that are not in the table count as
- * connective tissue. */
+   connective tissue. */
 acoustics acoustics_of(const trocar_model *model, int region);
 
 /* Returns the fraction of the pressure that is reflected at normal incidence. */

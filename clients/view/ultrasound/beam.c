@@ -18,8 +18,8 @@ double beam_pulse_sigma(const beam *b) {
     return 0.5 * SOUND_SPEED / (2 * M_PI * spectrum);
 }
 
-/* Width of a beam, one way, from an aperture with a fixed focus: diffraction, which is proportional to depth, and the convergence of the aperture toward the
-   focus. */
+/* Returns the one-way width of a beam from an aperture with a fixed focus: diffraction, which is proportional to depth, and the convergence of the aperture
+   towards the focus. */
 static double fixed_focus(double diffraction, double aperture, double focus, double depth) {
     return hypot(diffraction * depth / focus, aperture / sqrt(12.0) * (1 - depth / focus));
 }

@@ -11,19 +11,19 @@ typedef struct {
     double f_number;         /* depth divided by the receiving aperture, while that is smaller than `aperture` */
     double aperture;         /* m, largest receiving aperture, and the transmitting aperture */
     double focus;            /* m, depth to which the transmitted beam is focused */
-    double height;           /* m, aperture across the image plane */
-    double height_focus;     /* m, depth to which the lens focuses across the image plane */
+    double height;           /* m, elevational aperture (perpendicular to the image plane) */
+    double height_focus;     /* m, depth of the lens's elevational focus */
 } beam;
 
 extern const beam TRANSRECTAL;
 
-/* m, wavelength at the centre frequency. */
+/* Returns the wavelength at the centre frequency, m. */
 double beam_wavelength(const beam *b);
 
-/* m, standard deviation in depth of the amplitude of a point's echo. */
+/* Returns the standard deviation of a point's echo amplitude in depth, m. */
 double beam_pulse_sigma(const beam *b);
 
-/* m, standard deviation across the image, and through the image plane, of the amplitude of a point's echo. */
+/* These functions return the standard deviations of a point's echo amplitude across the image, and through the image plane, m. */
 double beam_width_sigma(const beam *b, double depth);
 double beam_thickness_sigma(const beam *b, double depth);
 

@@ -1,4 +1,4 @@
-/* The needles and seeds of the server's newest messages, copied, so that another thread can draw them. */
+/* A copy of the needles and seeds in the server's newest messages, which another thread can draw. */
 #ifndef TROCAR_BODIES_H
 #define TROCAR_BODIES_H
 
@@ -20,7 +20,7 @@ typedef struct {
 /* Replaces the list. `needle_radius`: m. */
 void bodies_take(body_list *b, const subscriber *feed, const trocar_model *model, double needle_radius);
 
-/* Fills `bodies` [BODIES] with the list, whose points it refers to; returns the number of bodies. */
+/* Fills `bodies` [BODIES] with the bodies in the list, and returns their number. They refer to the points in `b`. */
 int bodies_of(const body_list *b, echo_body *bodies);
 
 /* Returns the tip of the first needle, or NULL. */

@@ -19,7 +19,7 @@ typedef struct {
     float weights[2 * WIDEST_KERNEL + 1];
 } kernel;
 
-/* A pixel: the nearest point of the envelope above and to the left, and the position between it and its neighbours. */
+/* A pixel: the nearest point of the envelope above and to the left, and the pixel's fractional position between it and the next points. */
 typedef struct {
     int32_t at;              /* -1 outside the field */
     float down, right;
@@ -74,7 +74,7 @@ void echo_free(echo *e) {
 
 /* ---- what the image covers ---- */
 
-/* Returns a Gaussian kernel for echoes that are distributed linearly over neighbouring points, which widens them by a variance of 1/6. */
+/* Returns a Gaussian kernel. Distributing an echo linearly over neighbouring points already widens it by a variance of 1/6, so the kernel is narrower. */
 static kernel kernel_of(double sigma) {
     kernel k = {.half = 0};
     double own = fmax(SHARPEST, sqrt(fmax(0, sigma * sigma - 1.0 / 6)));
@@ -83,8 +83,8 @@ static kernel kernel_of(double sigma) {
     return k;
 }
 
-/* Mean energy of the kernel applied to an echo that is distributed linearly: the integral of the product of two triangles is 2/3 at the distance 0, and 1/6 at
-   the distance 1. */
+/* Returns the mean energy of the kernel applied to a linearly distributed echo: the integral of the product of two triangles is 2/3 at distance 0, and 1/6 at
+   distance 1. */
 static double energy_of(const kernel *k) {
     double sum = 0;
     for (int i = 0; i <= 2 * k->half; i++) sum += k->weights[i] * (2 * k->weights[i] + (i < 2 * k->half ? k->weights[i + 1] : 0)) / 3;
@@ -97,7 +97,7 @@ static double sum_of(const kernel *k) {
     return sum;
 }
 
-/* Scales the kernel of each row so that the mean intensity of the speckle in the prostate is 1 at all depths, as a scanner's gain does. */
+/* Computes the kernel of a row, scaled so that the mean intensity of the speckle in the prostate is 1 at all depths, as a scanner's depth gain does. */
 static void prepare_row(echo *e, int row) {
     echo_grid *g = &e->grid;
     double depth = fmax(0, (row - PAD) * g->step), apart = grid_line_distance(g, fmax(row, PAD));
@@ -110,7 +110,7 @@ static void prepare_row(echo *e, int row) {
     g->mirror[row] = (float)(pow(10, MIRROR / 20) / (sum_of(k) * e->pulse.weights[e->pulse.half]));
 }
 
-/* Prepares the conversion to pixels. */
+/* Prepares the conversion from the envelope to pixels. */
 static void prepare_pixels(echo *e) {
     const echo_grid *g = &e->grid;
     const image_raster *r = &e->raster;
@@ -238,7 +238,7 @@ static void form_beam(echo *e) {
 
 /* ---- pixels ---- */
 
-/* Decibels of an amplitude: exponent and a polynomial for the logarithm of the mantissa; error below 0.05 dB. */
+/* Returns an amplitude in decibels, from its exponent and a polynomial for the logarithm of the mantissa; error below 0.05 dB. */
 static inline float decibels(float x) {
     uint32_t bits;
     memcpy(&bits, &x, sizeof bits);

@@ -5,7 +5,7 @@
 
 #include "view/ultrasound/reflectors.h"
 
-#define ECHO_DENSITY 24e9    /* scatterers per m^3, about ten in each volume that the beam resolves, so that the speckle is fully developed */
+#define ECHO_DENSITY 24e9    /* scatterers per m^3, about ten in each resolution cell, so that the speckle is fully developed */
 #define ECHO_FLOOR (-60.0)   /* dB, brightness of level 1 */
 #define ECHO_STEP 0.4        /* dB between two levels */
 #define ECHO_WHITE 32.0      /* dB, brightness that is shown white with a gain of 0 */
@@ -20,14 +20,14 @@ void echo_free(echo *e);
 /* Sets the field that images cover, and their pixels. Returns NO_MEMORY if memory is short. */
 trocar_status echo_frame(echo *e, const image_field *field, const image_raster *raster, trocar_error *why);
 
-/* Makes an image. `nodes` [nodes][3]: positions of the mesh's nodes, m. `levels` [height][width]: brightness relative to the prostate's mean at rest, as 1 +
+/* Computes an image. `nodes` [nodes][3]: positions of the mesh's nodes, m. `levels` [height][width]: brightness relative to the prostate's mean at rest, as 1 +
    (dB - ECHO_FLOOR) / ECHO_STEP; 0 outside the field. */
 void echo_image(echo *e, const image_plane *plane, const double *nodes, const echo_body *bodies, int body_count, unsigned char *levels);
 
 /* Converts levels to grey: `range` dB from black to white; with a `gain` (dB) of 0, the prostate's mean is a little below the middle. In place. */
 void echo_show(unsigned char *levels, size_t count, double gain, double range);
 
-/* The envelope from which the last image was made [rows][lines], relative to the prostate's mean (root mean square) */
+/* The envelope from which the last image was made, relative to its root mean square in the prostate at rest. `values`: [rows][lines] */
 typedef struct {
     int rows, lines;
     double step, first_row;  /* m, distance between rows; distance of the first row from the origin */

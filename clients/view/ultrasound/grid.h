@@ -1,5 +1,5 @@
-/* The echo signal before the beam is formed: complex amplitudes (baseband at the centre frequency) on lines that leave the probe, and the events that change the
-   sound on its way along a line. Internal to the folder. */
+/* The echo signal before beamforming: complex baseband amplitudes along scan lines, and the events that change the sound on its way along a line. Internal to
+   the folder. */
 #ifndef TROCAR_ULTRASOUND_GRID_H
 #define TROCAR_ULTRASOUND_GRID_H
 
@@ -7,7 +7,7 @@
 #include "view/ultrasound/planes.h"
 
 enum {
-    GRID_LINES = 1024, GRID_ROWS = 4096, /* maximum numbers; an image of a larger field has a coarser spacing, and ends at a depth of about 0.25 m */
+    GRID_LINES = 1024, GRID_ROWS = 4096, /* maximum numbers; a wider field has a coarser line spacing, and an image ends at a depth of about 0.25 m */
     PAD = 8                  /* rows and lines around the image, so that echoes from outside spread into it */
 };
 
@@ -16,7 +16,7 @@ enum {
 typedef struct {
     int next;                /* next event in the same row, or -1 */
     int line;
-    float once, each;        /* factors of the amplitude: at this row, and at each row from here on */
+    float once, each;        /* amplitude factors: at this row, and at each row from here on */
 } sound_event;
 
 typedef struct {
@@ -30,7 +30,7 @@ typedef struct {
     float edge_cosine, edge_sine, edge_margin; /* outward normal (across, away) of the last line, and distance (m) beyond it from which echoes still spread into the image */
     float *signal;           /* [rows][lines][2] */
     float *thickness;        /* [rows], m, standard deviation of the beam through the plane */
-    float *mirror;           /* [rows], amplitude on each line of the echo of a perfect mirror across the beam */
+    float *mirror;           /* [rows], amplitude on each line of the echo of a perfect mirror perpendicular to the beam */
 
     sound_event *events;
     int event_count, event_room;
@@ -49,18 +49,18 @@ static inline image_point image_point_of(const image_plane *p, vec3 x) {
     return (image_point){(float)v3_dot(from, p->axes[0]), (float)v3_dot(from, p->axes[1]), (float)v3_dot(from, p->axes[2])};
 }
 
-/* Row and line, as fractions, of a point of the plane. */
+/* These functions return the row and the line of a point in the plane, which may be fractional. */
 static inline double grid_row(const echo_grid *g, double u, double v) {
     return ((g->field.sector ? hypot(u, v) : v) - g->first_row) / g->step;
 }
 static inline double grid_line(const echo_grid *g, double u, double v) {
     return ((g->field.sector ? atan2(u, v) : u) - g->first_line) / g->spacing;
 }
-/* m, distance of two neighbouring lines at a row. */
+/* Returns the distance between neighbouring lines at a row, m. */
 static inline double grid_line_distance(const echo_grid *g, double row) {
     return g->field.sector ? g->spacing * (g->first_row + row * g->step) : g->spacing;
 }
-/* Unit vector (across, away) of the sound on a line. */
+/* Computes the unit vector (across, away) of the sound's direction on a line. */
 static inline void grid_beam(const echo_grid *g, double line, double *across, double *away) {
     double angle = g->field.sector ? g->first_line + line * g->spacing : 0;
     *across = sin(angle);
@@ -70,7 +70,7 @@ static inline void grid_beam(const echo_grid *g, double line, double *across, do
 /* Adds a real amplitude to a line at a row that may be fractional. */
 void grid_add(echo_grid *g, int line, double row, double amplitude);
 
-/* Multiplies the amplitude of everything from this row on. Does nothing if there is no room: the picture then lacks a shadow. */
+/* Changes the amplitude of everything from this row on: see sound_event. Does nothing if there is no room; the image then lacks a shadow. */
 void grid_event(echo_grid *g, int line, double row, double once, double each);
 
 #endif

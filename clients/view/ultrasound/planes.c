@@ -82,7 +82,7 @@ void planes_at_tip(const image_planner *p, const double tip[3], image_plane plan
     planes_at(p, tip ? within(tip[2], p->low.z, p->high.z) : middle.z, tip ? within(tip[0], p->low.x, p->high.x) : middle.x, planes);
 }
 
-/* Half of the extent of a box along an axis. */
+/* Returns half of a box's extent along an axis. */
 static double half_extent(vec3 half, vec3 axis) { return half.x * fabs(axis.x) + half.y * fabs(axis.y) + half.z * fabs(axis.z); }
 
 image_field image_field_of(const image_planner *p, slice_kind kind, const image_plane *plane, double depth) {

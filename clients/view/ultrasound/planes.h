@@ -29,9 +29,9 @@ typedef struct {
     double left, near;       /* m, coordinates of the first pixel's centre along the first two axes, relative to the origin */
 } image_raster;
 
-/* What determines the planes. */
+/* Data from which the planes are computed. */
 typedef struct {
-    vec3 low, high;          /* m, corners of the box around the region of interest at rest */
+    vec3 low, high;          /* m, corners of the bounding box of the region of interest at rest */
     bool has_probe;
     double probe_reach;      /* m, distance from the probe's base to the axial plane */
     double probe_radius;     /* m */
@@ -46,7 +46,8 @@ image_planner image_planner_of(const trocar_model *model);
 /* Places the images at the probe, and tilts them with it: `base` is the pose of its base. */
 void planes_at_probe(const image_planner *p, pose base, image_plane planes[SLICES]);
 
-/* Places the images below the region of interest, at these places on the mesh's z and x axis (m). For scenes without a probe, and until the probe has a pose. */
+/* Places the images below the region of interest, at these positions (m) on the mesh's z and x axes. For scenes without a probe, and until the probe has
+   a pose. */
 void planes_at(const image_planner *p, double z, double x, image_plane planes[SLICES]);
 
 /* Like planes_at, but through a needle's tip, or through the middle of the region if `tip` is NULL. */

@@ -16,15 +16,15 @@ static const double STEEL_SPEED = 5790;  /* m/s, longitudinal, stainless steel (
 static const double TISSUE = 1.63;       /* MRayl, impedance of the tissue around needles and seeds */
 static const double FINEST = 1.5e-4;     /* m, length of the pieces of a needle's axis */
 static const double FAINT = 1e-3;        /* reverberation ends at this fraction of its first echo */
-static const double DARKEST = 0.02;      /* smallest fraction of the sound that passes a body */
+static const double DARKEST = 0.02;      /* smallest fraction of the sound that gets past a body */
 enum { STRIPS = 5 };                     /* number of strips across a needle's surface */
 
 double sound_left(double attenuation, double frequency, double length) {
     return pow(10, -attenuation * 1e-6 * frequency * 100 * 2 * length / 20);
 }
 
-/* Echo of a rough surface relative to that at normal incidence: facets whose slopes are Gaussian (Beckmann and Spizzichino 1963), and a diffuse part. `cosine`:
-   cosine of the angle of incidence. */
+/* Returns the echo of a rough surface relative to that at normal incidence: facets with Gaussian slopes (Beckmann and Spizzichino 1963), and a diffuse part.
+   `cosine`: cosine of the angle of incidence. */
 static double glint(roughness r, double cosine) {
     double c = fmax(cosine * cosine, 1e-6), tangent = (1 - c) / c;
     return r.diffuse + (1 - r.diffuse) * exp(-0.5 * tangent / (r.slope * r.slope));
@@ -47,7 +47,7 @@ static unsigned bones_of(const trocar_model *m, const trocar_scene *scene) {
     return bits;
 }
 
-/* Lists each face between two volumes once, from the tetrahedron with the smaller number, and each face on the outside. */
+/* Lists each face between two volumes once, from the tetrahedron with the smaller index, and each face on the outside. */
 static trocar_status find_boundaries(reflectors *r, const trocar_model *m, unsigned bones, trocar_error *why) {
     const int32_t *tets = trocar_model_tets(m), *neighbours = trocar_model_neighbours(m), *regions = trocar_model_tet_regions(m);
     for (int pass = 0; pass < 2; pass++) {
@@ -137,13 +137,13 @@ static bool cut(const image_point corner[3], flat_point ends[2]) {
     return found == 2;
 }
 
-/* Unit normal of the triangle, in the image's axes. */
+/* Returns the unit normal of the triangle, in the image's axes. */
 static vec3 normal_of(const image_point c[3]) {
     vec3 n = v3_cross(v3((double)c[1].u - c[0].u, (double)c[1].v - c[0].v, (double)c[1].w - c[0].w), v3((double)c[2].u - c[0].u, (double)c[2].v - c[0].v, (double)c[2].w - c[0].w));
     return v3_scale(1 / fmax(v3_norm(n), 1e-30), n);
 }
 
-/* Row in which a line crosses the segment between two points; if the line only touches it, because of rounding, the row of the nearer end. */
+/* Returns the row at which a line crosses the segment between two points; if rounding makes the line miss the segment, the row of the nearer end. */
 static double cross(const echo_grid *g, int line, flat_point p, flat_point q) {
     double across, away, place = g->first_line + line * g->spacing, du = q.u - p.u, dv = q.v - p.v, part;
     grid_beam(g, line, &across, &away);
@@ -210,7 +210,8 @@ void reflectors_add(const reflectors *r, const image_point *nodes, double freque
 
 /* ---- needles and seeds ---- */
 
-/* A body as each line sees it: its echo, the row of its surface (a mean weighted with the echo), and the part of the beam that the body hides. */
+/* A body as each line sees it: its echo, the row of its surface, and the part of the beam that the body hides. `row` is a sum weighted
+   by the hidden parts. */
 typedef struct {
     double echo[GRID_LINES], row[GRID_LINES], hides[GRID_LINES];
 } silhouette;
@@ -231,12 +232,12 @@ static void add_strip(silhouette *s, const echo_grid *g, double u, double v, dou
     }
 }
 
-/* Adds a piece of the axis. The strips lie side by side across the sound and the axis, on the front of the cylinder. */
+/* Adds a piece of the axis. The strips lie side by side on the front of the cylinder, in the direction perpendicular to the sound and the axis. */
 static void add_piece(silhouette *s, const echo_grid *g, vec3 at, vec3 along, double length, double radius) {
     double across, away;
     grid_beam(g, grid_line(g, at.x, at.y), &across, &away);
     vec3 sound = v3(across, away, 0), side = v3_cross(along, sound);
-    double cosine = v3_norm(side); /* cosine of the angle between the sound and the plane across the axis */
+    double cosine = v3_norm(side); /* cosine of the angle between the sound and the plane perpendicular to the axis */
     if (cosine < 1e-3) return;
     side = v3_scale(1 / cosine, side);
     for (int k = 0; k < STRIPS; k++) {
@@ -246,7 +247,8 @@ static void add_piece(silhouette *s, const echo_grid *g, vec3 at, vec3 along, do
     }
 }
 
-/* Sound that enters the body bounces between its front and back, and a part leaves toward the probe each time; in the image, these echoes lie behind each other. */
+/* Adds reverberation: sound inside the body bounces between its front and back, and a part leaves towards the probe each time. In the image, these echoes lie
+   one behind the other. */
 static void add_reverberation(echo_grid *g, int line, double row, double echo, double mirrored, double diameter) {
     double pitch = diameter * SOUND_SPEED / STEEL_SPEED / g->step, size = echo * (1 - mirrored * mirrored) * mirrored;
     for (double part = 1; part > FAINT; part *= mirrored * mirrored, size *= mirrored * mirrored) grid_add(g, line, row += pitch, size);

@@ -1,4 +1,4 @@
-/* What reflects: boundaries between volumes, needles and seeds, and calcifications. Each adds its echo and changes the sound behind it. */
+/* The reflectors: boundaries between volumes, needles and seeds, and calcifications. Each adds its echo and changes the sound behind it. */
 #ifndef TROCAR_REFLECTORS_H
 #define TROCAR_REFLECTORS_H
 
@@ -34,7 +34,7 @@ typedef struct {
     const acoustics *is;
 } echo_body;
 
-/* BAD_INPUT for an invalid calcification; NO_MEMORY. */
+/* Finds the boundaries and the calcifications of a scene. BAD_INPUT for an invalid calcification; NO_MEMORY. */
 trocar_status reflectors_create(reflectors *r, const trocar_scene *scene, const trocar_model *model, trocar_error *why);
 void reflectors_free(reflectors *r);
 
@@ -43,7 +43,8 @@ void reflectors_add(const reflectors *r, const image_point *nodes, double freque
 
 void reflectors_add_body(const image_plane *plane, const echo_body *body, echo_grid *g);
 
-/* Amplitude of the sound after `length` (m) there and back in a material with this attenuation, dB/(cm MHz). */
+/* Returns the fraction of the sound's amplitude that is left after `length` (m), travelled there and back, in a material with this attenuation,
+   dB/(cm MHz). */
 double sound_left(double attenuation, double frequency, double length);
 
 #endif

@@ -39,7 +39,7 @@ typedef struct {
     double nodes[];          /* [nodes][3], m */
 } told_state;
 
-/* Identifies the data from which the last input was made. */
+/* Identifies the data from which the thread's last input was made. */
 typedef struct {
     wish wish;
     int64_t deformation, seeds;
@@ -117,7 +117,8 @@ static byte_buffer encode(const scanner *s, const image_plane planes[SLICES], in
     return section;
 }
 
-/* Prepares an image for the requested depth. Apart from that, its field stays that of the first plane, so that the image's size does not change while it moves. */
+/* Prepares an image for the requested depth. Otherwise, its field stays that of the first plane, so that the image's size does not change while the plane
+   moves. */
 static trocar_status frame(scanner *s, slice_kind kind, const image_plane *plane, double depth, trocar_error *why) {
     if (s->fields[kind].far == 0) s->fields[kind] = image_field_of(&s->planner, kind, plane, 0);
     else if (depth == s->depths[kind]) return TROCAR_OK;
@@ -128,7 +129,7 @@ static trocar_status frame(scanner *s, slice_kind kind, const image_plane *plane
     return echo_frame(s->echoes[kind], &field, &s->rasters[kind], why);
 }
 
-/* Makes the images. Returns false if memory runs out. */
+/* Computes the images. Returns false if memory runs out. */
 static bool scan(scanner *s, const told_state *state, image_plane planes[SLICES], int count) {
     static _Thread_local echo_body bodies[BODIES];
     trocar_error why;

@@ -12,7 +12,7 @@ typedef struct scanner scanner;
 trocar_status scanner_create(const trocar_scene *scene, const trocar_model *model, scanner **created, trocar_error *why);
 void scanner_free(scanner *s);
 
-/* Handles ACTION_LOOK; ignores values that are not finite. The newest request counts for all browsers, and ends after two seconds. */
+/* Handles ACTION_LOOK; ignores values that are not finite. The newest request applies to all browsers, and expires after two seconds. */
 void scanner_look(scanner *s, const web_action *action);
 
 /* Passes the current state to the thread, if it has changed and images are wanted. Does not wait. */

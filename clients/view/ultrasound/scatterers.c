@@ -18,8 +18,8 @@ static void swap_larger(double *a, double *b) {
     *b = larger;
 }
 
-/* Fills the table: three barycentric coordinates, and the phase of the echo in turns, which represents the place within a wavelength and the sign of the
-   scatterer. The points of a Kronecker sequence fill the unit cube evenly; sorting their coordinates folds the cube onto a tetrahedron, whose barycentric
+/* Fills the table: three barycentric coordinates, and the phase of the echo in turns, which represents the position within a wavelength and the sign of
+   the scatterer. The points of a Kronecker sequence fill the unit cube evenly; sorting their coordinates folds the cube onto a tetrahedron, whose barycentric
    coordinates are the gaps between the sorted numbers. */
 static void fill_table(float *table) {
     static const double root = 1.2207440846057594759; /* root of x^4 = x + 1, with which the sequence fills three dimensions evenly (Roberts 2018) */
@@ -78,7 +78,7 @@ static float reach_of(const echo_grid *g, const image_point corner[4]) {
     }
     float far = (most(distance) - (float)g->first_row) / (float)g->step, near = (least(v) - (float)g->first_row) / (float)g->step, last = (float)g->rows - 1;
     if (far < 0 || near > last || most(v) < 0 || least(right) > 0 || least(left) > 0) return 0;
-    /* the beam is thickest at one of the ends */
+    /* the beam is thickest at one end of the tetrahedron's range of rows */
     float reach = (float)THICKNESS_CUT * more(g->thickness[(int)more(near, 0)], g->thickness[(int)less(far, last)]);
     return least(w) > reach || most(w) < -reach ? 0 : reach;
 }
@@ -90,22 +90,21 @@ typedef struct {
     float row[CHUNK], line[CHUNK], real[CHUNK], imaginary[CHUNK];
 } chunk;
 
-/* Cosine and sine of an angle in turns, 0 to 1: Taylor series about half a turn up to the 12th and 11th power; errors below 6e-5 and 5e-4. */
+/* Computes the cosine and sine of an angle in turns, 0 to 1: Taylor series about half a turn up to the 12th and 11th power; errors below 6e-5 and 5e-4. */
 static inline void turn(float turns, float *cosine, float *sine) {
     float x = 6.2831853f * (turns - 0.5f), s = x * x;
     *cosine = -(1 + s * (-0.5f + s * (1 / 24.f + s * (-1 / 720.f + s * (1 / 40320.f + s * (-1 / 3628800.f + s / 479001600.f))))));
     *sine = -x * (1 + s * (-1 / 6.f + s * (1 / 120.f + s * (-1 / 5040.f + s * (1 / 362880.f - s / 39916800.f)))));
 }
 
-/* exp(-q) for q from 0 to half of the square of THICKNESS_CUT: Taylor series about the middle; error below 3e-4. */
+/* Returns exp(-q) for q from 0 to half of the square of THICKNESS_CUT: Taylor series about the middle; error below 3e-4. */
 static inline float fading(float q) {
     float x = 1.21f - q;
     return 0.29819727f * (1 + x * (1 + x * (1 / 2.f + x * (1 / 6.f + x * (1 / 24.f + x * (1 / 120.f + x / 720.f))))));
 }
 
-/* Angle in a sector from the tangent of half the angle, up to 0.75: polynomial approximation of the arc tangent by Abramowitz and Stegun (4.4.49);
- * error
- * 4e-8 for |x| <= 1. */
+/* Returns the angle in a sector from the tangent of half the angle, up to 0.75: polynomial approximation of the arc tangent by Abramowitz and Stegun
+   (4.4.49); error 4e-8 for |x| <= 1. */
 static inline float twice_arctan(float x) {
     float s = x * x;
     return 2 * x * (1 + s * (-0.3333314528f + s * (0.1999355085f + s * (-0.1420889944f + s * (0.1065626393f + s * (-0.0752896400f + s * (0.0429096138f

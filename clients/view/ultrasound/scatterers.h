@@ -1,5 +1,5 @@
-/* Scatterers: points that are fixed in the tissue, at random places in each tetrahedron, and move with it. Nothing is stored for each of them: their
-   barycentric coordinates come from one table, which each tetrahedron (large ones: each part of it) reads from its own place. */
+/* Scatterers: points at random positions in each tetrahedron, which move with the tissue. Nothing is stored per scatterer: the barycentric coordinates
+   come from one table, which each tetrahedron (or each part of a large one) reads from its own offset. */
 #ifndef TROCAR_SCATTERERS_H
 #define TROCAR_SCATTERERS_H
 
@@ -10,7 +10,7 @@ typedef struct {
     const int32_t *tets;
     float *expected;         /* [tet_count], mean number of scatterers in each */
     float *amplitudes;       /* [tet_count], amplitude of the scatterers in each */
-    float *table;            /* places and phases of the scatterers: see fill_table in scatterers.c */
+    float *table;            /* positions and phases of the scatterers: see fill_table in scatterers.c */
 } scatterers;
 
 /* `density`: scatterers per m^3 of the tissue at rest; `amplitudes` [regions]. NO_MEMORY. */

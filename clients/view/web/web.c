@@ -79,7 +79,7 @@ static int forbid(struct lws *wsi, const char *reason) {
     return -1;
 }
 
-/* Checks the access of every request, for files of the page (`socket` false) and WebSockets. Returns -1 if the request was refused. */
+/* Checks whether a request for a file of the page (`socket` false) or for a WebSocket is allowed. If not, answers it with an error and returns -1. */
 static int filter(const web *w, struct lws *wsi, bool socket) {
     const web_settings *s = &w->settings;
     char origin[256] = "", host[256] = "";
@@ -177,7 +177,7 @@ static bool may_drive(const web *w, uint32_t needle) {
 }
 
 /* Sends the status to all browsers and disconnects those that no longer answer, so that a page that hangs keeps neither the needle
-   nor a connection; it reconnects when it runs again. The timer counts unanswered statuses instead of time, so that a pause of this
+   nor a connection; it reconnects when it runs again. The timer counts unanswered statuses instead of time, so that pausing this
    program disconnects no browser. */
 static void on_timer(lws_sorted_usec_list_t *timer) {
     web *w = lws_container_of(timer, web, timer);

@@ -10,16 +10,16 @@ typedef struct web web;
 enum { WEB_PORT = 8686, WEB_BROWSERS = 16, WEB_ACTION_BYTES = 32, WEB_PATIENCE = 100, WEB_SECTIONS = 5, WEB_TEXT = 512 }; /* WEB_TEXT: maximum number of bytes
                                                                                                                              of text */
 
-/* A message from a browser; little-endian, 32 bytes, after which ACTION_CHANGE has text and ACTION_PICTURE has a picture. */
+/* A message from a browser: 32 bytes, little-endian, followed by text for ACTION_CHANGE, or by a PNG for ACTION_PICTURE. */
 typedef enum { ACTION_ACKNOWLEDGE = 1, ACTION_TAKE, ACTION_STEER, ACTION_RESET, ACTION_RELEASE, ACTION_PICTURE, ACTION_HOLE, ACTION_DROP, ACTION_UNDO,
                ACTION_LEAVE, ACTION_REMOVE, ACTION_PROBE, ACTION_START, ACTION_FINISH, ACTION_LOOK, ACTION_CHANGE, ACTION_LAST = ACTION_CHANGE } action_kind;
 typedef struct {
     uint32_t kind;
     float steer[6];          /* ACTION_STEER and ACTION_PROBE: right, up, forward, pitch, yaw, roll, each from -1 to 1; ACTION_HOLE: guide, column, row;
-                                ACTION_DROP: seeds; ACTION_LOOK: places of the axial and the sagittal image and their depth, m, and 1 if the sagittal one is
-                                wanted; ACTION_CHANGE: s */
-    uint32_t needle;         /* ACTION_TAKE, ACTION_REMOVE: index of the needle; ACTION_STEER and ACTION_PROBE: a number that the next status returns; ACTION_FINISH: language of the report, see training_finish; ACTION_CHANGE: a number that
-                                the status with the reply returns */
+                                ACTION_DROP: seeds; ACTION_LOOK: positions of the axial and the sagittal image and their depth, m, and 1 if the sagittal image
+                                is wanted; ACTION_CHANGE: duration, s */
+    uint32_t needle;         /* ACTION_TAKE, ACTION_REMOVE: index of the needle; ACTION_STEER, ACTION_PROBE: a number that the next status returns;
+                                ACTION_FINISH: language of the report, see training_finish; ACTION_CHANGE: a number that the status with the reply returns */
 } web_action;
 _Static_assert(sizeof(web_action) == WEB_ACTION_BYTES, "link.js writes 32 bytes");
 
@@ -43,7 +43,7 @@ typedef struct {
     const char *socket;      /* path of a Unix socket to listen on instead of an address, or NULL */
     const char *host;        /* host name allowed besides localhost and `address`, or NULL */
     int port;                /* 0: any free port */
-    int patience;            /* statuses (one per tenth of a second) without a message after which a browser is
+    int patience;            /* number of statuses (ten per second) without a message from a browser after which it is
                                 disconnected; 0: WEB_PATIENCE */
     const timeline *timeline;
     const byte_buffer *scene; /* the encoded scene, which is sent first */
@@ -70,7 +70,7 @@ trocar_status web_watch(web *w, int descriptor, void (*readable)(void *context),
 /* Waits for events and handles them. */
 void web_round(web *w);
 
-/* Tells the server that the timeline has new data. */
+/* Tells the server that the timeline or a section has new data. */
 void web_news(web *w);
 
 /* True if the newest version of this section, one of the settings' sections, has been handed over for sending to a browser, or if there is no browser. */

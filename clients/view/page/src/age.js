@@ -1,5 +1,5 @@
-// Measures how old the picture on the screen is, and limits the speed of a needle that is driven by it. Uses only this page's clock, so that it also
-// works on other machines.
+// Measures how old the picture on the screen is, and limits the speed of the needle accordingly. Uses only this page's clock, so that it also works
+// when the browser runs on another machine.
 
 import { t } from './words/words.js'
 
@@ -48,8 +48,8 @@ export class PictureAge {
   }
 }
 
-/** Returns the fraction of the full speed that is allowed by a picture of this age (s): a needle driven by pictures of one age is FARTHEST ahead of the
- * picture. If no more pictures arrive, the age grows from 0.2 s to OLDEST, and the needle moves a further FARTHEST ln(OLDEST / 0.2 s). */
+/** Returns the fraction of full speed that is allowed when the picture has this age (s). If the age is constant, the needle is at most FARTHEST ahead of
+ * the picture. If no more pictures arrive, the age grows from 0.2 s to OLDEST, and the needle moves a further FARTHEST ln(OLDEST / 0.2 s). */
 export const speedAt = (age) => (age > OLDEST ? 0 : Math.min(1, FARTHEST / (FASTEST * Math.max(age, 1e-3))))
 
 /** Returns the speed limit in words; '' at full speed. */

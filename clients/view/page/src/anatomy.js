@@ -1,4 +1,4 @@
-// Draws the tissue with three.js: translucent body, inner structures, cut, and shape at rest.
+// Draws the tissue with three.js: translucent body, inner structures, cut surface, and shape at rest.
 import * as THREE from 'three'
 import { Filled, show } from './buffers.js'
 import { ramp, regionColour } from './colours.js'
@@ -73,7 +73,7 @@ function edgesOf(triangles) {
   return edges
 }
 
-/** Returns the group of the region with the largest part of the outer surface. */
+/** Returns the group of the region with the most triangles on the outer surface. */
 export function hostOf({ triangles }) {
   const faces = new Map()
   for (let t = 0; t < triangles.length; t += 6)
@@ -239,7 +239,7 @@ export class Anatomy {
     show(this.cutEdge, 'position', slicer.outline(this.place.array, normal, offset, this.surfaces), 3)
   }
 
-  /** Returns the region's colour, blended with that of the displacement. */
+  /** Returns the colour of a vertex of the cut: the region's colour, blended with that of the displacement. */
   colourOfCut(v) {
     const { place, nominal, region } = this.slicer, i = 3 * v
     const moved = Math.hypot(place.array[i] - nominal.array[i], place.array[i + 1] - nominal.array[i + 1], place.array[i + 2] - nominal.array[i + 2])

@@ -1,4 +1,4 @@
-// Points in tetrahedra; they move with the corners of their tetrahedron.
+// Points in tetrahedra, which move with the corners of their tetrahedron.
 import * as THREE from 'three'
 
 const a = new THREE.Vector3(), b = new THREE.Vector3(), c = new THREE.Vector3(), normal = new THREE.Vector3(), point = new THREE.Vector3()
@@ -15,7 +15,7 @@ export function weightsIn({ nodes, tets }, tet, place) {
   })
 }
 
-/** Returns the position [x, y, z] of that point when the nodes are at `moved`. */
+/** Returns the position [x, y, z] of the point with these weights when the nodes are at `moved`. */
 export function interpolate({ tets }, tet, weights, moved) {
   const result = [0, 0, 0]
   weights.forEach((weight, k) => { for (let axis = 0; axis < 3; axis++) result[axis] += weight * moved[3 * tets[5 * tet + 1 + k] + axis] })

@@ -1,5 +1,5 @@
-// Colours of anatomy, contacts and displacement. Both themes use the same colours, except for the background. Colours that are told apart by colour alone are chosen
-// so that people with any type of dichromacy can tell them apart, too: tests/view/colours_test.mjs.
+// Colours of anatomy, contacts and displacement. Both themes use the same colours, except for the background. Items that differ by colour alone have
+// colours that people with any type of dichromacy can tell apart: see tests/view/colours_test.mjs.
 
 /** Perceptually uniform colours from dark blue to yellow (based on matplotlib's viridis). */
 const RAMP = [[68, 1, 84], [71, 44, 122], [59, 81, 139], [44, 113, 142], [33, 144, 141], [39, 173, 129], [92, 200, 99], [170, 220, 50], [253, 231, 37]]
@@ -31,9 +31,9 @@ const HUBS = ['#2c7fb8', '#d9822b', '#3fa672', '#af78fb']
 /** Returns the colour of a needle's hub. */
 export const hubColour = (needle) => HUBS[needle % HUBS.length]
 
-// the levels are fractions of the prescription
+// the levels are multiples of the prescription
 export const ISODOSE = [{ level: 1, colour: '#ffd23f' }, { level: 1.5, colour: '#ff841e' }, { level: 2, colour: '#ff3864' }]
 export const SEED = '#94ff95', PLANNED = '#aa83f5', TARGET = '#ffffff', CHOSEN = '#37d0ff', BEVEL = '#f2ce39'
 
-/** Colours of the curves of a histogram: the gland as planned, now, without the needles and later; two other organs. */
+/** Colours of the dose-volume curves: the gland as planned, now, without the needles and later; two other organs. */
 export const DOSES = { planned: '#a97be8', now: '#e05b73', out: '#bd8b1a', later: '#7089ab' }, OTHER_ORGANS = ['#339575', '#8d8f96']

@@ -81,7 +81,7 @@ function decodeNeedle(body, at, joints, contacts) {
 }
 
 /** Returns the points of tracks, TRACK_NUMBERS per point. In `places`, the first three numbers of a point are its position at rest (m).
-    `kinds` is the same memory, viewed as integers, of which the fourth to sixth of a point are its tetrahedron, its track, and the membrane
+    `kinds` is a view of the same memory as integers: the fourth to sixth number of a point are its tetrahedron, its track, and the membrane
     punctured there or -1. */
 function decodeTracks(body, at, points) {
   return { places: new Float32Array(body, at, TRACK_NUMBERS * points), kinds: new Int32Array(body, at, TRACK_NUMBERS * points) }
@@ -101,7 +101,7 @@ function decodeSamples(message, at, length) {
 }
 
 /** Returns `pending`: for each needle, the number of seeds that are still in it; `seeds`: for each seed, its centre and the unit direction to its
-   distal end, displaced and at rest (m), the needle that left it, its guide and hole (-1 if none), and its number in the strand. */
+   distal end, displaced and at rest (m), the needle that left it, its guide and hole (-1 if none), and its index within the strand. */
 function decodeSeeds(message, at) {
   const head = new DataView(message, at), needles = head.getInt32(0, true), count = head.getInt32(4, true)
   const pending = Array.from({ length: needles }, (_, i) => head.getInt32(8 + 4 * i, true))
@@ -113,7 +113,7 @@ function decodeSeeds(message, at) {
   return { pending, seeds }
 }
 
-/** Returns the dose statistics, and `levels`: one byte for each voxel (z varies fastest); 255 means `top` prescriptions or more. */
+/** Returns the dose statistics, and `levels`: one byte per voxel (z varies fastest); 255 means `top` times the prescription, or more. */
 function decodeDose(message, at, length) {
   const text = new DataView(message).getUint32(at, true), start = at + 8 + padded(text)
   return { ...decodeText(message, at + 8, text), levels: new Uint8Array(message.slice(start, at + length)) }

@@ -11,7 +11,7 @@ export const TOUCH = matchMedia('(pointer: coarse)').matches // a phone or table
 const HELP = t(TOUCH ? 'drive.help.touch' : 'drive.help')
 const HOLD = 800 // ms for which a button must be held down; the same value is in style.css
 
-/** Returns the code of a key that is a command. Letters are identified by what is printed on the key, so that Z and Y are not exchanged on a German keyboard;
+/** Returns the code of a key that is a command. Letters are identified by what is printed on the key, so that Z and Y are not swapped on a German keyboard;
  * steering keys are identified by their position on the keyboard. */
 export const actionOf = ({ key, code }) => (/^[a-z]$/i.test(key) ? `Key${key.toUpperCase()}` : code)
 
@@ -75,13 +75,13 @@ export class Drive {
     this.elements = elements
     this.send = (command, number) => link.steer(command, number) // the probe has its own function for sending: see probe.js
     this.age = age        // measures the age of the picture
-    this.limit = () => 1  // returns the allowed fraction of the forward speed; procedure mode replaces this function
-    this.letGo = () => link.release() // likewise
+    this.limit = () => 1  // function that returns the allowed fraction of the forward speed; replaced by procedure mode
+    this.letGo = () => link.release() // function that lets go of the needle; replaced by procedure mode
     this.needle = 0       // index of the needle that the button "Drive" takes
     this.pressed = new Set()
     this.driving = false  // true while this page holds the needle
     this.steering = false // true while this page can move the needle
-    this.lost = ''        // reason why the needle was released although this page had not asked for it
+    this.lost = ''        // reason why the needle was released without this page having asked for it
     this.reset = new Hold(elements.reset, () => link.reset())
     this.lever = new Spring(elements.lever, false, true)
     this.pad = new Spring(elements.pad, true, true)

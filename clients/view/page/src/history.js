@@ -1,5 +1,5 @@
 // Stores the received data, with separate samples for each needle: from a live server the last minute, from a log everything that trocar-view sends.
-// The size is limited.
+// The total size is limited.
 import { t } from './words/words.js'
 
 const SPAN = 60 // s, live
@@ -93,7 +93,7 @@ export class History {
     while (old < this.pictures.length - 1 && this.pictures[old].time < before) this.bytes -= this.pictures[old++].bytes
     if (old) this.pictures.splice(0, old)
     for (const track of this.tracks)
-      if (track.marks[0]?.time < before) track.marks = track.marks.filter((mark) => mark.until >= before) // the first mark may extend into the remaining time
+      if (track.marks[0]?.time < before) track.marks = track.marks.filter((mark) => mark.until >= before) // the first mark may extend into the kept time
   }
 
   /** Returns the index of the newest picture at or before `time`; 0 if there is none. */

@@ -1,4 +1,4 @@
-// Main module of the page: connects received data, displayed time, 3D view, slice, plots and the control of the needle.
+// Main module of the page: connects received data, displayed time, 3D view, slice, plots and needle control.
 import './style.css'
 import { LATE, PictureAge } from './age.js'
 import { CONTACT, GUIDED, hubColour, rampCss, regionColour, TRACK } from './colours.js'
@@ -143,7 +143,7 @@ function showState() {
   element('notice').textContent = element('notice').title = noticeOf(status)
 }
 
-/** Tells pages of one trocar-view apart, by a number in the header and in the title. */
+/** If several pages are connected to one trocar-view, shows this page's number in the header and in the title. */
 function showPage() {
   const several = status.pages > 1, name = scene ? scene.path.split('/').pop() : '', badge = element('page-number')
   badge.hidden = !several
@@ -245,7 +245,7 @@ function showPicture() {
   if (element('follow').checked) followTip()
 }
 
-/** Clears the picture that came from the previous server. */
+/** Clears the picture of the previous server and shows the needles at their waiting poses. */
 function showHome() {
   if (!shown) return
   shown = null
@@ -300,7 +300,7 @@ function showNumbers() {
   showScale()
   if (history.count === 0) return
   const rests = clock.following && status.state === 'resting' // no hand feels the force on a resting needle.
-  // gone: the newest sample is from an earlier server, or is too old, as after the needle was left at rest
+  // `gone`: the newest sample is from an earlier server, or is too old, for example because the needle was left at rest
   const newest = history.count - 1, gone = history.end <= restarted || scene.live && status.alive && liveTime() - history.end > FRESH
   const at = rests || clock.following && gone ? -1 : clock.following ? newest : history.sampleNear(timeShown()), value = (column) => history.columns[column][at]
   element('depth').textContent = at < 0 ? '–' : `${(1e3 * value(7)).toFixed(1)} mm`
@@ -380,7 +380,7 @@ function choose(needle) {
   if (shown && element('follow').checked) followTip()
 }
 
-/** Adds the status of the chosen needle. While this page drives a needle, that needle is the chosen one. */
+/** Merges the chosen needle's status into `status`. While this page drives a needle, that needle is the chosen one. */
 function chooseOfStatus() {
   if (status.drives && status.needle !== chosen) choose(status.needle)
   status = { ...status, ...status.needles?.[chosen] }

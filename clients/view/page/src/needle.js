@@ -1,4 +1,4 @@
-// Draws a needle with its actual bending, its hub and its contacts.
+// Draws a needle as it is bent, with its hub and its contacts.
 import * as THREE from 'three'
 import { CONTACT, GUIDED } from './colours.js'
 import { CONTACT_NUMBERS, GUIDE, TIP } from './decode.js'
@@ -87,7 +87,7 @@ export class Needle {
     this.group.add(this.dots, this.arrows)
   }
 
-  /** Draws `shape`, a needle of a picture, or hides the needle if it is undefined. Sets `line`, its points and tangents from base to tip. */
+  /** Draws `shape`, a needle of a picture, or hides the needle if `shape` is undefined. Sets `line` to the points and tangents from base to tip. */
   show(shape) {
     this.group.visible = Boolean(shape)
     this.line = this.tip = null

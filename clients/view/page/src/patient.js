@@ -1,7 +1,7 @@
-// Patient coordinates as defined by DICOM: mm to the left, to the back and to the head.
+// Patient coordinates as defined by DICOM: mm towards the patient's left, back and head.
 
 /** Converts `place` (m, mesh) to patient coordinates (mm). `matrix` is 4 x 4 by rows, from the patient's mm to the mesh's m; its upper
- * left part is a rotation times 1e-3, so that its inverse is 1e6 times its transpose. */
+ * left part is a rotation times 1e-3, so that the inverse of that part is 1e6 times its transpose. */
 export function toPatient(matrix, place) {
   const from = [0, 1, 2].map((row) => place[row] - matrix[4 * row + 3])
   return [0, 1, 2].map((column) => 1e6 * [0, 1, 2].reduce((sum, row) => sum + matrix[4 * row + column] * from[row], 0))

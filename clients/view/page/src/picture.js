@@ -21,14 +21,14 @@ export function arrange({ width, height }) {
            legend: beside ? { left: width - side - margin, top: band + margin } : { left: margin, top: height - side - margin } }
 }
 
-/** Returns a layout like that of `arrange`, with the aspect ratio of the 3D view on the screen. */
+/** Returns a layout like that of `arrange`, but with the on-screen aspect ratio of the 3D view. */
 export function arrangeLike({ clientWidth, clientHeight }) {
   const { height } = SIZE, plan = arrange(SIZE), stage = { width: Math.round(height * clientWidth / clientHeight), height }, width = stage.width + SIZE.width - plan.stage.width
   const shift = ({ left, top }) => ({ left: left + width - SIZE.width, top })
   return { ...plan, width, stage, slice: shift(plan.slice), legend: shift(plan.legend) }
 }
 
-/** Renders a PNG at the sizes of the plan, independent of the screen. `shown`: the needle whose values are shown; `label`: its index if there are
+/** Renders a PNG with the sizes in `plan`, independent of the screen. `shown`: the needle whose values are shown; `label`: its index if there are
     several needles. */
 export function compose(plan, { stage, echo, shown, history, time, range, label }) {
   const canvas = document.createElement('canvas'), ink = canvas.getContext('2d'), { width, height, side, slice } = plan

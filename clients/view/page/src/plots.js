@@ -87,7 +87,7 @@ export class Plots {
     }
   }
 
-  /** Shows the times from `from` to `to` (s); `time` is the time of the displayed picture, null at the end. */
+  /** Shows the interval from `from` to `to` (s); `time` is the time of the displayed picture, null at the end. */
   show(history, from, to, time) {
     this.history = history
     this.time = time

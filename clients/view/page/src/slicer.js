@@ -1,7 +1,7 @@
 // Computes cross-sections of the deformed tetrahedra: filled triangles, and outlines of surfaces.
 import { Filled } from './buffers.js'
 
-// For each set of corners below the plane (as a bit mask): all corners, beginning with those below the plane, and the number of corners below it.
+// For each set of corners below the plane (as a bit mask): the edges that cross the plane, in order around the cross-section. Each edge is a pair of corners.
 const CASES = Array.from({ length: 16 }, (_, mask) => {
   const below = [0, 1, 2, 3].filter((i) => mask & (1 << i)), above = [0, 1, 2, 3].filter((i) => !(mask & (1 << i)))
   if (below.length === 0 || above.length === 0) return []
@@ -18,7 +18,7 @@ export class Slicer {
     this.place = new Filled()   // 3 coordinates (m) per vertex, in the deformed mesh
     this.nominal = new Filled() // 3 coordinates (m) per vertex, in the undeformed mesh
     this.region = new Filled()  // 1 per vertex
-    this.edges = new Filled()   // 3 coordinates (m) per endpoint of a segment
+    this.edges = new Filled()   // 3 coordinates (m) per end of a line segment
   }
 
   measure(nodes, normal, offset) {

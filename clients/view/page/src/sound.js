@@ -1,4 +1,4 @@
-// Short sounds for punctures and seeds, made by Web Audio. They are off until the user turns them on, which also lets the browser play them.
+// Short sounds for punctures and seeds, made with Web Audio. They are off until the user turns them on, which also permits the browser to play them.
 import { PUNCTURE } from './history.js'
 
 const SOUNDS = { puncture: { wave: 'triangle', from: 520, to: 170, seconds: 0.09 }, seed: { wave: 'sine', from: 880, to: 1320, seconds: 0.16 } } // Hz

@@ -14,7 +14,7 @@ export class Silence {
 const seconds = (s) => (s < 10 ? `${s.toFixed(1)} s` : s < 120 ? `${s.toFixed(0)} s` : `${(s / 60).toFixed(0)} min`)
 
 /**`link`: connected, refusal (text, empty: none), silence (s since the last message), pictures (s since the last picture);
- * `status` as sent by trocar-view; `age`: s since the last sample; `behind`: s by which the displayed time is before now,
+ * `status` as sent by trocar-view; `age`: s since the last sample; `behind`: s by which the displayed time lags behind now,
  * null: live. Returns name, badge and its kind; if the display is not live, also title and text of the banner, and `age` (s)
  * if the text ends with it.
  */

@@ -25,7 +25,7 @@ export class Tracks {
 
   get empty() { return this.ends.count === 0 && this.holes.count === 0 }
 
-  /** Draws the tracks of `needles` of a picture; `moved` are the displaced nodes. Called only for pictures that differ from the previous one. */
+  /** Draws the tracks of a picture's `needles`; `moved` are the displaced nodes. Called only for pictures that differ from the previous one. */
   show(needles, moved) {
     const { ends, holes } = this
     ends.count = holes.count = 0

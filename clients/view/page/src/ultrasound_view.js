@@ -40,7 +40,7 @@ const DOSE = `
     return isoline(isoline(isoline(under, 1.0, level, slope, ISO100), 1.5, level, slope, ISO150), 2.0, level, slope, ISO200);
   }`
 
-// Draws speckle of two grain sizes that is fixed to the tissue, elongated across the beam and attenuated with depth.
+// Draws speckle of three grain sizes that is fixed to the tissue, elongated across the beam and attenuated with depth.
 const FRAGMENT = `
   precision highp float;
   varying vec3 seed, here; varying float level; varying vec2 place;
@@ -85,15 +85,15 @@ const GREY = { bone: 0.95, gland: 0.42, host: 0.66, other: 0.55 }
 const FEW = 4 // if there are more needles than this, only those in the slice are drawn, because drawing a needle takes as long as drawing the image
 const MOVING = 0.5 // factor on the resolution with software rendering
 
-/** Planes of a slice: the axis normal to it and the axis to the left; y is up. `sides`: sides of the patient at the left, right, upper and lower
-    edge. */
+/** Plane of a slice: the axis normal to it and the axis to the left; y is up. `letters`: the patient's sides at the left, right, upper and lower
+    edges. */
 export const AXIAL = { name: t('slice.axial'), normal: 'z', across: 'x', seen: t('slice.along'), letters: 'RLAP' }
 export const SAGITTAL = { name: t('slice.sagittal'), normal: 'x', across: 'z', seen: '', letters: 'SIAP' }
 const INDEX = { x: 0, y: 1, z: 2 }
 const SAME_PLANE = 0.002, NEARBY = 0.01 // m, largest distance from the chosen plane at which a computed image is shown; NEARBY: for a new image
 const SOON = 60 // ms that the page waits for the image that belongs to a new picture
 const NEW = 1000 // ms for which an image counts as new; while the plane is being moved, its image lags behind
-const FRAMES = 600 // number of times that are kept for tests
+const FRAMES = 600 // number of drawing times kept for tests
 
 const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 const shaded = (colour) => `vec3(${new THREE.Color(colour).convertLinearToSRGB().toArray().map((part) => part.toFixed(4))})`
@@ -116,13 +116,13 @@ export class Echo {
     this.live = false       // true while the page shows live data, for which there are computed images
     this.look = { gain: 0, range: 60 } // dB
     this.marked = true      // true if outlines, needles and seeds are drawn over the image
-    this.pixels = document.createElement('canvas') // the computed image, one pixel for each of its levels
+    this.pixels = document.createElement('canvas') // the computed image, at its own resolution
     this.isolines = new Isolines()
     this.frames = []        // ms, times at which computed images were first drawn
     this.dirty = true
   }
 
-  /** Takes a computed image: see hearUltrasound in main.js. */
+  /** Takes a computed image: see Scanner.hear. */
   showImage(image) {
     this.image = image
     this.isNew = true
@@ -201,7 +201,7 @@ export class Echo {
     this.view = { x: middle.z, y: this.probe.y + (this.reach.x + this.reach.y) / 2, size: Math.max(2 * this.spread, this.reach.y) * 1.06 }
   }
 
-  /** Widens the view so that it contains these points (across, up; m). */
+  /** Enlarges the view so that it contains these points (across, up; m). */
   include(points) {
     const half = Math.max(this.view.size / 2, ...points.flatMap(([x, y]) => [Math.abs(x - this.view.x), Math.abs(y - this.view.y)]))
     this.view.size = 2 * half
@@ -226,7 +226,8 @@ export class Echo {
     this.world.add(this.tissue, ...this.flashes)
   }
 
-  /** Draws the computed image and its isodose lines. Without a graphics card, this takes much less time than a texture: a browser copies what WebGL has drawn. */
+  /** Draws the computed image and its isodose lines on a 2D canvas. Without a graphics card, this is much faster than a WebGL texture, because a browser copies
+      what WebGL has drawn. */
   drawImage(ink) {
     const { image, look } = this, { width, height, pixel } = image, { at } = this.frame, from = [at[0] + image.left - pixel / 2, at[1] + image.near - pixel / 2]
     if (this.isNew) this.noteImage()
@@ -246,7 +247,7 @@ export class Echo {
     if (this.frames.length > FRAMES) this.frames.shift()
   }
 
-  /** Converts the image's levels, which are decibels from 1, and 0 outside the image, to grey pixels. */
+  /** Converts the image's levels to grey pixels. Levels from 1 are linear in decibels; level 0 is outside the image. */
   paint(look) {
     const { width, height, levels, floor, step, white } = this.image, { pixels } = this, ink = pixels.getContext('2d')
     this.painted = look

@@ -10,7 +10,7 @@ import { Tracks } from './tracks.js'
 import { Slicer } from './slicer.js'
 
 const MOVING = 0.5, STILL = 1.5 // resolution factors with software rendering, during motion and at rest
-const REST = 1000 // ms without a change after which the view is considered to be at rest; longer than between two pictures on a busy machine
+const REST = 1000 // ms without a change after which the view is considered to be at rest; longer than the interval between two pictures on a busy machine
 const PACE = 66, PACE_BESIDE_IMAGES = 150 // ms, shortest time between two drawings with software rendering; computed ultrasound images need processor time as well
 const VIEWS = { 1: [-0.78, 0.42, -0.46], 2: [-1, 0, 0], 3: [-0.001, 1, 0], 4: [0, 0.3, -1] } // directions of the camera from the centre
 const AXIS = { x: new THREE.Vector3(1, 0, 0), y: new THREE.Vector3(0, 1, 0), z: new THREE.Vector3(0, 0, 1) }
@@ -44,7 +44,7 @@ function pictureAtHome({ parkingPoses, needle: { length }, nodes }) {
   return { scale: 0, needles, displacement: new Int16Array(nodes.length) }
 }
 
-/** A rectangular frame normal to an axis, along which it can be dragged. */
+/** A rectangular frame that is normal to an axis and can be dragged along it. */
 class Plane {
   constructor(axis, colour, box) {
     this.axis = axis
@@ -148,7 +148,7 @@ export class Stage {
     this.dirty = true
   }
 
-  /** Shows a picture; returns the largest displacement, m. */
+  /** Shows a picture received from trocar-view; returns the largest displacement, m. */
   show(picture) {
     this.picture = picture
     this.needles.forEach((needle, i) => needle.show(picture.needles[i]))

@@ -116,8 +116,8 @@ export class Probe {
   /** Returns the point through which both images pass: on the probe's axis, where the rounded end begins. */
   place(probe) { return new THREE.Vector3(0, 0, this.shape.length - this.shape.tipRadius).applyQuaternion(this.turn(probe)).add(new THREE.Vector3().fromArray(probe.position)) }
 
-  /** Moves the image planes with the probe. Illustrations stay parallel to the mesh's planes; computed images tilt with the probe. In a log, they stay where
-      they are at first. */
+  /** Moves the image planes with the probe. Illustrations stay parallel to the mesh's planes; computed images tilt with the probe. In a log, the planes
+      stay where they are when the probe first appears. */
   aim(probe, first) {
     const { x, y, z } = this.place(probe), inside = (slice, place) => Math.min(Math.max(place, slice.range.from), slice.range.to)
     const slices = [[this.echo, x, 'follow'], ...(this.procedure.available ? [[this.procedure.sagittal, z, 'sagittal-follow']] : [])]

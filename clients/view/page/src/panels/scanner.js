@@ -7,7 +7,7 @@ const DEPTHS = [0, 0.03, 0.04, 0.05, 0.06, 0.08, 0.1] // m; 0: deep enough to co
 const element = (id) => document.getElementById(id)
 
 export class Scanner {
-  /** `slices`: the axial and the sagittal Echo; `both`: tells whether the sagittal one is visible. */
+  /** `slices`: the axial and the sagittal Echo; `both`: function that tells whether the sagittal image is visible. */
   constructor({ link, slices, both }) {
     Object.assign(this, { link, slices, both, depth: 0, asked: '', askedAt: -Infinity })
     for (const depth of DEPTHS) element('scan-depth').append(new Option(depth ? `${(1e3 * depth).toFixed(0)} mm` : t('scan.auto'), depth))
@@ -15,7 +15,7 @@ export class Scanner {
     this.set()
   }
 
-  /** Applies the knobs. */
+  /** Applies the settings of the scanner's controls. */
   set() {
     const gain = Number(element('scan-gain').value), range = Number(element('scan-range').value)
     this.depth = Number(element('scan-depth').value)

@@ -1,4 +1,4 @@
-// A trainee's task: what to do, the start, the time, and the report that trocar-score makes from the recording.
+// A trainee's task: its description, start and elapsed time, and the report that trocar-score makes from the recording.
 import * as THREE from 'three'
 import { language, said, t } from '../words/words.js'
 
@@ -56,7 +56,7 @@ export class Task {
     if (this.state === 'ready') element('task').showModal()
   }
 
-  /** Shows targets as the page shows planned seeds: the tip belongs at the distal end of a seed. */
+  /** Shows the targets as planned seeds, placed so that the tip reaches a target when it is at the seed's distal end. */
   showTargets() {
     const { procedure, scene, description } = this
     if (!scene || !description?.targets.length || !procedure.available) return

@@ -1,4 +1,4 @@
-// The values of the tissue that may change while the server runs: a form with all of them.
+// A form with all tissue values that can be changed while the server runs.
 import { hasText, said, t } from '../words/words.js'
 
 const element = (id) => document.getElementById(id)

@@ -4,7 +4,7 @@ import { DOSES, ISODOSE, OTHER_ORGANS } from '../colours.js'
 import { t } from '../words/words.js'
 
 const WIDTH = 300, HEIGHT = 118, LEFT = 42, RIGHT = 6, TOP = 6, BOTTOM = 27
-const STATES = [ // states that are shown side by side
+const STATES = [ // states shown side by side
   { key: 'planned', name: t('dose.plan'), title: t('dose.plan.title'), colour: DOSES.planned, dash: '2 3' },
   { key: 'now', name: t('dose.now'), title: t('dose.now.title'), colour: DOSES.now, dash: '' },
   { key: 'out', name: t('dose.out'), title: t('dose.out.title'), colour: DOSES.out, dash: '7 3' },
@@ -47,7 +47,7 @@ function histogram({ organs, top, prescription }) {
     <text transform="translate(10 ${(TOP + HEIGHT - BOTTOM) / 2}) rotate(-90)" text-anchor="middle">${t('dose.volume')}</text></svg>`
 }
 
-/** Rows of the table: name with unit, property of the statistics, and usual goal. */
+/** Rows of the table: name with unit, value, and usual planning aim. */
 const gray = (dose) => `${Math.round(dose)}`, percent = (part) => `${Math.round(100 * part)}`
 const TARGET_ROWS = [['D90, Gy', (f) => gray(f.d90), (p) => t('dose.over', { value: gray(p) })], ['V100, %', (f) => percent(f.v100), () => t('dose.over', { value: 95 })],
                      ['V150, %', (f) => percent(f.v150), () => t('dose.under', { value: 60 })], ['V200, %', (f) => percent(f.v200), () => t('dose.under', { value: 20 })]]

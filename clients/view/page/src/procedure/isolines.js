@@ -31,7 +31,7 @@ export class Isolines {
       for (let column = 0; column < columns; column++) {
         let at = 0, sum = 0
         const cell = [0, 0, 0], part = [0, 0, 0]
-        for (let a = 0; a < 3; a++) { // voxels' centres are half a voxel from the corner
+        for (let a = 0; a < 3; a++) { // the centre of a voxel is half a voxel from its corner
           const place = (corner[a] + STEP * (column * across[a] + row * up[a]) - origin[a]) / spacing[a] - 0.5
           cell[a] = Math.floor(place)
           part[a] = place - cell[a]

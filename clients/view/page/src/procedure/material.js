@@ -13,7 +13,7 @@ export function tetAt(scene, nodes, place, guess = -1) {
   return -1
 }
 
-/** Returns the name of a tetrahedron's organ: its region or the one of which that is a part; '' if there is none. */
+/** Returns the name of a tetrahedron's organ: its region, or the organ of which that region is a part; '' outside the tissue. */
 export const organOf = (scene, tet) => (tet >= 0 ? scene.regions.find(({ group }) => group === scene.tets[5 * tet])?.organ ?? '' : '')
 
 export class MaterialPoint {

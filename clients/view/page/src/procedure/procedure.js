@@ -80,7 +80,7 @@ export class Procedure {
     if (before.hole && this.available) this.restore(before)
   }
 
-  /** Restores the hole, and the target at the position to which it was moved. */
+  /** Restores the hole, and puts the target back where it had been moved to. */
   restore({ hole, depth, planned }) {
     if (!(hole.column < this.template.columns && hole.row < this.template.rows)) return
     this.hole = hole
@@ -89,13 +89,13 @@ export class Procedure {
     this.planned = planned
   }
 
-  /** Moves the sagittal view so that it shows the template beside the organs. */
+  /** Moves the sagittal view so that it shows the template as well as the organs. */
   showTemplate() {
     const { probe, spread, view } = this.sagittal, forward = Math.sign(this.template.normal.z) || 1
     view.x = (this.template.origin.z - forward * 0.005 + probe.x + forward * spread) / 2
   }
 
-  /** Shows either the four panes of an implant, or the ordinary page for other scenes. */
+  /** Shows either the four panes of procedure mode, or the ordinary page. */
   setActive(active) {
     this.active = active
     document.body.classList.toggle('procedure', active)
@@ -145,7 +145,7 @@ export class Procedure {
 
   /** Handles the server's answer to a command. */
   hearReply({ number, command, done, message, needle }) {
-    const old = number === this.answered || this.answered === undefined && this.connecting // the reply belongs to a command from an earlier page
+    const old = number === this.answered || this.answered === undefined && this.connecting // the reply is to a command sent before the page was reloaded
     this.answered = number
     if (old) return
     if (done && command === 'drop') this.dropped = { needle, depth: null, seeds: Math.max(1, this.seeds.pending[needle] ?? 1) }
@@ -201,7 +201,7 @@ export class Procedure {
     return true
   }
 
-  /** Returns what + and - do: they move the target farther in and nearer. */
+  /** Returns the action of the keys + and -, which move the target deeper and shallower; undefined for other keys. */
   aimKey({ key }) {
     const by = { '+': STEP, '=': STEP, '-': -STEP }[key]
     return by && this.target && (() => this.setTarget(this.template.depthOf(this.target.rest) + by))
@@ -239,7 +239,7 @@ export class Procedure {
     if (taken >= 0 && taken !== this.drive.needle) return this.say(t('hole.taken', { needle: taken, hole: this.template.name(hole) }), true)
     this.hole = { column: hole.column, row: hole.row }
     this.asked = null
-    this.again = true // set even if the hole is the same, because the needle may have been steered away from it
+    this.again = true // also if the hole is the same, because the needle may have been steered away from it
     element('hole').value = this.template.name(hole)
     this.say('')
     this.aimAtPlan() || this.setTarget(this.template.depthOf(this.middle()))
@@ -249,7 +249,7 @@ export class Procedure {
   /** Returns the middle of the organs. */
   middle() { return new THREE.Vector3(this.echo.view.x, this.echo.view.y, this.sagittal.probe.x) }
 
-  /** Aims at the deepest planned seed of the hole that has not been placed yet: the tip must reach the seed's distal end. */
+  /** Aims at the hole's deepest planned seed that has not been placed yet: the tip must reach the seed's distal end. */
   aimAtPlan() {
     const name = this.template.name(this.hole), holeNumber = this.template.number(this.hole)
     const planned = this.plan.filter(({ hole }) => hole === name).map(({ point }) => this.template.depthOf(point.rest)).sort((a, b) => b - a)
@@ -379,7 +379,7 @@ export class Procedure {
     this.stage.dirty = true
   }
 
-  /** Moves the sagittal slice to the tip, or along the chosen hole while the needle is outside the template. */
+  /** Moves the sagittal slice to the tip or, while the needle is outside the template, to the chosen hole. */
   follow(tip) {
     const { from, to } = this.sagittal.range, inside = tip && this.template.depthOf(tip) > 0
     const place = inside ? tip.x : this.hole ? this.template.place(this.hole).x : this.echo.view.x
@@ -415,16 +415,16 @@ export class Procedure {
     set(element('next'), step)
     const pending = this.seeds.pending[chosen] > 0
     element('drop').disabled = !this.drive.steering || pending
-    // if the chosen needle is not in use, it serves as the new one
+    // if the chosen needle is not in use, it can serve as the new one
     element('fresh').disabled = state.name !== 'live' || Boolean(status.driven) || !this.isInUse(chosen)
     element('undo').disabled = !this.drive.steering || !(pending || this.seeds.seeds.some(({ needle }) => needle === chosen))
   }
 
-  /** True if the needle is in front of the template. The newest sample may be older than the removal of the needle, or may come from another
-     server. */
+  /** True if the needle is in front of the template. The depth in the newest sample may date from before the needle was removed, or come from
+     another server. */
   isOut({ tip, line }) { return Boolean(tip) && this.template.depthOf(tip) <= 0 && !this.template.holeOf(line) }
 
-  /** Chooses the hole in which a taken needle is, if none has been chosen. */
+  /** Chooses the hole in which the driven needle is, if no hole has been chosen. */
   adoptHole(chosen) {
     const hole = !this.hole && this.drive.driving && this.template.holeOf(this.needles[chosen].line)
     if (hole) this.choose(hole)
@@ -446,7 +446,7 @@ export class Procedure {
     this.link.goToHole(this.template.index, this.hole.column, this.hole.row)
   }
 
-  /** Shows the name of the region that contains the tip in the displaced tissue. */
+  /** Finds the tetrahedron that contains the tip in the displaced tissue, and whether the tip has come out on the far side. */
   noteTip(tip, depth) {
     this.tipTet = tip && depth > 0 ? tetAt(this.scene, this.stage.anatomy.place.array, tip.toArray(), this.tipTet) : -1
     const entered = this.template.guide.thickness ?? 0

@@ -9,8 +9,8 @@ const GRID = '#9fd8ff', HALO = 'rgba(4, 8, 12, 0.85)'
 const LETTERS = [['L', 'R'], ['P', 'A'], ['S', 'I']]
 const AXES = { x: [1, 0, 0], y: [0, 1, 0], z: [0, 0, 1] }
 
-/** Returns the patient's side to which an axis of the mesh points. If the scene does not define the sides, those of the viewer's images are assumed: right,
-    front, head. */
+/** Returns the patient's side to which an axis of the mesh points. If the scene does not define the sides, +x, +y and +z are assumed to point to the right,
+    front and head. */
 function sideOf(scene, axis, sign) {
   const matrix = scene.patientToMesh ?? [-1, 0, 0, 0, 0, -1, 0, 0, 0, 0, 1, 0]
   const patient = [0, 1, 2].map((column) => sign * [0, 1, 2].reduce((sum, row) => sum + matrix[4 * row + column] * AXES[axis][row], 0))
@@ -137,7 +137,7 @@ export class SliceMarks {
     })
   }
 
-  /** Draws an arrow from each needle towards the side of its bevel. */
+  /** Draws an arrow at each needle in the direction that its bevel faces. */
   drawBevels(ink, echo) {
     this.model.bevels.forEach((bevel, i) => {
       const place = bevel && echo.crossing(this.model.needles[i].line)

@@ -15,7 +15,7 @@ export class Template {
       this[name] = new THREE.Vector3(...vector)
   }
 
-  /** Returns the number of the hole that is used in messages. */
+  /** Returns the hole's index as used in messages. */
   number({ column, row }) { return column + this.columns * row }
 
   name({ column, row }) { return columnName(column) + rowName(row) }

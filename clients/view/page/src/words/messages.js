@@ -1,6 +1,6 @@
-// Texts of one language, with English where the language has none.
+// UI strings for one language, falling back to English where a translation is missing.
 
-/** Returns the first of the `wanted` languages, such as "de-AT", of which there is a file in `available`, such as "de"; "en" if there is none. */
+/** Returns the first of the `wanted` languages (such as "de-AT") for which `available` has a file (such as "de"); "en" if there is none. */
 export function chooseLanguage(wanted, available) {
   for (const language of wanted) {
     const found = [language.toLowerCase(), language.toLowerCase().split('-')[0]].find((code) => available.includes(code))

@@ -1,4 +1,4 @@
-// The page's texts in the language of the user. All texts are in en.json and the other files of this folder; a file that is added, such as fr.json, is found
+// The page's texts in the user's language. All texts are in en.json and the other files of this folder; a file that is added, such as fr.json, is found
 // when the page is built. Names of organs, texts of a task, and the server's messages to its operator are shown untranslated.
 import english from './en.json'
 import { chooseLanguage, Messages } from './messages.js'
@@ -11,7 +11,7 @@ function remembered() {
   try { return localStorage.getItem('language') } catch { return null } // a private window has no storage
 }
 
-/** Pictures that trocar-view saves are in English unless another language is asked for. */
+/** Pictures that trocar-view saves are in English unless the address names another language. */
 const wanted = [asked.get('language') ?? (asked.has('picture') ? 'en' : remembered()), ...navigator.languages].filter(Boolean)
 
 async function load(code) {

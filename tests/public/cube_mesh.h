@@ -1,5 +1,5 @@
-/* A cube with edges of 40 mm, made of boxes that are split into five tetrahedra each, both as arrays and as a Gmsh file. The skin is at z = 0; the face z = 40
-   mm is fixed. */
+/* A cube with edges of 40 mm, divided into boxes of five tetrahedra each, both as arrays and as a Gmsh file. The skin is at z = 0; the face z = 40 mm is
+   fixed. */
 #ifndef TROCAR_CUBE_MESH_H
 #define TROCAR_CUBE_MESH_H
 

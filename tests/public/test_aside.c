@@ -19,8 +19,8 @@ static trocar_error why;
 enum { AXES = 3, WAYS = 6 };
 static const double LOW[AXES] = {-0.06, -0.06, 0.0}, HIGH[AXES] = {0.06, 0.06, 0.1}; /* m: the block of tissue, fixed at z = 0 */
 static const double DEPTH = 0.03, ABOVE = 1e-3, LENGTH = 0.2, APART = 5e-3, SIDEWAYS = 1e-3; /* m */
-static const double FIRST[2] = {0.0007, 0.0011}; /* m: place of the first insertion */
-static const int COARSE[AXES] = {7, 7, 6}, FINE[AXES] = {14, 14, 11}; /* boxes: elements of 17 and 9 mm; 448 and 2700 nodes */
+static const double FIRST[2] = {0.0007, 0.0011}; /* m: x and y of the first insertion */
+static const int COARSE[AXES] = {7, 7, 6}, FINE[AXES] = {14, 14, 11}; /* boxes along each axis: elements of 17 and 9 mm; 448 and 2700 nodes */
 
 /* ---- the block ---------------------------------------------------------------------------------------------------------- */
 
@@ -90,7 +90,7 @@ typedef struct {
 
 static trocar_pose above(double x) { return (trocar_pose){{x, FIRST[1], HIGH[2] + ABOVE + LENGTH}, {0, 1, 0, 0}}; }
 
-/* Moves one needle's base in this time (s) while the other is held. */
+/* Moves the base of one needle by x and z (m) within `seconds`, while the other needle, if any, is held. */
 static void move(hands *h, int needle, double x, double z, double seconds) {
     int ticks = (int)lround(seconds * 1e3);
     for (int i = 0; i < ticks; i++) {
@@ -109,8 +109,8 @@ static hands start(const int boxes[AXES], int count, bool relaxes, trocar_model 
     return h;
 }
 
-/* Inserts a needle, moves it aside, holds it for three relaxation times, withdraws it, inserts it 5 mm beside that place, and holds it for one relaxation time.
-   Meanwhile the relaxing tissue returns to its shape and pushes the needle sideways. */
+/* Inserts a needle, moves it aside, holds it for three relaxation times, withdraws it, inserts it 5 mm beside its old track, and holds it for one relaxation
+   time. Meanwhile the relaxing tissue returns to its original shape and pushes the needle sideways. */
 static trocar_output beside_old_track(const int boxes[AXES]) {
     trocar_model *model;
     hands h = start(boxes, 1, true, &model);
@@ -135,7 +135,7 @@ static void the_mesh_is_not_felt_beside_an_old_track(void **state) {
     assert_true(fabs(sideways) < 0.08 && fabs(along) < 0.01);
 }
 
-/* A straight needle is inserted into elastic tissue that another needle holds displaced: nothing pushes it sideways. */
+/* A straight needle inserted into elastic tissue that another needle holds displaced is not pushed sideways. */
 static void displaced_tissue_does_not_push_a_needle_that_enters(void **state) {
     (void)state;
     trocar_model *model;

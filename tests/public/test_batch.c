@@ -1,4 +1,4 @@
-/* Tests batches against single simulations that are stepped alone. */
+/* Compares batches with single simulations that are stepped one by one. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -50,7 +50,7 @@ static trocar_scene *cube_scene(void) {
     return scene;
 }
 
-/* Two models, used alternately: even rows have less friction. */
+/* Two models, used by the rows alternately; the model of the even rows has less friction. */
 typedef struct {
     trocar_model *made[2];
     trocar_model *of_row[ROWS];
@@ -173,7 +173,7 @@ static void rows_equal_single_simulations(void **state) {
             const double *q = together->tip[i].orientation;
             assert_true(1.0 - 2.0 * (q[1] * q[1] + q[2] * q[2]) > 0.99);
         }
-        OK(trocar_batch_reset(batch, starts[0], NULL, &why)); /* nothing that happened before the reset affects the results, and one call per step gives the
+        OK(trocar_batch_reset(batch, starts[0], NULL, &why)); /* nothing before the reset affects the results, and stepping with one call per step gives the
                                                                  same results */
         for (int s = 0; s < STEPS; s++) {
             static trocar_pose now[ROWS][NEEDLES];
@@ -396,7 +396,7 @@ static void a_call_is_watched_and_cancelled(void **state) {
     models_free(&m);
 }
 
-/* After a fork, the child has none of the batch's threads. */
+/* After a fork, the batch's threads no longer exist in the child, but the child can still step the batch. */
 static void a_batch_goes_on_after_a_fork(void **state) {
     (void)state;
 #ifdef __SANITIZE_THREAD__ /* ThreadSanitizer does not support threads that are started after a fork */
@@ -422,7 +422,7 @@ static void a_batch_goes_on_after_a_fork(void **state) {
     models_free(&m);
 }
 
-/* The same poses, models and needles in a rollout give the results of single simulations; from a saved state, a rollout continues exactly as the insertion did
+/* A rollout gives the same results as single simulations with the same poses, models and needles. From a saved state, it continues exactly as the insertion
    from which the state was saved. */
 static void rollouts_have_models_needles_and_states(void **state) {
     (void)state;
@@ -443,7 +443,7 @@ static void rollouts_have_models_needles_and_states(void **state) {
             assert_memory_equal(all[i].force, expected->force[i], sizeof all[i].force);
             assert_true(all[i].depth == expected->depth[i] && all[i].events == expected->events[i]);
         }
-        for (int row = 1; row < ROWS; row++) { /* insertion 0 begins with a reset at the pose in the middle */
+        for (int row = 1; row < ROWS; row++) { /* insertion 0 has no saved state: it begins with a reset at the pose halfway through */
             trocar_sim *sim;
             OK(trocar_sim_create(m.of_row[row], &sim, &why));
             for (int n = 0; n < NEEDLES; n++) OK(trocar_sim_reset(sim, n, &poses[row][0][n], &why));
@@ -499,7 +499,7 @@ static void too_little_memory_is_told(void **state) {
     models m = models_made();
     fill_poses();
     trocar_batch *batch = batch_of(&m, 2);
-    trocar_batch_free(batch); /* creating the batch has made BLAS allocate its memory for two threads */
+    trocar_batch_free(batch); /* creating this batch made BLAS allocate its memory for two threads */
     int told = 0, made = 0;
     for (double room = 5e6; room < 600e6; room *= 1.3) {
         limit(mapped() + (size_t)room);

@@ -20,12 +20,12 @@ static trocar_error why;
 static const double X = 0.005, Y = 0.003, LENGTH = 0.2, DT = 1e-3, SPEED = 0.05; /* m, s, m/s */
 static const double CUTTING = 0.2; /* N */
 
-/* Balls on the needle's path. Behind the first ball, the tissue springs back over the tip by more than the second ball's thickness. The first ball has the
-   default factor. The forces are too small to buckle the needle. */
+/* Balls on the needle's path. Once the tip has passed the first ball, the tissue springs back over it by more than the second ball's thickness. The first ball
+   has the default factor. The forces are too small to buckle the needle. */
 static const struct { const char *centre; double depth, radius, factor; } BALLS[] = {
     {"[0.005, 0.003, 0.03]", 0.03, 4e-3, 5.0}, {"[0.005, 0.003, 0.0365]", 0.0365, 1e-3, 8.0}};
 
-/* Figure 8 with one cutting force everywhere and neither friction nor viscosity nor puncture forces: the force on the hand is that of cutting alone. */
+/* Returns figure 8 with the same cutting force everywhere and without friction, viscosity or puncture forces, so that the hand feels only the cutting force. */
 static trocar_scene *load_scene(void) {
     static const char *const NONE[] = {"cutting_viscosity", "friction.kinetic", "friction.static", "friction.viscous"};
     trocar_scene *scene;
@@ -53,11 +53,11 @@ static trocar_scene *load_scene(void) {
 
 static trocar_pose base_at(double depth) { return (trocar_pose){{X, Y, depth - LENGTH}, {1, 0, 0, 0}}; }
 
-/* In a ball, the force on the hand is the cutting force times the factor; in front of and behind the balls, it is the cutting force. At the boundary of a ball,
-   the tip stops until it has dented the tissue far enough to cut it. Tolerance of 1 %, because the needle is not quite straight. */
+/* Inside a ball, the force on the hand is the cutting force times the factor; in front of and behind the balls, it is the cutting force itself. At the boundary
+   of a ball, the tip stops until it has dented the tissue far enough to cut it. The tolerance is 1 %, because the needle is not quite straight. */
 static void cutting_a_calcification_takes_its_factor(void **state) {
     (void)state;
-    static const double NEAR = 1e-4; /* m, more than the tip advances in a tick in front of or in a ball */
+    static const double NEAR = 1e-4; /* m, more than the tip advances per tick in front of a ball or inside it */
     trocar_scene *scene = load_scene();
     trocar_model *model;
     trocar_sim *sim;

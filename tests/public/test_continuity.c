@@ -104,8 +104,8 @@ static void nodes_that_are_removed_are_not_felt(void **state) {
     trocar_model_free(model);
 }
 
-/* Presses on skin that is not punctured, once with an infinite puncture force and once with one of a million newtons: the tissue below must respond in the same
-   way. */
+/* Presses on skin without puncturing it. With an infinite puncture force, the tissue below must respond in the same way as with a puncture force of a million
+   newtons. */
 static void infinite_force_leaves_the_tissue_as_soft(void **state) {
     (void)state;
     double force[2];
@@ -261,7 +261,7 @@ static void a_needle_returns_to_skin_that_is_still_displaced_with_one_touch(void
     trocar_model_free(model);
 }
 
-/* A tip slides over the skin from one element to the next. In no tick may the tissue's compliance at the tip be missing. */
+/* A tip slides over the skin from one element to the next. The tissue's compliance at the tip must be available in every tick. */
 static void gliding_over_the_skin_is_never_late(void **state) {
     (void)state;
     static const double tilts[] = {0.0, M_PI / 6.0};
@@ -289,10 +289,10 @@ static void gliding_over_the_skin_is_never_late(void **state) {
     }
 }
 
-enum { PUSHES = 600 }; /* number of ticks for which a needle is pushed in after it has touched the skin */
+enum { PUSHES = 600 }; /* number of ticks in which the needle is pushed in after it has touched the skin */
 
-/* Touches the skin in a tick in which the tip moves by `aside` (m) along x and 10 um along the needle, and pushes the needle in by 12 mm. Writes the force
-   along the needle in each tick. Returns the tick of the puncture. */
+/* Touches the skin in a tick in which the tip moves by `aside` (m) along x and by 10 um along the needle, then pushes the needle in by 12 mm. Writes the axial
+   force in each tick to `along`. Returns the tick of the puncture. */
 static int push_after_touch(double aside, double *along) {
     trocar_model *model;
     trocar_scene *scene = load("figure8");

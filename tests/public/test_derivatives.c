@@ -19,11 +19,12 @@ static trocar_error why;
 enum { BASE = TROCAR_BASE_VARIABLES, PARAMETERS = 12, UNIFORM = BASE + PARAMETERS, VARIABLES = UNIFORM + 1, TARGETS = 2, BLOCKS = 4 + TARGETS, VALUES = 3 * BLOCKS };
 static const char *const BLOCK_NAMES[BLOCKS] = {"force", "torque", "tip", "direction", "target", "target"};
 static const double DT = 1e-3; /* s */
-#define LENGTH 0.2             /* m, length of the needle: a rotation is measured by the distance by which it moves the end of a straight needle */
+#define LENGTH 0.2             /* m, length of the needle; converts a rotation into the distance by which it moves the end of a straight needle */
 
 /* ---- a simulation and its values ------------------------------------------------------------------------------------------------ */
 
-/* The passes of a step end at the contact tolerance: below it, results are smooth functions of their input. */
+/* Sets a negligible contact tolerance. With a larger one, a step stops iterating early, and its results are smooth functions of its input only to within the
+   tolerance. */
 static trocar_scene *exact_scene(void) {
     trocar_scene *scene;
     OK(trocar_scene_load(MESHES "/figure8.yaml", &scene, &why));
@@ -53,7 +54,7 @@ static void set_down(set_up *s) {
     free(s->displacements);
 }
 
-/* Chooses tetrahedra near the needle's end or farther away, in the middle of the mesh. */
+/* Chooses random tetrahedra of the mesh as targets. */
 static void choose_targets(set_up *s) {
     const double *nodes = trocar_model_nodes(s->model);
     const int32_t *tets = trocar_model_tets(s->model);
@@ -66,7 +67,7 @@ static void choose_targets(set_up *s) {
     }
 }
 
-/* Reads the values that are differentiated, after a step. */
+/* Reads the values to be differentiated, after a step. */
 static void read_values(const set_up *s, const trocar_output *out, double values[VALUES]) {
     double joints[TROCAR_MAX_JOINTS][3], length = 0.0;
     const trocar_view *view = trocar_sim_view(s->sim);
@@ -123,8 +124,8 @@ static trocar_pose moved(trocar_pose base, int variable, double by) {
 
 /* ---- random states ------------------------------------------------------------------------------------------------------------ */
 
-/* Inserts the needle at a random speed and angle, then pushes, slows down, holds or withdraws it while its base moves sideways and tilts. `state` is the state
-   before the last step, whose pose is returned. */
+/* Inserts the needle at a random speed and angle, then pushes, slows down, holds or withdraws it while its base moves sideways and tilts. Saves the state
+   before the last step in `state`, and returns the pose of that step. */
 static trocar_pose reach_state(const set_up *s, void *state, size_t size) {
     trocar_pose base = {{random_between(1e-3, 9e-3), random_between(-1e-3, 7e-3), -0.201}, {1, 0, 0, 0}};
     trocar_output out;
@@ -165,7 +166,7 @@ static bool same_set(const active_set *a, const active_set *b) {
     return same;
 }
 
-/* Central differences from the saved state. Returns false if the active sets differ from `here`. */
+/* Computes central differences, restoring the saved state before every step. Returns false if an active set differs from `here`. */
 static bool difference(const set_up *s, const void *state, size_t size, const trocar_pose *base, const active_set *here, const double steps[BASE],
                        double differences[VALUES][VARIABLES]) {
     bool same = true;
@@ -185,7 +186,7 @@ static bool difference(const set_up *s, const void *state, size_t size, const tr
     return same;
 }
 
-/* Norm of a vector's derivatives, with each variable in units of its scale. */
+/* Returns the norm of a block's derivatives, minus those in `minus` if given; each derivative is multiplied by the scale of its variable. */
 static double norm_of(double derivatives[VALUES][VARIABLES], double minus[VALUES][VARIABLES], int block, int from, int to, const double scales[VARIABLES]) {
     double sum = 0.0;
     for (int i = 3 * block; i < 3 * block + 3; i++)
@@ -195,12 +196,12 @@ static double norm_of(double derivatives[VALUES][VARIABLES], double minus[VALUES
 
 typedef struct {
     int switches;
-    double largest[BLOCKS];  /* largest relative error, away from switches */
+    double largest[BLOCKS];  /* largest relative error in states that are not at a switch */
 } comparison;
 
-/* Compares in `count` random states. At a switch, a contact starts or stops sliding within the steps of the differences; `range` also covers switches that the
-   contacts do not show, such as those of the shaft next to the tip. The steps are small because friction on a shaft that turns changes its direction within
-   slips of about 10 nm. */
+/* Compares the derivatives with central differences in `count` random states. At a switch, a contact starts or stops sliding within the step of a difference;
+   `range` also covers switches that the contacts do not show, such as those of the shaft next to the tip. The steps are small because friction on a turning
+   shaft changes direction within a slip of about 10 nm. */
 static comparison compare(int count) {
     static const double scales[VARIABLES] = {1, 1, 1, 1 / LENGTH, 1 / LENGTH, 1 / LENGTH};
     static const double steps[BASE] = {1e-9, 1e-9, 1e-9, 1e-8, 1e-8, 1e-8}; /* m, rad */
@@ -238,9 +239,9 @@ static comparison compare(int count) {
     return found;
 }
 
-/* The derivatives neglect that the path which the tip cuts in this step turns with the needle. A rotation turns this path, which is at most 60 um long, and
-   thereby moves the tip by the path's length times the rotation, whereas it moves a straight needle's end by the needle's length times the rotation. They also
-   neglect that friction against turning depends on the slip along the needle; this only affects the torque about the needle's axis. */
+/* The derivatives neglect that the path cut in this step turns with the needle. This path is at most 60 um long, and turning it moves the tip by the path's
+   length times the rotation; a straight needle's end moves by the needle's length times the rotation. The derivatives also neglect that friction against
+   turning depends on the slip along the needle, which affects only the torque about the needle's axis. */
 static void check(comparison found, int count) {
     const double path = 60e-3 * DT / LENGTH;
     for (int block = 0; block < BLOCKS; block++) assert_true(found.largest[block] < (block == 1 ? 2e-3 : path));
@@ -252,7 +253,7 @@ static void derivatives_are_those_of_small_motions(void **unused) {
     check(compare(20), 20);
 }
 
-/* The environment variable sets another number of states; 1000 take a few minutes. */
+/* The environment variable TROCAR_TEST_STATES overrides the number of states; 1000 take a few minutes. */
 static void derivatives_are_those_of_small_motions_in_many_states(void **unused) {
     (void)unused;
     const char *given = getenv("TROCAR_TEST_STATES");
@@ -269,17 +270,17 @@ static const struct {
                   {"friction.kinetic", TROCAR_FRICTION_KINETIC}, {"friction.viscous", TROCAR_FRICTION_VISCOUS},
                   {"youngs_modulus", TROCAR_YOUNGS_MODULUS}};
 static const char *const REGIONS[] = {"prostate", "surrounding"};
-enum { MODULI = 10 }; /* number of the first modulus among the parameters: the property's index times two plus that of the region */
+enum { MODULI = 10 }; /* index of the first modulus among the parameters; a parameter's index is twice that of its property plus that of its region */
 
-/* The needle starts in the tissue and is held for two steps before it is moved. Until then no force acts, so the state does not depend on the properties. */
+/* Starts with the needle in the tissue and holds it for two steps. No force acts yet, so the state does not depend on the properties. */
 static void start_in_tissue(const set_up *s, const trocar_pose *start) {
     trocar_output out;
     OK(trocar_sim_reset(s->sim, 0, start, &why));
     for (int t = 0; t < 2; t++) OK(trocar_sim_step(s->sim, 0, start, DT, &out, &why));
 }
 
-/* A scene in which viscosity is so low that a tip can cut in one step from rest. Its membranes have a stiffness of their own, which no region's modulus
-   affects. */
+/* Returns a scene whose viscosity is so low that a tip can cut in a single step from rest. Its membranes have a stiffness that does not depend on the regions'
+   moduli. */
 static trocar_scene *scene_without_haste(void) {
     static const char *const keys[] = {"cutting_viscosity", "friction.viscous"};
     static const double values[] = {0.03, 3.0}; /* N s/m, N s/m^2 */
@@ -294,7 +295,8 @@ static trocar_scene *scene_without_haste(void) {
     return scene;
 }
 
-/* A model with one property changed or, for number PARAMETERS, with both moduli changed; `value` is then 1. Only a modulus changes the stiffness matrix. */
+/* Returns a model with one property or, if `parameter` is PARAMETERS, both moduli multiplied by `factor`. `value` receives the original property, or 1 for both
+   moduli. Only a modulus changes the stiffness matrix; models with other changes are derived from `base`. */
 static trocar_model *model_with(const trocar_model *base, int parameter, double factor, double *value) {
     trocar_scene *scene = scene_without_haste();
     trocar_model *model;
@@ -312,7 +314,7 @@ static trocar_model *model_with(const trocar_model *base, int parameter, double 
     return model;
 }
 
-/* Each simulation is new: the first step of one that was reset in the tissue may still use the resolution that the mesh had along the needle before the reset. */
+/* Creates a new simulation: after a reset in the tissue, the first step may still use the mesh's resolution along the needle from before the reset. */
 static active_set values_with(const set_up *like, trocar_model *model, const trocar_pose *start, const trocar_pose *base, double values[VALUES]) {
     trocar_output out;
     set_up s = *like;
@@ -325,8 +327,8 @@ static active_set values_with(const set_up *like, trocar_model *model, const tro
     return set;
 }
 
-/* Groups of values whose errors are combined: force and torque, the position and the direction of the needle's end (both scaled by the needle's length), and
-   the targets. Properties of the tissue hardly bend a straight needle, so torque and direction alone would be small differences of large numbers. */
+/* Groups of values whose errors are combined: force and torque, position and direction of the needle's end, and the targets. Torque and direction are scaled by
+   the needle's length. The tissue's properties hardly bend a straight needle, so torque and direction alone would be small differences of large numbers. */
 enum { GROUPS = 3 };
 static const char *const GROUP_NAMES[GROUPS] = {"wrench", "needle's end", "targets"};
 
@@ -336,9 +338,9 @@ static double norm_of_group(double derivatives[VALUES][VARIABLES], double minus[
     return hypot(first, lengths[group] * second);
 }
 
-/* Kinds of parameters that are compared together. If both moduli grow alike, only stiffness changes. If their ratio changes, so do the resolved radii at the
-   border of the regions. They are measured, and the derivatives neglect their changes, which are of opposite sign for the two moduli; so there is no limit that
-   follows from theory for a single modulus, only the documented accuracy. */
+/* Kinds of parameters that are compared together. If both moduli change by the same factor, only the stiffness changes. If their ratio changes, so do the
+   resolved radii at the boundary between the regions. The derivatives neglect this change, whose sign is opposite for the two moduli. For a single modulus,
+   theory therefore gives no error bound; the test uses the documented accuracy. */
 enum { KINDS = 3 };
 static const struct {
     const char *name;
@@ -346,7 +348,7 @@ static const struct {
 } KIND[KINDS] = {{"cutting and friction", BASE, BASE + MODULI}, {"both moduli", UNIFORM, UNIFORM + 1}, {"each modulus", BASE + MODULI, UNIFORM}};
 static const double EACH_MODULUS = 1e-2;
 
-/* For changes in a property by 0.1 %, central differences of a smooth function have relative errors of the order of the square, 1e-6. Ten times as much is
+/* If a property changes by 0.1 %, central differences of a smooth function have relative errors of about the square of that, 1e-6. Ten times as much is
    allowed. */
 #define CHANGE 1e-3
 static const double CENTRAL = 10.0 * CHANGE * CHANGE;

@@ -19,7 +19,7 @@ static trocar_error why;
 
 enum { IN = 500 }; /* duration of the insertion in ticks of 1 ms */
 
-/* 5 x 3 holes, 5 mm apart; the plate ends 5 mm in front of the skin. */
+/* A template of 5 x 3 holes, 5 mm apart, whose back face is 5 mm in front of the skin. */
 static const char *const TEMPLATE[][2] = {
     {"guides[template].origin", "[0.005, 0.003, -0.025]"}, {"guides[template].normal", "[0, 0, 1]"}, {"guides[template].along", "[1, 0, 0]"},
     {"guides[template].columns", "5"}, {"guides[template].rows", "3"}, {"guides[template].hole_diameter", "1.47e-3"},
@@ -42,8 +42,8 @@ static trocar_model *create_model(const char *needles) {
     return model;
 }
 
-/* Needle 0 starts in front of hole 6, left of the centre, and needle 1 in front of hole 8. Both tips start 5 mm in front of the plate, and the needles drift
-   sideways. */
+/* Returns the base's pose. Needle 0 starts in front of hole 6, left of the centre, and needle 1 in front of hole 8. Both tips start 5 mm in front of the plate,
+   and the needles drift sideways. */
 static trocar_pose base_at(int needle, int tick) {
     return (trocar_pose){{needle == 0 ? 0.0 - 4e-6 * tick : 0.010, 0.003 + 4e-6 * needle * tick, -0.23 + 1.2e-4 * tick}, {1, 0, 0, 0}};
 }

@@ -1,4 +1,4 @@
-/* Tests contracts of the library that hold in any host program, through trocar.h: rare cases, low memory, threads and cancelled calls. */
+/* Tests through trocar.h what the library guarantees to any host program in rare cases, with little memory, with threads and when calls are cancelled. */
 #include <math.h>
 #include <pthread.h>
 #include <setjmp.h>
@@ -65,7 +65,8 @@ static trocar_pose at(double x, double y, double tip) { return (trocar_pose){{x,
 
 /* ---- contracts ---------------------------------------------------------------------------------------------------------- */
 
-/* A needle that is reset with its tip in bone counts as inserted: the skin counts as punctured, and no other membrane does, because the scene has none. */
+/* A needle that is reset with its tip in bone counts as inserted. Only the skin counts as punctured: bone is no membrane, and the scene has no other
+   membrane. */
 static void bone_is_no_membrane(void **state) {
     (void)state;
     trocar_model *model = model_of(cube_scene(0.015));
@@ -156,7 +157,7 @@ static trocar_model *model_from(const char *name, const char *key, const char *v
     return model_of(scene);
 }
 
-/* Where trocar.h says "fills at most `room`": with room for 0 entries, nothing is written. */
+/* Functions that, according to trocar.h, fill at most `room` entries write nothing if `room` is 0. */
 static void no_room_is_no_fault(void **state) {
     (void)state;
     trocar_model *model = model_from("template.yaml", NULL, NULL);
@@ -213,7 +214,7 @@ static trocar_pose rest_in_track_of(trocar_model *model, int first) {
     return rest;
 }
 
-/* Tissue that any needle has cut stays cut, even while another needle is being released. */
+/* A released needle comes to rest at the same pose in another needle's track as in its own, because tissue that any needle has cut stays cut. */
 static void a_needle_is_let_go_in_anothers_track_as_in_its_own(void **state) {
     (void)state;
     trocar_model *model = model_from("figure8.yaml", "needles", "2");
@@ -222,7 +223,7 @@ static void a_needle_is_let_go_in_anothers_track_as_in_its_own(void **state) {
     trocar_model_free(model);
 }
 
-/* Tissue also stays cut after a state is restored in which the needle was about to be released. */
+/* The needle also comes to rest at the same pose if the state is saved and restored between the command to release it and the worker's update. */
 static void saved_before_it_is_let_go_it_comes_to_the_same(void **state) {
     (void)state;
     trocar_model *model = model_from("figure8.yaml", "needles", "2");
@@ -309,7 +310,7 @@ static void *read_keys(void *context) {
     return NULL;
 }
 
-/* Runs before all other tests, so that no scene key has been looked up yet. Intended for ThreadSanitizer. */
+/* Must run before all other tests, while no scene key has been looked up. Intended for ThreadSanitizer. */
 static void the_table_of_keys_is_made_once(void **state) {
     (void)state;
     pthread_t thread[THREADS];
@@ -466,7 +467,7 @@ static void a_run_is_watched_and_cancelled(void **state) {
     trocar_model_free(model);
 }
 
-/* Creating a model can be cancelled at every call of its progress function, with each kind of inverse. Afterwards all its memory has been freed. */
+/* With each kind of inverse, the creation of a model can be cancelled at every call of its `cancelled` function. Afterwards, all its memory has been freed. */
 static void a_model_is_cancelled_at_any_question(void **state) {
     (void)state;
     static const char *const kinds[] = {"dense", "sparse", "condensed"};
@@ -571,7 +572,7 @@ static int live(void) {
     _exit((int)status);
 }
 
-/* The status is OK or NO_MEMORY, and the call returns quickly. */
+/* Whatever the limit on address space, the status is OK or NO_MEMORY, and the process ends in time. */
 static void too_little_address_space_is_told(void **state) {
     (void)state;
     if (SANITIZED) skip();

@@ -54,7 +54,7 @@ static trocar_model *model_of(trocar_scene *scene) {
 
 enum { TICKS = 500 };
 
-/* Inserts at 50 mm/s while moving slowly sideways and turning slowly. */
+/* Returns the base's pose in an insertion at 50 mm/s with a slow sideways motion and a slow rotation. */
 static trocar_pose pose_at(int tick) {
     double turn = 1e-3 * tick;
     return (trocar_pose){{1e-3 + 1e-6 * tick, 2e-3, -0.2005 + 50e-6 * tick}, {cos(0.5 * turn), 0, 0, sin(0.5 * turn)}};
@@ -322,7 +322,7 @@ static trocar_change *other_modulus(const trocar_sim *sim) {
     return change;
 }
 
-/* The same while the moduli change: the ticking thread begins the change and ends it, and the worker mixes the compliances in the meantime. */
+/* The same holds while moduli change: the ticking thread starts and ends the change, and the worker interpolates the compliances in between. */
 static void moduli_change_beside_a_worker_thread(void **state) {
     (void)state;
     static trocar_output a[TICKS], unchanged[TICKS];
@@ -388,7 +388,7 @@ static void what_is_seen_fits_the_force(void **state) {
     trocar_model_free(model);
 }
 
-/* A picture that another thread takes does not change while the simulation continues. */
+/* A picture taken in another thread does not change while the simulation continues. */
 static void a_picture_keeps_what_was_seen(void **state) {
     (void)state;
     enum { ROOM = TROCAR_MAX_POINTS, MIDWAY = 4 * TICKS / 5 };
@@ -497,7 +497,7 @@ static void waiting_and_latency_are_told(void **state) {
     trocar_model_free(model);
 }
 
-/* A base on a spring moves by force times compliance, which lowers the force. */
+/* A base on a spring moves by the force times the compliance. The force is therefore lower than with a rigid base. */
 static void a_base_on_a_spring_yields(void **state) {
     (void)state;
     static trocar_output rigid[TICKS], soft[TICKS];
@@ -516,7 +516,7 @@ static void a_base_on_a_spring_yields(void **state) {
     trocar_model_free(model);
 }
 
-/* For a model created for a viewer, the mesh and the names are available immediately, whereas functions that need the stiffness are not. */
+/* A model created with mesh_only, as a viewer does, provides the mesh and the names, but refuses calls that need the stiffness. */
 static void a_model_may_be_its_mesh_alone(void **state) {
     (void)state;
     trocar_scene *scene = cube_scene();

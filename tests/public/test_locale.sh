@@ -74,7 +74,7 @@ run_programs() { # FOLDER
         if [ -z "${TROCAR_SANITIZED:-}" ]; then
             study >study.yaml
             /usr/bin/python3 -m trocar.studies.study run study.yaml --out results --quiet >study.out 2>&1 || fail "$(cat study.out)"
-            # these rows are in the order in which the runs finished; the rows of result.csv are sorted
+            # the rows of this file are in the order in which the runs finished; those of result.csv are sorted
             LC_ALL=C sort -o results/rows-1-of-1.csv results/rows-1-of-1.csv
         fi
         # Tests a server and a device: their measured values differ from run to run, but every number must be written in the C locale's format.

@@ -27,7 +27,7 @@ static trocar_model *create_model(const char *needles) {
     return model;
 }
 
-/* Needle 0 enters on the left and needle 1 on the right, `apart` (m) from each other. */
+/* Returns the base's pose. Needle 0 enters on the left and needle 1 on the right, `apart` (m) from each other. */
 static trocar_pose base_at(int needle, double apart, int tick) {
     return (trocar_pose){{(needle - 0.5) * apart, 0.003, -0.201 + 1e-4 * tick}, {1, 0, 0, 0}};
 }

@@ -17,7 +17,7 @@ static trocar_error why;
 
 #define OK(call) do { if ((call) != TROCAR_OK) fail_msg("%s: %s", #call, why.text); } while (0)
 
-enum { IN = 700, TICKS = 1000 }; /* number of ticks of 1 ms; 70 mm of insertion take 700 ticks, the rest is a sideways motion by 6 mm */
+enum { IN = 700, TICKS = 1000 }; /* number of ticks of 1 ms: 700 for an insertion by 70 mm, then a sideways motion by 6 mm */
 
 /* Uses its own cache folder, which is removed at the end, so that this test computes the inverse itself and no other test reads it. */
 static trocar_model *create_model(const char *precision) {

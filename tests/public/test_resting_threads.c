@@ -1,5 +1,4 @@
-/* In one thread, needles are ticked, released, taken and removed while a worker serves them. Intended for the sanitizers, and to show that no command blocks.
-   */
+/* Ticks, releases, takes and removes needles in one thread while a worker serves them. Intended for the sanitizers, and to show that no command blocks. */
 #include <pthread.h>
 #include <setjmp.h>
 #include <stdarg.h>

@@ -1,4 +1,4 @@
-/* Tests seeds through trocar.h: seeds are dropped, stay in the tissue, move with it, and can be undone. */
+/* Tests seeds through trocar.h: they are dropped, stay in the tissue and move with it, and drops can be undone. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -122,7 +122,7 @@ static void a_strand_is_left_seed_by_seed(void **state) {
     end(&in);
 }
 
-/* If the needle is pushed in again, the seeds re-enter it, as over a mandrin, and are pending as before. */
+/* If the needle is pushed in again, the seeds re-enter it, as if held by a stylet, and are pending as before. */
 static void a_pending_seed_waits_for_the_needle_to_be_drawn_back(void **state) {
     (void)state;
     insertion in = begin(NULL);

@@ -84,7 +84,7 @@ static void wait_for(ticking *t, trocar_needle_state state) {
     expect(t, trocar_sim_needle_state(t->sim, 0) == state, "the worker's part");
 }
 
-/* An invalid call produces a message, and formatting the message also needs stack. */
+/* Makes invalid calls. Each produces a message, and formatting the message also needs stack. */
 static void be_refused(ticking *t) {
     trocar_error reason;
     const trocar_pose no_pose = {{0}, {0}};

@@ -22,7 +22,7 @@ static trocar_error why;
 
 enum { TICKS = 400, HALF = TICKS / 2, NEEDLES = 2 };
 
-/* Two needles in relaxing tissue: the first is inserted and rests while the second is inserted beside it. */
+/* Returns a model with relaxing tissue and two needles. The tests insert the first needle, let it rest, and insert the second one beside it. */
 static trocar_model *model_with(const char *key, const char *value) {
     cube_mesh *cube = malloc(sizeof *cube);
     trocar_scene *scene;
@@ -181,7 +181,7 @@ static void a_wrong_state_is_refused_and_changes_nothing(void **unused) {
     trocar_model_free(other);
 }
 
-/* Resets the needle to a place inside the tissue, directly or after it has been elsewhere (`elsewhere`), and pushes it further. */
+/* Resets the needle to a pose inside the tissue, either directly or, if `elsewhere` is set, after it has been at other poses, and then pushes it further. */
 static void run_from_inside(trocar_model *model, bool elsewhere, trocar_output *outputs) {
     trocar_sim *sim;
     OK(trocar_sim_create(model, &sim, &why));

@@ -72,7 +72,7 @@ static void reset(const fixture *f) {
     for (int n = 0; n < trocar_model_needles(f->model); n++) OK(trocar_sim_reset(f->sim, n, &start, &why));
 }
 
-/* The hand's motion, and the work that it has done since it held the needle in the air. */
+/* The hand's motion, and the work it has done since the needle was in the air. */
 typedef struct {
     int needle;
     line way;
@@ -172,7 +172,8 @@ static void tissue_closes_if_the_scene_says_so(void **state) {
     discard(&f);
 }
 
-/* Between 1 and 1.5 times its reach and its angle, a track's influence fades: the resistance lies between that of an open track and that of a closed one. */
+/* A track's influence fades between 1 and 1.5 times its reach, and likewise between 1 and 1.5 times its angle. In between, the resistance lies between that of
+   an open track and that of a closed one. */
 static void a_track_fades_with_distance_and_angle(void **state) {
     (void)state;
     static const double DIAMETER = 1.27e-3, ANGLE = 0.09, TIMES[] = {0.9, 1.25, 1.6};
@@ -224,8 +225,9 @@ static double steered(const fixture *f, bool before, double roll) {
     return tip_of(f, 0).y - 0.003;
 }
 
-/* A bevelled needle is drawn back, rolled by half a turn and inserted again. If twice the bevel's slope exceeds 1.5 times the angle, the needle follows nearly
-   the path of a needle rolled at the same depth in intact tissue. Otherwise, as with the default angle and a slope of 0.045, it stays in its old track. */
+/* A bevelled needle is drawn back, rolled by half a turn and inserted again. If twice the bevel's slope exceeds 1.5 times tracks.angle, the needle nearly
+   follows the path of a needle rolled at the same depth in intact tissue. Otherwise, as with the default angle and a slope of 0.045, it stays in its old
+   track. */
 static void a_turned_bevel_leaves_its_track(void **state) {
     (void)state;
     static const struct { double angle, slope, least, most; } CASES[] = {
@@ -290,7 +292,7 @@ static void partly_withdrawn_needle_cuts_on_where_it_was(void **state) {
     discard(&f);
 }
 
-/* Barnett 2015, two insertions at the same place: tearing, spreading and friction account for 61 %, 18 % and 21 % of the first insertion's force. The scene is
+/* Barnett 2015, two insertions at the same point: tearing, spreading and friction account for 61 %, 18 % and 21 % of the first insertion's force. The scene is
    fitted to these fractions at a depth of 40 mm in a body without membranes; the ratio of the second force to the first is then a prediction of the model. */
 static void published_shares_leave_39_percent(void **state) {
     (void)state;
@@ -331,7 +333,7 @@ static void published_shares_leave_39_percent(void **state) {
 }
 
 /* A membrane is punctured at its puncture force or at the force with which the tip cuts and spreads the tissue, whichever is larger. After the puncture,
-   spreading the membrane still requires its force. */
+   the spreading force still acts there. */
 static void spreading_stays_where_a_membrane_was_punctured(void **state) {
     (void)state;
     static const double CUTTING = 0.3, SPREADING = 0.5, PUNCTURES[] = {0.6, 1.5}; /* N */
@@ -362,7 +364,8 @@ static void spreading_stays_where_a_membrane_was_punctured(void **state) {
 
 static double uniform(unsigned *seed) { return (double)rand_r(seed) / RAND_MAX; }
 
-/* Whatever motion the hand makes around an old track, it never receives more energy than it supplied. The test has no friction, which would hide an error. */
+/* Whatever motion the hand makes around an old track, it never receives more energy than it has supplied. Friction is absent, because it would hide an
+   error. */
 static void tracks_never_give_energy(void **state) {
     (void)state;
     trocar_scene *scene = load_scene(0.0);
@@ -409,8 +412,8 @@ static void tracks_are_told(void **state) {
     (void)state;
     static trocar_track_point points[TROCAR_MAX_TRACK_POINTS];
     fixture f = make(load_scene(1.0));
-    assert_int_equal(trocar_view_tracks(trocar_sim_view(f.sim), 0, points, TROCAR_MAX_TRACK_POINTS), 0); /* no points before the first reset, while the needle
-                                                                                                            is at the origin, although the origin is in the
+    assert_int_equal(trocar_view_tracks(trocar_sim_view(f.sim), 0, points, TROCAR_MAX_TRACK_POINTS), 0); /* before the first reset, there are no points although
+                                                                                                            the needle is at the origin, which is in the
                                                                                                             tissue */
     reset(&f);
     assert_int_equal(trocar_view_tracks(trocar_sim_view(f.sim), 0, points, TROCAR_MAX_TRACK_POINTS), 0);
@@ -451,7 +454,7 @@ static void saved_state_has_its_tracks(void **state) {
     discard(&f);
 }
 
-/* If there are more tracks than can be stored, the oldest is discarded, so it counts as closed; an event reports this. */
+/* If there are more tracks than can be stored, the oldest is discarded and counts as closed. An event reports this. */
 static void the_oldest_track_is_dropped(void **state) {
     (void)state;
     fixture f = make(load_scene(0.0));
@@ -465,7 +468,7 @@ static void the_oldest_track_is_dropped(void **state) {
         assert_int_equal(h.punctures, 1);
     }
     assert_true(h.events & TROCAR_EVENT_TRACK_DROPPED);
-    for (int old = 1; old >= 0; old--) { /* the second oldest track is still open */
+    for (int old = 1; old >= 0; old--) { /* the oldest track is closed, the second oldest is still open */
         h = (hand){.way = {2.5e-3 * old - 15e-3, -15e-3, 0, 0}};
         move_to(&f, &h, 14e-3);
         assert_int_equal(h.punctures, old == 0);

@@ -1,4 +1,4 @@
-/* Tests views of a simulation and of its pictures, simulated time, default options and the log, only through trocar.h. */
+/* Tests views of a simulation and of its pictures, simulated time, default options and the log, all through trocar.h. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -39,7 +39,7 @@ static trocar_model *create(trocar_scene *scene, const trocar_model_options *opt
     return model;
 }
 
-/* Inserts at 50 mm/s; the needles are 20 mm apart. */
+/* Returns the base's pose in an insertion at 50 mm/s; the needles are 20 mm apart. */
 static trocar_pose pose_at(int needle, int tick) { return (trocar_pose){{-10e-3 + 20e-3 * needle, 2e-3, -0.2005 + 50e-6 * tick}, {1, 0, 0, 0}}; }
 
 static trocar_output step(trocar_sim *sim, int needle, int tick, double dt) {
@@ -97,7 +97,7 @@ static sight *look(const trocar_view *view) {
     return s;
 }
 
-/* A simulation and its picture show the same data, byte for byte, as does a copy of the picture. The picture still shows the same data after more ticks. */
+/* A picture and its copy show the same data as the simulation, byte for byte, and still do so after more ticks of the simulation. */
 static void a_picture_shows_what_the_simulation_showed(void **state) {
     (void)state;
     trocar_model *model = create(cube_scene(), NULL);
@@ -185,7 +185,7 @@ static void time_is_saved_and_restored(void **state) {
     trocar_model *model = create(cube_scene(), NULL);
     trocar_sim *sim = sim_at_start(model), *other = sim_at_start(model);
     for (int tick = 0; tick < 30; tick++) step(sim, 0, tick, 1e-3);
-    step(sim, 1, 0, 1e-3); /* belongs to the same round as the last step */
+    step(sim, 1, 0, 1e-3); /* belongs to the same round of ticks as needle 0's last step */
     size_t size = trocar_sim_state_size(sim);
     void *saved = malloc(size);
     OK(trocar_sim_save(sim, saved, size, &why));
@@ -195,7 +195,7 @@ static void time_is_saved_and_restored(void **state) {
     OK(trocar_sim_restore(sim, saved, size, &why));
     OK(trocar_sim_restore(other, saved, size, &why));
     assert_true(time_of(sim) == then && time_of(other) == then);
-    step(other, 1, 1, 1e-3); /* needle 1 has already ticked in the saved round, so this tick begins another round */
+    step(other, 1, 1, 1e-3); /* needle 1 had already ticked in the saved round, so this tick begins another round */
     assert_time(other, then + 1e-3);
     free(saved);
     trocar_sim_free(sim);
@@ -207,7 +207,7 @@ static void time_is_saved_and_restored(void **state) {
 
 static void insert(trocar_model *model, trocar_output *outputs) {
     trocar_sim *sim = sim_at_start(model);
-    for (int tick = 0; tick < 60; tick++) outputs[tick] = step(sim, 0, 6 * tick, 6e-3); /* more ticks than the longest catch-up needs */
+    for (int tick = 0; tick < 60; tick++) outputs[tick] = step(sim, 0, 6 * tick, 6e-3); /* long ticks, which are divided into several steps */
     trocar_sim_free(sim);
 }
 

@@ -83,7 +83,7 @@ static inline double distance(const double a[3], const double b[3]) {
     return sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
 }
 
-/* People notice changes of 7 %, or of 0.05 N if the force is small. */
+/* Returns the just noticeable change in force (N): 7 %, but at least 0.05 N. */
 static inline double noticed(const double force[3]) { return fmax(0.05, 0.07 * distance(force, (double[3]){0})); }
 
 #endif

@@ -1,7 +1,8 @@
 /* Tests changes of friction, cutting, puncture forces, calcifications and guides during a run, through trocar.h. */
 #include "changing.h"
 
-/* The scene of figure 8, with a plate in front of the skin and a calcification in the needle's path, so that every kind of key occurs. */
+/* Returns the scene of figure 8 with a plate in front of the skin and a calcification in the needle's path, so that it has every kind of key that can
+   change. */
 static trocar_scene *load_scene(void) {
     static const char *const keys[][2] = {
         {"guides[plate].origin", "[0.005, 0.003, -0.04]"}, {"guides[plate].normal", "[0, 0, 1]"}, {"guides[plate].hole_diameter", "1.5e-3"},
@@ -22,7 +23,7 @@ static int build(void **state) {
 
 /* ---- no jump ---------------------------------------------------------------------------------------------------------------- */
 
-/* True for a key that test_moduli.c changes. */
+/* Returns true for a key that test_moduli.c changes. */
 static bool needs_a_model(const char *key) {
     return strstr(key, "].youngs_modulus") || strstr(key, "].stiffening") || (strncmp(key, "membranes[", 10) == 0 && strstr(key, "].stiffness"));
 }
@@ -54,11 +55,11 @@ static void set_some(trocar_change *c, const trocar_change *original, unsigned *
 typedef struct {
     double largest;          /* largest change in force per tick, in units of the just noticeable difference (tests/verification/verify_smoothness.c) */
     double newton;           /* N, the same */
-    double caused;           /* largest part of it that the change of values in that tick causes, in the same units */
+    double caused;           /* largest difference in force from a tick without the change of values, in the same units */
     int changes, ticks, compared, punctures;
 } jumps;
 
-/* An independent computation of the values during linear changes. */
+/* The values during linear changes, computed independently of the tested code. */
 enum { MOST_KEYS = 32 };
 typedef struct {
     char keys[MOST_KEYS][TROCAR_CHANGE_KEY];
@@ -76,7 +77,7 @@ static void take(law *l, const trocar_change *c, double time) {
     l->since = 0.0;
 }
 
-/* Returns the force of the same tick from the same state with unchanged values. */
+/* Repeats the tick from `state` with the values kept constant, and returns its output. */
 static trocar_output frozen(trocar_sim *twin, const void *state, const law *l, trocar_pose base) {
     char lines[MOST_KEYS * 160] = "";
     size_t used = 0;
@@ -91,11 +92,11 @@ typedef struct {
     void *state;
     law values;
     trocar_output last;
-    int since;               /* ticks since the last puncture, which the hand is meant to feel together with the recoil after it */
+    int since;               /* ticks since the last puncture or exit; the jump in force and the recoil after it are meant to be felt */
     jumps result;
 } trial;
 
-/* `counts`: true if the tick is part of the result. */
+/* Runs one tick. `counts`: true if it contributes to the result. */
 static void tick(trial *t, trocar_pose base, bool counts) {
     static const int RECOIL = 25;
     jumps *j = &t->result;
@@ -121,7 +122,7 @@ static void tick(trial *t, trocar_pose base, bool counts) {
     t->values.since += DT;
 }
 
-/* Moves the needle between random places in the tissue, or holds it still at them, with or without changes. */
+/* Moves the needle between random positions in the tissue, or holds it still at each of them, with or without changes. */
 static jumps run(bool moves, bool changes, int count, unsigned seed) {
     trial t = {.sim = sim_of(model), .twin = sim_of(model), .since = 100};
     trocar_change *original, *c;
@@ -134,7 +135,7 @@ static jumps run(bool moves, bool changes, int count, unsigned seed) {
     jumps *j = &t.result;
     unsigned hand = seed, values = seed + 1;
     while (j->changes < count) {
-        bool goes = moves || j->changes % 25 == 0; /* a needle at rest sometimes moves to another place, with another force */
+        bool goes = moves || j->changes % 25 == 0; /* a still needle sometimes moves to another position, where the force differs */
         double to[3] = {uniform(&hand, 0.012, 0.07), uniform(&hand, -2e-3, 2e-3), uniform(&hand, -1.5, 1.5)};
         double seconds = fmax(0.2, 1.875 * fmax(fabs(to[0] - from[0]), fabs(to[1] - from[1])) / 0.03); /* at most 30 mm/s */
         int ticks = goes ? (int)ceil(seconds / DT) : 250, next = 0;
@@ -164,8 +165,8 @@ static jumps run(bool moves, bool changes, int count, unsigned seed) {
     return t.result;
 }
 
-/* In random tissue, with its friction far above or below the scene's, a moving shaft may stick and slip, which the change does not cause: the effect
-   of a change is the difference from the same tick with unchanged values. */
+/* In tissue with random values, whose friction may be far above or below the scene's, a moving shaft may stick and slip even without a change. The effect of a
+   change is therefore the difference from the same tick with unchanged values. */
 static void check_jumps(bool moves, unsigned seed) {
     jumps with = run(moves, true, 500, seed), without = run(moves, false, 500, seed);
     printf("%s needle: %d changes in %d ticks, %d punctures: largest change per tick %.3f of what is noticed, %.4f N; caused by changes %.3f (%d ticks); without changes "
@@ -199,7 +200,7 @@ static void set_harder(trocar_sim *sim, double time) {
     change(sim, lines, time);
 }
 
-/* After a change, the tissue is that of a scene with the new values, to the last bit. */
+/* After a change, the results are bit-identical to those of a scene that has had the new values from the start. */
 static void a_changed_simulation_is_that_of_the_changed_scene(void **state) {
     (void)state;
     trocar_scene *other;
@@ -228,7 +229,7 @@ static void a_changed_simulation_is_that_of_the_changed_scene(void **state) {
     trocar_scene_free(other);
 }
 
-/* Friction of a sliding shaft is the line integral of the kinetic limit: while that changes linearly, so does the force. */
+/* The friction on a sliding shaft is the kinetic limit integrated along it, so the force changes linearly while the limit does. */
 static void friction_follows_its_ramp(void **state) {
     (void)state;
     trocar_sim *sim = sim_of(model);
@@ -246,7 +247,7 @@ static void friction_follows_its_ramp(void **state) {
     trocar_sim_free(sim);
 }
 
-/* A membrane that is held at a force is punctured when its limit has fallen to that force, not before. */
+/* A membrane under a constant force is punctured when its limit has fallen to that force, not before. */
 static void a_held_membrane_breaks_at_the_force_on_it(void **state) {
     (void)state;
     trocar_sim *sim = sim_of(model);
@@ -254,7 +255,7 @@ static void a_held_membrane_breaks_at_the_force_on_it(void **state) {
     for (int i = 0; i < 100; i++) step_at(sim, -1e-3);
     double depth = -1e-3;
     trocar_output out = {0};
-    while (-out.force[2] < 0.45) out = step_at(sim, depth += 1e-5); /* the skin holds 0.6 N */
+    while (-out.force[2] < 0.45) out = step_at(sim, depth += 1e-5); /* the skin withstands 0.6 N */
     for (int i = 0; i < 500; i++) out = step_at(sim, depth);
     double held = -out.force[2];
     change(sim, "membranes[skin].puncture_force: 0.3", 0.5);

@@ -23,7 +23,8 @@ static const char *const OTHER_KEYS[] = {"regions[prostate].youngs_modulus", "re
 static const char *const OTHER_VALUES[] = {"20e3", "40e3", "100", "2"};
 #define OTHER "regions[prostate].youngs_modulus: 20e3\nregions[surrounding].youngs_modulus: 40e3\nmembranes[skin].stiffness: 100\nregions[prostate].stiffening: 2"
 
-/* A change while the needle is outside of the tissue gives the simulation of the changed scene, whose stiffness was assembled and inverted anew. */
+/* After a change while the needle is outside the tissue, the results equal those of the changed scene, for which the stiffness is assembled and inverted
+   anew. */
 static void a_changed_simulation_is_that_of_the_changed_scene(void **state) {
     (void)state;
     trocar_model *built;
@@ -44,7 +45,7 @@ static void a_changed_simulation_is_that_of_the_changed_scene(void **state) {
     trocar_model_free(built);
 }
 
-/* A dent is elastic if the shaft does not slide in it: its force does not depend on when the moduli changed. */
+/* As long as the shaft does not slide, a dent is elastic, so its force does not depend on when the moduli changed. */
 static void a_dent_has_the_force_of_the_new_moduli(void **state) {
     (void)state;
     trocar_model *built, *original;
@@ -61,7 +62,7 @@ static void a_dent_has_the_force_of_the_new_moduli(void **state) {
     for (int i = 0; i < 3000; i++) a = step_at(changed, 1e-3), b = step_at(other, 1e-3);
     printf("dent of 1 mm: %.5f N before, %.9f N after the change, %.9f N if it is pressed afterwards\n", before, a.force[2], b.force[2]);
     assert_true(fabs(a.force[2] - before) > 0.1 * fabs(before) && fabs(a.force[2] - b.force[2]) < 1e-5 * fabs(b.force[2])); /* 1e-5: contact.tolerance / dent */
-    /* when the moduli are changed back in small steps, the original force returns */
+    /* changing the moduli back restores the original force */
     change(changed, "regions[prostate].youngs_modulus: 60e3\nregions[surrounding].youngs_modulus: 30e3\nmembranes[skin].stiffness: 0", 0.1);
     wait(changed, 1e-3);
     for (int i = 0; i < 3000; i++) a = step_at(changed, 1e-3);
@@ -73,11 +74,11 @@ static void a_dent_has_the_force_of_the_new_moduli(void **state) {
     trocar_model_free(built);
 }
 
-/* A scene with two needles: the first key; with all keys, the tissue relaxes. */
+/* The first key alone gives a scene with two needles; all keys together also make the tissue relax. */
 static const char *const TWO_KEYS[] = {"needles", "relaxation[0].weight", "relaxation[0].time", "relaxation[1].weight", "relaxation[1].time"};
 static const char *const TWO_VALUES[] = {"2", "0.25", "0.15", "0.15", "0.5"};
 
-/* If all of the tissue becomes softer by the same factor, the force of a needle that nothing moves falls by this factor, also in tissue that has relaxed. */
+/* If all moduli fall by the same factor, so does the force on a needle that is held still, even in tissue that has relaxed. */
 static void the_force_is_proportional_to_the_moduli(void **state) {
     (void)state;
     for (int relaxes = 0; relaxes <= 1; relaxes++) {
@@ -114,14 +115,14 @@ static void let_go(trocar_sim *sim) {
 
 typedef struct {
     trocar_output held;
-    double jump;             /* largest change in the held needle's force in a tick, in units of the smallest change that people notice */
+    double jump;             /* largest change per tick in the force on the held needle, in units of the just noticeable difference */
     int count;
     trocar_contact contacts[TROCAR_MAX_POINTS];
 } both_needles;
 typedef enum { RESTS, LEFT_MEANWHILE, HELD } during_change; /* what the first needle does while the moduli change */
 
-/* A needle rests in the tissue 6 mm beside one that is inserted after it and held, pressed aside. */
-enum { HELD_LONG = 5000 }; /* ticks, ten times the longest time of relaxation */
+/* Lets one needle rest in the tissue, inserts another 6 mm beside it, and holds the second needle pressed aside. */
+enum { HELD_LONG = 5000 }; /* ticks, ten times the longest relaxation time */
 static trocar_sim *two_needles(trocar_model *of) {
     trocar_sim *sim;
     OK(trocar_sim_create(of, &sim, &why));
@@ -130,7 +131,7 @@ static trocar_sim *two_needles(trocar_model *of) {
         OK(trocar_sim_reset(sim, i, &start, &why));
         for (int t = 0; t <= 500; t++) step_of(sim, i, start.position[0], -1e-3 + 1e-4 * t);
         if (i > 0) break;
-        for (int t = 0; t < HELD_LONG; t++) step_of(sim, 0, 0.0055, 0.049); /* bent, so that relaxing tissue remembers a force across the needle */
+        for (int t = 0; t < HELD_LONG; t++) step_of(sim, 0, 0.0055, 0.049); /* displaced sideways, so that relaxing tissue remembers a lateral force */
         let_go(sim);
     }
     for (int t = 0; t < 200; t++) step_of(sim, 1, 0.011 + 5e-6 * t, 0.049);
@@ -154,7 +155,7 @@ static both_needles after_change(trocar_model *of, const char *lines, during_cha
         trocar_output ignored, last = found.held;
         if (t == 100 && first == LEFT_MEANWHILE) let_go(sim), held = false;
         if (held) OK(trocar_sim_step(sim, 0, &base, DT, &ignored, &why));
-        found.held = step_of(sim, 1, x = fmax(x - 4e-6, 0.0115), 0.049); /* meanwhile, it moves aside */
+        found.held = step_of(sim, 1, x = fmax(x - 4e-6, 0.0115), 0.049); /* the held needle moves sideways during the change */
         found.jump = fmax(found.jump, distance(found.held.force, last.force) / noticed(last.force));
     }
     if (held) let_go(sim);
@@ -166,7 +167,7 @@ static both_needles after_change(trocar_model *of, const char *lines, during_cha
 
 #define SOFTER "regions[prostate].youngs_modulus: 40e3\nregions[surrounding].youngs_modulus: 20e3"
 
-/* Compares the forces with `part` times the expected ones. */
+/* Checks that the forces equal `part` times the expected ones. */
 static void compare(const both_needles *found, const both_needles *expected, double part) {
     double worst = 0.0, largest = 0.0;
     assert_true(found->count == expected->count && found->count > 5);
@@ -180,9 +181,9 @@ static void compare(const both_needles *found, const both_needles *expected, dou
     assert_true(worst < 2e-3 && largest > 0.1 && found->jump < 1.0);
 }
 
-/* As long as nothing slides, the forces do not depend on whether the needle rested while the moduli changed, or was held and let go afterwards, when its equilibrium
-   is found by ticks instead of a linear response. Softer tissue lowers the forces, so that nothing begins to slide. A needle that was let go has at most 1 mN left at
-   its base, which the contacts bear. */
+/* As long as nothing slides, the forces do not depend on whether the needle rested while the moduli changed or was held and released afterwards. The
+   equilibrium of a held needle is solved in ticks, that of a resting one follows from a linear response. Softer tissue lowers the forces, so nothing begins to
+   slide. After a release, at most 1 mN remains at the base, and the contacts bear it. */
 static void a_resting_needle_follows_the_moduli(void **state) {
     (void)state;
     trocar_model *built;
@@ -193,8 +194,8 @@ static void a_resting_needle_follows_the_moduli(void **state) {
     trocar_model_free(built);
 }
 
-/* In relaxed tissue, a released needle keeps up to 20 mN at its base, so the forces are compared with those without the change: they fall like the moduli, because the
-   needle is much stiffer than the tissue. */
+/* In relaxed tissue, up to 20 mN remains at the base of a released needle, so the forces are compared with those without the change. They fall by the same
+   factor as the moduli, because the needle is much stiffer than the tissue. */
 static void a_needle_that_rests_in_relaxed_tissue_follows_the_moduli(void **state) {
     (void)state;
     trocar_model *built;
@@ -204,7 +205,7 @@ static void a_needle_that_rests_in_relaxed_tissue_follows_the_moduli(void **stat
     trocar_model_free(built);
 }
 
-/* A state saved while the moduli around a resting needle change continues in another simulation as in the first. */
+/* A state saved while the moduli change around a resting needle continues in another simulation in the same way as in the first. */
 static void a_state_with_a_resting_needle_is_restored_during_a_change(void **state) {
     (void)state;
     trocar_model *built;
@@ -284,7 +285,7 @@ static void a_saved_state_contains_its_change(void **state) {
     trocar_sim_free(other);
 }
 
-/* A reset does not undo a change, even if it comes while moduli move: the insertion after it has the forces of the changed scene. */
+/* A reset does not undo a change, even one in progress: the next insertion has the forces of the changed scene. */
 static void a_reset_does_not_undo_a_change(void **state) {
     (void)state;
     trocar_model *built;

@@ -1,4 +1,4 @@
-/* Tests that changes of moduli during a run do not make the force jump, through trocar.h. */
+/* Tests through trocar.h that the force does not jump when moduli change during a run. */
 #include "changing.h"
 
 enum { KEYS = 6, N_CHANGES = 500 }; /* N_CHANGES: number of changes for a still needle, and again for a moving one */
@@ -24,7 +24,7 @@ typedef struct { double largest, newton; int changes, ticks, punctures; } jumps;
 
 /* Runs the motion with `count` changes of moduli or, if `changes` is 0, without any. */
 static jumps run(bool moves, double aside, int changes, int count, unsigned seed) {
-    enum { RECOIL = 25, HOLD = 400, POOL = 24 }; /* POOL: number of models between which the moduli change at random */
+    enum { RECOIL = 25, HOLD = 400, POOL = 24 }; /* POOL: number of prepared changes, from which each change is drawn at random */
     jumps j = {0};
     trocar_sim *sim = sim_of(model);
     trocar_output last = push(sim, -1e-3, 0.045, 0.03);

@@ -1,4 +1,4 @@
-/* Tests the division of work between ticks and worker, with a mesh update that fails on demand (the linker replaces the real function by a wrapper). */
+/* Tests the division of work between ticks and worker, with a mesh update that fails on demand (the linker replaces the real function with a wrapper). */
 #include "api/api.h"
 
 #include <setjmp.h>
@@ -18,7 +18,7 @@ trocar_status __wrap_remesher_serve(remesher *r, const remesh_request *request, 
 trocar_status __wrap_remesher_serve(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, trocar_error *why) {
     served++;
     if (!fails) return __real_remesher_serve(r, request, snapshot, why);
-    snapshot->serial = request->serial; /* counts all requests as answered, except the one made by this tick */
+    snapshot->serial = request->serial; /* claims to answer the request, but with compliances that are NaN */
     memset(snapshot->compliance, 0xff, sizeof snapshot->compliance);
     snprintf(why->text, sizeof why->text, "no good");
     return TROCAR_NUMERIC;

@@ -356,8 +356,8 @@ static void pressed_and_released(void **state) {
     trocar_model_free(model);
 }
 
-/* While the probe's contact is solved, the forces of a held needle change with it, as the next tick will compute them. Therefore, later solutions hardly change
-   the result. */
+/* While the probe's contact is solved, the forces of a held needle change with it in the same way as the next tick will compute them. Solving the contact again
+   later therefore hardly changes the result. */
 static void beside_a_held_needle(void **state) {
     (void)state;
     trocar_model *model = create_model();
@@ -464,7 +464,7 @@ static void saved_and_restored(void **state) {
     trocar_model_free(model);
 }
 
-/* Ticks and worker run with the code of the real-time mode, but alternately in one thread; the result equals that of lockstep. */
+/* Ticks and worker use the real-time calls, but take turns in one thread. The result equals that of lockstep. */
 static void with_a_worker(void **state) {
     (void)state;
     trocar_model *model = create_model();
@@ -500,7 +500,7 @@ static void with_a_worker(void **state) {
     trocar_model_free(model);
 }
 
-/* meshes/trus.yaml: the probe lies in the rectum, 1 mm from the wall and without contact. It presses on the wall when it is raised by more than that. */
+/* In meshes/trus.yaml, the probe lies in the rectum, 1 mm from the wall. Once it is raised by more than that, it presses on the wall. */
 static void rests_at_the_scenes_place(void **state) {
     (void)state;
     trocar_scene *scene;
@@ -541,7 +541,7 @@ typedef struct {
     double *u;
 } rectum;
 
-/* The rectum's wall consists of the nodes at a distance of 10 mm from the rectum's axis. */
+/* Opens the scene and finds the nodes of the rectum's wall, which lie 10 mm from the rectum's axis. */
 static void open_rectum(rectum *r, const char *max_force) {
     trocar_scene *scene;
     trocar_pose needle = {{0, 0, -0.3}, {1, 0, 0, 0}};
@@ -598,7 +598,7 @@ static double least_gap(rectum *r, pose at, bool rest) {
     return least;
 }
 
-/* Returns the largest change in force (N) over a short distance that does not yet count as a jump. */
+/* Returns the largest change in force (N) over a short distance that does not count as a jump. */
 static double smooth_change(double before, double after) { return fmax(0.05, 0.07 * fmax(before, after)); }
 
 static double change_of(const trocar_probe *from, const trocar_probe *to) {
@@ -656,10 +656,10 @@ static double change_in_parts(rectum *r, const void *saved, size_t size, trocar_
     return largest;
 }
 
-/* Moves the probe along closed paths, as far as a hand would move it. Each path consists of five motions: raise, tilt, move along the axis, draw back, and
-   return to the home pose. */
 static int motions = 20, seed = 1;
 
+/* Moves the probe along closed paths, as far as a hand would move it. Each path consists of four random motions that raise, tilt and shift the probe (the last
+   one also draws it back) and of the return to the home pose. */
 static void moved_at_random(void **state) {
     (void)state;
     enum { LEGS = 5 };

@@ -1,5 +1,5 @@
-/* Tests resting needles, which are released, taken and removed through trocar.h, by comparison with dense linear algebra for the needles and the tissue
-   together. */
+/* Tests resting needles by comparison with dense linear algebra for the needles and the tissue together. The needles are released, taken and removed through
+   trocar.h. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -38,7 +38,7 @@ static trocar_model *create_model(const char *file, int needles) {
 
 static trocar_pose at(double x, double y, double z) { return (trocar_pose){{x, y, z}, {1, 0, 0, 0}}; }
 
-/* Inserts a needle straight along z to a depth of 50 mm at 0.1 m/s, then holds it until the forces are constant. */
+/* Resets a needle to 1 mm in front of the skin and inserts it along z at 0.1 m/s, for `ticks` ticks of 1 ms. */
 static void push(trocar_sim *sim, int needle, double x, double y, int ticks, trocar_output *output) {
     trocar_pose base = at(x, y, -0.201);
     OK(trocar_sim_reset(sim, needle, &base, &why));
@@ -135,8 +135,6 @@ static void add_point(point_forces *p, int needle, int tet, const double weights
 
 static const mat3 IDENTITY = {{{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}};
 
-/* Appends the forces that a held needle exerts on the tissue at its contacts and then at its tip. In relaxing tissue, these include the loads that the tissue
-   remembers. */
 static vec3 contact_load(const trocar_sim *sim, int needle, int k) {
     const insertion_state *s = &sim->needles[needle].state;
     return v3_add(s->contacts[s->refined.order[k]].force, creep_load(&sim->model->parts.insertion, &s->memory, k));
@@ -147,6 +145,8 @@ static vec3 load_at_tip(const trocar_sim *sim, int needle) {
     return v3_add(tip_load(&s->tip), creep_tip_load(&sim->model->parts.insertion, &s->memory));
 }
 
+/* Appends the forces that a held needle exerts on the tissue at its contacts and then at its tip. In relaxing tissue, these include the loads that the tissue
+   remembers. */
 static void add_held(const trocar_sim *sim, int needle, point_forces *p) {
     const insertion_state *s = &sim->needles[needle].state;
     const mesh *m = &sim->model->parts.mesh;
@@ -159,7 +159,7 @@ static void add_held(const trocar_sim *sim, int needle, point_forces *p) {
     if (s->tip.place.phase == TIP_INSIDE) add_point(p, needle, s->tip.known.tet, s->tip.known.weights, load_at_tip(sim, needle), &IDENTITY);
 }
 
-/* Appends the remembered loads of relaxing tissue at places that the needle has left. */
+/* Appends the loads that relaxing tissue remembers at points that the needle has left. */
 static void add_left(const trocar_sim *sim, int needle, const insertion_state *state, point_forces *p) {
     tissue_loads left = {.count = 0};
     insertion_add_residual_loads(&sim->model->parts.insertion, state, &left);
@@ -214,7 +214,7 @@ static differences compare(trocar_sim *sim, const int *resting, int count, int h
         }
     }
     add_held(sim, held, &p);
-    int held_end = p.count; /* the following rows are those of constant forces and of the held needle's residual forces */
+    int held_end = p.count; /* the rows from here on belong to constant forces and to the held needle's residual forces */
     for (int k = 0; k < count; k++) add_left(sim, resting[k], &sim->needles[resting[k]].resting->anchor, &p);
     int own_left = p.count;
     add_left(sim, held, &sim->needles[held].state, &p);
@@ -446,7 +446,7 @@ static void all_forces_of(const trocar_sim *sim, double forces[FOUR][TROCAR_MAX_
     }
 }
 
-/* Takes and releases needles at random; in the end all of them rest. */
+/* Takes and releases needles at random. At the end, all of them rest. */
 static void change_at_random(trocar_sim *sim, int changes) {
     trocar_output out;
     for (int change = 0; change < changes; change++) {
@@ -491,7 +491,7 @@ static void a_thousand_changes_leave_no_trace(void **state) {
 }
 
 /* Another simulation continues from a saved state in which several needles rest, one is held, and one is being released or taken. The results agree only to
-   rounding error, because the stored part of the inverse depends on earlier requests. */
+   within rounding error, because the stored part of the inverse depends on earlier requests. */
 static void what_follows_a_restore_follows_the_save(void **state) {
     (void)state;
     static double forces[2][FOUR][TROCAR_MAX_POINTS][3];

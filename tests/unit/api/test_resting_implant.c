@@ -1,13 +1,14 @@
-/* Compares a whole implant with slipping needles with a single contact problem for all resting needles. Needles are inserted and released one after the other,
-   then taken and withdrawn in the same order.
+/* Compares a whole implant, in which needles slip, with the solution of a single contact problem for all resting needles. Needles are inserted and released one
+   after the other, then taken and withdrawn in the same order.
 
    The library lets one needle slip at a time, at 250 Hz. In the reference run, this is disabled. Instead, after each tick of 1 ms, the slips of all points of
    all needles are solved together by projected Gauss-Seidel, until no force exceeds its friction limit by more than 1e-10 N; the next tick uses the result. The
    dense compliance of needles, template and tissue is assembled here from the model's inverse. test_resting.c shows that sticking needles and the held needle
    are solved as one problem, and measures the error due to linearising a slipping needle.
 
-   usage: [SCENE=NAME] [NEEDLES=N] [DEPTH=N] [TICKS=N] test_unit test_resting_implant default: a short implant with figure8.yaml, 4 needles, 30 mm. TICKS:
-   number of ticks per ms in the reference run, by default 1 */
+   usage: [SCENE=NAME] [NEEDLES=N] [DEPTH=N] [TICKS=N] test_unit test_resting_implant
+
+   By default, a short implant: figure8.yaml, 4 needles, 30 mm. TICKS is the number of ticks per ms in the reference run, by default 1. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -33,10 +34,10 @@ static struct { const char *scene; int needles, depth, substeps; } implant = {"f
 
 /* ---- the reference ----------------------------------------------------------------------------------------------------------- */
 
-/* All needles that are currently resting, in the order of the library's set. */
+/* The single contact problem of all needles that are currently resting, in the order of the library's set. */
 typedef struct {
     uint64_t id[MAX_NEEDLES];      /* for each needle of the scene, its id when it last rested */
-    double lower[MAX_NEEDLES][MAX_AXIAL], upper[MAX_NEEDLES][MAX_AXIAL]; /* N, force limits, which the library does not store for the reference run */
+    double lower[MAX_NEEDLES][MAX_AXIAL], upper[MAX_NEEDLES][MAX_AXIAL]; /* N, force limits; in the library, they are infinite in the reference run */
     uint64_t changes;        /* value of the set's change counter when this was assembled */
     int rows, motions, axials;
     int *row, *needle, *axial; /* for each axial force: its row, its needle in the set, and its index within the needle */
@@ -64,7 +65,7 @@ static void forget(one_problem *p) {
     p->response = NULL;
 }
 
-/* Assembles (G + C) df = R q - s,    R^T df = 0 */
+/* Assembles the equations (G + C) df = R q - s, R^T df = 0, and solves them for unit slips. */
 static void assemble(trocar_sim *sim, one_problem *p) {
     const resting_set *set = &sim->resting;
     forget(p);
@@ -119,7 +120,7 @@ static void assemble(trocar_sim *sim, one_problem *p) {
     free(pivots);
 }
 
-/* Copies the force limits of needles that have been released since the last call from the library. */
+/* Copies the force limits of needles released since the last call, and makes them infinite in the library. */
 static void take_bounds(trocar_sim *sim, one_problem *p) {
     for (int k = 0; k < sim->needle_count; k++) {
         resting_needle *r = sim->needles[k].resting;
@@ -138,7 +139,7 @@ static int of_scene(const trocar_sim *sim, const resting_needle *r) {
     return -1;
 }
 
-/* Computes the present limits of an axial force: friction decreases as the needle slides. */
+/* Computes the current limits of an axial force, which decrease as the needle slides. */
 static void bounds_of(const trocar_sim *sim, const one_problem *p, int a, double *lower, double *upper) {
     resting_needle *r = sim->resting.needles[p->needle[a]];
     int k = of_scene(sim, r), i = p->axial[a];
@@ -207,8 +208,8 @@ typedef struct {
     int count;
     double (*hand)[3];       /* N, force on the hand at each millisecond */
     int *punctures;          /* so far */
-    /* N, axial forces of the first needle, while it rests, on tissue and template: sum of the positive forces, sum of the negative forces, and largest
-       magnitude */
+    /* N, axial forces that the first needle exerts on tissue and template while it rests: sum of the positive forces, sum of the negative forces, and
+       largest magnitude */
     double (*rests)[3];
     int broken;              /* number of membranes punctured so far */
     double slid;             /* m, largest sliding distance of any point */
@@ -315,7 +316,7 @@ static void slipping_needles_are_near_one_problem(void **state) {
         apart = differ ? apart + 1 : 0;
         latest = apart > latest ? apart : latest;
         settling = differ ? SETTLE : settling - 1;
-        if (settling > 0) { /* a membrane is punctured slightly earlier in one of the two runs, so the same drop of force occurs at different times */
+        if (settling > 0) { /* a membrane is punctured slightly earlier in one of the two runs, so the same drop in force occurs at different times */
             left_out++;
             continue;
         }

@@ -1,6 +1,6 @@
-/* Tests a worker that receives so little processor time that a newer request is already waiting whenever it has answered one, or that receives none at all. A
-   tip in the tissue must feel about the same force as with a punctual worker, each tick must report that the worker is late, and afterwards the state must be
-   the same as if the worker had always been in time. */
+/* Tests a worker that gets so little processor time that a newer request is already waiting whenever it has answered one, or that gets none at all. The force
+   on a tip in the tissue must be about the same as with a punctual worker, and each tick must report that the worker is late. Once the worker has caught up,
+   the state must be the same as if it had always been on time. */
 #include <math.h>
 
 #include "api/api.h"
@@ -14,7 +14,7 @@
 #include "host.h"
 
 enum { TICKS = 6000, AFTER = 1500 };
-static const double SPEED = 0.01;    /* m/s, speed of the insertion by 60 mm, through the skin and the capsule */
+static const double SPEED = 0.01;    /* m/s, speed of an insertion by 60 mm, through the skin and the capsule */
 static const double ALMOST = 0.02;   /* largest permitted difference as a fraction of the peak force; 0.6 % was measured */
 static const double SAME = 0.005;
 
@@ -22,7 +22,7 @@ typedef struct {
     host h;
     int tick;
     int slow;                /* number of ticks that the worker takes to answer a request or to measure a line */
-    int late;                /* number of ticks in which the worker was reported late */
+    int late;                /* number of ticks that reported the worker late */
     int measured;            /* lines */
     double depth;            /* m, deepest */
     double force[TICKS + AFTER]; /* N, force along the needle */
@@ -63,7 +63,7 @@ trocar_status __wrap_remesher_measure(remesher *r, const remesh_request *request
     return status;
 }
 
-/* Continues the motion for `ticks` ticks with a worker of this slowness; INT_MAX means that no worker runs. */
+/* Continues the motion for `ticks` ticks. The worker takes `slow` ticks per task; with INT_MAX, no worker runs. */
 static void push(int ticks, int slow) {
     now.slow = slow;
     for (int end = now.tick + ticks; now.tick < end && now.tick < TICKS + AFTER;) {
@@ -129,7 +129,7 @@ static void without_a_worker_forces_are_estimated(void **unused) {
     host_close(&now.h);
 }
 
-/* The needle rests at a depth of 25 mm and is then moved sideways by 5 mm. Returns the largest lateral force, N. */
+/* Inserts the needle by 30 mm and then moves it sideways by up to 5 mm. Returns the largest lateral force, N. */
 static double sway(bool with_worker) {
     host h = host_open(MESHES "/figure8.yaml");
     trocar_pose base = {{0.005, 0.003, -0.201}, {1, 0, 0, 0}};

@@ -164,12 +164,12 @@ typedef struct {
     atomic_bool stop;
     bool attached;           /* written by the worker */
     int duties[4];
-    int outdated;            /* number of tasks that the ticking thread cancelled by another command */
+    int outdated;            /* number of tasks that the ticking thread cancelled with another command */
 } two_threads;
 
 static unsigned random_below(unsigned *seed, unsigned n) { return (*seed = *seed * 1664525u + 1013904223u) / 65536u % n; }
 
-/* Writes the ticket into two widely separated locations of each object that is handed over. */
+/* Writes the ticket into two fields of each object that is handed over; they are far apart in memory, so that a torn copy is detected. */
 static void label(insertion_state *state, uint64_t ticket) { state->next_id = state->request.serial = ticket; }
 static bool is_labelled(const insertion_state *state, uint64_t ticket) { return state->next_id == ticket && state->request.serial == ticket; }
 
@@ -230,8 +230,8 @@ static bool all_happened(const int *counts, int count) {
     return true;
 }
 
-/* The ticking thread issues commands at random times until it has seen every phase, however late the worker is scheduled. The needle that it is shown must
-   always be in the state in which it was last released. */
+/* The ticking thread issues commands at random times until it has seen every phase, however late the worker is scheduled. The needle shown to it must always
+   have the state in which it was last released. */
 static void both_threads_agree_on_who_has_the_needle(void **unused) {
     (void)unused;
     two_threads *t = aligned_alloc(CACHE_LINE, (sizeof *t + CACHE_LINE - 1) / CACHE_LINE * CACHE_LINE);
@@ -266,7 +266,7 @@ static void both_threads_agree_on_who_has_the_needle(void **unused) {
             link_post_loads(&t->link, &loads);
             break;
         case ON_LEAVE:
-            ticket += 2 * (1 << 20); /* beyond the range of tickets that link_leave distinguishes */
+            ticket += 2 * (1 << 20); /* exceeds the serials that link_leave skips, so tickets never repeat */
             label(&link_left_slot(&t->link)->state, ticket);
             link_leave(&t->link, state);
             break;
@@ -298,7 +298,8 @@ enum { NEEDLES = 2 };
 
 typedef enum { TICK, STEP, LEAVE, TAKE, RESET, DROP, SAVE, CALLS } call;
 
-/* For each phase: the returned status, the needle's state right after the call and after the worker has finished, and words that the message contains. */
+/* Outcome of a call in one phase: its status, the needle's state right after the call and after the worker has finished, and words that the message
+   contains. */
 typedef struct {
     trocar_status status;
     trocar_needle_state at_once, in_the_end;

@@ -123,7 +123,7 @@ static void the_first_version_is_read(void **state) {
     assert_limits(5000.0, 4500.0);
 }
 
-/* The path refers to the machine's file system, whose files are not visible inside a container. */
+/* The path in /proc/self/cgroup refers to the host's file system, which is not visible inside a container. */
 static void a_container_has_its_group_at_the_top(void **state) {
     (void)state;
     put("proc/self", "cgroup", "4:memory:/docker/0123\n");

@@ -1,5 +1,4 @@
-/* Tests a loop that threads share: every index is executed once, each member executes one index at a time, and all calls have returned when the loop returns.
-   */
+/* Tests a loop shared by threads: every index is executed once, each member executes one index at a time, and all calls have returned when the loop returns. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stdatomic.h>

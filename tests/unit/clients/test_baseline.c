@@ -1,4 +1,4 @@
-/* Tests the baseline of the timings: a matrix product that is actually computed every time, in one thread. */
+/* Tests the baseline for timings: a matrix product that is actually computed every time, in one thread. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>

@@ -27,7 +27,7 @@ static void randomise(void *bytes, size_t size) {
     for (size_t i = 0; i < size; i++) ((unsigned char *)bytes)[i] = (unsigned char)(random_bits() >> 32);
 }
 
-/* Returns numbers with random bits, including infinities. */
+/* Encodes and decodes messages of random bits, including infinities, with both implementations. Messages of wrong size or type must be refused. */
 #define SAME(field) assert_memory_equal(&mine.field, &m.field, sizeof m.field)
 #define ROUND(name, theirs_name, CHECKS) \
     for (int round = 0; round < ROUNDS; round++) { \

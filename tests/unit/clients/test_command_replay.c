@@ -1,4 +1,4 @@
-/* Tests seeds in a replay: a drop that comes slightly too early remains pending, even while the server undoes it or refuses other commands. */
+/* Tests seeds in a replay: a drop that comes slightly too early waits. Commands that the server refused do not end the wait, and an undo cancels the drop. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -32,7 +32,7 @@ static void tick(insertion *in, double way) {
     OK(trocar_sim_step(in->sim, 0, &base, 1e-3, &in->output, &why));
 }
 
-/* Starts with the needle 30 mm deep. One seed has been dropped, and the command to drop another one comes before the first has left the needle. */
+/* Starts with the needle 30 mm deep. One seed has been dropped, and the command to drop another one comes before the first seed has left the needle. */
 static void begin(insertion *in, const logged_command *early) {
     trocar_scene *scene;
     trocar_pose base = {{0.005, 0.003, -0.202}, {1, 0, 0, 0}};
@@ -91,7 +91,7 @@ static void an_early_drop_waits_until_the_seed_is_out(void **state) {
     end(&in);
 }
 
-/* The server executed the drop, so an undo cancels this drop and not the previous seed. */
+/* The server had executed the drop, so the undo cancels the waiting drop, not the previous seed. */
 static void an_undo_takes_back_the_drop_that_waits(void **state) {
     (void)state;
     insertion in;
@@ -126,8 +126,8 @@ static void what_the_server_refused_does_not_end_the_waiting(void **state) {
     end(&in);
 }
 
-/* Any other command is executed after the drop, as in the server. If the previous seed is still in the needle at that time, it can no longer leave it. If the
-   reply to an undo is missing, the replay does not wait. */
+/* Any other command, or an undo without a reply, ends the wait, because the server executed it after the drop. If the previous seed is still in the needle at
+   that time, the drop fails. */
 static void another_command_ends_the_waiting(void **state) {
     (void)state;
     const logged_command early = logged(TROCAR_COMMAND_T_DROP_SEED, 1, ANSWER_DONE);
@@ -145,7 +145,7 @@ static void another_command_ends_the_waiting(void **state) {
     }
     OK(replay_seed_command(&in.waiting, in.sim, 0, &early, &why));
     while (pending(&in)) tick(&in, -STEP);
-    assert_true(end_waiting_drop(&in.waiting, in.sim, 0, &next[0])); /* in the server, the seed had already left the needle */
+    assert_true(end_waiting_drop(&in.waiting, in.sim, 0, &next[0])); /* succeeds, because the previous seed has left the needle */
     assert_int_equal(pending(&in), 1);
     end(&in);
 }

@@ -21,7 +21,7 @@ static void make_replay(trocar_needle_wrench_t replayed[COUNT]) {
                                                .raw_force = {0, 0, -0.1 * i}, .raw_torque = {1e-3, 0, 0}};
 }
 
-/* Creates the golden wrenches: every fifth wrench of the replay. */
+/* A replay, and the golden wrenches: every fifth wrench of the replay. */
 typedef struct {
     trocar_needle_wrench_t replayed[COUNT], golden[GOLDEN];
 } fixture;

@@ -1,4 +1,4 @@
-/* Tests the margins of the loop of hand, device and coupling with closed forms, and the theory with simulations. */
+/* Compares the stability margins of the loop of hand, device and coupling with closed forms, and the theory with simulations. */
 #include <math.h>
 
 #include "device/loop_margin.h"
@@ -42,8 +42,8 @@ static void a_delayed_spring_needs_damping_for_the_delay(void **unused) {
     }
 }
 
-/* With a coupling that is slow compared with the sampling, the loop is m s^2 + (b + B) s + k + K with a small delay of the force; the theoretical margin
-   against a delay of half a period alone follows from g K T / 2 = b for a pure spring and a heavy, slow hand. */
+/* If the oscillation is slow compared with the sampling, the loop is m s^2 + (b + B) s + k + K with a small delay of the force. For a pure spring and a heavy
+   hand, the gain margin against a delay of half a period alone follows from g K T / 2 = b. */
 static void a_slow_hand_oscillates_when_the_delay_eats_its_damping(void **unused) {
     (void)unused;
     double frequency;
@@ -52,7 +52,7 @@ static void a_slow_hand_oscillates_when_the_delay_eats_its_damping(void **unused
         l.mass = 100;
         l.damping = 0.1;
         l.stiffness = 10;
-        double critical = l.damping / (PERIOD * (delay + 0.5)); /* N/m; so soft a coupling that the oscillation is slow */
+        double critical = l.damping / (PERIOD * (delay + 0.5)); /* N/m; the coupling is so soft that the oscillation is slow */
         assert_true(fabs(loop_gain_margin(&l, &frequency) / critical - 1) < 1e-2);
         assert_true(fabs(frequency - sqrt((10 + critical) / 100) / (2 * M_PI)) < 1e-2 * frequency);
     }

@@ -214,7 +214,7 @@ static void refuses_a_log_without_poses(void **state) {
 static void repeat_number(trocar_needle_pose_t *p) { p->seq -= 1; }
 static void change_number_and_time(trocar_needle_pose_t *p) { p->seq -= 2, p->utime -= 2000; }
 
-/* Duplicate and late datagrams are refused, as they are by the server. */
+/* Duplicate and late datagrams are refused, as in the server. */
 static void ignores_duplicate_and_late_poses(void **state) {
     (void)state;
     void (*changes[])(trocar_needle_pose_t *) = {repeat_number, change_number_and_time};
@@ -230,7 +230,7 @@ static void ignores_duplicate_and_late_poses(void **state) {
     }
 }
 
-/* From a log of two devices, the poses of only one needle are read, by default those of the needle in the first pose. */
+/* From a log of two devices, the poses of only one needle are read, by default of the one named in the first pose. */
 static void reads_one_needle_of_several(void **state) {
     (void)state;
     trocar_error why;
@@ -343,8 +343,8 @@ static void assert_same_command(const logged_command *a, const logged_command *b
     assert_int_equal(a->answer, b->answer);
 }
 
-/* Every pose, every command and every pose of the probe appears in the same order as if the whole log were kept in memory. This holds for any file, including
-   corrupt ones. */
+/* Checks that every pose, command and probe pose appears in the same order as if the whole log were kept in memory. This must hold for any file, even a corrupt
+   one. */
 static void compare_with_stream(const char *file, int needle, bool all) {
     trocar_error why, scan_why;
     pose_log whole, scanned;
@@ -436,7 +436,7 @@ static void distinguishes_other_types_from_damage(void **state) {
     overwrite(28 + 11, "\1\2\3\4\5\6\7\10", 8);
     expect_bad("event 0", "recorded with another lcmtypes/trocar.lcm");
     expect_bad("fingerprint", "0102030405060708");
-    char short_data[] = {0, 0, 0, 80};              /* too short for a pose by one number, so that the next event looks corrupt */
+    char short_data[] = {0, 0, 0, 80};              /* one number too short for a pose, so that the next event looks corrupt */
     write_log(1, -1, NULL);
     overwrite(24, short_data, 4);
     expect_bad("event 0", "damaged");

@@ -47,7 +47,7 @@ static int create(void **unused) {
     for (int i = 0; i < MAX_CONTACTS; i++)
         for (int j = i; j < MAX_CONTACTS; j++)
             for (int a = 0; a < 9; a++) snapshot.between_contacts[i].at[a / 3][a % 3][j] = 1e-3 * draw();
-    for (int i = 0; i < MAX_CONTACTS; i++) /* the diagonal block of each point is symmetric */
+    for (int i = 0; i < MAX_CONTACTS; i++) /* makes the diagonal block of each point symmetric */
         for (int a = 0; a < 9; a++) snapshot.between_contacts[i].at[a % 3][a / 3][i] = snapshot.between_contacts[i].at[a / 3][a % 3][i];
     return 0;
 }
@@ -140,7 +140,7 @@ static void points_may_be_in_any_order(void **unused) {
     check_blocks();
 }
 
-/* Points at guides come first in the list, wherever they are along the needle; points without contact are not coupled. */
+/* Contact points at guides come first in the list, wherever they are along the needle. Points that are not in contact are not coupled. */
 static void guides_are_coupled_where_they_touch(void **unused) {
     (void)unused;
     static const int guides[] = {1, 2, 3, 4, 7, 16}, contacts[] = {0, 1, 3, 6, 9, 20, 64};
@@ -153,7 +153,7 @@ static void guides_are_coupled_where_they_touch(void **unused) {
         }
 }
 
-/* The kernels start at any point, with and without a point at which the tissue's properties differ. */
+/* Both kernels give bit-identical rows, whichever point a row starts at. The tissue's compliance at the tip is passed separately. */
 static void wide_vectors_give_the_same_bits(void **unused) {
     (void)unused;
     if (between_kernel_here() == between_portable) skip(); /* there is no wide-vector kernel for this processor */
@@ -163,7 +163,7 @@ static void wide_vectors_give_the_same_bits(void **unused) {
     for (int l = 0; l < BETWEEN_PLACES; l++)
         for (int a = 0; a < 9; a++) {
             for (int m = 0; m < NEEDLE_POINT_JOINTS; m++) needle_rows[3 * m + a / 3][a % 3][l] = draw();
-            tissue[a / 3][a % 3][l] = l < 40 ? draw() : NAN; /* the tissue's compliance at this point is unknown */
+            tissue[a / 3][a % 3][l] = l < 40 ? draw() : NAN; /* the tip's entry is unset, because `at_tip` is used instead */
             frames[a / 3][a % 3][l] = draw();
         }
     set_points(0, 40, true);

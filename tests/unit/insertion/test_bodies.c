@@ -208,7 +208,7 @@ typedef struct {
     int drops;               /* number of ticks in which the force dropped to zero, except the last one */
 } side_passage;
 
-/* The needle enters the skin at a distance of `inside` (m) from the side face y = -40 mm, on the inner side. */
+/* Inserts a needle through the skin at a distance of `inside` (m) from the side face y = -40 mm, within the body, and withdraws it. */
 static side_passage along_side_face(double inside, double bevel_slope) {
     enum { TICKS = 1500 };
     simulation_config c = blocks_config(path, 2);
@@ -232,8 +232,8 @@ static side_passage along_side_face(double inside, double bevel_slope) {
     return p;
 }
 
-/* On the side face or slightly inside it, the tip must not alternate between inside and outside. It may leave the tissue once, and re-enter it once as the
-   needle is withdrawn; a needle that steers into the tissue does not leave it. */
+/* On the side face or slightly inside it, the tip must not alternate between inside and outside. It may leave the tissue once, and re-enter it once during the
+   withdrawal. A needle that steers into the tissue does not leave it. */
 static void force_is_constant_along_a_side_face(void **unused) {
     (void)unused;
     static const double insides[] = {0.0, 1e-7, 1e-6, 1e-5, 1e-4}, slopes[] = {0.0, 0.1, -0.1};

@@ -27,14 +27,14 @@ static pose start_at(const simulation_config *c, vec3 line, double roll) {
 typedef struct {
     double depth, force;     /* depth: at the end, m; force: largest axial force, N */
     double at_rest;          /* N, axial force after the hand has been still for 0.3 s */
-    double beyond;           /* m, largest distance along z of the tip beyond the point at which the bone stops it */
+    double beyond;           /* m, largest distance along z by which the tip passes the point where the bone stops it */
     bool stopped;
     unsigned events;
 } outcome;
 
 static vec3 needle_end(const lockstep *l) { return l->state.needle.joints[l->parts.needle.given.segments]; }
 
-/* Returns the present position of the material point of the tissue that the tip has reached. */
+/* Returns the current position of the material point of the tissue that the tip has reached. */
 static vec3 stopped_at(const lockstep *l, const vec3 *displacement) {
     const needle_tip *tip = &l->state.tip;
     double weights[4];

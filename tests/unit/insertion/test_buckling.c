@@ -82,7 +82,7 @@ typedef struct {
     double most, at_end;     /* N */
     /* N/m, largest ratio of the change in force to the displacement of the hand before buckling, which is the stiffness that the hand works against */
     double stiffest;
-    double jump;             /* largest change in force per tick after buckling, relative to the perceptible change or the change explained by `stiffest` */
+    double jump;             /* largest change in force per tick after buckling, relative to the larger of the perceptible change and that due to `stiffest` */
     double work, most_work;  /* J; work: the hand's work over the whole path; most_work: its maximum along the path */
     int passes;              /* maximum number of passes in a tick */
 } path;
@@ -148,7 +148,7 @@ static void a_guided_needle_comes_back_as_it_went(void **unused) {
     }
 }
 
-/* The needle buckles in tissue, 23 mm deep against the pubic arch. */
+/* The needle buckles in tissue, at a depth of 23 mm, against the pubic arch. */
 static void a_needle_that_buckles_at_bone_comes_back(void **unused) {
     (void)unused;
     const double speeds[] = {0.03, 0.05};

@@ -10,7 +10,7 @@
 
 static const relaxation_term SERIES[] = {{0.25, 0.15}, {0.15, 2.5}, {0.10, 30.0}};
 
-/* The needle is rigid, so that a step of its base causes an equal step of the tissue's strain. */
+/* Returns a scene with a rigid needle that sticks, so that a step of its base causes an equal step in the tissue's displacement. */
 static simulation_config scene_with(bool relaxing) {
     simulation_config c = lockstep_config();
     c.needle.youngs_modulus = 2e18;
@@ -140,7 +140,7 @@ static void removed_load_recovers(void **unused) {
         for (size_t i = 0; i < nodes; i++) size = fmax(size, v3_norm(expected[i])), off = fmax(off, v3_norm(v3_sub(found[i], expected[i])));
         worst = fmax(worst, off / size);
         largest = fmax(largest, size);
-        for (int k = 0; k < MAX_WINDOW; k++) { /* sets the worker's answer for this tick */
+        for (int k = 0; k < MAX_WINDOW; k++) { /* also compares the displacements that the tick reads from the worker's answer */
             int node = l->snapshot->window[k];
             if (node >= 0) window = fmax(window, v3_norm(v3_sub(creep_free(&(tick_input){.model = &l->parts.insertion, .snapshot = l->snapshot},
                 &l->state, &l->run.workspace->creep, MAX_CONTACTS + k), expected[node])) / size);
@@ -159,7 +159,7 @@ static void tick_along(lockstep *l, const hand_leg *leg, pose from, int i) {
     lockstep_tick(l, hand_pose(leg, from, NEEDLE_LENGTH - l->wrench.depth, i * 1e-3), 1e-3);
 }
 
-/* Whatever the needle does, the sum of all remembered loads equals the filtered sum of all forces on the tissue. */
+/* Whatever the needle does, the remembered loads of each relaxation term sum to the exponentially filtered sum of the forces on the tissue. */
 static void nothing_remembered_is_lost(void **unused) {
     (void)unused;
     random_hand hand = random_hand_create(5);
@@ -195,7 +195,8 @@ static void nothing_remembered_is_lost(void **unused) {
     lockstep_free(l);
 }
 
-/* The sums also agree if there are residual loads, and after a reset. */
+/* A run that continues from a saved state with residual loads is bit-identical, whether in the same simulation after a detour or in another one, and even after
+   the needle has been replaced. */
 static void restored_memory_continues_bit_identically(void **unused) {
     (void)unused;
     simulation_config c = scene_with(true);
@@ -235,7 +236,7 @@ static void restored_memory_continues_bit_identically(void **unused) {
     lockstep_free(l);
 }
 
-/* A needle that is inserted again while the tissue still remembers an earlier insertion feels the force of the exact solution. */
+/* A needle that is inserted again while the tissue still remembers an earlier insertion is pushed toward the earlier position, by a force that decreases. */
 static void needle_feels_what_was_left(void **unused) {
     (void)unused;
     simulation_config c = scene_with(true);
@@ -243,7 +244,7 @@ static void needle_feels_what_was_left(void **unused) {
     pose start = l->base;
     lockstep_move(l, v3(1e-3, 0, 0), 1e-3, 1e-3);
     lockstep_move(l, v3(0, 0, 0), 0.6, 1e-3);
-    replace_needle(l, start); /* inserted again immediately, next to the tissue's rest position */
+    replace_needle(l, start); /* inserted again immediately, where the tissue was at rest */
     for (int i = 0; i < 3; i++) lockstep_tick(l, start, 1e-6);
     double at_once = l->wrench.force.x;
     assert_true(at_once > 1e-3); /* the tissue is still displaced toward the position in which it was held */

@@ -8,7 +8,7 @@
 #include <stddef.h>
 #include <cmocka.h>
 
-/* K u = f holds on the refined mesh, with K assembled here element by element. The forces on the tissue and the force on the base sum to zero. */
+/* Checks that K u = f on the refined mesh, with K assembled here element by element, and that the forces on the tissue and on the base sum to zero. */
 static void check_equilibrium(remesh_method method) {
     simulation_config c = lockstep_config();
     c.volumetric = STRAIN_BY_ELEMENT; /* check_vtu.py tests STRAIN_BY_NODE */
@@ -73,8 +73,8 @@ static double worst_imbalance(double tolerance, double speed) {
     return worst;
 }
 
-/* The moments balance for any shape from which the first pass starts. With the default tolerance, the imbalance is small, no matter whether the motion is slow
-   enough for a single pass. */
+/* The moments balance, whatever the shape from which the first pass starts. With the default tolerance, the imbalance is small, whether or not the motion is
+   slow enough for a single pass. */
 static void needle_is_in_equilibrium_with_its_bending(void **unused) {
     (void)unused;
     const double speeds[] = {0.25e-3, 0.5e-3, 0.75e-3, 1e-3, 2e-3};
@@ -169,7 +169,7 @@ static void bowed_needle_is_in_equilibrium(void **unused) {
     }
 }
 
-/* Moves a hand that changes its motion every 13 ms, in any direction and with rotation. */
+/* Returns the next pose of a hand that changes its motion every 13 ms, in any direction and with rotation. */
 static pose next_hand(pose base, int tick, vec3 *velocity, double *turning, double *turn) {
     static const double SPEED = 0.3, TURNING = 20.0, ROOM = 0.01; /* SPEED: m/s; TURNING: rad/s; ROOM: m to each side */
     vec3 start = lockstep_start().position;
@@ -189,7 +189,7 @@ static pose next_hand(pose base, int tick, vec3 *velocity, double *turning, doub
 /* The prediction of the needle's shape only gives the passes a better starting point: if they continue down to rounding errors, they end at the same
    equilibrium with and without the prediction. Each tick is run twice from the same state, once with the last step's motion and once without it. The scene
    has no old tracks, where several equilibria may be close to each other. In a guide, friction depends on the previous passes, within the tolerance at the
-   hole's edge; in that case, the prediction must save passes. */
+   hole's edge, so there the prediction must only save passes. */
 static void a_guess_is_only_a_better_start(void **unused) {
     (void)unused;
     static const char *const NAMES[] = {"a guide", "tissue"};
@@ -235,9 +235,9 @@ static void a_guess_is_only_a_better_start(void **unused) {
     }
 }
 
-/* A tick whose passes end at contact.max_passes reports INEXACT. Each tick of a fast hand is computed twice from the same state, once with a single pass and once
-   with the default number: the ticks that report INEXACT with a single pass are ticks that need more passes, and ticks that need only one pass have the same
-   result in both cases. */
+/* A tick whose passes end at contact.max_passes reports INEXACT. Each tick of a fast hand is computed twice from the same state, once with a single pass and
+   once with the default number: the ticks that report INEXACT with a single pass are ticks that need more passes, and ticks that need only one pass have the
+   same result in both cases. */
 static void passes_that_do_not_converge_are_reported(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();

@@ -12,7 +12,7 @@
 #include "insertion/contact/contact_assembly.h"
 #include "lockstep.h"
 
-/* The scene of figure 8 with an exactly straight needle, as assumed by beam theory. */
+/* Returns the scene of figure 8 with an exactly straight needle, as assumed by beam theory. */
 static simulation_config straight_config(void) {
     simulation_config c = lockstep_config();
     c.needle.bow = 0.0;
@@ -87,7 +87,8 @@ static void beam_column(double bending, double length, double load, double k[4][
     memcpy(k, rows, sizeof rows);
 }
 
-/* Returns true if a beam is stable that is clamped at one end and supported by springs at `span` and at its other end, `thickness` further along. */
+/* Returns true if a beam is stable under an axial load. It is clamped at one end and supported by springs at `span` and at its other end, `thickness` further
+   along. */
 static bool beam_is_stable(double bending, double span, double thickness, double spring, double load) {
     double before[4][4], inside[4][4], k[4][4] = {{0}};
     beam_column(bending, span, load, before);
@@ -130,7 +131,7 @@ static void buckling_loads_are_eulers(void **unused) {
     guide_config g = hole_before_tip(start, length, edge, 0.0, d);
     b = bench_create(1, &g);
     check_load("guided at its end", &b, 2.0457 * pi2);
-    double thin = 4e-3; /* nearly clamped: a third of the plate's thickness can bend */
+    double thin = 4e-3; /* m; nearly clamped: bending within the plate adds a third of its thickness to the free length */
     g = hole_before_tip(start, length, thin + edge, thin, d);
     g.stiffness = 1e8;
     b = bench_create(1, &g);
@@ -237,7 +238,7 @@ static void friction_follows_the_normal_force(void **unused) {
 
 /* ---- which hole ------------------------------------------------------------------------------------------------------------- */
 
-/* 5 x 3 holes, 5 mm apart, in a plate whose back face is 5 mm in front of the skin. The middle hole is on the axis of the start pose of lockstep_start. */
+/* Returns a template of 5 x 3 holes, 5 mm apart, whose back face is 5 mm in front of the skin. The middle hole is on the axis of lockstep_start's pose. */
 static guide_config template_over_skin(const simulation_config *c) {
     guide_config g = guide_defaults();
     pose start = lockstep_start();
@@ -285,7 +286,7 @@ static void the_tip_chooses_the_hole(void **unused) {
     }
 }
 
-/* A hand may move in a way that is impossible inside a hole: the result remains finite, and the needle is released from the hole. */
+/* If a hand moves in a way that is impossible inside a hole, the result remains finite, and the needle is released from the hole. */
 static void a_needle_turned_across_is_let_go(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();
@@ -325,7 +326,7 @@ static void a_needle_can_start_in_its_hole(void **unused) {
 
 /* ---- insertions -------------------------------------------------------------------------------------------------------------- */
 
-/* Returns the pose of a hand that moves in and out, moves sideways and turns the needle, once the needle is in its hole. `t` runs from 0 to 1. */
+/* Returns the pose of a hand that moves the needle in and out and, once it is in its hole, also sideways, and tilts it. `t` runs from 0 to 1. */
 static pose trembling(double t, unsigned seed, double before, double deep) {
     double phase = 0.7 * seed, in = deep * 0.5 * (1.0 - cos(2.0 * M_PI * t)), grown = fmin(10.0 * t, 1.0);
     vec3 tilt = v3(0.008 * grown * sin(31.0 * t + phase), 0.008 * grown * sin(23.0 * t + 2.0 * phase), 0.0);
@@ -376,7 +377,7 @@ static void forces_are_continuous_at_the_clearance(void **unused) {
     lockstep_free(l);
 }
 
-/* Forces along the axis change with the tissue, mostly at punctures, in the same way as without the guide. */
+/* Along the axis, the force may change per tick about as much as without the guide, mostly at punctures; across the axis, it must not jump. */
 static void random_insertions_stay_stable(void **unused) {
     (void)unused;
     enum { TICKS = 2000 };
@@ -396,8 +397,8 @@ static void random_insertions_stay_stable(void **unused) {
     lockstep_free(l);
 }
 
-/* Returns the largest difference (N) between the forces of two needles that move in and out through a template, and the largest force. One of the needles
-   starts each tick from its last shape. */
+/* Moves two needles in and out through a template: one predicts its shape, the other starts each tick from its last shape. Returns the largest difference
+   between their forces (N); `peak` receives the largest force. */
 static double felt_of_a_guess(double friction, double *peak) {
     simulation_config c = lockstep_config();
     c.guide_count = 1;
@@ -420,8 +421,8 @@ static double felt_of_a_guess(double friction, double *peak) {
     return worst;
 }
 
-/* Whatever the shape from which the passes start, the results agree within the tolerance for edge and friction, 1 % of the force, with the usual friction and
-   with a high friction. */
+/* Whatever the shape from which the passes start, the results agree to within the tolerance for edge and friction, 1 % of the force, both with the usual
+   friction and with a high friction. */
 static void a_guess_stays_within_the_tolerance_of_a_guide(void **unused) {
     (void)unused;
     const double friction[] = {0.1, 0.6};
@@ -436,7 +437,7 @@ static void a_guess_stays_within_the_tolerance_of_a_guide(void **unused) {
 
 static const relaxation_term SERIES[] = {{0.25, 0.15}, {0.15, 2.5}, {0.10, 30.0}};
 
-/* The shaft fits its hole without clearance and touches the hole at both faces of the plate. */
+/* Returns a scene in which the shaft fits its hole without clearance and touches it at both faces of the plate. */
 static simulation_config snug_scene(bool relaxing) {
     simulation_config c = straight_config();
     c.guide_count = 1;
@@ -620,7 +621,7 @@ static void a_needle_pushed_along_its_axis_bows(void **unused) {
     }
 }
 
-/* Measures one tick without the worker's part: its time in ns, and the number of its allocations. */
+/* Effort of one tick without the worker's part: its time in ns, and the number of its allocations. */
 typedef struct { int64_t time, allocations; } tick_effort;
 
 static int64_t now_ns(void) {
@@ -663,8 +664,8 @@ static int compare(const void *a, const void *b) {
     return (x > y) - (x < y);
 }
 
-/* Times three needles: one without a guide, one that always touches one face of a guide, and one with more contacts in the tissue. Their ticks alternate. Ticks
-   of a needle that is held still take one pass. */
+/* Times the alternating ticks of three needles: one without a guide, one that always touches one face of a guide, and one with more contacts in the tissue. A
+   tick of a needle that is held still takes one pass. */
 static void a_face_costs_what_a_contact_costs(void **unused) {
     (void)unused;
     enum { TICKS = 4001 };

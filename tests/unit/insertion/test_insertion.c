@@ -8,7 +8,7 @@
 #include <stddef.h>
 #include <cmocka.h>
 
-/* A scene without viscous terms and with equal static and kinetic friction, so that the exact force curve is known. */
+/* Returns a scene without viscous terms and with equal static and kinetic friction, so that the exact force curve is known. */
 static simulation_config dry_config(void) {
     simulation_config c = lockstep_config();
     for (int i = 0; i < c.region_count; i++) {
@@ -38,7 +38,7 @@ static void axial_force_is_cutting_plus_friction_times_depth(void **unused) {
     lockstep_free(l);
 }
 
-/* Membranes are punctured at the forces given in the scene, which the base feels in addition to the shaft's friction. */
+/* Membranes are punctured at the forces given in the scene. The base feels these forces in addition to the shaft's friction. */
 static void membranes_puncture_at_their_forces(void **unused) {
     (void)unused;
     simulation_config c = dry_config();
@@ -217,7 +217,7 @@ static void below_the_friction_limit_motion_is_reversible(void **unused) {
     lockstep_free(l);
 }
 
-/* In tissue that closes behind the needle, a withdrawn needle leaves no track. */
+/* In tissue that closes behind the needle, a withdrawn needle leaves no track, so every insertion repeats the first. */
 static void reinsertion_repeats_the_first_insertion(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();
@@ -268,7 +268,7 @@ static void needle_leaves_on_the_far_side_and_comes_back(void **unused) {
     lockstep_free(l);
 }
 
-/* The needle is aimed exactly at nodes and along edges and faces of the mesh. */
+/* Aims the needle exactly at nodes and along edges and faces of the mesh. */
 static void degenerate_paths_are_handled(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();

@@ -81,7 +81,7 @@ static void single_tip_matches_resolved_disc(void **state) {
 
 static double along(plane_tensor t, double x, double y) { return x * x * t.xx + 2.0 * x * y * t.xy + y * y * t.yy; }
 
-/* The compliance agrees with the formulas for any direction of the track. */
+/* The compliance agrees with the formulas whatever the direction of the track. */
 static void directions_across_are_kept_apart(void **state) {
     (void)state;
     for (int n = 0; n < 200; n++) {
@@ -102,7 +102,7 @@ static void directions_across_are_kept_apart(void **state) {
     }
 }
 
-/* Tests the compliance of a tip deep in the tissue, distributed around its end face. */
+/* Returns the local compliance of a tip at a depth of 20 mm, with the force on its end face alone. */
 static double tip_at(int tet, vec3 x) { return local_at_tip(&model, tet, x, 0.02, 0.0, 0.0); }
 
 static void continuous_across_faces(void **state) {

@@ -9,7 +9,7 @@
 
 static const double SPEED = 0.02, DT = 1e-3; /* m/s, s */
 
-/* Returns the increase of force per metre (N/m) when the hand advances while the tip does not move. */
+/* Returns the increase in force per metre (N/m) if the hand advances while the tip does not move. */
 static double stiffness_of(lockstep *l) {
     insertion_state before = l->state;
     pose base = l->base;
@@ -107,7 +107,7 @@ static void a_membrane_is_torn_beside_a_puncture(void **state) {
     }
 }
 
-/* A needle is pressed against hard tissue and held there, with a track of length `ahead` (m; 0: no track) in front of it. */
+/* Presses a needle against hard tissue, holds it there, and then puts a track of this length (m; 0: no track) in front of it. */
 static lockstep *pressed_before_a_track(double whole, double left, double length) {
     simulation_config config = lockstep_config();
     lockstep *l = lockstep_create(&config, lockstep_start());
@@ -123,8 +123,8 @@ static lockstep *pressed_before_a_track(double whole, double left, double length
     return l;
 }
 
-/* If nothing is cut, tissue springs back over a resting needle in a track as fast as in tissue without resistance. A needle that advances in the track meets no
-   viscosity. */
+/* Where nothing is cut, tissue springs back over a needle that is held in a track as fast as in tissue without cutting resistance. A needle that advances in
+   the track meets no viscosity. */
 static void tissue_springs_back_into_a_track(void **state) {
     (void)state;
     lockstep *track = pressed_before_a_track(2.0, 2.0, 0.05), *soft = pressed_before_a_track(2.0, 0.0, 0.0);
@@ -151,7 +151,7 @@ static void tissue_springs_back_into_a_track(void **state) {
     lockstep_free(soft);
 }
 
-/* A step in which tissue springs back, or in which the tip reaches the end of its track, is solved once; it takes no more passes than a step in intact
+/* A step in which tissue springs back, or in which the tip reaches the end of its track, is solved only once: it takes no more passes than a step in intact
    tissue. */
 static void nothing_is_solved_again(void **state) {
     (void)state;

@@ -28,7 +28,7 @@ static void a_shaft_laid_into_the_body_is_told(void **unused) {
     lockstep_free(l);
 }
 
-/* While an inserted needle is moved sideways, further in or out, at any speed, its track is known. */
+/* An inserted needle that is moved sideways, further in or out, at any speed, does not set the flag, because its track is known. */
 static void an_insertion_is_not(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();

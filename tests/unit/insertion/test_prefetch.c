@@ -1,4 +1,4 @@
-/* Compares the tick's reads from a snapshot with the inverse itself, and its requests with the tip's path. */
+/* Compares what the tick reads from a snapshot with the inverse itself, and what it requests with the tip's path. */
 #include "insertion/tip/prefetch.h"
 #include "lockstep.h"
 #include "snapshot/snapshot_kernels.h"

@@ -32,8 +32,8 @@ static void turn(lockstep *l, double angle, double seconds) {
     for (int i = 1; i <= n; i++) lockstep_tick(l, (pose){from.position, q_unit(q_multiply(from.orientation, q_exp(v3(0, 0, angle * i / n))))}, 1e-3);
 }
 
-/* If the base is turned far enough, the whole shaft slides around its axis. The torque per unit length, f = dry r, twists the shaft by f l^2 / 2 G J over the
-   length l in the tissue, and uniformly outside it. */
+/* Turns the base so far that the whole shaft slides around its axis. The torque per unit length, f = dry r, twists the shaft by f l^2 / 2 G J over the length l
+   in the tissue; outside the tissue, the twist is uniform. */
 static void check_lag(double sign) {
     simulation_config c = scene_with(DRY, 0.0);
     lockstep *l = engaged(&c);
@@ -85,11 +85,6 @@ static void turning_eases_sliding(void **unused) {
     }
 }
 
-/* The needle is inserted from outside at a constant speed while it turns, with several ratios of the surface's circumferential speed to its axial speed.
-   Friction is the same everywhere and the needle hardly twists, so that the whole shaft slides in one direction. Along the needle, the base feels the cutting
-   force and F v / sqrt(v^2 + (omega r)^2), where F is the friction without turning; around the needle, it feels the remaining component of F. Only ticks in
-   which the tip cuts and the whole shaft slides are compared, except during the jump at a membrane. A new contact node starts as if the shaft did not turn
-   (docs/mechanics.md): until it slides, the force may have an error too small to be felt; once it slides, the formula holds in every tick. */
 static bool all_slides(const insertion_state *s) {
     if (s->tip.place.phase != TIP_INSIDE || s->tip.barrier.blocked_by != NOT_BLOCKED || s->tip.solved.friction != SLIP_FORWARD || s->tip.shaft.friction != SLIP_FORWARD) return false;
     for (int k = 0; contact_is_active(s, k); k++)
@@ -97,6 +92,11 @@ static bool all_slides(const insertion_state *s) {
     return true;
 }
 
+/* The needle is inserted from outside at a constant speed while it turns, with several ratios of the surface's circumferential speed to its axial speed.
+   Friction is the same everywhere and the needle hardly twists, so the whole shaft slides in one direction. Along the needle, the base feels the cutting force
+   and F v / sqrt(v^2 + (omega r)^2), where F is the friction without turning; around the needle, it feels the other component of F. Only ticks in which the tip
+   cuts and the whole shaft slides are compared, and not those of the jump at a membrane. A new contact node starts as if the shaft did not turn
+   (docs/mechanics.md): until it slides, the force may have an error too small to be felt; once it slides, the formula holds in every tick. */
 static void turning_eases_insertion(void **unused) {
     (void)unused;
     enum { TICKS = 3200, LEAP = 100, SETTLED = 50 };
@@ -108,8 +108,7 @@ static void turning_eases_insertion(void **unused) {
         lockstep *l = lockstep_create(&c, lockstep_start());
         double radius = l->parts.needle.radius, rate = ratios[i] * speed / radius, left = 1.0 / hypot(1.0, ratios[i]);
         double worst = 0.0, worst_torque = 0.0, new_contact = 0.0, sum = 0.0;
-        int counted = 0, settled = 0, punctured = 0, added = 0; /* `punctured` and `added` count the ticks since the last puncture and since the last added node
-                                                                   */
+        int counted = 0, settled = 0, punctured = 0, added = 0; /* `punctured`, `added`: ticks since the last puncture and the last added node */
         for (int k = 1; k <= TICKS; k++) {
             double t = k * 1e-3;
             pose start = lockstep_start();
@@ -159,8 +158,8 @@ static void turning_takes_one_pass(void **unused) {
     lockstep_free(l);
 }
 
-/* After ten turns forward and back, the whole shaft has slid in both directions. Torque and lag of the tip then have their limits for the backward direction,
-   although the needle is at its initial angle. After turning back slightly, the forces are those of a stuck shaft. */
+/* After ten turns forward and ten back, the whole shaft has slid in both directions. Torque and lag of the tip are then at their limits for the backward
+   direction, although the base is at its initial angle. When the base is then turned forward slightly, the shaft sticks. */
 static void ten_turns_leave_what_friction_holds(void **unused) {
     (void)unused;
     simulation_config c = scene_with(DRY, 0.0);
@@ -178,7 +177,7 @@ static void ten_turns_leave_what_friction_holds(void **unused) {
     double before = l->wrench.torque.z;
     for (int i = 0; i < 100; i++) lockstep_tick(l, l->base, 1e-3);
     assert_true(fabs(l->wrench.torque.z - before) < 1e-12);
-    /* the torque changes from one limit to the other over twice the angle by which shaft and tissue are twisted at the limit, and not sooner */
+    /* the torque changes from one limit to the other over twice the angle by which shaft and tissue are twisted at a limit, not over less */
     turn(l, 0.5 * lag, 0.1);
     assert_true(l->wrench.torque.z < before && l->wrench.torque.z > -0.9 * before);
     lockstep_free(l);

@@ -26,7 +26,7 @@ static void activate(insertion_state *s, int count) {
     }
 }
 
-/* Contacts are at 4, 10 and 11 mm, and the tip is at 20 mm; the second region begins at 9 mm. */
+/* Returns a state with contacts at 4, 10 and 11 mm and the tip at 20 mm; the second region begins at 9 mm. */
 static insertion_state inserted(void) {
     insertion_state state = {.stratum_count = 2, .strata = {{0.0, 0}, {9e-3, 1}}};
     activate(&state, 3);

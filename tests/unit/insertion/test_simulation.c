@@ -31,7 +31,7 @@ static void restore(lockstep *l, const checkpoint *saved) {
     l->base = l->state.needle.base;
 }
 
-/* Moves along another path from the same point with as many new nodes, so that node numbers are reused. */
+/* Moves from the same point along another path that adds as many nodes, so that node numbers are reused. */
 static void make_a_detour(lockstep *l) {
     lockstep_move(l, v3(-0.003, 0.004, 0.012), 0.3, 1e-3);
     lockstep_move(l, v3(0, 0, -0.030), 0.3, 1e-3);
@@ -153,7 +153,7 @@ static void every_inverse_gives_the_same_forces(void **unused) {
     assert_int_equal(system(command), 0);
 }
 
-/* As in the server, one tick returns no force; then the insertion restarts at the needle's position. */
+/* As in the server, a tick with a state that is not finite returns no force, and the insertion restarts at the needle's position. */
 static void non_finite_state_restarts(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();
@@ -168,8 +168,7 @@ static void non_finite_state_restarts(void **unused) {
         assert_true(insertion_is_finite(&l->state, &l->wrench));
     }
     assert_false(l->wrench.events & EVENT_UNSTABLE);
-    assert_true(l->wrench.depth > depth && l->wrench.depth < depth + 0.0105); /* the base advanced by 10.1 mm, and the tissue yielded by part of that distance
-                                                                                 */
+    assert_true(l->wrench.depth > depth && l->wrench.depth < depth + 0.0105); /* the base advanced by 10.1 mm, and the tissue yielded by part of that */
     assert_true(v3_norm(l->wrench.force) > 0.1);
     lockstep_free(l);
 }

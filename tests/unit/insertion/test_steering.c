@@ -111,7 +111,7 @@ static void curvature_depends_on_needle_and_tissue_stiffness(void **unused) {
     }
 }
 
-/* Webster et al. 2006 report a radius of curvature of about 0.22 m for a nitinol wire of 0.7 mm in stiff gel; the bevel's slope here is 0.05. */
+/* Webster et al. 2006 report a radius of curvature of about 0.22 m for a nitinol wire with a diameter of 0.7 mm in stiff gel. The bevel slope here is 0.05. */
 static void thin_nitinol_matches_webster(void **unused) {
     (void)unused;
     steering_case c = steering_nitinol(0.05);

@@ -1,4 +1,4 @@
-/* Tests stiffening tissue: its laws are compared with their integrals and with a resolved disc, and their effect in the tick is tested.
+/* Tests stiffening tissue: compares its laws with numerical integrals and with a resolved disc, and tests their effect in the tick.
    tests/verification/needle/verify_large_deflection.py compares the rigid needle with resolved hyperelastic elements. */
 #include "shared/allocator_calls.h"
 #include "insertion/laws/stiffening.h"
@@ -50,10 +50,10 @@ static void laws_are_integrals_of_the_shear(void **unused) {
             stiffening_law law = stiffening_of_shaft(stiffening, RADIUS, stiffness, INFINITY);
             double expected = shift_by_quadrature(stress, stiffening, 1), got = stiffening_at(&law, force).shift;
             assert_close(got, expected, 1e-5 * fabs(expected));
-            /* The field of the tip, in units in which its linear displacement is `stress` radii */
+            /* the tip, in units in which its linear displacement is `stress` radii */
             law = stiffening_of_tip(stiffening, RADIUS, 1.0, 1.0, 1.0, INFINITY);
             force = stress * RADIUS;
-            double unit = force * law.scale / sqrt(2.0 * stiffening) / stress; /* stress of the field per unit of that linear displacement */
+            double unit = force * law.scale / sqrt(2.0 * stiffening) / stress; /* stress of the tip's field per radius of linear displacement */
             expected = shift_by_quadrature(stress * unit, stiffening, 2) / unit;
             assert_close(stiffening_at(&law, force).shift, expected, 1e-5 * fabs(expected));
         }
@@ -87,9 +87,9 @@ static void laws_are_smooth_and_limited(void **unused) {
     assert_int_equal(stiffening_of_tip(1.0, RADIUS, 0.03, 0.0, 6.0, 0.01).field, NOT_STIFFENING); /* bone */
 }
 
-/* Tests the force (N) on a disc that is bonded to the surface of a block of 60 x 60 mm (radius x height) and pressed in, with E = 20 kPa, nu = 0.45 and r =
-   0.635 mm. Computed with CalculiX (tests/verification/references/pressed_disc.py; element size at the rim 0.1 r for S = 0.2, and 0.3 r for S = 1). The law
-   was fitted only to the value for S = 1 at 1.6 mm. */
+/* Compares the law with the force (N) on a disc that is bonded to the surface of a block of 60 x 60 mm (radius x height) and pressed in, with E = 20 kPa, nu =
+   0.45 and r = 0.635 mm. The forces were computed with CalculiX (tests/verification/references/pressed_disc.py; element size at the rim 0.1 r for S = 0.2, and
+   0.3 r for S = 1). The law was fitted only to the value for S = 1 at 1.6 mm. */
 static void disc_matches_resolved_elements(void **unused) {
     (void)unused;
     static const struct { double stiffening, moved, force; } resolved[] = {
@@ -195,7 +195,7 @@ static void passes_stay_few(void **unused) {
     }
 }
 
-/* In elastic or relaxing tissue, no motion of the hand extracts more work from the tissue than the hand has done. */
+/* In elastic or relaxing tissue, no motion of the hand extracts more work from the tissue than the hand has put in. */
 static void nothing_is_gained_from_the_tissue(void **unused) {
     (void)unused;
     static const relaxation_term series[] = {{0.3, 0.02}, {0.3, 0.2}};

@@ -140,8 +140,8 @@ static void bevel_deflects_the_cut_away_from_its_face(void **unused) {
     lockstep_free(l);
 }
 
-/* A needle is pressed against hard tissue, `before` (m) in front of the capsule, and the tissue then stops resisting. It springs back over the tip, which
-   reaches the capsule at about 0.5 m/s, while the hand advances at 20 mm/s. */
+/* Presses a needle against hard tissue at a distance of `before` (m) in front of the capsule; then the tissue stops resisting. It springs back over the tip, so
+   that the tip reaches the capsule at about 0.5 m/s, while the hand advances at 20 mm/s. */
 static lockstep *released_before_the_capsule(double before, double puncture_force) {
     simulation_config config = lockstep_config();
     config.membranes[1].puncture_force = puncture_force;
@@ -163,7 +163,7 @@ static lockstep *released_before_the_capsule(double before, double puncture_forc
     return l;
 }
 
-/* The tip stops at the capsule within the step in which it reaches it. Tissue that has sprung back is pushed forward again by no more than the hand's
+/* The tip stops at the capsule within the step in which it reaches the capsule. Tissue that has sprung back is pushed forward again by no more than the hand's
    motion. */
 static void a_tip_that_springs_forward_stops_at_a_membrane(void **unused) {
     (void)unused;

@@ -1,4 +1,4 @@
-/* Tests the server's intake of changes: malformed messages, floods, and who frees what (under AddressSanitizer). */
+/* Tests the server's intake of changes: malformed messages, floods, and the ownership of memory (under AddressSanitizer). */
 #include <poll.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -43,7 +43,7 @@ static int discard(void **state) {
 
 static unsigned char bytes[4096];
 
-/* Returns the size of the message in `bytes`. */
+/* Encodes a change into `bytes` and returns the message's size. */
 static size_t message(const char *values, double time) {
     trocar_change_t m = {.utime = 1, .session = 2, .seq = 3, .time = time, .values = (char *)(uintptr_t)values};
     int size = trocar_change_t_encode(bytes, 0, sizeof bytes, &m);
@@ -69,7 +69,7 @@ static void malformed_messages_are_not_decoded(void **state) {
     needle_command command;
     OK(changes_create(&in, sim, &why));
     size_t size = message("membranes[skin].puncture_force: 2", 0.5);
-    for (size_t cut = 0; cut < size; cut++) { /* an exact copy, so that AddressSanitizer sees reads beyond it */
+    for (size_t cut = 0; cut < size; cut++) { /* copies exactly this part, so that AddressSanitizer detects reads beyond it */
         unsigned char *part = malloc(cut + 1);
         memcpy(part, bytes, cut);
         assert_int_equal(changes_take(&in, part, cut, &command), CHANGE_MALFORMED);

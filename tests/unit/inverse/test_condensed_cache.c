@@ -18,7 +18,7 @@
 static char directory[] = "/tmp/test_cache.XXXXXX";
 
 enum { FILES = 5, BYTES = 1000 };
-/* Files and the times (s) at which they were last used; one file is of an earlier version, one is unfinished, and one belongs to another program. */
+/* Files and the times (s) at which they were last used. One was written by an earlier version, one is unfinished, and one belongs to another program. */
 static const struct { const char *name; long used; } files[FILES] = {
     {"condensed-00000000000000aa.inverse", 300}, {"condensed-00000000000000bb.h5", 100}, {"condensed-00000000000000cc.inverse", 200},
     {"condensed-00000000000000dd.inverse.123", 150}, {"condensed-milk.inverse", 1}};
@@ -83,7 +83,7 @@ static void another_writers_file_is_left_alone(void **state) {
     assert_int_equal(found, 5);
     munmap(mapping.at, mapping.bytes);
     assert_int_equal(unlink(other), 0);
-    assert_int_equal(unlink(cache.path), 0); /* destroying the inverse removes no other file */
+    assert_int_equal(unlink(cache.path), 0); /* the file was written */
 }
 
 static void room_is_checked_beforehand(void **state) {

@@ -103,7 +103,7 @@ static void rigid_motions_are_found(void **state) {
     coarse_space_free(coarse);
 }
 
-/* Each iteration also solves with the coarse space. */
+/* Each iteration also solves with the coarse space, so these solutions must not allocate memory. */
 static void a_coarse_space_allocates_only_once(void **state) {
     (void)state;
     double found[N], again[N];

@@ -39,7 +39,7 @@ void *__wrap_calloc(size_t count, size_t size) { return out_of_memory ? NULL : _
 
 #define OK(call) do { if ((call) != TROCAR_OK) fail_msg("%s: %s", #call, why.text); } while (0)
 
-/* Creates an attachment with three components at random points, of which the last row is outside the tissue. The last attachment is held; the others can move
+/* Creates an attachment at random points with three components each; its last row is outside the tissue. The last attachment is held, the others can move
    freely. */
 static void make_thing(thing *t) {
     double root[ROWS][ROWS];
@@ -230,7 +230,7 @@ static void forces_and_motions_close_the_gaps(void **state) {
     inverse_free(inv);
 }
 
-/* A unit displacement of one row without other loads opens the gap of that row by one, and leaves all other gaps closed. */
+/* A unit displacement of one row, without other loads, opens the gap of that row by one and leaves all other gaps closed. */
 static void columns_close_the_gaps_but_one(void **state) {
     (void)state;
     static const int set[] = {0, 1, 2}, rows[] = {4, 9, 25};

@@ -76,7 +76,7 @@ typedef struct {
     char path[1200];         /* path of the cache file */
 } condensed;
 
-/* Starts as a new process would, which finds only the file of the previous start. */
+/* Starts as a new process would, with nothing but the file of the previous start. */
 static void start(condensed *c, double stiffness) {
     trocar_error why;
     static region_material materials[2];
@@ -129,7 +129,7 @@ static void reading_a_file_updates_its_time_of_use(void **state) {
     assert_int_equal(unlink(c.path), 0);
 }
 
-/* Solves once from zero, and once from the last field, with a field for zero force in between. */
+/* Solves for three fields, each but the first starting from the previous one. The second is that of zero force. */
 static void fields_need_no_factorisation(void **state) {
     (void)state;
     condensed c;
@@ -385,7 +385,7 @@ static void too_little_memory_is_reported_beforehand(void **state) {
     tissue_free(&t);
 }
 
-/* If the machine can never provide that much memory, a supervisor need not restart the program. */
+/* If the machine can never provide that much memory, the status is BAD_INPUT, so that a supervisor does not restart the program. */
 static void more_than_the_machine_has_is_bad_input(void **state) {
     (void)state;
     tissue t;

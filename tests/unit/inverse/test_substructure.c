@@ -1,5 +1,5 @@
-/* After the elimination of all other nodes, the region's stiffness is compared with the inverse of the whole matrix by LAPACK; on a larger mesh, with fronts of
-   several panels, it is compared with CHOLMOD's factor. The memory estimate is compared with the amount that malloc reports. */
+/* Compares the region's stiffness after the elimination of all other nodes with LAPACK's inverse of the whole matrix and, on a larger mesh with fronts of
+   several panels, with CHOLMOD's factor. Compares the memory estimate with the amount that malloc reports. */
 #include <cblas.h>
 #include <lapacke.h>
 #include <malloc.h>
@@ -199,15 +199,15 @@ static void loose_body_is_refused(void **state) {
     mesh_free(&m);
 }
 
-/* A random number generator that no library affects (METIS calls srand). */
+/* Returns a random number below `below`, from a generator that no library affects (METIS calls srand). */
 static unsigned any(unsigned below) {
     static unsigned long long state = 1;
     state = state * 6364136223846793005ULL + 1442695040888963407ULL;
     return (unsigned)(state >> 33) % below;
 }
 
-/* Tests a body of about ten nodes next to one of thousands. The small body can rotate about two fixed nodes, whose axis has an arbitrary direction, and lies
-   inside or outside the region. */
+/* Tests a body of about ten nodes next to one of thousands. The small body lies inside or outside the region, and can rotate about an axis of arbitrary
+   direction through two fixed nodes. */
 static void small_loose_piece_is_refused(void **state) {
     (void)state;
     enum { LARGE = 12, BESIDE = (LARGE + 1) * (LARGE + 1) * (LARGE + 1), MOST = BESIDE + 27, TRIALS = 10 };
@@ -255,7 +255,7 @@ static double begin_counting(void) {
     return most_used;
 }
 
-/* Under sanitizers, which replace malloc, this has no effect. */
+/* Checks that the prediction covers the memory used and exceeds it by at most half. Has no effect under sanitizers, which replace malloc. */
 static void assert_predicted(double predicted, double used) {
     if (mallinfo2().uordblks == 0) return;
     assert_true(predicted >= used);

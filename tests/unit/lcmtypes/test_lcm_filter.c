@@ -1,5 +1,4 @@
-/* Tests that packets sent by LCM are accepted, that packets that would make liblcm overrun its buffers are rejected, and that only LCM's datagrams are checked.
-   */
+/* Tests that LCM's packets are accepted, that packets that would make liblcm overrun its buffers are rejected, and that only LCM's datagrams are checked. */
 #include "lcm_filter.h"
 
 #include <arpa/inet.h>

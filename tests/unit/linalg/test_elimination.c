@@ -17,13 +17,13 @@ static _Alignas(CACHE_LINE) matrix given, portable, widest, plain;
 
 static double draw(void) { return (double)rand() / RAND_MAX - 0.5; }
 
-/* Creates a matrix with random values even in unused places, below the diagonal and behind the right-hand side, as left by earlier ticks. */
+/* Creates a matrix with random values even in unused entries, below the diagonal and behind the right-hand side, as left by earlier ticks. */
 static void make(int order) {
     for (int i = 0; i < ELIMINATION_SIZE(MOST_ORDER); i++)
         for (int j = 0; j < LD; j++) given[i][j] = draw() + (i == j ? order : 0.0);
 }
 
-/* Copies the matrix into `a` and eliminates it: rows in pairs up to `pairs`, each pair slightly rotated, and then row by row. */
+/* Copies the matrix into `a` and eliminates it: the first `pairs` rows in pairs, each of which is first rotated slightly, and the others one by one. */
 static void eliminate(elimination_kernel *eliminate_after_panel, int order, int pairs, matrix a) {
     static elimination_panel panel;
     symmetric_system s = {a, order};

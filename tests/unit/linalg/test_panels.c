@@ -1,4 +1,4 @@
-/* Compares elimination by panels with LAPACK's Cholesky factorisation of the whole matrix, using several panels, and with all or some of the pivots. */
+/* Compares elimination in several panels, of all pivots or only some of them, with LAPACK's Cholesky factorisation of the whole matrix. */
 #include <lapacke.h>
 #include <math.h>
 #include <setjmp.h>
@@ -86,7 +86,7 @@ static void agrees_with_lapack(void **state) {
 static void negative_pivot_is_found(void **state) {
     (void)state;
     double *a = random_matrix();
-    a[650 * N + 650] = -1.0; /* an entry in the second panel */
+    a[650 * N + 650] = -1.0; /* a negative pivot in the second panel */
     panels p = filled(a, COLUMNS, PIVOTS);
     assert_true(panels_eliminate(&p, 0, 2, NULL));
     assert_false(panels_eliminate(&p, 1, 2, NULL));

@@ -27,7 +27,7 @@ static void check_same_matrix(const mat3 *a, const mat3 *b, double tolerance, in
 
 static const mat3 UNIT = {{{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}};
 
-/* Rodrigues' formula: R = 1 + sin(angle) K + (1 - cos(angle)) K^2, where K is the cross product with the axis. */
+/* Returns a rotation by Rodrigues' formula, R = 1 + sin(angle) K + (1 - cos(angle)) K^2, where K is the cross product with the axis. */
 static mat3 rodrigues(vec3 axis, double angle) {
     mat3 k = {{{0, -axis.z, axis.y}, {axis.z, 0, -axis.x}, {-axis.y, axis.x, 0}}}, r = UNIT;
     for (int i = 0; i < 3; i++)

@@ -90,7 +90,7 @@ static void compliance_does_not_depend_on_the_first_joint(void **unused) {
     free(part);
 }
 
-/* Segments are computed in groups of four; these segment counts leave a remainder. The compliance of the tip equals the derivative of its equilibrium
+/* Segments are computed in groups of four; most of these segment counts leave a remainder. The compliance of the tip equals the derivative of its equilibrium
    position. */
 static void any_number_of_segments_will_do(void **unused) {
     (void)unused;

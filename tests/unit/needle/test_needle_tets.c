@@ -135,7 +135,7 @@ static void rigid_motions_give_no_force(void **unused) {
     free(tangent);
 }
 
-/* Moves every node by a random fraction of the radius, which gives a shape far from the rest shape. */
+/* Moves every node by a random fraction of the radius, so that the shape is far from the rest shape. */
 static void distort(solid_state *state, int segments) {
     srand(3);
     for (int k = 1; k <= segments; k++)
@@ -219,7 +219,7 @@ static void rotated_base_gives_rotated_shape(void **unused) {
     free(tangent);
 }
 
-/* When the base is rolled and shifted as far as a hand can move it in one or two ticks, a free needle follows and is straight again. */
+/* After the base has been rolled and shifted as far as a hand can move it in one or two ticks, a free needle has followed and is straight again. */
 static void free_needle_follows_its_base(void **unused) {
     (void)unused;
     solid_model model = make(20);

@@ -1,5 +1,5 @@
-/* Compares the change of K due to a contact node with the difference of the matrices assembled with and without the node. K with all changes must reproduce
-   linear displacements. */
+/* Compares the change in K due to a contact node with the difference between the matrices assembled with and without the node. With all changes, K must
+   reproduce linear displacements. */
 #include "remeshing.h"
 
 #include "refinement/patch.h"
@@ -13,7 +13,7 @@ static void assemble(const refinement *all, int count, reference *r) {
 
 static int entry_of(int node) { return node >= 0 ? node : CUBE_NODES - 1 - node; }
 
-/* The patch contains all entries in which the two matrices differ, except those in rows and columns of fixed nodes. */
+/* Checks that the patch contains all entries in which the two matrices differ, except those in rows and columns of fixed nodes. */
 static void check_patch(int index) {
     static patch p;
     reference before, after;
@@ -36,7 +36,7 @@ static void check_patch(int index) {
     reference_free(&after);
 }
 
-/* The columns for an added node's own displacement are also computed separately and must equal those of the whole patch. */
+/* Checks that the columns for an added node's own displacement, if computed separately, equal those of the whole patch. */
 static void check_own_columns(int index) {
     static patch p;
     split_columns own;
@@ -115,7 +115,7 @@ static double largest_force(const tissue *t, const mat3 *gradient, bool all) {
     return largest / t->materials->youngs_modulus;
 }
 
-/* A rotation causes no force at any node, and a uniform strain causes none at nodes inside the body. */
+/* Checks that a rotation causes no force at any node, and that a uniform strain causes none at nodes inside the body. */
 static void check_linear_fields(volumetric_strain volumetric, int kinds) {
     static const bool fixed[CUBE_NODES] = {[HELD] = true};
     static const mat3 turn = {{{0, -3, 2}, {3, 0, -1}, {-2, 1, 0}}}, strain = {{{2, 1, -1}, {1, -3, 2}, {-1, 2, 4}}};

@@ -1,4 +1,4 @@
-/* Compares displacements of the refined mesh with a dense solution computed from scratch, and the surplus with the stiffness from which it follows. */
+/* Compares displacements of the refined mesh with a dense solution computed from scratch, and the surplus with the nodal stiffness from which it follows. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -58,7 +58,7 @@ static void displacements_match_a_direct_solve(void **state) {
     }
 }
 
-/* The surplus is the compliance of a node while the corners of its leaf are fixed, which is the inverse of the node's own stiffness. */
+/* With the corners of its leaf fixed, a node has the surplus as its compliance, so the surplus is the inverse of the node's own stiffness. */
 static void surplus_is_the_inverse_of_the_nodal_stiffness(void **state) {
     (void)state;
     for (int n = 0; n < 50; n++) {

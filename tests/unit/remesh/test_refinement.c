@@ -32,8 +32,8 @@ static vec3 position(const refinement *r, int corner) {
 
 /* ---- locating points ---- */
 
-/* `slack` allows for the rounding of x, whose effect on the weights is inversely proportional to the leaf's height; the height is small where nodes are dense.
-   */
+/* Checks that the leaf found for x contains it. `slack` allows for the rounding of x, which affects the weights most where nodes are dense and leaves are
+   flat. */
 static void assert_leaf_holds(const refinement *r, int active, int tet, vec3 x, double slack) {
     leaf_point p = refinement_locate(&body.mesh, r, active, tet, x);
     vec3 sum = v3(0, 0, 0);
@@ -62,7 +62,7 @@ static void leaf_contains_its_point(void **state) {
     refinement r = {0};
     cube_refine(&body, &r, 12, 4);
     for (int n = 0; n < 4000; n++) {
-        int tet = (37 * (n % 5) + 11) % body.mesh.tet_count; /* every fifth element remains unrefined */
+        int tet = (37 * (n % 5) + 11) % body.mesh.tet_count; /* one of the five elements is not refined */
         assert_leaf_holds(&r, n % (r.count + 1), tet, cube_point(&body, tet, 0.0), 1e-13);
     }
     for (int q = 0; q < r.count; q++) assert_leaf_holds(&r, r.count, r.nodes[q].tet, r.nodes[q].position, 1e-13);
@@ -81,7 +81,7 @@ static void added_node_is_at_the_requested_point(void **state) {
     }
 }
 
-/* Two nodes each on vertices, edges and faces are shifted inwards by a fraction of the leaf's size, so that no element is flat. */
+/* Nodes on vertices, edges and faces, two at each point, are shifted inwards by a fraction of the leaf's size, so that no element is flat. */
 static void nodes_on_corners_edges_and_faces_are_handled(void **state) {
     (void)state;
     refinement r = {0};
@@ -107,7 +107,7 @@ static void full_refinement_rejects_nodes(void **state) {
 
 /* ---- removal ---- */
 
-/* Repeatedly removes one of many nodes in a few elements, chosen at random. The leaves must still form a partition, and no other node may move. */
+/* Removes many nodes in a few elements one by one, in random order. The leaves must still form a partition, and no other node may move. */
 static void removed_nodes_leave_the_others_where_they_are(void **state) {
     (void)state;
     refinement r = {0};

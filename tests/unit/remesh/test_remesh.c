@@ -76,7 +76,7 @@ static void sparse_inverse_gives_the_same_results(void **state) {
     inverse_free(sparse);
 }
 
-/* The blocks are correct after nodes have been prepared in advance, with contact nodes present, and after more nodes have been added. */
+/* Checks that the blocks are correct after nodes have been prepared in advance while contact nodes are present, and after more nodes have been added. */
 static void looking_ahead_changes_no_answer(void) {
     for (method = REMESH_NESTED; method <= REMESH_IMPLICIT; method++) {
         remesher *r = start(method);
@@ -163,7 +163,7 @@ static int element_of(bool held) {
     }
 }
 
-/* A node whose rows cannot be computed is not added, and later answers are correct. */
+/* Checks that a node whose rows cannot be computed is not added, and that later answers are correct. */
 static void check_refusals(void) {
     static const kind kinds[] = {INSIDE, ON_FACE};
     for (method = REMESH_NESTED; method <= REMESH_IMPLICIT; method++)

@@ -18,7 +18,7 @@ static remesher *start_with_nodes(int wanted, int count) {
     return r;
 }
 
-/* A node that is moved out of its elements inverts them, so no valid pivot exists. Requests that contain the node fail. */
+/* Moves a node out of its elements. This inverts them, so no valid pivot exists, and requests that contain the node must fail. */
 static void check_inverted(int wanted) {
     remesher *r = start_with_nodes(wanted, 6);
     int last = request.wanted.count;
@@ -34,7 +34,7 @@ static void check_inverted(int wanted) {
     remesher_free(r);
 }
 
-/* If removing a node fails (here because the matrix has been corrupted), the remaining nodes are added again from scratch. */
+/* Corrupts the matrix, so that removing a node fails. The remaining nodes must then be added again from scratch. */
 static void check_spoilt(int wanted) {
     remesher *r = start_with_nodes(wanted, 8);
     dense_remesher *dense = (dense_remesher *)r;

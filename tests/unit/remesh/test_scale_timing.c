@@ -1,4 +1,4 @@
-/* Measures the worker's lateness on a mesh on which it is never late, and with such a short tick period that it is always late. */
+/* Measures the worker's lateness on a mesh on which it is never late, and with a tick period so short that it is always late. */
 #include "host.h"
 #include "scale_timing.h"
 
@@ -35,7 +35,7 @@ static const bool INSTRUMENTED = true;
 static const bool INSTRUMENTED = false;
 #endif
 
-/* Every request for a contact node has been answered once or is counted as unanswered; the requests for all active nodes have been answered. */
+/* Checks that every request for a contact node has been answered once or is counted as unanswered, and that those for all active nodes have been answered. */
 static void check_counts(const scale_timing *r) {
     assert_int_equal(r->crossing.count + r->unanswered, r->contacts);
     assert_in_range(r->activation.count, r->most_contacts, r->crossing.count);

@@ -135,7 +135,7 @@ static void a_device_brings_its_limits(void **state) {
     assert_true(s.device.max_force_rate != device_defaults().max_force_rate);
 }
 
-/* Reads a scene whose profile is this text, in a file beside the scene. */
+/* Reads a scene whose device profile is this text, in a file next to the scene. */
 static trocar_status load_with_profile(const char *profile, const char *device, scene *s, trocar_error *why) {
     char place[96], text[256];
     snprintf(place, sizeof place, "%s/mine.yaml", directory);
@@ -168,7 +168,7 @@ static void a_profile_may_be_a_file(void **state) {
     assert_true(s.mapping.workspace.x == 0.2 && s.mapping.workspace.y == 0.3 && s.mapping.workspace.z == 0.4);
 }
 
-/* The workspaces of 3D Systems' specifications (meshes/parameters/devices.csv). */
+/* The workspaces are those in 3D Systems' specifications (meshes/parameters/devices.csv). */
 static void workspaces_are_those_of_the_maker(void **state) {
     (void)state;
     static const struct { const char *profile; vec3 size; } devices[] = {
@@ -225,7 +225,7 @@ static void omitted_keys_have_their_defaults(void **state) {
 /* A minimal valid scene, which ends at line 3, so that lines added to it start at line 4. */
 #define MINIMAL "mesh: a\nregions: [{name: x}]\nfixed: [b]\n"
 
-/* Each case consists of the lines added to MINIMAL, and of `words` as in assert_refused. */
+/* Checks that every case is refused. A case consists of the lines added to MINIMAL, and of `words` as in assert_refused. */
 static void assert_all_refused(size_t count, const char *const cases[][2]) {
     for (size_t i = 0; i < count; i++) {
         char text[512];

@@ -3,7 +3,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "api/api.h" /* gives access to the state, to put invalid numbers into it */
+#include "api/api.h" /* gives access to the state, so that invalid numbers can be put into it */
 #include "haptic.h"
 #include "trocar_loop_timing_t.h"
 #include "trocar_needle_wrench_t.h"
@@ -23,7 +23,7 @@ typedef struct {
     host host;
     exchange exchange;
     haptic haptic;
-    newest_poses poses;      /* the poses that were published most recently */
+    newest_poses poses;      /* the poses published most recently */
     int64_t tick;
 } fixture;
 
@@ -184,7 +184,7 @@ static void snapshot_age_is_that_of_the_oldest_pending_request(void **state) {
 static void silence_ramps_to_zero_and_is_flagged(void **state) {
     fixture *f = *state;
     trocar_needle_wrench_t w = push(f, 20);
-    for (int i = 0; i < 9; i++) tick(f, &w); /* within the hold time, the force is that of the model at rest */
+    for (int i = 0; i < 9; i++) tick(f, &w); /* within the hold time, the model's force is sent unchanged */
     assert_false(w.flags & TROCAR_NEEDLE_WRENCH_T_STALE);
     assert_true(fabs(w.force[2] - w.raw_force[2]) < 1e-12);
     for (int i = 0; i < 105; i++) tick(f, &w);
@@ -192,8 +192,8 @@ static void silence_ramps_to_zero_and_is_flagged(void **state) {
     assert_true(w.force[2] == 0.0 && w.raw_force[2] < -0.1); /* the model's own force is still reported */
 }
 
-/* Returns the largest step of the force after an interruption of `gap` ms, during which the hand moves on by 3 mm. In this time, either no poses arrive, or the
-   loop is not running. */
+/* Returns the largest step in the force after an interruption of `gap` ms, during which the hand moves on by 3 mm. During the interruption, either no poses
+   arrive or, if `stalled` is set, the loop does not run. */
 static double largest_step_after(fixture *f, uint64_t engagement, int gap, bool stalled, double *jump) {
     trocar_needle_wrench_t w = move(f, engagement, 0, 20), next;
     double largest = 0.0, z = f->poses.needles[0].base.position.z + 3e-3;
@@ -254,8 +254,8 @@ static void new_engagement_starts_outside(void **state) {
     assert_true(fabs(next.force[2] - w.force[2]) <= f->haptic.limits.max_force_rate / RATE + 1e-9);
 }
 
-/* The needle advances by 20 mm and rests until the tissue has relaxed. Then an invalid value is put into its state. The needle rests, retracts by 5 mm and
-   advances to 25 mm. As soon as the value has an effect, the insertion restarts with a ramp, and the needle then behaves as before. */
+/* Advances the needle by 20 mm, holds it until the tissue has relaxed, and puts an invalid value into its state. Then holds the needle, retracts it by 5 mm and
+   advances it to 25 mm. As soon as the value has an effect, the insertion must restart with a ramp, and the needle must then behave as before. */
 static void survive(fixture *f, const char *name, size_t place, double bad, double force) {
     static uint64_t engagement = 100;
     trocar_needle_wrench_t w = move(f, ++engagement, 0, 20);
@@ -307,7 +307,7 @@ static void round_trip_ends_with_the_first_acknowledging_pose(void **state) {
     assert_false(spsc_ring_pop(&f->exchange.round_trips, &round_trip));
 }
 
-/* The stages are parts of the tick, so their total time is at most the tick's time. */
+/* The stages are parts of the tick, so their times add up to at most the tick's time. */
 static void stage_times_add_up_to_the_tick(void **state) {
     fixture *f = *state;
     push(f, 20);
@@ -390,8 +390,8 @@ static double tissue_moved(const fixture *f) {
     return most;
 }
 
-/* The needle is removed in the tick that executes the reset, and the tissue is at rest, although the owner holds still and sends no new pose. The wrench
-   decreases to zero with a ramp. */
+/* The tick that executes the reset removes the needle and leaves the tissue at rest, even if the owner holds still and sends no new pose. The wrench ramps down
+   to zero. */
 static void a_reset_of_a_held_needle_takes_effect_at_once(void **state) {
     fixture *f = *state;
     trocar_needle_wrench_t w = push(f, 20), next;
@@ -476,7 +476,7 @@ static void a_reset_after_take_is_not_lost(void **state) {
     assert_true(fabs(base.position[0] - 0.02) < 1e-9 && fabs(base.position[2] + 0.201) < 1e-9 && w.depth == 0.0);
 }
 
-/* As long as the IO thread does not read the replies, they are kept, and further commands remain pending. */
+/* Until the IO thread reads the replies, they are kept, and further commands remain pending. */
 static void every_command_is_answered_however_late(void **state) {
     enum { COUNT = 200 };
     fixture *f = *state;
@@ -524,7 +524,7 @@ static void put_in_pair(fixture *f, int needle, int i) { put_pose_of(f, needle, 
 
 static void tick_pair(fixture *f, trocar_needle_wrench_t w[2]) {
     tick(f, &w[0]);
-    bool held = f->poses.needles[1].held; /* true once a hand has held the needle; until then nothing is published for it, unless it is the first needle */
+    bool held = f->poses.needles[1].held; /* true once a hand has held the needle; until then, nothing is published for any needle but the first */
     w[1] = (trocar_needle_wrench_t){.needle = 1, .pose_seq = -1, .tick = w[0].tick};
     assert_int_equal(spsc_ring_pop(&f->exchange.wrenches, &w[1]), held);
     assert_true(w[0].needle == 0 && w[1].needle == 1 && w[0].tick == w[1].tick);

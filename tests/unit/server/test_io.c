@@ -166,7 +166,7 @@ static void every_command_is_answered(void **state) {
     assert_non_null(strstr(r.message, "refused for needle 3"));
 
     send_command(f, (trocar_command_t){.session = 4, .command = TROCAR_COMMAND_T_DROP_SEED, .seq = 13, .seeds = 4, .spacing = 0.01});
-    assert_int_equal(r.count, 2); /* the buffers keep both commands until the haptic thread has answered */
+    assert_int_equal(r.count, 2); /* the third command gets no reply until the haptic thread has answered it */
     needle_command answer;
     assert_true(spsc_ring_pop(&f->exchange.commands, &answer));
     assert_true(answer.asked.seeds == 4 && answer.asked.spacing == 0.01 && answer.asked.seq == 13);
@@ -194,7 +194,7 @@ static void every_command_is_answered(void **state) {
     trocar_command_reply_t_unsubscribe(f->io.lcm, s);
 }
 
-/* The sender of a change that takes long is told to wait, once a second. */
+/* While a change is pending, its sender is told once a second to wait. */
 static void a_pending_change_is_reported(void **state) {
     fixture *f = *state;
     replies r = {.count = 0};

@@ -1,5 +1,5 @@
-/* Compares the bare loop with the clock. The complete haptic thread with the real model must not allocate memory, cause page faults, or wait for a slow
-   worker. */
+/* Compares the bare loop with the clock, and tests that the complete haptic thread with the real model does not allocate memory, cause page faults, or wait for
+   a slow worker. */
 #define _GNU_SOURCE
 #include <pthread.h>
 #include <sched.h>
@@ -28,7 +28,7 @@ enum { TICKS = 200, SLOW_TICK = 50 };
 
 typedef struct { loop_wake wakes[TICKS]; } diary;
 
-/* Records the ticks, and once sleeps a few periods too long. */
+/* Records each tick, and oversleeps by a few periods in one of them. */
 static bool keep_diary(void *context, const loop_wake *wake) {
     diary *d = context;
     d->wakes[wake->tick] = *wake;
@@ -84,7 +84,7 @@ typedef struct {
     worker worker;
     int64_t ticks_wanted;
     int most_contacts[TROCAR_MAX_NEEDLES];
-    thread_usage start, used;    /* usage of the haptic thread up to its first tick, and since then */
+    thread_usage start, used;    /* usage of the haptic thread before its first tick and since then */
     int64_t wrenches;
 } rig;
 

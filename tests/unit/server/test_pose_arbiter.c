@@ -1,4 +1,4 @@
-/* Tests which poses the arbiter accepts or refuses, according to their bytes and their session. */
+/* Tests which poses the arbiter accepts and which it refuses, depending on their bytes and their session. */
 #include <string.h>
 
 #include "intake/pose_arbiter.h"
@@ -97,7 +97,7 @@ static void invalid_pose_messages_are_counted(void **unused) {
     assert_non_null(strstr(in.record.malformed, "pose of 0 bytes"));
 }
 
-/* Random payloads follow a valid fingerprint: only finite poses with unit quaternions may be accepted. */
+/* Sends random payloads after a valid fingerprint: only finite poses with unit quaternions may be accepted. */
 static void random_payloads_never_pass_unchecked(void **unused) {
     (void)unused;
     pose_arbiter in = fresh();
@@ -160,7 +160,7 @@ static void no_sequence_number_locks_the_owner_out(void **unused) {
     }
 }
 
-/* A client restarts with the same session, and another client numbers its poses by time in nanoseconds. */
+/* The arbiter follows a client that restarts its numbering within the same session, and one that switches to numbering by time in nanoseconds. */
 static void a_new_count_is_followed(void **unused) {
     (void)unused;
     pose_arbiter in = fresh();
@@ -330,8 +330,8 @@ static void command_to(pose_arbiter *in, int needle, int64_t session, int what) 
     arbiter_command(in, data, (size_t)size, false, 0, &decoded);
 }
 
-/* Once the wrench is zero, poses of another session are accepted as well. Otherwise, a needle in the tissue whose owner has crashed could not be reached any
-   more. */
+/* Once the owner has been silent for two seconds, commands of another session are accepted. Otherwise, nobody could take over a needle in the tissue whose
+   owner has crashed. */
 static void commands_are_accepted_once_the_owner_is_silent(void **unused) {
     (void)unused;
     pose_arbiter in = fresh();

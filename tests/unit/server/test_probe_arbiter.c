@@ -1,5 +1,5 @@
-/* Tests which poses of the probe the arbiter accepts or refuses, according to their bytes and their session, and their path through the IO thread and the
-   haptic thread to a message. */
+/* Tests which poses of the probe the arbiter accepts and which it refuses, depending on their bytes and their session, and follows an accepted pose through the
+   IO thread and the haptic thread to a message. */
 #include <string.h>
 
 #include "common/timing.h"

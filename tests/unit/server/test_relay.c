@@ -1,5 +1,5 @@
 /* Tests the relay thread with a client on this machine's loopback interface and LCM without a network (memq): the client's messages are published, and the IO
-   thread's messages reach the client. The test waits for datagrams, not for a time. */
+   thread's messages reach the client. The test waits for datagrams, not for fixed times. */
 #include <arpa/inet.h>
 #include <pthread.h>
 #include <string.h>
@@ -115,7 +115,7 @@ static void the_last_messages_are_sent_before_the_end(void **state) {
     wire_key to_server = wire_direction_key(&f->secret, WIRE_TO_SERVER, h.nonce, h.token);
     size_t size = wire_put_message(datagram, WIRE_TO_SERVER, 1, "TROCAR_POSE", bytes, sizeof bytes, &to_server);
     assert_int_equal(send(f->client, datagram, size, 0), size);
-    size = wire_put_message(datagram, WIRE_TO_SERVER, 2, "", NULL, 0, &to_server); /* its answer shows that the pose has been received */
+    size = wire_put_message(datagram, WIRE_TO_SERVER, 2, "", NULL, 0, &to_server); /* the answer to it shows that the pose has been received */
     assert_int_equal(send(f->client, datagram, size, 0), size);
     assert_true(recv(f->client, datagram, sizeof datagram, 0) > 0);
     for (int i = 0; i < MESSAGES; i++) {

@@ -160,7 +160,7 @@ static void limits_preserve_the_direction(void **unused) {
     assert_true(fabs(torque.z - 1.0) < 1e-12);
 }
 
-/* It takes 3 ms to reach the full force. The profile of a device without torque leaves the torque limits unchanged. */
+/* At the profile's force rate, the full force is reached in 3 ms. The profile of a device without torque leaves the torque limits unchanged. */
 static void profile_sets_the_limits_of_its_device(void **unused) {
     (void)unused;
     device_limits limits = device_defaults(), before = limits;
@@ -275,7 +275,7 @@ static void winding_down_comes_to_rest(void **unused) {
     assert_in_range(ticks, 100, 102);
 }
 
-/* The output moves from the last output to the model's wrench, and always lies between the two, however the model's wrench changes. */
+/* After a transfer, the output ramps from its last value to the model's wrench, and always lies between the two, however the model's wrench changes. */
 static void a_transfer_goes_over_by_a_ramp(void **unused) {
     (void)unused;
     device_limits limits = device_defaults();
@@ -297,7 +297,7 @@ static void a_transfer_goes_over_by_a_ramp(void **unused) {
     }
 }
 
-/* When the same hand engages the needle again, it keeps its force during the ramp; another hand starts without that force. */
+/* A hand that engages the same needle again keeps its force during the ramp; another hand starts without that force. */
 static void a_new_hand_does_not_get_the_force_of_the_last_one(void **unused) {
     (void)unused;
     device_limits limits = device_defaults();

@@ -102,7 +102,7 @@ static void a_hand_without_force_holds_rigidly(void **unused) {
     assert_true(compliance > 0.0 && p.stiffness > 0.0);
 }
 
-/* Inserts the scene's values for the device into the formula in docs/connect-a-device.md. */
+/* The stiffness follows from the device's values in the scene by the formula in docs/connect-a-device.md. */
 static void stiffness_follows_delay_and_mass_of_the_device(void **unused) {
     (void)unused;
     static virtual_coupling p;
@@ -127,7 +127,7 @@ static void stiffness_follows_delay_and_mass_of_the_device(void **unused) {
         }
 }
 
-/* At that time, the hand feels the wrench that was sent one device delay before the wrench to which the pose refers. */
+/* The energy of a motion is that of the wrench felt during it: the one sent one device delay before the wrench to which the pose refers. */
 static void energy_is_accounted_with_the_wrench_that_the_device_felt(void **unused) {
     (void)unused;
     static virtual_coupling p;
@@ -143,15 +143,15 @@ static void energy_is_accounted_with_the_wrench_that_the_device_felt(void **unus
         s = sample(ms, s.base.position.x + step, ms);
         coupling_receive(&p, &s);
         coupling_hold(&p, &limits, s.base, DT, &compliance);
-        expected += (ms == 1 ? 1 : fmax(0, (double)ms - 3)) * step; /* the delay is applied from the first tick on; before the first tick there is no wrench */
+        expected += (ms == 1 ? 1 : fmax(0, (double)ms - 3)) * step; /* the delay applies from the second tick on; before the first tick there is no wrench */
         assert_true(fabs(p.energy - expected) < 1e-9);
     }
 }
 
 /* ---- caution: a hand that oscillates as it likes ---------------------------------------------------------------------------- */
 
-/* The hand either oscillates for a number of half periods of 50 ms with an amplitude of 2 mm against an opposing force, or rests under a force. It sends one
-   pose per millisecond. */
+/* A hand that sends one pose per millisecond. It either oscillates against an opposing force, with an amplitude of 2 mm and half periods of 50 ms, or holds
+   still under a force. */
 typedef struct { virtual_coupling p; device_limits limits; int64_t ms; int swung; /* half periods */ } swinging;
 
 static void go_on(swinging *w, double x, double force) {
@@ -223,7 +223,7 @@ static void the_coupling_recovers_slowly_and_learns(void **unused) {
     assert_true(w->p.caution.level == 1);
 }
 
-/* A hand that keeps oscillating at the highest level does so of its own accord: when it stops, the coupling returns to its previous state. */
+/* A hand that keeps oscillating even at the highest level does so of its own accord, so when it stops, the coupling returns to its previous state. */
 static void what_the_hand_does_by_itself_is_forgotten(void **unused) {
     (void)unused;
     swinging *w = begin_to_swing();
@@ -394,7 +394,7 @@ static void loop_run(loop *l, surroundings *in, vec3 target, double seconds) {
     l->now = end;
 }
 
-/* Returns true if the hand's motion decays after a knock: to a fifth or less, if the hand's own damping alone would achieve that. */
+/* Returns true if the hand's motion decays after a knock, to a fifth or less where the hand's own damping alone would achieve that. */
 static bool dies_away(loop *l, surroundings *in, vec3 target) {
     l->hand.velocity = v3_add(l->hand.velocity, v3(l->situation.knock, 0, 0));
     loop_run(l, in, target, 0.3);
@@ -412,7 +412,8 @@ static device_limits limits_of(const char *device) {
     return limits;
 }
 
-/* Returns the highest stiffness that a scene may request according to docs/connect-a-device.md: the force rate that a hand moving at 1 m/s requires. */
+/* Returns limits with the highest stiffness that a scene may request (docs/connect-a-device.md), and with the force rate that a hand moving at 1 m/s then
+   needs. */
 static device_limits own_limits(void) {
     device_limits limits = device_defaults();
     limits.max_stiffness = limits.max_force_rate = 14500;
@@ -452,7 +453,7 @@ static void stable_against_a_spring_of_any_stiffness(void **unused) {
     }
 }
 
-/* The server is slower than the device, or faster than the device, or both are fast. */
+/* The server is slower or faster than the device, or both are fast. */
 static void stable_at_other_rates(void **unused) {
     (void)unused;
     static const double masses[] = {0.05, 0.3, 2}, delays[] = {0, 1e-3, 5e-3};
@@ -466,7 +467,7 @@ static void stable_at_other_rates(void **unused) {
             }
 }
 
-/* Without the coupling, the same loops are unstable, which shows that the tests above can fail. */
+/* Without the coupling, such a loop is unstable. This shows that the tests above can fail. */
 static void unstable_without_the_coupling(void **unused) {
     (void)unused;
     static loop l;
@@ -490,7 +491,7 @@ static void a_slow_slew_softens_the_coupling(void **unused) {
     assert_true(l.port.caution.level > 1 && coupling_active(&l.port));
 }
 
-/* The hand pushes the needle 20 mm into tissue and is knocked there. It then pushes on against bone. */
+/* Lets the hand push the needle more than 20 mm into the tissue, in some cases against bone in it, and knocks the hand there. */
 static void knock_in_tissue(const situation *s, lockstep *tissue) {
     static loop l;
     surroundings in = {.tissue = tissue};

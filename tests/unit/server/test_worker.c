@@ -39,7 +39,7 @@ int __wrap_trocar_sim_work_descriptor(const trocar_sim *sim) {
     return fixed.requested;
 }
 
-/* An answer takes 20 ms, and each request leaves ten slices of 5 ms of work in advance. */
+/* An answer takes 20 ms, and each request allows ten slices of prefetching, 5 ms each. */
 trocar_status __wrap_trocar_sim_work(trocar_sim *sim, trocar_work *done, trocar_error *why);
 trocar_status __wrap_trocar_sim_work(trocar_sim *sim, trocar_work *done, trocar_error *why) {
     (void)sim;
@@ -142,7 +142,8 @@ static void failure_keeps_the_last_snapshot_and_is_reported(void **state) {
     assert_false(fault->lasts);
 }
 
-/* The refusal is the answer to the client that asked to leave the needle, and not a fault of the worker, which would hide later messages in the status. */
+/* The refusal is the reply to the client that asked to leave the needle. It must not count as a worker fault, because a fault hides later messages in the
+   status. */
 static void a_needle_that_cannot_be_left_is_no_fault(void **state) {
     fixture *f = *state;
     ask(f, KEPT_SERIAL);
@@ -162,7 +163,7 @@ static void idle_time_is_used_for_prefetching(void **state) {
     assert_int_equal(atomic_load(&f->slices), 10);
 }
 
-/* Requests have priority over work in advance: they wait only for the slice in progress. */
+/* Requests have priority over prefetching: they wait only for the slice in progress. */
 static void a_request_interrupts_looking_ahead(void **state) {
     fixture *f = *state;
     ask(f, 1);

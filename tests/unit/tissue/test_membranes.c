@@ -51,8 +51,8 @@ static int inverses_in_folder(void) {
     return count;
 }
 
-/* The cube with an impenetrable skin of this stiffness (N/m). Poisson's ratio is 0, because in incompressible tissue a dent does not stretch a flat skin to first
-   order. */
+/* Returns the cube with an impenetrable skin of this stiffness (N/m). Poisson's ratio is 0, because in incompressible tissue a dent does not stretch a flat
+   skin to first order. */
 static trocar_scene *scene_of(double stiffness) {
     trocar_scene *scene;
     OK(trocar_scene_create(&scene, &why));
@@ -150,7 +150,7 @@ static void saved_inverses_belong_to_their_membranes(void **state) {
     for (int stiff = 0; stiff < 2; stiff++)
         for (int kind = 1; kind < 3; kind++)
             if (fabs(force[stiff][kind] / force[stiff][0] - 1) > 1e-6) fail_msg("%g N instead of %g N", force[stiff][kind], force[stiff][0]);
-    assert_true(force[1][0] > 1.001 * force[0][0]); /* most of the compliance is local to the tip, which the membrane does not change */
+    assert_true(force[1][0] > 1.001 * force[0][0]); /* most of the compliance is local to the tip, where the membrane has no effect */
 }
 
 /* The stiffer the skin, the larger the force that dents it. */
@@ -166,7 +166,7 @@ static void a_stiff_skin_resists_a_dent(void **state) {
     }
 }
 
-/* Membranes relax like the tissue, so that the force on a held needle falls according to the series: 1 - sum of weight (1 - exp(-t / time)). */
+/* Membranes relax like the tissue, so the force on a held needle falls by the series' factor, 1 - sum of weight (1 - exp(-t / time)). */
 static void membranes_relax_with_the_tissue(void **state) {
     (void)state;
     enum { FIRST = 2, LAST = 400 };

@@ -30,7 +30,8 @@ static void fill_nodes(mesh *m) {
         m->nodes[n] = v3(BOX.x * (n % side) / CELLS, BOX.y * (n / side % side) / CELLS, BOX.z * (n / side / side) / CELLS);
 }
 
-/* Kuhn's six tetrahedra of a cell follow the paths along the axes from one corner to the opposite corner, one for each order of the axes. */
+/* Divides each cell into Kuhn's six tetrahedra. Their nodes lie on the paths along the axes from one corner to the opposite one, with one path for each order
+   of the axes. */
 static void fill_tets(mesh *m) {
     static const int orders[6][3] = {{0, 1, 2}, {1, 2, 0}, {2, 0, 1}, {0, 2, 1}, {2, 1, 0}, {1, 0, 2}};
     m->tet_count = 6 * CELLS * CELLS * CELLS;
@@ -45,7 +46,7 @@ static void fill_tets(mesh *m) {
     }
 }
 
-/* Adds named surfaces: the face z = 0 ("skin") and the inner plane x = half ("wall"). */
+/* Returns true if x lies on the named surface: the face z = 0 for group 1 ("skin"), otherwise the inner plane halfway along x ("wall"). */
 static bool on_surface(vec3 x, int group) { return group == 1 ? x.z == 0 : fabs(x.x - 0.5 * BOX.x) < 1e-12; }
 
 static triangle_list surface_triangles(const mesh *m) {
@@ -230,7 +231,7 @@ static void weights_reproduce_the_point(void **state) {
     mesh_free(&m);
 }
 
-/* Returns true if x is inside, according to the signs of the four volumes between x and the faces, which is independent of barycentric weights. */
+/* Returns true if x is inside, according to the signs of the four volumes between x and the faces. Does not use barycentric weights. */
 static bool holds(const mesh *m, int t, vec3 x) {
     for (int i = 0; i < 4; i++) {
         vec3 c[4];
@@ -257,7 +258,7 @@ static void locate_finds_the_containing_tet(void **state) {
     mesh_free(&m);
 }
 
-/* In a body with a slot, the straight walk ends at the slot, but the point behind it is found nevertheless. */
+/* In a body with a slot, the straight walk ends at the slot, but a point behind the slot must be found nevertheless. */
 static void locate_finds_the_far_side_of_a_slot(void **state) {
     (void)state;
     mesh m;
@@ -351,7 +352,7 @@ static void segments_enter_at_the_surface_of_the_box(void **state) {
         hits++;
         assert_close(hit.fraction, expected, 1e-12);
         assert_int_equal(m.neighbours[hit.tet][hit.face], -1);
-        double w[4]; /* weights, which show that the hit is on the reported face */
+        double w[4]; /* barycentric weights, which show that the hit is on the reported face */
         mesh_barycentric(&m, hit.tet, hit.point, w);
         for (int v = 0; v < 4; v++) assert_true(v == hit.face ? fabs(w[v]) < 1e-12 : w[v] > -1e-12);
     }
@@ -359,7 +360,7 @@ static void segments_enter_at_the_surface_of_the_box(void **state) {
     mesh_free(&m);
 }
 
-/* Rays are aimed exactly at every node, edge and diagonal of the skin, which several triangles share: no ray may pass between the triangles. */
+/* Aims rays exactly at every node, edge and diagonal of the skin, where several triangles meet. No ray may pass between the triangles. */
 static void no_ray_passes_between_triangles(void **state) {
     (void)state;
     mesh m;
@@ -406,7 +407,7 @@ static void bad_meshes_are_refused(void **state) {
     assert_refused(&m, "share the face");
 
     draft_fan(&m, 2);
-    m.nodes[4] = v3(0.2, 0.2, 2); /* moves the node to the same side of the shared face as the first tetrahedron */
+    m.nodes[4] = v3(0.2, 0.2, 2); /* moves the node to that side of the shared face on which the first tetrahedron is */
     assert_refused(&m, "overlap");
 
     draft_box(&m); /* moves an inner node onto the opposite face of its tetrahedron */

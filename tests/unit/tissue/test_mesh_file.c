@@ -34,7 +34,7 @@ static const char VTK[] =
     "# vtk DataFile Version 2.0\ntwo tets\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS 5 double\n"
     "0 0 0\n1 0 0\n0 1 0\n0 0 1\n1 1 1\nCELLS 2 10\n4 0 1 2 3\n4 1 2 3 4\nCELL_TYPES 2\n10\n10\n";
 
-/* Suppresses a leak in Gmsh, which leaks memory when it stops reading in the middle of a file. Called only by LeakSanitizer. */
+/* Suppresses reports of memory that Gmsh leaks when it stops reading in the middle of a file. Called only by LeakSanitizer. */
 const char *__lsan_default_suppressions(void);
 const char *__lsan_default_suppressions(void) { return "leak:libgmsh\n"; }
 
@@ -169,7 +169,7 @@ static void put_sizes(binary_file *f, int count, const int *values) {
 
 static const struct { int tag; double x[3]; } NODES[6] = {{1, {0, 0, 0}}, {2, {1, 0, 0}}, {3, {0, 1, 0}}, {4, {9, 9, 9}}, {5, {0, 0, 1}}, {7, {1, 1, 1}}};
 
-/* The same mesh as MSH2, in binary. Each block of elements starts with the type, the number of elements and the number of tags. */
+/* Writes the same mesh as MSH2, in binary. Each block of elements starts with the type, the number of elements and the number of tags. */
 static void write_binary_2(binary_file *f) {
     put_text(f, "$MeshFormat\n2.2 1 8\n");
     put_int(f, 1);
@@ -185,7 +185,7 @@ static void write_binary_2(binary_file *f) {
     put_text(f, "\n$EndElements\n");
 }
 
-/* The same mesh as MSH4, in binary. */
+/* Writes the same mesh as MSH4, in binary. */
 static void write_binary_4(binary_file *f) {
     put_text(f, "$MeshFormat\n4.1 1 8\n");
     put_int(f, 1);
@@ -235,7 +235,7 @@ static void binary_files_are_read_in_both_byte_orders(void **state) {
     }
 }
 
-/* Changes the `place`-th size or number of the file to `value`. */
+/* Overwrites the number at `offset` after the text `place` with `value`, and checks that the file is refused. */
 static void assert_number_refused(void (*write_file)(binary_file *), const char *place, size_t offset, size_t size, uint64_t value, const char *words) {
     binary_file f = {.swapped = false};
     write_file(&f);
@@ -277,7 +277,7 @@ static void vtk_is_one_region_of_tissue(void **state) {
     mesh_free(&m);
 }
 
-/* Returns a copy of a text in which one part is replaced. */
+/* Returns a copy of a text with one part replaced. */
 static char *with(const char *text, const char *piece, const char *other) {
     const char *at = strstr(text, piece);
     assert_non_null(at);
@@ -354,7 +354,7 @@ static void assert_change_read(const char *text, const char *piece, const char *
     free(changed);
 }
 
-/* Tests sections, nodes and repetitions that the format permits and that do not change the mesh. */
+/* Reads sections, nodes and repetitions that the format permits and that must not change the mesh. */
 static void what_does_not_concern_the_mesh_is_skipped(void **state) {
     (void)state;
     assert_change_read(MSH2, "$MeshFormat", "$Comments\n1 $Nodes\n$End\n$EndComments\n$MeshFormat");
@@ -470,7 +470,7 @@ static void non_mesh_files_are_refused(void **state) {
     for (size_t length = 1; length < sizeof MSH4 - 2; length += 7) assert_refused("cut4.msh", MSH4, length, "cut4.msh");
 }
 
-/* The box created by meshes/prostate.py. Its flat facets make the ellipsoid's volume slightly smaller. */
+/* Reads the box created by meshes/prostate.py. Its flat facets make the gland slightly smaller than the ellipsoid. */
 static void the_prostate_has_its_regions_and_surfaces(void **state) {
     (void)state;
     mesh m;

@@ -87,7 +87,7 @@ static void small_mesh_is_entirely_of_interest(void **state) {
     free(nodes);
 }
 
-/* Returns a box with its skin at z = 0 and more nodes than a default region contains. */
+/* Uses a box with its skin at z = 0 and more nodes than a default region contains. */
 static void default_region_of_a_large_mesh_is_around_the_skin_normal(void **state) {
     (void)state;
     enum { CELLS = 16, SIDE = CELLS + 1 };
@@ -122,8 +122,7 @@ static void default_region_of_a_large_mesh_is_around_the_skin_normal(void **stat
     int *nodes, count;
     assert_int_equal(roi_find(&m, &nothing, 1, &nodes, &count, &why), TROCAR_OK);
     assert_int_equal(count, REACH_USUAL);
-    double inner = 0.0, outer = INFINITY; /* m, largest (inner) and smallest (outer) distance from the axis x = y = 0.08 of nodes inside and outside the region
-                                             */
+    double inner = 0.0, outer = INFINITY; /* m, from the axis x = y = 0.08: largest distance of a node in the region, and smallest outside it */
     for (int i = 0, k = 0; i < m.node_count; i++) {
         double distance = hypot(m.nodes[i].x - 0.08, m.nodes[i].y - 0.08);
         if (k < count && nodes[k] == i) inner = fmax(inner, distance), k++;

@@ -1,4 +1,4 @@
-/* Compares the creep computed from the relaxation with the numerical solution of their convolution integral. */
+/* Compares the creep computed from the relaxation with a numerical solution of the convolution integral that relates the two. */
 #include "tissue/relaxation.h"
 
 #include <math.h>

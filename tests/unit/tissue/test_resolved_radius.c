@@ -107,8 +107,8 @@ static void segments_are_kelvins_solution_integrated(void **state) {
     }
 }
 
-/* Far ahead of its end, half a line acts like an infinite line: the sum of the fields of both directions, minus the logarithm of the radius, does not depend on
-   the radius. */
+/* At its end, half a line moves the tissue half as far as an infinite line: twice its field differs from the logarithm of the radius only by a constant. The
+   fields of the parts of a line add up. */
 static void half_a_line_moves_its_end_half_as_far(void **state) {
     (void)state;
     double near = segment_logarithm(0.0, 1e3, 0.5, NU), far = segment_logarithm(0.0, 1e3, 2.0, NU);
@@ -190,7 +190,7 @@ static resolved_field mean_along(block *b, double x, double y) {
     return (resolved_field){.uneven = uneven, .lateral = exp(lateral_sum / POINTS), .axial = exp(axial_sum / POINTS)};
 }
 
-/* Radii, in units of h, of the same lines on the whole mesh, computed by another program with the exact solution on the boundary. */
+/* The expected radii, in units of h, are those of the same lines on the whole mesh, computed by another program with the exact solution on the boundary. */
 static void patches_measure_what_the_whole_mesh_resolves(void **state) {
     (void)state;
     static const struct { double x, y, lateral, axial; } whole[] = {{0, 0, 0.150, 0.175}, {0.003, 0, 0.289, 0.314}, {0.006, 0.006, 0.447, 0.474},
@@ -205,8 +205,8 @@ static void patches_measure_what_the_whole_mesh_resolves(void **state) {
     destroy(&b);
 }
 
-/* Values 3 and 6 mm ahead of a line's end, computed on the whole mesh by tests/verification/references/line_end.py. For lines on edges, the tissue outside the
-   patch of 14 mm contributes 0.1. */
+/* The expected values at a line's end and 3 and 6 mm ahead of it were computed on the whole mesh by tests/verification/references/line_end.py. For lines on
+   edges, the tissue outside the patch of 14 mm contributes 0.1. */
 static void patches_measure_where_a_line_ends_what_the_whole_mesh_does(void **state) {
     (void)state;
     static const struct { double x, y, ahead, more, within; } whole[] = {
@@ -246,7 +246,7 @@ static void directions_across_differ_as_on_the_whole_mesh(void **state) {
     destroy(&b);
 }
 
-/* The radius depends on the mesh only, not on its scale or stiffness. The compliance at a point is given for a shear modulus of 1. */
+/* The radius scales with the mesh and does not depend on its stiffness. The compliance at a point, for a shear modulus of 1, scales inversely. */
 static void radii_scale_with_the_mesh(void **state) {
     (void)state;
     block small, large;

@@ -1,5 +1,5 @@
-/* Tests that patches of tetrahedra are disjoint, that each lies in one region, is connected through faces and has the documented size, and that the division is
-   reproducible. */
+/* Tests that patches of tetrahedra are disjoint, that each patch lies in one region, is connected through faces and has the documented size, and that the
+   division is reproducible. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>

@@ -1,4 +1,5 @@
-/* Compares the stiffness with closed-form results: energy of an element, patch test, bar in tension. Insufficiently constrained bodies are refused. */
+/* Compares the stiffness with closed-form results: energy of an element, patch test, bar in tension. Tests that insufficiently constrained bodies are
+   refused. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -42,7 +43,7 @@ static void rigid_motions_need_no_force(void **state) {
     }
 }
 
-/* Returns the energy per unit volume of the displacement u = G x, which is mu eps:eps + lambda/2 tr(eps)^2, where eps is the symmetric part of G. */
+/* Returns the energy per unit volume, mu eps:eps + lambda/2 tr(eps)^2, of the displacement u = G x, where eps is the symmetric part of G. */
 static double energy_density(double g[3][3], double e, double nu) {
     double mu = e / 2.0 / (1.0 + nu), bulk = e / 3.0 / (1.0 - 2.0 * nu), lambda = bulk - 2.0 / 3.0 * mu;
     double trace = g[0][0] + g[1][1] + g[2][2], square = 0.0;
@@ -110,8 +111,8 @@ static double triangle_energy(double k[9][9], const vec3 u[3]) {
     return energy;
 }
 
-/* The energy per area is that of plane stress: S / (2 (1 - nu^2)) (e11^2 + e22^2 + 2 nu e11 e22 + 2 (1 - nu) e12^2). Displacements along the normal need no
-   energy, whatever they are. */
+/* The energy per area is that of plane stress: S / (2 (1 - nu^2)) (e11^2 + e22^2 + 2 nu e11 e22 + 2 (1 - nu) e12^2). Displacements along the normal store no
+   energy. */
 static void triangles_store_the_energy_of_plane_stress(void **state) {
     (void)state;
     for (int n = 0; n < 100; n++) {
@@ -166,7 +167,7 @@ static cholmod_dense *solve_under_stress(cube *c, double sigma[3][3]) {
     return u;
 }
 
-/* The displacement u = d z vanishes on the fixed face and has constant stress, so any mesh must reproduce it exactly. */
+/* Prescribes the stress of the displacement u = d z, which vanishes on the fixed face. Its stress is constant, so any mesh must reproduce it exactly. */
 static void check_patch_test(volumetric_strain strain) {
     cube c;
     double e = 20e3, nu = 0.45, mu = e / 2.0 / (1.0 + nu), lambda = e * nu / (1.0 + nu) / (1.0 - 2.0 * nu);

@@ -17,7 +17,7 @@
 
 static const int64_t SECOND = 1000000000;
 
-/* A client whose part the test plays. */
+/* A client, played by the test. */
 typedef struct {
     struct sockaddr_in address;
     wire_key secret, to_server, to_client;
@@ -60,7 +60,7 @@ static gate_verdict shake(fixture *f, player *p, wire_kind kind) {
     return take(f, datagram, wire_put_handshake(datagram, kind, &p->h, &p->secret), &p->address);
 }
 
-/* Requires that the gate has answered with this kind of datagram, no larger than the client's, and stores its token. */
+/* Checks that the gate has answered with this kind of datagram, no larger than the client's, and stores its token. */
 static void check_answer(fixture *f, player *p, gate_verdict verdict, wire_kind kind) {
     assert_int_equal(verdict, GATE_ANSWER);
     assert_int_equal(f->result.answer_size, WIRE_HANDSHAKE);

@@ -1,4 +1,4 @@
-/* Tests that a needle moves to the chosen hole: first back out of the template, then sideways, but never sideways inside the plate. */
+/* Tests that a needle moves to the chosen hole first back out of the template and then sideways, but never sideways inside the plate. */
 #include "view/hand/hole_approach.h"
 
 #include <setjmp.h>
@@ -28,7 +28,8 @@ static void waits_in_line_with_the_hole(void **unused) {
     assert_close_vector(q_axis(home.orientation), v3(0, 0, 1), 1e-15);
 }
 
-/* If the letters run in the opposite direction, the hole is at another position. The needle itself is not rotated, so keys and bevel work as before. */
+/* If the template's letters run in the opposite direction, the hole is at another position. The needle itself is not rotated, so keys and bevel work as
+   before. */
 static void a_mirrored_template_does_not_turn_the_needle(void **unused) {
     (void)unused;
     trocar_guide g = template(), mirrored = template();

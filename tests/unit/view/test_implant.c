@@ -1,5 +1,5 @@
-/* Tests the sections of messages that describe an implant to browsers: the dose is compared with a direct summation of the formula; seeds are added and
-   removed; plans may contain errors. */
+/* Tests the message sections that describe an implant to browsers: the dose is compared with a direct summation of the formula, seeds are added and removed,
+   and plans with errors are refused. */
 #define _GNU_SOURCE
 #include "view/implant/implant.h"
 
@@ -57,7 +57,7 @@ static implant open_implant(const fixture *f, const implant_settings *settings) 
     return i;
 }
 
-/* True if the JSON text contains the dose of this many seeds. */
+/* Returns true if the JSON text contains the dose of this many seeds. */
 static bool has_seeds(const char *json, int count) {
     static const char key[] = "\"seeds\":";
     const char *found = strstr(json, key);
@@ -179,8 +179,9 @@ static double covered(const implant_settings *settings, const trocar_dose_seed *
     return (double)inside / (double)count;
 }
 
-/* The tissue is stretched away from a plane, and the seeds are displaced with it. The isodose lines and the dose indices for the current positions follow; the
-   indices for the positions at rest do not. Without swelling, the gland and the seeds are closer to the gland's centre. All seeds are inside the gland. */
+/* The tissue is stretched away from a plane, and the seeds, all inside the gland, are displaced with it. The isodose lines and the dose indices for the current
+   positions change accordingly, the indices for the positions at rest do not. After the swelling has subsided, gland and seeds are closer to the gland's
+   centre. */
 static void each_state_has_its_own_figures(void **state) {
     fixture *f = *state;
     static const implant_settings settings = {.dose = {"I-125 6711", 2.0, 145, 1.3}};

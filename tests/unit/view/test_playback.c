@@ -50,7 +50,7 @@ static double time_of_picture(const byte_buffer *encoded) {
     return time;
 }
 
-/* The wrench is that of exactly this tick, not that of a neighbouring picture or sample. */
+/* The wrench shown for a moment is that of exactly this tick, not that of a neighbouring picture or sample. */
 static void moment_matches_its_tick(void **unused) {
     (void)unused;
     trocar_scene *s;

@@ -118,7 +118,7 @@ static void sends_nothing_before_taking_the_needle(void **unused) {
     close_fixture(f);
 }
 
-/* If the browser hangs, the needle stops after 0.25 s and a ramp, and does not move any more. */
+/* If the browser hangs, the needle ramps down to a stop after 0.25 s and does not move any more. */
 static void needle_stops_without_orders(void **unused) {
     (void)unused;
     fixture *f = open_fixture();
@@ -320,8 +320,8 @@ static void goes_to_a_hole_until_it_is_steered(void **unused) {
     close_fixture(f);
 }
 
-/* The forward key is held down throughout: before the order to move to a hole, during the motion to the hole, and after the needle has been steered sideways
-   again. The needle passes the plane in front of the template only when it is in line with the hole. */
+/* The forward key is held down throughout: before the order to move to a hole, during that motion, and after the needle has been steered sideways again. The
+   needle passes the plane in front of the template only where it is in line with the hole. */
 static void pushing_forward_does_not_lead_into_another_hole(void **unused) {
     (void)unused;
     fixture *f = open_fixture();
@@ -346,8 +346,8 @@ static void pushing_forward_does_not_lead_into_another_hole(void **unused) {
     close_fixture(f);
 }
 
-/* While the probe moves, 100 poses per second are sent, starting at its current pose, and none when it is at rest. Without further orders, the probe stops; the
-   needle does not move. */
+/* While the probe moves, 100 poses per second are sent, starting at its current pose; while it is at rest, none are sent. Without further orders, the probe
+   stops. The needle does not move. */
 static void moves_the_probe(void **unused) {
     (void)unused;
     fixture *f = open_fixture();

@@ -1,5 +1,5 @@
-/* Tests the thread that computes ultrasound images for browsers: it works only while images are asked for, ignores requests with values that are not
-   finite, and puts the images at the requested places or, with a probe, at the probe. */
+/* Tests the thread that computes ultrasound images for browsers: it works only while images are requested, ignores requests with values that are not finite,
+   and places the images at the requested positions or, with a probe, at the probe. */
 #include "view/ultrasound/scanner.h"
 
 #include <poll.h>

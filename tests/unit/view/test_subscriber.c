@@ -256,7 +256,7 @@ static void the_probe_is_shown(void **state) {
     assert_false(f->feed.probe.placed);
 }
 
-/* Messages damaged as they might be by the network cause no crash, and all of them are counted. */
+/* Messages with the kinds of damage that a network may cause lead to no crash, and all of them are counted. */
 static void damaged_messages_are_counted(void **state) {
     fixture *f = *state;
     static const char *const channels[] = {"TROCAR_CONTACTS", "TROCAR_DEFORMATION", "TROCAR_STATUS", "TROCAR_TIMING", "TROCAR_TRACKS", "TROCAR_WRENCH"};

@@ -1,5 +1,5 @@
-/* Tests that, in live mode, a reader of the timeline gets the newest picture, and each stored sample once, and that, when a log is played, it gets all
-   pictures, or as many as can be stored. */
+/* Tests what a reader of the timeline gets: in live mode, the newest picture and each stored sample once; when a log is played, all pictures, or as many as can
+   be stored. */
 #include "view/stream/timeline.h"
 
 #include <string.h>

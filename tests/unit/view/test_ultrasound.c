@@ -1,5 +1,6 @@
-/* Compares the ultrasound images with theory: statistics of the speckle (Rayleigh), its decorrelation when the tissue moves or is strained, its motion with the tissue,
-   the width of a point's echo at each depth, and needles, boundaries and shadows. The formulas are implemented here independently and share no code with the images. */
+/* Compares the ultrasound images with theory: statistics of the speckle (Rayleigh), its decorrelation when the tissue moves or is strained, its motion with the
+   tissue, the width of a point's echo at each depth, and needles, boundaries and shadows. The formulas are implemented here independently and share no code
+   with the images. */
 #include "view/ultrasound/echo.h"
 
 #include <stdlib.h>
@@ -31,7 +32,7 @@ static const double FACE = 0.01, WAVELENGTH = 1540 / 5.66e6; /* m */
 
 static vec3 node_of(const double *nodes, int n) { return v3(nodes[3 * n], nodes[3 * n + 1], nodes[3 * n + 2]); }
 
-/* `behind`: name of the region beyond a depth of 30 mm. */
+/* Returns the scene of a block. `behind`: name of the region beyond a depth of 30 mm; `slope`: slope of the boundary between the regions. */
 static trocar_scene *block_scene(const char *behind, double slope) {
     static const int orders[6][3] = {{0, 1, 2}, {1, 2, 0}, {2, 0, 1}, {0, 2, 1}, {2, 1, 0}, {1, 0, 2}};
     static double nodes[3 * NODES];
@@ -115,7 +116,7 @@ typedef struct {
                                        exponential distribution; critical: its limit */
 } statistics;
 
-/* Uses every fifth row and line, which are nearly independent, at depths where the beam hardly changes. */
+/* Measures the speckle at every fifth row and line, where the samples are nearly independent, at depths over which the beam hardly changes. */
 static statistics measure(double density) {
     statistics s = {0};
     static float intensity[200000];
@@ -155,7 +156,7 @@ static void speckle_is_fully_developed(void **unused) {
     assert_true(s.distance < s.critical);
 }
 
-/* The same check detects that too few scatterers do not give a Rayleigh distribution. */
+/* The same check detects that too few scatterers give no Rayleigh distribution. */
 static void sparse_scatterers_are_found_out(void **unused) {
     (void)unused;
     statistics s = measure(ECHO_DENSITY / 40);
@@ -165,8 +166,8 @@ static void sparse_scatterers_are_found_out(void **unused) {
 
 /* ---- the beam ---- */
 
-/* Standard deviations (m) of a Gaussian beam in width, thickness and depth, from the formulas for its apertures and its bandwidth. At the focus, for example,
-   the intensity is a squared sinc whose full width at half maximum is 0.886 times the wavelength times the f-number. */
+/* These functions return the standard deviations (m) of a Gaussian beam in width, thickness and depth, from the formulas for its apertures and its bandwidth.
+   At the focus, for example, the intensity is a squared sinc whose full width at half maximum is 0.886 times the wavelength times the f-number. */
 static double width_of(double depth) {
     double one_way = sqrt(2) * 0.8859 * WAVELENGTH / 2.3548, sent = hypot(one_way * depth / 8e-3, 8e-3 / sqrt(12) * (1 - depth / 0.03));
     double received = one_way * fmax(3.8, depth / 8e-3);
@@ -210,7 +211,7 @@ static void a_point_is_as_wide_as_the_beam_at_each_depth(void **unused) {
     release(r);
 }
 
-/* Two points side by side are separate if they are further apart than the beam is wide. */
+/* Two points side by side are resolved if they are further apart than the beam is wide. */
 static void two_points_are_resolved_as_theory_says(void **unused) {
     (void)unused;
     rig *r = create("gland", 0, 1, false, NULL);
@@ -323,7 +324,7 @@ static void speckle_decorrelates_with_strain_as_theory_says(void **unused) {
 
 /* ---- motion ---- */
 
-/* Displacement (m) of the tissue, with which the motion of the speckle is compared. */
+/* Returns the displacement (m) of the tissue, with which the motion of the speckle is compared. */
 static vec3 field_at(vec3 x) { return v3(0.6e-3 * sin(40 * x.y), 0.5e-3 * sin(60 * x.x) + 0.01 * x.y, 0); }
 
 /* Computes the shift (in rows and lines, including fractions) at which a block of the second image best matches that of the first. */
@@ -412,8 +413,8 @@ static void a_needle_beside_the_plane_is_seen(void **unused) {
     release(r);
 }
 
-/* The echoes behind a needle have the spacing of round trips through the steel, which is its diameter x 1540 / 5790 in the image. Tested without
- * speckle, with a thick needle. */
+/* The echoes behind a needle are spaced by a round trip through the steel; in the image, this is the diameter x 1540 / 5790. Tested without speckle, with a
+   thick needle. */
 static void a_needle_reverberates(void **unused) {
     (void)unused;
     rig *r = create("gland", 0, 1, false, NULL);

@@ -1,4 +1,4 @@
-/* Tests the access to the WebSocket, its messages, and browsers that hang. tests/view tests the rest of the web server with a browser. */
+/* Tests who may access the WebSocket, its messages, and browsers that hang. tests/view tests the rest of the web server with a browser. */
 #define _GNU_SOURCE /* memmem */
 #include "view/web/web.h"
 
@@ -255,7 +255,7 @@ static void hanging_browser_delays_nobody_and_is_disconnected(void **unused) {
     close_fixture(&f);
 }
 
-/* While a browser is connected, a section counts as delivered only once it has been handed over for sending, which waits until the browser has acknowledged
+/* While a browser is connected, a section counts as delivered only once it has been handed over for sending. This waits until the browser has acknowledged
    earlier images. */
 static void delivery_waits_for_a_browser(void **unused) {
     (void)unused;
@@ -394,7 +394,7 @@ static void other_sites_are_refused_on_every_protocol(void **unused) {
     static client c;
     open_fixture(&f, 0);
     for (size_t i = 0; i < sizeof protocols / sizeof *protocols; i++)
-        for (int renamed = 0; renamed < 2; renamed++) { /* in the second case, the host name is that of the other site itself, resolved to 127.0.0.1 */
+        for (int renamed = 0; renamed < 2; renamed++) { /* in the second case, the host name is also that of the other site, and resolves to 127.0.0.1 */
             request(&f, &c, renamed ? "evil.example" : "127.0.0.1", "evil.example", protocols[i]);
             if (c.answer != 403 && !(c.answer == 0 && c.closed))
                 fail_msg("protocol %s: %d", protocols[i] ? protocols[i] : "(no WebSocket)", c.answer);

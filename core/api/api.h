@@ -81,13 +81,13 @@ struct trocar_sim {
     int64_t (*clock)(void);  /* returns the time in ns; NULL if stages are not timed */
     round_clock rounds;
     seed_list seeds;
-    sim_changing *changing;  /* NULL, in a simulation of a batch, until the first change: the model's own values are in use */
+    sim_changing *changing;  /* in a simulation of a batch, NULL until the first change, while the model's own values are in use */
     vec3 *field_scratch;     /* see trocar_view.scratch */
     inverse *shown;          /* inverse with the current moduli, for the view; updated whenever displacements are computed */
     elasticity elasticity;   /* holds a reference to each of its models. Used by both threads: see elasticity.h */
     /* Used by the worker: */
     inverse *mixed;          /* inverse of the tissue alone, with the current moduli */
-    inverse *inverse;        /* inverse to which resting needles and the probe are attached */
+    inverse *inverse;        /* the same with resting needles and the probe attached */
     needle_pairs *pairs;     /* couplings between needles; NULL if there is a single needle and the tissue does not relax */
     resting_set resting;
     resting_scratch *resting_scratch; /* NULL until a needle is left in the tissue for the first time */
@@ -119,7 +119,7 @@ struct trocar_picture {
     double weight;           /* weight of `to` in the interpolation, from 0 to 1 */
     inverse *mixed;          /* inverse of the tissue with the interpolated moduli */
     vec3 *scratch;           /* see trocar_view.scratch */
-    refined_mesh refined;    /* result of the last call of trocar_picture_refined_mesh */
+    refined_mesh refined;    /* result of the last call to trocar_picture_refined_mesh */
     vec3 *force, *displacement; /* forces and displacements at the nodes of `refined` */
 };
 

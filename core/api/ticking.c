@@ -53,7 +53,7 @@ void adopt_needle(trocar_sim *sim, sim_needle *n) {
     if (link_refuses(&n->link, ON_ADOPT)) return;
     memcpy(&n->state, &link_shown(&n->link)->state, sizeof n->state);
     n->stamp = next_stamp();
-    n->softened = 0; /* the worker may have lagged behind during a change of moduli */
+    n->softened = 0; /* makes the next tick call insertion_soften, because the worker may have lagged behind in a change of moduli */
     n->given = n->state.needle.base;
     n->loads.count = 0;
     insertion_add_loads(ticking_model(sim), &n->state, &n->loads);

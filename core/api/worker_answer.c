@@ -45,7 +45,7 @@ static void add_up(unresolved_shift *shift) {
     for (int k = 0; k < shift->count; k++) shift->sum[k + 1] = v3_add(shift->sum[k + 1], shift->sum[k]);
 }
 
-/* Finds the part of the displacements, caused by other needles and by the needle's own residual loads, that the mesh is too coarse to resolve. */
+/* Of the displacements caused by other needles and by the needle's own residual loads, finds the part that the mesh is too coarse to resolve. */
 static trocar_status find_unresolved(const trocar_sim *sim, int index, const remesh_request *request, const other_loads *others, compliance_snapshot *snapshot,
                                      trocar_error *why) {
     shaft_steps steps = {.count = 0};

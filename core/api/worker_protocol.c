@@ -149,7 +149,7 @@ void link_adopt(needle_link *link, insertion_state *state, tissue_loads *loads) 
     set_phase(link, PHASE_HELD);
 }
 
-/* The caller must post the vanished loads only after this change to HELD, because the worker does not read the loads of a resting needle. */
+/* Changes the phase to HELD. Only then may the caller post empty loads, because the worker does not read the loads of a resting needle. */
 bool link_reset(needle_link *link, uint64_t serial) {
     bool away = link_phase(link) != PHASE_HELD;
     if (away) {

@@ -7,7 +7,7 @@
 
 typedef struct {
     bool any;                /* true if there was a request, which has been carried out or has failed */
-    bool kept;               /* true if a needle found no rest in the tissue and therefore stays held */
+    bool kept;               /* true if a needle could not come to rest in the tissue and therefore stays held */
 } resting_change;
 
 /* Carries out pending requests to leave, take or remove needles. After an error, the needle stays where it was. */

@@ -11,7 +11,7 @@ typedef struct {
     const trocar_pose *poses;
     int steps, from, to;     /* steps: number of steps of this call; from, to: the current pass over the rows computes steps `from` to `to` - 1 */
     double dt;
-    int row_count;           /* number of rows of the mask */
+    int row_count;           /* number of rows in the mask */
     const trocar_watch *watch;
     const trocar_batch_outputs *out;
     int *done;               /* for each row, number of completed steps */

@@ -9,7 +9,7 @@
 
 typedef struct {
     pthread_mutex_t lock;    /* protects the members below while several threads are running */
-    int index;               /* of the row or insertion */
+    int index;               /* index of the failed row or insertion */
     trocar_status status;    /* TROCAR_OK if none has failed */
     trocar_error why;
 } first_failure;

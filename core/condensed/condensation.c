@@ -139,7 +139,8 @@ static void multiply_panels(void *context, int index, int member) {
     size_t number = single ? sizeof(float) : sizeof(double);
     void *tile = s->tiles + (size_t)member * PANEL_WIDTH * PANEL_WIDTH * number;
     double beta = 0.0;
-    for (int row = i, end; row < s->t->count; row = end) { /* loops over ranges of panels in which both factors have entries or do not */
+    for (int row = i, end; row < s->t->count; row = end) { /* each range [row, end) consists of panels in which both factors have entries, or of panels in which
+                                                              they do not */
         bool filled = panels_filled(s->t, row, i) && panels_filled(s->t, row, j);
         for (end = row + 1; end < s->t->count && filled == (panels_filled(s->t, end, i) && panels_filled(s->t, end, j)); end++) continue;
         if (!filled) continue;

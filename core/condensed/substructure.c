@@ -43,7 +43,7 @@ static double operations_of(const extent *e) {
 /* Bytes: peak memory of a subtree's elimination, and memory that remains allocated afterwards. */
 typedef struct { double peak, rest; } memory_estimate;
 
-/* Inserts a child into the list of its siblings, in elimination order: those whose peak memory exceeds the remaining memory by most come first (Liu 1986). */
+/* Inserts a child into the list of its siblings, which is in elimination order: in descending order of peak memory minus remaining memory (Liu 1986). */
 static void insert_child(substructure *s, const memory_estimate *estimates, int *list, int child) {
     double key = estimates[child].peak - estimates[child].rest;
     while (*list >= 0 && estimates[*list].peak - estimates[*list].rest >= key) list = &s->next[*list];

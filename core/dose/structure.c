@@ -138,7 +138,7 @@ static void corners_of(const trocar_mesh *mesh, int32_t tet, vec3 corner[4]) {
     for (int c = 0; c < 4; c++) corner[c] = node_of(mesh, mesh->tets[4 * (int64_t)tet + c]);
 }
 
-/* Marks the voxels inside a tetrahedron that have no owner yet with the tetrahedron's number plus 1. Returns how many were marked. */
+/* Sets the owner of those voxels inside a tetrahedron that have none yet to the tetrahedron's number plus 1. Returns their number. */
 static int64_t claim(const trocar_mesh *mesh, int32_t tet, const lattice *l, int32_t *owner) {
     vec3 corner[4];
     int64_t from[3], to[3], claimed = 0;

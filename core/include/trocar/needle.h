@@ -37,7 +37,7 @@ typedef struct trocar_contact {
     int32_t slot;            /* tissue contact: 0 to TROCAR_MAX_CONTACTS - 1, constant like the id, but reused later; guide: index of the guide; tip: -1 */
 } trocar_contact;
 
-/* Results of trocar_view_hole if the needle is in no hole. */
+/* Return values of trocar_view_hole for a needle that is in no hole. */
 enum {
     TROCAR_NO_HOLE = -1,     /* the needle is not at the guide, or passes beside its plate */
     TROCAR_MISSED_HOLE = -2  /* the needle passes through the plate outside its holes (TROCAR_EVENT_MISSED_GUIDE) */

@@ -34,7 +34,7 @@ typedef struct trocar_refined_mesh {
     double damping[3];           /* N, the part of `forces` that the needle does not feel: it damps the rebound of tissue at the tip */
 } trocar_refined_mesh;
 
-/* Computes the refined mesh. Takes as long as one call of trocar_view_displacements. NO_MEMORY. [one, allocates] */
+/* Computes the refined mesh. Takes as long as one call to trocar_view_displacements. NO_MEMORY. [one, allocates] */
 TROCAR_API trocar_status trocar_picture_refined_mesh(trocar_picture *picture, trocar_refined_mesh *mesh, trocar_error *error);
 
 #ifdef __cplusplus

@@ -1,4 +1,4 @@
-/* Needles that rest in the tissue with nobody holding their base. Included by trocar.h. */
+/* Needles that are left to rest in the tissue, with nobody holding their base. Included by trocar.h. */
 #ifndef TROCAR_PUBLIC_REST_H
 #define TROCAR_PUBLIC_REST_H
 
@@ -18,7 +18,7 @@ TROCAR_API trocar_status trocar_sim_leave(trocar_sim *sim, int needle, trocar_er
 TROCAR_API trocar_status trocar_sim_take(trocar_sim *sim, int needle, trocar_error *error);
 
 typedef enum trocar_needle_state {
-    TROCAR_NEEDLE_HELD,      /* driven by the caller, also while it is outside the tissue */
+    TROCAR_NEEDLE_HELD,      /* driven by the caller, even while it is outside the tissue */
     TROCAR_NEEDLE_LEAVING,
     TROCAR_NEEDLE_RESTING,
     TROCAR_NEEDLE_TAKING

@@ -15,24 +15,24 @@
 struct trocar_scene {
     scene values;
     trocar_mesh mesh;        /* copy of a mesh that was given as arrays; empty if there is none */
-    char **names;            /* names of the mesh's regions, followed by names of its surfaces */
+    char **names;            /* names of the mesh's regions, followed by those of its surfaces */
 };
 
 struct trocar_model {
-    model_parts parts;       /* immutable data of the simulation, shared by all its runs */
-    trocar_log log;          /* the log given by the host */
+    model_parts parts;       /* immutable data, shared by all simulations of the model */
+    trocar_log log;          /* the host's log */
     atomic_int users;        /* number of users: the host, until it frees the model, and the simulations, pictures and models created from it */
     trocar_model *base;      /* model whose mesh, and possibly stiffness and inverse, this one shares; NULL if it has its own */
     trocar_model *next_retired; /* see model_release */
-    uint64_t mesh_checksum;  /* of the mesh, which all models derived from this one share */
+    uint64_t mesh_checksum;  /* checksum of the mesh, which all models derived from this one share */
     uint64_t checksum;       /* checksum of everything that affects results; a saved state of this model contains the same value */
     double rate_hz;
     pose start;              /* initial pose of the needle's base; its position is NAN if the scene gives none */
     double patient_to_mesh[16]; /* the first entry is NAN if the scene gives no transform */
-    bool mesh_only;          /* the model has only mesh, regions and membranes */
+    bool mesh_only;          /* true if the model has only mesh, regions and membranes */
 };
 
-/* The object behind the functions trocar_view_*: part of the simulation or picture that it shows. */
+/* The object behind the functions trocar_view_*: a member of the simulation or picture that it shows. */
 struct trocar_view {
     trocar_model *model;
     const trocar_sim *sim;   /* the simulation shown; NULL if this is the view of a picture */
@@ -50,23 +50,23 @@ typedef struct {
 typedef struct {
     needle_link link;
     /* Used by the ticking thread: */
-    insertion_state state;   /* while the needle is held, its current state; while it rests, its state at the moment when it was left */
+    insertion_state state;   /* while the needle is held, its current state; while it rests, its state when it was left */
     uint64_t stamp;          /* changes whenever `state` changes */
-    uint64_t softened;       /* value of elasticity.moves for which the shear and the memory in `state` hold */
+    uint64_t softened;       /* value of elasticity.moves for which the shear and the memory in `state` are valid */
     double base_compliance;  /* m/N, compliance of the spring between the given pose and the base */
     pose given;              /* pose of the base given in the last tick or reset */
     tissue_loads loads;      /* the needle's current forces on the tissue */
-    double since_loads;      /* s since `loads` were last posted to the worker */
+    double since_loads;      /* s, simulated time since `loads` were last posted to the worker */
     /* Used by the worker: */
     remesher *remesher;      /* contact nodes of this needle */
-    bool loaded;             /* whether u_free, as of the last answer, is nonzero anywhere */
-    vec3 u_free[MAX_HANDLES]; /* m, free displacements of the last answer, computed once per request */
+    bool loaded;             /* whether `u_free` in the last answer is nonzero anywhere */
+    vec3 u_free[MAX_HANDLES]; /* m, free displacements in the last answer; computed once per request */
     unresolved_shift unresolved, unresolved_residual[MAX_RELAXATION]; /* same as in the snapshot of the last answer */
-    tissue_loads held;       /* the needle's forces on the tissue as the worker knows them; while it rests, its residual loads alone */
+    tissue_loads held;       /* the needle's forces on the tissue as last known to the worker; while the needle rests, only its residual loads */
     resting_needle *resting; /* NULL if the needle has never rested */
-    bool attached;           /* the needle is attached to the tissue */
-    uint64_t served_changes, served_shifts; /* change counters of the resting needles and the probe at the time of the last answer */
-    double shown_force[MAX_UNKNOWNS]; /* N, forces for which the needle was last shown */
+    bool attached;           /* true if the needle is attached to the tissue */
+    uint64_t served_changes, served_shifts; /* values of attached_changes() and attached_shifts() at the last answer */
+    double shown_force[MAX_UNKNOWNS]; /* N, the resting needle's forces when it was last shown */
 } sim_needle;
 
 struct trocar_sim {
@@ -77,29 +77,29 @@ struct trocar_sim {
     sim_link link;
     /* Used by the ticking thread: */
     insertion_workspace *workspace; /* scratch memory of a tick; in lockstep, several simulations may share it */
-    bool borrows_workspace;    /* the workspace belongs to the caller of sim_create, and is not freed here */
+    bool borrows_workspace;    /* true if the workspace belongs to the caller of sim_create, and is therefore not freed here */
     int64_t (*clock)(void);  /* returns the time in ns; NULL if stages are not timed */
     round_clock rounds;
     seed_list seeds;
-    sim_changing *changing;  /* NULL, in a simulation of a batch, until the first change: the model's own values are in use */
+    sim_changing *changing;  /* in a simulation of a batch, NULL until the first change, while the model's own values are in use */
     vec3 *field_scratch;     /* see trocar_view.scratch */
-    inverse *shown;          /* inverse with the present moduli, updated whenever displacements are computed */
+    inverse *shown;          /* inverse with the current moduli, for the view; updated whenever displacements are computed */
     elasticity elasticity;   /* holds a reference to each of its models. Used by both threads: see elasticity.h */
     /* Used by the worker: */
-    inverse *mixed;          /* inverse of the tissue alone, with the present moduli */
-    inverse *inverse;        /* inverse to which resting needles and the probe are attached */
-    needle_pairs *pairs;     /* couplings between needles; NULL if there is only one needle, in elastic tissue */
+    inverse *mixed;          /* inverse of the tissue alone, with the current moduli */
+    inverse *inverse;        /* the same with resting needles and the probe attached */
+    needle_pairs *pairs;     /* couplings between needles; NULL if there is a single needle and the tissue does not relax */
     resting_set resting;
     resting_scratch *resting_scratch; /* NULL until a needle is left in the tissue for the first time */
     uint64_t last_attached;  /* id of the most recently attached needle */
     int next_served;         /* index of the needle whose request is checked next */
     int next_shown;          /* index of the needle that was last checked for a change to show */
     probe *probe;            /* NULL if the scene has no probe */
-    bool probe_posed;        /* a pose has been received */
+    bool probe_posed;        /* true if a pose has been received */
     pose probe_pose;         /* the newest pose of the probe */
     int64_t probe_time;      /* ns, simulated time at which the probe was last pressed on the tissue */
-    uint64_t probe_beneath;  /* value of resting.changes when the probe was last pressed on the tissue */
-    double since_response;   /* s, used in lockstep: simulated time since resting needles and the probe last responded to the loads */
+    uint64_t probe_beneath;  /* value of resting.changes when the probe was last pressed on the tissue: shows whether the inverse beneath it has changed */
+    double since_response;   /* s, simulated time since resting needles and the probe last responded to the loads; used in lockstep */
     bool to_respond;         /* whether resting needles and the probe still have to respond to the newest loads and pose */
     int answers;             /* number of requests answered since the last response */
 };
@@ -107,23 +107,23 @@ struct trocar_sim {
 /* A copy of the visible state of a simulation. */
 struct trocar_picture {
     trocar_model *model;
-    double time;             /* s, simulated */
+    double time;             /* s, simulated time */
     trocar_view view;
     insertion_state *states; /* one for each of the model's needles */
     uint64_t stamps[MAX_NEEDLES]; /* for each needle, the stamp of the state that was copied */
     pose bases[MAX_NEEDLES];
     shown_probe probe;
-    int next_resting;        /* index of the resting needle that is checked first */
+    int next_resting;        /* index of the needle that the next copy checks first */
     seed_list seeds;
     trocar_model *from, *to; /* models between which the moduli are interpolated; the picture holds a reference to each */
     double weight;           /* weight of `to` in the interpolation, from 0 to 1 */
-    inverse *mixed;          /* the inverse of the tissue with these moduli */
+    inverse *mixed;          /* inverse of the tissue with the interpolated moduli */
     vec3 *scratch;           /* see trocar_view.scratch */
-    refined_mesh refined;    /* result of the last call of trocar_picture_refined_mesh */
+    refined_mesh refined;    /* result of the last call to trocar_picture_refined_mesh */
     vec3 *force, *displacement; /* forces and displacements at the nodes of `refined` */
 };
 
-/* Counts one more user of the model; that user must call trocar_model_free. */
+/* Adds a reference to the model, to be released with trocar_model_free. */
 static inline trocar_model *model_share(trocar_model *model) {
     atomic_fetch_add_explicit(&model->users, 1, memory_order_relaxed);
     return model;
@@ -134,18 +134,19 @@ static inline moduli moduli_of(trocar_model *model) { return (moduli){model, &mo
 /* Builds a model that differs from `base` in its moduli alone, which are those of `config`. Errors as in trocar_change_prepare. */
 trocar_status model_stiffen(trocar_model *base, const simulation_config *config, const trocar_watch *watch, trocar_model **created, trocar_error *why);
 
-/* Releases a reference without freeing the model: after the last one, model_free_retired frees it, in a thread without real-time limits. RT */
+/* model_release gives up a reference without freeing the model. Once the last reference is gone, model_free_retired, called in a thread without real-time
+   constraints, frees the model. model_release: RT */
 void model_release(trocar_model *model);
 void model_free_retired(void);
 
-/* Creates a simulation. `workspace`: NULL for a simulation of its own; otherwise the simulation can only run in lockstep, uses this workspace until it is given
+/* Creates a simulation. If `workspace` is NULL, the simulation allocates its own. Otherwise it can only run in lockstep, uses this workspace until it is given
    another one, has no descriptor for a worker, and its unused buffers take up no memory. NO_MEMORY, SYSTEM. Allocates. */
 trocar_status sim_create(trocar_model *model, insertion_workspace *workspace, trocar_sim **sim, trocar_error *why);
 
-/* Allocates memory for the state and saves it; to be freed by the caller. NO_MEMORY. */
+/* Saves the state to newly allocated memory, which the caller frees. NO_MEMORY. */
 trocar_status sim_save_new(const trocar_sim *sim, void **state, size_t *bytes, trocar_error *why);
 
-/* Models with the values that the ticking thread and the worker use. RT */
+/* Return the model with the parameter values that the ticking thread or the worker currently uses. RT */
 static inline const insertion_model *ticking_model(const trocar_sim *sim) {
     return sim->changing ? &sim->changing->ticking.model : &sim->model->parts.insertion;
 }

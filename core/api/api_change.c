@@ -1,4 +1,4 @@
-/* trocar.h: changes during a run. */
+/* Implements trocar/change.h. */
 #include <math.h>
 #include <stdlib.h>
 
@@ -7,7 +7,7 @@
 
 struct trocar_change {
     trocar_model *model;
-    trocar_model *moduli;    /* once the change is prepared, a model with the moduli of `values`; before that, its moduli may differ */
+    trocar_model *moduli;    /* once the change is prepared, a model with the moduli in `values`; before that, its moduli may differ from those */
     change_values values;
 };
 

@@ -1,4 +1,4 @@
-/* trocar.h: models. */
+/* Implements trocar/model.h. */
 #include <stdlib.h>
 #include <string.h>
 
@@ -9,7 +9,7 @@
 
 _Static_assert(sizeof(bool) == sizeof(uint8_t) && (int)MESH_MAX_GROUPS == 32, "trocar.h says so");
 
-/* Allocates a model and copies those parts of the scene that are not in the simulation's configuration. Fills *config with the configuration. */
+/* Allocates a model and copies to it the parts of the scene that are not in the simulation's configuration. Fills *config with that configuration. */
 static trocar_status begin_model(const trocar_scene *scene, trocar_model **model, simulation_config *config, trocar_error *why) {
     trocar_status status = scene_check(&scene->values, why);
     if (status != TROCAR_OK) return status;
@@ -27,7 +27,7 @@ static trocar_status begin_model(const trocar_scene *scene, trocar_model **model
 
 static trocar_status end_model(trocar_model *m, trocar_status status, trocar_model **model) {
     if (m->parts.config.mesh_given) m->parts.config.mesh_path[0] = '\0'; /* no file was read */
-    m->parts.config.mesh_given = NULL; /* belongs to the scene, which may be freed */
+    m->parts.config.mesh_given = NULL; /* belongs to the scene, which may be freed before the model */
     m->parts.config.scene_path = NULL;
     if (status == TROCAR_OK) *model = m;
     else free(m);
@@ -116,7 +116,7 @@ trocar_status model_stiffen(trocar_model *base, const simulation_config *config,
     simulation_config changed = base->parts.config;
     double *to[MAX_MODULI], *from[MAX_MODULI];
     int count = simulation_moduli(&changed, to);
-    simulation_moduli((simulation_config *)config, from); /* only read here */
+    simulation_moduli((simulation_config *)config, from); /* lists pointers to the moduli of `config`, which are only read here */
     for (int i = 0; i < count; i++) *to[i] = *from[i];
     changed.progress = watch ? (inverse_progress){watch->progress, watch->context, watch->cancelled} : (inverse_progress){0};
     changed.keep_inverse = false;
@@ -134,7 +134,7 @@ trocar_status model_stiffen(trocar_model *base, const simulation_config *config,
     return TROCAR_OK;
 }
 
-static _Atomic(trocar_model *) retired; /* models without users, of all simulations */
+static _Atomic(trocar_model *) retired; /* models without users, to be freed by model_free_retired; shared by all simulations */
 
 void model_release(trocar_model *model) {
     if (atomic_fetch_sub_explicit(&model->users, 1, memory_order_acq_rel) > 1) return;

@@ -1,4 +1,4 @@
-/* trocar.h: pictures. */
+/* Implements trocar/picture.h. */
 #include <stdlib.h>
 #include <string.h>
 
@@ -23,7 +23,7 @@ trocar_status trocar_picture_create(trocar_model *model, trocar_picture **create
         free(p);
         return status;
     }
-    memset(p->states, 0, states); /* writes to the memory now, so that no page fault occurs later */
+    memset(p->states, 0, states); /* touches the memory now, so that no page fault occurs later */
     p->model = model_share(model);
     p->from = model_share(model);
     p->to = model_share(model);

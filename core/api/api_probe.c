@@ -1,4 +1,4 @@
-/* trocar.h: the probe. See docs/mechanics.md, "Probe". */
+/* Implements trocar/probe.h. See docs/mechanics.md, "Probe". */
 #include "api/ticking.h"
 #include "api/view.h"
 

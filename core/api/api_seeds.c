@@ -1,4 +1,4 @@
-/* trocar.h: seeds. */
+/* Implements trocar/seeds.h. */
 #include <string.h>
 
 #include "api/ticking.h"

@@ -1,4 +1,4 @@
-/* trocar.h: saving and restoring a simulation. Called between lockstep steps, where one thread is both the ticking thread and the worker. */
+/* Implements saving and restoring (trocar/sim.h). Called between lockstep steps, where one thread is both the ticking thread and the worker. */
 #include <stdlib.h>
 #include <string.h>
 
@@ -10,25 +10,25 @@
 #include "base/hash.h"
 #include "saved/saved_state.h"
 
-/* The beginning of a saved state. It is copied, because the caller's memory need not be aligned. */
+/* The header of a saved state. It is copied to and from the caller's memory, which need not be aligned. */
 typedef struct {
-    char mark[8];            /* MARK, which also shows whether the machine orders bytes in the same way */
-    uint64_t layout;         /* saved_layout() of the library that saved it */
+    char mark[8];            /* MARK, which identifies a saved state */
+    uint64_t layout;         /* saved_layout() of the library that saved the state */
     uint64_t model;          /* checksum of the model */
     uint64_t size;           /* bytes, including this header */
-    uint64_t checksum;       /* of the bytes after this header */
+    uint64_t checksum;       /* checksum of the bytes after this header */
 } state_header;
 
 static const char MARK[8] = {'t', 'r', 'o', 'c', 'a', 'r', '\1', '\2'};
 
-/* Data of a needle besides its insertion state. */
+/* Data of a needle that are not in its insertion state. */
 typedef struct {
     int phase;
     double base_compliance;
     int64_t since_release;
 } saved_needle;
 
-enum { MOST_OTHER = 4096 };  /* bytes, upper bound for the parts of a state that trocar_sim_state_size does not add up one by one */
+enum { MOST_OTHER = 4096 };  /* bytes, upper bound for the parts of a state that trocar_sim_state_size does not count individually */
 
 size_t trocar_sim_state_size(const trocar_sim *sim) {
     size_t of_needle = sizeof(saved_needle) + sizeof(insertion_state) + sizeof(compliance_snapshot) + sizeof(resting_needle) + (sim->probe ? sizeof(needle_hold) : 0);
@@ -57,7 +57,7 @@ static void save_needle(state_stream *to, const trocar_sim *sim, int index) {
 
 trocar_status trocar_sim_save(const trocar_sim *sim, void *state, size_t size, trocar_error *error) {
     trocar_error ignored, *why = error ? error : &ignored;
-    trocar_sim *s = (trocar_sim *)sim; /* an output stream only reads the members */
+    trocar_sim *s = (trocar_sim *)sim; /* the stream functions take non-const pointers, but an output stream only reads */
     state_header header = {.layout = saved_layout(), .model = sim->model->checksum};
     state_stream to = stream_to(state, size);
     STREAM(&to, header);
@@ -114,7 +114,7 @@ static trocar_status check_state(const trocar_sim *sim, const void *state, size_
     return TROCAR_OK;
 }
 
-/* Finds or builds a model with these moduli, and adds a reference to it. */
+/* Finds or builds a model with the moduli in `config`, and adds a reference to it. */
 static trocar_status model_with(trocar_sim *sim, const simulation_config *config, trocar_model **found, trocar_error *why) {
     trocar_model *const known[] = {sim->model, sim->elasticity.to.model, sim->elasticity.from.model};
     for (size_t i = 0; i < sizeof known / sizeof *known; i++) {
@@ -146,7 +146,7 @@ static trocar_status restore_moduli(state_stream *from, trocar_sim *sim, trocar_
     return status;
 }
 
-/* Restores everything except the remesher, which can be restored only after the resting needles have been attached. */
+/* Restores everything of a needle except its remesher, which can be restored only after the resting needles have been attached. */
 static trocar_status restore_needle(state_stream *from, trocar_sim *sim, sim_needle *needle, trocar_error *why) {
     saved_needle saved;
     int segments = sim->model->parts.needle.given.segments;
@@ -174,7 +174,7 @@ static trocar_status restore_needle(state_stream *from, trocar_sim *sim, sim_nee
     return TROCAR_OK;
 }
 
-/* Work that was pending for the worker when the state was saved is done after the restore. */
+/* Work that was pending for the worker when the state was saved is pending again after the restore. */
 trocar_status trocar_sim_restore(trocar_sim *sim, const void *state, size_t size, trocar_error *error) {
     trocar_error ignored, *why = error ? error : &ignored;
     state_header header;
@@ -190,7 +190,7 @@ trocar_status trocar_sim_restore(trocar_sim *sim, const void *state, size_t size
     saved_seeds(&from, sim->needle_count, &sim->seeds);
     for (int i = 0; i < sim->needle_count && status == TROCAR_OK; i++) status = restore_needle(&from, sim, &sim->needles[i], why);
     for (int i = 0; i < sim->needle_count && status == TROCAR_OK; i++)
-        /* in a loop of its own, because fill_message_of_left_needle needs the tracks of all needles */
+        /* in a separate loop, because fill_message_of_left_needle needs the tracks of all needles */
         if (link_phase(&sim->needles[i].link) == PHASE_LEAVING) fill_message_of_left_needle(sim, i), link_publish_left(&sim->needles[i].link);
     if (status == TROCAR_OK) status = rest_again(sim, why);
     if (status == TROCAR_OK) status = restore_probe(&from, sim, why);

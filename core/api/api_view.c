@@ -1,4 +1,4 @@
-/* trocar.h: what can be seen of a simulation, now or in a picture. */
+/* Implements trocar/view.h, for simulations and for pictures. */
 #include <string.h>
 
 #include "api/ticking.h"
@@ -88,7 +88,7 @@ trocar_probe trocar_view_probe(const trocar_view *view) {
     return shown ? shown->output : (trocar_probe){.placed = 0};
 }
 
-/* The inverse of the tissue with its present moduli. */
+/* Returns the inverse of the tissue with its current moduli. */
 static inverse *inverse_in(const trocar_view *view) {
     if (!view->sim) return view->picture->mixed;
     const elasticity *e = &view->sim->elasticity;

@@ -1,4 +1,4 @@
-/* trocar.h: ticks, and leaving and taking needles. */
+/* Implements ticks and resets (trocar/sim.h), and leaving and taking needles (trocar/rest.h). */
 #include "api/ticking.h"
 
 #include <float.h>
@@ -21,7 +21,7 @@ trocar_status check_pose(const trocar_pose *p, pose *out, trocar_error *why) {
     for (int i = 0; i < 3; i++) sum += p->position[i];
     if (isfinite(sum) && fabs(sqrt(norm) - 1.0) <= 1e-3) {
         quat q = {p->orientation[0], p->orientation[1], p->orientation[2], p->orientation[3]};
-        bool unit = fabs(norm - 1.0) <= 8 * DBL_EPSILON; /* the quaternion comes from q_unit: normalising it again could change its last bit */
+        bool unit = fabs(norm - 1.0) <= 8 * DBL_EPSILON; /* the quaternion is already normalised: doing so again could change its last bit */
         *out = (pose){v3(p->position[0], p->position[1], p->position[2]), unit ? q : q_unit(q)};
         return TROCAR_OK;
     }
@@ -53,16 +53,16 @@ void adopt_needle(trocar_sim *sim, sim_needle *n) {
     if (link_refuses(&n->link, ON_ADOPT)) return;
     memcpy(&n->state, &link_shown(&n->link)->state, sizeof n->state);
     n->stamp = next_stamp();
-    n->softened = 0; /* the worker may have been behind in a change of moduli */
+    n->softened = 0; /* makes the next tick call insertion_soften, because the worker may have lagged behind in a change of moduli */
     n->given = n->state.needle.base;
     n->loads.count = 0;
     insertion_add_loads(ticking_model(sim), &n->state, &n->loads);
     link_adopt(&n->link, &n->state, &n->loads);
 }
 
-/* Copies the tracks nearest to the tip first, because there may be too little room for all. */
+/* Copies the tracks nearest to the tip first, because there may not be room for all of them. */
 void fill_message_of_left_needle(trocar_sim *sim, int needle) {
-    static const double DISTANCES[] = {-1.0, 10e-3, 40e-3}; /* m, limits of the distances from the tip at which tracks are copied in each of the two passes; a
+    static const double DISTANCES[] = {-1.0, 10e-3, 40e-3}; /* m, distances from the tip between which tracks are copied in the first and second pass; a
                                                                released needle moves by only a few millimetres */
     sim_needle *n = &sim->needles[needle];
     left_needle *slot = link_left_slot(&n->link);
@@ -78,7 +78,7 @@ static trocar_status refuse(trocar_error *why, int needle, const char *reason) {
     return TROCAR_BAD_INPUT;
 }
 
-/* Tells the worker that the needle does not hold the tissue until its next tick. RT */
+/* Tells the worker that the needle does not support the tissue against the probe until its next tick. RT */
 static void post_no_hold(const trocar_sim *sim, needle_link *link) {
     if (!sim->probe) return;
     link_hold_slot(link)->count = 0;
@@ -133,7 +133,7 @@ trocar_status trocar_sim_reset(trocar_sim *sim, int needle, const trocar_pose *b
     n->stamp = next_stamp();
     n->loads.count = 0;
     post_no_hold(sim, &n->link);
-    if (link_reset(&n->link, n->state.request.serial) || n->link.posted_loads.count > 0) { /* tells the worker, so that the other needles stop feeling this
+    if (link_reset(&n->link, n->state.request.serial) || n->link.posted_loads.count > 0) { /* tells the worker, so that the other needles no longer feel this
                                                                                               one */
         link_post_loads(&n->link, &(tissue_loads){.count = 0});
         wake_worker(&sim->link);
@@ -151,7 +151,7 @@ static trocar_output output_of(const tick_output *wrench) {
                            .switches = wrench->switches};
 }
 
-/* True if the needle's forces have changed enough to matter to the other needles. RT */
+/* True if the needle's forces have changed enough since they were last posted to matter to the other needles. RT */
 static bool loads_changed(const sim_needle *needle) {
     static const double NOTICEABLE = 1e-3; /* N */
     const tissue_loads *now = &needle->loads, *then = &needle->link.posted_loads;
@@ -170,8 +170,8 @@ void post_hold(trocar_sim *sim, sim_needle *needle, const compliance_snapshot *s
     link_publish_hold(&needle->link);
 }
 
-/* Posts the needle's forces to the worker, which passes them on to the other needles; from a single needle, it only needs the track. Resting needles and the
-   probe respond at intervals of their own. RT */
+/* Posts the needle's forces to the worker, which passes them on to the other needles. If there is only one needle, the worker only needs its track. Resting
+   needles and the probe respond at their own intervals (response_period). RT */
 static void post_loads(trocar_sim *sim, sim_needle *needle, const compliance_snapshot *snapshot, double dt) {
     bool rest = atomic_load_explicit(&sim->link.resting, memory_order_relaxed) > 0 || atomic_load_explicit(&sim->link.probe.placed, memory_order_relaxed);
     const shown_probe *probe = shown_probe_of(sim);
@@ -187,12 +187,13 @@ static void post_loads(trocar_sim *sim, sim_needle *needle, const compliance_sna
     wake_worker(&sim->link);
 }
 
-/* True if the worker needs the needle's forces: other bodies feel them, or the displacement of its track by its residual loads is to be found. RT */
+/* True if the worker needs the needle's forces, either because other bodies feel them or to compute the displacement of the track by the needle's residual
+   loads. RT */
 static bool is_felt(const trocar_sim *sim, const sim_needle *needle) {
     return sim->needle_count > 1 || sim->probe || needle->state.memory.residual.count > 0;
 }
 
-/* Advances the time for a tick of this needle. Needles that tick one after another share a round, which advances the time by `dt` only once. RT */
+/* Advances the simulated time for a tick of this needle. Needles that tick one after another share a round, in which the time advances by `dt` only once. RT */
 static void advance_time(round_clock *rounds, int needle, double dt) {
     uint32_t bit = UINT32_C(1) << needle;
     if (rounds->ticked & bit) rounds->ticked = 0;

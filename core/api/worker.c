@@ -1,4 +1,4 @@
-/* trocar.h: the worker's tasks, both in a thread of its own and in lockstep. */
+/* The worker's tasks, both in a thread of its own (trocar_sim_work) and in lockstep. */
 #include "api/worker.h"
 
 #include <stdlib.h>
@@ -8,9 +8,10 @@
 #include "api/worker_resting.h"
 #include "base/flush_denormals.h"
 
-enum { MOST_ANSWERS = 4 };             /* number of requests answered in a row before other work gets its turn */
+enum { MOST_ANSWERS = 4 };             /* maximum number of requests answered in a row before other work gets its turn */
 
-/* Moves the mesh's compliance by a step, lets resting needles follow, and marks everything that was computed from it as outdated. */
+/* Moves the mesh's compliance one step further towards the new moduli, lets resting needles follow, and marks everything computed from the old compliance as
+   outdated. */
 static trocar_status move_moduli(trocar_sim *sim, double now, trocar_error *why) {
     double *displacement;
     trocar_status status = rest_before_softening(sim, &displacement, why);
@@ -26,7 +27,7 @@ static trocar_status move_moduli(trocar_sim *sim, double now, trocar_error *why)
     return status == TROCAR_OK ? respond_to_loads(sim, false, why) : status;
 }
 
-/* While moduli change, follows the ticking thread. */
+/* While moduli change, lets the mesh's compliance follow the ticking thread's progress. */
 static trocar_status follow_moduli(trocar_sim *sim, trocar_error *why) {
     model_free_retired();
     bool felt = false;
@@ -41,7 +42,7 @@ static trocar_status follow_moduli(trocar_sim *sim, trocar_error *why) {
 
 /* ---- in its own thread ------------------------------------------------------------------------------------------------------ */
 
-/* Copies the newest forces of held needles. Returns true if any of them are new. */
+/* Copies the newest forces of held needles. Returns true if any have not been read before. */
 static bool take_loads(trocar_sim *sim) {
     bool any = false;
     for (int i = 0; i < sim->needle_count; i++) {
@@ -64,7 +65,7 @@ static trocar_status respond_in_turn(trocar_sim *sim, trocar_error *why) {
     return status == TROCAR_OK ? respond_to_loads(sim, false, why) : status;
 }
 
-/* Lets the next needle slip. Returns true if there is more work. */
+/* Lets the next resting needle slip. Returns true if more needles have to slip. */
 static bool slip_in_turn(trocar_sim *sim, trocar_status *status, trocar_error *why) {
     uint64_t shifts = sim->resting.shifts;
     bool more = slip_some(sim, false);

@@ -1,10 +1,10 @@
-/* The worker in lockstep, where the ticking thread also does the worker's work. A separate thread would call trocar_sim_work (trocar.h) instead. */
+/* The worker's part of a lockstep step, which the ticking thread does itself. A separate worker thread would call trocar_sim_work (trocar.h) instead. */
 #ifndef TROCAR_WORKER_H
 #define TROCAR_WORKER_H
 
 #include "api/api.h"
 
-/* Before a tick: applies the effects of other needles and the probe on the tissue. Sets *outdated if the needle's last answer is no longer valid. */
+/* Before a tick: applies the effects of the other needles and the probe on the tissue. Sets *outdated if the needle's last answer is no longer valid. */
 trocar_status worker_before_tick(trocar_sim *sim, int needle, bool *outdated, trocar_error *why);
 
 /* After a tick that used `answer`: lets resting needles and the probe respond, and answers the needle's current request. */

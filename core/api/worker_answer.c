@@ -21,9 +21,9 @@ void mark_stale(trocar_sim *sim, const sim_needle *except) {
 
 /* ---- answers ------------------------------------------------------------------------------------------------------------------ */
 
-static const double AHEAD = 10e-3; /* m, possible advance of the tip until the next answer */
+static const double AHEAD = 10e-3; /* m, how far the tip may advance until the next answer */
 
-/* Divides the needle's track into steps; for a needle outside the tissue, its expected track. */
+/* Divides the needle's track, or the expected track of a needle outside the tissue, into steps. */
 static void lay_steps(const trocar_sim *sim, int index, const remesh_request *request, shaft_steps *steps) {
     const mesh *m = &sim->model->parts.mesh;
     double finest = sim->model->parts.insertion.settings.contact_spacing;
@@ -45,7 +45,7 @@ static void add_up(unresolved_shift *shift) {
     for (int k = 0; k < shift->count; k++) shift->sum[k + 1] = v3_add(shift->sum[k + 1], shift->sum[k]);
 }
 
-/* Finds the part, finer than the mesh, of the displacements caused by other needles and by the needle's own residual loads. */
+/* Of the displacements caused by other needles and by the needle's own residual loads, finds the part that the mesh is too coarse to resolve. */
 static trocar_status find_unresolved(const trocar_sim *sim, int index, const remesh_request *request, const other_loads *others, compliance_snapshot *snapshot,
                                      trocar_error *why) {
     shaft_steps steps = {.count = 0};
@@ -64,7 +64,7 @@ static trocar_status find_unresolved(const trocar_sim *sim, int index, const rem
     return status;
 }
 
-/* Fills u_free of the worker's slot: computed for the first answer to a request, and reused for later ones. Worker only. */
+/* Fills the free displacements (u_free) in the worker's slot; they are computed for the first answer to a request, and reused for later ones. Worker only. */
 static trocar_status fill_free(trocar_sim *sim, int index, const remesh_request *request, bool first, trocar_error *why) {
     sim_needle *needle = &sim->needles[index];
     compliance_snapshot *snapshot = link_answer_slot(&needle->link);

@@ -4,11 +4,13 @@
 
 #include "api/api.h"
 
-/* Counters of changes: of what is attached to the inverse (resting needles, probe), and of the forces that it exerts in the absence of held needles. */
+/* Count changes to the set of attachments to the inverse (resting needles, probe), and changes to the forces that these would exert in the absence of held
+   needles. */
 static inline uint64_t attached_changes(const trocar_sim *sim) { return sim->resting.changes + (sim->probe ? sim->probe->changes : 0); }
 static inline uint64_t attached_shifts(const trocar_sim *sim) { return sim->resting.shifts + (sim->probe ? sim->probe->shifts : 0); }
 
-/* Lists the loads that all bodies except one exert on the tissue. The excluded body is a needle, the resting needles, or the probe. */
+/* Lists the loads that all bodies except one exert on the tissue. `needle`: the excluded body, which is the index of a needle, BESIDE_RESTING or
+   BESIDE_PROBE. */
 enum { BESIDE_RESTING = -1, BESIDE_PROBE = -2 };
 void list_others(const trocar_sim *sim, int needle, other_loads *others);
 
@@ -21,11 +23,12 @@ trocar_status answer_fully(trocar_sim *sim, int needle, const remesh_request *re
 /* Writes the complete answer to this needle's current request and publishes it. For lockstep, where one thread both posts and answers. */
 trocar_status answer_and_publish(trocar_sim *sim, int needle, trocar_error *why);
 
-/* Answers the newest request of this needle, if there is one: first the rows, then the mesh's resolution line by line, until a newer request arrives. The
-   tip's line, which comes first, is always measured: otherwise a slow worker, for which a newer request is always pending, would never measure any line. */
+/* Answers the newest request of this needle, if there is one: first computes the rows, then measures the mesh's resolution line by line, until a newer
+   request arrives. The tip's line, which comes first, is always measured: otherwise a slow worker, for which a newer request is always pending, would never
+   measure a line. */
 trocar_status answer_request(trocar_sim *sim, int needle, trocar_work *work, trocar_error *why);
 
-/* Prefetches nodes when there is no other work. Returns false if nothing is left to prefetch. */
+/* Prefetches contact nodes when there is no other work. Returns false if nothing is left to prefetch. */
 bool look_ahead(trocar_sim *sim);
 
 #endif

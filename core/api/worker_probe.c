@@ -45,7 +45,7 @@ trocar_status press_probe(trocar_sim *sim, trocar_error *why) {
     if (!p || !sim->probe_posed) return TROCAR_OK;
     uint64_t changes = attached_changes(sim), shifts = attached_shifts(sim);
     list_others(sim, BESIDE_PROBE, &others);
-    bool held = false; /* if no needle is held, there are no ticks, and simulated time does not advance */
+    bool held = false; /* if no needle is held, there are no ticks, so simulated time does not advance */
     for (int i = 0; i < sim->needle_count; i++) {
         if (sim->needles[i].attached) continue;
         held = true;
@@ -64,7 +64,7 @@ trocar_status press_probe(trocar_sim *sim, trocar_error *why) {
 /* ---- save and restore ---------------------------------------------------------------------------------------------------------- */
 
 typedef struct {
-    bool placed, posed, waits; /* waits: `asked` is a pose that the worker has not read yet */
+    bool placed, posed, waits; /* waits: true if `asked` is a pose that the worker has not read yet */
     pose pose, asked;
     int64_t time;            /* ns */
 } saved_poses;

@@ -7,10 +7,10 @@
 
 trocar_status create_probe(trocar_sim *sim, trocar_error *why);
 
-/* Reads the newest pose. Returns true if it is new. */
+/* Reads the newest pose of the probe. Returns true if it has not been read before. */
 bool take_probe_pose(trocar_sim *sim);
 
-/* Presses the probe against the tissue at its current pose. Called after the probe has moved or other loads have changed. */
+/* Presses the probe against the tissue at its newest pose. To be called after the probe has moved or other loads have changed. */
 trocar_status press_probe(trocar_sim *sim, trocar_error *why);
 
 /* Save and restore the probe. To be called between lockstep steps. */

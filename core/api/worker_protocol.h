@@ -1,16 +1,16 @@
-/* The messages between the thread that ticks a simulation and its worker, and the ownership of each needle. The two threads exchange data through the
-   links below, and values that change during a run through `changing` and `elasticity`, which have rules of their own. Each other member of the structs in api.h is
-   constant or belongs to one thread.
+/* The messages between the thread that ticks a simulation and its worker, and the ownership of each needle. The two threads exchange data through
+   the links below. Values that change during a run pass through `changing` and `elasticity`, which have their own rules. Every other member of the structs in
+   api.h is constant or belongs to one thread.
 
    A needle is in one of five phases:
 
    | phase   | the needle is                      | the ticking thread writes        | the worker writes                                        |
    |---------|------------------------------------|----------------------------------|----------------------------------------------------------|
    | HELD    | ticked                             | state, requests, loads           | answers                                                  |
-   | LEAVING | handed over, not at rest yet       | nothing (left, before LEAVING)   | the slot of the next answer, as scratch; shown, at the end |
+   | LEAVING | handed over, not at rest yet       | nothing (`left` has been written) | the slot of the next answer, as scratch; shown, at the end |
    | RESTING | in the tissue, held by no hand     | nothing                          | shown                                                    |
    | TAKING  | requested back                     | nothing                          | shown and one answer, at the end                         |
-   | TAKEN   | returned, to be adopted            | state, when it adopts the shown one | answers                                               |
+   | TAKEN   | returned, to be adopted            | state, by adopting the shown one | answers                                                  |
 
    These events change the phase (-: refused, with the reason that link_refuses returns):
 
@@ -25,9 +25,9 @@
    | ON_STAYS   | worker  | -       | HELD    | -       | -      | -     |
    | ON_RELEASE | worker  | -       | -       | -       | TAKEN  | -     |
 
-   The ticking thread may change the phase at any time. A change by the worker takes effect only if the ticking thread has made none since the worker
-   began (link_seen, link_complete). Only the worker knows whether the needle is attached to the tissue; its task follows from that and from the phase
-   (link_duty). A restore may set any phase: it takes place between lockstep steps, where one thread is both. */
+   A reset by the ticking thread may change the phase at any time. A change by the worker takes effect only if the ticking thread has not changed the phase
+   since the worker began (link_seen, link_complete). Only the worker knows whether the needle is attached to the tissue; its task follows from that and from
+   the phase (duty_in). A restore may set any phase: it takes place between lockstep steps, where one thread is both the ticking thread and the worker. */
 #ifndef TROCAR_WORKER_PROTOCOL_H
 #define TROCAR_WORKER_PROTOCOL_H
 
@@ -54,10 +54,10 @@ typedef enum {
    refused. RT */
 const char *phase_after(needle_phase phase, needle_event event, needle_phase *next);
 
-/* What the worker has to do for a needle. */
+/* The worker's task for a needle. */
 typedef enum {
     DUTY_NONE,
-    DUTY_REMOVE,             /* the needle was reset while attached: detach it, so that its forces vanish, then decide again */
+    DUTY_REMOVE,             /* the needle was reset while attached: detach it, so that its forces vanish; then choose the next task */
     DUTY_LAY_DOWN,           /* release the base and attach the needle to the tissue */
     DUTY_RETURN,             /* detach the needle and return it to the ticking thread */
 } needle_duty;
@@ -66,59 +66,60 @@ needle_duty duty_in(needle_phase phase, bool attached);
 
 /* ---- messages ------------------------------------------------------------------------------------------------------------------ */
 
-/* Message from ticking thread to worker: a request. */
+/* Message from the ticking thread to the worker: a request. */
 typedef struct {
     int64_t asked;           /* ns on the simulation's clock, time of the request */
     remesh_request request;
 } posted_request;
 
-/* Message from ticking thread to worker: a needle that is being left in the tissue. */
+/* Message from the ticking thread to the worker: a needle that is being left in the tissue. */
 typedef struct {
     insertion_state state;
     track_list others;       /* tracks of the other needles near this one's tip */
 } left_needle;
 
-/* Message from worker to ticking thread: a resting needle. */
+/* Message from the worker to the ticking thread: a resting needle. */
 typedef struct {
     uint64_t stamp;
     insertion_state state;
 } shown_needle;
 
-/* Message from worker to ticking thread: the probe. */
+/* Message from the worker to the ticking thread: the probe. */
 typedef struct {
     uint64_t stamp;
     trocar_probe output;
-    int count, nodes[MAX_PRESSED]; /* nodes that the probe presses */
+    int count, nodes[MAX_PRESSED]; /* nodes that the probe presses on */
     vec3 force[MAX_PRESSED];       /* N, force on the tissue at each of these nodes */
 } shown_probe;
 
-/* Returns a number that is unique in this process, to identify a shown state. RT */
+/* Returns a number, unique in this process, that identifies a state. RT */
 uint64_t next_stamp(void);
 
 /* ---- one needle ------------------------------------------------------------------------------------------------------------------ */
 
 enum { REQUESTS_REMEMBERED = 1024 };
 
-/* ns: time over which the effect of releasing a needle on the other needles builds up; about as long as fingers take to open. An assumed value: a change within
-   a single tick would be a jolt of up to 0.5 N */
+/* ns: time over which the effect of a release on the other needles builds up, about as long as fingers take to open. An assumed value: if the effect came
+   within a single tick, it would be a jolt of up to 0.5 N */
 static const int64_t RELEASE_TIME = 100000000;
 
-/* Returns the interval (s) at which resting needles respond to the forces of held needles. It is longer while a probe presses `pressed` nodes, because the
-   worker's computation then takes longer. RT */
+/* Returns the interval (s) at which resting needles respond to the forces of held needles. `pressed`: number of points that the probe presses on; the
+   interval is longer if there are any, because the worker's computation then takes longer. RT */
 static inline double response_period(int pressed) { return pressed > 0 ? 0.01 : 0.004; }
 
 typedef struct {
-    atomic_uint phase;       /* needle_phase, plus PHASES times the number of changes made by the ticking thread. The number shows whether a needle was
-                                reset and left again while the worker was attaching it */
+    atomic_uint phase;       /* a needle_phase plus PHASES times the number of changes made by the ticking thread; that number shows whether a needle was reset
+                                and left again while the worker was attaching it */
     triple_buffer requests;  /* posted_request: ticking thread -> worker */
     triple_buffer loads;     /* tissue_loads: ticking thread -> worker */
     triple_buffer holds;     /* needle_hold: ticking thread -> worker; only in scenes with a probe */
     triple_buffer left;      /* left_needle: ticking thread -> worker */
     triple_buffer answers;   /* compliance_snapshot: worker -> ticking thread */
     triple_buffer shown;     /* shown_needle: worker -> ticking thread */
-    atomic_bool stale;       /* set by the worker and cleared by the ticking thread: the last answer is no longer valid, and the ticking thread has to post
-                                a new request */
-    atomic_llong since_release; /* ns of this needle's ticks since another needle was last released; increased by the ticking thread, reset by the worker */
+    atomic_bool stale;       /* true if the last answer is no longer valid, so that the ticking thread has to post a new request; set by the worker, cleared by
+                                the ticking thread */
+    atomic_llong since_release; /* ns, simulated time over which this needle has ticked since a needle was last released; increased by the ticking thread, reset
+                                   by the worker */
     /* Used by the ticking thread: */
     uint64_t posted;         /* serial of the last posted request */
     uint64_t answered;       /* serial of the request whose answer the last tick used */
@@ -126,10 +127,10 @@ typedef struct {
     tissue_loads posted_loads; /* the needle's forces as last posted */
 } needle_link;
 
-/* `lockstep`: one thread is both the ticking thread and the worker, so that nothing has to be ready in advance. */
+/* `lockstep`: true if one thread is both the ticking thread and the worker; the buffers are then not prefaulted. */
 trocar_status link_create(needle_link *link, bool lockstep, trocar_error *why);
 
-/* Creates the buffer for needle_hold. To be called in addition to link_create in scenes with a probe. */
+/* Creates the buffer for needle_hold. In scenes with a probe, to be called in addition to link_create. */
 trocar_status link_create_holds(needle_link *link, trocar_error *why);
 void link_free(needle_link *link);
 
@@ -140,13 +141,13 @@ void copy_loads(const tissue_loads *from, tissue_loads *to);
 
 needle_phase link_phase(const needle_link *link);
 
-/* Returns NULL, or the reason why the event is not currently legal. */
+/* Returns NULL if the event is legal in the current phase; otherwise the reason why it is not. */
 const char *link_refuses(const needle_link *link, needle_event event);
 
-/* Returns the newest answer, emptied if it is for an earlier insertion. Its serial is 0 if there is none yet. */
+/* Returns the newest answer; if it is for an earlier insertion, it is emptied first. Its serial is 0 if there is no answer yet. */
 const compliance_snapshot *link_answer(const needle_link *link, uint64_t insertion);
 
-/* Returns the needle as shown by the worker; NULL while the ticking thread's own state is the visible one. */
+/* Returns the needle as last shown by the worker; NULL while the ticking thread's own state is the visible one. */
 const shown_needle *link_shown(const needle_link *link);
 
 /* Posts the request if its serial is new or the last answer is stale. Returns true if it was posted. */
@@ -162,29 +163,29 @@ void link_publish_hold(needle_link *link);
 left_needle *link_left_slot(needle_link *link);
 
 /* These functions change the phase. They must not be called in a phase in which link_refuses() rejects their event. */
-void link_leave(needle_link *link, insertion_state *state); /* `state` is the ticking thread's; its serials and ids are kept distinct from those that the
-                                                               worker issues */
+void link_leave(needle_link *link, insertion_state *state); /* `state`: the ticking thread's state; its serials and ids are increased, to keep them distinct
+                                                               from those that the worker issues */
 void link_take(needle_link *link);
-void link_adopt(needle_link *link, insertion_state *state, tissue_loads *loads); /* `loads`: forces of `state`, which the worker knows and which therefore need
+void link_adopt(needle_link *link, insertion_state *state, tissue_loads *loads); /* `loads`: the forces in `state`, which the worker already knows, so they need
                                                                                     not be posted */
-bool link_reset(needle_link *link, uint64_t serial); /* `serial`: that of the state's first request after the reset. Returns true if the needle was not held */
+bool link_reset(needle_link *link, uint64_t serial); /* `serial`: serial of the first request after the reset. Returns true if the needle was not held */
 
-/* Returns how long ago (ns) the oldest request was posted for which the last tick had no answer; 0 if there is none. `now` is a time on the clock used for
+/* Returns the age (ns) of the oldest request for which the last tick had no answer; 0 if there is none. `now` is a time on the clock used for
    link_post_request. */
 int64_t link_waiting(const needle_link *link, int64_t now);
 
 /* ---- the worker's side ------------------------------------------------------------------------------------------------------------- */
 
-/* Returns the phase and the number of changes that the worker sees before it begins a task; phase_seen() extracts the phase. */
+/* Returns the phase together with the number of changes, which the worker reads before it begins a task; phase_seen() extracts the phase. */
 unsigned link_seen(const needle_link *link);
 static inline needle_phase phase_seen(unsigned seen) { return (needle_phase)(seen % PHASES); }
 
-/* Applies an event of the worker. If the ticking thread has changed the phase since `seen` was read, has no effect and returns false. */
+/* Applies an event caused by the worker. If the ticking thread has changed the phase since `seen` was read, has no effect and returns false. */
 bool link_complete(needle_link *link, unsigned seen, needle_event event);
 
 /* Returns the newest request; sets *fresh if it has not been read before. */
 const posted_request *link_request(needle_link *link, bool *fresh);
-bool link_request_waits(needle_link *link); /* true if there is a newer request than the one last read */
+bool link_request_waits(needle_link *link); /* true if there is a request newer than the one last read */
 
 /* Returns the newest loads; sets *fresh, unless NULL, if they have not been read before. */
 const tissue_loads *link_loads(needle_link *link, bool *fresh);
@@ -205,14 +206,14 @@ void link_mark_stale(needle_link *link);
 /* ---- both at once: after a restore, between lockstep steps -------------------------------------------------------------------------- */
 
 void link_restore(needle_link *link, needle_phase phase, int64_t since_release);
-void link_publish_left(needle_link *link); /* publishes the slot of link_left_slot, which must have been filled, for a needle in phase LEAVING */
+void link_publish_left(needle_link *link); /* publishes the slot returned by link_left_slot, which must have been filled, for a needle in phase LEAVING */
 
 /* ---- the probe ------------------------------------------------------------------------------------------------------------------------ */
 
 typedef struct {
     triple_buffer poses;     /* pose: ticking thread -> worker */
     triple_buffer shown;     /* shown_probe: worker -> ticking thread */
-    atomic_bool placed;      /* a pose has been posted */
+    atomic_bool placed;      /* true if a pose has been posted */
     atomic_llong time;       /* ns, simulated time; set by the ticking thread */
 } probe_link;
 
@@ -224,7 +225,7 @@ void probe_link_publish(probe_link *link);                   /* worker */
 
 /* If a pose is pending for the worker, copies it to `at` and returns true; the pose remains pending. To be called between lockstep steps. */
 bool probe_link_waiting(probe_link *link, pose *at);
-/* Discards the pending pose and, unless `waiting` is NULL, makes `waiting` the pending pose. */
+/* Discards any pending pose and, unless `waiting` is NULL, makes `waiting` the pending pose. */
 void probe_link_restore(probe_link *link, bool placed, const pose *waiting);
 
 /* ---- a simulation -------------------------------------------------------------------------------------------------------------------- */

@@ -9,14 +9,13 @@
 #include "base/cache_line.h"
 #include "base/flush_denormals.h"
 
-enum { MOST_TICKS = 2000 };            /* ticks within which a released needle must come to rest: 2 s, enough for the lag of its shaft to decay */
+enum { MOST_TICKS = 2000 };            /* number of ticks within which a released needle must come to rest: 2 s, enough for the lag of its shaft to decay */
 
-/* A needle is at rest below these limits: the remaining wrench of its base, and the largest slip of its shaft per tick. */
+/* A needle counts as at rest below these limits on the remaining wrench at its base and on the largest slip of a contact per tick. */
 typedef struct { double force, torque, slip; } rest_limits; /* N, N m, m */
-static const rest_limits AT_REST = {1e-3, 1e-4, 1e-7}, RELAXING = {20e-3, 2e-3, 2e-6}; /* relaxing tissue continues to creep for seconds, hence the larger
-                                                                                          limits */
+static const rest_limits AT_REST = {1e-3, 1e-4, 1e-7}, RELAXING = {20e-3, 2e-3, 2e-6}; /* larger, because relaxing tissue continues to creep for seconds */
 
-static const double LARGEST_STEP = 16.0; /* maximum ratio of a step to the step that would be taken without sliding */
+static const double LARGEST_STEP = 16.0; /* maximum ratio between the base's step and the step that would be taken if nothing slid */
 static const double TICK = 1e-3;       /* s */
 static const double SHOWN = 1e-4;      /* N, change in force above which a needle is shown again */
 static const double SHOWN_ALL = 1e-7;  /* N, threshold used instead of SHOWN while all needles are updated */
@@ -32,7 +31,7 @@ static bool is_at_rest(const insertion_model *model, const insertion_state *stat
     return v3_norm(wrench->force) < limits->force && v3_norm(across) < limits->torque && slip < limits->slip;
 }
 
-/* Releases the base, which then moves until its wrench has vanished. Linearises the needle at its final position, ready to be attached. */
+/* Releases the base and moves it until its wrench has vanished. Linearises the needle at its final position, ready to be attached. */
 static trocar_status release_base(trocar_sim *sim, int index, const track_list *others, insertion_state *state, trocar_error *why) {
     sim_needle *n = &sim->needles[index];
     resting_scratch *scratch = sim->resting_scratch;
@@ -42,7 +41,7 @@ static trocar_status release_base(trocar_sim *sim, int index, const track_list *
     state->base_shift = v3(0, 0, 0);
     insertion_soften(&tick, state, &scratch->workspace); /* the tick may have been ahead of the worker in a change of moduli */
     trocar_status status = answer_fully(sim, index, &state->request, why);
-    double size = 1.0; /* step size; it grows as long as sliding of the shaft keeps the wrench from falling */
+    double size = 1.0; /* step size relative to the step without sliding; it grows as long as sliding keeps the wrench from falling */
     vec3 before = v3(0, 0, 0);
     for (int i = 0; i < MOST_TICKS && status == TROCAR_OK; i++) {
         base_motion step;
@@ -82,13 +81,13 @@ static trocar_status attach_all(trocar_sim *sim, trocar_error *why) {
     return resting_set_change(&sim->resting, count, list, &held, why);
 }
 
-/* The same after needles have been added or removed. */
+/* Attaches all resting needles again after needles have been added or removed, and then presses the probe. */
 static trocar_status attach_again(trocar_sim *sim, trocar_error *why) {
     trocar_status status = attach_all(sim, why);
     return status == TROCAR_OK ? press_probe(sim, why) : status;
 }
 
-/* Fills the slot that will be published next with the needle's current state. Returns the slot. */
+/* Writes the needle's current state to the slot that will be published next. Returns the slot. */
 static const shown_needle *find_shown(trocar_sim *sim, sim_needle *n) {
     shown_needle *slot = link_shown_slot(&n->link);
     resting_show(worker_model(sim), n->resting, &sim->resting_scratch->workspace.response.tangent, &slot->state);
@@ -121,7 +120,7 @@ bool slip_some(trocar_sim *sim, bool all) {
     return more;
 }
 
-/* Fraction of the change caused by the last release that the other needles do not feel yet. Time is measured in ticks of the needle that has ticked most
+/* Returns the fraction of the last release's effect that the other needles do not feel yet. Time is measured in ticks of the needle that has ticked most
    since the release. */
 static double left_of_release(const trocar_sim *sim) {
     int64_t most = 0;
@@ -156,7 +155,7 @@ trocar_status rest_again(trocar_sim *sim, trocar_error *why) {
     atomic_store(&sim->link.resting, count);
     sim->resting.fading = left_of_release(sim);
     if (count == 0 && sim->resting.count == 0) return TROCAR_OK;
-    for (int i = 0; i < count; i++) list[i]->id = ++sim->last_attached; /* a new id, because another needle of this simulation may have the old one */
+    for (int i = 0; i < count; i++) list[i]->id = ++sim->last_attached; /* a new id, because another needle in this simulation may have the old one */
     trocar_status status = resting_set_attach(&sim->resting, count, list, why);
     for (int i = 0; i < sim->needle_count && status == TROCAR_OK; i++)
         if (sim->needles[i].attached) show(sim, &sim->needles[i]);
@@ -170,7 +169,7 @@ static void hold_loads(const trocar_sim *sim, const insertion_state *state, bool
     else insertion_add_loads(worker_model(sim), state, loads);
 }
 
-/* Computes the resting needles' compliances again for the present moduli, and attaches the needles with them. Forces do not change. */
+/* Recomputes the resting needles' compliances for the current moduli, and attaches the needles with them. Forces do not change. */
 static trocar_status soften_resting(trocar_sim *sim, trocar_error *why) {
     resting_scratch *scratch = sim->resting_scratch;
     other_loads held;
@@ -197,7 +196,7 @@ trocar_status rest_before_softening(trocar_sim *sim, double **displacement, troc
     *displacement = NULL;
     if (count == 0) return TROCAR_OK;
     for (int i = 0; i < count; i++) all_alone = all_alone && list[i]->alone;
-    trocar_status status = respond_to_loads(sim, false, why); /* the forces must belong to the loads of held needles when the needles are attached again */
+    trocar_status status = respond_to_loads(sim, false, why); /* when the needles are attached again, their forces must match the loads of the held needles */
     if (status == TROCAR_OK && !all_alone) status = soften_resting(sim, why);
     list_others(sim, BESIDE_RESTING, &held);
     return status == TROCAR_OK ? resting_set_displacement(&sim->resting, &held, displacement, why) : status;
@@ -211,7 +210,7 @@ trocar_status rest_after_softening(trocar_sim *sim, const double *displacement, 
     list_others(sim, BESIDE_RESTING, &held);
     if (status == TROCAR_OK) status = resting_set_follow(&sim->resting, &held, displacement, why);
     int count = list_attached(sim, list);
-    for (int i = 0; i < count && status != TROCAR_OK; i++) list[i]->alone = false; /* the next step attaches them anew */
+    for (int i = 0; i < count && status != TROCAR_OK; i++) list[i]->alone = false; /* so that the next step attaches them anew */
     mark_stale(sim, NULL);
     return status;
 }
@@ -263,7 +262,7 @@ static trocar_status lay_down(trocar_sim *sim, int index, unsigned seen, trocar_
     return status;
 }
 
-/* Replaces the attachment by the equivalent loads, which does not change the equilibrium. */
+/* Replaces the needle's attachment with equivalent loads; this does not change the equilibrium. */
 static trocar_status detach(trocar_sim *sim, sim_needle *n, trocar_error *why) {
     trocar_status status = respond_to_loads(sim, true, why);
     resting_loads(n->resting, &n->held);
@@ -275,7 +274,7 @@ static trocar_status detach(trocar_sim *sim, sim_needle *n, trocar_error *why) {
 
 static trocar_status return_needle(trocar_sim *sim, int index, unsigned seen, trocar_error *why) {
     sim_needle *n = &sim->needles[index];
-    link_request(&n->link, NULL); /* discards requests posted before the needle was left, which would otherwise be answered later */
+    link_request(&n->link, NULL); /* discards any request posted before the needle was left, which would otherwise be answered later */
     trocar_status status = detach(sim, n, why);
     const shown_needle *shown = find_shown(sim, n);
     if (status == TROCAR_OK) status = answer_fully(sim, index, &shown->state.request, why);
@@ -285,7 +284,7 @@ static trocar_status return_needle(trocar_sim *sim, int index, unsigned seen, tr
     return status;
 }
 
-/* Removes a needle that was reset: its forces vanish. */
+/* Removes a needle that was reset, so that its forces vanish. */
 static trocar_status remove_needle(trocar_sim *sim, sim_needle *n, trocar_error *why) {
     trocar_status status = detach(sim, n, why);
     copy_loads(link_loads(&n->link, NULL), &n->held); /* not simply zero, because the reset needle may already have been inserted again */

@@ -1,4 +1,4 @@
-/* Numbers as text with a decimal point, whatever the locale of the host program. These functions neither allocate nor lock. */
+/* Converts numbers to and from text with a decimal point, whatever the locale of the host program. These functions neither allocate nor lock. */
 #ifndef TROCAR_DECIMAL_H
 #define TROCAR_DECIMAL_H
 

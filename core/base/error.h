@@ -1,4 +1,5 @@
-/* Error handling: a function returns a status and writes one message, with place (file, line, key) and remedy, into a trocar_error. */
+/* Error handling: a function returns a status. On failure, it also writes a message into a trocar_error, which says where the error is (file, line, key) and
+   how to correct it. */
 #ifndef TROCAR_ERROR_H
 #define TROCAR_ERROR_H
 

@@ -4,8 +4,8 @@
 
 #include <stdbool.h>
 
-/* Creates a folder, and those that contain it, unless they exist. After a failure, errno has the reason, and `path` is the folder that could not be created;
-   otherwise it is unchanged. */
+/* Creates a folder and its parents, unless they exist. On success, `path` is unchanged. On failure, errno has the reason, and `path` is cut off after the
+   folder that could not be created. */
 bool folders_create(char *path);
 
 #endif

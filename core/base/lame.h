@@ -1,4 +1,4 @@
-/* Lame parameters of an isotropic elastic material, Pa. */
+/* Lame parameters (Pa) of an isotropic elastic material. */
 #ifndef TROCAR_LAME_H
 #define TROCAR_LAME_H
 

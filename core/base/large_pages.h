@@ -1,5 +1,4 @@
-/* Large pages for arrays that are read or written as a whole: with pages of 4 KB, a pass over the array takes a third longer, and page faults add as much time
-   again. */
+/* Large pages for arrays that are traversed as a whole: with 4 KB pages, a pass over the array takes a third longer, and page faults add as much again. */
 #ifndef TROCAR_LARGE_PAGES_H
 #define TROCAR_LARGE_PAGES_H
 
@@ -7,8 +6,8 @@
 #include <sys/mman.h>
 #include <unistd.h>
 
-/* Advises the kernel of MADV_HUGEPAGE or, before the array is freed, of MADV_NOHUGEPAGE, because the heap may reuse the pages for other data. Failures are
-   ignored; small arrays are skipped. */
+/* Calls madvise() with `advice`: MADV_HUGEPAGE after allocation, and MADV_NOHUGEPAGE before the array is freed, because the heap may reuse its pages for
+   other data. Failures are ignored; small arrays are skipped. */
 static inline void advise_pages(const void *array, size_t bytes, int advice) {
     static const size_t LEAST = (size_t)1 << 22;
     uintptr_t page = (uintptr_t)sysconf(_SC_PAGESIZE);

@@ -5,9 +5,9 @@
 #include <stdio.h>
 #include <string.h>
 
-enum { LONGEST = 8192 };     /* maximum length of a path with its suffix */
+enum { LONGEST = 8192 };     /* bytes, maximum length of a path */
 
-/* Returns the number in the first line of a file in a folder that matches this format, or `otherwise` if there is none. */
+/* Reads the file `name` in `folder` and returns the number in the first line that matches `format`, or `otherwise` if no line does. */
 static double read_number(const char *folder, const char *name, const char *format, double otherwise) {
     char path[LONGEST + 64], line[256];
     long long number;
@@ -21,12 +21,14 @@ static double read_number(const char *folder, const char *name, const char *form
 
 /* ---- control groups --------------------------------------------------------------------------------------------------- */
 
-/* The folder of one version of control groups (cgroups) below a root folder, and the names of its files. */
+/* Where one version of control groups (cgroups) keeps its data: the folder, relative to the root folder; the names of two files; and the format of a line in
+   memory.stat. */
 typedef struct { const char *folder, *limit, *used, *inactive; } group_files;
 static const group_files VERSION_1 = {"sys/fs/cgroup/memory", "memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file %lld"};
 static const group_files VERSION_2 = {"sys/fs/cgroup", "memory.max", "memory.current", "inactive_file %lld"};
 
-/* Adds the limit of one group; "max" means that there is none. Cached file pages count as used, but the kernel reclaims them on demand. */
+/* Takes the limit of one group into account; "max" means that it has none. Inactive file pages count as used but are subtracted here, because the kernel
+   reclaims them on demand. */
 static void add_group(const group_files *files, const char *folder, memory_limits *least) {
     double limit = read_number(folder, files->limit, "%lld", INFINITY);
     if (!(limit < INFINITY)) return;
@@ -35,7 +37,8 @@ static void add_group(const group_files *files, const char *folder, memory_limit
     least->available = fmin(least->available, fmax(0.0, limit - fmax(0.0, used)));
 }
 
-/* Adds the limits of a group and its ancestors. Inside a container, the path may be that of the host; only the container's own group is found then. */
+/* Takes the limits of a group and its ancestors into account. Inside a container, the path may be the one on the host; then only the container's own group is
+   found. */
 static void add_groups(const group_files *files, const char *root, const char *path, memory_limits *least) {
     char folder[LONGEST];
     int base = snprintf(folder, sizeof folder, "%s/%s", root, files->folder);
@@ -49,7 +52,7 @@ static void add_groups(const group_files *files, const char *root, const char *p
     }
 }
 
-/* True if the memory controller is in this comma-separated list. */
+/* True if this comma-separated list contains the memory controller. */
 static bool has_memory(const char *controllers) {
     char list[LONGEST + 2];
     snprintf(list, sizeof list, ",%s,", controllers);
@@ -75,7 +78,7 @@ memory_limits memory_of_groups(const char *root) {
 
 /* ---- all -------------------------------------------------------------------------------------------------------------- */
 
-/* Reads a value from /proc/meminfo, which is in kilobytes, and returns bytes. */
+/* Reads a value in kilobytes from /proc/meminfo and returns it in bytes. */
 static double read_meminfo(const char *format) { return 1024.0 * read_number("/proc", "meminfo", format, 8e6); }
 
 double memory_total(void) { return read_meminfo("MemTotal: %lld"); }

@@ -11,11 +11,12 @@ double memory_most(void);
 /* Memory that is available without swapping, within the limit of the control group; 8 GB if the system does not report it. */
 double memory_available(void);
 
-/* The lowest limit among a control group and its ancestors, and the unused part of the memory below that limit; INFINITY if there is no limit. */
+/* Limits that apply to a process, over its control group and all ancestors: the lowest limit, and the smallest unused part of any limit. INFINITY if there is
+   no limit. */
 typedef struct { double most, available; } memory_limits;
 
-/* Returns the limits of this process, read from the files proc/self/cgroup and sys/fs/cgroup in the folder `root` (empty for the real system), for version
-   1 or 2 of control groups. */
+/* Returns the limits of this process for version 1 or 2 of control groups, read from proc/self/cgroup and sys/fs/cgroup below the folder `root` (empty for
+   the real system). */
 memory_limits memory_of_groups(const char *root);
 
 #endif

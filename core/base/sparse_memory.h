@@ -1,4 +1,4 @@
-/* Large arrays of zeros of which only parts are used: a page takes up physical memory only once it has been written. calloc() does not guarantee this, because
+/* Large zeroed arrays that are used only in part: a page takes up physical memory only once it has been written to. calloc() does not guarantee this, because
    it clears memory that it reuses. */
 #ifndef TROCAR_SPARSE_MEMORY_H
 #define TROCAR_SPARSE_MEMORY_H

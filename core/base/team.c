@@ -16,13 +16,13 @@ struct team {
     int members;             /* number of threads, including the calling thread, which is member 0 */
     pthread_mutex_t lock;
     pthread_cond_t begun, ended;
-    unsigned round;          /* number of loops started so far */
-    int busy;                /* number of members, not counting the calling thread, that have not finished this round */
+    unsigned round;          /* number of parallel loops started so far */
+    int busy;                /* number of members, apart from the calling thread, that have not finished this round */
     bool over;
     team_work *work;
     void *context;
     int count;
-    atomic_int next;         /* first i that no member has started */
+    atomic_int next;         /* lowest i that no member has started */
     member others[];         /* members - 1 entries */
 };
 

@@ -12,8 +12,8 @@ int team_members(const team *t);
 
 typedef void team_work(void *context, int i, int member);
 
-/* Calls work(context, i, member) once for each i in [0, count), starting them in ascending order, each in any member of the team. Returns when all calls
-   have returned. Different calls must not write to the same memory. The calling thread is member 0. */
+/* Calls work(context, i, member) once for each i in [0, count), where `member` is the index of the thread that makes the call; the calling thread is
+   member 0. Calls start in ascending order of i. Returns when all of them have returned. Different calls must not write to the same memory. */
 void team_run(team *t, int count, team_work *work, void *context);
 
 /* Like team_run, but while the calling thread waits for the others, it calls meanwhile(context) ten times per second. */

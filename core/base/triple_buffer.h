@@ -10,18 +10,18 @@
 
 #include "base/cache_line.h"
 
-/* The writer fills its slot and swaps it with the middle slot; the reader swaps its slot with the middle slot if that is fresh. Each slot belongs to one
-   side at a time, so a value never changes while it is being read. */
+/* The writer fills its slot and swaps it with the middle slot; the reader swaps its slot with the middle slot if that holds a new value. Each slot
+   belongs to one side at a time, so a value never changes while it is being read. */
 typedef struct {
     size_t size;                               /* bytes per slot */
     unsigned char *slots;                      /* 3 slots */
-    alignas(CACHE_LINE) atomic_uint middle;    /* index of the middle slot, combined with FRESH if it has not been read yet */
+    alignas(CACHE_LINE) atomic_uint middle;    /* index of the middle slot, with the bit FRESH set if it has not been read yet */
     alignas(CACHE_LINE) unsigned back;         /* writer's slot */
     alignas(CACHE_LINE) unsigned front;        /* reader's slot */
 } triple_buffer;
 
-/* triple_buffer_create also writes to the memory, so that later accesses cause no page faults; with triple_buffer_create_sparse, pages that are never written
-   take up no memory. */
+/* triple_buffer_create touches all of its memory, so that later accesses cause no page faults. triple_buffer_create_sparse does not, so pages that are never
+   written to take up no memory. */
 trocar_status triple_buffer_create(triple_buffer *n, size_t size, trocar_error *why);
 trocar_status triple_buffer_create_sparse(triple_buffer *n, size_t size, trocar_error *why);
 void triple_buffer_free(triple_buffer *n);
@@ -30,8 +30,8 @@ void triple_buffer_free(triple_buffer *n);
 void *triple_buffer_slot(triple_buffer *n);
 /* Publishes the filled slot. Writer only. RT */
 void triple_buffer_publish(triple_buffer *n);
-/* Returns the newest value, which is valid until the next call; all zeros if nothing has been published. Sets `fresh` (may be NULL) if the value is new
-   since the last call. Reader only. RT */
+/* Returns the newest value, which is valid until the next call; all zeros if nothing has been published. Sets *fresh, unless `fresh` is NULL, to
+   whether the value is new since the last call. Reader only. RT */
 const void *triple_buffer_read(triple_buffer *n, bool *fresh);
 /* True if there is an unread value. Reader only. RT */
 bool triple_buffer_waits(triple_buffer *n);

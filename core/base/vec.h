@@ -10,11 +10,11 @@ typedef struct { double m[3][3]; } mat3;       /* m[row][column] */
 typedef struct { double w, x, y, z; } quat;    /* unit quaternion; rotates from body to world coordinates */
 typedef struct { vec3 position; quat orientation; } pose;
 
-/* Equivalent to fmax and fmin, but without library calls; return b if either argument is NaN. */
+/* Return the larger or smaller number, like fmax and fmin but without a library call; return b if either argument is NaN. */
 static inline double larger_of(double a, double b) { return a > b ? a : b; }
 static inline double smaller_of(double a, double b) { return a < b ? a : b; }
 
-/* Linear interpolation, exact at both ends and between equal values, which may be infinite. RT */
+/* Interpolates linearly; exact at both ends, and between equal values, even infinite ones. RT */
 static inline double value_between(double from, double to, double part) { return from == to ? to : part == 1.0 ? to : from + part * (to - from); }
 
 static inline vec3 v3(double x, double y, double z) { return (vec3){x, y, z}; }
@@ -63,7 +63,7 @@ static inline double m3_determinant(const mat3 *a) {
          - a->m[0][1] * (a->m[1][0] * a->m[2][2] - a->m[1][2] * a->m[2][0])
          + a->m[0][2] * (a->m[1][0] * a->m[2][1] - a->m[1][1] * a->m[2][0]);
 }
-/* Inverse by cofactors; the determinant must not be zero. */
+/* Computes the inverse from cofactors; the determinant must not be zero. */
 static inline mat3 m3_inverse(const mat3 *a) {
     double s = 1.0 / m3_determinant(a);
     mat3 b;
@@ -86,10 +86,10 @@ static inline mat3 m3_columns(vec3 a, vec3 b, vec3 c) {
     return (mat3){{{a.x, b.x, c.x}, {a.y, b.y, c.y}, {a.z, b.z, c.z}}};
 }
 
-/* Equivalent to hypot(), but without protection against overflow, which would take most of the run time. */
+/* Like hypot(), but without its protection against overflow, which would take most of the run time. */
 static inline double length_of(double x, double y) { return sqrt(x * x + y * y); }
 
-/* Returns a frame whose third axis is this unit vector. */
+/* Returns an orthonormal frame, as the columns of a matrix, whose third axis is the unit vector `direction`. */
 static inline mat3 frame_along(vec3 direction) {
     vec3 aside = fabs(direction.x) < 0.6 ? v3(1, 0, 0) : v3(0, 1, 0), x = v3_unit(v3_cross(aside, direction));
     return m3_columns(x, v3_cross(direction, x), direction);
@@ -110,12 +110,12 @@ static inline vec3 q_rotate(quat q, vec3 v) {
     vec3 u = v3(q.x, q.y, q.z), t = v3_scale(2.0, v3_cross(u, v));
     return v3_add(v3_axpy(q.w, t, v), v3_cross(u, t));
 }
-/* The axes of the body in world coordinates; a needle points along its z axis. */
+/* Return the body's x, y and z axes in world coordinates; a needle points along its z axis. */
 static inline vec3 q_axis_x(quat q) { return v3(1.0 - 2.0 * (q.y * q.y + q.z * q.z), 2.0 * (q.x * q.y + q.w * q.z), 2.0 * (q.x * q.z - q.w * q.y)); }
 static inline vec3 q_axis_y(quat q) { return v3(2.0 * (q.x * q.y - q.w * q.z), 1.0 - 2.0 * (q.x * q.x + q.z * q.z), 2.0 * (q.y * q.z + q.w * q.x)); }
 static inline vec3 q_axis(quat q) { return v3(2.0 * (q.x * q.z + q.w * q.y), 2.0 * (q.y * q.z - q.w * q.x), 1.0 - 2.0 * (q.x * q.x + q.y * q.y)); }
 static inline mat3 q_matrix(quat q) { return m3_columns(q_axis_x(q), q_axis_y(q), q_axis(q)); }
-/* Rotation by the vector `r` (axis times angle). For small angles, a series is used that is accurate to the last digit. */
+/* Returns the rotation by the vector `r` (axis times angle). For small angles, it uses a series that is accurate to the last digit. */
 static inline quat q_exp(vec3 r) {
     double half2 = 0.25 * v3_dot(r, r), s, c;
     if (half2 < 1e-3) {
@@ -128,7 +128,7 @@ static inline quat q_exp(vec3 r) {
     }
     return (quat){c, s * r.x, s * r.y, s * r.z};
 }
-/* Rotation vector of `q`, with an angle in [0, pi]. */
+/* Returns the rotation vector (axis times angle) of `q`, with an angle in [0, pi]. */
 static inline vec3 q_log(quat q) {
     if (q.w < 0) q = (quat){-q.w, -q.x, -q.y, -q.z};
     double s2 = q.x * q.x + q.y * q.y + q.z * q.z, scale;
@@ -139,8 +139,8 @@ static inline vec3 q_log(quat q) {
     return v3(scale * q.x, scale * q.y, scale * q.z);
 }
 
-/* Unit quaternion of a rotation matrix. Each row of `rows` is the quaternion times one of its components; the row with the largest diagonal entry is the
-   most accurate, so it is used. */
+/* Returns the unit quaternion of a rotation matrix. Each row of `rows` is a multiple of the quaternion; the row with the largest diagonal entry is used,
+   because it is the most accurate. */
 static inline quat q_of_matrix(const mat3 *turn) {
     const double (*m)[3] = turn->m;
     const double rows[4][4] = {{1 + m[0][0] + m[1][1] + m[2][2], m[2][1] - m[1][2], m[0][2] - m[2][0], m[1][0] - m[0][1]},
@@ -153,7 +153,7 @@ static inline quat q_of_matrix(const mat3 *turn) {
     return q_unit((quat){rows[best][0], rows[best][1], rows[best][2], rows[best][3]});
 }
 
-/* Rotation (rad) about the body's z axis from one orientation to another; exactly 0 between equal orientations. */
+/* Returns the rotation (rad) about the body's z axis from one orientation to another; exactly 0 between equal orientations. */
 static inline double q_roll_between(quat from, quat to) {
     if (from.w == to.w && from.x == to.x && from.y == to.y && from.z == to.z) return 0.0;
     return v3_dot(q_log(q_multiply(to, q_conjugate(from))), q_axis(from));

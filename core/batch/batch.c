@@ -36,7 +36,8 @@ void batch_for_rows(trocar_batch *batch, const uint8_t *mask, row_task task, voi
     int count = 0;
     for (int row = 0; row < batch->row_count; row++)
         if (batch_has(mask, row)) batch->listed[count++] = row;
-    if (batch->process != getpid()) { /* the team's threads exist only in the parent process; the team's memory is not freed */
+    if (batch->process != getpid()) { /* after a fork(), the team's threads exist only in the parent process, so a new team is started; the old team's memory is
+                                         not freed */
         batch->process = getpid();
         batch->team = team_create(batch->threads);
     }

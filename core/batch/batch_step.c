@@ -1,4 +1,4 @@
-/* trocar/batch.h: stepping. */
+/* Implements the stepping part of trocar/batch.h. */
 #include <stdatomic.h>
 #include <string.h>
 
@@ -9,9 +9,9 @@
 
 typedef struct {
     const trocar_pose *poses;
-    int steps, from, to;     /* number of steps of this call; the current pass over the rows computes the steps from `from` to `to` - 1 */
+    int steps, from, to;     /* steps: number of steps of this call; from, to: the current pass over the rows computes steps `from` to `to` - 1 */
     double dt;
-    int row_count;           /* number of rows of the mask */
+    int row_count;           /* number of rows in the mask */
     const trocar_watch *watch;
     const trocar_batch_outputs *out;
     int *done;               /* for each row, number of completed steps */

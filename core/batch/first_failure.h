@@ -1,4 +1,4 @@
-/* The failure of the row or insertion with the lowest index. The result does not depend on the order in which threads report failures. */
+/* Records the failure of the row or insertion with the lowest index, whatever the order in which threads report failures. */
 #ifndef TROCAR_FIRST_FAILURE_H
 #define TROCAR_FIRST_FAILURE_H
 
@@ -8,8 +8,8 @@
 #include "base/error.h"
 
 typedef struct {
-    pthread_mutex_t lock;    /* protects the members below while several threads run */
-    int index;               /* of the row or insertion */
+    pthread_mutex_t lock;    /* protects the members below while several threads are running */
+    int index;               /* index of the failed row or insertion */
     trocar_status status;    /* TROCAR_OK if none has failed */
     trocar_error why;
 } first_failure;

@@ -1,4 +1,4 @@
-/* trocar/rollout.h: many insertions, of which each thread runs one at a time. */
+/* Implements trocar/rollout.h: many insertions, distributed among threads, each of which runs one at a time. */
 #include <stdatomic.h>
 #include <stdbool.h>
 #include <stdlib.h>
@@ -14,7 +14,7 @@
 
 /* The simulation of one thread. */
 typedef struct {
-    trocar_model *model;     /* of the simulation; NULL if there is none */
+    trocar_model *model;     /* model of the simulation in `row`; NULL if there is no simulation */
     batch_row row;
 } seat;
 
@@ -35,7 +35,7 @@ static trocar_model *model_of(const rollout *r, int insertion) { return r->optio
 
 /* ---- simulations ----------------------------------------------------------------------------------------------------------------- */
 
-/* Gives the seat a simulation of this model, unless it already has one. */
+/* Gives the seat a simulation of this model, unless it already has such a simulation. */
 static trocar_status seat_model(seat *s, trocar_model *model, trocar_error *why) {
     if (s->model == model) return TROCAR_OK;
     row_free(&s->row);
@@ -44,7 +44,7 @@ static trocar_status seat_model(seat *s, trocar_model *model, trocar_error *why)
     return status;
 }
 
-/* Allocates simulations for `wanted` threads, or for as many as memory permits. Fails if there is none. */
+/* Allocates simulations for `wanted` threads, or for as many as memory permits. Fails if it does not permit even one. */
 static trocar_status take_seats(rollout *r, int wanted, trocar_error *why) {
     trocar_error ignored;
     trocar_status status = TROCAR_OK;
@@ -58,8 +58,8 @@ static trocar_status take_seats(rollout *r, int wanted, trocar_error *why) {
 
 /* ---- one insertion --------------------------------------------------------------------------------------------------------------- */
 
-/* Starts from the insertion's initial state, or from the state in which the simulation was created, with the needles at their first poses. Thus the results do
-   not depend on what the thread has run before. */
+/* Restores the insertion's initial state, if one is given; otherwise restores the state in which the simulation was created, and places the needles at their
+   first poses. Thus the results do not depend on what the thread has run before. */
 static trocar_status begin(const rollout *r, seat *s, int insertion, const trocar_pose *first, trocar_error *why) {
     trocar_status status = seat_model(s, model_of(r, insertion), why);
     if (status != TROCAR_OK) return status;
@@ -68,7 +68,7 @@ static trocar_status begin(const rollout *r, seat *s, int insertion, const troca
     return row_reset(&s->row, o->needles, first, why);
 }
 
-/* Reports progress, in the calling thread. */
+/* Reports progress and checks for cancellation. Called only in the thread that called trocar_rollout. */
 static void look(void *context) {
     rollout *r = context;
     watch_report(&r->options->watch, "rollout", (double)atomic_load(&r->ticks) / ((double)r->batch * r->steps));

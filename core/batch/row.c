@@ -56,5 +56,6 @@ trocar_status step_needles(trocar_sim *sim, int needles, const trocar_pose *pose
         if (status != TROCAR_OK) return status;
         ticked++;
     }
-    return leaving > 0 && ticked == 0 ? trocar_sim_work(sim, NULL, why) : TROCAR_OK; /* without a tick, the worker would not attach the leaving needles */
+    return leaving > 0 && ticked == 0 ? trocar_sim_work(sim, NULL, why) : TROCAR_OK; /* in lockstep, leaving needles are attached during a tick; without one,
+                                                                                        this is done here */
 }

@@ -4,9 +4,9 @@
 
 #include "api/api.h"
 
-enum { MAX_THREADS = 256 };   /* largest number of threads of a batch or a rollout */
+enum { MAX_THREADS = 256 };   /* maximum number of threads of a batch or a rollout */
 
-/* A simulation, and the state to which a reset returns. */
+/* A simulation, and the state that a reset restores. */
 typedef struct {
     trocar_sim *sim;
     void *fresh;             /* state saved after the creation of `sim` */
@@ -15,9 +15,10 @@ typedef struct {
 
 /* `workspace`: as for sim_create. */
 trocar_status row_create(trocar_model *model, insertion_workspace *workspace, batch_row *row, trocar_error *why);
-void row_free(batch_row *row); /* `row` may already be zeroed, and is zeroed afterwards */
+void row_free(batch_row *row); /* `row` may be zeroed already, and is zeroed afterwards */
 
-/* Restores the state after creation, so that earlier steps do not affect the results, and places the straight needles at `poses`[needles]. */
+/* Restores the state saved after creation, so that earlier steps do not affect the results, and places the needles, straight, with their bases at
+   `poses`[needles]. */
 trocar_status row_reset(const batch_row *row, int needles, const trocar_pose *poses, trocar_error *why);
 
 /* BAD_INPUT if the model has only a mesh, or fewer needles than are driven. */

@@ -13,18 +13,18 @@ typedef struct { int node; vec3 at; } place;
 
 struct coarse_space {
     int nodes, parts;
-    place *places;           /* the free nodes (first dof / 3), part by part, with their positions relative to the middle of the part, in units of the
+    place *places;           /* the free nodes (number: first dof / 3), part by part, with their positions relative to the centre of the part, in units of the
                                 part's size */
     int *start;              /* parts + 1: index of each part's first node in `places` */
     cholmod_common common;
     cholmod_factor *factor;  /* factor of Z^T K Z */
-    cholmod_dense *moments;  /* resultants of the force on each part */
+    cholmod_dense *moments;  /* resultant force and moment on each part */
     factor_solution motions; /* amplitudes of the rigid motions of all parts */
 };
 
 /* ---- parts ------------------------------------------------------------------------------------------------------------ */
 
-/* Compares coordinates; breaks ties by the node's number, so that the parts do not depend on the C library's sorting algorithm. */
+/* Compares coordinates, and breaks ties by node number, so that the parts do not depend on the C library's sorting algorithm. */
 static int compare(double a, double b, int node_a, int node_b) { return a != b ? (a > b) - (a < b) : (node_a > node_b) - (node_a < node_b); }
 
 static int compare_x(const void *a, const void *b) {
@@ -42,7 +42,7 @@ static int compare_z(const void *a, const void *b) {
     return compare(p->at.z, q->at.z, p->node, q->node);
 }
 
-/* Halves a set of nodes across the longest side of its bounding box, and then each half in the same way, until the parts are small. */
+/* Bisects a set of nodes across the longest side of its bounding box, and recursively each half, until the parts have at most PART nodes. */
 static void divide(coarse_space *c, int first, int count) {
     place *p = c->places + first;
     vec3 low = p->at, high = p->at, sum = v3(0.0, 0.0, 0.0);
@@ -63,7 +63,7 @@ static void divide(coarse_space *c, int first, int count) {
     c->start[++c->parts] = first + count;
 }
 
-/* Computes the rows of Z for a node: translations, and rotations w x position. */
+/* Computes the rows of Z for a node at this position: three translations, and three rotations w x position. */
 static void modes_at(vec3 at, double z[3][MODES]) {
     const double rows[3][MODES] = {{1, 0, 0, 0, at.z, -at.y}, {0, 1, 0, -at.z, 0, at.x}, {0, 0, 1, at.y, -at.x, 0}};
     memcpy(z, rows, sizeof rows);
@@ -74,12 +74,13 @@ static void modes_at(vec3 at, double z[3][MODES]) {
 typedef struct {
     int *part_of;            /* part of each node */
     vec3 *at;                /* position of each node */
-    int *slot, *touched;     /* slot: for each part, index of its block in the table, or -1; touched: list of the parts that have a block */
+    int *slot, *touched;     /* slot: for each part, the index of its block in the table, or -1; touched: the parts that have a block */
     double (*table)[MODES][MODES];
     int count;
 } columns_of_part;
 
-/* Adds the columns of K that belong to a node of this part, from the lower triangle of K, to the rows of every part in which they have entries. */
+/* Adds the contribution of a node of this part, from its columns in the lower triangle of K, to the blocks between this part and every part in which these
+   columns have entries. */
 static void add_node(const tissue *t, int part, int node, columns_of_part *c) {
     const int *start = t->stiffness->p, *row = t->stiffness->i;
     const double *value = t->stiffness->x;
@@ -95,8 +96,8 @@ static void add_node(const tissue *t, int part, int node, columns_of_part *c) {
                 c->touched[c->count] = in;
                 memset(c->table[c->count++], 0, sizeof *c->table);
             }
-            double factor = in == part && row[k] == 3 * node + a ? 0.5 * value[k] : value[k]; /* halved, because diagonal blocks are added to their transpose
-                                                                                                 later */
+            double factor = in == part && row[k] == 3 * node + a ? 0.5 * value[k] : value[k]; /* halved, because each diagonal block is later added to its
+                                                                                                 transpose */
             for (int i = 0; i < MODES; i++)
                 for (int j = 0; j < MODES; j++) c->table[c->slot[in]][i][j] += factor * there[b][i] * here[a][j];
         }
@@ -115,7 +116,7 @@ static bool append_block(coarse_space *s, cholmod_triplet *e, int row, int colum
     return true;
 }
 
-/* Assembles Z^T K Z as a lower triangle: CHOLMOD adds the triplets above the diagonal to those below it. */
+/* Assembles the lower triangle of Z^T K Z; CHOLMOD adds triplets above the diagonal to those below it. */
 static cholmod_sparse *coarse_matrix(coarse_space *s, const tissue *t) {
     size_t nodes = (size_t)s->nodes, parts = (size_t)s->parts, size = MODES * parts;
     columns_of_part c = {malloc(nodes * sizeof(int)), malloc(nodes * sizeof(vec3)), malloc(parts * sizeof(int)), malloc(parts * sizeof(int)),

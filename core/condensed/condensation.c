@@ -31,8 +31,8 @@ static void make_single(panel *p) {
     if (smaller) p->values = smaller;
 }
 
-/* BLAS and LAPACK operations in both precisions: C = alpha A B + beta C, optionally with the transpose of A; and, for a lower triangular A, B <- B A and A
-   <- A^-1. */
+/* BLAS and LAPACK operations in both precisions: multiply() computes C = alpha A B + beta C, optionally with the transpose of A. For a lower triangular A,
+   multiply_by_corner() replaces B by B A, and invert_corner() replaces A by A^-1. */
 typedef struct { int rows, columns, depth; CBLAS_TRANSPOSE transposed; double alpha, beta; } product_of;
 
 static void multiply(bool single, const product_of *p, const void *a, int lda, const void *b, int ldb, void *c, int ldc) {
@@ -56,10 +56,10 @@ typedef struct {
     int j;
     bool single;
     char *product;           /* T_BJ */
-    bool *filled;            /* for each panel: true if its rows of T_BJ have entries */
+    bool *filled;            /* for each panel: true if its rows of T_BJ have nonzero entries */
 } replacement;
 
-/* Computes the rows of T_BJ that belong to one panel. The last panels, with the longest products, are processed first. */
+/* Computes the rows of T_BJ that belong to one panel. The last panels are processed first, because their products take longest. */
 static void multiply_rows(void *context, int index, int member) {
     (void)member;
     const replacement *r = context;
@@ -123,13 +123,13 @@ static bool is_positive(const double block[9]) {
 typedef struct {
     const panels *t;
     symmetric_blocks *inverse;
-    char *tiles;             /* scratch: a square of PANEL_WIDTH rows for each team member */
+    char *tiles;             /* scratch: a PANEL_WIDTH x PANEL_WIDTH matrix for each team member */
     atomic_bool failed, cancelled;
     inverse_progress progress;
     trocar_error *why;
 } square;
 
-/* Computes the part of K^-1 = T^T T between two panels, by rows of the lower triangle. */
+/* Computes the block of K^-1 = T^T T between two panels. `index` numbers the blocks of the lower triangle row by row. */
 static void multiply_panels(void *context, int index, int member) {
     square *s = context;
     if (atomic_load(&s->cancelled)) return;
@@ -139,7 +139,8 @@ static void multiply_panels(void *context, int index, int member) {
     size_t number = single ? sizeof(float) : sizeof(double);
     void *tile = s->tiles + (size_t)member * PANEL_WIDTH * PANEL_WIDTH * number;
     double beta = 0.0;
-    for (int row = i, end; row < s->t->count; row = end) { /* ranges of panels in which both factors have entries */
+    for (int row = i, end; row < s->t->count; row = end) { /* each range [row, end) consists of panels in which both factors have entries, or of panels in which
+                                                              they do not */
         bool filled = panels_filled(s->t, row, i) && panels_filled(s->t, row, j);
         for (end = row + 1; end < s->t->count && filled == (panels_filled(s->t, end, i) && panels_filled(s->t, end, j)); end++) continue;
         if (!filled) continue;
@@ -154,7 +155,7 @@ static void multiply_panels(void *context, int index, int member) {
             double block[9];
             bool diagonal = q->first + c == p->first + r;
             for (int k = 0; k < 9; k++) {
-                int row = k / 3, column = k % 3, swapped = diagonal && column > row; /* keeps the result exactly symmetric */
+                int row = k / 3, column = k % 3, swapped = diagonal && column > row; /* makes the result exactly symmetric */
                 int at = (c + (swapped ? row : column)) * PANEL_WIDTH + r + (swapped ? column : row);
                 block[k] = single ? (double)((const float *)tile)[at] : ((const double *)tile)[at];
             }
@@ -167,7 +168,7 @@ static void multiply_panels(void *context, int index, int member) {
     if (inverse_go_on(s->progress, s->why) != TROCAR_OK) atomic_store(&s->cancelled, true);
 }
 
-/* In single precision, an overflow or underflow shows on the diagonal. */
+/* Computes K^-1 = T^T T. An overflow or underflow in single precision is detected on the diagonal. */
 static trocar_status multiply_triangle(const panels *t, symmetric_blocks *inverse, team *team, inverse_progress progress, trocar_error *why) {
     size_t number = inverse->single ? sizeof(float) : sizeof(double);
     square s = {.t = t, .inverse = inverse, .progress = progress, .why = why};
@@ -182,8 +183,8 @@ static trocar_status multiply_triangle(const panels *t, symmetric_blocks *invers
 
 double condensation_bytes(int count) { return 72.0 * count * count; }
 
-/* Peak memory of the inversion: first the triangle plus a copy of one panel, later the triangle plus the inverse and its tiles. Each allocation is rounded
-   up to whole pages. */
+/* Returns the peak memory (bytes) of the inversion, which needs the triangle and, at first, a copy of one panel, later the inverse and its tiles. Each
+   allocation is rounded up to whole pages. */
 static double inversion_bytes(int count, bool single, const team *t) {
     double number = single ? sizeof(float) : sizeof(double), share = number / sizeof(double);
     double panel_product = 3.0 * count * PANEL_WIDTH * number, tiles = (double)PANEL_WIDTH * PANEL_WIDTH * number * team_members(t);
@@ -191,7 +192,7 @@ static double inversion_bytes(int count, bool single, const team *t) {
     return rounding + share * panels_bytes(3 * count, 3 * count) + fmax(panel_product, (double)symmetric_blocks_bytes(count, single) + tiles);
 }
 
-/* Checks memory before the elimination begins, because the kernel may kill a process that runs out of memory, without any message. */
+/* Checks the memory before the elimination begins, because the kernel may kill a process that runs out of memory without any message. */
 static trocar_status check_memory(const substructure *plan, double needed, trocar_error *why) {
     double available = memory_available();
     if (needed <= available) return TROCAR_OK;
@@ -199,7 +200,7 @@ static trocar_status check_memory(const substructure *plan, double needed, troca
                 "smaller region_of_interest, or a machine with more memory", plan->nodes, plan->region_count, 1e-9 * needed, 1e-9 * available);
 }
 
-/* Computes L_RR, in double precision. */
+/* Computes the factor L_RR in double precision. */
 static trocar_status find_corner(tissue *t, const condensed_region *region, team *team, int *nodes, panels *corner, double *needed, trocar_error *why) {
     substructure plan;
     *needed = 0.0;
@@ -235,8 +236,8 @@ static trocar_status condense_with(team *team, tissue *t, const condensed_region
     return TROCAR_OK;
 }
 
-/* For matrices of the size of most fronts, BLAS threads are slower than the threads of the team. The number of BLAS threads is a property of the process
-   and is not changed here, so that several regions can be condensed at the same time. */
+/* Works with a team of threads, because for matrices as small as most fronts, BLAS threads are slower. The number of BLAS threads applies to the whole
+   process and is not changed here, so that several regions can be condensed at the same time. */
 trocar_status condense(tissue *t, const condensed_region *region, int *nodes, symmetric_blocks *inverse, double *needed, trocar_error *why) {
     team *team = team_create(region->threads);
     trocar_status status = condense_with(team, t, region, nodes, inverse, needed, why);

@@ -65,10 +65,11 @@ static void find_residual(const split *k, const double *f, const double *u, doub
 /* Vectors of n numbers each. */
 typedef struct { double *residual, *scaled, *direction, *upper, *product; } workspace;
 
-/* Continues from u until the residual of the transformed system has fallen by the factor `fall`, for at most `steps` steps; subtracts the number of steps taken
-   from `steps`. Returns false if K is found not to be positive definite, or if there is no memory. The system is K' u' = f' with K' = (D + L)^-1 K (D +
-   L^T)^-1, preconditioned by D; directions are z = (D + L^T)^-1 p', with K' p' = z + (D + L)^-1 L^T z. They are made conjugate to the coarse space (Saad et
-   al., A deflated version of the conjugate gradient algorithm, SIAM J. Sci. Comput. 21, 2000), which requires K y = D r' + L y for y = (D + L^T)^-1 D r'. */
+/* Iterates from u until the residual of the transformed system has fallen by the factor `fall`, at most *steps times; subtracts the number of iterations from
+   *steps. Returns false if K turns out not to be positive definite, or if there is no memory. The system is K' u' = f' with K' = (D + L)^-1 K (D + L^T)^-1,
+   preconditioned by D; search directions are z = (D + L^T)^-1 p', with K' p' = z + (D + L)^-1 L^T z. The directions are made conjugate to the coarse space
+   (Saad et al., A deflated version of the conjugate gradient algorithm, SIAM J. Sci. Comput. 21, 2000), which requires K y = D r' + L y for y = (D + L^T)^-1
+   D r'. */
 static bool search(const split *k, coarse_space *coarse, double fall, int *steps, workspace *w, double *u) {
     int n = k->n;
     double *r = w->residual, *s = w->scaled, *z = w->direction, *y = w->upper, *q = w->product, first = 0.0, last = 0.0;
@@ -97,7 +98,7 @@ static bool search(const split *k, coarse_space *coarse, double fall, int *steps
     return true;
 }
 
-/* Corrects u in the coarse space, so that the residual has no component in this space. */
+/* Corrects u within the coarse space, so that the residual has no component in this space. */
 static bool correct(const split *k, coarse_space *coarse, const double *f, workspace *w, double *u) {
     if (!coarse) return true;
     if (!coarse_space_solve(coarse, w->residual, w->upper)) return false;
@@ -112,8 +113,8 @@ static bool has_positive_diagonal(const split *k) {
     return true;
 }
 
-/* Factor by which the residual falls between two coarse corrections. Corrections are repeated because rounding errors reintroduce the components that they
-   remove. */
+/* Factor by which the residual falls between two coarse corrections. The corrections are repeated because rounding errors reintroduce the components that
+   they remove. */
 static const double COARSE_FALL = 1e-5;
 
 bool conjugate_gradients(const cholmod_sparse *matrix, coarse_space *coarse, double tolerance, int steps, const double *f, double *u) {
@@ -125,20 +126,19 @@ bool conjugate_gradients(const cholmod_sparse *matrix, coarse_space *coarse, dou
     workspace w = {numbers, numbers + n, numbers + 2 * n, numbers + 3 * n, numbers + 4 * n};
     find_residual(&k, f, u, w.residual);
     double left = cblas_dnrm2(k.n, w.residual, 1);
-    if (!(left <= size)) { /* starting from zero is better than from u */
+    if (!(left <= size)) { /* zero is a better starting point than u */
         memset(u, 0, n * sizeof *u);
         memcpy(w.residual, f, n * sizeof *f);
         left = size;
     }
     bool definite = true;
-    while (definite && steps > 0 && left > wanted && left < before) { /* repeated because the true residual may fall by less than that of the transformed
-                                                                         system */
+    while (definite && steps > 0 && left > wanted && left < before) { /* repeated because the true residual may fall less than that of the transformed system */
         before = 0.9 * left;
         definite = correct(&k, coarse, f, &w, u) && search(&k, coarse, fmax(0.5 * wanted / left, coarse ? COARSE_FALL : DBL_EPSILON), &steps, &w, u);
         find_residual(&k, f, u, w.residual);
         left = cblas_dnrm2(k.n, w.residual, 1);
     }
     free(numbers);
-    bool stagnated = steps > 0 && left >= before && !coarse; /* as close as rounding allows; with a coarse space, this criterion is not valid */
+    bool stagnated = steps > 0 && left >= before && !coarse; /* u is as accurate as rounding allows; with a coarse space, this criterion would not be valid */
     return definite && isfinite(left) && (left <= wanted || stagnated);
 }

@@ -1,6 +1,6 @@
-/* Conjugate gradients for K u = f with a coarse space and symmetric Gauss-Seidel preconditioning in the form of Eisenstat (Efficient implementation of a
-   class of preconditioned conjugate gradient methods, SIAM J. Sci. Stat. Comput. 2, 1981). Apart from K and the coarse space, they need only a few
-   vectors. */
+/* Conjugate gradients for K u = f with a coarse space and symmetric Gauss-Seidel preconditioning, in the form of Eisenstat (Efficient implementation of
+   a class of preconditioned conjugate gradient methods, SIAM J. Sci. Stat. Comput. 2, 1981). Apart from K and the coarse space, the method needs memory
+   for only a few vectors. */
 #ifndef TROCAR_CONJUGATE_GRADIENTS_H
 #define TROCAR_CONJUGATE_GRADIENTS_H
 
@@ -10,9 +10,9 @@
 #include "condensed/coarse_space.h"
 
 /* Replaces u by a solution with |f - K u| <= tolerance |f| or, without `coarse`, as close as rounding allows. Starts from u, or from zero if that has the
-   smaller residual. `coarse` reduces the number of steps and may be NULL. `k`: lower triangle of a symmetric positive definite matrix, with ascending rows
-   in each column. Returns false, with a valid starting point in u, if memory is exhausted, K is found not to be positive definite, f is not finite, the
-   number of steps is exceeded, or `coarse` brings no progress. */
+   smaller residual. `coarse`, which may be NULL, reduces the number of iterations. `steps`: maximum number of iterations. `k`: lower triangle of a
+   symmetric positive definite matrix, with ascending rows in each column. Returns false, with a valid starting point in u, if memory is exhausted, if K
+   turns out not to be positive definite, if f is not finite, if `steps` is exceeded, or if `coarse` does not help. */
 bool conjugate_gradients(const cholmod_sparse *k, coarse_space *coarse, double tolerance, int steps, const double *f, double *u);
 
 #endif

@@ -32,8 +32,8 @@ static inverse_choice choose(trocar_error *about, inverse_choice choice, const c
 inverse_choice inverse_choose(const inverse_facts *facts, trocar_error *about) {
     static const double LITTLE = 1.0;      /* GB, maximum size of a dense inverse */
     static const double MUCH = 4.0;        /* GB, maximum size of a condensed inverse */
-    static const double SHARE = 0.25;      /* fraction of the machine's memory that the inverse may use */
-    static const double BRIEF_SHARE = 0.5; /* fraction of the machine's memory that the computation of a condensed inverse may use */
+    static const double SHARE = 0.25;      /* maximum fraction of the machine's memory that the inverse may use */
+    static const double BRIEF_SHARE = 0.5; /* maximum fraction of the machine's memory that the computation of a condensed inverse may use */
     int nodes = facts->node_count, roi = facts->roi_count;
     double dense = 8e-9 * facts->dof_count * facts->dof_count, share = SHARE * 1e-9 * facts->memory;
     double condensed = 1e-9 * (double)symmetric_blocks_bytes(roi, inverse_is_single(facts->precision, roi));

@@ -7,7 +7,7 @@
 #include "base/error.h"
 
 typedef enum {
-    INVERSE_AUTO,            /* chosen by size and memory, see inverse_choose */
+    INVERSE_AUTO,            /* chosen by size and memory; see inverse_choose */
     INVERSE_DENSE,
     INVERSE_SPARSE,
     INVERSE_CONDENSED,
@@ -29,19 +29,19 @@ const char *inverse_precision_name(inverse_precision precision);
 /* True if a condensed inverse between this many nodes is stored in single precision. */
 bool inverse_is_single(inverse_precision given, int nodes);
 
-/* The facts on which the choice depends. */
+/* What the choice depends on. */
 typedef struct {
     inverse_choice given;
     inverse_precision precision;
     int node_count, dof_count;
     bool roi_given;          /* true if the scene defines a region of interest */
     int roi_count;           /* number of nodes in the region of interest */
-    double memory;           /* bytes, memory of the machine */
+    double memory;           /* bytes, the machine's memory */
 } inverse_facts;
 
-/* Returns the scene's choice. If that is auto, returns dense if remeshing requires a dense inverse or the inverse is small; otherwise condensed, if the
+/* Returns the scene's choice (facts->given) unless that is auto. For auto, returns dense if a dense inverse would be small; otherwise condensed, if the
    scene defines a region of interest and both the inverse and its computation fit into memory (even if it is cached, so that the choice is always the
-   same); otherwise sparse. `about` receives the name and the reason. Never returns AUTO. */
+   same); otherwise sparse. `about` receives the name of the choice and the reason. Never returns INVERSE_AUTO. */
 inverse_choice inverse_choose(const inverse_facts *facts, trocar_error *about);
 
 #endif

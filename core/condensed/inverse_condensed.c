@@ -14,21 +14,21 @@
 #include "condensed/conjugate_gradients.h"
 #include "inverse/inverse_owner.h"
 
-/* The dense inverse between the nodes of a region of interest, K^-1_RR. Displacement fields are found by conjugate gradients, which need no memory of the
-   size of a factor. Blocks of other nodes come from a sparse inverse that is created on first use, so that a start from the cache requires neither the
-   factorisation nor K. */
+/* The dense inverse K^-1_RR between the nodes of a region of interest. Displacement fields are computed by conjugate gradients, which need far less
+   memory than a factor of K. Blocks of other nodes come from a sparse inverse that is created on first use, so that a start from the cache requires
+   neither K nor its factorisation. */
 typedef struct {
     inverse shared;
     int *nodes;              /* matrix.count free nodes of the region, in the order of the matrix */
-    int *place;              /* [node_count]: index of each node in `nodes`, or -1 */
+    int *place;              /* [node_count]: index of each mesh node in `nodes`, or -1 */
     symmetric_blocks matrix; /* m/N */
     file_mapping mapping;    /* mapping of the cache file with the matrix; empty if the matrix is allocated */
-    pthread_mutex_t assembling;        /* protects K until it is assembled, because worker, display and preparation may need K concurrently */
-    pthread_mutex_t factoring;         /* protects the next three members and the factor; may be locked for minutes, but displacement fields do not need it */
-    _Atomic(inverse *) rest; /* sparse inverse for other nodes; NULL if not needed yet, or if its creation failed */
+    pthread_mutex_t assembling;        /* protects K until it is assembled, because the worker, the display and inverse_prepare may need it at the same time */
+    pthread_mutex_t factoring;         /* protects the next three members and the factor; may be held for minutes, but displacement fields do not need it */
+    _Atomic(inverse *) rest; /* sparse inverse for other nodes; NULL if it has not been needed yet, or if its creation failed */
     trocar_status rest_status;
     trocar_error no_rest;    /* reason why the creation of `rest` failed */
-    coarse_space *coarse;    /* coarse space for conjugate gradients; NULL if not needed yet, or if its creation failed */
+    coarse_space *coarse;    /* coarse space for conjugate gradients; NULL if it has not been needed yet, has been discarded, or could not be created */
     bool coarse_sought;
     int given_count, *given; /* the region's nodes in the caller's order */
 } condensed_inverse;
@@ -45,19 +45,19 @@ static trocar_status assemble(condensed_inverse *c, trocar_error *why) {
     return status;
 }
 
-/* A failure is normally final, because each attempt would take minutes. A shortage of memory at the beginning is not final if enough memory has become
-   available. */
+/* True if the creation of the sparse inverse failed and is not to be tried again, because each attempt would take minutes. If there was too little
+   memory to begin, it is tried again once enough memory is available. */
 static bool is_final(const condensed_inverse *c) {
     double refused = c->shared.tissue->refused;
     return c->rest_status != TROCAR_OK && !(c->rest_status == TROCAR_NO_MEMORY && refused > 0.0 && refused <= memory_available());
 }
 
-/* Creates the sparse inverse once. */
+/* Returns the sparse inverse for other nodes, and creates it in the first call. */
 static trocar_status rest_of(condensed_inverse *c, inverse **rest, trocar_error *why) {
     pthread_mutex_lock(&c->factoring);
     inverse *created = c->rest;
     if (!created && !is_final(c)) {
-        c->rest_status = assemble(c, &c->no_rest); /* assembles before factorising, so that displacement fields need not wait for the factor */
+        c->rest_status = assemble(c, &c->no_rest); /* a separate step before factorising, so that displacement fields need not wait for the factor */
         if (c->rest_status == TROCAR_OK) c->rest_status = tissue_factor(c->shared.tissue, c->given_count, c->given, &c->no_rest);
         if (c->rest_status == TROCAR_OK) c->rest_status = inverse_create_sparse(c->shared.tissue, SPARSE_CACHE, &created, &c->no_rest);
         c->rest = created;
@@ -88,7 +88,7 @@ static void look_up(const condensed_inverse *c, int row, int column, double *out
     for (int a = 0; a < 3; a++) memset(out + (size_t)a * (size_t)ld, 0, 3 * sizeof *out); /* a node that is in the region but not in the matrix is fixed */
 }
 
-/* Copies blocks within the region; requests other blocks from the sparse inverse. */
+/* Copies the blocks if all nodes are in the region; otherwise requests them from the sparse inverse. */
 static trocar_status condensed_gather(inverse *inv, const inverse_blocks *blocks, trocar_error *why) {
     condensed_inverse *c = (condensed_inverse *)inv;
     if (!is_inside(c, blocks->row_count, blocks->rows) || !is_inside(c, blocks->column_count, blocks->columns)) {
@@ -102,13 +102,13 @@ static trocar_status condensed_gather(inverse *inv, const inverse_blocks *blocks
     return TROCAR_OK;
 }
 
-static const double FIELD_TOLERANCE = 1e-10; /* residual relative to the force */
-enum { COARSE_STEPS = 1000 };                /* iteration limit with a coarse space; 45 iterations suffice with 20 000 and with 45 000 nodes */
-enum { FIELD_STEPS = 20000 };                /* iteration limit without a coarse space; 3000 iterations suffice with 4985 nodes and nu = 0.499 for a gland
-                                                2000 times stiffer than its surroundings */
+static const double FIELD_TOLERANCE = 1e-10; /* norm of the residual relative to that of the force */
+enum { COARSE_STEPS = 1000 };                /* iteration limit with a coarse space; 45 iterations suffice for 20 000 as well as for 45 000 nodes */
+enum { FIELD_STEPS = 20000 };                /* iteration limit without a coarse space; 3000 iterations suffice for 4985 nodes, nu = 0.499 and a gland 2000
+                                                times stiffer than its surroundings */
 
-/* Solves by conjugate gradients; discards a coarse space that does not converge (for example, with nu = 0.499 and a gland 2000 times stiffer than its
-   surroundings). */
+/* Solves by conjugate gradients. If they do not converge with the coarse space but do without it, discards the coarse space (for example, with nu =
+   0.499 and a gland 2000 times stiffer than its surroundings). */
 static bool search(condensed_inverse *c, const double *force, double *displacement) {
     const tissue *t = c->shared.tissue;
     if (!c->coarse_sought) c->coarse = coarse_space_create(t);
@@ -120,7 +120,7 @@ static bool search(condensed_inverse *c, const double *force, double *displaceme
     return true;
 }
 
-/* The search starts from the displacement of the last call, because consecutive fields differ little. */
+/* The iteration starts from the displacement of the last call, because consecutive fields differ little. */
 static void condensed_apply(inverse *inv, const double *force, double *displacement) {
     condensed_inverse *c = (condensed_inverse *)inv;
     tissue *t = inv->tissue;
@@ -156,7 +156,7 @@ static const inverse_owner condensed_owner = {"condensed", condensed_gather, con
 
 /* ---- creation --------------------------------------------------------------------------------------------------------- */
 
-/* Maps the matrix from the cache; if it is not cached, computes and saves it. */
+/* Maps the matrix from the cache; if it is not cached, computes it and saves it there. */
 static trocar_status fill(condensed_inverse *c, const condensed_region *region, trocar_error *notice, trocar_error *why) {
     const tissue *t = c->shared.tissue;
     int count = c->matrix.count;

@@ -1,4 +1,4 @@
-/* trocar/derivatives.h: a step with derivatives. */
+/* Implements trocar/derivatives.h: a step with derivatives. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -9,7 +9,7 @@
 #include "refinement/refined_field.h"
 #include "tissue/region_forces.h"
 
-static const double SAME_TIME = 1e-6; /* steps: a tick that exceeds one step by less than this is not divided. Rounding tolerance */
+static const double SAME_TIME = 1e-6; /* rounding tolerance, as a fraction of a step: a tick that is longer than one step by less than this is not divided */
 
 _Static_assert(TROCAR_BASE_VARIABLES == (int)BASE_VARIABLES && TROCAR_MAX_PARAMETERS == MAX_VARIABLES - BASE_VARIABLES, "limits differ from the header's");
 _Static_assert(TROCAR_CUTTING_FORCE == (int)CUTTING_FORCE && TROCAR_YOUNGS_MODULUS == (int)YOUNGS_MODULUS, "the order differs from the header's");
@@ -18,10 +18,10 @@ typedef struct {
     const trocar_sim *sim;
     const trocar_derivative_request *request;
     const trocar_derivatives *results;
-    const int *elements;     /* [T], element of each target */
+    const int *elements;     /* [T], tetrahedron of each target */
 } derivative_call;
 
-/* Interpolates a field at a point of an element. */
+/* Interpolates a nodal field at a point in a tetrahedron, given by its barycentric weights. */
 static vec3 field_at(const mesh *m, int tet, const double weights[4], const vec3 *field) {
     vec3 sum = v3(0, 0, 0);
     for (int c = 0; c < 4; c++) sum = v3_axpy(weights[c], field[m->tets[tet][c]], sum);
@@ -30,14 +30,15 @@ static vec3 field_at(const mesh *m, int tet, const double weights[4], const vec3
 
 /* ---- targets ---------------------------------------------------------------------------------------------------------------- */
 
-/* The needle's refined mesh and nodal vectors on it. */
+/* The needle's refined mesh, and nodal vectors on it. */
 typedef struct {
     refinement refined;
-    vec3 added_force[MAX_CONTACTS], added[MAX_CONTACTS]; /* N, m: at the contact nodes */
-    vec3 *force, *displacement, *scratch;                /* N, m: at the nodes of the mesh; scratch memory of refined_displacement */
+    vec3 added_force[MAX_CONTACTS], added[MAX_CONTACTS]; /* N and m, at the contact nodes */
+    vec3 *force, *displacement, *scratch;                /* N and m, at the nodes of the mesh; `scratch` is for refined_displacement */
 } refined_scratch;
 
-/* By reciprocity, the displacement of a target along an axis under forces is their work in the field of a unit force along the axis at the target. */
+/* Computes the derivatives of one target. By reciprocity, the target's displacement along an axis equals the work of the needle's forces in the displacement
+   field of a unit force along that axis at the target. */
 static void differentiate_target(const derivative_call *call, const insertion_state *state, int guided, const tick_derivatives *derivatives, int target,
                                  refined_scratch *scratch) {
     const model_parts *parts = call->sim->elasticity.to.parts;
@@ -83,8 +84,8 @@ static trocar_status differentiate_targets(const derivative_call *call, const in
 
 /* ---- moduli ------------------------------------------------------------------------------------------------------------------ */
 
-/* Derivatives of the displacements (m / Pa, node_count) with respect to a region's modulus, under the present forces: -K^-1 dK/dE u, where dK/dE is the
-   region's part of K divided by E. `scratch`: node_count entries. */
+/* Computes `change`, the derivatives (m/Pa, node_count entries) of the displacements u with respect to a region's modulus E, under the current forces:
+   -K^-1 dK/dE u, where dK/dE is the region's part of K divided by E. `scratch`: node_count entries. */
 static trocar_status soften(const derivative_call *call, int region, const vec3 *u, vec3 *scratch, vec3 *change, trocar_error *why) {
     const model_parts *parts = call->sim->elasticity.to.parts;
     trocar_status status = region_forces(&parts->tissue, region, u, scratch, why);
@@ -94,7 +95,7 @@ static trocar_status soften(const derivative_call *call, int region, const vec3 
     return TROCAR_OK;
 }
 
-/* Interpolates a field at the points where the needle loads the tissue. */
+/* Interpolates a nodal field at the points where the needle loads the tissue. */
 static void at_points(const mesh *m, const tissue_loads *places, int guided, const vec3 *field, vec3 moved[MAX_POINTS]) {
     for (int i = 0; i < places->count; i++) moved[guided + i] = field_at(m, places->loads[i].tet, places->loads[i].weights, field);
 }
@@ -105,7 +106,8 @@ static int moduli_in(const tick_derivatives *derivatives) {
     return sum;
 }
 
-/* Fills derivatives->moved. `fields` receives one field of displacement changes for each modulus, in their order; to be freed by the caller. */
+/* Fills derivatives->moved. `fields` receives, for each parameter that is a modulus, in order, the field of displacement derivatives; to be freed by the
+   caller. */
 static trocar_status differentiate_mesh(const derivative_call *call, const insertion_state *state, int guided, tick_derivatives *derivatives, vec3 **fields, trocar_error *why) {
     const model_parts *parts = call->sim->elasticity.to.parts;
     size_t nodes = (size_t)parts->mesh.node_count, moduli = (size_t)moduli_in(derivatives);
@@ -129,7 +131,7 @@ static trocar_status differentiate_mesh(const derivative_call *call, const inser
     return status;
 }
 
-/* Adds the displacements of the targets under the present forces. */
+/* Adds the part of the targets' derivatives that changing moduli cause under constant forces. */
 static void add_fields(const derivative_call *call, const tick_derivatives *derivatives, const vec3 *fields) {
     const mesh *m = &call->sim->model->parts.mesh;
     for (int i = 0, modulus = 0; i < derivatives->count - BASE_VARIABLES; i++) {
@@ -147,7 +149,7 @@ static void add_fields(const derivative_call *call, const tick_derivatives *deri
 
 /* ---- the step --------------------------------------------------------------------------------------------------------------- */
 
-/* Writes a vector to the column of a variable. */
+/* Writes a vector to column `v`, rows `first` to `first` + 2. */
 static void put(double *rows, int variables, int v, int first, vec3 x) {
     if (!rows) return;
     rows[(first + 0) * variables + v] = x.x;

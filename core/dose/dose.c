@@ -1,4 +1,4 @@
-/* trocar.h: dose of seeds on a grid or at arbitrary points. */
+/* Implements the doses and dose rates of trocar/dose.h, on a grid or at arbitrary points. */
 #include <stdbool.h>
 #include <stdint.h>
 #include <stdlib.h>
@@ -7,8 +7,8 @@
 #include "base/flush_denormals.h"
 #include "dose/tg43.h"
 
-static const double FARTHEST = 1000.0; /* m, largest magnitude of a coordinate, and largest spacing */
-static const double MAX_STRENGTH = 1000.0; /* U, largest air-kerma strength of a seed */
+static const double FARTHEST = 1000.0; /* m, maximum magnitude of a coordinate, and maximum spacing */
+static const double MAX_STRENGTH = 1000.0; /* U, maximum air-kerma strength of a seed */
 static const int64_t MAX_POINTS_OF_DOSE = INT64_C(1) << 28;
 
 typedef struct {
@@ -19,13 +19,13 @@ typedef struct {
 /* There are at most 4095 seeds, with at most 2^51 quanta each, so sums are below 2^63. */
 struct trocar_dose {
     const trocar_dose_source *source;
-    int64_t count;           /* points */
+    int64_t count;           /* number of points */
     trocar_dose_grid grid;   /* the grid; used if `points` is NULL */
     double *points;          /* [count][3], m, positions at rest; NULL if the grid is used */
     double *moved;           /* [count][3], m, displaced positions; NULL before the first displacement */
     bool displaced;          /* true if `moved` is used in place of `points` */
     int64_t *quanta;         /* [count], dose in multiples of TROCAR_DOSE_QUANTUM */
-    listed_seed *seeds;      /* array with room for `room` seeds, of which seed_count are used */
+    listed_seed *seeds;      /* array of `room` entries, of which seed_count are used */
     int seed_count, room;
     int32_t next_id;
 };
@@ -114,9 +114,9 @@ static seed_place place_of(const trocar_dose_seed *seed) {
 
 static int block_size(int64_t first, int64_t count) { return count - first < TG43_BLOCK ? (int)(count - first) : TG43_BLOCK; }
 
-/* Adds a seed's dose to all points, or subtracts exactly the same numbers, depending on `sign`. */
+/* Adds a seed's dose to that of all points (`sign` 1), or subtracts exactly the same numbers (`sign` -1). */
 static void accumulate(trocar_dose *d, const trocar_dose_seed *seed, int64_t sign) {
-    const double round = 0x1.8p52; /* when this is added to a number below 2^51, the last bits of the sum are the rounded number */
+    const double round = 0x1.8p52; /* adding this to a number below 2^51 rounds it to an integer, which is then in the last bits of the sum */
     int64_t round_bits;
     memcpy(&round_bits, &round, sizeof round_bits);
     seed_place place = place_of(seed);
@@ -258,7 +258,7 @@ trocar_status trocar_dose_move(trocar_dose *d, int32_t id, const trocar_dose_see
     return TROCAR_OK;
 }
 
-/* Position of a point at rest. */
+/* Returns the rest position of a point in `p`. */
 static void point_at_rest(const trocar_dose *d, int64_t index, double p[3]) {
     point_block one;
     if (d->points) take_listed(d->points + 3 * index, 1, &one);

@@ -1,4 +1,4 @@
-/* trocar.h: dose-volume histograms. */
+/* Implements the dose-volume histograms of trocar/dose.h. */
 #include <math.h>
 #include <stdlib.h>
 
@@ -18,7 +18,7 @@ trocar_status trocar_dvh_sort(double *doses, int64_t count, trocar_error *error)
     return TROCAR_OK;
 }
 
-/* Each voxel represents the fraction 1 / count of the volume; its dose is that at the middle of this fraction. */
+/* Each voxel stands for the fraction 1 / count of the volume, and its dose is the dose at the middle of this fraction. */
 double trocar_dvh_dose(const double *doses, int64_t count, double fraction) {
     double last = (double)(count - 1), at = fraction * (double)count - 0.5;
     at = at > 0.0 ? at < last ? at : last : 0.0;
@@ -27,7 +27,7 @@ double trocar_dvh_dose(const double *doses, int64_t count, double fraction) {
 }
 
 double trocar_dvh_volume(const double *doses, int64_t count, double dose) {
-    int64_t low = 0, high = count; /* voxels before `low` receive a sufficient dose, those from `high` on do not */
+    int64_t low = 0, high = count; /* voxels before `low` receive at least `dose`, those from `high` on receive less */
     while (low < high) {
         int64_t middle = low + (high - low) / 2;
         if (doses[middle] >= dose) low = middle + 1;

@@ -1,4 +1,4 @@
-/* trocar.h: the voxels inside an organ. */
+/* Implements the structures of trocar/dose.h: the voxels inside an organ. */
 #include <math.h>
 #include <stdbool.h>
 #include <stdint.h>
@@ -9,7 +9,7 @@
 #include "base/vec.h"
 
 static const double MAX_VOXELS = 0x1p28;
-static const double FARTHEST = 1000.0; /* m, largest magnitude of a coordinate, and largest spacing */
+static const double FARTHEST = 1000.0; /* m, maximum magnitude of a coordinate, and maximum spacing */
 
 /* Position of a voxel's centre inside a tetrahedron. */
 typedef struct {
@@ -24,7 +24,7 @@ struct trocar_structure {
     tet_place *places;       /* [count]; NULL if the structure was made from a surface */
 };
 
-/* The voxels of a box around an organ, with their centres at (first + index + 1/2) spacing. */
+/* The voxels of a box around an organ; their centres are at (first + index + 1/2) spacing along each axis. */
 typedef struct {
     double spacing;
     int64_t first[3], counts[3], total;
@@ -37,7 +37,8 @@ static vec3 node_of(const trocar_mesh *mesh, int32_t index) {
 
 static double coordinate(vec3 p, int axis) { return axis == 0 ? p.x : axis == 1 ? p.y : p.z; }
 
-/* Returns the index, counted from the first voxel of the lattice, of the first voxel whose centre is not below x. It may be outside the lattice. */
+/* Returns the index of the first voxel along this axis whose centre is not below x, counted from the first voxel of the lattice. The voxel may be outside the
+   lattice. */
 static int64_t voxel_from(const lattice *l, int axis, double x) { return (int64_t)ceil(x / l->spacing - 0.5) - l->first[axis]; }
 static double centre_of(const lattice *l, int axis, int64_t index) { return l->spacing * ((double)(l->first[axis] + index) + 0.5); }
 
@@ -49,7 +50,7 @@ static trocar_status check_node(const trocar_mesh *mesh, const char *what, int e
     return fail(why, TROCAR_BAD_INPUT, "node %d is at (%g, %g, %g): expected finite numbers, at most 1000 m", node, p.x, p.y, p.z);
 }
 
-/* Finds the lattice around the given elements, each of which has `corners` nodes. */
+/* Finds the lattice around those elements, with `corners` nodes each, whose entry in `group` is `chosen`; around all elements if `group` is NULL. */
 static trocar_status find_lattice(const trocar_mesh *mesh, const char *what, const int32_t *elements, int count, int corners, const int32_t *group, int chosen,
                                   double spacing, lattice *l, trocar_error *why) {
     double low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY};
@@ -106,7 +107,7 @@ static void put_centre(const lattice *l, int64_t voxel, double point[3]) {
 
 /* ---- tetrahedra ------------------------------------------------------------------------------------------------------------------ */
 
-/* Data for the barycentric coordinates in a tetrahedron. */
+/* Data for computing barycentric coordinates in a tetrahedron. */
 typedef struct {
     vec3 origin;
     mat3 inverse;            /* inverse of the matrix whose columns are the edges from the origin */
@@ -127,7 +128,7 @@ static void weights_of(const tet_frame *frame, vec3 p, double weight[4]) {
     weight[3] = w.z;
 }
 
-/* A centre on a face counts as inside both adjacent tetrahedra, so rounding leaves no gap between them. */
+/* The tolerance makes a centre on a face count as inside both adjacent tetrahedra, so that rounding errors leave no gap between them. */
 static bool is_inside(const double w[4]) {
     const double tolerance = -1e-12;
     return w[0] >= tolerance && w[1] >= tolerance && w[2] >= tolerance && w[3] >= tolerance;
@@ -137,7 +138,7 @@ static void corners_of(const trocar_mesh *mesh, int32_t tet, vec3 corner[4]) {
     for (int c = 0; c < 4; c++) corner[c] = node_of(mesh, mesh->tets[4 * (int64_t)tet + c]);
 }
 
-/* Assigns a tetrahedron's number plus 1 to those of its voxels that have no number yet. Returns how many were assigned. */
+/* Sets the owner of those voxels inside a tetrahedron that have none yet to the tetrahedron's number plus 1. Returns their number. */
 static int64_t claim(const trocar_mesh *mesh, int32_t tet, const lattice *l, int32_t *owner) {
     vec3 corner[4];
     int64_t from[3], to[3], claimed = 0;
@@ -233,7 +234,8 @@ static trocar_status check_closed(const trocar_mesh *mesh, int surface, trocar_e
     return status;
 }
 
-/* Finds the point where an edge crosses the plane with this x. Both triangles at the edge compute exactly the same numbers. */
+/* Computes y and z of the point where an edge crosses the plane with this x; returns false if it does not cross it. For both triangles at an edge, the numbers
+   are exactly the same. */
 static bool cross_edge(const trocar_mesh *mesh, int32_t a, int32_t b, double x, double at[2]) {
     vec3 p = node_of(mesh, a < b ? a : b), q = node_of(mesh, a < b ? b : a);
     if ((p.x <= x) == (q.x <= x)) return false;
@@ -243,8 +245,9 @@ static bool cross_edge(const trocar_mesh *mesh, int32_t a, int32_t b, double x, 
     return true;
 }
 
-/* In each column of voxels, marks the first voxel above the triangle; a centre with an odd number of marks at or below it is inside. In the plane of each
-   x, the sections of the triangles are closed polygons; a line of constant y crosses them an even number of times, even if it passes through corners. */
+/* In each column of voxels along z, toggles the mark of the first voxel above the triangle; a voxel is inside if an odd number of marks are at or below
+   it. In each plane of constant x, the sections of the triangles form closed polygons, which a line of constant y crosses an even number of times, even
+   if it passes through corners. */
 static void mark_triangle(const trocar_mesh *mesh, const int32_t node[3], const lattice *l, uint8_t *marks) {
     vec3 a = node_of(mesh, node[0]), b = node_of(mesh, node[1]), c = node_of(mesh, node[2]);
     int64_t to = voxel_from(l, 0, fmax(a.x, fmax(b.x, c.x)));
@@ -264,7 +267,7 @@ static void mark_triangle(const trocar_mesh *mesh, const int32_t node[3], const 
     }
 }
 
-/* Converts the marks to 1 for voxels that are inside and 0 for others. Returns the number of voxels inside. */
+/* Replaces the marks by 1 for voxels inside and 0 for all others. Returns the number of voxels inside. */
 static int64_t fill(const lattice *l, uint8_t *marks) {
     int64_t count = 0;
     for (int64_t column = 0; column < l->total; column += l->counts[2]) {

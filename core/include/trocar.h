@@ -1,7 +1,7 @@
 /* trocar: a flexible needle in soft tissue, for haptic servers, planners and batches.
 
    A scene describes what to simulate. A model is built from it once, is immutable, and is shared by any number of simulations in any number of
-   threads. A simulation holds everything that changes: a few MB.
+   threads. A simulation holds everything that changes, and takes up a few MB.
 
        trocar_scene *scene;  trocar_model *model;  trocar_sim *sim;  trocar_error why;  trocar_output out;
        trocar_scene_load("scene.yaml", &scene, &why);
@@ -10,13 +10,13 @@
        trocar_sim_reset(sim, 0, &base, &why);
        trocar_sim_step(sim, 0, &base, 0.001, &out, &why);        out.force is what the hand feels
 
-   Units are SI: m, N, N m, Pa, s, rad. The world frame is the mesh's. Quaternions are w, x, y, z and of unit length. The needle's axis is its local +z,
-   from base to tip; its bevel faces local +y. Numbers in text have a decimal point in any locale.
+   Units are SI: m, N, N m, Pa, s, rad. The world frame is the mesh's. Quaternions have the order w, x, y, z and unit length. The needle's axis is its
+   local +z, from base to tip; its bevel faces local +y. Numbers in text have a decimal point in any locale.
 
-   Functions that can fail return a status and write one message, with place and remedy, into `error`, which may be NULL. No function prints, exits or
-   changes signal handlers. *_free accepts NULL.
+   Functions that can fail return a status and write one message into `error`, which may be NULL; it says where the error is and how to correct it. No
+   function prints, exits or changes signal handlers. *_free accepts NULL.
 
-   Each function is marked with the threads that may call it, and with whether it suits a real-time thread.
+   Each function has a mark that says which threads may call it, and whether it suits a real-time thread.
 
        [any]        any thread, at any time
        [one]        one thread at a time for each object

@@ -1,6 +1,7 @@
-/* With M = G + C of all attachments, L L^T = M, c_i = P^T K^-1 e_i (displacement of the rows under forces on node i), y_i = L^-1 c_i, V = L^-1 R and its
-   orthonormal basis Q = V T^-1, T^T T = V^T V: inverse(i, j) = K^-1(i, j) - z_i^T z_j, with z_i = y_i - Q Q^T y_i. The response to displacements d of the
-   rows, y = L^-1 d, is df = -L^-T z, q = T^-1 Q^T y. c_i, z_i, Q^T y_i and the blocks are cached for the most recently used nodes. */
+/* Let M = G + C for all attachments, L L^T = M, c_i = P^T K^-1 e_i (displacements of the rows under unit forces on node i), y_i = L^-1 c_i, and V = L^-1
+   R with the orthonormal basis Q = V T^-1, T^T T = V^T V. Then inverse(i, j) = K^-1(i, j) - z_i^T z_j, where z_i = y_i - Q Q^T y_i. The response to
+   displacements d of the rows is df = -L^-T z and q = T^-1 Q^T y, where y = L^-1 d and z = y - Q Q^T y. c_i, z_i, Q^T y_i and the blocks are cached for
+   the most recently used nodes. */
 #include "inverse/inverse_attached.h"
 
 #include <cblas.h>
@@ -11,7 +12,7 @@
 #include "inverse/block_cache.h"
 #include "inverse/inverse_owner.h"
 
-enum { BATCH = 32, TILE = 64 };                     /* BATCH: nodes per solve; TILE: nodes per product, as rows or columns */
+enum { BATCH = 32, TILE = 64 };                     /* maximum number of nodes; BATCH: in one solve; TILE: as rows, and as columns, of one product */
 static const double CACHE = 96e6;                   /* bytes, size of the cache for c_i, z_i and Q^T y_i */
 enum { LEAST_NODES = 2 * TILE, MOST_NODES = 1024 }; /* minimum and maximum number of cached nodes */
 
@@ -23,8 +24,8 @@ typedef struct {
     int row_count, motion_count, placed_count;
     placed *placed;
     attached_row *rows;
-    int *corner;             /* [row_count][4], index in `nodes` of each corner of the rows' elements */
-    int node_count, *nodes;  /* all nodes of the rows' elements, without duplicates */
+    int *corner;             /* [row_count][4], index in `nodes` of each corner of the rows' tetrahedra */
+    int node_count, *nodes;  /* all nodes of the rows' tetrahedra, without duplicates */
     double *between;         /* the matrix C, row_count x row_count, column-major */
     double *factor;          /* the matrix L, row_count x row_count, column-major */
     double *basis;           /* the matrix Q, row_count x motion_count */
@@ -34,7 +35,7 @@ typedef struct {
     block_cache blocks;
     double *batch, *columns; /* scratch; batch: blocks between BATCH nodes and all of `nodes`; columns: 3 BATCH columns with one entry per row and per
                                 motion */
-    double *left, *right, *tile; /* scratch; left and right: 3 TILE columns each, with one entry per row; tile: a square of 3 TILE rows */
+    double *left, *right, *tile; /* scratch; left and right: 3 TILE columns each, with one entry per row; tile: a 3 TILE x 3 TILE matrix */
     double *moved, *sum;     /* scratch for apply; moved: one entry per row and per motion; sum: dof_count entries */
 } attached_inverse;
 
@@ -45,7 +46,7 @@ static double *moved_of(const attached_inverse *a, int node) { return slot_of(a,
 
 /* ---- what is kept of nodes ------------------------------------------------------------------------------------------------ */
 
-/* Computes c of up to BATCH nodes for the rows from `first` on. Writes 3 columns per node, of `rows` entries each, to `out`. */
+/* Computes c of up to BATCH nodes. Writes 3 columns per node, with one entry per row, to `out`. */
 static trocar_status find_c(attached_inverse *a, int count, const int *nodes, double *out, trocar_error *why) {
     int ld = 3 * a->node_count;
     trocar_status status = inverse_gather(a->base, &(inverse_blocks){count, nodes, a->node_count, a->nodes, a->batch, ld}, why);
@@ -65,7 +66,7 @@ static trocar_status find_c(attached_inverse *a, int count, const int *nodes, do
     return TROCAR_OK;
 }
 
-/* For this many columns, replaces y by z in place, followed by Q^T y. */
+/* For `count` columns, replaces y by z in place, and writes Q^T y to `moved`. */
 static void project(const attached_inverse *a, int count, double *y, double *moved) {
     int n = a->row_count, m = a->motion_count;
     if (m == 0) return;
@@ -167,7 +168,7 @@ static bool attached_prefetches(const inverse *inv) {
 
 /* Each node takes three solves with L. */
 static int attached_slice(const inverse *inv) {
-    const double AT_ONCE = 1.5e7; /* number of multiplications that take about 2 ms */
+    const double AT_ONCE = 1.5e7; /* number of multiplications that can be done in about 2 ms */
     const attached_inverse *a = (const attached_inverse *)inv;
     int beneath = inverse_slice(a->base);
     double nodes = AT_ONCE / (3.0 * (double)a->row_count * (double)a->row_count);
@@ -215,7 +216,7 @@ trocar_status inverse_create_attached(inverse *base, inverse **created, trocar_e
     return status;
 }
 
-/* Copies the attachments' descriptions and lists their nodes. */
+/* Copies the attachments' descriptions, and lists the nodes of their tetrahedra. Returns false if there is no memory. */
 static bool place_all(attached_inverse *a, int count, const attachment *things) {
     const mesh *m = a->shared.tissue->mesh;
     int *place = malloc((size_t)m->node_count * sizeof *place);
@@ -271,7 +272,7 @@ static const placed *find_placed(const attached_inverse *a, uint64_t id) {
     return NULL;
 }
 
-/* Copies C between those attachments that existed before. */
+/* Copies the entries of C between attachments that existed before. */
 static void copy_between(attached_inverse *a, const attached_inverse *before) {
     size_t n = (size_t)a->row_count, old = (size_t)before->row_count;
     for (int s = 0; s < a->placed_count; s++)
@@ -283,7 +284,7 @@ static void copy_between(attached_inverse *a, const attached_inverse *before) {
         }
 }
 
-/* Computes C between a new attachment and all others, from c of the nodes of its rows. */
+/* Computes the entries of C between a new attachment and all attachments, from the c of the nodes of its rows. */
 static trocar_status find_between(attached_inverse *a, const placed *thing, trocar_error *why) {
     size_t n = (size_t)a->row_count;
     bool *own = calloc((size_t)a->node_count + 1, sizeof *own);
@@ -361,7 +362,7 @@ trocar_status inverse_attach(inverse *inv, int count, const attachment *things, 
 int inverse_attached_rows(const inverse *inv) { return ((const attached_inverse *)inv)->row_count; }
 int inverse_attached_motions(const inverse *inv) { return ((const attached_inverse *)inv)->motion_count; }
 
-/* For this many columns, replaces z and Q^T y by df and q in place. */
+/* For `count` columns, replaces z by df and Q^T y by q, in place. */
 static void respond(const attached_inverse *a, int count, double *force, double *motion) {
     int n = a->row_count, q = a->motion_count;
     if (count == 1) { /* reads L directly, without copying it */

@@ -1,4 +1,4 @@
-/* The inverse of a stiffness matrix with attachments to the tissue, such as resting needles: a low-rank correction to a base inverse, which remains
+/* The inverse of the stiffness of tissue with attachments, such as resting needles: a low-rank correction to a base inverse, which remains
    unchanged. See docs/mechanics.md, "Resting needles". Not thread-safe. */
 #ifndef TROCAR_INVERSE_ATTACHED_H
 #define TROCAR_INVERSE_ATTACHED_H
@@ -7,37 +7,37 @@
 
 /* A row of an attachment: one component of the force on the tissue at a point. */
 typedef struct {
-    int tet;                 /* nominal element; -1 if the force does not act on the tissue */
-    double weights[4];       /* barycentric */
-    vec3 direction;          /* unit vector */
+    int tet;                 /* tetrahedron of the nominal mesh that contains the point; -1 if the force does not act on the tissue */
+    double weights[4];       /* barycentric weights of the point */
+    vec3 direction;          /* unit vector along the component */
 } attached_row;
 
-/* One attachment. When other loads displace its rows by d, its forces change by df, which closes all gaps; if the attachment is free to move, its motions
-   q keep it in equilibrium: (G + C) df = R q - d, R^T df = 0. C is the compliance of the tissue between its rows and those of all other attachments. */
+/* One attachment. When other loads displace its rows by d, its forces change by df such that all gaps close, and its free motions, if it has any, change
+   by q such that it stays in equilibrium: (G + C) df = R q - d, R^T df = 0. C is the compliance of the tissue between the rows of all attachments. */
 typedef struct {
-    uint64_t id;             /* if an attachment with this id existed before, it is unchanged */
+    uint64_t id;             /* if an attachment with this id was attached before, its rows must not have changed */
     int row_count;
     const attached_row *rows;
-    const double *compliance; /* m/N, G, row_count square, lower triangle: [i * ld + j], j <= i. Positive semidefinite, and definite together with C; 0 for
-                                 a rigid attachment */
+    const double *compliance; /* m/N, the lower triangle of G, row_count square: [i * ld + j], j <= i. G is positive semidefinite, and G + C positive definite;
+                                 G = 0 for a rigid attachment */
     int ld;
-    const double *mutual;    /* m/N, the part, finer than the mesh, of the compliance between its rows and those of all earlier attachments, in order:
-                                [i * mutual_ld + j]; NULL if there is none. Semidefinite together with the compliances of all attachments */
+    const double *mutual;    /* m/N, the part of the compliance between its rows and those of all earlier attachments, in order, that the mesh is too coarse to
+                                resolve: [i * mutual_ld + j]; NULL if there is none. Positive semidefinite together with the compliances of all attachments */
     int mutual_ld;
-    int motion_count;        /* number of independent motions that only the attachment's rows resist */
-    const double *motions;   /* R, displacement of each row under each motion: [motion * motion_ld + row] */
+    int motion_count;        /* number of independent motions of the attachment that nothing but its rows resists */
+    const double *motions;   /* R, the displacement of each row in each motion: [motion * motion_ld + row] */
     int motion_ld;
 } attachment;
 
-/* Creates an inverse without attachments, which is equal to `base`. `base` must outlive it. */
+/* Creates an inverse without attachments, equal to `base`, which must outlive it. */
 trocar_status inverse_create_attached(inverse *base, inverse **created, trocar_error *why);
 
-/* Replaces all attachments by these, in this order; their descriptions are copied. The cost is one factorisation whose size is the total number of rows, plus
-   blocks of the base inverse for new attachments. After a failure, nothing is attached. Allocates. */
+/* Replaces all attachments with these, in this order; their descriptions are copied. This takes one dense factorisation whose size is the total number of
+   rows, plus blocks of the base inverse for new attachments. After a failure, nothing is attached. Allocates. */
 trocar_status inverse_attach(inverse *inv, int count, const attachment *things, trocar_error *why);
 
-int inverse_attached_rows(const inverse *inv);    /* number of rows of all attachments */
-int inverse_attached_motions(const inverse *inv); /* number of motions of all attachments */
+int inverse_attached_rows(const inverse *inv);    /* total number of rows of all attachments */
+int inverse_attached_motions(const inverse *inv); /* total number of motions of all attachments */
 
 /* Forces on nodes. */
 typedef struct {
@@ -49,19 +49,20 @@ typedef struct {
 /* Computes the response of the attachments to these forces: the changes in the forces at all rows (N), and all motions. */
 trocar_status inverse_attached_response(inverse *inv, const nodal_forces *loads, double *force, double *motion, trocar_error *why);
 
-/* Computes the response to a unit displacement of each of these rows: force[k * rows + i], motion[k * motions + i]. */
+/* Computes the response to a unit displacement of each of the `count` given rows in turn: force[k * rows + i] and motion[k * motions + i], where rows and
+   motions are the total numbers. */
 void inverse_attached_columns(inverse *inv, int count, const int *rows, double *force, double *motion);
 
 /* Computes the response to displacements (m) of all rows. */
 void inverse_attached_displaced(inverse *inv, const double *displacement, double *force, double *motion);
 
-/* Computes the displacements (m) of all rows under forces (N) at all rows, by the compliances of tissue and attachments: (G + C) force. */
+/* Computes (G + C) force: the displacements (m) of all rows under forces (N) at all rows, due to the compliance of tissue and attachments. */
 void inverse_attached_yield(const inverse *inv, const double *force, double *displacement);
 
-/* Adds the displacements (m) of all rows that forces on nodes would cause if nothing were attached. */
+/* Adds to `displacement` the displacements (m) of all rows that forces on nodes would cause if nothing were attached. */
 trocar_status inverse_attached_under(inverse *inv, const nodal_forces *loads, double *displacement, trocar_error *why);
 
-/* Adds the displacements (m) of nodes that forces at all rows would cause if nothing were attached. */
+/* Adds to `displacement` the displacements (m) of nodes that forces (N) at all rows would cause if nothing were attached. */
 trocar_status inverse_attached_displace(inverse *inv, const double *force, int count, const int *nodes, vec3 *displacement, trocar_error *why);
 
 #endif

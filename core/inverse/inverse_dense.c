@@ -9,7 +9,7 @@
 /* The method of the paper (see core/README.md): the whole inverse as a dense matrix. */
 typedef struct {
     inverse shared;
-    double *dense;           /* dof_count square, column-major, full */
+    double *dense;           /* dof_count x dof_count, column-major, with both triangles */
 } dense_inverse;
 
 static double *dense_of(inverse *inv) { return ((dense_inverse *)inv)->dense; }
@@ -29,7 +29,7 @@ static trocar_status dense_gather(inverse *inv, const inverse_blocks *blocks, tr
     return TROCAR_OK;
 }
 
-/* Reads the columns of loaded nodes only: needles load few nodes, and the whole matrix has hundreds of megabytes. */
+/* Reads only the columns of loaded nodes: needles load few nodes, and the whole matrix takes up hundreds of megabytes. */
 static void dense_apply(inverse *inv, const double *force, double *restrict displacement) {
     size_t n = (size_t)inv->tissue->dof_count;
     memset(displacement, 0, n * sizeof *displacement);
@@ -44,7 +44,7 @@ static void dense_release(inverse *inv) { free(dense_of(inv)); }
 
 static const inverse_owner dense_owner = {"dense", dense_gather, dense_apply, NULL, dense_release, NULL, NULL, NULL};
 
-/* Solves K X = I block by block. */
+/* Solves K X = I, a block of columns at a time. */
 static trocar_status dense_fill(tissue *t, double *dense, inverse_progress progress, trocar_error *why) {
     enum { BLOCK = 96 };
     size_t n = (size_t)t->dof_count;

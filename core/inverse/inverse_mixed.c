@@ -5,16 +5,16 @@
 
 #include "inverse/inverse_owner.h"
 
-enum { TILE = 32 };          /* number of nodes, as rows or columns, whose blocks are added at a time */
+enum { TILE = 32 };          /* maximum number of rows and of columns of blocks that are added at a time */
 
 typedef struct {
     inverse shared;
     inverse *of[2];          /* the two inverses; the same one twice while no moduli change */
-    double weight;           /* weight of of[1], from 0 to 1; that of of[0] is 1 - weight */
+    double weight;           /* from 0 to 1, weight of of[1]; of[0] has the weight 1 - weight */
     tissue tissue;           /* the tissue of of[0], but with the materials of the mixture */
     region_material materials[MESH_MAX_GROUPS];
-    double *tile;            /* scratch, a square of 3 TILE rows */
-    double *sum;             /* scratch for apply, dof_count */
+    double *tile;            /* scratch, a 3 TILE x 3 TILE matrix */
+    double *sum;             /* scratch for mixed_apply, dof_count entries */
 } mixed_inverse;
 
 static trocar_status add_tile(mixed_inverse *m, const inverse_blocks *tile, trocar_error *why) {

@@ -1,4 +1,4 @@
-/* The interface that each implementation of K^-1 provides; included by the implementations only. */
+/* The interface that every implementation of K^-1 provides; included only by the implementations. */
 #ifndef TROCAR_INVERSE_OWNER_H
 #define TROCAR_INVERSE_OWNER_H
 
@@ -14,9 +14,9 @@ typedef struct {
     trocar_status (*gather)(inverse *inv, const inverse_blocks *blocks, trocar_error *why);
     void (*apply)(inverse *inv, const double *force, double *displacement); /* vectors of dof_count entries each */
     trocar_status (*prepare)(inverse *inv, trocar_error *why);                    /* NULL if no work is ever deferred */
-    void (*release)(inverse *inv);                                          /* frees everything except the common part */
+    void (*release)(inverse *inv);                                          /* frees everything except the common part, struct inverse */
     bool (*prefetches)(const inverse *inv);                                 /* see inverse_prefetches; NULL is equivalent to false */
-    bool (*holds)(const inverse *inv, int node);                            /* see inverse_holds; NULL if it holds all nodes */
+    bool (*holds)(const inverse *inv, int node);                            /* see inverse_holds; NULL is equivalent to true */
     int (*slice)(const inverse *inv);                                       /* see inverse_slice; NULL is equivalent to INT_MAX */
 } inverse_owner;
 
@@ -28,7 +28,7 @@ struct inverse {
     double *force, *displacement; /* [dof_count]: scratch memory of inverse_apply */
 };
 
-/* Applies an inverse that other threads may use at the same time: force and displacement have dof_count entries each. */
+/* Computes displacement = K^-1 force, with dof_count entries each, with an inverse that other threads may use at the same time. */
 void inverse_apply_locked(inverse *inv, const double *force, double *displacement);
 
 trocar_status inverse_init(inverse *inv, const inverse_owner *owner, tissue *t, trocar_error *why);

@@ -16,17 +16,17 @@ typedef struct {
     factor_solution solution;
 } solver;
 
-/* Half-solves computed on demand; they and the resulting blocks are kept in LRU caches. */
+/* The sparse inverse: half-solves are computed on demand; they and the resulting blocks are kept in LRU caches. */
 typedef struct {
     inverse shared;
     sparse_columns *half;
-    lru slots;               /* slots of nodes' half-solves in the cache */
+    lru slots;               /* cache slots of the nodes' half-solves */
     size_t slot_size;        /* number of entries in the longest half-solve */
     double *halves;          /* slots.slot_count x slot_size */
-    pthread_mutex_t gather_lock;       /* protects all members above it */
-    double *block, *tile;    /* scratch for gather: a square of 3 PRODUCT_BLOCK rows */
+    pthread_mutex_t gather_lock;       /* protects all members except `shared` and `field_solver` */
+    double *block, *tile;    /* scratch for gathering: 3 PRODUCT_BLOCK x 3 PRODUCT_BLOCK matrices */
     block_cache blocks;
-    solver field_solver;     /* solver for displacement fields, which another thread may request */
+    solver field_solver;     /* solver for displacement fields, which may be requested in another thread */
 } sparse_inverse;
 
 enum { LEAST_SLOTS = 2 * PRODUCT_BLOCK }; /* number of slots needed for one product */
@@ -42,7 +42,8 @@ static void solve_halves(sparse_inverse *s, int count, const int *nodes) {
     sparse_columns_half_solve(s->half, count, dofs, y);
 }
 
-/* Computes the missing half-solves of free nodes. Cached ones are touched first, so that up to LEAST_SLOTS nodes can be in the cache together. */
+/* Computes those half-solves of the given free nodes that are not cached. Cached ones are marked as used first, so that up to LEAST_SLOTS nodes can be in the
+   cache together. */
 static void solve_missing(sparse_inverse *s, int count, const int *nodes) {
     int missing[HALF_BLOCK], found = 0;
     for (int i = 0; i < count; i++) lru_touch(&s->slots, nodes[i]);
@@ -55,7 +56,7 @@ static void solve_missing(sparse_inverse *s, int count, const int *nodes) {
     if (found > 0) solve_halves(s, found, missing);
 }
 
-/* Rows or columns of a block: those of the given nodes that are free. */
+/* The rows or columns of a product: the free nodes among those given. */
 typedef struct {
     int count, node[PRODUCT_BLOCK], dof[PRODUCT_BLOCK], place[PRODUCT_BLOCK];
     const double *y[PRODUCT_BLOCK];
@@ -108,7 +109,7 @@ static trocar_status sparse_gather(inverse *inv, const inverse_blocks *blocks, t
     return status;
 }
 
-/* Solves K x = right and returns the solution, which is in the workspace; NULL if out of memory. Only the first call allocates. */
+/* Solves K x = right. Returns the solution, which belongs to the solver; NULL if there is no memory. Only the first call allocates. */
 static const double *solver_run(solver *w, const tissue *t) {
     return factor_solve(t->factor, w->right, &w->solution, &w->common) ? w->solution.x->x : NULL;
 }

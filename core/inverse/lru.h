@@ -1,4 +1,4 @@
-/* Assigns a limited number of slots to many keys; a new key is assigned the least recently used slot. */
+/* Assigns a limited number of slots to many keys; a new key gets the least recently used slot. */
 #ifndef TROCAR_LRU_H
 #define TROCAR_LRU_H
 

@@ -4,7 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { WIDTH = 3 * HALF_BLOCK, SIDE = 3 * PRODUCT_BLOCK, PANEL = 512 /* number of rows of Y packed at once */ };
+enum { WIDTH = 3 * HALF_BLOCK, SIDE = 3 * PRODUCT_BLOCK, PANEL = 512 /* maximum number of rows of Y packed at once */ };
 
 /* A supernode is a set of consecutive columns of L with the same sparsity pattern, stored as a dense block whose top part is a triangle. In CHOLMOD's
    arrays, `super` is the first column, `pi` the index in `s` of the first row number, and `px` the index in `x` of the first value. Supernodes are in
@@ -18,9 +18,9 @@ struct sparse_columns {
     int *parent;             /* for each supernode: parent in the elimination tree, or -1 */
     int *lowest;             /* for each supernode: first supernode of its subtree */
     int *height;             /* for each supernode: number of columns on the path from its first column to the root */
-    int *start;              /* for each supernode: first column used by the current solve, or -1; -1 between calls */
-    double *x;               /* dof_count x WIDTH, column-major; zero between calls */
-    double *update;          /* workspace of CHOLMOD's maxesize x WIDTH entries */
+    int *start;              /* for each supernode: first column used by the current solve, or -1; all -1 between calls */
+    double *x;               /* dof_count x WIDTH, column-major; all zero between calls */
+    double *update;          /* workspace, (maxesize + 1) x WIDTH entries, where maxesize is CHOLMOD's */
     double *left, *right;    /* PANEL x SIDE: packed rows of Y */
     double *product;         /* SIDE x SIDE */
     int *way;                /* supernodes that contribute to the product */
@@ -67,7 +67,7 @@ static void touch(sparse_columns *h, int s, int column) {
     if (h->start[s] < 0 || column < h->start[s]) h->start[s] = column;
 }
 
-/* Forward substitution in the columns of a supernode from `start` on, followed by the update of later rows. */
+/* Forward substitution in the columns of a supernode, from h->start[s] on, followed by the update of later rows. */
 static void eliminate(sparse_columns *h, int s, int right_sides) {
     int n = h->tissue->dof_count, ld = h->pi[s + 1] - h->pi[s], skipped = h->start[s] - h->super[s], below = count_below(h, s);
     int columns = width(h, s) - skipped;
@@ -115,7 +115,7 @@ void sparse_columns_half_solve(sparse_columns *h, int count, const int *dofs, do
 
 /* ---- products --------------------------------------------------------------------------------------------------------- */
 
-/* The rows or columns of a product within one supernode. */
+/* The nodes that contribute to a product, as rows or as columns, within one supernode. */
 typedef struct {
     int count, place[PRODUCT_BLOCK]; /* number and indices of the nodes whose path contains the supernode */
 } side;
@@ -132,7 +132,7 @@ typedef struct {
     int supernode, from, rows;
 } panel;
 
-/* Packs these rows of each Y, with zeros above the start of a path. The result is column-major with the leading dimension PANEL. */
+/* Packs the rows of panel `p` from each Y, with zeros above the start of a path. The result is column-major with the leading dimension PANEL. */
 static void pack(const sparse_columns *h, panel p, const side *of, const half_solved *solved, double *packed) {
     for (int i = 0; i < of->count; i++) {
         int dof = solved->dofs[of->place[i]], length = sparse_columns_length(h, dof), at = length - h->height[p.supernode] + p.from;
@@ -151,7 +151,7 @@ static void add_product(const sparse_columns *h, const side *rows, const side *c
             out[(size_t)(3 * rows->place[i / 3] + i % 3) * (size_t)ld + (size_t)(3 * columns->place[j / 3] + j % 3)] += h->product[j * SIDE + i];
 }
 
-/* Lists the supernodes on the paths of all rows, without duplicates. */
+/* Lists the supernodes on the paths of all these nodes, without duplicates. Returns their number. */
 static int collect_ways(sparse_columns *h, int count, const int *dofs) {
     int found = 0;
     for (int i = 0; i < count; i++)

@@ -1,12 +1,12 @@
 /* Half-solves: Y_j = L^-1 e_j for the three dofs of node j, with the supernodal factor K = L L^T. Y_j is nonzero only on the path
-   from j's column to the root of the elimination tree. A block of the inverse is the product K^-1_ij = Y_i^T Y_j over the common
-   part of their paths. See docs/mechanics.md, "Who owns the inverse". */
+   from j's column to the root of the elimination tree. A block of the inverse is the product K^-1_ij = Y_i^T Y_j over the part
+   that both paths share. See docs/mechanics.md, "Who owns the inverse". */
 #ifndef TROCAR_SPARSE_INVERSE_COLUMNS_H
 #define TROCAR_SPARSE_INVERSE_COLUMNS_H
 
 #include "tissue/tissue.h"
 
-enum { HALF_BLOCK = 32, PRODUCT_BLOCK = 64 }; /* HALF_BLOCK: nodes per solve; PRODUCT_BLOCK: nodes per product, as rows or columns */
+enum { HALF_BLOCK = 32, PRODUCT_BLOCK = 64 }; /* maximum number of nodes; HALF_BLOCK: in one solve; PRODUCT_BLOCK: as rows, and as columns, of one product */
 
 typedef struct sparse_columns sparse_columns;
 
@@ -14,14 +14,15 @@ typedef struct sparse_columns sparse_columns;
 trocar_status sparse_columns_create(const tissue *t, sparse_columns **created, trocar_error *why);
 void sparse_columns_free(sparse_columns *h);
 
-/* sparse_columns_length: number of rows of Y for the node with the first dof `dof`; sparse_columns_longest: the largest such number. */
+/* sparse_columns_length returns the number of stored rows of Y for the node whose first dof is `dof`; sparse_columns_longest returns the largest such
+   number. */
 int sparse_columns_length(const sparse_columns *h, int dof);
 int sparse_columns_longest(const sparse_columns *h);
 
-/* Computes Y of up to HALF_BLOCK nodes; y[i] is column-major, sparse_columns_length x 3. Does not allocate memory. */
+/* Computes Y for up to HALF_BLOCK nodes, given by their first dofs; y[i] is column-major, sparse_columns_length x 3. Does not allocate memory. */
 void sparse_columns_half_solve(sparse_columns *h, int count, const int *dofs, double *const *y);
 
-/* Nodes, given by their first dofs, and their Y. */
+/* Nodes, given by their first dofs, with their Y. */
 typedef struct {
     int count;
     const int *dofs;

@@ -1,6 +1,6 @@
 /* Dose of brachytherapy seeds by the line-source formula of AAPM TG-43U1 (Rivard et al., Med. Phys. 31, 2004), as if the patient were water and seeds
-   did not shade each other; docs/dose.md has the formula. Doses are in Gy, dose rates in Gy/h, air-kerma strengths in U (1 U = 1 cGy cm^2/h). Nothing
-   here needs a scene or a model. Included by trocar.h. */
+   did not shield each other; docs/dose.md has the formula. Doses are in Gy, dose rates in Gy/h, air-kerma strengths in U (1 U = 1 cGy cm^2/h).
+   Nothing here needs a scene or a model. Included by trocar.h. */
 #ifndef TROCAR_PUBLIC_DOSE_H
 #define TROCAR_PUBLIC_DOSE_H
 
@@ -20,19 +20,19 @@ TROCAR_API trocar_status trocar_dose_source_create(const char *name, trocar_dose
 
 /* Loads a table in YAML, whose keys are listed in docs/dose.md. BAD_INPUT with file, line and remedy; NO_MEMORY. [any, allocates] */
 TROCAR_API trocar_status trocar_dose_source_load(const char *path, trocar_dose_source **source, trocar_error *error);
-TROCAR_API void trocar_dose_source_free(trocar_dose_source *source); /* must be called after freeing the doses that use the source. [any] */
+TROCAR_API void trocar_dose_source_free(trocar_dose_source *source); /* to be called after all doses that use the source have been freed. [any] */
 
 typedef struct trocar_dose_source_data {
     char name[64];
     double dose_rate_constant;   /* Lambda, cGy/(h U) */
     double active_length;        /* m, length of the line source */
-    double capsule_length, capsule_diameter; /* m, outside */
+    double capsule_length, capsule_diameter; /* m, outer dimensions */
     double half_life;            /* s */
 } trocar_dose_source_data;
 TROCAR_API trocar_dose_source_data trocar_dose_source_get(const trocar_dose_source *source); /* [any, RT] */
 
-/* Returns the dose over the first `hours` of decay divided by the initial dose rate, in h. For INFINITY (a permanent implant), this is the half-life / ln
-   2; for a negative number, NAN. [any, RT] */
+/* Returns the dose over the first `hours` of decay divided by the initial dose rate, in h. For INFINITY (a permanent implant), this is the half-life
+   divided by ln 2; for a negative number, NAN. [any, RT] */
 TROCAR_API double trocar_dose_hours(const trocar_dose_source *source, double hours);
 
 typedef struct trocar_dose_seed {
@@ -41,8 +41,8 @@ typedef struct trocar_dose_seed {
     double strength;             /* U, air-kerma strength at the time of implantation; above 0 and at most 1000 */
 } trocar_dose_seed;
 
-/* Computes the dose rates (Gy/h) of `seed_count` seeds at `count` points [count][3] (m), which takes 25 ns per point and seed. BAD_INPUT, and nothing is
-   written, if a seed or point is not finite or is beyond 1000 m, or if a strength or direction is invalid. [any, RT] */
+/* Computes the dose rates (Gy/h) of `seed_count` seeds at `count` points [count][3] (m), which takes 25 ns per point and seed. BAD_INPUT, without
+   writing, if a seed or point is not finite or has a coordinate beyond 1000 m, or if a strength or direction is invalid. [any, RT] */
 TROCAR_API trocar_status trocar_dose_rates(const trocar_dose_source *source, const trocar_dose_seed *seeds, int seed_count, const double *points,
                                            int64_t count, double *rates, trocar_error *error);
 
@@ -69,16 +69,16 @@ TROCAR_API trocar_status trocar_dose_create_points(const trocar_dose_source *sou
                                                    trocar_error *error);
 TROCAR_API void trocar_dose_free(trocar_dose *dose); /* [one] */
 
-/* Adds a seed, which takes 25 ns per point. `id` (may be NULL) receives a number that identifies the seed and is never reused. BAD_INPUT, without effect, as in
-   trocar_dose_rates, or beyond TROCAR_MAX_DOSE_SEEDS seeds; NO_MEMORY. [one, allocates] */
+/* Adds a seed, which takes 25 ns per point. `id` (may be NULL) receives a number that identifies the seed and is never reused. BAD_INPUT, without effect, for
+   an invalid seed or for more than TROCAR_MAX_DOSE_SEEDS seeds; NO_MEMORY. [one, allocates] */
 TROCAR_API trocar_status trocar_dose_add(trocar_dose *dose, const trocar_dose_seed *seed, int32_t *id, trocar_error *error);
 
 /* Remove a seed, or change its position, direction and strength. BAD_INPUT, without effect, for an unknown id or an invalid seed. [one, RT] */
 TROCAR_API trocar_status trocar_dose_remove(trocar_dose *dose, int32_t id, trocar_error *error);
 TROCAR_API trocar_status trocar_dose_move(trocar_dose *dose, int32_t id, const trocar_dose_seed *seed, trocar_error *error);
 
-/* Moves every point to its rest position plus its displacement [count][3] (m); NULL returns all points to rest. Seeds do not move. BAD_INPUT, without
-   effect, if a displacement is not finite or would move a point beyond 1000 m; NO_MEMORY. [one, allocates] */
+/* Moves every point to its rest position plus its displacement [count][3] (m); NULL moves all points back to their rest positions. Seeds do not move.
+   BAD_INPUT, without effect, if a displacement is not finite or would move a point beyond 1000 m; NO_MEMORY. [one, allocates] */
 TROCAR_API trocar_status trocar_dose_displace(trocar_dose *dose, const double *displacements, trocar_error *error);
 
 TROCAR_API int64_t trocar_dose_point_count(const trocar_dose *dose);         /* [one, RT] */
@@ -87,12 +87,12 @@ TROCAR_API void trocar_dose_values(const trocar_dose *dose, double *values); /* 
 
 /* ---- structures ---- */
 
-/* The voxels whose centres are inside an organ at rest. Their centres are at multiples of the spacing plus one half. Immutable. */
+/* The voxels whose centres are inside an organ at rest. The centres have coordinates (n + 1/2) spacing, for integers n. Immutable. */
 typedef struct trocar_structure trocar_structure;
 
-/* Finds the voxels inside surface number `surface`, or inside all triangles if the mesh has no triangle_surface. `spacing` in m. BAD_INPUT for an open
-   surface (the message names an edge), for no triangles or voxels, for an index out of range, and for more than 2^28 voxels in the surface's bounding box;
-   NO_MEMORY. [any, allocates] */
+/* Finds the voxels inside surface number `surface`, or inside all triangles if the mesh has no triangle_surface. `spacing` in m. BAD_INPUT if the surface
+   is open (the message names an edge), has no triangles or contains no voxel, if an index is out of range, or if the surface's bounding box has more than
+   2^28 voxels; NO_MEMORY. [any, allocates] */
 TROCAR_API trocar_status trocar_structure_from_surface(const trocar_mesh *mesh, int surface, double spacing, trocar_structure **structure,
                                                        trocar_error *error);
 
@@ -102,18 +102,18 @@ TROCAR_API trocar_status trocar_structure_from_region(const trocar_mesh *mesh, i
                                                       trocar_error *error);
 TROCAR_API void trocar_structure_free(trocar_structure *structure);                   /* [any] */
 TROCAR_API int64_t trocar_structure_count(const trocar_structure *structure);         /* number of voxels, at least 1. [any, RT] */
-TROCAR_API const double *trocar_structure_points(const trocar_structure *structure);  /* [count][3], m, centres of the voxels. [any, RT] */
+TROCAR_API const double *trocar_structure_points(const trocar_structure *structure);  /* [count][3], m, voxel centres. [any, RT] */
 TROCAR_API double trocar_structure_voxel(const trocar_structure *structure);          /* m^3, volume of a voxel. [any, RT] */
 
-/* Interpolates the displacements [count][3] of the voxels' centres from those of the nodes (trocar_view_displacements), for trocar_dose_displace.
+/* Interpolates the displacements [count][3] of the voxel centres from those of the nodes (trocar_view_displacements), for trocar_dose_displace.
    BAD_INPUT for a structure made from a surface. [any, RT] */
 TROCAR_API trocar_status trocar_structure_displacements(const trocar_structure *structure, const double *nodal, double *displacements,
                                                         trocar_error *error);
 
 /* ---- dose-volume histograms ---- */
 
-/* Sorts the doses of equally large voxels in place, largest first, as the functions below require. BAD_INPUT if there are none or one is not finite.
-   [any, RT] */
+/* Sorts the doses of voxels of equal size in place, in descending order, as the functions below require. BAD_INPUT if there are none or one is not
+   finite. [any, RT] */
 TROCAR_API trocar_status trocar_dvh_sort(double *doses, int64_t count, trocar_error *error);
 
 /* Returns the dose (Gy) that at least this fraction (0 to 1) of the volume receives, by linear interpolation; for example, 0.9 gives D90. [any, RT] */
@@ -127,7 +127,7 @@ typedef struct trocar_dvh_summary {
     double volume_cm3;           /* cm^3 */
     double mean, minimum, maximum; /* Gy */
     double d10, d30, d80, d90;   /* Gy */
-    double v100, v150, v200;     /* fractions of the volume that receive 100, 150 and 200 % of the prescription */
+    double v100, v150, v200;     /* fractions of the volume that receive at least 100, 150 and 200 % of the prescription */
     double v100_cm3;             /* cm^3 */
 } trocar_dvh_summary;
 

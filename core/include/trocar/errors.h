@@ -1,4 +1,4 @@
-/* Version, errors, and the callbacks of long calls. Included by trocar.h. */
+/* Version, errors, and callbacks for long calls. Included by trocar.h. */
 #ifndef TROCAR_PUBLIC_ERRORS_H
 #define TROCAR_PUBLIC_ERRORS_H
 
@@ -22,8 +22,8 @@ extern "C" {
 #define TROCAR_PATCH 0
 #define TROCAR_NUMBER (10000 * TROCAR_MAJOR + 100 * TROCAR_MINOR + TROCAR_PATCH)
 
-/* Returns TROCAR_NUMBER of the loaded library, to be compared with the header's. While the major version is 0, every change of the binary interface
-   changes the minor version. [any, RT] */
+/* Returns the TROCAR_NUMBER of the loaded library, to be compared with the header's. While the major version is 0, every change to the binary
+   interface increments the minor version. [any, RT] */
 TROCAR_API int trocar_version(void);
 
 /* ---- errors ---- */
@@ -34,7 +34,7 @@ typedef enum trocar_status {
     TROCAR_NO_MEMORY,  /* an allocation failed */
     TROCAR_NUMERIC,    /* a factorisation or a linear solve failed */
     TROCAR_SYSTEM,     /* a system call failed */
-    TROCAR_NO_REALTIME, /* only from programs: the process limits do not permit real time; exit status 4 */
+    TROCAR_NO_REALTIME, /* only from programs: the process's resource limits do not permit real-time operation; exit status 4 */
     TROCAR_CANCELLED   /* the host cancelled a long call (trocar_watch) */
 } trocar_status;
 
@@ -44,7 +44,7 @@ typedef struct trocar_error {
 
 /* ---- callbacks ---- */
 
-/* Progress and cancellation of a long call. Both functions are called in the thread of that call, and both may be NULL. */
+/* Progress and cancellation of a long call. Both functions are called in the thread that makes the call, and either may be NULL. */
 typedef struct trocar_watch {
     void (*progress)(const char *what, double fraction, void *context); /* `fraction`: from 0 to 1 */
     int (*cancelled)(void *context);   /* returns nonzero to end the call soon, with CANCELLED */
@@ -52,12 +52,12 @@ typedef struct trocar_watch {
 } trocar_watch;
 
 typedef enum trocar_log_level {
-    TROCAR_LOG_INFO = 0,     /* a choice that the library has made, such as that of the inverse */
+    TROCAR_LOG_INFO = 0,     /* a choice that the library has made, such as which inverse to use */
     TROCAR_LOG_WARNING = 1   /* something that the host should check: a repaired mesh, an insertion that was restarted */
 } trocar_log_level;
 
-/* Receives messages that a program would print: one sentence each, in the thread of the call concerned; calls in several threads may log at the same time.
-   RT functions never log. `write` may be NULL. */
+/* Receives the messages that a program would print, one sentence each, in the thread that makes the call; calls in several threads may log at the same
+   time. RT functions never log. `write` may be NULL. */
 typedef struct trocar_log {
     void (*write)(int32_t level, const char *message, void *context); /* level: trocar_log_level; more levels may be added in future versions */
     void *context;

@@ -13,49 +13,51 @@ typedef struct trocar_model trocar_model;
 /* ---- creation ---- */
 
 typedef struct trocar_model_options {
-    trocar_watch watch;      /* its functions must not wait for the creation of another model. Reading a mesh and factorising cannot be interrupted */
+    trocar_watch watch;      /* its functions must not wait for the creation of another model. Reading a mesh and factorising the matrix cannot be
+                                interrupted */
     trocar_log log;          /* log of this model, its simulations and the models derived from it; used until the last of them is freed */
     int max_substeps;    /* a long tick is divided into steps of 1 ms, but into at most this many steps; 0 selects the default, 4 */
-    int mesh_only;           /* 1: only read and check the mesh and the names in it, for viewers; no simulation can be created */
+    int mesh_only;           /* 1: only read and check the mesh and its names, for viewers; no simulation can be created */
     int keep_inverse;        /* 1: fail (SYSTEM) before computing a condensed inverse if it cannot be saved in the cache */
 } trocar_model_options;
 
 /* Returns the defaults: no callbacks, at most 4 steps per tick, everything is built. [any, RT] */
 TROCAR_API trocar_model_options trocar_default_model_options(void);
 
-/* Builds the whole model, which takes seconds to minutes. `options` may be NULL; the scene is not needed afterwards. Sets OpenBLAS to one thread for the
-   process. If Gmsh reads the mesh (formats other than MSH 2.2 and 4.1) and the host also uses Gmsh, both must do so in the same thread. BAD_INPUT,
+/* Builds a complete model, which takes seconds to minutes. `options` may be NULL; the scene is not needed afterwards. Sets OpenBLAS to one thread for
+   the process. If Gmsh reads the mesh (formats other than MSH 2.2 and 4.1) and the host also uses Gmsh, both must do so in the same thread. BAD_INPUT,
    NO_MEMORY, NUMERIC, SYSTEM, CANCELLED. [any, allocates] */
 TROCAR_API trocar_status trocar_model_create(const trocar_scene *scene, const trocar_model_options *options, trocar_model **model,
                                              trocar_error *error);
 
-/* Builds a model that shares the mesh, stiffness and inverse of `base`, within milliseconds. BAD_INPUT, naming the key, if the scenes differ in anything on
-   which the shared parts depend, or if the mesh came from arrays; NO_MEMORY. [any, allocates] */
+/* Builds a model that shares the mesh, stiffness and inverse of `base`, which takes only milliseconds. BAD_INPUT if the mesh came from arrays, or if the
+   scenes differ in a key on which the shared parts depend (the message names it); NO_MEMORY. [any, allocates] */
 TROCAR_API trocar_status trocar_model_derive(const trocar_model *base, const trocar_scene *scene, trocar_model **model, trocar_error *error);
 
 /* Frees a model. Its memory is released with the last simulation, picture or derived model that uses it. [any] */
 TROCAR_API void trocar_model_free(trocar_model *model);
 
-/* Computes now what would otherwise be computed on first use: the factor for contacts outside the region of a condensed inverse, which takes a minute and
-   gigabytes on a large mesh. NO_MEMORY, NUMERIC. [any, allocates] */
+/* Computes in advance what would otherwise be computed on first use: the factorisation for contacts outside the region of a condensed inverse, which
+   takes a minute and gigabytes on a large mesh. NO_MEMORY, NUMERIC. [any, allocates] */
 TROCAR_API trocar_status trocar_model_prepare(trocar_model *model, trocar_error *error);
 
 /* ---- facts; strings and arrays belong to the model [any, RT] ---- */
 
 TROCAR_API const char *trocar_model_inverse(const trocar_model *model);        /* "dense", "sparse" or "condensed"; empty with mesh_only */
 TROCAR_API const char *trocar_model_description(const trocar_model *model);    /* which inverse was chosen, and why */
-TROCAR_API const char *trocar_model_remarks(const trocar_model *model);        /* repairs of the mesh, and suspected errors in it; empty if there are none */
+TROCAR_API const char *trocar_model_remarks(const trocar_model *model);        /* repairs made to the mesh, and suspected errors in it; empty if there are
+                                                                                  none */
 TROCAR_API int trocar_model_unknowns(const trocar_model *model);               /* number of unknowns: three per free node */
-TROCAR_API int trocar_model_needles(const trocar_model *model);                /* number of needles of the scene */
-TROCAR_API int trocar_model_segments(const trocar_model *model);               /* number of segments of the needle, which has one more joint than segments */
+TROCAR_API int trocar_model_needles(const trocar_model *model);                /* number of needles in the scene */
+TROCAR_API int trocar_model_segments(const trocar_model *model);               /* number of segments of the needle; it has one more joint than segments */
 TROCAR_API double trocar_model_needle_length(const trocar_model *model);       /* m */
-TROCAR_API double trocar_model_rate(const trocar_model *model);                /* Hz, rate_hz of the scene: rate of the haptic loop */
+TROCAR_API double trocar_model_rate(const trocar_model *model);                /* Hz, rate of the haptic loop: the scene's rate_hz */
 
-/* Pose of the first needle's base before the insertion, from the keys "needle.start.". Returns 1 and the pose, or 0 if the scene gives none. */
+/* Pose of the first needle's base before the insertion, from the keys "needle.start.". Returns 1 and writes the pose, or returns 0 if the scene gives none. */
 TROCAR_API int trocar_model_start(const trocar_model *model, trocar_pose *start);
 
-/* The key "patient_to_mesh": transform from the patient's coordinates (DICOM: mm to the left, back and head) to those of the mesh (m), row by row. Its
-   upper left 3 x 3 part is a rotation times 1e-3. Returns 1 and the matrix, or 0 if the scene gives none. */
+/* The key "patient_to_mesh": transform from patient coordinates (DICOM: mm to the left, back and head) to mesh coordinates (m), row by row. Its upper
+   left 3 x 3 part is a rotation times 1e-3. Returns 1 and writes the matrix, or returns 0 if the scene gives none. */
 TROCAR_API int trocar_model_patient_to_mesh(const trocar_model *model, double matrix[16]);
 
 /* ---- mesh at rest; its named groups, called regions, have a dimension: 3 for volumes, 2 for surfaces, 1 for curves, 0 for points [any, RT] ---- */
@@ -75,11 +77,12 @@ TROCAR_API const char *trocar_model_region_name(const trocar_model *model, int i
 TROCAR_API int trocar_model_region_dimension(const trocar_model *model, int index);    /* -1 if out of range */
 TROCAR_API int trocar_model_find_region(const trocar_model *model, const char *name, int dimension); /* index, or -1 */
 
-/* Returns the index of the volume of which a region is a part (key "regions[].part_of"), or its own index if it is not a part of another; -1 if out of range.
-   The organ with a region's name consists of this region and its parts. */
+/* Returns the index of the volume to which a region belongs as a part (key "regions[].part_of"), or the region's own index if it is not a part of another; -1
+   if out of range. The organ with a region's name consists of this region and its parts. */
 TROCAR_API int trocar_model_part_of(const trocar_model *model, int index);
 
-/* Finds where the segment between two points (m) first enters the tissue at rest. Returns 1 and the point, or 0 if the segment does not enter it. */
+/* Finds where the line segment between two points (m) first enters the tissue at rest. Returns 1 and writes the point, or returns 0 if the segment does not
+   enter the tissue. */
 TROCAR_API int trocar_model_entry(const trocar_model *model, const double from[3], const double to[3], double point[3]);
 
 /* Returns 1 if volumetric strains are averaged around nodes (key "volumetric_strain"), otherwise 0. */
@@ -105,9 +108,9 @@ typedef struct trocar_material {
 } trocar_material;
 TROCAR_API trocar_material trocar_model_material(const trocar_model *model, int region); /* all members are 0 if the region is not a volume. [any, RT] */
 
-/* Elasticity of a surface in its plane, from the keys "membranes[]." of the same name. */
+/* In-plane elasticity of a surface, from the keys "membranes[]." of the same name. */
 typedef struct trocar_membrane {
-    double stiffness;         /* N/m, Young's modulus times thickness; 0 if the surface resists only the tip */
+    double stiffness;         /* N/m, Young's modulus times thickness; 0 if the surface resists only puncture */
     double poisson_ratio;
 } trocar_membrane;
 TROCAR_API trocar_membrane trocar_model_membrane(const trocar_model *model, int region); /* all members are 0 if the region is not a membrane. [any, RT] */
@@ -115,10 +118,10 @@ TROCAR_API trocar_membrane trocar_model_membrane(const trocar_model *model, int 
 /* A guide, from the key "guides[]". Columns and rows are counted from 0. On the front face, the axis of hole (column, row) is at origin + (column -
    (columns - 1) / 2) spacing across[0] + (row - (rows - 1) / 2) spacing across[1]. */
 typedef struct trocar_guide {
-    double origin[3];        /* m, middle of the grid of holes on the front face */
+    double origin[3];        /* m, centre of the hole grid on the front face */
     double normal[3];        /* unit vector through the plate, in the direction of insertion */
-    double across[2][3];     /* unit vectors along which columns and rows are counted, perpendicular to each other and to the normal; the handedness is
-                                arbitrary */
+    double across[2][3];     /* unit vectors along which columns and rows are counted, perpendicular to each other and to the normal; they may form a
+                                left-handed system */
     double spacing;          /* m */
     double hole_diameter;    /* m */
     double thickness;        /* m */

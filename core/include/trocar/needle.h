@@ -1,4 +1,4 @@
-/* Contacts and tracks of a needle, as returned by the functions of trocar/view.h. Included by trocar.h. */
+/* A needle's contacts and tracks, as returned by the functions in trocar/view.h. Included by trocar.h. */
 #ifndef TROCAR_PUBLIC_NEEDLE_H
 #define TROCAR_PUBLIC_NEEDLE_H
 
@@ -7,12 +7,12 @@
 /* ---- contacts ---- */
 
 enum { TROCAR_MAX_CONTACTS = 64, TROCAR_MAX_JOINTS = 65 };
-enum { TROCAR_MAX_POINTS = 2 * TROCAR_MAX_GUIDES + TROCAR_MAX_CONTACTS + 1 }; /* active contacts of all kinds */
+enum { TROCAR_MAX_POINTS = 2 * TROCAR_MAX_GUIDES + TROCAR_MAX_CONTACTS + 1 }; /* maximum number of active contacts of all kinds */
 
 typedef enum trocar_contact_kind {
     TROCAR_CONTACT_TISSUE = 0,
     TROCAR_CONTACT_TIP = 1,
-    TROCAR_CONTACT_GUIDE = 2 /* at the edge of a guide's hole, on one of the plate's faces */
+    TROCAR_CONTACT_GUIDE = 2 /* at the edge of a guide hole, on one of the plate's faces */
 } trocar_contact_kind;
 
 /* Status of a contact. A tissue contact is first planned, then adding, then sticking or sliding until it is removed. */
@@ -28,7 +28,7 @@ typedef enum trocar_contact_status {
 typedef struct trocar_contact {
     int32_t kind;            /* trocar_contact_kind; more kinds may be added in future versions */
     int32_t state;           /* 0 sticks, 1 slides forward, -1 slides backward */
-    double arc;              /* m from the base to the point where the force acts; for the tip, this is the needle's end or behind it */
+    double arc;              /* m, arc length from the base to the point where the force acts; for the tip contact, this is at the needle's end or behind it */
     double depth;            /* m along the track, measured from the skin; 0 for a guide */
     double position[3];      /* m, on the deformed needle, world frame */
     double force[3];         /* N, on the tissue or guide, world frame */
@@ -37,7 +37,7 @@ typedef struct trocar_contact {
     int32_t slot;            /* tissue contact: 0 to TROCAR_MAX_CONTACTS - 1, constant like the id, but reused later; guide: index of the guide; tip: -1 */
 } trocar_contact;
 
-/* Results of trocar_view_hole if the needle is in no hole. */
+/* Return values of trocar_view_hole for a needle that is in no hole. */
 enum {
     TROCAR_NO_HOLE = -1,     /* the needle is not at the guide, or passes beside its plate */
     TROCAR_MISSED_HOLE = -2  /* the needle passes through the plate outside its holes (TROCAR_EVENT_MISSED_GUIDE) */
@@ -47,11 +47,11 @@ enum {
 
 enum { TROCAR_MAX_TRACKS = 128, TROCAR_MAX_TRACK_POINTS = 1024 }; /* maximum counts per needle; enough for 4 m of tracks */
 
-/* A point of a track, along which a needle has cut since its last reset. Tissue stays cut, so any needle meets less resistance along a track. */
+/* A point of a track, which is a path that a needle has cut since its last reset. Tissue stays cut, so any needle meets less resistance along a track. */
 typedef struct trocar_track_point {
     double position[3];      /* m, in the tissue at rest */
     int32_t tet;             /* tetrahedron of the model's mesh that contains the point */
-    int32_t track;           /* number of the track, counted from 0 for the oldest; its points are ordered from skin to tip, at most 4 mm apart */
+    int32_t track;           /* number of the track, counted from 0 for the oldest; the points of a track are ordered from skin to tip, at most 4 mm apart */
     int32_t membrane;        /* index in the scene of the membrane punctured at this point; -1 if none */
     int32_t reserved;        /* 0 */
 } trocar_track_point;

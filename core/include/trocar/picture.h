@@ -15,11 +15,11 @@ typedef struct trocar_picture trocar_picture;
 TROCAR_API trocar_status trocar_picture_create(trocar_model *model, trocar_picture **picture, trocar_error *error);
 TROCAR_API void trocar_picture_free(trocar_picture *picture); /* [one] */
 
-/* Copies what has changed since the last call, up to 150 kB per needle. Simulation and picture must belong to the same model. [tick, RT] */
+/* Copies what has changed since the last call, up to 150 kB per needle. The simulation and the picture must belong to the same model. [tick, RT] */
 TROCAR_API void trocar_sim_take_picture(const trocar_sim *sim, trocar_picture *picture);
 TROCAR_API void trocar_picture_copy(const trocar_picture *from, trocar_picture *to); /* [one, RT] */
 
-/* Returns a picture's view. Only the thread that currently has the picture may call the view's functions. [one, RT] */
+/* Returns the picture's view. Only the thread that currently has the picture may pass it to the functions in trocar/view.h. [one, RT] */
 TROCAR_API const trocar_view *trocar_picture_view(const trocar_picture *picture);
 
 /* The refined mesh: the nodes of the model's mesh, followed by the contact nodes. At all free nodes, stiffness times displacements = forces. The arrays
@@ -34,7 +34,7 @@ typedef struct trocar_refined_mesh {
     double damping[3];           /* N, the part of `forces` that the needle does not feel: it damps the rebound of tissue at the tip */
 } trocar_refined_mesh;
 
-/* Computes the refined mesh. Takes as long as one call of trocar_view_displacements. NO_MEMORY. [one, allocates] */
+/* Computes the refined mesh. Takes as long as one call to trocar_view_displacements. NO_MEMORY. [one, allocates] */
 TROCAR_API trocar_status trocar_picture_refined_mesh(trocar_picture *picture, trocar_refined_mesh *mesh, trocar_error *error);
 
 #ifdef __cplusplus

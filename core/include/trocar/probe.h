@@ -1,4 +1,4 @@
-/* The ultrasound probe: a cylinder with a rounded end that presses a surface without friction. Included by trocar.h. */
+/* The ultrasound probe: a cylinder with a rounded end that presses on a surface without friction. Included by trocar.h. */
 #ifndef TROCAR_PUBLIC_PROBE_H
 #define TROCAR_PUBLIC_PROBE_H
 
@@ -13,7 +13,7 @@ typedef struct trocar_probe_shape {
     double radius;           /* m */
     double tip_radius;       /* m, radius of the rounded edge at its end */
     double length;           /* m, from base to tip */
-    int32_t surface;         /* index of the region of dimension 2 that the probe presses */
+    int32_t surface;         /* index of the surface (region of dimension 2) that the probe presses on */
     int32_t reserved;        /* 0 */
 } trocar_probe_shape;
 TROCAR_API int trocar_model_probe(const trocar_model *model, trocar_probe_shape *shape);  /* returns 1, or 0 if the scene has no probe. [any, RT] */
@@ -31,10 +31,11 @@ typedef struct trocar_probe {
     trocar_pose base;
     double force[3];         /* N, world frame: force that the probe exerts on the hand */
     double torque[3];        /* N m, world frame: torque on the hand about the base point */
-    int32_t contacts;        /* number of points of the surface (nodes and midpoints of edges) that the probe presses; at most TROCAR_MAX_PRESSED */
+    int32_t contacts;        /* number of points of the surface (nodes and edge midpoints) that the probe presses on; at most TROCAR_MAX_PRESSED */
     int32_t placed;          /* 0 if the scene has no probe, or no acceptable pose has been given yet; everything except `stopped` is then 0 */
     int32_t stopped;         /* 1 if the probe stays at `base` instead of moving to the last commanded pose, because its force would exceed the scene's
-                                probe.max_force, or because it jumped and its axis would be in the tissue; also while it then catches up with that pose */
+                                probe.max_force, or because the pose jumped and the probe's axis would be in the tissue; also 1 while the probe then catches up
+                                with that pose */
     int32_t reserved;        /* 0 */
 } trocar_probe;
 

@@ -1,4 +1,4 @@
-/* Needles that rest in the tissue with their base free. Included by trocar.h. */
+/* Needles that are left to rest in the tissue, with nobody holding their base. Included by trocar.h. */
 #ifndef TROCAR_PUBLIC_REST_H
 #define TROCAR_PUBLIC_REST_H
 
@@ -8,17 +8,17 @@
 extern "C" {
 #endif
 
-/* Leaves a needle. It is LEAVING until the worker (in lockstep, the next step) has found its equilibrium, and then RESTING. If there is no equilibrium,
-   that call fails and the needle stays HELD. BAD_INPUT if the needle is out of range, is outside the tissue, is moving to another equilibrium, or already
-   rests. [tick, RT, wakes] */
+/* Lets go of a needle in the tissue. It is LEAVING until the worker (in lockstep, the next step) has found its equilibrium, and then RESTING. If it has
+   no equilibrium, the worker's call (in lockstep, that step) fails and the needle stays HELD. BAD_INPUT if the needle is out of range, is outside the
+   tissue, is still moving to another equilibrium, or is not held. [tick, RT, wakes] */
 TROCAR_API trocar_status trocar_sim_leave(trocar_sim *sim, int needle, trocar_error *error);
 
-/* Takes a resting needle. It is TAKING until the worker (in lockstep, the next step) has handed it over. The pose of the first tick should be
-   trocar_view_base. BAD_INPUT if the needle is out of range or does not rest. [tick, RT, wakes] */
+/* Takes hold of a resting needle. It is TAKING until the worker (in lockstep, the next step) has handed it over. Its first tick should be
+   given the pose from trocar_view_base. BAD_INPUT if the needle is out of range or does not rest. [tick, RT, wakes] */
 TROCAR_API trocar_status trocar_sim_take(trocar_sim *sim, int needle, trocar_error *error);
 
 typedef enum trocar_needle_state {
-    TROCAR_NEEDLE_HELD,      /* driven by the caller, also while it is outside the tissue */
+    TROCAR_NEEDLE_HELD,      /* driven by the caller, even while it is outside the tissue */
     TROCAR_NEEDLE_LEAVING,
     TROCAR_NEEDLE_RESTING,
     TROCAR_NEEDLE_TAKING

@@ -1,4 +1,4 @@
-/* Scenes: what to simulate. Included by trocar.h. */
+/* Scenes, which describe what to simulate. Included by trocar.h. */
 #ifndef TROCAR_PUBLIC_SCENE_H
 #define TROCAR_PUBLIC_SCENE_H
 
@@ -9,12 +9,12 @@
 extern "C" {
 #endif
 
-/* The contents of a scene file, whose keys are listed in the reference of scene keys. */
+/* The contents of a scene file. Its keys are listed in the scene key reference. */
 typedef struct trocar_scene trocar_scene;
 
 /* ---- creation ---- */
 
-/* Creates a scene with the defaults of all keys; mesh, regions and fixed have to be set. NO_MEMORY. [any, allocates] */
+/* Creates a scene with all keys at their defaults; `mesh`, `regions` and `fixed` must be set. NO_MEMORY. [any, allocates] */
 TROCAR_API trocar_status trocar_scene_create(trocar_scene **scene, trocar_error *error);
 
 /* Reads a YAML file. BAD_INPUT with file, line and key; NO_MEMORY. [any, allocates] */
@@ -39,15 +39,15 @@ TROCAR_API trocar_status trocar_scene_get_number(const trocar_scene *scene, cons
 /* Returns the number of entries of "regions", "membranes", "calcifications", "guides", "fixed" or "relaxation"; -1 for any other key. [one] */
 TROCAR_API int trocar_scene_count(const trocar_scene *scene, const char *list);
 
-/* Returns the path from which the scene was loaded, as it was given; empty if the scene was not loaded. Valid as long as the scene exists. [one] */
+/* Returns the path from which the scene was loaded, as it was given; empty if it was not loaded from a file. Valid as long as the scene exists. [one] */
 TROCAR_API const char *trocar_scene_path(const trocar_scene *scene);
 
 /* Limits of the key "rate_hz", Hz. */
 #define TROCAR_MIN_RATE 250.0
 #define TROCAR_MAX_RATE 10000.0
 
-/* Limits of the haptic device, from the keys "device.", for hosts that enforce them. They apply to the needle: "device.scale" and "device.force_scale" convert
-   them from the hand's. */
+/* Limits of the haptic device, from the keys "device.", for hosts that enforce them. They apply at the needle: the limits at the hand have been converted by
+   "device.scale" and "device.force_scale". */
 typedef struct trocar_device_limits {
     double max_stiffness;    /* N/m, stiffness of the virtual coupling; INFINITY: no coupling, the needle follows the device rigidly */
     double max_force;        /* N */
@@ -56,17 +56,18 @@ typedef struct trocar_device_limits {
     double max_torque_rate;  /* N m/s */
     double max_speed;        /* m/s, speed of the base point */
     double max_turn_rate;    /* rad/s */
-    double hold_time;        /* s without a new pose after which the wrench is ramped down */
-    double ramp_time;        /* s, time in which the wrench is ramped from full to zero, and back */
-    double mass;             /* kg, mass of device and hand at the handle; the virtual coupling stays stable even if the actual mass is half of this */
-    double delay;            /* s, round trip between bridge and device: from the output of a force until positions show its effect */
+    double hold_time;        /* s, time without a new pose after which the wrench is ramped down */
+    double ramp_time;        /* s, duration of the ramp of the wrench from full to zero, and back */
+    double mass;             /* kg, combined mass of device and hand at the handle; the virtual coupling stays stable even if the actual mass is half of this */
+    double delay;            /* s, round-trip delay between bridge and device: from the output of a force until measured positions show its effect */
 } trocar_device_limits;
 TROCAR_API trocar_device_limits trocar_scene_device(const trocar_scene *scene); /* [one] */
 
-/* Pose of the first needle's base before the insertion, from the keys "needle.start.". Returns 1 and the pose, or 0 if the scene gives none. [one] */
+/* Pose of the first needle's base before the insertion, from the keys "needle.start.". Returns 1 and writes the pose, or returns 0 if the scene gives none.
+   [one] */
 TROCAR_API int trocar_scene_start(const trocar_scene *scene, trocar_pose *start);
 
-/* Transform from the patient's coordinates to those of the mesh, as in trocar_model_patient_to_mesh. Returns 1 and the matrix, or 0 if the scene gives
+/* Transform from patient to mesh coordinates, as in trocar_model_patient_to_mesh. Returns 1 and writes the matrix, or returns 0 if the scene gives
    none. [one] */
 TROCAR_API int trocar_scene_patient_to_mesh(const trocar_scene *scene, double matrix[16]);
 
@@ -80,20 +81,20 @@ typedef struct trocar_mesh {
     const int32_t *tet_region;       /* [tet_count]: index into `regions`; NULL if all tetrahedra are in region 0 */
     int32_t region_count;
     const char *const *regions;      /* names */
-    int32_t triangle_count;          /* number of triangles on named surfaces; they are faces of tetrahedra */
+    int32_t triangle_count;          /* number of triangles on named surfaces; each is a face of a tetrahedron */
     const int32_t *triangles;        /* [triangle_count][3], node indices */
     const int32_t *triangle_surface; /* [triangle_count]: index into `surfaces` */
     int32_t surface_count;
     const char *const *surfaces;     /* names of surfaces, for membranes and `fixed` */
 } trocar_mesh;
 
-/* Sets the mesh from arrays, which are copied, instead of from a file. BAD_INPUT for invalid arrays, for example indices out of range; trocar_model_create
-   checks the mesh itself. [one, allocates] */
+/* Sets the mesh from arrays, which are copied, instead of from a file. BAD_INPUT for invalid arrays, such as indices out of range; the mesh itself is
+   checked by trocar_model_create. [one, allocates] */
 TROCAR_API trocar_status trocar_scene_set_mesh(trocar_scene *scene, const trocar_mesh *mesh, trocar_error *error);
 
 /* ---- the table of keys ---- */
 
-/* How a key's value is written. */
+/* The type of a key's value. */
 typedef enum trocar_key_kind {
     TROCAR_KEY_NUMBER = 0,
     TROCAR_KEY_TEXT = 1,     /* a word, a name or a path */
@@ -101,9 +102,9 @@ typedef enum trocar_key_kind {
     TROCAR_KEY_NAMES = 3     /* a list of names */
 } trocar_key_kind;
 
-/* One row of the reference table of keys. The strings are valid for the lifetime of the program. */
+/* One row of the key reference. The strings are valid for the lifetime of the program. */
 typedef struct trocar_key {
-    const char *key;         /* for example "regions[].friction.static", which stands for this key of every list entry */
+    const char *key;         /* for example "regions[].friction.static", which stands for this key in every list entry */
     const char *unit;        /* empty if there is none */
     const char *accepts;     /* accepted values, for example "a number above 0" */
     const char *default_value; /* empty if there is none */
@@ -112,7 +113,7 @@ typedef struct trocar_key {
     int32_t kind;            /* trocar_key_kind */
 } trocar_key;
 TROCAR_API int trocar_key_count(void);            /* [any, RT] */
-TROCAR_API trocar_key trocar_key_at(int index);   /* all members are empty strings if `index` is out of range. [any] */
+TROCAR_API trocar_key trocar_key_at(int index);   /* all strings are empty if `index` is out of range. [any] */
 
 #ifdef __cplusplus
 }

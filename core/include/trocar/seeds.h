@@ -17,29 +17,30 @@ typedef struct trocar_seed {
     double weights[4];       /* barycentric weights of its centre in the tetrahedron `tet` */
     int32_t tet;             /* tetrahedron of the model's mesh */
     int32_t needle;          /* index of the needle that deposited the seed */
-    int32_t guide, hole;     /* guide, and hole (column + columns * row) of that guide, in which the needle was; -1 if in none */
-    int32_t strand;          /* number in its strand; 0 is the distal seed */
+    int32_t guide, hole;     /* the guide, and its hole (column + columns * row), through which the needle passed; -1 if none */
+    int32_t strand;          /* number of the seed in its strand; 0 is the distal seed */
     int32_t reserved;        /* 0 */
 } trocar_seed;
 
 /* Dimensions of seeds in m, from the scene's keys "seeds.". */
 typedef struct trocar_seed_size {
     double length, diameter;
-    double spacing;          /* centre-to-centre spacing of the seeds of a strand */
+    double spacing;          /* centre-to-centre spacing of the seeds in a strand */
 } trocar_seed_size;
 TROCAR_API trocar_seed_size trocar_model_seed_size(const trocar_model *model); /* [any, RT] */
 
 /* Drops `count` (1 to TROCAR_MAX_STRAND) seeds with `spacing` (m) between their centres; 0 selects the scene's spacing. The distal end of the first seed
-   is at the tip. Each seed is deposited on the needle's track once the tip has been drawn back past the seed's proximal end. BAD_INPUT, without effect,
-   for an invalid count or spacing, while seeds are pending, if the tip is outside the tissue or not deep enough, or if there is no room. [tick, RT] */
+   is at the tip. Each seed is deposited on the needle's track once the tip has been withdrawn past the seed's proximal end. BAD_INPUT, without effect,
+   for an invalid count or spacing, while the needle's earlier seeds are pending, if the tip is outside the tissue or not deep enough, if the needle
+   rests, or if there is no room for more seeds. [tick, RT] */
 TROCAR_API trocar_status trocar_sim_drop_seeds(trocar_sim *sim, int needle, int count, double spacing, trocar_error *error);
 
 /* Cancels the pending seeds of the needle's last drop or, if there are none, removes the seed that the needle deposited last. BAD_INPUT if there is no
    such seed, or if the needle is out of range. [tick, RT] */
 TROCAR_API trocar_status trocar_sim_undo_seed(trocar_sim *sim, int needle, trocar_error *error);
 
-/* Computes the centre (m) and direction of a seed in displaced tissue, with `displacements` as returned by trocar_view_displacements. Returns 1, or 0 if
-   the seed is in no tetrahedron of the model. [any, RT] */
+/* Computes the centre (m) and direction of a seed in displaced tissue. `displacements`: as returned by trocar_view_displacements. Returns 1, or 0 if the
+   seed's `tet` is not a tetrahedron of the model. [any, RT] */
 TROCAR_API int trocar_model_displace_seed(const trocar_model *model, const double *displacements, const trocar_seed *seed, double position[3],
                                           double direction[3]);
 

@@ -1,4 +1,4 @@
-/* What can be seen of a simulation, or of a picture of it. Included by trocar.h. */
+/* Read access to the visible state of a simulation, or of a picture of it. Included by trocar.h. */
 #ifndef TROCAR_PUBLIC_VIEW_H
 #define TROCAR_PUBLIC_VIEW_H
 
@@ -16,20 +16,20 @@ extern "C" {
 typedef struct trocar_view trocar_view;
 TROCAR_API const trocar_view *trocar_sim_view(const trocar_sim *sim); /* [any, RT] */
 
-/* Returns the simulated time in s since the creation of the simulation: the sum of `dt`. Several needles that tick in turn for the same period advance the time
-   only once. [tick, RT] */
+/* Returns the simulated time in s since the creation of the simulation: the sum of `dt`. If several needles tick one after another for the same time step, the
+   time advances only once. [tick, RT] */
 TROCAR_API double trocar_view_time(const trocar_view *view);
 
 /* ---- needles ---- */
 
-/* Returns the pose of the base. Held needle: the last pose given, moved by the deflection of the spring (trocar_sim_set_base_compliance). Resting needle:
-   its current pose. [tick, RT] */
+/* Returns the pose of the base. Held needle: the last pose given, displaced by the deflection of the spring (trocar_sim_set_base_compliance). Resting
+   needle: its current pose. [tick, RT] */
 TROCAR_API trocar_pose trocar_view_base(const trocar_view *view, int needle);
 
 /* Writes the positions of the needle's joints from base to tip, 3 coordinates (m) each; at most TROCAR_MAX_JOINTS joints. [tick, RT] */
 TROCAR_API int trocar_view_centreline(const trocar_view *view, int needle, double *joints, int room);
 
-/* Returns the rotation of the tip about the needle's axis minus that of the base, in rad; negative if the tip lags behind a base that is rotated forward.
+/* Returns the tip's rotation about the needle's axis minus that of the base, in rad; negative if the tip lags behind while the base is rotated forward.
    [tick, RT] */
 TROCAR_API double trocar_view_tip_lead(const trocar_view *view, int needle);
 
@@ -41,10 +41,11 @@ TROCAR_API double trocar_view_needle_energy(const trocar_view *view, int needle)
 TROCAR_API int trocar_view_contacts(const trocar_view *view, int needle, trocar_contact *contacts, int room);
 
 /* Writes the tissue contacts that are not active yet, sorted from base to tip. They are ADDING, except that the last one may be PLANNED. For a planned
-   contact, `position` is that in the tissue at rest, and `arc` is the needle's length. [tick, RT] */
+   contact, `position` is its position in the tissue at rest, and `arc` is the needle's length. [tick, RT] */
 TROCAR_API int trocar_view_pending_contacts(const trocar_view *view, int needle, trocar_contact *contacts, int room);
 
-/* Returns the hole of a guide that the needle is in, as column + columns * row (counted from 0), or TROCAR_NO_HOLE or TROCAR_MISSED_HOLE. [tick, RT] */
+/* Returns the hole of this guide through which the needle passes, as column + columns * row (counted from 0); otherwise TROCAR_NO_HOLE or TROCAR_MISSED_HOLE.
+   [tick, RT] */
 TROCAR_API int trocar_view_hole(const trocar_view *view, int needle, int guide);
 
 /* Writes the tracks that this needle has cut since its last reset; at most TROCAR_MAX_TRACK_POINTS points. [tick, RT] */
@@ -61,8 +62,8 @@ TROCAR_API int trocar_view_pending_seeds(const trocar_view *view, int needle);
 /* Returns the state of the probe in the last solution. [tick, RT] */
 TROCAR_API trocar_probe trocar_view_probe(const trocar_view *view);
 
-/* Computes the displacements (m) of the mesh's nodes, 3 node_count, by one solve with the full stiffness matrix, which takes milliseconds to tenths of a
-   second. Allocates in the first call. NO_MEMORY. [tick, allocates] */
+/* Computes the displacements [node_count][3] (m) of the mesh's nodes by one solve with the full stiffness matrix, which takes milliseconds to tenths of
+   a second. Allocates memory in the first call. NO_MEMORY. [tick, allocates] */
 TROCAR_API trocar_status trocar_view_displacements(const trocar_view *view, double *displacements, trocar_error *error);
 
 #ifdef __cplusplus

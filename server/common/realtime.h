@@ -27,8 +27,8 @@ trocar_status realtime_check_permission(int priority, trocar_error *why);
    cannot be undone, so call this function only on a thread that will end. */
 void realtime_hurry(void);
 
-/* Returns the calling thread to normal priority before long computations on all processors. Their threads do not inherit a raised priority, and a
-   high-priority thread waiting for them would keep them from running. */
+/* Returns the calling thread to normal priority before a long computation on all processors. The computation's threads do not inherit a raised priority,
+   and a high-priority thread waiting for them would keep them from running. */
 void realtime_take_time(void);
 
 /* Touches the pages of the calling thread's stack in advance, so that they cause no page faults later. The thread needs a stack of REALTIME_STACK

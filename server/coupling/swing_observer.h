@@ -22,7 +22,7 @@ void swing_begin(swing_observer *s, vec3 position, int64_t now);
 
 /* Takes the hand's position and the force on it (N). If an undamped swing has just ended, returns the number of such swings in a row; otherwise 0. To
    be counted, a swing must be longer than 0.2 mm, take less than 0.15 s, occur under a changing force, and be barely shorter than the swing one
-   period earlier in the same direction. Slow motion of the hand is therefore not counted. RT */
+   period earlier in the same direction. Slow hand motion is therefore not counted. RT */
 int swing_observe(swing_observer *s, vec3 position, vec3 force, int64_t now);
 
 #endif

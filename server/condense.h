@@ -1,5 +1,5 @@
-/* Computes a scene's condensed inverse and stores it for later starts of the server, possibly on another machine. Needs neither a network nor real
-   time. */
+/* Computes a scene's condensed inverse and stores it for later starts of the server, possibly on another machine. Needs neither a network nor real-time
+   operation. */
 #ifndef TROCAR_CONDENSE_H
 #define TROCAR_CONDENSE_H
 

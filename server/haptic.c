@@ -71,8 +71,8 @@ static trocar_status handle_held_seeds(haptic *h, const trocar_command_t *m, tro
     return handle_seeds(h->sim, m->needle, m, why);
 }
 
-/* Starts a command that the worker may complete later; finish_command then sends the reply. Until a hand takes the needle or starts a new insertion,
-   nobody moves it. RT, except when it formats the text of a refusal. */
+/* Starts a command that the worker may complete later; finish_command then sends the reply. No hand moves the needle until one takes it or starts a new
+   insertion. RT, except when it formats the text of a refusal. */
 static trocar_status hand_over_needle(haptic *h, const needle_command *c, trocar_error *why) {
     int needle = c->asked.needle;
     haptic_needle *n = &h->needles[needle];

@@ -20,7 +20,7 @@ typedef struct {
     bool taken;                  /* a hand took the needle where it rested, so engaging the needle does not start a new insertion */
     bool pending;                /* `command` is being executed for this needle */
     needle_command command;
-    hand_clutch clutch;          /* offset between the hand that has taken the needle and the needle */
+    hand_clutch clutch;          /* offset between a taken needle and the hand that took it */
 } haptic_needle;
 
 typedef struct {

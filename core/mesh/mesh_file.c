@@ -21,7 +21,7 @@ typedef struct {
     msh_contents file;
     int *index;              /* [file.node_count]: index in the mesh of each node of the file; -1 if no tetrahedron uses the node */
     int tags[MESH_MAX_GROUPS]; /* tags of the groups in the file */
-    entity_groups *entities; /* entity_count: entities that are in a group, sorted by dimension and tag */
+    entity_groups *entities; /* [entity_count]: entities that belong to a group, sorted by dimension and tag */
     size_t entity_count;
     int (*triangles)[3];     /* node indices of the triangles of all named surfaces */
     int *triangle_group;

@@ -8,7 +8,7 @@ static const vec3 ORDER = {0.5773, 0.7211, 0.3834};               /* direction a
 static const int FACES[4][3] = {{1, 2, 3}, {0, 2, 3}, {0, 1, 3}, {0, 1, 2}};
 
 typedef struct { double along; int node; } placed_node;
-typedef struct { int place[3], nodes[3]; } placed_face;            /* place: lowest node at each corner's position, in ascending order; nodes: the nodes of the
+typedef struct { int place[3], nodes[3]; } placed_face;            /* place: lowest node index at each corner's position, ascending; nodes: the nodes of the
                                                                       face itself */
 
 static int compare_placed(const void *left, const void *right) {

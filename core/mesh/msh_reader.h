@@ -15,7 +15,7 @@ typedef struct {
     size_t first;            /* index of its first node: corners[first ..] */
 } msh_element;
 
-typedef struct { int dimension, entity, tag; } msh_membership;                   /* says that the entity is in the physical group `tag` */
+typedef struct { int dimension, entity, tag; } msh_membership;                   /* the entity belongs to the physical group `tag` */
 typedef struct { int dimension, tag; char text[MESH_NAME + 1]; } msh_name;       /* a name longer than a group's name may be is cut off one character beyond
                                                                                     that limit, so that the excess can be detected */
 

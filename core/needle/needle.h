@@ -16,8 +16,8 @@ void needle_set_straight(const needle_model *model, pose base, needle_state *sta
 /* Position (m) of the end of a straight needle with this base. RT */
 static inline vec3 needle_straight_end(const needle_model *model, pose base) { return v3_axpy(model->given.length, q_axis(base.orientation), base.position); }
 
-/* Moves the base. The joints move with it. Each segment rotates about its own axis by the base's rotation about the needle's axis; the directions of the
-   axes do not change until the next solve. RT */
+/* Moves the base, and the joints with it. Each segment rotates about its own axis by as much as the base rotates about the needle's axis; the directions of
+   the axes do not change until the next solve. RT */
 void needle_move_base(const needle_model *model, pose base, needle_state *state);
 
 /* needle_at returns the point on the centreline at this arc (m); needle_locate finds several points, *points[0] to *points[count - 1]. RT */

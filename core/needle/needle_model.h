@@ -1,4 +1,4 @@
-/* The needle's parameters, its state, a point on its centreline, and its tangent. */
+/* The needle's parameters, its state, a point on its centreline, and its linearisation. */
 #ifndef TROCAR_NEEDLE_MODEL_H
 #define TROCAR_NEEDLE_MODEL_H
 
@@ -58,7 +58,7 @@ typedef struct { double at[3][NEEDLE_PLACES]; } vector_series;
 typedef struct { double at[6][NEEDLE_PLACES]; } symmetric_series;
 typedef struct { double at[9][NEEDLE_PLACES]; } matrix_series;
 
-/* Tangent at the current shape (scratch memory of one Newton iteration). */
+/* Linearisation at the current shape (scratch memory of one Newton iteration). */
 typedef struct {
     int unstable;                               /* number of negative eigenvalues of the tangent stiffness: the number of buckling modes of the unsupported
                                                    needle under these loads */

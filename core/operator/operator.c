@@ -11,7 +11,7 @@ static const double CLEAR = 0.005;      /* m, distance of the tip from the guide
 static const double PAUSE = 0.1;        /* s, pause before a needle is left and before a seed is dropped */
 static const double FURTHER = 1e-3;     /* m, distance by which a needle is drawn back if the previous seed is still in it */
 static const int REPEATS = 20;          /* maximum number of times that a needle is drawn back to release the previous seed */
-static const double AT_TARGET = 0.3e-3; /* m, distance in the image between the tip and its target up to which no correction is made */
+static const double AT_TARGET = 0.3e-3; /* m, distance between the tip and its target in the image below which the depth is not corrected */
 static const int CORRECTIONS = 5;       /* maximum number of corrective strokes toward a target, which moves because the needle displaces the tissue */
 
 /* Limits of a needle's speed relative to the mean, from peak hand speeds of 40 to 280 mm/s with a mean of 123 mm/s. See docs/seeds.md. */

@@ -7,7 +7,7 @@
 #include "snapshot/free_displacement.h"
 
 enum { LD = 3 * MAX_PRESSED };
-enum { MOST_ITERATIONS = 50 }; /* iterations: maximum number of Newton iterations per solution; the next solution continues from the last iteration. Effort
+enum { MOST_ITERATIONS = 50 }; /* iterations: maximum number of Newton iterations per solve; the next solve continues from the last iterate. Effort
                                   limit */
 enum { MOST_STOPS = 4 }; /* steps: maximum number of secant steps to find where the probe stops; the last of them leaves the probe at the pose that it had
                             before. Effort limit */
@@ -60,7 +60,7 @@ static int compare_edges(const void *a, const void *b) {
     return x[0] != y[0] ? compare_nodes(x, y) : compare_nodes(x + 1, y + 1);
 }
 
-/* Lists the surface's long edges that can move, each as two nodes in ascending order and a tetrahedron at the edge. Returns NULL if there is no memory. */
+/* Lists the surface's long edges that can move, each as two nodes in ascending order and a tetrahedron at the edge. Returns NULL if memory runs out. */
 static int (*list_edges(const probe *p, int surface, int *count))[3] {
     const mesh *m = mesh_of(p);
     int most = 0;

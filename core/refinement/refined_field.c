@@ -60,7 +60,7 @@ static void displace_uncoupled(inverse *inv, const refinement *r, const vec3 *fo
     }
 }
 
-/* Adds the forces of all stiffness changes under the displacements u. */
+/* Adds the forces that all stiffness changes cause under the displacements u. */
 static void add_changes(const tissue *t, const refinement *r, const vec3 *u, vec3 *force) {
     const int n = t->mesh->node_count;
     for (int q = 0; q < r->count; q++) {

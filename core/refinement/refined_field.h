@@ -18,7 +18,7 @@ typedef struct {
    conjugate gradients are used, with one inverse_apply per step. For display and export. */
 void refined_displacement(inverse *inv, const refinement *r, refined_vectors force, vec3 *scratch, refined_vectors displacement);
 
-/* Compliance d^-1 (m/N) of the hierarchical surplus of a node at this leaf point: the contribution of adding the node. */
+/* Compliance d^-1 (m/N) of the hierarchical surplus of a node at this leaf point, which is what adding the node contributes to the compliance there. */
 mat3 surplus_compliance(const tissue *t, const refinement *r, int tet, const leaf_point *at);
 
 /* Compliance (m/N) of the surplus of the added contact node order[position]; for a node on a face, as if the adjacent nodes were fixed. `position` may be

@@ -1,4 +1,4 @@
-/* Limits of haptic devices, which the server enforces, and a list of known devices. */
+/* Limits of haptic devices, enforced by the server, and a list of known devices. */
 #ifndef TROCAR_DEVICE_H
 #define TROCAR_DEVICE_H
 

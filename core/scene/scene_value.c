@@ -146,7 +146,7 @@ static void take_named_profile(scene *s, const key_spec *r, const char *key, con
     s->mapping.workspace = device_workspace(name);
 }
 
-/* Takes one key of a profile file. A profile may name a built-in profile, whose values the other keys override, but not another file. */
+/* Reads one key of a profile file. A profile may name a built-in profile, whose values the other keys override, but not another file. */
 static void take_profile_key(scene *s, const yaml_value *file, int index, bool named, fault *f) {
     yaml_value value;
     const char *name = yaml_pair(file, index, &value);

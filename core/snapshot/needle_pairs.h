@@ -7,7 +7,7 @@
 
 typedef struct needle_pairs needle_pairs;
 
-/* Creates the interaction for needles with this radius (m). `t` must outlive it. NO_MEMORY. */
+/* Creates the data for the interaction of needles with this radius (m). `t` must outlive them. NO_MEMORY. */
 trocar_status needle_pairs_create(const tissue *t, double radius, needle_pairs **created, trocar_error *why);
 void needle_pairs_free(needle_pairs *p);
 

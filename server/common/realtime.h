@@ -1,4 +1,4 @@
-/* Linux settings for real time: locked memory, FIFO priority, flush-to-zero. */
+/* Linux settings for real-time threads: locked memory, FIFO priority, flush-to-zero. */
 #ifndef TROCAR_REALTIME_H
 #define TROCAR_REALTIME_H
 
@@ -37,10 +37,10 @@ enum { REALTIME_STACK = 2 << 20, REALTIME_STACK_TOUCHED = 1 << 20 };
 void realtime_touch_stack(void);
 
 /* Treats denormal operands and results as zero, because computing with them is a hundred times slower than with normal numbers. Every computing
-   thread must call this function, in real time and in lockstep; otherwise the results of the two modes would differ. */
+   thread must call this function, in real-time and lockstep modes alike; otherwise their results would differ. */
 void realtime_flush_denormals(void);
 
-/* Keeps the processors out of deep sleep states, which take long to leave. Returns a descriptor to keep open, or -1 with the reason in `why`. */
+/* Keeps the processors out of deep sleep states, which take a long time to leave. Returns a descriptor to keep open, or -1 with the reason in `why`. */
 int realtime_stay_awake(trocar_error *why);
 
 #endif

@@ -1,6 +1,6 @@
 /* Detects undamped oscillations of the hand. A swing is the motion from one turning point to the next. A passive coupling can only take energy out of
    a swing, and at turning points the hand has no kinetic energy, so each swing must be shorter than the one before. The positions alone show whether
-   this holds, whatever their delay relative to the forces. The code uses no threads and no clock: time is an argument. */
+   this holds, regardless of their delay relative to the forces. The code uses no threads and no clock: time is an argument. */
 #ifndef TROCAR_SWING_OBSERVER_H
 #define TROCAR_SWING_OBSERVER_H
 

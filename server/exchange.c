@@ -20,7 +20,7 @@ static trocar_status create_eventfd(int *descriptor, trocar_error *why) {
     return *descriptor >= 0 ? TROCAR_OK : fail(why, TROCAR_SYSTEM, "cannot create an eventfd: %s", strerror(errno));
 }
 
-/* Returns the slot of the buffer with this index. */
+/* Returns the buffer's slot with this index. */
 static view_sample *view_at(const triple_buffer *views, size_t index) { return (view_sample *)(void *)(views->slots + index * views->size); }
 
 trocar_status views_create(triple_buffer *views, trocar_model *model, trocar_error *why) {

@@ -11,9 +11,9 @@
                                     | views
                                pictures thread
 
-   With --listen, the IO thread also passes its messages to the relay thread, which publishes those of its clients with an LCM connection of its own.
+   With --listen, the IO thread also passes its messages to the relay thread, which has its own LCM connection to publish its clients' messages.
 
-   Newest values are triple buffers, queues are rings of one writer and one reader: see base/triple_buffer.h and base/spsc_ring.h. */
+   Newest values are passed in triple buffers, queues in rings with one writer and one reader: see base/triple_buffer.h and base/spsc_ring.h. */
 #ifndef TROCAR_EXCHANGE_H
 #define TROCAR_EXCHANGE_H
 
@@ -32,11 +32,11 @@ typedef struct {
 
 /* State of one needle in a view_sample */
 typedef struct {
-    bool engaged;                /* true once a hand has held the needle, at any time since the server started */
+    bool engaged;                /* true if a hand has held the needle at any time since the server started */
     int64_t pose_utime;          /* us, utime of the pose to which this tick responded */
     int flags;                   /* flags as in needle_wrench_t */
     int64_t saturated_ticks;     /* since start */
-    double energy, energy_lowest; /* J, energy that the hand has put into the coupling since the engagement, and the minimum of that energy */
+    double energy, energy_lowest; /* J, net energy that the hand has put into the coupling since the engagement, and its minimum so far */
     double coupling_stiffness;   /* N/m; 0 if the coupling is rigid */
     int contacts;
     int state;                   /* state as in status_t */
@@ -46,7 +46,7 @@ typedef struct {
 typedef struct {
     int64_t tick;
     int64_t wrench_dropped;      /* since start */
-    double snapshot_age;         /* s since the oldest unanswered request; 0 if all requests have been answered */
+    double snapshot_age;         /* s, age of the oldest unanswered request; 0 if all requests have been answered */
     needle_view needles[TROCAR_MAX_NEEDLES];
     trocar_picture *picture;     /* belongs to this slot of the triple buffer; NULL if there is no model */
 } view_sample;
@@ -84,7 +84,7 @@ typedef struct {
     spsc_ring commands, replies; /* needle_command */
     spsc_ring latencies;         /* int64_t, ns: times between a request and the worker's answer */
     spsc_ring round_trips;       /* int64_t, ns: times between computing a wrench and the arrival of the first pose that refers to it */
-    spsc_ring outgoing;          /* outgoing_message; without elements if there is no relay thread */
+    spsc_ring outgoing;          /* outgoing_message; not allocated if there is no relay thread */
     atomic_bool probe_stopped;   /* from haptic to IO thread: the tissue stops the probe before it reaches its newest pose */
     int io_wake, worker_wake;    /* non-blocking eventfds; a write to worker_wake stops the worker */
     int relay_wake;              /* eventfd that wakes the relay thread; -1 if there is none */

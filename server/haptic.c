@@ -37,7 +37,7 @@ static void start_over(haptic *h, int needle, const pose_sample *newest, trocar_
     *out = (trocar_output){.membrane = -1, .events = TROCAR_EVENT_UNSTABLE};
 }
 
-/* Lets a hand hold the needle: a needle taken by the hand stays where it rests; any other needle starts a new insertion. RT */
+/* Engages the needle: a resting needle that the hand has taken stays where it is; any other needle starts a new insertion. RT */
 static void engage_needle(haptic *h, int needle) {
     haptic_needle *n = &h->needles[needle];
     if (!n->taken) reset_needle(h, needle);
@@ -71,8 +71,8 @@ static trocar_status handle_held_seeds(haptic *h, const trocar_command_t *m, tro
     return handle_seeds(h->sim, m->needle, m, why);
 }
 
-/* Starts a command that the worker may complete later; finish_command then sends the reply. Until a hand takes the needle or starts a new insertion,
-   nobody moves it. RT, except when it formats the text of a refusal. */
+/* Starts a command that the worker may complete later; finish_command then sends the reply. No hand moves the needle until one takes it or starts a new
+   insertion. RT, except when it formats the text of a refusal. */
 static trocar_status hand_over_needle(haptic *h, const needle_command *c, trocar_error *why) {
     int needle = c->asked.needle;
     haptic_needle *n = &h->needles[needle];
@@ -127,7 +127,7 @@ static void finish_command(haptic *h, int needle) {
 }
 
 /* Starts at most one command per tick, so that a flood of commands does not delay any tick. While the queue of replies is full, commands wait,
-   because client and arbiter would wait forever for a lost reply. A change of moduli waits until the last one is complete. RT */
+   because client and arbiter would wait forever for a lost reply. A change of moduli waits until the previous one is complete. RT */
 static void follow_commands(haptic *h) {
     spsc_ring *replies = &h->exchange->replies;
     needle_command c;
@@ -208,8 +208,8 @@ static needle_view view_of(const haptic *h, int needle, const trocar_needle_wren
                          .state = trocar_sim_needle_state(h->sim, needle)};
 }
 
-/* Returns true in `hz` ticks per second, even if the loop's rate is not a multiple of `hz`. A tick that is due at some rate is also due at ten times
-   that rate. RT */
+/* True for `hz` ticks per second, even if the loop's rate is not a multiple of `hz`. A tick that is due at some rate is also due at ten times that
+   rate. RT */
 static bool is_due(const haptic *h, int64_t tick, int hz) { return tick * hz % llround(1.0 / h->period) < hz; }
 
 /* Publishes a view for telemetry VIEWS_HZ times per second after a hand has first held a needle. RT */
@@ -229,8 +229,8 @@ static void show(haptic *h, const loop_wake *wake, const trocar_needle_wrench_t 
 /* Starts a bumpless transfer when the model's wrench becomes reliable again, or when it may jump because the worker's answers were late, poses were
    missing while the hand moved, or the loop was suspended. RT */
 static void heed_faults(haptic_needle *n, const trocar_output *raw, bool unseen) {
-    static const double FELT = 0.05, FELT_PART = 0.07; /* FELT in N, FELT_PART as a fraction of the force: a change within one tick that exceeds these limits
-                                                          feels like a knock */
+    static const double FELT = 0.05, FELT_PART = 0.07; /* FELT in N, FELT_PART as a fraction of the force: a change within one tick that exceeds both feels like
+                                                          a knock */
     bool late = raw->events & TROCAR_EVENT_LATE, faulty = late || raw->events & TROCAR_EVENT_UNSTABLE;
     bool punctures = raw->events & TROCAR_EVENT_PUNCTURED && !unseen;
     vec3 force = load_vec3(raw->force);

@@ -20,7 +20,7 @@ typedef struct {
     bool taken;                  /* a hand took the needle where it rested, so engaging the needle does not start a new insertion */
     bool pending;                /* `command` is being executed for this needle */
     needle_command command;
-    hand_clutch clutch;          /* offset of the hand that has taken the needle */
+    hand_clutch clutch;          /* offset between a taken needle and the hand that took it */
 } haptic_needle;
 
 typedef struct {
@@ -38,7 +38,7 @@ typedef struct {
     trocar_probe probe;          /* state of the probe as last sent */
     int64_t wrench_dropped;      /* since start */
     int64_t stages[LOOP_STAGES]; /* ns, durations of the last tick's stages, summed over all needles */
-    needle_command later;        /* a change of moduli that waits until the last one is complete; its `change` is NULL if none is waiting */
+    needle_command later;        /* a change of moduli that waits until the previous one is complete; its `change` is NULL if none is waiting */
     int64_t received;            /* ns, monotonic: arrival time of the newest pose of a held needle that the last tick used; 0 if there was none */
 } haptic;
 

@@ -197,7 +197,7 @@ static void hand_over(io *o) {
     triple_buffer_publish(&o->exchange->intakes);
 }
 
-/* Sends the queued wrenches. If the network refuses a datagram (no route, full buffer), that wrench is counted as lost, and the server continues. */
+/* Sends the queued wrenches. If a send fails (no route, full buffer), that wrench is counted as unsent, and the server continues. */
 static void publish_wrenches(io *o) {
     trocar_needle_wrench_t wrench;
     unsigned char bytes[WRENCH_BYTES];
@@ -226,7 +226,7 @@ static void publish_probe(io *o) {
 
 static const int64_t PERIOD = 1000000000; /* ns, period of repeated messages */
 
-/* Tells the sender of a pending change, each second, that the server has not forgotten it. */
+/* Tells the sender of a pending change once a second that the change is still pending. */
 static void publish_wait(io *o) {
     int64_t now = monotonic_ns();
     if (!o->changes.pending || now - o->wait_shown < PERIOD) return;
@@ -235,7 +235,7 @@ static void publish_wait(io *o) {
                o->changes.building ? "the tissue's stiffness with the new moduli is being computed" : "the last change of moduli is not yet complete");
 }
 
-/* Publishes the values that may change, each second and after a change. */
+/* Publishes the changeable values once a second and after each change. */
 static void publish_values(io *o) {
     int64_t now = monotonic_ns();
     trocar_values_t *m = &o->changes.shown;

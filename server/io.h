@@ -18,7 +18,7 @@ typedef struct {
     exchange *exchange;
     const char *url;             /* LCM URL; NULL for LCM's default */
     int64_t server;              /* this server's ID, set by the creator of this struct */
-    bool realtime;               /* under SCHED_FIFO */
+    bool realtime;               /* true if the thread runs under SCHED_FIFO */
     int shutdown_wake;           /* eventfd signalled when a client requests a shutdown or the network fails */
     sem_t ready;                 /* posted once, when the thread is either listening or has failed */
     atomic_bool stop;
@@ -28,11 +28,11 @@ typedef struct {
     lcm_t *lcm;
     pose_arbiter arbiter;
     probe_arbiter probe;
-    change_intake changes;       /* zero, so that nothing can be changed, until its creator fills it */
+    change_intake changes;       /* all zero, so that nothing can be changed, until the creator of this struct fills it */
     int64_t values_shown;        /* ns, monotonic: time at which the values were last published */
     int64_t wait_shown;          /* ns, monotonic: time at which the last change arrived, or its sender was last told to wait */
     bool probe_stopped;      /* the tissue has stopped the probe, and the user has been informed */
-    int64_t wrenches_unsent;     /* number of wrenches that the network refused to send */
+    int64_t wrenches_unsent;     /* number of wrenches that could not be sent */
 } io;
 
 trocar_status io_create(io *o, const char *url, int needle_count, const trocar_device_limits *limits, bool realtime, int shutdown_wake,

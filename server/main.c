@@ -83,10 +83,10 @@ static void on_stop(int signal) {
     errno = error;
 }
 
-/* All signals that would otherwise end the process at once, without ramping the wrench down; signals that report a fault of the program itself are
-   not included. Under nohup, SIGHUP remains ignored. */
+/* All signals that would otherwise end the process immediately, without ramping the wrench down, except those that report a fault in the program
+   itself. Under nohup, SIGHUP remains ignored. */
 static const int STOPPING[] = {SIGHUP, SIGINT, SIGQUIT, SIGTERM, SIGUSR1, SIGUSR2, SIGALRM, SIGVTALRM, SIGPROF, SIGIO, SIGPWR, SIGSTKFLT, SIGXCPU};
-static const int IGNORED[] = {SIGPIPE, SIGXFSZ}; /* the output is lost if its reader has exited or the file is full */
+static const int IGNORED[] = {SIGPIPE, SIGXFSZ}; /* if the output's reader has exited or the file is full, only the output is lost */
 
 /* Returns a descriptor that becomes readable when one of these signals arrives. Uses a handler instead of a signalfd, because threads that libraries
    start before main do not block the signals. */
@@ -105,8 +105,8 @@ static void say_ready(void) {
     fflush(stdout);
 }
 
-/* Prints the reason and returns the exit status. Exit statuses 2 and 4 (insufficient privileges, as for LSB services) tell a supervisor that a
-   restart would not help. */
+/* Prints the reason and returns the exit status. Status 2 (bad input) and status 4 (insufficient privileges, as for LSB services) tell a supervisor
+   that a restart would not help. */
 static int complain(trocar_status status, const trocar_error *why) {
     fprintf(stderr, "trocar-server: %s\n", why->text);
     switch (status) {

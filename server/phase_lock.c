@@ -2,7 +2,7 @@
 
 #include <math.h>
 
-static const double LEAST_MARGIN = 40e3; /* ns, shortest time between a pose's arrival and the tick; the network thread needs it to pass the pose on */
+static const double LEAST_MARGIN = 40e3; /* ns, shortest time between a pose's arrival and the tick, which the IO thread needs to pass the pose on */
 static const double JITTERS = 3.0;       /* margin for jitter, as a multiple of the mean deviation of the poses' arrival times */
 static const double MOST_MARGIN = 0.25;  /* upper limit of the margin, as a fraction of the loop's period */
 static const double GAIN = 0.05;         /* fraction of the phase error that each tick corrects */

@@ -12,8 +12,8 @@ typedef struct {
     double jitter;           /* ns, mean deviation of the poses' arrival times from the expected ones */
 } phase_lock;
 
-/* Returns the time (ns) by which the next deadline should differ from one period after `deadline`; a positive value means later. `received` is the
-   arrival time of the newest pose known at the deadline, or 0 if there is none. RT */
+/* Returns the time (ns) by which to shift the next deadline, which would otherwise be one period after `deadline`; a positive value means later.
+   `received` is the arrival time of the newest pose known at the deadline, or 0 if there is none. RT */
 int64_t phase_lock_shift(phase_lock *p, int64_t deadline, int64_t received);
 
 #endif

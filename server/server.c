@@ -102,7 +102,7 @@ static trocar_status read_listen(server *s, trocar_error *why) {
     return status == TROCAR_OK ? settings_secret(s->options.secret_file, &s->listen, &s->secret, why) : status;
 }
 
-/* A late tick runs no more steps than a punctual one, because catching up would make the next tick late as well. */
+/* Creates the model and the simulation. A late tick runs no more steps than one on time, because catching up would make the next tick late as well. */
 static trocar_status create_simulation(server *s, trocar_error *why) {
     static const double STEP = 1e-3; /* s, the longest step of the simulation */
     trocar_model_options options = trocar_default_model_options();
@@ -114,7 +114,7 @@ static trocar_status create_simulation(server *s, trocar_error *why) {
     return trocar_sim_create(s->model, &s->sim, why);
 }
 
-/* With --allow-non-rt, succeeds even if real time is refused, and stores the reason. */
+/* Notes whether real-time operation is permitted. With --allow-non-rt, succeeds even if it is refused, and stores the reason. */
 static trocar_status note_realtime(server *s, trocar_status status, trocar_error *why) {
     s->realtime = status == TROCAR_OK;
     if (s->realtime || s->options.allow_non_rt) return TROCAR_OK;
@@ -122,13 +122,13 @@ static trocar_status note_realtime(server *s, trocar_status status, trocar_error
     return status;
 }
 
-/* Checks the permission for real time before the expensive part of the start, because a supervisor may repeatedly restart a server that lacks this
-   permission. */
+/* Checks the permission for real-time operation before the expensive part of startup, because a supervisor may repeatedly restart a server that lacks
+   it. */
 static trocar_status check_realtime(server *s, trocar_error *why) {
     return note_realtime(s, realtime_check_permission(PRIORITY_HAPTIC, &s->refused), why);
 }
 
-/* Switches to real time after most memory has been allocated and before any thread is started. */
+/* Switches to real-time operation, after most memory has been allocated and before any thread is started. */
 static trocar_status enter_realtime(server *s, trocar_error *why) {
     if (!s->realtime) return TROCAR_OK;
     trocar_status status = note_realtime(s, realtime_lock_memory(&s->refused), why);

@@ -20,9 +20,9 @@ typedef struct {
 
 typedef struct server server;
 
-/* Reads the scene and builds everything, but starts no threads. BAD_INPUT for a bad scene, mesh, rate, URL, address or secret; NO_REALTIME if real time is refused and
-   allow_non_rt is not set (the message names the limit to raise); SYSTEM if there is no network yet. The strings in `options` must outlive the
-   server. */
+/* Reads the scene and builds everything, but starts no threads. BAD_INPUT for a bad scene, mesh, rate, URL, address or secret; NO_REALTIME if real-time
+   operation is refused and allow_non_rt is not set (the message names the limit to raise); SYSTEM if there is no network yet. The strings in `options`
+   must outlive the server. */
 trocar_status server_create(const server_options *options, server **created, trocar_error *why);
 void server_free(server *s); /* does nothing while the server is busy */
 

@@ -124,7 +124,7 @@ static const char *fault_text(telemetry *t, const worker_fault *fault) {
     return fault->why.text;
 }
 
-/* Reports once on stderr that packets from another machine are dropped, because somebody may have meant to connect a device there. */
+/* Reports once on stderr that packets from another machine are dropped, because somebody may have intended to connect a device from there. */
 static void tell_of_distant(telemetry *t) {
     char address[16];
     if (t->distant_text[0] || lcm_filter_distant(address, sizeof address) == 0) return;
@@ -172,9 +172,9 @@ static void publish_status(telemetry *t, const view_sample *view) {
     }
 }
 
-/* Sends a needle's tracks when they have changed, and otherwise once a second, for viewers that start later and because a message may be lost, for
-   example the one that reports after a reset that no tracks are left. A track grows at its last point, so that point and the count show whether it
-   has changed. */
+/* Sends a needle's tracks when they have changed, and otherwise once a second: viewers may start later, and a message may be lost, for example the one
+   that reports, after a reset, that no tracks are left. A track grows at its last point, so that point and the number of points show whether it has
+   changed. */
 static void publish_tracks(telemetry *t, int needle, int64_t tick) {
     static const int64_t SOONEST = 200000000, LATEST = 1000000000; /* ns, shortest and longest time between two messages */
     viewer_messages *m = &t->messages;
@@ -193,8 +193,8 @@ static void publish_tracks(telemetry *t, int needle, int64_t tick) {
     trocar_tracks_t_publish(t->lcm, "TROCAR_TRACKS", &m->tracks);
 }
 
-/* Sends the seeds with each picture while there are any, and otherwise once a second, for viewers that start later and because a message may be lost,
-   for example the one after the last seed was removed. */
+/* Sends the seeds with each picture while there are any, and otherwise once a second: viewers may start later, and a message may be lost, for example
+   the one that reports the removal of the last seed. */
 static void publish_seeds(telemetry *t, int64_t tick) {
     static const int64_t LATEST = 1000000000; /* ns, longest time between two messages */
     viewer_messages *m = &t->messages;

@@ -17,7 +17,7 @@ typedef struct {
     const char *scene_path;
     double rate_hz;
     int flags;                   /* NOT_REALTIME or 0, used until the loop reports its own flags */
-    int64_t server;              /* this server's number */
+    int64_t server;              /* this server's ID */
     bool verbose;                /* print one line per second on stderr */
 } telemetry_options;
 
@@ -40,7 +40,7 @@ typedef struct {
     triple_buffer views;          /* buffer of view_sample, read by the pictures thread */
     viewer_messages messages;     /* used only by the pictures thread */
     struct { int64_t sent; int count; } seeds; /* time (ns) of the last message, and the number of seeds in it, including pending ones */
-    struct { int64_t sent; int points; float end[3]; } tracks[TROCAR_MAX_NEEDLES]; /* time (ns) of the last message of tracks, and the last point in it */
+    struct { int64_t sent; int points; float end[3]; } tracks[TROCAR_MAX_NEEDLES]; /* time (ns) of the last tracks message, its point count and last point */
 } telemetry;
 
 /* Connects to LCM. `model` and `x` must outlive the telemetry. Errors are the same as in network_open. */

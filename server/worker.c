@@ -19,14 +19,14 @@ static void note_failure(worker *w, const trocar_error *why) {
     show_fault(w, why);
 }
 
-/* Serves one request, or does one slice of the work that can be prepared in advance. Returns whether more work is pending. After a failed request,
+/* Serves one request, or does one slice of the work that can be done in advance. Returns true if more work is pending. After a failed request,
    the tick keeps using the last answer and sets the flag that reports a late answer. A fault persists until a request has been answered. */
 static bool work(worker *w) {
     trocar_error why;
     trocar_work done = {.more = 0};
-    if (trocar_sim_work(w->sim, &done, &why) != TROCAR_OK && !done.still_held) note_failure(w, &why); /* if the worker failed but the needle was kept,
-                                                                                                         send a reply to the client that asked to
-                                                                                                         leave the needle */
+    if (trocar_sim_work(w->sim, &done, &why) != TROCAR_OK && !done.still_held) note_failure(w, &why); /* if a needle could not be left and is still
+                                                                                                         held, the reply to the client reports
+                                                                                                         the failure */
     if (done.answered) {
         spsc_ring_push(&w->exchange->latencies, &done.latency);
         w->served++;

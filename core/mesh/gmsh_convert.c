@@ -35,7 +35,7 @@ static bool find(void *library, const char *name, void *function) {
     return symbol;
 }
 
-/* The library is never unloaded, because it and the libraries on which it depends have state of their own. */
+/* Loads Gmsh and finds its functions. The library is never unloaded, because it and its dependencies keep global state. */
 static bool load(gmsh_functions *g) {
     void *library = dlopen(LIBRARY, RTLD_NOW | RTLD_LOCAL);
     return library && find(library, "gmshInitialize", &g->start) && find(library, "gmshFinalize", &g->finish) && find(library, "gmshMerge", &g->merge) &&
@@ -58,14 +58,14 @@ static trocar_status cannot_read(const gmsh_functions *g, const char *path, troc
     return TROCAR_BAD_INPUT;
 }
 
-/* Keep all elements, not only those of physical groups, and leave the coordinates unchanged. */
+/* Gmsh options for the conversion: keep all elements, not only those in physical groups, and leave the coordinates unchanged. */
 static const struct { const char *name; double value; } OPTIONS[] = {
     {"General.Terminal", 0}, {"Mesh.MshFileVersion", 4.1}, {"Mesh.Binary", 1}, {"Mesh.SaveAll", 1}, {"Mesh.SaveParametric", 0}, {"Mesh.ScalingFactor", 1},
     {"Mesh.PartitionSplitMeshFiles", 0},
 };
 enum { OPTION_COUNT = sizeof OPTIONS / sizeof *OPTIONS };
 
-/* Sets *added if a model was added; the mesh is then in that model. */
+/* Reads `path` into a new Gmsh model and writes it to `converted`. *added becomes true if the model was created. */
 static trocar_status convert(const gmsh_functions *g, const char *path, const char *converted, bool *added, trocar_error *why) {
     double before[OPTION_COUNT];
     int error = 0, ignored = 0;
@@ -87,7 +87,7 @@ static trocar_status convert(const gmsh_functions *g, const char *path, const ch
 
 /* ---- session ---- */
 
-/* Gmsh sets the locale of the whole process; this restores the host's locale at once. */
+/* Starts Gmsh. Gmsh sets the locale of the whole process, so the host program's locale is restored immediately. */
 static void start(const gmsh_functions *g, int *error) {
     const char *now = setlocale(LC_ALL, NULL);
     char *before = now ? strdup(now) : NULL;
@@ -96,7 +96,7 @@ static void start(const gmsh_functions *g, int *error) {
     free(before);
 }
 
-/* If the host program already uses Gmsh, works in a separate model, which is removed afterwards. */
+/* Starts Gmsh for the conversion. If the host program already uses Gmsh, works in a separate model instead, which is removed afterwards. */
 static trocar_status convert_in_session(const gmsh_functions *g, const char *path, const char *converted, trocar_error *why) {
     int error = 0;
     double terminal = -1.0; /* keeps this value if Gmsh has not been initialised */

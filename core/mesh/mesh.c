@@ -166,9 +166,9 @@ void mesh_remark(mesh *m, const char *format, ...) {
     va_end(arguments);
 }
 
-static const double LARGEST_BODY = 10.0; /* needle lengths: size of the body above which a message warns that the unit may be wrong. Chosen by judgement */
-static const double SMALLEST_BODY = 0.05; /* needle lengths: size of the body below which a message warns that the unit may be wrong. Chosen by judgement */
-static const double COARSEST = 50.0; /* needle diameters: size of the elements above which a message warns that the mesh is coarse. Chosen by judgement */
+static const double LARGEST_BODY = 10.0; /* needle lengths: body size above which a remark warns that the unit may be wrong. Chosen by judgement */
+static const double SMALLEST_BODY = 0.05; /* needle lengths: body size below which a remark warns that the unit may be wrong. Chosen by judgement */
+static const double COARSEST = 50.0; /* needle diameters: element size above which a remark warns that the mesh is coarse. Chosen by judgement */
 
 void mesh_compare_with_needle(mesh *m, double length, double diameter) {
     double size = v3_norm(v3_sub(m->bvh[0].high, m->bvh[0].low)), least = INFINITY;

@@ -24,7 +24,7 @@ typedef struct {
     int tet, face;           /* tetrahedron behind the triangle, and number of its face (opposite vertex `face`) */
 } boundary_face;
 
-/* Node of the bounding-volume tree over the faces of the boundary. */
+/* Node of the bounding-volume tree over the boundary faces. */
 typedef struct {
     vec3 low, high;          /* m */
     int first, count;        /* leaf: its faces are bvh_order[first .. first+count); inner node: count is 0 and its children are first and first+1 */
@@ -43,12 +43,12 @@ typedef struct {
     boundary_face *boundary; /* [boundary_count], outer faces */
     bvh_node *bvh;           /* bounding-volume tree over `boundary` */
     int *bvh_order;          /* [boundary_count]: indices of the outer faces, in the order of the tree's leaves */
-    double *node_size;       /* [node_count]: mean edge length (m) of regular tetrahedra with the volumes of those around the node */
+    double *node_size;       /* [node_count]: mean edge length (m) of regular tetrahedra with the same volumes as those around the node */
     bool *anatomical;        /* [node_count]: true if the node is on the outer surface, on an interface of regions, or on a named surface, line or point */
     trocar_error remarks;    /* changes made to the file's mesh, and suspected errors in the file; may be empty */
 } mesh;
 
-/* Reads a mesh whose coordinates are in `unit` (m): MSH 2.2 and 4.1 or, if Gmsh is installed, any other format that Gmsh reads. Checks nodes, tetrahedra,
+/* Reads a mesh whose unit of length is `unit` metres: MSH 2.2 and 4.1 or, if Gmsh is installed, any other format that Gmsh reads. Checks nodes, tetrahedra,
    orientation and conformity, and joins bodies whose faces match. BAD_INPUT with a message that names the file. */
 trocar_status mesh_read_in(const char *path, double unit, mesh *m, trocar_error *why);
 
@@ -77,16 +77,16 @@ void mesh_compare_with_needle(mesh *m, double length, double diameter);
 /* Returns the index of the group with this name and dimension (-1: any dimension), or -1. */
 int mesh_find_group(const mesh *m, const char *name, int dimension);
 
-/* Barycentric weights of x in tetrahedron t. Their sum is 1; inside, all are >= 0. RT */
+/* Barycentric weights of x in tetrahedron `tet`. Their sum is 1; inside, all are >= 0. RT */
 void mesh_barycentric(const mesh *m, int tet, vec3 x, double weights[4]);
 
-/* Edge length (m) of the mesh in element `tet`: mean of node_size. RT */
+/* Edge length (m) of the mesh in element `tet`: mean node_size of its corners. RT */
 double mesh_edge_length(const mesh *m, int tet);
 
 /* Barycentric weights of x in the tetrahedron with these corners. RT */
 void tet_barycentric(const vec3 corners[4], vec3 x, double weights[4]);
 
-/* Finds the tetrahedra around a node of tet `start`. Returns their number, or -1 if there are more than `most`. RT */
+/* Lists in `tets` the tetrahedra around a node of tetrahedron `start`. Returns their number, or -1 if there are more than `most`. RT */
 int mesh_around(const mesh *m, int node, int start, int *tets, int most);
 
 void mesh_corners(const mesh *m, int tet, vec3 corners[4]); /* m */
@@ -99,7 +99,7 @@ vec3 mesh_face_normal(const mesh *m, int tet, int face);
 /* Gradients (1/m) of the four linear shape functions. Returns the volume. RT */
 double tet_gradients(const vec3 corners[4], vec3 gradients[4]);
 
-/* Finds the first point at which the segment from a to b enters the nominal body from outside. Time O(log boundary). RT */
+/* Finds the first point at which the segment from a to b enters the nominal body from outside. Takes O(log boundary_count) time. RT */
 typedef struct {
     bool hit;
     double fraction;         /* 0 to 1 along the segment */
@@ -115,7 +115,7 @@ int mesh_locate(const mesh *m, vec3 x, int start);
    outside a face is treated as being on the face. RT */
 int mesh_exit(const mesh *m, int tet, vec3 x, vec3 d, double *distance);
 
-/* Compares the numbers of two nodes, for qsort and bsearch. */
+/* Compares two node indices, for qsort and bsearch. */
 static inline int compare_nodes(const void *a, const void *b) { return *(const int *)a - *(const int *)b; }
 
 #endif

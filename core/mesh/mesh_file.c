@@ -19,9 +19,9 @@ typedef struct {
     mesh *mesh;
     trocar_error *why;
     msh_contents file;
-    int *index;              /* [file.node_count]: number of each node in the mesh; -1 if no tetrahedron uses the node */
+    int *index;              /* [file.node_count]: index in the mesh of each node of the file; -1 if no tetrahedron uses the node */
     int tags[MESH_MAX_GROUPS]; /* tags of the groups in the file */
-    entity_groups *entities; /* entity_count: entities that are in a group, sorted by dimension and tag */
+    entity_groups *entities; /* [entity_count]: entities that belong to a group, sorted by dimension and tag */
     size_t entity_count;
     int (*triangles)[3];     /* node indices of the triangles of all named surfaces */
     int *triangle_group;
@@ -58,7 +58,7 @@ static trocar_status read_file(mesh_maker *r) {
 
 /* Returns the index in file.nodes of the node with this tag, or -1. */
 static int find_node(const mesh_maker *r, uint64_t tag) {
-    uint64_t place = tag - r->file.nodes[0].tag; /* in a file without gaps, this is the index; it wraps around for tags below the first one */
+    uint64_t place = tag - r->file.nodes[0].tag; /* the index, if tags have no gaps; wraps around for tags below the first one */
     if (place < r->file.node_count && r->file.nodes[place].tag == tag) return (int)place;
     size_t low = 0, high = r->file.node_count;
     while (low < high) {
@@ -69,7 +69,7 @@ static int find_node(const mesh_maker *r, uint64_t tag) {
     return low < r->file.node_count && r->file.nodes[low].tag == tag ? (int)low : -1;
 }
 
-/* Returns the number in the mesh of the node with this tag, or -1 if no tetrahedron uses it. */
+/* Returns the index in the mesh of the node with this tag, or -1 if no tetrahedron uses it. */
 static int mesh_node(const mesh_maker *r, uint64_t tag) {
     int place = find_node(r, tag);
     return place < 0 ? -1 : r->index[place];
@@ -178,7 +178,7 @@ static trocar_status find_region(const mesh_maker *r, const msh_element *e, int 
     return TROCAR_OK;
 }
 
-/* Reads the tetrahedra in the order of their entities. `mesh->tets` receives indices in file.nodes, and `index` becomes 0 for each node that is used. */
+/* Reads the tetrahedra, ordered by entity. `mesh->tets` receives indices into file.nodes, and `index` becomes 0 for each node that is used. */
 static trocar_status take_tets(mesh_maker *r) {
     mesh *m = r->mesh;
     size_t first = 0, count = r->file.element_count;

@@ -48,7 +48,7 @@ static trocar_status orient_tets(mesh *m, const char *name, trocar_error *why) {
     return TROCAR_OK;
 }
 
-/* Computes the size at each node: the mean edge length of regular tetrahedra with the volumes of those around the node. */
+/* Computes node_size: the mean edge length of regular tetrahedra with the same volumes as those around the node. */
 static trocar_status measure_nodes(mesh *m, const char *name, trocar_error *why) {
     int *valence = calloc(m->node_count, sizeof *valence);
     if (!valence) return fail(why, TROCAR_NO_MEMORY, "%s: no memory for %d nodes", name, m->node_count);
@@ -95,7 +95,7 @@ static int compare_keys(const int a[3], const int b[3]) {
     return 0;
 }
 
-/* Ties are resolved by the number of the tetrahedron, so that the order of records and boundary faces does not depend on the sorting algorithm. */
+/* Ties are broken by tetrahedron index, so that the order of records and boundary faces does not depend on the sorting algorithm. */
 static int compare_records(const void *left, const void *right) {
     const face_record *a = left, *b = right;
     int order = compare_keys(a->key, b->key);
@@ -117,7 +117,7 @@ static face_record *sorted_faces(const mesh *m) {
     return faces;
 }
 
-/* Two tetrahedra that share a face are on opposite sides of it, so they must contain the face's nodes in opposite orientations. */
+/* Sets the neighbours. Two tetrahedra that share a face are on opposite sides of it, so they must list the face's nodes in opposite orientations. */
 static trocar_status join_neighbours(mesh *m, const face_record *faces, const char *name, trocar_error *why) {
     size_t count = 4 * (size_t)m->tet_count, next;
     for (size_t i = 0; i < count; i = next) {

@@ -7,7 +7,7 @@
 typedef struct {
     int merged;              /* number of nodes merged with another node */
     int apart;               /* number of nodes that coincide with another node but whose faces do not match */
-    int example;             /* number in the file of one of the nodes counted in `apart`, or -1 */
+    int example;             /* index, before merging, of one of the nodes counted in `apart`, or -1 */
 } mesh_merge_result;
 
 /* Joins bodies at matching faces by merging the faces' nodes. Reads and changes nodes and tets; `renumbered` (node_count) receives the new number of each

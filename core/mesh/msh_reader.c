@@ -25,7 +25,7 @@ static void out_of_memory(reader *r) {
     if (going_on(r)) r->in.status = fail(r->in.why, TROCAR_NO_MEMORY, "%s: no memory for the mesh", r->in.path);
 }
 
-/* Returns the array, reallocated if necessary, with room for at least one item more than `count`. */
+/* Returns the array, reallocated if necessary, with room for at least one more item than `count`. */
 static void *grown(reader *r, void *array, size_t count, size_t *room, size_t item) {
     if (count < *room || !going_on(r)) return array;
     size_t wanted = *room > 0 ? 2 * *room : 64;
@@ -38,8 +38,8 @@ static void *grown(reader *r, void *array, size_t count, size_t *room, size_t it
 
 /* ---- element types ---- */
 
-/* Gmsh's element types 1 to 31 (reference manual, "Node ordering"). Those of high order, which are omitted, have more nodes than a mesh of linear
-   tetrahedra needs. */
+/* Gmsh's element types 1 to 31 (reference manual, "Node ordering"). Later types, of higher order, are omitted: a mesh of linear tetrahedra does not
+   contain them. */
 static const struct { const char *shape; int dimension, nodes; } ELEMENT_TYPES[] = {
     {0}, {"Line", 1, 2}, {"Triangle", 2, 3}, {"Quadrilateral", 2, 4}, {"Tetrahedron", 3, 4}, {"Hexahedron", 3, 8}, {"Prism", 3, 6}, {"Pyramid", 3, 5},
     {"Line", 1, 3}, {"Triangle", 2, 6}, {"Quadrilateral", 2, 9}, {"Tetrahedron", 3, 10}, {"Hexahedron", 3, 27}, {"Prism", 3, 18}, {"Pyramid", 3, 14},
@@ -98,7 +98,7 @@ static void read_names(reader *r) {
 
 /* ---- nodes ---- */
 
-/* Makes room for `count` nodes. Each of them takes at least `numbers` numbers (text) or `bytes` bytes (binary) in the file. */
+/* Makes room for `count` nodes. In the file, each of them takes at least 4 numbers (text) or `bytes` bytes (binary). */
 static void begin_nodes(reader *r, uint64_t count, int bytes) {
     if (r->has_nodes) msh_fail(&r->in, "a second section with nodes: export the mesh again");
     r->has_nodes = true;
@@ -125,7 +125,7 @@ static void read_nodes_2(reader *r, bool parametric) {
         read_coordinates(r, node, 0);
         if (!parametric) continue;
         int dimension = msh_int(&r->in);
-        msh_int(&r->in); /* the entity */
+        msh_int(&r->in); /* skips the entity */
         for (int k = 0; k < dimension && dimension < 3; k++) msh_real(&r->in);
     }
     msh_end_section(&r->in);
@@ -138,7 +138,7 @@ static void read_nodes_4(reader *r) {
     begin_nodes(r, count, 32);
     for (uint64_t b = 0; b < blocks && going_on(r); b++) {
         int dimension = msh_int(&r->in);
-        msh_int(&r->in); /* the entity */
+        msh_int(&r->in); /* skips the entity */
         int parameters = msh_int(&r->in) ? dimension : 0;
         uint64_t added = msh_size(&r->in);
         if (dimension < 0 || dimension > 3) msh_fail(&r->in, "nodes of an entity of dimension %d: export the mesh again", dimension);
@@ -225,7 +225,7 @@ static void read_elements_4(reader *r) {
         if (added > count - read) msh_fail(&r->in, "more elements than the %" PRIu64 " that $Elements announces: export the mesh again", count);
         bool ghost = dimension == 3 && is_ghost(r, entity);
         for (uint64_t i = 0; i < added && going_on(r); i++, read++) {
-            msh_size(&r->in); /* the tag */
+            msh_size(&r->in); /* skips the tag */
             read_corners(r, (msh_element){dimension, entity, type, read, 0});
             if (ghost && going_on(r)) c->element_count--;
         }
@@ -245,7 +245,7 @@ static void read_entity(reader *r, int dimension, bool partition) {
     for (int k = 0; k < (dimension == 0 ? 3 : 6); k++) msh_real(&r->in); /* skips the point or the bounding box */
     for (uint64_t i = msh_size(&r->in); i > 0 && going_on(r); i--) add_membership(r, dimension, entity, msh_int(&r->in));
     if (dimension == 0) return;
-    for (uint64_t i = msh_size(&r->in); i > 0 && going_on(r); i--) msh_int(&r->in); /* bounding entities */
+    for (uint64_t i = msh_size(&r->in); i > 0 && going_on(r); i--) msh_int(&r->in); /* skips the bounding entities */
 }
 
 static void read_entities(reader *r, bool partitions) {
@@ -255,7 +255,7 @@ static void read_entities(reader *r, bool partitions) {
             GROW(r, r->ghosts, r->ghost_count, r->ghost_room);
             int ghost = msh_int(&r->in);
             if (going_on(r)) r->ghosts[r->ghost_count++] = ghost;
-            msh_int(&r->in); /* the partition */
+            msh_int(&r->in); /* skips the partition */
         }
     }
     uint64_t counts[4];
@@ -346,8 +346,8 @@ static void sort_memberships(msh_contents *c) {
 
 /* ---- the whole file ---- */
 
-/* Reads $MeshFormat up to and including its three numbers: the version, 0 for text or 1 for binary, and the number of bytes of a size. Sections before it are
-   comments. */
+/* Reads $MeshFormat up to and including its three numbers: the version, the file type (0: text, 1: binary) and the size of a size_t in bytes. Sections before
+   it are ignored as comments. */
 static bool read_format(reader *r, int64_t *binary, int64_t *size) {
     do {
         if (!msh_next_section(&r->in)) return false;
@@ -384,7 +384,7 @@ bool msh_is_readable(FILE *file) {
     if (fread(first, 1, sizeof first - 1, file) < sizeof first - 1) return false;
     if (strncmp(first, "$MeshForm", 9) != 0 && strncmp(first, "$Comments", 9) != 0) return false;
     rewind(file);
-    return !read_format(&r, &binary, &size) || r.version == 2.2 || r.version == 4.1; /* an unsupported version is read in order to report what is wrong */
+    return !read_format(&r, &binary, &size) || r.version == 2.2 || r.version == 4.1; /* true if the header is damaged: msh_read then reports it */
 }
 
 trocar_status msh_read(FILE *file, const char *path, bool converted, msh_contents *contents, trocar_error *why) {

@@ -15,11 +15,11 @@ typedef struct {
     size_t first;            /* index of its first node: corners[first ..] */
 } msh_element;
 
-typedef struct { int dimension, entity, tag; } msh_membership;                   /* says that the entity is in the physical group `tag` */
-typedef struct { int dimension, tag; char text[MESH_NAME + 1]; } msh_name;       /* a name that is too long is truncated to one character more than the maximum
-                                                                                    length of a group's name */
+typedef struct { int dimension, entity, tag; } msh_membership;                   /* the entity belongs to the physical group `tag` */
+typedef struct { int dimension, tag; char text[MESH_NAME + 1]; } msh_name;       /* a name longer than a group's name may be is cut off one character beyond
+                                                                                    that limit, so that the excess can be detected */
 
-/* The contents of a file that are needed to create a mesh. */
+/* The parts of a file that are needed to create a mesh. */
 typedef struct {
     size_t node_count, element_count, corner_count, membership_count, name_count;
     msh_node *nodes;         /* array of node_count nodes, sorted by tag, without duplicates */

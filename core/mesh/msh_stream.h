@@ -13,13 +13,13 @@ enum { MSH_WORD = 64 };
 typedef struct {
     FILE *file;
     const char *path;        /* for messages */
-    bool converted;          /* true if `file` was converted from `path`, so that messages cannot give a place */
+    bool converted;          /* true if `file` was converted from `path`, so that messages cannot give a line or byte */
     trocar_error *why;
     trocar_status status;
     uint64_t size;           /* size of the file in bytes */
     uint64_t line, word_line; /* line: number of the current line; word_line: number of the line of the last word; both counted from 1, and only in parts that
                                  are read as text */
-    bool binary, swapped;    /* how numbers are stored; known once $MeshFormat has been read */
+    bool binary, swapped;    /* number format: binary, and in the other byte order; known once $MeshFormat has been read */
     char section[MSH_WORD];  /* name of the section without $; empty before the first section */
 } msh_stream;
 
@@ -27,7 +27,7 @@ typedef struct {
    its message. */
 __attribute__((format(printf, 2, 3))) trocar_status msh_fail(msh_stream *s, const char *format, ...);
 
-/* Read a number. In text, numbers are separated by blanks or line ends; in binary form, they have 4, 8 and 8 bytes. */
+/* Read a number. In text, numbers are separated by blanks or line ends; in binary form, they take 4, 8 and 8 bytes. */
 int msh_int(msh_stream *s);
 uint64_t msh_size(msh_stream *s);
 double msh_real(msh_stream *s);
@@ -48,7 +48,7 @@ void msh_byte_order(msh_stream *s);
 /* Skips to the next line that begins with $ and sets `section`. Returns false at the end of the file, and after a failure. */
 bool msh_next_section(msh_stream *s);
 
-/* The first reads the line $End..., which must be next; the second skips all lines before it. */
+/* msh_end_section reads the line $End..., which must be next; msh_skip_section also skips all lines before it. */
 void msh_end_section(msh_stream *s);
 void msh_skip_section(msh_stream *s);
 

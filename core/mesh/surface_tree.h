@@ -4,7 +4,7 @@
 
 #include "mesh/mesh.h"
 
-/* Builds the tree, `bvh` and `bvh_order`, over `boundary`. Returns false if there is no memory. */
+/* Builds the tree, `bvh` and `bvh_order`, over `boundary`. Returns false if memory runs out. */
 bool surface_tree_build(mesh *m);
 
 #endif

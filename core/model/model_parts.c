@@ -118,7 +118,7 @@ static trocar_status bind_to_mesh(model_parts *s, trocar_error *why) {
     return status == TROCAR_OK ? bind_probe(s, why) : status;
 }
 
-/* Checks that the probe's surface can yield: a surface whose nodes are all fixed cannot. The tissue must have been created. */
+/* Fails if all nodes of the probe's surface are fixed, because the surface could then not yield. The tissue must have been created. */
 static trocar_status check_probe_surface(const model_parts *s, trocar_error *why) {
     char place[PLACE_ROOM];
     if (s->probe_surface < 0) return TROCAR_OK;
@@ -150,7 +150,7 @@ static trocar_status build_tissue(model_parts *s, trocar_error *why) {
 
 /* ---- kind of the inverse ---------------------------------------------------------------------------------------------- */
 
-/* BLAS uses one thread, except when the whole matrix of a large mesh is factorised or inverted, where several threads save minutes. Condensation has its own
+/* BLAS uses one thread, except to factorise or invert the whole matrix of a large mesh, where several threads save minutes. Condensation has its own
    threads. */
 enum { SEVERAL_THREADS = 30000 }; /* number of unknowns above which BLAS uses several threads */
 
@@ -265,7 +265,7 @@ static bool same_names(int count, const char (*a)[MESH_NAME], const char (*b)[ME
     return true;
 }
 
-/* Writes the first key of a region that differs between the configurations to `text` and returns it; NULL if none differs. */
+/* Returns the first region key that differs between the configurations, or NULL. `text` is a buffer for the key. */
 static const char *region_key_that_differs(const simulation_config *a, const simulation_config *b, char *text, size_t size) {
     if (a->region_count != b->region_count) return "regions";
     for (int i = 0; i < a->region_count; i++) {
@@ -284,7 +284,7 @@ static const membrane_config *stiff_membrane(const simulation_config *c, const c
     return NULL;
 }
 
-/* As region_key_that_differs, for the membranes of `a` that are stiff; their order does not matter. */
+/* Like region_key_that_differs, for the membranes of `a` that have a stiffness. The order of the membranes does not matter. */
 static const char *membrane_key_that_differs(const simulation_config *a, const simulation_config *b, char *text, size_t size) {
     for (int i = 0; i < a->membrane_count; i++) {
         const char *name = a->membranes[i].name;
@@ -305,8 +305,9 @@ static bool same_roi(const roi_config *a, const roi_config *b) {
 
 static const char *first_membrane(const simulation_config *c) { return c->membrane_count > 0 ? c->membranes[0].name : ""; }
 
-/* Returns the first key that differs among those on which the mesh, stiffness or inverse depends; NULL if none differs. `text` has room for a key. A
-   condensed inverse covers the nodes near the first membrane and the probe, unless the scene specifies a region. */
+/* Returns the first differing key among those that affect the mesh, stiffness or inverse; NULL if none differs. `text` is a buffer for the key. The inverse
+   depends on the probe's surface and the first membrane: a condensed inverse covers that surface and, unless the scene specifies a region of interest, the
+   nodes near that membrane. */
 static const char *stiffness_key_that_differs(const simulation_config *a, const simulation_config *b, char *text, size_t size) {
     const char *of_material = region_key_that_differs(a, b, text, size);
     if (!of_material) of_material = membrane_key_that_differs(a, b, text, size);
@@ -350,7 +351,7 @@ trocar_status model_parts_derive(const model_parts *base, const simulation_confi
 
 bool same_elasticity(const simulation_config *a, const simulation_config *b) {
     double *of_a[MAX_MODULI], *of_b[MAX_MODULI];
-    int count = simulation_moduli((simulation_config *)a, of_a); /* only read here */
+    int count = simulation_moduli((simulation_config *)a, of_a); /* the cast is safe: the moduli are only read */
     simulation_moduli((simulation_config *)b, of_b);
     for (int i = 0; i < count; i++)
         if (*of_a[i] != *of_b[i]) return false;

@@ -7,7 +7,7 @@
 
 typedef struct {
     simulation_config config;
-    bool shares;                        /* the mesh belongs to another model, which frees it; unless `stiffened`, so do tissue and inverse */
+    bool shares;                        /* the mesh belongs to another model, which frees it; so do the tissue and inverse, unless `stiffened` */
     bool stiffened;                     /* tissue and inverse are this model's own, although the mesh is shared */
     mesh mesh;
     region_material materials[MESH_MAX_GROUPS];
@@ -42,9 +42,9 @@ trocar_status model_parts_stiffen(const model_parts *base, const simulation_conf
 
 void model_parts_free(model_parts *s);
 
-/* Computes the displacements (m) of the nominal nodes (node_count) and of the nodes of insertion_refinement() (MAX_CONTACTS). `scratch` has
-   model_parts_field_scratch() entries; each thread needs its own array. On entry, `nominal` holds the nodal forces (N) of all other loads on the tissue.
-   Does not allocate memory; not for the haptic thread. */
+/* Computes the displacements (m) of the mesh's nodes (`nominal`, node_count entries) and of the contact nodes as listed by insertion_refinement() (`added`,
+   MAX_CONTACTS entries). On entry, `nominal` holds the nodal forces (N) of all other loads on the tissue. `scratch` has model_parts_field_scratch() entries;
+   each thread needs its own. Does not allocate memory; not for the haptic thread. */
 size_t model_parts_field_scratch(const model_parts *s);
 void model_parts_field(const model_parts *s, inverse *inv, const insertion_state *state, vec3 *scratch, vec3 *nominal, vec3 *added);
 

@@ -6,7 +6,7 @@
 
 static const double MOST_BOW = 0.01; /* needle lengths: maximum bow that a scene may specify; with a larger one, the needle would be visibly bent and the
                                         distance from base to tip shorter than its length. Chosen by judgement */
-static const double FARTHEST = 2.0; /* steps: ratio of a step's duration to that of the last one above which the shape is not extrapolated. Chosen by
+static const double FARTHEST = 2.0; /* steps: ratio of a step's duration to the previous step's, above which the shape is not extrapolated. Chosen by
                                        judgement */
 
 /* Slope (m/m) of a segment of the unloaded needle relative to the axis, for the bow y = bow L (1 - cos(2 pi s / L)) / 2. At base and tip, the needle is on
@@ -100,10 +100,10 @@ typedef struct {
     double fraction;
 } tangent_turn;
 
-/* Finds the weights of the three joints for a point at this arc. */
+/* Finds the three joints that determine the point at this arc, and their weights. Returns the point's tangent. */
 static tangent_turn weigh_joints(const needle_model *model, double arc, needle_point *p) {
     int n = model->given.segments;
-    double s = arc / model->segment_length; /* position in segments from the base */
+    double s = arc / model->segment_length; /* distance from the base, in segments */
     s = smaller_of(larger_of(s, 0.0), n);
     int joint = (int)(s + 0.5);                        /* joint nearest to the point: the middle control point */
     if (joint < 1 || joint > n - 1) {                  /* the first and last half segments are straight */
@@ -114,7 +114,7 @@ static tangent_turn weigh_joints(const needle_model *model, double arc, needle_p
         p->weights[k - p->first + 1] = s - k;
         return (tangent_turn){k, k, 0.0};
     }
-    double f = s + 0.5 - joint;                        /* position between the middle of one segment and the middle of the next */
+    double f = s + 0.5 - joint;                        /* position (0 to 1) from the middle of one segment to the middle of the next */
     p->first = joint - 1;
     p->weights[0] = 0.5 * (1.0 - f) * (1.0 - f);
     p->weights[1] = 0.5 + f - f * f;

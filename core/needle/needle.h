@@ -10,14 +10,14 @@
 /* Computes the model from its parameters. BAD_INPUT for values out of range; NO_MEMORY. Nothing needs to be freed. */
 trocar_status needle_create(const needle_parameters *given, needle_model *model, trocar_error *why);
 
-/* Makes the needle straight and unloaded, with its base at `base`. RT */
+/* Gives the needle its unloaded shape, which is straight except for its bow, with its base at `base`. RT */
 void needle_set_straight(const needle_model *model, pose base, needle_state *state);
 
 /* Position (m) of the end of a straight needle with this base. RT */
 static inline vec3 needle_straight_end(const needle_model *model, pose base) { return v3_axpy(model->given.length, q_axis(base.orientation), base.position); }
 
-/* Moves the base. The joints move with it. Each segment rotates about its own axis by the base's rotation about the needle's axis; the directions of the
-   axes do not change until the next solve. RT */
+/* Moves the base, and the joints with it. Each segment rotates about its own axis by as much as the base rotates about the needle's axis; the directions of
+   the axes do not change until the next solve. RT */
 void needle_move_base(const needle_model *model, pose base, needle_state *state);
 
 /* needle_at returns the point on the centreline at this arc (m); needle_locate finds several points, *points[0] to *points[count - 1]. RT */
@@ -44,8 +44,8 @@ static inline vec3 needle_joint_moved(const needle_tangent *tangent, int joint, 
 /* Moves the needle to the linearised equilibrium under `load`. Returns the largest rotation of a segment (rad). RT */
 double needle_advance(const needle_model *model, const needle_tangent *tangent, const vec3 *load, needle_state *state);
 
-/* needle_motion_of: computes the change in shape from `before` to `after`, which took `dt` seconds. needle_extrapolate: extrapolates the shape by `dt`; if
-   it cannot, returns false without changing the shape. RT */
+/* needle_motion_of computes the change in shape from `before` to `after`, which took `dt` seconds. needle_extrapolate extrapolates the shape by `dt` seconds;
+   if it cannot, it returns false and leaves the shape unchanged. RT */
 void needle_motion_of(const needle_model *model, const needle_state *before, const needle_state *after, double dt, needle_motion *motion);
 bool needle_extrapolate(const needle_model *model, const needle_motion *motion, double dt, needle_state *state);
 

@@ -1,4 +1,4 @@
-/* The needle's parameters, its state, a point on its centreline, and its tangent. */
+/* The needle's parameters, its state, a point on its centreline, and its linearisation. */
 #ifndef TROCAR_NEEDLE_MODEL_H
 #define TROCAR_NEEDLE_MODEL_H
 
@@ -8,7 +8,7 @@
 enum {
     NEEDLE_MAX_SEGMENTS = 64,
     NEEDLE_LD = (NEEDLE_MAX_SEGMENTS / 4 + 1) * 12, /* three columns for each joint, padded to whole blocks of four joints */
-    NEEDLE_PLACES = NEEDLE_MAX_SEGMENTS + 4, /* room for whole vectors of segments, and for joints beyond them */
+    NEEDLE_PLACES = NEEDLE_MAX_SEGMENTS + 4, /* room for whole SIMD vectors of segments, and for the joint after the last segment */
     NEEDLE_POINT_JOINTS = 3,                /* number of joints that determine a point on the centreline */
 };
 
@@ -18,7 +18,7 @@ typedef struct {
     double inner_diameter;   /* m */
     double youngs_modulus;   /* Pa */
     double poisson_ratio;
-    double bow;              /* distance of the middle from the line between base and tip, toward local +y, divided by the length */
+    double bow;              /* distance of the needle's middle from the line between base and tip, toward local +y, divided by the length */
     double bevel_slope;      /* lateral displacement per axial displacement while cutting, away from the bevel's face (toward local -y) */
     int segments;            /* 2..NEEDLE_MAX_SEGMENTS */
 } needle_parameters;
@@ -53,12 +53,12 @@ typedef struct {
     mat3 frame;              /* columns: normal 1 (near local x), normal 2 (near local y), tangent */
 } needle_point;
 
-/* Components of segments or joints, stored so that four are computed at once. Components of symmetric matrices: xx, xy, xz, yy, yz, zz. */
+/* Vectors or matrices of segments or joints, stored by component so that four are computed at once. Symmetric matrices: xx, xy, xz, yy, yz, zz. */
 typedef struct { double at[3][NEEDLE_PLACES]; } vector_series;
 typedef struct { double at[6][NEEDLE_PLACES]; } symmetric_series;
 typedef struct { double at[9][NEEDLE_PLACES]; } matrix_series;
 
-/* Tangent at the current shape (scratch memory of one Newton iteration). */
+/* Linearisation at the current shape (scratch memory of one Newton iteration). */
 typedef struct {
     int unstable;                               /* number of negative eigenvalues of the tangent stiffness: the number of buckling modes of the unsupported
                                                    needle under these loads */

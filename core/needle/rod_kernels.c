@@ -23,7 +23,7 @@ static inline vec3 vector_at(const vector_series *from, int k) { return v3(from-
 
 static inline quat_simd4 frames_at(const rod_frames *of, int segment) { return ql_load(&of->base_and_segments[1 + segment]); }
 
-/* Vectors along segments k to k + 3: length times axis. */
+/* Returns the vectors along segments k to k + 3: length times axis. */
 static inline vec3_simd4 arms_of(const needle_model *model, const rod_frames *of, int k) {
     return v3l_scale(simd4_all(model->segment_length), ql_axis(frames_at(of, k)));
 }
@@ -75,9 +75,9 @@ static mat3_simd4 inverse_right_jacobian(vec3_simd4 w, simd4 c) {
 
 /* Computes the spatial moments of joints k to k + 3, and their (symmetric) stiffness against the relative spatial rotation of the adjacent segments. With
    equal stiffness b in all directions, the energy b |w|^2 / 2 gives the moment b w and, to second order in a rotation, the stiffness b (I + c [w]x^2): the
-   sum of J^T J and the curvature of the logarithm, (1/4 - c) [w]x^2 - c^2 [w]x^4. Torsion differs from bending by (t - b) w_z^2 / 2; its stiffness follows
-   from the rate of w_z. The change of this rate would add a term proportional to w_z, which no load causes. The second-order terms matter: with a tangent
-   whose error is of second order in w, the iteration does not converge if a bowed needle is nearly free to rotate about its axis. */
+   sum of J^T J and the curvature of the logarithm, (1/4 - c) [w]x^2 - c^2 [w]x^4. Torsion, with stiffness t, adds the energy (t - b) w_z^2 / 2; its stiffness
+   follows from the rate of w_z. The derivative of this rate would add a term proportional to w_z; it is omitted, because no load twists the rod. The
+   second-order terms matter: without them, the iteration does not converge if a bowed needle is nearly free to rotate about its axis. */
 static vec3_simd4 joint_moments(const needle_model *model, const rod_frames *of, int k, simd4 stiffness[6]) {
     simd4 bending = joint_stiffness(model, model->bending, k), more = joint_stiffness(model, model->torsion, k) - bending;
     vec3_simd4 w = joint_curvature(of, k);
@@ -161,13 +161,15 @@ static void assemble_chain(const needle_model *model, const needle_state *state,
     }
 }
 
-/* Number of negative eigenvalues of a symmetric matrix, which is the number of sign changes in the sequence of its leading minors (Jacobi). */
+/* Returns the number of negative eigenvalues of a symmetric 3 x 3 matrix with these leading principal minors: the number of sign changes in the sequence of 1
+   and the minors (Jacobi). */
 static int negative_eigenvalues(double first, double second, double third) {
     return (first < 0.0) + ((first < 0.0) != (second < 0.0)) + ((second < 0.0) != (third < 0.0));
 }
 
 /* Factorises the tangent stiffness as block L D L^T, from base to tip. D may be indefinite: needle and tissue together may be stable even if the needle
-   alone would buckle. Each block depends on the previous one; the adjugate is multiplied while the division by the determinant is in progress. */
+   alone would buckle. Each block depends on the previous one; to shorten this chain, the adjugate is multiplied while the division by the determinant is
+   still in progress. */
 static void factor_tangent(int n, const rod_chain *chain, needle_tangent *tangent) {
     symmetric_series *adjugate = &tangent->pivot_inverse;
     double inverse_determinant[NEEDLE_PLACES], carried[6] = {0.0};
@@ -218,7 +220,7 @@ static inline row_matrix pivot_inverse_at(const needle_tangent *tangent, int k) 
     return m;
 }
 
-/* Moments that cancel the joints' moments if there is no load, for segments k to k + 3. */
+/* Returns the moments on segments k to k + 3 that cancel the joints' moments, as if there were no load. */
 static inline vec3_simd4 released_moments(const vector_series *moments, int k) {
     return v3l_sub(vectors_at(moments, k + 1), vectors_at(moments, k));
 }
@@ -338,7 +340,7 @@ static void sum_displacements(int n, int first, int last, const vector_series *a
 
 /* Computes the compliance between the joints from `first` on, and their displacement for zero load. */
 static void find_compliance(int n, int first, const rod_chain *chain, needle_tangent *tangent) {
-    int last = first > 1 ? first - 1 : 0; /* no joint that matters is before this segment */
+    int last = first > 1 ? first - 1 : 0; /* no joint of interest lies before this segment */
     vec3 turn[NEEDLE_MAX_SEGMENTS], *drift = tangent->drift;
     double sum[3][NEEDLE_LD] = {{0}};
     for (int a = 0; a < 3 && first == 0; a++)
@@ -388,7 +390,7 @@ double rod_advance(const needle_model *model, const needle_tangent *tangent, con
 
 /* ---- going on ------------------------------------------------------------------------------------------------------ */
 
-/* A fraction of a small rotation, to first order. */
+/* Returns this fraction of a small rotation, to first order. */
 static quat_simd4 part_of(quat_simd4 turn, simd4 fraction) {
     simd4 w = fraction * simd4_signs(turn.w); /* the sign selects the shorter rotation */
     return ql_unit((quat_simd4){simd4_all(1.0), w * turn.x, w * turn.y, w * turn.z});

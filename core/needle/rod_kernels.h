@@ -23,7 +23,7 @@ static inline void rod_copy_frames(int n, const needle_state *state, rod_frames 
 /* Length that joint k, which precedes segment k, represents in bending: half a segment for the joint at the base, one segment for all others. */
 static inline double rod_joint_length(const needle_model *model, int k) { return (k == 0 ? 0.5 : 1.0) * model->segment_length; }
 
-/* Rotates the segments and moves the joints accordingly. RT */
+/* Sets the orientations of the base and the segments, and moves the joints accordingly. RT */
 void rod_set_frames(const needle_model *model, const rod_frames *of, needle_state *state);
 
 /* Implementations of the functions with the same names in needle.h. RT */

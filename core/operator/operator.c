@@ -1,4 +1,4 @@
-/* trocar.h: the virtual operator. An operator is a list of steps, fixed when it is created; a step is repeated until what the operator sees ends it. */
+/* Implements trocar/operator.h, the virtual operator: a list of steps that is fixed at creation. Each step is repeated until what the operator sees ends it. */
 #include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
@@ -8,21 +8,21 @@
 #include "base/vec.h"
 
 static const double CLEAR = 0.005;      /* m, distance of the tip from the guide before insertion and after withdrawal */
-static const double PAUSE = 0.1;        /* s, rest before a needle is left and before a seed is dropped */
+static const double PAUSE = 0.1;        /* s, pause before a needle is left and before a seed is dropped */
 static const double FURTHER = 1e-3;     /* m, distance by which a needle is drawn back if the previous seed is still in it */
-static const int REPEATS = 20;          /* maximum number of times that a needle is drawn back because of such a seed */
-static const double AT_TARGET = 0.3e-3; /* m, largest distance between the tip and its target in the image that needs no correction */
-static const int CORRECTIONS = 5;       /* maximum number of correcting strokes towards a target, which the needle itself displaces */
+static const int REPEATS = 20;          /* maximum number of times that a needle is drawn back to release the previous seed */
+static const double AT_TARGET = 0.3e-3; /* m, distance between the tip and its target in the image below which the depth is not corrected */
+static const int CORRECTIONS = 5;       /* maximum number of corrective strokes toward a target, which moves because the needle displaces the tissue */
 
-/* Limits of a needle's speed relative to the mean, from peak speeds of hands: 40 to 280 mm/s, 123 mm/s on average. See docs/seeds.md. */
+/* Limits of a needle's speed relative to the mean, from peak hand speeds of 40 to 280 mm/s with a mean of 123 mm/s. See docs/seeds.md. */
 static const double SLOWEST = 0.040 / 0.123, FASTEST = 0.280 / 0.123;
 static const trocar_operator_options PUBLISHED = {.follows_image = 1, .seed = 1, .image_error = 0.65e-3, .splay = 0.0104, .speed = 0.065, .speed_spread = 0.33};
 
-/* A place in the tissue at rest, half a seed behind a planned depth of the tip. */
+/* A point in the tissue at rest, half a seed length behind a planned tip position: the centre of a seed dropped there. */
 typedef struct {
     double depth;            /* m, planned depth of the tip */
     vec3 place;              /* m, mesh coordinates */
-    int32_t nodes[4];        /* corners of the tetrahedron that contains the place */
+    int32_t nodes[4];        /* corners of the tetrahedron that contains the point */
     double weights[4];
 } target;
 
@@ -30,10 +30,10 @@ typedef struct {
     vec3 entry, axis;        /* the planned axis */
     quat orientation;        /* orientation of the needle, including its tilt */
     vec3 pivot, tilted;      /* a point on the tilted axis, m, and the unit vector along it */
-    double pivot_depth;      /* m, depth of a tip at the pivot */
+    double pivot_depth;      /* m, depth of the tip when it is at the pivot */
     double image_error;      /* m, image error along the axis */
     double speed;            /* m/s */
-    int first, seeds;        /* index of its first target, which is the full depth, and number of its seeds, whose targets follow */
+    int first, seeds;        /* first: index of the target at full depth; seeds: number of seeds, whose targets follow it */
 } handled;
 
 typedef enum { START, INSERT, LEAVE, TAKE, DRAW_BACK, DROP, WITHDRAW, FINISHED } step_kind;
@@ -46,8 +46,8 @@ struct trocar_operator {
     bool follows_image;
     double needle_length, half_seed; /* m */
     int needle_count, step_count, seed_count;
-    int at, actions;         /* current step, and number of actions that were chosen in it */
-    trocar_operator_sight sight; /* what the operator saw last; `displacements` is valid only during a call of trocar_operator_next */
+    int at, actions;         /* current step, and number of actions chosen in it so far */
+    trocar_operator_sight sight; /* what the operator saw last; `displacements` is valid only during a call to trocar_operator_next */
     handled needles[TROCAR_MAX_NEEDLES];
     target targets[TROCAR_MAX_NEEDLES + TROCAR_MAX_SEEDS];
     step steps[6 * TROCAR_MAX_NEEDLES + 2 * TROCAR_MAX_SEEDS + 1];
@@ -68,14 +68,14 @@ static uint64_t next_bits(uint64_t *state) {
     return z ^ (z >> 31);
 }
 
-/* Returns a standard normal number (Box and Muller 1958). */
+/* Returns a standard normal deviate (Box and Muller 1958). */
 static double normal(uint64_t *state) {
     double u = (double)((next_bits(state) >> 11) + 1) * 0x1p-53, v = (double)(next_bits(state) >> 11) * 0x1p-53;
     return sqrt(-2.0 * log(u)) * cos(2.0 * 3.14159265358979323846 * v);
 }
 
-/* Tilts the needle about the middle of its hole, at most until it touches the edges on both faces. The angles (rad) are about the axes of a frame that depends
-   on the needle's axis only. */
+/* Tilts the needle about the middle of its hole by the angles x and y (rad), at most until it touches the hole's edges on both faces of the guide. The angles
+   are about two axes across the needle that depend only on its direction. */
 static void tilt(const trocar_model *model, int index, double x, double y, handled *n) {
     double most = INFINITY, thickness = 0.0;
     if (index >= 0) {
@@ -165,7 +165,7 @@ static void plan_withdrawal(trocar_operator *op, int needle) {
     add_step(op, WITHDRAW, needle, 0);
 }
 
-/* Applies a function to all needles with seeds, or to all stabilising needles. */
+/* Calls `plan` for all needles with seeds or, if `with_seeds` is false, for all stabilising needles, which have none. */
 static void for_needles(trocar_operator *op, bool with_seeds, void (*plan)(trocar_operator *, int)) {
     for (int i = 0; i < op->needle_count; i++)
         if (with_seeds == (op->needles[i].seeds > 0)) plan(op, i);
@@ -189,7 +189,7 @@ static trocar_status fill(trocar_operator *op, const trocar_model *model, const 
     for_needles(op, true, plan_withdrawal);
     for_needles(op, false, plan_withdrawal);
     add_step(op, FINISHED, 0, 0);
-    op->seed_count = 0; /* from now on, the number of seeds that were dropped */
+    op->seed_count = 0; /* from now on, the number of seeds dropped */
     return status;
 }
 
@@ -254,14 +254,14 @@ static bool move(const trocar_operator *op, const handled *n, double depth, doub
     return true;
 }
 
-/* Moves the tip to a target, and corrects its depth while it is off the target in the image. */
+/* Moves the tip to a target, and corrects its depth while the image shows it off the target. */
 static bool approach(const trocar_operator *op, const handled *n, const target *t, trocar_operator_action *action) {
     double depth = wanted_depth(op, n, t);
     bool off = op->follows_image && op->actions <= CORRECTIONS && fabs(depth - op->sight.depth) > AT_TARGET;
     return (op->actions == 0 || off) && move(op, n, depth, PAUSE, action);
 }
 
-/* Draws the needle back to the place of a seed. The needle rests if the image shows that it is already there, except that the first seed may be deeper. */
+/* Draws the needle back to the target of a seed. If the tip is already there or behind it, the needle rests; only for the first seed is it pushed forward. */
 static bool draw_back(trocar_operator *op, const handled *n, int number, trocar_operator_action *action) {
     const target *t = &op->targets[n->first + 1 + number];
     if (op->actions > 0 || number == 0 || wanted_depth(op, n, t) < op->sight.depth) return approach(op, n, t, action);
@@ -284,7 +284,7 @@ static void record_seed(trocar_operator *op, const step *s) {
     store_vec3(v3_sub(v3_axpy(centre - n->pivot_depth, n->tilted, n->pivot), straight), seed->splay);
 }
 
-/* Drops a seed: every other action draws the needle back if the previous seed is still in it. */
+/* Drops a seed. If this was refused because the previous seed is still in the needle, draws the needle back before the next attempt. */
 static bool drop(trocar_operator *op, const step *s, trocar_operator_action *action) {
     bool dropped = op->actions % 2 == 1;
     if (dropped && op->sight.refused) return move(op, &op->needles[s->needle], op->sight.depth - FURTHER, 0.0, action);

@@ -7,29 +7,29 @@
 #include "snapshot/free_displacement.h"
 
 enum { LD = 3 * MAX_PRESSED };
-enum { MOST_ITERATIONS = 50 }; /* iterations: maximum number of Newton iterations per solution; the next solution continues from the last iteration. Effort
+enum { MOST_ITERATIONS = 50 }; /* iterations: maximum number of Newton iterations per solve; the next solve continues from the last iterate. Effort
                                   limit */
-enum { MOST_STOPS = 4 }; /* steps: maximum number of secant steps to find where the probe stops; after these steps, the probe stays at the pose of the last
-                            step. Effort limit */
+enum { MOST_STOPS = 4 }; /* steps: maximum number of secant steps to find where the probe stops; the last of them leaves the probe at the pose that it had
+                            before. Effort limit */
 static const double REACH = 0.5; /* probe radii: distance within which points are candidates for contact. Chosen: twice the probe's largest step */
-static const double LOADED_REACH = 3.0; /* probe radii: distance within which points are candidates for contact in tissue that needles may push onto the
+static const double LOADED_REACH = 3.0; /* probe radii: distance within which points are candidates for contact if needles may push tissue toward the
                                            probe. Chosen: three times the largest displacement, 0.9 radii, in 200 random motions (verify_probe_motions) */
-static const double BRIDGE = 1.0 - M_SQRT1_2; /* probe radii, below 1: depth inside the probe of the midpoint of an edge whose ends touch the probe at
-                                                 positions a right angle apart. Beyond this depth, the edge no longer follows the wall around the probe,
-                                                 and the probe would pass between the edge's ends. Derived for that angle, which is chosen; force and field
-                                                 are within 1.8 % of another program's (verify_probe) */
-static const double LONG_EDGE = 0.5; /* probe radii: length of edges below which their midpoints are never pressed, because such edges would have to
-                                        stretch to nearly three times their length to reach the depth BRIDGE. Derived for that depth */
+static const double BRIDGE = 1.0 - M_SQRT1_2; /* probe radii, below 1: depth inside the probe of the midpoint of an edge whose ends touch the probe 90
+                                                 degrees apart. Beyond this depth, the edge no longer follows the wall around the probe, and the probe
+                                                 would pass between the edge's ends. Derived for that angle, which is chosen; force and field are within
+                                                 1.8 % of another program's (verify_probe) */
+static const double LONG_EDGE = 0.5; /* probe radii: edge length below which midpoints are never pressed, because such an edge would have to stretch to
+                                        nearly three times its length to reach the depth BRIDGE. Derived for that depth */
 static const double STEP = 0.25; /* probe radii: largest step of the probe, so that the closest points on its surface move little. Chosen by judgement */
-static const double CATCHING_UP = 0.3; /* m/s: speed at which a stopped probe follows the newest pose once the tissue yields; a jump would be a jolt to the hands.
+static const double CATCHING_UP = 0.3; /* m/s: speed at which a stopped probe follows the newest pose once the tissue yields; a jump would jolt the hand.
                                           Chosen: as fast as a hand inserts a needle */
 static const double CONVERGED = 1e-9; /* m: largest change in a node's position in an iteration that counts as converged. Rounding tolerance */
 static const double PENETRATION = 1e-12; /* m: penetration up to which a node still counts as outside. Rounding tolerance */
-static const double TURNED = 0.02; /* rad: change in a normal above which the node is attached again, along the new normal. Effort limit */
+static const double TURNED = 0.02; /* rad: change in a normal above which the point is attached again, along the new normal. Effort limit */
 static const double NOTICEABLE = 1e-5; /* N: smallest change in a force for which a new answer is published. Effort limit */
 static const double STOPPED = 1e-3; /* fraction: margin below max_force, as a fraction of it, within which the probe stops. Chosen by judgement */
 static const double EDGE_COMPLIANCE = 1e-4; /* fraction: part of an edge's own compliance that is added to its diagonal entry, because the forces on an
-                                               edge and on its ends would otherwise not be independent. Chosen by judgement */
+                                               edge and on its ends would otherwise be linearly dependent. Chosen by judgement */
 
 typedef struct probe_scratch {
     vec3 free_u[MAX_PRESSED], u[MAX_PRESSED], load[MAX_PRESSED]; /* for the near nodes: displacement (m) without and with the probe, and load (N) */
@@ -39,7 +39,7 @@ typedef struct probe_scratch {
     int chosen[MAX_PRESSED];                                     /* candidates that are part of the complementarity problem */
     double matrix[MAX_PRESSED * MAX_PRESSED], right[MAX_PRESSED], z[MAX_PRESSED], pivoting[MAX_PRESSED * (MAX_PRESSED + 2)];
     int nodes[2 * MAX_PRESSED];
-    vec3 now[MAX_PRESSED], unloaded[MAX_PRESSED], pressed[MAX_PRESSED]; /* N, forces on `nodes`: current, without held needles, at their last ticks */
+    vec3 now[MAX_PRESSED], unloaded[MAX_PRESSED], pressed[MAX_PRESSED]; /* N, forces on `nodes`: now; without held needles; at the needles' last ticks */
     vec3 point_force[MAX_PRESSED];                                      /* N, forces on the pressed points */
     unit_force unit[MAX_PRESSED];                                       /* unit forces on the chosen candidates */
     double response[MAX_PRESSED], none[1], attached[MAX_PRESSED * MAX_PRESSED];
@@ -60,7 +60,7 @@ static int compare_edges(const void *a, const void *b) {
     return x[0] != y[0] ? compare_nodes(x, y) : compare_nodes(x + 1, y + 1);
 }
 
-/* Lists the long edges of the surface's triangles that can move: two nodes in ascending order, and a tetrahedron. Returns NULL if there is no memory. */
+/* Lists the surface's long edges that can move, each as two nodes in ascending order and a tetrahedron at the edge. Returns NULL if memory runs out. */
 static int (*list_edges(const probe *p, int surface, int *count))[3] {
     const mesh *m = mesh_of(p);
     int most = 0;
@@ -174,7 +174,7 @@ static int compare_gaps(const void *a, const void *b) {
     return x[0] < y[0] ? -1 : x[0] > y[0] ? 1 : (x[1] > y[1]) - (x[1] < y[1]);
 }
 
-/* Chooses the pressed points and then the closest other points, until there is no room for more points or their ends. */
+/* Chooses the candidates: the pressed points and then the closest other points, until there is no room for more points or their ends. */
 static void choose_closest(probe *p, double (*gaps)[2]) {
     int before[MAX_PRESSED], near_before = p->near_count;
     memcpy(before, p->near, sizeof before);
@@ -201,20 +201,20 @@ static void choose_closest(probe *p, double (*gaps)[2]) {
         }
 }
 
-/* True if the probe may touch this point, which other loads may push toward it. */
+/* True if the probe may touch this point, given that other loads may push the tissue toward it. */
 static bool in_reach(const probe *p, pose base, int point, const double *attached) {
     double reach = p->support.node_count > 0 || attached ? LOADED_REACH : REACH;
     return gap_at_rest(p, base, point) < reach * p->shape.radius;
 }
 
-/* True if the probe can touch no point. */
+/* True if no point is within the probe's reach. */
 static bool is_far(const probe *p, pose base, const double *attached) {
     for (int i = 0; i < p->point_count; i++)
         if (in_reach(p, base, i, attached)) return false;
     return true;
 }
 
-/* Chooses the points again, unless all points that the probe may touch are already listed. */
+/* Chooses the candidates again, unless all points that the probe may touch are already among them. */
 static trocar_status list_near(probe *p, pose base, const double *attached, trocar_error *why) {
     bool listed = p->near_count > 0;
     for (int i = 0; i < p->point_count && listed; i++) listed = !in_reach(p, base, i, attached) || find(i, p->candidate_count, p->candidates) >= 0;
@@ -475,7 +475,7 @@ static trocar_status find_free_forces(probe *p, bool changed, trocar_error *why)
     return TROCAR_OK;
 }
 
-/* Prepares the supports. In a needle's last tick, the pressed points were attached to the probe, so their forces were the free forces plus the response of the
+/* Prepares the support. In a needle's last tick, the pressed points were attached to the probe, so their forces were the free forces plus the response of the
    attached points to the needle. */
 static trocar_status prepare_support(probe *p, const needle_holds *holds, bool stale, trocar_error *why) {
     probe_scratch *s = p->scratch;
@@ -534,8 +534,8 @@ static trocar_status press_at(probe *p, pose at, const double *attached, bool *f
     return status;
 }
 
-/* Places the probe directly at a pose that it has not reached in steps, unless its axis or its force would not allow this; in that case, the probe stays
-   where it was. */
+/* Places the probe directly at a pose, without intermediate steps. If its axis would then intersect the tissue at rest, or its force exceed the limit, the
+   probe stays where it was. */
 static trocar_status put_in(probe *p, pose base, const double *attached, bool *free, bool *changed, trocar_error *why) {
     double force = 0.0;
     trocar_status status = TROCAR_OK;
@@ -572,8 +572,8 @@ static trocar_status press(probe *p, pose base, double elapsed, const other_load
     else
         for (int i = 1; i <= steps && status == TROCAR_OK && free; i++)
             status = press_at(p, i < steps ? pose_between(from, base, (double)i / steps) : base, attached, &free, &changed, why);
-    p->state.stopped = (!free && (direct || way > 0.0)) || catches_up; /* a probe that has reached its pose does not count as stopped if a needle raises its
-                                                                          force */
+    p->state.stopped = (!free && (direct || way > 0.0)) || catches_up; /* a probe that has reached its pose does not count as stopped just because a
+                                                                          needle raises its force */
     if (status == TROCAR_OK && changed) status = attach(p, why);
     return status == TROCAR_OK ? find_free_forces(p, changed, why) : status;
 }

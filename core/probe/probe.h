@@ -1,4 +1,4 @@
-/* A rigid probe that presses a named surface of the mesh: unilateral contact without friction at the surface's nodes and at the midpoints of its long
+/* A rigid probe that presses on a named surface of the mesh: frictionless unilateral contact at the surface's nodes and at the midpoints of its long
    edges. See docs/mechanics.md, "Probe". Called by the worker; not thread-safe. */
 #ifndef TROCAR_PROBE_H
 #define TROCAR_PROBE_H
@@ -9,12 +9,12 @@
 enum { MAX_PRESSED = 256 };  /* maximum number of nodes, and of points, that can be pressed; on a larger surface, only those closest to the probe are
                                 considered */
 
-/* A material point of the surface: a node, or the midpoint of an edge, whose displacement is the mean of those of the edge's ends. */
+/* A material point of the surface: a node, or the midpoint of an edge, whose displacement is the mean of its ends' displacements. */
 typedef struct {
     vec3 rest;               /* m, position in the undeformed tissue */
     int ends[2];             /* indices in `surface`; -1 if there is none, or if it is fixed */
     double weight;           /* weight of each end: 1 for a node, 1/2 for an edge */
-    double slack;            /* m, depth inside the probe that is permitted; 0 for a node */
+    double slack;            /* m, permitted depth inside the probe; 0 for a node */
     int tet;                 /* a nominal element that contains the point */
     double weights[4];       /* barycentric weights of the point in that element */
 } surface_point;
@@ -31,7 +31,7 @@ typedef struct {
 /* The mutable state. Plain data. */
 typedef struct {
     bool placed;             /* false if the probe has no pose yet */
-    bool stopped;            /* true if the tissue stopped the probe before the requested pose, and until the probe has caught up with that pose */
+    bool stopped;            /* true from when the tissue stops the probe short of the requested pose until the probe has caught up with it */
     pose base;               /* current pose */
     vec3 wrench_force, wrench_torque; /* force (N) and torque (N m) about the base, exerted on the hand that holds the probe */
     int count;
@@ -47,12 +47,12 @@ typedef struct {
     int point_count;
     surface_point *points;   /* points of the surface: first the nodes, in the same order as `surface` */
     probe_state state;
-    uint64_t changes;        /* number of changes of the attached set */
-    uint64_t shifts;         /* number of changes of the free forces */
+    uint64_t changes;        /* number of changes to the set of attached points */
+    uint64_t shifts;         /* number of changes to the free forces */
     uint64_t last_attached;  /* id of the last attachment */
     int attached_count;      /* number of attached points */
     int near_count, near[MAX_PRESSED]; /* nodes that can be pressed, in ascending order */
-    double *compliance;      /* m/N, compliance between the nodes in `near`, 3 near_count square, row-major; reused as long as it is valid */
+    double *compliance;      /* m/N, compliance between the nodes in `near`: square, 3 near_count rows, row-major; reused as long as it is valid */
     bool compliance_known;
     int candidate_count, candidates[MAX_PRESSED]; /* points that can be pressed, in ascending order; all their ends are in `near` */
     nodal_forces now, unloaded; /* nodal forces of the pressed points, from `force` and from `free_force` */
@@ -60,7 +60,7 @@ typedef struct {
     struct probe_scratch *scratch;
 } probe;
 
-/* Creates a probe that presses surface number `surface` of the mesh. `max_force` (N): force at which the probe is stopped. `beneath` must outlive the
+/* Creates a probe that presses on the mesh's surface group `surface`. `max_force` (N): force at which the probe stops. `beneath` must outlive the
    probe. BAD_INPUT if all nodes of the surface are fixed. */
 trocar_status probe_create(inverse *beneath, const probe_shape *shape, int surface, double max_force, probe **created, trocar_error *why);
 void probe_free(probe *p);

@@ -86,8 +86,7 @@ static void list_rows(support *s, const needle_holds *holds) {
         }
 }
 
-/* Interpolates nodal values at a row, along its direction. The three components at node k are values[3 k stride], and `stride` and 2 `stride` entries after
-   it. */
+/* Interpolates nodal values at a row, along its direction. Component a of the value at node k is values[(3 k + a) stride]. */
 static double at_row(const supporting_row *row, const double *values, size_t stride) {
     double sum = 0.0;
     for (int c = 0; c < 4; c++) {
@@ -112,7 +111,7 @@ static trocar_status find_compliance(support *s, int count, const int *nodes, do
     return status;
 }
 
-/* Adds the needles' own compliances, which form diagonal blocks, because needles are coupled only through the tissue. */
+/* Adds the needles' own compliances. They form diagonal blocks, because needles are coupled only through the tissue. */
 static void add_needles(support *s, const needle_holds *holds) {
     size_t ld = (size_t)s->row_count, first = 0;
     for (int n = 0; n < holds->count; n++) {

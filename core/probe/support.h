@@ -30,23 +30,23 @@ typedef struct {
     double *responses;       /* (C + G)^-1 times `reached`: reaction of the rows to a unit force on each of these nodes */
     double *blocks, *columns, *response; /* scratch. `blocks`: compliance between `nodes` and other nodes; `columns`: 2 `most` columns of row_count entries;
                                             `response`: one such column */
-    int node_room, row_room; /* numbers of nodes and of rows for which memory has been allocated */
+    int node_room, row_room; /* number of nodes and number of rows for which memory has been allocated */
 } support;
 
 void support_free(support *s);
 
-/* Lists the nodes on which held needles exert forces in `nodes`, and these forces in `force`. Nodes without a force at which the needles support the tissue are
-   listed as well. */
+/* Lists in `nodes` the nodes on which held needles exert forces, and in `force` these forces. Also lists the nodes at which the needles support the tissue
+   without exerting a force. */
 trocar_status support_list(support *s, const other_loads *others, const needle_holds *holds, trocar_error *why);
 
 /* Prepares the needles' response to the probe. `pressed`: the probe's forces at the needles' last ticks. Call support_list first. */
 trocar_status support_prepare(support *s, const needle_holds *holds, const nodal_forces *pressed, trocar_error *why);
 
-/* Prepares for forces of the probe on these nodes, the reached nodes, and adds to `u` the displacements (m) that the needles would cause at these nodes without
-   the probe. */
+/* Sets the reached nodes, on which the probe can exert forces, and adds to `u` the displacements (m) that the needles would cause at these nodes without the
+   probe. */
 trocar_status support_reach(support *s, int count, const int *nodes, vec3 *u, trocar_error *why);
 
-/* Adds to the displacements `u` (m) of the reached nodes the effect of the needles' response to the probe's forces `load` (N) on these nodes. */
+/* Adds the effect of the needles' response to the probe's forces `load` (N) to the displacements `u` (m). Both arrays have an entry for each reached node. */
 void support_displace(const support *s, const vec3 *load, vec3 *u);
 
 /* A unit force of the probe on a point, divided between reached nodes. */

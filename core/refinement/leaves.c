@@ -38,7 +38,7 @@ static int split_leaf(const leaf_point *at, int slot, int count, leaf leaves[MAX
     return place;
 }
 
-/* Returns the leaf that a node splits on one side; NULL if it splits none in element `tet`. */
+/* Returns the leaf that a node splits in element `tet` on this side (1: the far side of its face); NULL if there is none. */
 static const leaf_point *leaf_split(const added_node *node, int side, int tet) {
     if (node->moved >= 0 || (side == 0 ? node->tet : node->across_tet) != tet) return NULL;
     return side == 0 ? &node->at : &node->across;
@@ -112,7 +112,7 @@ static bool descend(const leaf_point *at, int slot, leaf_point *p) {
     return true;
 }
 
-/* Where nodes have moved, leaves no longer fill their parents. Returns the leaf in which x is deepest. */
+/* Returns the leaf in which x is deepest, by searching all of them: where nodes have moved, leaves no longer fill their parents. */
 static leaf_point search_leaves(const mesh *m, const refinement *r, int active, int tet, vec3 x) {
     leaf leaves[MAX_LEAVES];
     int count = leaves_of(m, r, active, tet, leaves);

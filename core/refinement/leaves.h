@@ -7,7 +7,7 @@
 
 enum {
     MAX_CONTACTS = 64,       /* maximum number of contact nodes at the same time */
-    MAX_PATCH = 48,          /* maximum number of nodes touched by one change of the mesh */
+    MAX_PATCH = 48,          /* maximum number of nodes touched by one change to the mesh */
     MAX_PATCH_LEAVES = 2 * (MAX_PATCH - 3), /* maximum number of leaves around a moved node: Euler's formula for the sphere of its neighbours */
     MAX_MOVED_PATCHES = 1024,   /* maximum number of nodes touched by all moves together */
     MAX_LEAVES = 1 + 3 * MAX_CONTACTS, /* maximum number of leaves in one nominal element */
@@ -34,8 +34,8 @@ typedef struct {
                                 direction means that it is not measured */
 } added_node;
 
-/* The contact nodes. Each keeps its slot and its id from addition to removal; a new node uses the lowest free slot. Each node splits or bends the mesh of
-   the nodes before it in `order`. In the functions below, "the first `active` nodes" are those at the front of `order`. */
+/* The contact nodes. Each keeps its slot and its id from addition to removal; a new node uses the lowest free slot. Each node splits or bends the mesh that
+   the nodes before it in `order` have produced. In the functions below, "the first `active` nodes" are those at the front of `order`. */
 typedef struct {
     int count;
     int order[MAX_CONTACTS];  /* slots in use, in order of addition */
@@ -57,8 +57,8 @@ vec3 refinement_position(const mesh *m, const refinement *r, int active, int cor
 /* Returns the leaf of nominal element `tet` that contains x, in the mesh with the first `active` contact nodes. RT */
 leaf_point refinement_locate(const mesh *m, const refinement *r, int active, int tet, vec3 x);
 
-/* Returns the nominal element that contains x when its corners are moved by the first `active` contact nodes, and the weights of these corners. The search
-   starts at `near`, the element that contains x nominally. RT */
+/* Returns the nominal element that contains x when the nodes that the first `active` contact nodes move are at their new positions, and the weights of its
+   corners. The search starts at `near`, the element that contains x in the nominal mesh. RT */
 int refinement_element(const mesh *m, const refinement *r, int active, int near, vec3 x, double weights[4]);
 
 /* Lists the leaves around nominal node `node`, which is a corner of element `start`. Returns their number, or -1 if there are more than MAX_PATCH_LEAVES. RT */
@@ -69,7 +69,7 @@ int refinement_around(const mesh *m, const refinement *r, int active, int node, 
 /* Lists all leaves of nominal element `tet` in the mesh with the first `active` contact nodes. Returns their number. RT */
 int leaves_of(const mesh *m, const refinement *r, int active, int tet, leaf leaves[MAX_LEAVES]);
 
-/* Positions of a leaf's corners, m. RT */
+/* Computes the positions (m) of a leaf's corners. RT */
 void leaf_positions(const mesh *m, const refinement *r, int active, const int corners[4], vec3 positions[4]);
 
 bool same_corners(const int a[4], const int b[4]);

@@ -74,7 +74,7 @@ static int split_place(const tissue *t, split_columns *s, int corner) {
     return s->count++;
 }
 
-/* Adds the columns that result from the leaves into which the node at x splits leaf `at`. */
+/* Adds the contributions of the leaves into which the node at x splits leaf `at`. */
 static void add_own_columns(const tissue *t, const refinement *r, int position, int tet, const leaf_point *at, vec3 x, split_columns *s) {
     double youngs_modulus, poisson_ratio;
     vec3 corners[4], gradients[4];

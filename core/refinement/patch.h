@@ -15,10 +15,10 @@ typedef struct {
     double change[MAX_RANK][MAX_RANK]; /* stiffness after minus before, N/m: [3 i + a][3 k + b], symmetric */
 } patch;
 
-/* Computes the change in stiffness caused by the contact node at place `position` of the order, in the mesh with all earlier nodes. `position` may be
-   r->count for a node in order[count] that is not counted yet. The stiffness of that mesh plus the change is the stiffness of the next mesh. Averaged
-   strains remain those of the nominal mesh, which is valid only for added nodes: moved nodes require STRAIN_BY_ELEMENT. Membranes do not change, because
-   nodes are added inside elements; tests that add nodes on faces of the nominal mesh or move its nodes have no membranes. */
+/* Computes the change in stiffness when the contact node order[position] is added to the mesh with all earlier nodes. `position` may be r->count, for a node
+   in order[count] that is not counted yet. Averaged strains remain those of the nominal mesh; this is valid only for added nodes, so moved nodes require
+   STRAIN_BY_ELEMENT. Membranes do not change, because nodes are added inside elements; tests that add nodes on faces of the nominal mesh or move its nodes
+   have no membranes. */
 void patch_create(const tissue *t, const refinement *r, int position, patch *p);
 
 /* The part of an added node's patch that belongs to the node itself: its coupling and its own stiffness. */

@@ -32,8 +32,8 @@ mat3 node_surplus(const tissue *t, const refinement *r, int position) {
 
 /* ---- displacements ------------------------------------------------------------------------------------------------- */
 
-/* Computes the displacements under forces on the nominal nodes, followed by those on the added nodes, without coupling between surpluses and old nodes.
-   This is exact if all added nodes are inside elements. `loads`: the resulting forces on the nominal mesh. */
+/* Computes the displacements under nodal forces, without coupling between surpluses and old nodes. The arrays list the nominal nodes first, then the added
+   ones. The result is exact if all added nodes are inside elements. `loads`: the resulting forces on the nominal mesh. */
 static void displace_uncoupled(inverse *inv, const refinement *r, const vec3 *force, vec3 *loads, vec3 *u) {
     const tissue *t = inverse_tissue(inv);
     const size_t n = (size_t)t->mesh->node_count;
@@ -60,7 +60,7 @@ static void displace_uncoupled(inverse *inv, const refinement *r, const vec3 *fo
     }
 }
 
-/* Adds the forces of all stiffness changes under the displacements u. */
+/* Adds the forces that all stiffness changes cause under the displacements u. */
 static void add_changes(const tissue *t, const refinement *r, const vec3 *u, vec3 *force) {
     const int n = t->mesh->node_count;
     for (int q = 0; q < r->count; q++) {
@@ -84,8 +84,8 @@ static void add_multiple(vec3 *to, double factor, const vec3 *what, size_t count
     for (size_t i = 0; i < count; i++) to[i] = v3_axpy(factor, what[i], to[i]);
 }
 
-/* Conjugate gradients (Hestenes and Stiefel 1952), preconditioned by displace_uncoupled. No product with the nominal stiffness is needed: its contribution
-   to the forces of a direction is equal to the loads that the preconditioner has computed. `force` becomes the residual. */
+/* Solves by conjugate gradients (Hestenes and Stiefel 1952), preconditioned by displace_uncoupled. No product with the nominal stiffness is needed: for a
+   search direction, that product is equal to the loads that the preconditioner has computed. `force` becomes the residual. */
 static void displace_coupled(inverse *inv, const refinement *r, vec3 *force, vec3 *u, vec3 *scratch) {
     enum { MOST = 100 };
     const tissue *t = inverse_tissue(inv);

@@ -13,16 +13,16 @@ typedef struct {
     vec3 *nominal, *added;
 } refined_vectors;
 
-/* Computes the displacements of the refined mesh under nodal forces (N to m); both may share the same memory. `scratch` is REFINED_FIELD_SCRATCH times as
-   large as both. Exact: if all added nodes are inside elements, the surplus is solved in closed form; with nodes on faces or moved nodes, conjugate
-   gradients need one inverse_apply per step. For display and export. */
+/* Computes the displacements (m) of the refined mesh under nodal forces (N); the two may share the same memory. `scratch` has REFINED_FIELD_SCRATCH entries
+   per node. The result is exact: if all added nodes are inside elements, the surpluses are solved in closed form; with nodes on faces or moved nodes,
+   conjugate gradients are used, with one inverse_apply per step. For display and export. */
 void refined_displacement(inverse *inv, const refinement *r, refined_vectors force, vec3 *scratch, refined_vectors displacement);
 
-/* Compliance d^-1 (m/N) of the hierarchical surplus of a node at this leaf point: the contribution of adding the node. */
+/* Compliance d^-1 (m/N) of the hierarchical surplus of a node at this leaf point, which is what adding the node contributes to the compliance there. */
 mat3 surplus_compliance(const tissue *t, const refinement *r, int tet, const leaf_point *at);
 
-/* Compliance (m/N) of the surplus of the added contact node at place `position` of the order; for a node on a face, as if the adjacent nodes were fixed.
-   `position` may be r->count, as in patch_create. */
+/* Compliance (m/N) of the surplus of the added contact node order[position]; for a node on a face, as if the adjacent nodes were fixed. `position` may be
+   r->count, as in patch_create. */
 mat3 node_surplus(const tissue *t, const refinement *r, int position);
 
 #endif

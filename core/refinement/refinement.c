@@ -24,7 +24,7 @@ static uint64_t slots_in_use(const refinement *r) {
     return used;
 }
 
-/* Puts the lowest free slot at the end of the order, where it is not counted yet. */
+/* Returns the lowest free slot, after writing it just past the end of `order`, where it is not counted yet. */
 static int take_slot(refinement *r) { return r->order[r->count] = __builtin_ctzll(~slots_in_use(r)); }
 
 static int append(const mesh *m, refinement *r, int tet, const leaf_point *at, uint64_t id) {
@@ -102,8 +102,8 @@ bool refinement_hangs_on(const added_node *node, uint64_t slots) {
     return node->moved < 0 && (touches(&node->at, slots) || (node->across_tet >= 0 && touches(&node->across, slots)));
 }
 
-/* Finds the leaf that now contains a node, in the mesh with the first `active` nodes. A node that was on a face of this leaf is on it only to rounding
-   accuracy. */
+/* Finds the leaf that now contains a node, in the mesh with the first `active` nodes. A node on a face of this leaf lies on it only to within rounding error,
+   so its weight there is set to exactly zero. */
 static void place_again(const mesh *m, const refinement *r, int active, added_node *node) {
     node->at = refinement_locate(m, r, active, node->tet, node->position);
     node->across_tet = -1;

@@ -14,7 +14,7 @@ enum {
 
 typedef struct {
     bool on_face;                         /* true if the node is on a face; its surplus is then coupled to the old nodes */
-    double weights[4];                    /* nominal weights: those of the corners of its nominal element */
+    double weights[4];                    /* nominal weights: barycentric weights of the corners of its nominal element */
     int nominal_count, nominal[REACHED];  /* number and indices of the nominal nodes that the surplus is coupled to, directly or through contact nodes */
     mat3 coupling[REACHED];               /* N/m, c_j at the nodes in `nominal` */
     mat3 chain[MAX_CONTACTS];             /* G_ij = S_i sum_touched F_i^T c_j, i < j */
@@ -26,7 +26,7 @@ typedef struct {
     bordering borders[MAX_CONTACTS];
     int extra_count, extra[MAX_EXTRA];  /* extra nodes needed for the current addition */
     double (*nominal)[NESTED_LD];         /* NESTED_LD rows, m/N: K^-1 between the places in use, [3 i + a][3 j + b] */
-    double (*factors)[3][NESTED_LD];      /* MAX_CONTACTS entries, m/N times N/m: F_j^T, where F_j(i) is at [j][b][3 i + a] */
+    double (*factors)[3][NESTED_LD];      /* MAX_CONTACTS entries, dimensionless: F_j^T, where F_j(i) is at [j][b][3 i + a] */
 } nested_remesher;
 
 /* nested_place returns the place of a coded node, or -1; nested_factor returns F_j at a place. */
@@ -48,7 +48,7 @@ void nested_interpolate(nested_remesher *r, int slot);
 /* Computes the rows of the inverse with the first `count` contact nodes, between the place of a nominal node and all handles: three rows, SNAPSHOT_LD apart. */
 void nested_inverse_rows(const nested_remesher *r, int count, int place, const column_ranges *columns, double *rows);
 
-/* Copies the rows of this place to the columns of a symmetric matrix, for the other places. */
+/* Copies the rows of `place` into its columns at the other `places` of a symmetric matrix. */
 void nested_mirror(double *matrix, int ld, int place, int count, const int *places);
 
 /* Adds F S F^T to the rows of the handles in use (sign 1), or subtracts it from them (sign -1). */

@@ -1,7 +1,8 @@
 /* Removal of a contact node on which no later one depends. The node is exchanged with the later nodes, one by one, until it is the last one, whose F S F^T can
-   be subtracted. With its factor X and surplus N during the exchanges, and v = sum_touched X^T c_k = y_k for the next node k,
+   be subtracted. Let X and N be its factor and surplus during the exchanges, and v = sum_touched X^T c_k = y_k for the next node k. Then
        F_k <- F_k - X N v, S_k <- (S_k^-1 + v^T N v)^-1, X <- X + F_k S_k v^T, N <- (N^-1 + v S_k v^T)^-1
-   (values before the exchange on the right-hand sides), and likewise G. Inside an element v is zero unless the later node depends on this one. */
+   with the values before the exchange on the right-hand sides; G changes likewise. For nodes inside elements, v is zero unless the later node depends on the
+   removed one. */
 #include "remesh/nested.h"
 
 static mat3 product3(const mat3 *a, const mat3 *b, const mat3 *c) {
@@ -9,7 +10,7 @@ static mat3 product3(const mat3 *a, const mat3 *b, const mat3 *c) {
     return m3_multiply(&ab, c);
 }
 
-/* (A^-1 + V^T B V)^-1 */
+/* Returns (A^-1 + V^T B V)^-1. */
 static mat3 inverse_sum(const mat3 *a, const mat3 *v, const mat3 *b) {
     mat3 transposed = m3_transposed(v), sum = m3_inverse(a), more = product3(&transposed, b, v);
     m3_add_scaled(&sum, 1.0, &more);
@@ -30,7 +31,7 @@ static void exchange_chains(nested_remesher *r, int position, const mat3 *v, con
     }
 }
 
-/* Uses rows of F^T in place of columns of F. */
+/* Updates F_k and the removed node's factor X, working on rows of F^T instead of columns of F. */
 static void exchange_factors(nested_remesher *r, int slot, int k, const mat3 *v, const mat3 *n) {
     column_ranges columns = nested_columns(r, -1);
     mat3 transposed = m3_transposed(v), lost = m3_multiply(n, v), gained = m3_multiply(&r->borders[k].surplus, &transposed);

@@ -1,7 +1,7 @@
 /* Rows of nested addition, many at a time. K^-1 and the factors F^T are stored between all places, so that an addition works on contiguous rows: a row of
    F_j is a sum of rows of K^-1 and of earlier F_i. The owner of the inverse supplies blocks only for new nodes. An entry is the same sum whether it is
-   computed from a row or from a new node's block. Therefore the stored values depend, bit for bit, only on the contact nodes and their order; after the
-   removal of a node on a face that was not the last one, this is true only to rounding accuracy. */
+   computed from a row or from a new node's block. Therefore the stored values depend, bit for bit, only on the contact nodes and their order; once a node on
+   a face has been removed that was not the last one, this holds only to within rounding error. */
 #include "remesh/nested.h"
 
 #include <string.h>
@@ -113,7 +113,7 @@ static void enter_nominal(nested_remesher *r, int place) {
     }
 }
 
-/* Computes F_j of a nominal node, as the same sum as in rows_add. It is zero for surpluses inside elements. */
+/* Computes F_j of a nominal node, by the same sum as rows_add. It is zero for surpluses inside elements. */
 static void enter_factors(nested_remesher *r, int place) {
     const refinement *refined = &r->shared.refined;
     double factors[MAX_CONTACTS][3][BLOCK_LD];

@@ -24,7 +24,7 @@ void remesher_free(remesher *r) {
 
 /* ---- serving ------------------------------------------------------------------------------------------------------- */
 
-/* Returns the status of a successful step, unless the owner of the inverse failed to supply blocks. */
+/* Returns OK, unless the owner of the inverse has failed to supply a block. */
 static trocar_status confirm(const remesher *r, trocar_error *why) {
     if (r->gathered.status != TROCAR_OK) *why = r->gathered.why;
     return r->gathered.status;
@@ -36,7 +36,7 @@ static trocar_status take_nodes(remesher *r, int count, const int *handles, troc
     return status == TROCAR_OK ? confirm(r, why) : status;
 }
 
-/* `known`: the mesh's resolution at the node; NULL if it has to be measured. */
+/* Adds a contact node. `known`: the mesh's resolution at the node; NULL if it has to be measured. */
 static trocar_status add_node(remesher *r, int slot, const added_node *node, const resolved_field *known, trocar_error *why) {
     refinement *refined = &r->refined;
     refined->order[refined->count] = slot;
@@ -58,7 +58,7 @@ static void remove_node(remesher *r, int position) {
     r->operations->remove(r, slot, position);
 }
 
-/* Nodes that are still wanted keep their places; new nodes are assigned the free places. */
+/* Updates the window: nodes that are still wanted keep their places, and new nodes take the free places. */
 static trocar_status move_window(remesher *r, const remesh_request *request, trocar_error *why) {
     int fresh[MAX_WINDOW] = {0}, count = 0;
     bool wanted[MAX_WINDOW] = {false};
@@ -89,7 +89,7 @@ static bool same_node(const added_node *a, const added_node *b) {
         && (a->across_tet < 0 || same_leaf(&a->across, &b->across));
 }
 
-/* Returns the slots (bit i: slot i) of nodes that must be removed: nodes that are not wanted or have moved, and nodes that depend on these. */
+/* Returns the slots (bit i: slot i) of nodes that must be removed: those that are no longer wanted or have moved, and those that depend on them. */
 static uint64_t slots_to_clear(const remesher *r, const refinement *wanted) {
     const refinement *refined = &r->refined;
     uint64_t clear = 0, same = 0;
@@ -104,7 +104,7 @@ static uint64_t slots_to_clear(const remesher *r, const refinement *wanted) {
     return clear;
 }
 
-/* `known`: the mesh's resolution at each wanted node, by slot; NULL if it has to be measured. */
+/* Changes the contact nodes to the wanted ones. `known`: the mesh's resolution at each wanted node, by slot; NULL if it has to be measured. */
 static trocar_status update_nodes(remesher *r, const refinement *wanted, const resolved_field *known, trocar_error *why) {
     uint64_t clear = slots_to_clear(r, wanted), kept = 0;
     for (int i = r->refined.count - 1; i >= 0; i--)
@@ -119,7 +119,7 @@ static trocar_status update_nodes(remesher *r, const refinement *wanted, const r
     return TROCAR_OK;
 }
 
-/* Copies the rows and columns in use between the remesher's matrix and a snapshot's, which are large. */
+/* Copies between the remesher's matrix and a snapshot's. Only the rows and columns in use are copied, because the matrices are large. */
 static void copy_rows(const remesher *r, const double *from, double *to) {
     int handles[MAX_HANDLES], count = handles_in_use(r, handles);
     size_t contacts = 3 * (size_t)refinement_span(&r->refined), window = 3 * (size_t)MAX_CONTACTS, end = 3 * (size_t)(count > 0 ? handles[count - 1] + 1 : 0);
@@ -173,8 +173,8 @@ static void follow_line(remesher *r) {
     }
 }
 
-/* Fetches the blocks between the next few of these nodes and all nodes with which they may be combined: the earlier ones, those of the window and those of
-   the contacts. */
+/* Fetches the blocks between the next few nodes along the line and all nodes with which they may be combined: the earlier ones, those in the window and those
+   of the contacts. */
 bool remesher_look_ahead(remesher *r) {
     enum { LARGE = 32, SMALL = 8 };
     int slice = r->refined.count > 0 ? SMALL : LARGE, most = inverse_slice(r->inverse); /* once the needle is in the tissue, requests must not wait long */

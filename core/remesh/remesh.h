@@ -8,7 +8,7 @@
 
 typedef struct remesher remesher;
 
-/* Creates a remesher by nested addition. Rows are computed only at the handles, whatever the size of the mesh. `inv` must outlive the remesher. */
+/* Creates a remesher that uses nested addition. Rows are computed only at the handles, regardless of the size of the mesh. `inv` must outlive the remesher. */
 trocar_status remesher_create(inverse *inv, remesher **created, trocar_error *why);
 void remesher_free(remesher *r);
 
@@ -32,8 +32,8 @@ bool remesher_look_ahead(remesher *r);
 /* Restarts after the inverse has changed. Measured lines are kept. */
 trocar_status remesher_forget(remesher *r, trocar_error *why);
 
-/* Restores the state at the moment after `request` was answered with `snapshot`; starts empty if the snapshot answers another request. Whether the result is
-   bitwise identical or differs by rounding errors is described at trocar_sim_restore; after the removal of a node on a face that was not the last one, it
+/* Restores the state immediately after `request` was answered with `snapshot`; starts empty if the snapshot answers another request. trocar_sim_restore
+   describes when the result is bitwise identical and when it differs by rounding errors; after the removal of a node on a face that was not the last one, it
    differs by rounding errors. */
 trocar_status remesher_resume(remesher *r, const remesh_request *request, const compliance_snapshot *snapshot, trocar_error *why);
 

@@ -1,4 +1,4 @@
-/* The interface of a method that updates the inverse, private to the method's files; tests/oracles has others for comparison. */
+/* The interface of a method that updates the inverse, private to the method's files; tests/oracles contains other methods for comparison. */
 #ifndef TROCAR_REMESH_METHOD_H
 #define TROCAR_REMESH_METHOD_H
 
@@ -17,7 +17,7 @@ typedef struct {
     int row_count, rows[MAX_ROWS], column_count, columns[MAX_COLUMNS]; /* nominal nodes, without duplicates */
     int *row_of, *column_of;         /* [node_count]: index of each node in `rows` or `columns`, or -1 */
     double *blocks;                  /* 3 MAX_ROWS x 3 MAX_COLUMNS, row-major, m/N */
-    trocar_status status;            /* status of the last failure to fetch a single block since gather_start */
+    trocar_status status;            /* status of the last failed fetch of a single block since gather_start */
     trocar_error why;                /* error message of that failure */
 } gathered_blocks;
 
@@ -56,9 +56,9 @@ struct remesher {
     gathered_blocks gathered;        /* scratch */
 };
 
-/* M = change (I + block change)^-1 = (I + change block)^-1 change, symmetric: a change in stiffness at n dofs subtracts M from the inverse, between the
-   inverse's columns at those dofs (Woodbury); `block` is the inverse between these dofs. Row-major; `middle` (n square) may be the same memory as
-   `change`. */
+/* Computes the middle matrix of Woodbury's formula, M = change (I + block change)^-1 = (I + change block)^-1 change, which is symmetric: a change in stiffness
+   at n dofs reduces the inverse by H M H^T, where H are the inverse's columns at these dofs and `block` is the inverse between them. Row-major; `middle`
+   (n square) may be the same memory as `change`. */
 typedef struct { const double *entries; int ld; } strided_matrix;
 trocar_status change_middle(int n, strided_matrix change, strided_matrix block, double *middle, trocar_error *why);
 
@@ -70,7 +70,7 @@ trocar_status remesher_create_nested(inverse *inv, remesher **created, trocar_er
 /* Lists the handles in use: contact nodes in order, then the window. Returns their number. */
 int handles_in_use(const remesher *r, int handles[MAX_HANDLES]);
 
-/* window_place: place of a nominal node in the window, or -1. window_put: assigns a node (-1: none) to a place. */
+/* window_place returns the place of a nominal node in the window, or -1. window_put assigns a node (-1: none) to a place. */
 int window_place(const remesher *r, int node);
 void window_put(remesher *r, int place, int node);
 

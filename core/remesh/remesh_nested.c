@@ -1,4 +1,4 @@
-/* Nested addition: each contact node borders the inverse with its surplus, rank 3. With the surpluses as unknowns,
+/* Nested addition: each contact node borders the inverse with its surplus, an update of rank 3. With the surpluses as unknowns,
        inverse(a, b) = K^-1(a, b) + sum_j F_j(a) S_j F_j(b)^T, F_j(a) = K^-1(a, .) c_j + sum_(i<j) F_i(a) G_ij - s_j(a) I
    where K^-1 is that of the nominal mesh (interpolated for an added node) and s_j(a) is surplus j's hat function at node a. Inside an element c_j = 0; on a
    face it touches five nodes. The cost is independent of the size of the mesh. See docs/mechanics.md, "Node addition". Indices i and j below are slots; i < j
@@ -42,7 +42,7 @@ static void collect_coupling(nested_remesher *r, bordering *border, int node, co
     for (int i = 0; i < 4; i++) add_coupling(border, corners[i], r->borders[-1 - node].weights[i], c);
 }
 
-/* Weight of a touched node in the interpolation at the contact node. */
+/* Returns the weight of a touched node in the interpolation at the contact node. */
 static double weight_of(const added_node *node, int corner) {
     for (int c = 0; c < 4; c++)
         if (node->at.corners[c] == corner) return node->at.weights[c];
@@ -83,7 +83,7 @@ static trocar_status add_all_extra(nested_remesher *r, int slot, trocar_error *w
 
 /* ---- factors and surplus --------------------------------------------------------------------------------------------- */
 
-/* G_ij, computed from the factors of surplus i at the touched nodes. */
+/* Computes G_ij from the factors of surplus i at the touched nodes. */
 static mat3 chain_to(const nested_remesher *r, int i, const split_columns *touched, const int *places) {
     mat3 sum = {{{0}}};
     for (int q = 0; q < touched->count; q++) {
@@ -141,7 +141,7 @@ static void border_inside(nested_remesher *r, int slot) {
     r->borders[slot].surplus = surplus_compliance(r->shared.tissue, &r->shared.refined, node->tet, &node->at);
 }
 
-/* Computes the factors of earlier surpluses at a new node, which interpolate those of its corners with its weights, and of its own surplus. */
+/* Computes the factors at a new node: those of earlier surpluses, interpolated between its corners with its weights, and that of its own surplus. */
 static void interpolate_factors(nested_remesher *r, int slot) {
     const refinement *refined = &r->shared.refined;
     const leaf_point *at = &refined->nodes[slot].at;

@@ -26,7 +26,7 @@ static trocar_status measure_piece(remesher *r, const line_in_tet *line, line_pi
     return resolver_measure(r->resolver, line->tet, line->direction, MAX_RESOLVED, x, piece->at, why);
 }
 
-/* Finds a piece with exactly the same line, because an answer must not depend on earlier requests. */
+/* Finds the measured piece with exactly this line. A similar line is not enough, because an answer must not depend on earlier requests. */
 static const line_piece *find_piece(const remesher *r, const line_in_tet *line) {
     for (int i = 0; i < r->piece_count; i++)
         if (line_same(&r->pieces[i].line, line)) return &r->pieces[i];
@@ -62,7 +62,7 @@ void set_resolved(remesher *r, int slot, const resolved_field *resolved) {
     r->measured[slot].at = r->refined.nodes[slot].position;
 }
 
-/* After the inverse has changed, all nodes are added again, at the places where they were measured. */
+/* After the inverse has changed, all nodes are added again at the same positions; the resolution measured there remains valid. */
 trocar_status resolve_contact(remesher *r, int slot, trocar_error *why) {
     const added_node *node = &r->refined.nodes[slot];
     line_in_tet line = node->line;

@@ -1,4 +1,4 @@
-/* The worker's part of the local compliance: measures the mesh's resolution along the needle's path and at the contact nodes. */
+/* Local compliance, on the worker's side: measures the mesh's resolution along the needle's path and at the contact nodes. */
 #ifndef TROCAR_RESOLVED_LINE_H
 #define TROCAR_RESOLVED_LINE_H
 

@@ -12,8 +12,8 @@ static const double STEP_SHIFT = 0.3e-3; /* m: largest shift of the base in one 
                                             Chosen: 0.3 m/s, as fast as a hand inserts */
 static const double STEP_TURN = 3e-3; /* rad: largest rotation of the base in one step of 1 ms while the released needle moves to its resting position.
                                          Chosen by judgement */
-static const double DEPENDENT = 1e-6; /* fraction: relative distance of a motion from the span of the other motions below which it counts as dependent on
-                                         them. Rounding tolerance */
+static const double DEPENDENT = 1e-6; /* fraction: relative distance of a motion from the span of the other motions below which it counts as linearly
+                                         dependent on them. Rounding tolerance */
 
 /* ---- linearising ---------------------------------------------------------------------------------------------------------- */
 
@@ -53,7 +53,7 @@ int resting_place(const resting_needle *r, int u) {
     return place >= 0 && place < r->places.count && r->rows[u].tet >= 0 ? place : -1;
 }
 
-/* Fraction of the piece of shaft at this place that lies on step k of the track. */
+/* Returns the fraction of the piece of shaft at this place that lies on step k of the track. */
 static double part_on_step(const resting_needle *r, int place, int k) {
     const shaft_piece *piece = &r->places.loads[place].shaft;
     double from = r->steps.start + k * r->steps.step;
@@ -72,8 +72,8 @@ trocar_status resting_lacks(needle_pairs *pairs, const resting_needle *r, const 
     return status;
 }
 
-/* Adds half of the part, finer than the mesh, of the displacements that another needle's forces cause, as blocks between places of this needle (rows) and of
-   the other one. */
+/* Adds half of the displacements that another needle's forces cause, as far as the mesh does not resolve them, as blocks between the places of this needle
+   (rows) and those of the other one. */
 static trocar_status add_lacks(needle_pairs *pairs, const resting_needle *r, const resting_needle *other, bool transposed, mat3 *blocks, int ld,
                                trocar_error *why) {
     mat3 lacks[MAX_LOADS];
@@ -104,7 +104,7 @@ trocar_status resting_mutual(needle_pairs *pairs, const resting_needle *r, const
     return status;
 }
 
-/* Computes the tissue's compliance between points that are interpolated in the nominal mesh; `blocks` is a square matrix of 3 point_count rows. */
+/* Computes the tissue's compliance between the needle's points, interpolated in the nominal mesh; `blocks` is a square matrix of 3 point_count rows. */
 static trocar_status interpolated(const mesh *m, const insertion_state *state, inverse *inv, const resting_needle *r, double *blocks, trocar_error *why) {
     int count = 0, nodes[4 * MAX_POINTS], place[MAX_POINTS][4], ld = 3 * r->point_count;
     double weights[MAX_POINTS][4];
@@ -168,7 +168,7 @@ static bool is_open(const insertion_workspace *w, const resting_needle *r, int u
     return axial >= 0 && r->upper[axial] <= 0.0 && r->lower[axial] >= 0.0;
 }
 
-/* Takes the compliance, and decouples rows whose forces stay zero. */
+/* Copies the compliance, and decouples rows whose forces stay zero. */
 static trocar_status take_coupled(const mesh *m, const insertion_state *state, const insertion_workspace *w, inverse *inv, resting_needle *r, trocar_error *why) {
     trocar_status status = take_compliance(m, state, w, inv, r, why);
     for (int u = 0; u < r->unknown_count && status == TROCAR_OK; u++)
@@ -178,7 +178,7 @@ static trocar_status take_coupled(const mesh *m, const insertion_state *state, c
 
 static vec3 displaced(base_motion t, vec3 lever) { return v3_add(t.shift, v3_cross(t.turn, lever)); }
 
-/* Computes orthonormal motions of the rows, and the motions of the base that cause them. Rotations are measured by the arc that the tip describes. */
+/* Computes orthonormal motions of the rows, and the motions of the base that cause them. Rotations are measured by the arc that the tip traces. */
 static void take_motions(const insertion_workspace *w, pose base, double length, resting_needle *r) {
     vec3 x = q_rotate(base.orientation, v3(1.0 / length, 0, 0)), y = q_rotate(base.orientation, v3(0, 1.0 / length, 0));
     const base_motion given[MAX_MOTIONS] = {{.shift = {1, 0, 0}}, {.shift = {0, 1, 0}}, {.shift = {0, 0, 1}}, {.turn = x}, {.turn = y}};
@@ -205,7 +205,7 @@ static void take_motions(const insertion_workspace *w, pose base, double length,
     }
 }
 
-/* Adds a force at a point to the point's unknowns. `shaft`: part of the tip's force along the needle that acts on the adjacent shaft. */
+/* Writes a force at a point into the point's unknowns. `shaft`: part of the tip's axial force that acts on the adjacent piece of shaft. */
 static void put_force(const resting_needle *r, int point, vec3 force, double shaft, double *unknowns) {
     vec3 f = m3_apply_transposed(&r->points[point].at.frame, force);
     int count = r->point_count;
@@ -223,7 +223,7 @@ static void take_forces(const insertion_state *state, resting_needle *r) {
     }
 }
 
-/* Takes the loads on the tissue from its memory. */
+/* Stores in r->beside the loads on the tissue that come from its memory: relaxation and, at the tip, damping. */
 static void take_memory(const insertion_model *model, const insertion_state *state, int guided, resting_needle *r) {
     for (int i = guided; i < r->point_count; i++) {
         bool tip = r->points[i].kind == POINT_TIP;
@@ -309,8 +309,8 @@ trocar_status resting_soften(const tick_input *given, inverse *inv, resting_scra
     return resting_soften(given, inv, scratch, r, why);
 }
 
-/* A needle that would buckle under its forces without the tissue is linearised with its stiffness without forces, because an attachment must be stable by
-   itself. */
+/* A needle that would buckle under its forces without the tissue is linearised with the stiffness of the unloaded needle, because an attachment must be stable
+   by itself. */
 trocar_status resting_linearise(const tick_input *tick, const insertion_state *state, inverse *inv, resting_scratch *scratch, resting_needle *r,
                                 trocar_error *why) {
     trocar_status status = linearise(tick, state, inv, true, scratch, r, why);
@@ -363,8 +363,8 @@ trocar_status resting_release_step(const resting_needle *r, double size, resting
 
 /* ---- as it is now --------------------------------------------------------------------------------------------------------------- */
 
-/* Fraction of the bound on the force that remains after sliding: friction weakens from static to kinetic, but the tip's cutting force and the friction of
-   guides do not. */
+/* Returns the fraction of the bound on an axial force that remains after sliding. Friction weakens from static to kinetic; the tip's cutting force and the
+   friction in guides do not weaken. */
 static double weakened(const insertion_model *model, const resting_needle *r, int i) {
     int point = i < r->point_count ? i : r->point_count - 1;
     const contact_point *p = &r->points[point];

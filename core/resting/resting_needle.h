@@ -1,4 +1,4 @@
-/* A resting needle, which nobody holds and which tissue and guides keep in place. It responds linearly to other loads on the tissue, about the equilibrium
+/* A resting needle: nobody holds it, and tissue and guides keep it in place. It responds linearly to other loads on the tissue, about the equilibrium
    in which it was left. See docs/mechanics.md, "Resting needles". */
 #ifndef TROCAR_RESTING_NEEDLE_H
 #define TROCAR_RESTING_NEEDLE_H
@@ -18,7 +18,7 @@ typedef struct {
     int point_count, unknown_count, axial_count;
     bool tip;                /* true if the last point is the tip */
     bool loaded;             /* true if `compliance` includes the effect of the needle's forces on its own stiffness */
-    bool alone;              /* true if `compliance` was computed while no needle was attached, as for a change of moduli (resting_soften) */
+    bool alone;              /* true if `compliance` was computed while no needle was attached, as after a change in moduli (resting_soften) */
     contact_point points[MAX_POINTS];
     attached_row rows[MAX_UNKNOWNS];
     tissue_loads places;                           /* positions of its loads on the tissue, which act at all points that are not at a guide; the forces are
@@ -31,10 +31,10 @@ typedef struct {
     base_motion twists[MAX_MOTIONS];                     /* motion of the base that causes each row of `motions` */
     double lower[MAX_AXIAL], upper[MAX_AXIAL];     /* N, bounds on the axial forces at the anchor */
     double anchor_force[MAX_UNKNOWNS];             /* N, forces at the anchor */
-    double beside[MAX_UNKNOWNS];                   /* N, loads on the tissue from its memory, which are not forces of the needle */
+    double beside[MAX_UNKNOWNS];                   /* N, loads on the tissue that come from its memory and not from the needle's forces */
     double free_force[MAX_UNKNOWNS], free_motion[MAX_MOTIONS]; /* forces and motions in the absence of held needles */
     double force[MAX_UNKNOWNS], motion[MAX_MOTIONS];           /* current forces and motion */
-    double aside[MAX_UNKNOWNS];                    /* N, change in the forces due to the part, finer than the mesh, of the displacements by held needles */
+    double aside[MAX_UNKNOWNS];                    /* N, change in the forces due to displacements by held needles that the mesh does not resolve */
     double fading[MAX_UNKNOWNS];                   /* N, forces of the needle's rows before the last release minus those after it (resting_set) */
     double slip[MAX_AXIAL], slid[MAX_AXIAL];       /* m, slip of the shaft since the anchor (positive: forward relative to the tissue), and total distance
                                                       slid */
@@ -52,10 +52,11 @@ typedef struct {
 trocar_status resting_linearise(const tick_input *tick, const insertion_state *state, inverse *inv, resting_scratch *scratch, resting_needle *r,
                                 trocar_error *why);
 
-/* Computes `compliance` again about the anchor, for changed moduli. tick->snapshot must contain the needle's rows of `inv`, to which nothing is attached. */
+/* Recomputes `compliance` about the anchor after the moduli have changed. tick->snapshot must contain the needle's rows of `inv`, to which nothing may be
+   attached. */
 trocar_status resting_soften(const tick_input *tick, inverse *inv, resting_scratch *scratch, resting_needle *r, trocar_error *why);
 
-/* Stores the forces of the rows in `held`, the state in which the hand released the needle, in r->fading. To be called after resting_linearise. */
+/* Stores in r->fading the forces that the rows had in `held`, the state in which the hand released the needle. To be called after resting_linearise. */
 void resting_bore(const insertion_model *model, const insertion_state *held, resting_needle *r);
 
 /* Computes the motion of the base that makes the base's wrench vanish if nothing slides; its component along the needle is multiplied by `size`, and all
@@ -66,16 +67,16 @@ pose pose_moved(pose base, base_motion step);
 /* Returns the row's place as an index of `places`, or -1 if the row is at a guide. */
 int resting_place(const resting_needle *r, int u);
 
-/* For each place, computes the part, finer than the mesh, of its displacement per unit force on a piece of another needle's shaft: lacks[places.count], m/N.
-   *any: false if all of it is zero; `lacks` is not set then. */
+/* For each place, computes the displacement per unit force on a piece of another needle's shaft, as far as the mesh does not resolve it: lacks[places.count],
+   m/N. *any: false if all of it is zero; `lacks` is not set then. */
 trocar_status resting_lacks(needle_pairs *pairs, const resting_needle *r, const shaft_piece *piece, mat3 *lacks, bool *any, trocar_error *why);
 
-/* Computes the part, finer than the mesh, of the compliance (m/N) between this needle's rows and those of another needle: [u * ld + v]. Allocates. */
+/* Computes the part of the compliance (m/N) between this needle's rows and another needle's that the mesh does not resolve: [u * ld + v]. Allocates. */
 trocar_status resting_mutual(needle_pairs *pairs, const resting_needle *r, const resting_needle *other, double *compliance, int ld, trocar_error *why);
 
 attachment resting_attachment(const resting_needle *r);
 
-/* Return the current bounds of axial force i, after the shaft has slid. */
+/* Return the current bounds of axial force i, which depend on how far the shaft has slid. */
 double resting_upper(const insertion_model *model, const resting_needle *r, int i);
 double resting_lower(const insertion_model *model, const resting_needle *r, int i);
 

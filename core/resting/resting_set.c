@@ -7,7 +7,7 @@
 
 enum { AT_ONCE = 6 };
 enum { MOST_SWEEPS = 500 }; /* sweeps: maximum number of Gauss-Seidel sweeps over a needle's points. Effort limit */
-enum { MOST_ROUNDS = 20 }; /* rounds: maximum number of passes over all resting needles between two changes of the loads. Effort limit */
+enum { MOST_ROUNDS = 20 }; /* rounds: maximum number of passes over all resting needles between two changes to the loads. Effort limit */
 static const double ENOUGH = 1e-7; /* N: accepted excess of a force over its bound. Rounding tolerance */
 static const double YIELDING = 1e-3; /* N/m: stiffness below which a slip would not relieve the force. Rounding tolerance */
 
@@ -53,7 +53,7 @@ static bool make_room(resting_set *s, int count) {
     return s->load_room > 0;
 }
 
-/* Computes the part, finer than the mesh, of the displacements (m) of a needle's rows that held needles cause. */
+/* Computes the displacements (m) of a needle's rows that held needles cause and the mesh does not resolve. */
 static trocar_status find_displaced(resting_set *s, int index, const other_loads *held, double *displacement, bool *any, trocar_error *why) {
     const resting_needle *r = s->needles[index];
     vec3 at[MAX_LOADS] = {{0, 0, 0}};
@@ -130,7 +130,7 @@ bool resting_set_fade(resting_set *s, double part) {
     return true;
 }
 
-/* For attachments: computes the part, finer than the mesh, of the compliance between each needle and the earlier needles. */
+/* Computes, for the attachments, the part of the compliance between each needle and the earlier ones that the mesh does not resolve. */
 static trocar_status find_mutual(const resting_set *s, int index, double **compliance, trocar_error *why) {
     const resting_needle *r = s->needles[index];
     *compliance = NULL;
@@ -199,7 +199,7 @@ trocar_status resting_set_change(resting_set *s, int count, resting_needle *cons
     return status;
 }
 
-/* Adds `part` times a response that lasts, whatever held needles do, to the forces and motions of all needles. */
+/* Adds `part` times a lasting response to the forces and motions of all needles, including those in the absence of held needles. */
 static void add_response(resting_set *s, const double *force, const double *move, double part) {
     for (int i = 0; i < s->count; i++) {
         resting_needle *r = s->needles[i];
@@ -216,8 +216,9 @@ static void add_response(resting_set *s, const double *force, const double *move
 
 /* ---- changes in the tissue's compliance ------------------------------------------------------------------------------------- */
 
-/* Computes (G + C) f + C m + B h, where m are the loads of the tissue's memory, h those of held needles and the probe, and B is the compliance between h and the rows.
-   The local displacements that the memory stands for do not change. */
+/* Computes the displacements of the rows, (G + C) f + C m + B h: f are the needles' forces, m the loads from the tissue's memory, and h the loads of held
+   needles and the probe. G and C are the compliances of needles and tissue between the rows, and B is the tissue's between h and the rows. The local
+   displacements that correspond to m do not change. */
 static trocar_status find_displacement(resting_set *s, const other_loads *held, double *displacement, trocar_error *why) {
     const mesh *m = inverse_tissue(s->inverse)->mesh;
     if (!make_room(s, 1 + loads_most_nodes(held))) return fail(why, TROCAR_NO_MEMORY, "no memory for the loads of held needles");
@@ -367,7 +368,7 @@ bool resting_set_slip(resting_set *s, const insertion_model *model, int most) {
     return more;
 }
 
-/* Force of a row as the other needles feel it: the current force plus the remaining fraction of its change in the last release. */
+/* Returns the force of a row as the other needles feel it: the current force plus the remaining fraction of its change in the last release. */
 static double felt(const resting_needle *r, double fading, int u) { return r->force[u] + r->beside[u] + fading * r->fading[u]; }
 
 static void list_loads(const resting_needle *r, double fading, tissue_loads *loads) {

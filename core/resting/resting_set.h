@@ -12,7 +12,7 @@ typedef struct {
     resting_needle *needles[MAX_NEEDLES];
     int row[MAX_NEEDLES], motion[MAX_NEEDLES]; /* index of each needle's first row and motion */
     double *force, *move;    /* scratch: forces of all rows, and all motions */
-    double *aside, *aside_move; /* responses to the part, finer than the mesh, of the displacements that held needles cause */
+    double *aside, *aside_move; /* responses to displacements by held needles that the mesh does not resolve */
     bool any_aside;          /* true if `aside` is not zero */
     unresolved_cache caches[MAX_NEEDLES][MAX_NEEDLES]; /* one for each pair of a resting needle and a held one, at its index in other_loads.of */
     uint64_t cached_at;     /* value of `changes` for which the caches are valid */
@@ -25,8 +25,8 @@ typedef struct {
     vec3 *nodal;
     int next_slip, quiet, slips_left; /* next needle to check; number of needles checked since the last slip; maximum number of remaining checks */
     bool slipped;            /* true if `load` does not contain the latest slips yet */
-    uint64_t changes;        /* number of changes of the set and of the moduli */
-    uint64_t shifts;         /* number of changes of `load` */
+    uint64_t changes;        /* number of changes to the set or the moduli */
+    uint64_t shifts;         /* number of changes to `load` */
 } resting_set;
 
 void resting_set_free(resting_set *s); /* frees neither the needles nor the inverse */
@@ -44,11 +44,11 @@ trocar_status resting_set_load(resting_set *s, const other_loads *held, trocar_e
 /* Lets needles slip whose forces exceed their friction bounds, one after another, up to `most` per call. Returns true if more needles have to slip. */
 bool resting_set_slip(resting_set *s, const insertion_model *model, int most);
 
-/* Computes the displacements (m) of all rows under the present forces of all needles, by the compliances of tissue and needles. Allocates *displacement. */
+/* Computes the displacements (m) of all rows from the current forces of all needles and the compliances of tissue and needles. Allocates *displacement. */
 trocar_status resting_set_displacement(resting_set *s, const other_loads *held, double **displacement, trocar_error *why);
 
-/* After a change in compliances, with which the needles have been attached again (resting_set_change): changes their forces and motions so that the rows are displaced
-   as before. `before`: displacement before the change. */
+/* To be called after the compliances have changed and the needles have been attached again (resting_set_change). Changes the needles' forces and motions so
+   that their rows have the same displacements as before. `before`: displacements before the change. */
 trocar_status resting_set_follow(resting_set *s, const other_loads *held, const double *before, trocar_error *why);
 
 /* To be called before and after a needle is released. The first records the forces of all resting needles (resting_bore records those of the released one); the
@@ -59,8 +59,8 @@ void resting_set_after_release(resting_set *s);
 /* Sets the remaining fraction of the fading change. Returns true if it has changed. */
 bool resting_set_fade(resting_set *s, double part);
 
-/* Adds the part, finer than the mesh, of a shaft's displacements under the resting needles' forces. `fades`: true if the fading part of the forces is included.
-   */
+/* Adds a shaft's displacements under the resting needles' forces, as far as the mesh does not resolve them. `fades`: true to include the fading part of the
+   forces. */
 trocar_status resting_set_shift(const resting_set *s, bool fades, const shaft_steps *steps, unresolved_shift *shift, trocar_error *why);
 
 /* Writes the loads of one resting needle on the tissue. */

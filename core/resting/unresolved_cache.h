@@ -1,6 +1,6 @@
-/* A cache of the part, finer than the mesh, of a resting needle's displacements per unit force on each piece of a held needle's shaft. With many needles,
-   computing them for each response would take most of the worker's time, and pieces of a shaft seldom change except at the tip. To be freed when the resting
-   needle or the moduli change. */
+/* A cache of a resting needle's displacements per unit force on each piece of a held needle's shaft, as far as the mesh does not resolve them. With many
+   needles, computing them for each response would take most of the worker's time, and pieces of a shaft seldom change except at the tip. To be freed when the
+   resting needle or the moduli change. */
 #ifndef TROCAR_UNRESOLVED_CACHE_H
 #define TROCAR_UNRESOLVED_CACHE_H
 
@@ -18,7 +18,7 @@ typedef struct {
 
 void unresolved_cache_free(unresolved_cache *c); /* leaves the cache empty, ready for use */
 
-/* Returns resting_lacks of the held needle's piece number `index` in *lacks, or NULL if the piece does not move the resting needle. Allocates. */
+/* Sets *lacks to the result of resting_lacks for the held needle's piece `index`, or to NULL if the piece does not move the resting needle. Allocates. */
 trocar_status unresolved_cache_find(unresolved_cache *c, needle_pairs *pairs, const resting_needle *r, int index, const shaft_piece *piece, const mat3 **lacks,
                                     trocar_error *why);
 

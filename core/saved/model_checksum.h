@@ -1,4 +1,4 @@
-/* A checksum of everything that results depend on: two models with the same checksum continue a saved state in the same way. */
+/* A checksum of everything on which results depend: two models with the same checksum continue a saved state in the same way. */
 #ifndef TROCAR_MODEL_CHECKSUM_H
 #define TROCAR_MODEL_CHECKSUM_H
 

@@ -10,7 +10,7 @@
 #include "snapshot/needle_hold.h"
 
 /* saved_layout returns a number that changes whenever the size of one of the saved structs changes or SAVED_FORMAT is increased. */
-enum { SAVED_FORMAT = 4 };   /* to be increased when the meaning of a member changes, or the order in which members are passed */
+enum { SAVED_FORMAT = 4 };   /* to be increased when the meaning of a member changes, or the order in which members are stored */
 uint64_t saved_layout(void);
 
 /* `segments`: number of the needle's segments. */

@@ -21,8 +21,8 @@ static const struct { double force, torque, stiffness; vec3 workspace; } RENDERE
 };
 _Static_assert(sizeof RENDERED / sizeof *RENDERED == sizeof device_profiles / sizeof *device_profiles - 1, "a row for each name");
 
-/* Time (s) from zero to full force. It is too short for people to perceive. At 5 ms, the force of a hard impact would lag far enough behind the hand to drive
-   a light hand (tests/unit/server/test_virtual_coupling.c). */
+/* Time (s) from zero to full force, too short for people to perceive. With 5 ms, the force of a hard impact would lag so far behind the hand that a light hand
+   would start to oscillate (tests/unit/server/test_virtual_coupling.c). */
 static const double FULL_SLEW = 3e-3;
 
 /* Returns the index of a profile, or -1. */

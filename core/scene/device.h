@@ -1,4 +1,4 @@
-/* Limits of haptic devices, which the server enforces, and a list of known devices. */
+/* Limits of haptic devices, enforced by the server, and a list of known devices. */
 #ifndef TROCAR_DEVICE_H
 #define TROCAR_DEVICE_H
 
@@ -14,7 +14,7 @@ typedef struct {
     vec3 workspace;          /* m, width, height and depth in which the hand moves the device; NAN if unknown */
     double scale;            /* motion of the needle per motion of the hand */
     double force_scale;      /* force on the hand per force on the needle */
-    int clutch;              /* 1: the bridge has a clutch, with which the hand moves while the needle stays where it is */
+    int clutch;              /* 1: the bridge has a clutch, which lets the hand move while the needle stays where it is */
 } device_mapping;
 
 device_limits device_defaults(void);
@@ -31,7 +31,7 @@ bool device_use_profile(const char *name, device_limits *limits);
 vec3 device_workspace(const char *name);
 
 /* Converts limits that hold at the handle to limits for the needle. At the needle, the hand moves `scale` times as far and pushes 1 / `force_scale` times
-   as hard, so its mass is m / (scale force_scale), and so is the stiffness. */
+   as hard, so its mass and the stiffness are divided by scale force_scale. */
 device_limits device_limits_at_needle(const device_limits *handle, const device_mapping *mapping);
 
 #endif

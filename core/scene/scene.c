@@ -32,7 +32,7 @@ static void check_region(const region_config *region, int index, fault *f) {
         reject(f, key, "%g N/m exceeds the static limit of %g N/m", m->friction_kinetic, m->friction_static);
 }
 
-/* In a file these keys are required; a program may have set only one of them. */
+/* A file must contain the centre and the radius, but a program may have set only one of them. */
 static void check_calcification(const calcification *given, int index, fault *f) {
     char key[KEY_ROOM];
     const char *missing = isnan(given->centre.x) ? "centre" : given->radius == 0.0 ? "radius" : NULL;
@@ -179,7 +179,7 @@ static void *find_entry(scene *s, const char *key, bool append, char pattern[KEY
     while (list < LISTS && !(strlen(LIST_TABLE[list].key) == prefix && strncmp(LIST_TABLE[list].key, key, prefix) == 0)) list++;
     if (list == LISTS || !find_key(pattern)) return NULL;
     long index = strtol(name, &end, 10);
-    bool next = append && !LIST_TABLE[list].named && index == *count_of(s, list) && index < LIST_TABLE[list].most; /* an entry without a name has to be the next */
+    bool next = append && !LIST_TABLE[list].named && index == *count_of(s, list) && index < LIST_TABLE[list].most; /* unnamed entries are appended in order */
     if (*end == '\0' && next) return append_entry(s, list);
     if (*end == '\0') return index >= 0 && index < *count_of(s, list) ? entry_of(s, list, (int)index) : NULL;
     for (int i = 0; i < *count_of(s, list); i++)

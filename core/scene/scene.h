@@ -12,7 +12,7 @@ void scene_defaults(scene *s);
    wrong type or is out of range. Names are checked against the mesh later. */
 trocar_status scene_load(const char *path, scene *s, trocar_error *why);
 
-/* Sets one key to a value in YAML, for example "needle.length" to "0.15" or "fixed" to "[back, below]". List entries are identified by index or name, as
+/* Sets one key to a value given as YAML, for example "needle.length" to "0.15" or "fixed" to "[back, below]". List entries are identified by index or name, as
    in "regions[0].poisson_ratio" or "regions[prostate].friction.static"; a new name appends an entry. BAD_INPUT leaves the scene unchanged. */
 trocar_status scene_set(scene *s, const char *key, const char *value, trocar_error *why);
 
@@ -22,7 +22,7 @@ trocar_status scene_set_live(scene *s, const char *key, const char *value, troca
 /* Prints the value of a key as YAML. BAD_INPUT if there is no such key or entry, or if `size` is too small. */
 trocar_status scene_get(const scene *s, const char *key, char *value, size_t size, trocar_error *why);
 
-/* Checks conditions that involve more than one key: whether mandatory keys are present, and whether values are consistent with each other. */
+/* Checks the scene as a whole: whether all required keys are present, and whether values are consistent with each other. */
 trocar_status scene_check(const scene *s, trocar_error *why);
 
 #endif

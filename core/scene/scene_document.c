@@ -4,7 +4,7 @@
 
 static void join_key(char out[KEY_ROOM], const char *before, const char *key) { snprintf(out, KEY_ROOM, "%s%s%s", before, *before ? "." : "", key); }
 
-/* A mapping: its key, such as "regions[0].friction", the matching pattern of the table, and the struct that stores its values. */
+/* A mapping: its key, such as "regions[0].friction", the matching pattern in the table, and the struct that stores its values. */
 typedef struct {
     const char *key, *pattern;
     void *base;              /* the scene, or an entry of a list */

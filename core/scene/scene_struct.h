@@ -9,7 +9,7 @@
 #define SCENE_MAX_RATE 10000.0 /* Hz, upper limit of rate_hz */
 
 typedef struct {
-    char path[1024];         /* path of the scene file, from whose directory relative paths start; empty if there is no file */
+    char path[1024];         /* path of the scene file; relative paths start from its directory; empty if there is no file */
     simulation_config simulation;
     double rate_hz;          /* Hz, rate of the haptic loop */
     int phase_lock;          /* 1: ticks begin when poses arrive */

@@ -64,7 +64,7 @@ static void take_name(const char *key, const char *text, char name[MESH_NAME], f
     else memcpy(name, text, length + 1);
 }
 
-/* Stores a path, which is relative to the directory of the scene file. */
+/* Stores a path; a relative path is relative to the scene file's directory. */
 static void take_path(const scene *s, const key_spec *r, const char *key, const char *text, char path[1024], fault *f) {
     const char *slash = strrchr(s->path, '/');
     int directory = slash && text[0] != '/' ? (int)(slash - s->path) + 1 : 0;
@@ -98,7 +98,7 @@ static void take_rotation(const key_spec *r, const char *key, const yaml_value *
     else *rotation = q_unit((quat){n[0], n[1], n[2], n[3]});
 }
 
-/* Reads a transform from mm to m without distortion, consisting of a rotation, a translation and the factor 1e-3. */
+/* Reads a similarity transform from mm to m: a rotation, a translation and the factor 1e-3. */
 static void take_transform(const key_spec *r, const char *key, const yaml_value *value, double matrix[16], fault *f) {
     double n[16];
     if (!take_numbers(r, key, value, "sixteen", 16, n, f)) return;
@@ -146,7 +146,7 @@ static void take_named_profile(scene *s, const key_spec *r, const char *key, con
     s->mapping.workspace = device_workspace(name);
 }
 
-/* Takes one key of a profile file. A profile may name a built-in profile, whose values the other keys override, but not another file. */
+/* Reads one key of a profile file. A profile may name a built-in profile, whose values the other keys override, but not another file. */
 static void take_profile_key(scene *s, const yaml_value *file, int index, bool named, fault *f) {
     yaml_value value;
     const char *name = yaml_pair(file, index, &value);
@@ -231,7 +231,7 @@ _Static_assert(sizeof(inverse_choice) == sizeof(int) && sizeof(inverse_precision
 
 /* ---- printing ------------------------------------------------------------------------------------------------------- */
 
-/* Prints the shortest decimal number that is read back as the same value. */
+/* Prints the shortest decimal number that reads back as the same value. */
 static int print_number(char *text, size_t size, double x) {
     if (isinf(x)) return snprintf(text, size, ".inf");
     char shortest[32];

@@ -10,7 +10,7 @@
 #include "remesh/remesh.h"
 
 typedef struct {
-    char name[MESH_NAME], part_of[MESH_NAME]; /* `part_of`: name of the region that represents the organ of which this region is a part; empty if none */
+    char name[MESH_NAME], part_of[MESH_NAME]; /* `part_of`: name of the region that represents the organ to which this region belongs; empty if none */
     region_material material;
 } region_config;
 typedef struct {
@@ -20,11 +20,11 @@ typedef struct {
 } membrane_config;
 
 typedef struct {
-    char surface[MESH_NAME]; /* surface that the probe presses; empty if there is no probe */
+    char surface[MESH_NAME]; /* surface on which the probe presses; empty if there is no probe */
     probe_shape shape;
-    double max_force;        /* N, force at which the probe is stopped */
+    double max_force;        /* N, force at which the probe stops */
     pose start;              /* initial pose of the probe's base; its position is NAN if none is given */
-    int surface_line, start_line; /* lines of the keys of surface and start in the scene file, for messages; 0 if not given in a file */
+    int surface_line, start_line; /* lines of the keys `surface` and `start` in the scene file, for messages; 0 if not given in a file */
 } probe_config;
 
 enum { MAX_REGIONS = 32, MAX_MEMBRANES = 32, MAX_CALCIFICATIONS = 64, MAX_FIXED = 8 };

@@ -5,7 +5,7 @@
 #include "inverse/inverse.h"
 #include "snapshot/snapshot.h"
 
-/* Fills u_free of a snapshot that answers `request` with the displacement of the nominal mesh caused by `others`. `inv` must contain all attachments. The
+/* Fills u_free of a snapshot that answers `request` with the displacement of the nominal mesh caused by `others`. `inv` must include all attachments. The
    displacement of a contact node is interpolated in its nominal element, which is exact as long as no load acts on an added node in the same element.
    Worker only; does not allocate memory. */
 trocar_status free_displacement_find(inverse *inv, const remesh_request *request, const other_loads *others, compliance_snapshot *snapshot, trocar_error *why);

@@ -14,7 +14,7 @@ typedef struct {
                                 without tissue or guides */
     attached_row rows[MAX_HOLD_ROWS];
     double compliance[MAX_HOLD_ROWS * (MAX_HOLD_ROWS + 1) / 2]; /* m/N, G: compliance of needle, mount and guides, and the part of the tissue's compliance that
-                                                                   is finer than the mesh. Lower triangle, row by row: [i (i + 1) / 2 + j], j <= i */
+                                                                   the mesh does not resolve. Lower triangle, row by row: [i (i + 1) / 2 + j], j <= i */
 } needle_hold;
 
 /* Copies only the entries in use, because the arrays are large. RT */

@@ -58,7 +58,7 @@ static trocar_status find_field(needle_pairs *p, const line_in_tet *line, const 
     return status;
 }
 
-/* Fields depend on the moduli only through their scale. */
+/* Rescales the cached fields; their shape does not depend on the moduli. */
 void needle_pairs_soften(needle_pairs *p) {
     for (int i = 0; i < p->count; i++)
         if (p->lines[i].tet >= 0) p->fields[i]->softness = resolver_softness(p->resolver, p->lines[i].tet);
@@ -106,8 +106,8 @@ static double box_twice_integrated(double t, double width) {
 
 /* Lines interact along the range in which they overlap, measured along the bisector of their directions. Both lines then use the same measure, so that the
    forces are reciprocal. A force at a point of one line moves the other line over a length of twice the distance between them. Spread evenly over this length,
-   the force causes as much displacement finer than the mesh as a point force does, if the distance is close to the resolved radius. A needle in its own old
-   track is at least one radius away from the forces on the shaft's surface, as in line_field_lacks. */
+   the force causes as much unresolved displacement as a point force does, if the distance is close to the resolved radius. A needle in its own old track
+   counts as at least one radius away from the forces on the shaft's surface, as in line_field_lacks. */
 static meeting meet(const shaft_steps *steps, int k, const shaft_piece *piece, double radius) {
     vec3 along = steps->at[k].direction, other = piece->direction;
     if (v3_dot(along, other) < 0.0) other = v3_scale(-1.0, other);
@@ -125,9 +125,9 @@ static meeting meet(const shaft_steps *steps, int k, const shaft_piece *piece, d
     return (meeting){common * lean / (4.0 * half * half_piece), place};
 }
 
-/* The part, finer than the mesh, of the displacement at a place that a force per unit length on the other line causes: the mean of the estimates from both
-   lines' patches. If the tissue is softer at one line than at the other, both estimates are scaled to the geometric mean of the softnesses, which keeps the
-   compliance matrix of all needles positive definite. */
+/* Returns the displacement at a place that a force per unit length on the other line causes, as far as the mesh does not resolve it: the mean of the estimates
+   from both lines' patches. If the tissue is softer at one line than at the other, both estimates are scaled to the geometric mean of the softnesses, which
+   keeps the compliance matrix of all needles positive definite. */
 static mat3 lacks_between(const needle_pairs *p, const line_field *of, const shaft_steps *steps, int k, const line_field *own, int tet, vec3 place) {
     double weights[4], softer = sqrt(own->softness / of->softness);
     mat3 there = line_field_lacks(of, p->mesh, steps->at[k].tet, steps->at[k].weights, steps->at[k].place, p->radius);
@@ -139,8 +139,8 @@ static mat3 lacks_between(const needle_pairs *p, const line_field *of, const sha
     return mean;
 }
 
-/* Fraction of the displacement finer than the mesh that is added for a load at this depth. It grows from 0 at the surface, because Kelvin's solution is for an
-   infinite body. */
+/* Returns the fraction of the unresolved displacement that is added for a load at this depth. It grows from 0 at the surface, because Kelvin's solution is for
+   an infinite body. */
 static double embedded_part(const needle_pairs *p, double depth) { return fmin(depth / (EMBEDDING_DEPTH * p->radius), 1.0); }
 
 trocar_status needle_pairs_find(needle_pairs *p, const shaft_steps *steps, const shaft_piece *piece, int *from, int *to, mat3 *lacks, trocar_error *why) {
@@ -188,14 +188,14 @@ trocar_status needle_pairs_shift(needle_pairs *p, const shaft_steps *steps, cons
     return TROCAR_OK;
 }
 
-/* Fraction of a shaft's cross-section that is outside another shaft of the same radius, whose axis is at this distance. */
+/* Returns the fraction of a shaft's cross-section that is outside another shaft of the same radius, whose axis is at this distance. */
 static double outside(double distance, double radius) {
     double t = fmin(0.5 * distance / radius, 1.0);
     return 1.0 - 2.0 / M_PI * (acos(t) - t * sqrt(1.0 - t * t));
 }
 
-/* Fraction of the displacement by its own residual loads that a needle feels: the part of its cross-section outside the hole where it exerted them, because
-   inside that hole the present share of the shaft bears the load; reduced near the surface, as for loads near the surface. */
+/* Returns the fraction that a needle feels of the displacement caused by its own residual loads: the fraction of its cross-section outside the hole in which
+   it exerted them, because inside that hole the piece of shaft that is there now bears the load. Near the surface, it is reduced as in embedded_part. */
 static double residual_part(const needle_pairs *p, const shaft_steps *steps, int k, const shaft_piece *piece) {
     double apart = v3_norm(v3_cross(piece->direction, v3_sub(steps->at[k].place, piece->place)));
     return outside(apart, p->radius) * embedded_part(p, k * steps->step);

@@ -1,5 +1,5 @@
-/* The part, finer than the mesh, of the interaction of needles that are closer to each other than one element. See docs/mechanics.md, "Needles close to each
-   other". */
+/* The interaction of needles that are closer to each other than one element, as far as the mesh does not resolve it ("unresolved"). See docs/mechanics.md,
+   "Needles close to each other". */
 #ifndef TROCAR_NEEDLE_PAIRS_H
 #define TROCAR_NEEDLE_PAIRS_H
 
@@ -7,7 +7,7 @@
 
 typedef struct needle_pairs needle_pairs;
 
-/* Creates the interaction for needles with this radius (m). `t` must outlive it. NO_MEMORY. */
+/* Creates the data for the interaction of needles with this radius (m). `t` must outlive them. NO_MEMORY. */
 trocar_status needle_pairs_create(const tissue *t, double radius, needle_pairs **created, trocar_error *why);
 void needle_pairs_free(needle_pairs *p);
 
@@ -30,11 +30,11 @@ typedef struct {
    track. Without loads, there are no steps. */
 void shaft_steps_lay(const mesh *m, const tissue_loads *own, double ahead, double finest, shaft_steps *steps);
 
-/* For each step, computes the mean displacement per unit force on the piece (m/N), as far as it is finer than the mesh; loads near the surface cause less of
-   it. It is zero except for steps *from to *to - 1; `lacks` has room for SHIFT_STEPS entries. NUMERIC if a patch has no stiffness; NO_MEMORY. */
+/* For each step, computes the mean unresolved displacement per unit force on the piece (m/N); loads near the surface cause less of it. It is zero except for
+   steps *from to *to - 1; `lacks` has room for SHIFT_STEPS entries. NUMERIC if a patch has no stiffness; NO_MEMORY. */
 trocar_status needle_pairs_find(needle_pairs *p, const shaft_steps *steps, const shaft_piece *piece, int *from, int *to, mat3 *lacks, trocar_error *why);
 
-/* Adds the part, finer than the mesh, of the shaft's displacement under these loads. */
+/* Adds the shaft's unresolved displacement under these loads. */
 trocar_status needle_pairs_shift(needle_pairs *p, const shaft_steps *steps, const tissue_loads *loads, unresolved_shift *shift, trocar_error *why);
 
 /* Like needle_pairs_shift, for the needle's own residual loads, term by term; smaller in the holes where they were exerted, and near the surface. */

@@ -38,7 +38,7 @@ typedef struct {
     int tet;
     double weights[4];       /* barycentric */
     vec3 at;                 /* m, nominal position of the load */
-    double modulus;          /* Pa, Young's modulus of the element with which the load was remembered */
+    double modulus;          /* Pa, Young's modulus of the element on which `load` is based */
     shaft_piece shaft;       /* the piece of shaft that exerted the load */
     vec3 load[MAX_RELAXATION]; /* N */
 } residual_load;
@@ -76,7 +76,7 @@ typedef struct {
 
 enum { MAX_PIECES = 16 };
 
-/* The tick's request for data on the tissue. Each request is complete, so that only the newest one matters. */
+/* The tick's request for data about the tissue. Each request is complete in itself, so that only the newest one matters. */
 typedef struct {
     uint64_t insertion;      /* number of resets before this request */
     uint64_t serial;
@@ -97,8 +97,8 @@ typedef struct {
     double at[3][3][CONTACT_COLUMNS];
 } contact_rows;
 
-/* The part, finer than the mesh, of the displacement that nearby needles cause along the shaft's track. It is stored as a running sum over depth, so that the
-   mean over any interval is a difference of two sums. */
+/* The displacement that nearby needles cause along the shaft's track, as far as the mesh does not resolve it. It is stored as a running sum over depth, so that
+   the mean over any interval follows from the difference between two sums. */
 enum { SHIFT_STEPS = 128 };
 typedef struct {
     bool any;                /* true if the displacement is not zero everywhere */
@@ -123,11 +123,11 @@ typedef struct {
     line_piece pieces[MAX_PIECES];
     bool loaded;             /* true if u_free is not zero everywhere */
     vec3 u_free[MAX_HANDLES]; /* m, displacement of each handle due to all causes except the needle itself */
-    unresolved_shift unresolved; /* the part, finer than the mesh, of the displacement that other needles cause */
+    unresolved_shift unresolved; /* displacement caused by other needles that the mesh does not resolve */
     bool has_residuals;      /* true if u_residual is not zero everywhere */
     double residual_time;    /* s, residual_loads.time of the request */
     vec3 u_residual[MAX_RELAXATION][MAX_HANDLES]; /* m, displacement at residual_time under the residual loads of each term */
-    unresolved_shift unresolved_residual[MAX_RELAXATION]; /* the part, finer than the mesh, of the shaft's displacement under these loads; valid if
+    unresolved_shift unresolved_residual[MAX_RELAXATION]; /* displacement of the shaft under these loads that the mesh does not resolve; valid if
                                                              has_residuals */
     double compliance[SNAPSHOT_LD * SNAPSHOT_LD]; /* m/N, between handles i and j: [(3 i + a) * SNAPSHOT_LD + 3 j + b] */
 } compliance_snapshot;
@@ -156,8 +156,8 @@ const line_piece *snapshot_piece(const compliance_snapshot *snapshot, int tet);
 /* The mesh's resolution at the point of the piece that is closest to x. RT */
 resolved_field piece_at(const line_piece *piece, vec3 x);
 
-/* Compliance (m/N) between two handles. Between two contacts, it is that of the nominal mesh, so that adding a node changes what is computed but not what
-   is felt. RT */
+/* Compliance (m/N) between two handles. Between two contacts, it is that of the nominal mesh, so that adding a node does not change the force that is felt.
+   RT */
 mat3 compliance_between(const compliance_snapshot *snapshot, int handle, int other);
 
 #endif

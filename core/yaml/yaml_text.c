@@ -3,7 +3,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* If bytes are not text, libyaml reports an offset instead of a line; this function finds the line. */
+/* Returns the line (from 1) of a parse error. For bytes that are not valid text, libyaml reports only their offset, so this function counts lines. */
 static size_t line_of_problem(const yaml_parser_t *parser, const char *text) {
     if (parser->error != YAML_READER_ERROR) return parser->problem_mark.line + 1;
     size_t line = 1;
@@ -71,7 +71,7 @@ bool yaml_key_repeated(const yaml_value *mapping, int index) {
     return false;
 }
 
-/* Finds the value of a key of `length` characters; `place` becomes the node of the key. NULL if there is no such key. */
+/* Returns the value of a key of `length` characters, or NULL if there is none; *place becomes the key's node. */
 static yaml_node_t *find_pair(yaml_document_t *document, const yaml_node_t *node, const char *key, size_t length, const yaml_node_t **place) {
     if (node->type != YAML_MAPPING_NODE) return NULL;
     for (yaml_node_pair_t *pair = node->data.mapping.pairs.start; pair < node->data.mapping.pairs.top; pair++) {

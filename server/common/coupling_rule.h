@@ -1,4 +1,4 @@
-/* The virtual coupling's stiffness and damping for a loop with a given delay, used by the server and by the check of device profiles. */
+/* The virtual coupling's stiffness and damping for a loop with a given delay, used by the server and by the device profile check. */
 #ifndef TROCAR_COUPLING_RULE_H
 #define TROCAR_COUPLING_RULE_H
 

@@ -43,7 +43,7 @@ bool seeds_fit(const void *data, size_t size) {
     return seeds >= 0 && seeds <= TROCAR_MAX_SEEDS && size == count_at + 4 + SEED * (size_t)seeds;
 }
 
-/* Returns the offset after the string at this offset, or 0 if it does not fit or is not terminated. */
+/* Returns the offset just past the string at this offset, or 0 if the string does not fit or is not terminated. */
 static size_t after_string(const void *data, size_t size, size_t offset) {
     int64_t length = length_at(data, size, offset);
     if (length < 1 || (size_t)length > size - offset - 4) return 0;

@@ -5,7 +5,7 @@
 #include <stdbool.h>
 #include <stddef.h>
 
-/* True if these bytes are exactly one message of this type, all lengths fit within `size`, and all strings are terminated. */
+/* Each function returns true if the bytes are exactly one message of its type, all lengths fit within `size`, and all strings are terminated. */
 bool contacts_fit(const void *data, size_t size);
 bool tracks_fit(const void *data, size_t size);
 bool deformation_fits(const void *data, size_t size, int node_count);

@@ -14,7 +14,7 @@
 
 enum { LARGEST_FAULTED_IN = 32 << 20 }; /* bytes; larger mappings are not touched in advance */
 
-/* Touches all pages of code, data, heap and stacks. Skips larger buffers, which libraries keep for other threads: clearing hundreds of megabytes
+/* Touches all pages of code, data, heap and stacks. Skips large buffers, which libraries reserve for other threads: clearing hundreds of megabytes
    would take half of the start-up time. */
 static void fault_in(void) {
     FILE *maps = fopen("/proc/self/maps", "r");

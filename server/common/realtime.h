@@ -1,4 +1,4 @@
-/* Linux settings for real time: locked memory, FIFO priority, flush-to-zero. */
+/* Linux settings for real-time threads: locked memory, FIFO priority, flush-to-zero. */
 #ifndef TROCAR_REALTIME_H
 #define TROCAR_REALTIME_H
 
@@ -27,8 +27,8 @@ trocar_status realtime_check_permission(int priority, trocar_error *why);
    cannot be undone, so call this function only on a thread that will end. */
 void realtime_hurry(void);
 
-/* Returns the calling thread to normal priority before long computations on all processors. Their threads do not inherit a raised priority, and a
-   high-priority thread waiting for them would keep them from running. */
+/* Returns the calling thread to normal priority before a long computation on all processors. The computation's threads do not inherit a raised priority,
+   and a high-priority thread waiting for them would keep them from running. */
 void realtime_take_time(void);
 
 /* Touches the pages of the calling thread's stack in advance, so that they cause no page faults later. The thread needs a stack of REALTIME_STACK
@@ -37,10 +37,10 @@ enum { REALTIME_STACK = 2 << 20, REALTIME_STACK_TOUCHED = 1 << 20 };
 void realtime_touch_stack(void);
 
 /* Treats denormal operands and results as zero, because computing with them is a hundred times slower than with normal numbers. Every computing
-   thread must call this function, in real time and in lockstep; otherwise the results of the two modes would differ. */
+   thread must call this function, in real-time and lockstep modes alike; otherwise their results would differ. */
 void realtime_flush_denormals(void);
 
-/* Keeps the processors out of deep sleep states, which take long to leave. Returns a descriptor to keep open, or -1 with the reason in `why`. */
+/* Keeps the processors out of deep sleep states, which take a long time to leave. Returns a descriptor to keep open, or -1 with the reason in `why`. */
 int realtime_stay_awake(trocar_error *why);
 
 #endif

@@ -6,7 +6,7 @@
 #include <sys/resource.h>
 #include <time.h>
 
-int64_t allocator_calls(void) __attribute__((weak)); /* tests/shared/allocator_calls.h, if it is linked or preloaded */
+int64_t allocator_calls(void) __attribute__((weak)); /* defined only if tests/shared/allocator_calls.h is linked or preloaded */
 
 /* Octave k >= 1 covers [32, 64) << (k - 1) in 32 steps; octave 0 holds the values below 32. */
 static int bucket_of(int64_t nanoseconds) {

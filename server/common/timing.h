@@ -37,7 +37,7 @@ typedef struct {
     int64_t allocations;                                  /* number of calls to the allocator; 0 if they are not counted */
 } thread_usage;
 
-bool allocations_are_counted(void);       /* only with the counter of the tests, tests/shared/allocator_calls.h */
+bool allocations_are_counted(void);       /* true only with the tests' counter, tests/shared/allocator_calls.h */
 
 thread_usage thread_usage_now(void);      /* usage of the calling thread, read with one cheap system call. RT */
 thread_usage thread_usage_since(const thread_usage *start); /* usage of the calling thread since `start`. RT */

@@ -15,7 +15,7 @@ typedef struct {
     int node_count;
     trocar_picture *picture;       /* filled by the caller before the messages are made */
     double *nodal;                 /* m, displacements: 3 values per node */
-    float *displacement;           /* the same displacements in the message's number type */
+    float *displacement;           /* the same displacements in single precision, as in the message */
     float **displacement_rows;     /* pointers to the rows of `displacement`, one per node, for LCM */
     double joints[TROCAR_MAX_JOINTS][3], positions[VIEWER_CONTACTS][3], forces[VIEWER_CONTACTS][3];
     double *joint_rows[TROCAR_MAX_JOINTS], *position_rows[VIEWER_CONTACTS], *force_rows[VIEWER_CONTACTS];
@@ -42,7 +42,7 @@ typedef struct {
 trocar_status viewer_messages_create(viewer_messages *v, trocar_model *model, trocar_error *why);
 void viewer_messages_free(viewer_messages *v);
 
-/* Makes the messages `contacts` and `tracks` of one needle from the picture, and the message `deformation`. Not for the haptic thread. NO_MEMORY. */
+/* Make the messages `contacts` and `tracks` for one needle, and `deformation` for the tissue, from the picture. Not for the haptic thread. NO_MEMORY. */
 void viewer_messages_make_needle(viewer_messages *v, int needle, int64_t tick, int64_t pose_utime);
 void viewer_messages_make_tracks(viewer_messages *v, int needle, int64_t tick);
 trocar_status viewer_messages_make_tissue(viewer_messages *v, int64_t tick, trocar_error *why);

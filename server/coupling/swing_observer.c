@@ -4,7 +4,7 @@
 
 static const double SHORTEST = 0.2e-3;      /* m, the shortest swing that is counted; physiological tremor has a smaller amplitude */
 static const double SLOWEST = 0.15;         /* s, the longest time from one turning point to the next, which corresponds to 3.3 Hz */
-/* a swing counts as undamped if its length exceeds this fraction of the previous swing in the same direction, which means damping below 1.7 % of
+/* a swing counts as undamped if its length exceeds this fraction of the previous swing in the same direction, that is, if damping is below 1.7 % of
    critical */
 static const double LASTING = 0.9;
 static const double LEAST_CHANGE = 0.01;    /* N: if the force changes by less than this, the coupling does not contribute to the swing */

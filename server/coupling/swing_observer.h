@@ -1,6 +1,6 @@
 /* Detects undamped oscillations of the hand. A swing is the motion from one turning point to the next. A passive coupling can only take energy out of
    a swing, and at turning points the hand has no kinetic energy, so each swing must be shorter than the one before. The positions alone show whether
-   this holds, whatever their delay relative to the forces. The code uses no threads and no clock: time is an argument. */
+   this holds, regardless of their delay relative to the forces. The code uses no threads and no clock: time is an argument. */
 #ifndef TROCAR_SWING_OBSERVER_H
 #define TROCAR_SWING_OBSERVER_H
 
@@ -22,7 +22,7 @@ void swing_begin(swing_observer *s, vec3 position, int64_t now);
 
 /* Takes the hand's position and the force on it (N). If an undamped swing has just ended, returns the number of such swings in a row; otherwise 0. To
    be counted, a swing must be longer than 0.2 mm, take less than 0.15 s, occur under a changing force, and be barely shorter than the swing one
-   period earlier in the same direction. Slow motion of the hand is therefore not counted. RT */
+   period earlier in the same direction. Slow hand motion is therefore not counted. RT */
 int swing_observe(swing_observer *s, vec3 position, vec3 force, int64_t now);
 
 #endif

@@ -11,7 +11,7 @@ static const double ACTIVE_ENERGY = 1e-3;   /* J, energy received by the hand ab
 enum { SWINGS = 4 };                        /* number of undamped swings after which the coupling is softened */
 static const double STEP = 2.0;             /* ratio between successive levels of caution; each level divides the stiffness by four */
 static const double LONGEST_DELAY = 40e-3;  /* s, the longest delay for which the coupling is designed; with this delay, the coupling is too soft to
-                                               drive a hand */
+                                               make a hand oscillate */
 static const double PAUSE = 0.5;            /* s without undamped swings after which the oscillation is considered to have ended */
 static const double SETTLE = 1.0;           /* s, time constant with which a decreasing caution factor approaches its level */
 static const double LOADED = 0.1;           /* N: the stability of the loop can be observed only while the hand feels at least this force */
@@ -38,7 +38,7 @@ void coupling_engage(virtual_coupling *p, const pose_sample *hand) {
 
 /* ---- caution -------------------------------------------------------------------------------------------------------- */
 
-/* Raises the level of caution because the hand keeps oscillating. At the highest level the coupling is too soft to be the cause. */
+/* Raises the caution level because the hand keeps oscillating. At the highest level, the coupling is too soft to be the cause. */
 static void raise_caution(coupling_caution *c, double known) {
     if (c->lowered) c->patience *= MORE_PATIENCE;
     c->own |= c->level * known > 0.9 * LONGEST_DELAY;

@@ -16,7 +16,7 @@ typedef struct {
     vec3 force, torque;      /* force (N) and torque (N m) exerted on the hand */
 } coupling_wrench;
 
-/* State of the caution: a factor that allows the loop's delays to be longer than the known ones. */
+/* Caution: a factor that allows for delays in the loop that are longer than the known ones. */
 typedef struct {
     double factor;           /* the coupling is designed for the known delay times this factor; at least 1 */
     double level;            /* target of `factor`, which rises to the level at once and falls to it slowly */
@@ -47,7 +47,7 @@ typedef struct {
     vec3 stretch;            /* m, vector from the needle's base to the hand */
     vec3 before;             /* m, stretch when the last pose arrived, from which the damper's extension is counted */
     double age;              /* s, sum of the ticks' lengths since the last pose arrived */
-    double energy, lowest;   /* J, energy that the hand has put into the coupling since the engagement, and the minimum of that energy */
+    double energy, lowest;   /* J, net energy that the hand has put into the coupling since the engagement, and its minimum so far */
 } virtual_coupling;
 
 /* Starts the coupling at rest and with zero energy when a hand engages the needle at this pose. Until the round trip has been measured, a long delay

@@ -52,7 +52,7 @@ static void *build(void *context) {
     return NULL;
 }
 
-/* Starts a thread of normal priority, although that of the calling thread may be higher. */
+/* Starts the builder thread at normal priority, even if the calling thread has a higher one. */
 static bool start_builder(change_intake *in) {
     pthread_attr_t attributes;
     in->built = in->cancelled = false;
@@ -131,7 +131,7 @@ void changes_free(change_intake *in) {
         changes_settle(in, &in->last);
     }
     trocar_change_free(in->newest);
-    if (in->shown.count > 0) free(in->shown.key[0]); /* all keys are in one block */
+    if (in->shown.count > 0) free(in->shown.key[0]); /* all keys are allocated as one block */
     free(in->shown.key);
     free(in->shown.value);
     *in = (change_intake){.newest = NULL};

@@ -1,4 +1,4 @@
-/* Checks changes of the tissue during the run, and keeps the newest values. */
+/* Checks changes to the tissue during the run, and keeps the newest values. */
 #ifndef TROCAR_CHANGES_H
 #define TROCAR_CHANGES_H
 
@@ -32,7 +32,7 @@ typedef enum {
     CHANGE_MALFORMED,            /* not a change_t of this version, so no reply is possible */
     CHANGE_REFUSED,              /* command->why gives the reason */
     CHANGE_LATER,                /* a model is being built, which may take from a second to hours: see changes_ready */
-    CHANGE_PASS_ON,              /* the haptic thread must carry out `command`, and then calls changes_settle */
+    CHANGE_PASS_ON,              /* the haptic thread must carry out `command`; the IO thread then calls changes_settle */
 } change_verdict;
 
 /* Checks the bytes of a change_t. Allocates, and parses the text. */

@@ -55,9 +55,9 @@ static int other_needle_of(const pose_arbiter *in, int needle, int64_t session) 
     return -1;
 }
 
-/* Limits the mean speed of the poses, not the speed between two poses that the network has delivered together: time that the poses did not use is
-   credited, up to ARRIVAL_JITTER. Once the wrench has been ramped to zero for lack of poses, any position is accepted; the safety limits then decide
-   whether the current insertion continues or a new engagement begins. */
+/* Limits the mean speed of the poses, not the speed between two poses that the network has delivered together: unused travel time is credited, up to
+   ARRIVAL_JITTER. Once the wrench has been ramped to zero for lack of poses, any position is accepted; the safety limits then decide whether the current
+   insertion continues or a new engagement begins. */
 static bool motion_possible(pose_arbiter *in, int needle, const pose *p, int64_t now) {
     arbiter_needle *n = &in->needles[needle];
     double elapsed = since_last(in, needle, now);

@@ -38,7 +38,7 @@ typedef struct {
     bool rests;                      /* the needle has been left in the tissue, so poses for it are refused */
     sequence order;                  /* sequence state of the accepted poses from newest.session */
     sequence heard;                  /* sequence state of all poses from the owner, accepted or not */
-    double travel_credit;            /* s, time left unused at the speed limits, credited for poses that arrive late */
+    double travel_credit;            /* s, unused travel time at the speed limits, credited to poses that arrive late */
 } arbiter_needle;
 
 typedef struct {
@@ -58,7 +58,7 @@ pose_verdict arbiter_pose(pose_arbiter *in, const void *data, size_t size, int64
 typedef enum {
     COMMAND_MALFORMED,   /* the bytes are not a command_t of this version, so no reply is possible */
     COMMAND_SETTLED,     /* the command has been executed or refused */
-    COMMAND_PASS_ON,     /* the haptic thread must execute or refuse the command, and then calls arbiter_settle */
+    COMMAND_PASS_ON,     /* the haptic thread must execute or refuse the command; the IO thread then calls arbiter_settle */
     COMMAND_SHUTDOWN
 } command_verdict;
 

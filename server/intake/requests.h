@@ -1,4 +1,4 @@
-/* Data that the IO thread passes to the haptic thread in addition to the needles' poses: the probe's pose, and requests. */
+/* Data that the IO thread passes to the haptic thread in addition to the needles' poses: the probe's pose, and clients' requests. */
 #ifndef TROCAR_REQUESTS_H
 #define TROCAR_REQUESTS_H
 
@@ -20,7 +20,7 @@ typedef struct {
 typedef struct {
     trocar_command_t asked;
     uint64_t engagement;         /* number of the needle's engagement at the time of the request */
-    bool anew;                   /* at the time of the request, the next pose was already going to start a new engagement */
+    bool anew;                   /* true if the next pose was already due to start a new engagement when the request arrived */
     trocar_change *change;       /* the new values; NULL if the request is not a change */
     trocar_change *replaced;     /* the values before the change, which the IO thread frees when the command returns */
     double change_time;          /* s, duration of the change */

@@ -59,8 +59,8 @@ safety_decision safety_pose(safety_limits *g, const trocar_device_limits *limits
    next engagement, ends it. RT */
 void safety_timing(safety_limits *g, bool late, double dt);
 
-/* Starts a bumpless transfer when the model's wrench may jump for a reason other than the hand's motion. Within ramp_time, the output changes from
-   the last output to the model's wrench and always lies between them. RT */
+/* Starts a bumpless transfer when the model's wrench may jump for a reason other than the hand's motion. Over ramp_time, the output moves from the last
+   output to the model's wrench and always lies between them. RT */
 void safety_begin_transfer(safety_limits *g);
 
 /* Ramps the model's wrench up or down, then limits its magnitude and slew rate without changing its direction; updates force and torque in place. If

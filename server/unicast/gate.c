@@ -88,7 +88,7 @@ static void connect_client(gate *g, gate_client *c, const struct sockaddr_in *fr
     g->counts.connected++;
 }
 
-/* A CONNECT that arrives twice gets the same answer twice. One that was made before the client's present connection is a replay. */
+/* Handles a CONNECT. One that arrives twice gets the same answer twice; one created before the client's current connection is a replay. */
 static gate_verdict take_connect(gate *g, wire_handshake *h, const struct sockaddr_in *from, int64_t now, const unsigned char *fresh, gate_result *result) {
     if (!is_own_cookie(g, from, h, now)) {
         g->counts.forged++;

@@ -1,9 +1,9 @@
 /* Decides what happens to each unicast datagram: the handshake, the table of authenticated clients, and the protection against replays.
 
-   A client sends HELLO and receives a COOKIE, which is the time and an HMAC, under a key that only this gate knows, of that time, the client's
-   address and its nonce. The client returns the cookie with CONNECT. Only then, when the client has proved that it knows the secret and receives at
-   its address, does the gate store anything about it. The gate answers with WELCOME and a new nonce of its own, so that no message of an earlier
-   connection is authentic in this one.
+   A client sends HELLO and receives a COOKIE: the time, and an HMAC of that time, the client's address and its nonce under a key that only this gate
+   knows. The client returns the cookie with CONNECT, which proves that it knows the secret and receives at its address. Only then does the gate store
+   anything about the client. The gate answers with WELCOME and a new nonce of its own, so that no message of an earlier connection is authentic in
+   this one.
 
    Work and memory are bounded: an answer is never larger than the datagram that caused it, there are at most GATE_CLIENTS clients, and each client
    may send GATE_RATE messages per second. */
@@ -30,8 +30,8 @@ typedef struct {
     uint64_t cookie_time;        /* ns, time in the cookie with which the client connected */
     int64_t heard;               /* ns, monotonic: arrival time of its last authentic message, or of its CONNECT */
     int64_t session;             /* session number in its last message; 0 before the first */
-    double credit;               /* number of messages that it may send at once */
-    int64_t credited;            /* ns, time of the last change of `credit` */
+    double credit;               /* number of messages that it may send now */
+    int64_t credited;            /* ns, time of the last change to `credit` */
 } gate_client;
 
 typedef struct {
@@ -77,7 +77,7 @@ void gate_init(gate *g, const wire_key *secret, const wire_key *cookie_key);
 gate_verdict gate_take(gate *g, const unsigned char *datagram, size_t size, const struct sockaddr_in *from, int64_t now,
                        const unsigned char fresh[WIRE_TOKEN], gate_result *result);
 
-/* Writes the datagram with which client `index` receives a message of the server for `session`. Returns its size; 0 if this message is not for that
+/* Writes the datagram that carries a message from the server for `session` to client `index`. Returns its size; 0 if this message is not for that
    client. */
 size_t gate_put(gate *g, int index, int64_t session, const char *channel, const void *bytes, size_t size, int64_t now, unsigned char to[WIRE_MOST]);
 

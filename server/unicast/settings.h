@@ -10,8 +10,8 @@
 /* Reads HOST:PORT, where HOST is an IPv4 address of this machine, a name, or empty for all addresses. BAD_INPUT. */
 trocar_status settings_address(const char *text, struct sockaddr_in *address, trocar_error *why);
 
-/* Reads the key from the secret file, whose content, without line ends at its end, must have 32 to 1024 bytes. BAD_INPUT if that is not so, if users other than the owner
-   have access to the file, or if `file` is NULL and the address can be reached from other machines. */
+/* Reads the key from the secret file, which must contain 32 to 1024 bytes, not counting trailing line ends. BAD_INPUT otherwise, if users other than the
+   owner have access to the file, or if `file` is NULL and the address can be reached from other machines. */
 trocar_status settings_secret(const char *file, const struct sockaddr_in *address, wire_key *key, trocar_error *why);
 
 #endif

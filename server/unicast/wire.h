@@ -60,9 +60,9 @@ wire_key wire_secret_key(const void *secret, size_t size);
 /* Returns the key of one direction; `kind` is WIRE_TO_SERVER or WIRE_TO_CLIENT. */
 wire_key wire_direction_key(const wire_key *secret, wire_kind kind, const unsigned char nonce[WIRE_NONCE], const unsigned char token[WIRE_TOKEN]);
 
-/* Returns the kind of a datagram whose size is possible for that kind; 0 otherwise. Does not check the tag. */
+/* Returns the datagram's kind; 0 if the kind is unknown or the size is impossible for it. Does not check the tag. */
 int wire_kind_of(const void *datagram, size_t size);
-/* True if the datagram ends with the right tag. The duration does not depend on the tag. */
+/* True if the datagram ends with the right tag. Takes the same time for any tag. */
 bool wire_is_authentic(const wire_key *key, const void *datagram, size_t size);
 
 /* These functions write a datagram and return its size. `key` may be NULL for a handshake, whose tag is then zero. */
@@ -70,7 +70,7 @@ size_t wire_put_handshake(unsigned char to[WIRE_HANDSHAKE], wire_kind kind, cons
 size_t wire_put_message(unsigned char to[WIRE_MOST], wire_kind kind, uint64_t counter, const char *channel, const void *bytes, size_t size,
                         const wire_key *key);
 
-/* Reads a datagram of a kind that wire_kind_of has returned. wire_get_message returns false if the channel name has no end. */
+/* Read a datagram whose kind and size wire_kind_of has checked. wire_get_message returns false if the channel name is not terminated. */
 wire_handshake wire_get_handshake(const void *datagram);
 bool wire_get_message(const void *datagram, size_t size, wire_message *m);
 
@@ -79,7 +79,7 @@ typedef struct {
     uint64_t newest, seen;       /* bit i of `seen`: newest - i has been received */
 } wire_window;
 
-/* True if no message with this counter has been received yet, as far as is known. Call it for authentic messages only. */
+/* Records the counter and returns true, unless it has been received before or is too old to tell. Call it for authentic messages only. */
 bool wire_window_accepts(wire_window *w, uint64_t counter);
 
 #endif

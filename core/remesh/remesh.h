@@ -32,9 +32,8 @@ bool remesher_look_ahead(remesher *r);
 /* Restarts after the inverse has changed. Measured lines are kept. */
 trocar_status remesher_forget(remesher *r, trocar_error *why);
 
-/* Restores the state immediately after `request` was answered with `snapshot`; starts empty if the snapshot answers another request. trocar_sim_restore
-   describes when the result is bitwise identical and when it differs by rounding errors; after the removal of a node on a face that was not the last one, it
-   differs by rounding errors. */
+/* Restores the state immediately after `request` was answered with `snapshot`; starts empty if the snapshot answers another request. After the removal of a
+   node on a face that was not the last one, the compliances differ by rounding errors; otherwise they are bitwise identical. */
 trocar_status remesher_resume(remesher *r, const remesh_request *request, const compliance_snapshot *snapshot, trocar_error *why);
 
 #endif

@@ -72,7 +72,7 @@ static int change_somewhere(timing_run *run, remesh_change change) {
     return -1;
 }
 
-/* Puts the nodes of the elements around `tet` into the window. */
+/* Fills the window with the nodes of `tet` and of the elements around it. */
 static void look_around(timing_run *run, int tet) {
     const mesh *m = run->tissue->mesh;
     remesh_request *request = &run->request;

@@ -163,7 +163,7 @@ class MechanicsTest(Case):
         self.assertTrue(ends and not infos[-1]["hit"] and infos[-1]["is_success"])
 
     def test_seed_is_left_where_a_simulation_leaves_it(self):
-        """The final error is the seed's distance from the target in the tissue at rest, and displacement costs 5 mm for each mm and second."""
+        """The final error is the seed's distance from the target in the tissue at rest, and each mm of displacement costs 5 mm per second."""
         env = NeedleEnv("implant", self.file())
         push, release = np.array([1.0, 0.0, -1.0], np.float32), np.array([0.0, 0.0, 1.0], np.float32)
         observation, info = env.reset(seed=1)

@@ -1,4 +1,4 @@
-"""Functions shared by the reports of tests/verification and tests/validation: REPORT.md and plots/ in the folder of the script."""
+"""Functions that write the reports of tests/verification and tests/validation: REPORT.md and plots/ in the script's folder."""
 import contextlib
 import subprocess
 

@@ -43,7 +43,7 @@ typedef struct {
     int32_t (*triangles)[3];
     trocar_pose asked;       /* of the probe */
     trocar_probe probe;      /* as last solved */
-    int needle;              /* that is ticked */
+    int needle;              /* the needle that is ticked */
     trocar_pose base[2];
     trocar_output last[2];
     int since;               /* number of ticks since the needle's last puncture or exit */
@@ -57,7 +57,7 @@ typedef struct {
 
 static const double LIMITS[FINDINGS] = {
     [NODE_DEPTH] = 10e-6,    /* m; nodes are kept out of the probe to 1e-12 m, but needles displace them until the next solution */
-    [UNFELT_DEPTH] = 0.2929, /* in radii: depth of a chord below its arc, for an angle of 90 degrees; edges may penetrate this deep before they touch
+    [UNFELT_DEPTH] = 0.2929, /* in radii: sagitta of an arc of 90 degrees; edges may penetrate this deep before they touch
                                 (mechanics.md) */
     [FACE_DEPTH] = INFINITY, [FORCE] = INFINITY, [JUMP] = 1.0, [JUMP_AFTER_STOP] = 1.0, [NEEDLE_JUMP] = 1.0, [OVERLOAD] = 1e-3, [GAIN] = 1e-3,
     [GAIN_WITH_NEEDLE] = 1e-3};

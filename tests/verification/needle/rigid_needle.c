@@ -56,8 +56,8 @@ static trocar_status configure(char **argument, simulation_config *c, trocar_err
     return TROCAR_OK;
 }
 
-/* Returns the local compliance along an axis of the world frame, whose third axis is that of the needle, at a point that represents the shaft between two
-   depths. The regions along this part of the shaft act in parallel. */
+/* Returns the local compliance along a world axis (the third is the needle's) at a point that represents the shaft between two depths. The regions along this
+   part of the shaft act in parallel. */
 static double local_between(const insertion_model *model, const insertion_state *s, const resolved_field *resolved, double from, double to, int axis) {
     lateral_axial logarithm = local_logarithm(model, resolved);
     bool along = axis == 2;

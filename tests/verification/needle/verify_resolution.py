@@ -29,8 +29,8 @@ SIZES = {"short": (0.0155, 0.0125), "full": (0.0155, 0.0125, 0.0125 * 1.001, 0.0
 
 
 def rigid_needle(rows, mesh, case):
-    """Returns the number of nodes, the number of contacts, and the three forces that follow from the project's contact nodes; also the sideways and axial
-    forces of the tick."""
+    """Returns the number of nodes, the number of contacts, and the forces from the springs added up per direction: sideways, along, and that of the tip alone;
+    also the sideways and axial forces of the tick."""
     tip = case["tip"]
     command = [rows.build / "tests/verification/rigid_needle", mesh, case["radius"], case["poisson_ratio"], *case["axis"], tip,
                case["youngs_modulus_above"], case["youngs_modulus_below"]]

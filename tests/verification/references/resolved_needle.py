@@ -286,7 +286,7 @@ EDGES = ((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3))  # edges of a C3D10 ele
 
 
 def straighten(nodes, elements, far):
-    """Moves the mid-side nodes of edges that have a far end to the midpoints between their ends."""
+    """Moves the mid-side node of each edge with an end in `far` to the midpoint between the edge's ends."""
     for i, edge in enumerate(EDGES, 4):
         ends, middle = elements[:, edge], elements[:, i]
         chosen = far[ends].any(axis=1)

@@ -103,7 +103,7 @@ def crowded(files):
 
 
 def undescribed(root, files):
-    """Returns those of core, lcmtypes, server, clients and tests, and of their folders, whose README is missing or too long."""
+    """Returns which of core, lcmtypes, server, clients, tests and their folders have no README or too long a README."""
     faults = []
     for folder in sorted({match[0] for match in (re.match(r'(core|lcmtypes|server|clients|tests)(/[^/]+(?=/))?', file) for file in files) if match}):
         readme = root / folder / 'README.md'

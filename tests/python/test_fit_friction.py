@@ -227,7 +227,7 @@ def changed(path, change):
 
 
 def of_each_row(change):
-    """Applies a change of time, depth and force to each row of a text."""
+    """Returns a function that applies `change` to the time, depth and force in each row of a text."""
     def of_text(text):
         head, *lines = text.splitlines()
         return "\n".join([head] + [change(*line.split(",")) for line in lines]) + "\n"

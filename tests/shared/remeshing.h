@@ -394,7 +394,7 @@ static mat3 nominal_between(const reference *nominal, const added_node *node, co
     return sum;
 }
 
-/* Added nodes do not make contacts more compliant, whether many lie in one element, or they lie on faces, or they are moved. */
+/* Contacts do not become more compliant, whether many nodes are added in one element, nodes are added on faces, or nodes are moved. */
 static void contacts_yield_as_in_the_nominal_mesh(void **state) {
     (void)state;
     static const refinement none = {.count = 0};

@@ -585,7 +585,7 @@ static void test_trackers() {
     EXPECT(bridge.ready());
     EXPECT(soon([&] { return bridge.said("no tracker at 127.0.0.1:18945"); }));
 
-    /* Two poses of a tracker are 50 ms and 10 mm apart; the needle moves from one to the other uniformly, in small steps. */
+    /* Two poses of a tracker are 50 ms and 10 mm apart; the needle moves from one to the other at constant speed, in small steps. */
     igtl::ClientSocket::Pointer client = igtl::ClientSocket::New();
     EXPECT(client->ConnectToServer("127.0.0.1", bridge.port()) == 0);
     Columns moved = STYLUS;

@@ -6,7 +6,7 @@
 
 static const double TICK = 1e-3;              /* s */
 static const double NOTICED = 0.07, NOTICED_LEAST = 0.05; /* just noticeable change, as a fraction of the force and in N */
-static const int RECOIL = 25;                 /* number of ticks for which a needle springs forward after a puncture, at most */
+static const int RECOIL = 25;                 /* maximum number of ticks for which a needle springs forward after a puncture */
 enum { BINS = 400, BINS_PER_DECADE = 80 };
 static const double FIRST_BIN = 1e-4;
 

@@ -216,7 +216,7 @@ def main():
         rows.measured(f"places measured only, because the mesh limits the accuracy: {missed} of {len(check.measured)} above the limit of the others",
                       "needle's surface resolved, CalculiX C3D10", max(check.measured), None, max(check.measured),
                       note="which places these are was decided after their errors had been seen")
-    if not rows.short_form:  # the median for the coarse meshes alone is larger
+    if not rows.short_form:  # the short form has only coarse meshes, whose median is larger
         rows.error(f"median of all {len(check.errors)} forces", "needle's surface resolved, CalculiX C3D10", np.median(check.errors), MEDIAN)
     return rows.end()
 

@@ -109,7 +109,7 @@ def main():
         rows.measured(f"forces measured only, because the mesh limits the accuracy, {len(measured)} of {len(errors)}: {missed} above the limit of the others",
                       "needle's surface resolved, CalculiX C3D10", max(measured), None, max(measured),
                       note="which places these are was decided after their errors had been seen")
-    if not rows.short_form: # the median for the coarse meshes alone is larger
+    if not rows.short_form: # the short form has only coarse meshes, whose median is larger
         rows.error(f"median of all {len(errors)} forces on the needle", "needle's surface resolved, CalculiX C3D10", np.median(errors), MEDIAN)
     sys.exit(rows.end())
 

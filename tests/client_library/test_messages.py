@@ -128,7 +128,7 @@ def pending(client, types):
             if told:
                 hear(number, reply.PENDING)
                 assert c.reply() == (client.Answer.WAITING, "computing") and not c.change({"a": 1})
-        hear(number - 1, reply.PENDING)     # a reply to an earlier change, which does not count
+        hear(number - 1, reply.PENDING)     # a reply to an earlier change does not count
         clock[0] += 2.9
         assert c.reply()[0] is (client.Answer.WAITING if told else client.Answer.UNANSWERED)
         clock[0] += 0.2

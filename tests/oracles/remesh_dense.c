@@ -79,7 +79,7 @@ static void restore(dense_remesher *r) {
 static void dense_remove(remesher *shared, int slot, int position) {
     dense_remesher *r = (dense_remesher *)shared;
     const refinement *refined = &shared->refined;
-    trocar_error unused; /* if undoing fails, all remaining nodes are added again, which reports any error */
+    trocar_error unused; /* if undoing fails, all remaining nodes are added again, and that reports any error */
     if (refined->count == 0) restore(r);
     if (r->spoilt || refined->count == 0) return;
     collect_change(r, slot, position);

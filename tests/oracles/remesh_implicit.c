@@ -121,7 +121,7 @@ static trocar_status implicit_take_nodes(remesher *shared, int count, const int 
     return status;
 }
 
-/* Computes F of the touched nodes, up to that of the new change, which is the current inverse between these nodes. */
+/* Computes F of the touched nodes for all changes up to the new one. The new change's F is the current inverse between these nodes. */
 static void touch_nodes(implicit_remesher *r, int index) {
     const low_rank *change = &r->changes[index];
     for (int q = 0; 3 * q < change->rank; q++)

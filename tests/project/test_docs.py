@@ -22,7 +22,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 SHELL, CODE = {"sh", "bash"}, {"c", "cpp", "csharp", "python", "yaml"}
-TEXT = {"text", "json", "csv", "console", "diff"}  # output and diagrams, which cannot be run
+TEXT = {"text", "json", "csv", "console", "diff"}  # languages of output and diagrams, which cannot be run
 BLOCK = re.compile(r"((?:^<!--[^\n]*-->\n\s*)*)^( *)(`{3,})(\w*)[^\n]*\n(.*?)^\2\3 *$", re.MULTILINE | re.DOTALL)
 MARK = re.compile(r"<!-- (not run|background|file|declarations)(?:: (.+?))? -->")
 

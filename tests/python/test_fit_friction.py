@@ -48,7 +48,7 @@ SCRIPT = load_script()
 
 
 def fit(*arguments):
-    """Runs the script's main function in this process, which saves starting Python and NumPy for each run. Exceptions are passed on."""
+    """Runs the script's main function in this process, to avoid starting Python and NumPy for each run. Exceptions are passed on."""
     out, err, status = io.StringIO(), io.StringIO(), 0
     sys.argv = [FIT, *arguments]
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):

@@ -242,7 +242,7 @@ static void nodes_among_fixed_ones(void **state) {
     tissue_free(&t);
 }
 
-/* Adds nodes of one kind in the elements along a line, each at the midpoint of the segment of the line inside its element. */
+/* Adds nodes of one kind in the elements along a line, each at the midpoint of the line's segment inside its element. */
 static void add_track(vec3 from, vec3 to) {
     vec3 along = v3_sub(to, from);
     for (surface_hit at = mesh_enter(tested->mesh, from, to); at.tet >= 0;) {

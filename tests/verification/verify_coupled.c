@@ -216,8 +216,8 @@ static double curve_error(lockstep *l, double way, friction_state slides, int *t
     return worst;
 }
 
-/* Returns the tissue's compliance (m/N) at the entry point, from a separate solve. Before the puncture, needle and tissue act in series, which gives the
-   increase in force. */
+/* Returns the tissue's compliance (m/N) at the entry point, from a separate solve. Before the puncture, needle and tissue act in series, and this gives
+   the increase in force. */
 static double compliance_at_entry(lockstep *l) {
     const mesh *m = &l->parts.mesh;
     vec3 *force = calloc((size_t)m->node_count, sizeof *force), *u = calloc((size_t)m->node_count, sizeof *u);
@@ -305,7 +305,7 @@ static void push_and_pull(lockstep *l, double *force) {
     }
 }
 
-/* Inserts and withdraws ten times at the same place, each time after cutting a track 3 mm away, and compares the forces with those of the first time. Here, the
+/* Inserts and withdraws ten times at the same point, each time after cutting a track 3 mm away, and compares the forces with those of the first time. Here, the
    tissue closes behind the tip, because in an open track, the next insertion would not cut. */
 static void check_repetition(rows *r) {
     simulation_config c = lockstep_config();

@@ -31,7 +31,7 @@ typedef struct {
     trocar_output last[3];
     double history[3][3];    /* N, forces of the last three ticks */
     bool over_edge;          /* the tip has slid over an edge of the block, and has not been clear of the block since */
-    int since;               /* number of ticks since the last puncture, exit, or change of the set of resting needles */
+    int since;               /* number of ticks since the last puncture, exit, or change in which needles rest */
     double work, most_work;
     long ticks;
     bool unstable;
@@ -278,7 +278,7 @@ enum { COLUMNS = 7, ROWS = 5, ACROSS = -3, UP = -2 }; /* COLUMNS, ROWS: number o
                                                          column and row */
 static const double PITCH = 5e-3;                     /* m */
 
-/* Inserts as many needles as the scene allows, one after the other, through random holes of the template of the implant scene, in surroundings of 3 to 30 kPa
+/* Inserts as many needles as the scene allows, one after the other, through random holes of the implant scene's template, in surroundings of 3 to 30 kPa
    and at the speed of a hand. Each needle is left at its depth, so that the tissue is displaced for those inserted later. */
 static void run_implant(int number, implant_findings *f) {
     trial t = {.found = &(findings){0}, .number = number};

@@ -171,7 +171,7 @@ static void add_monotone_row(rows *r, const char *what, int count, const pushes 
     rows_add(r, (row){.check = check, .reference = "not negative", .value = p->least / p->most, .expected = NAN, .error = fmax(0.0, -p->least / p->most), .limit = 1e-6, .note = note});
 }
 
-/* Checks needles that are inserted at random places and then stick to the tissue. */
+/* Checks needles that are inserted at random positions and then stick to the tissue. */
 static void check_stuck(rows *r, int count) {
     simulation_config config = lockstep_config();
     config.needle.youngs_modulus *= 1e4;

@@ -112,7 +112,7 @@ static double total_force(const body *b, int axis, double *tip_alone) {
     return sum;
 }
 
-/* Computes the tick's axial forces (N) on the needle, which is moved by 1 to 5 mm in steps. */
+/* Computes the tick's axial forces (N) on the needle as it is moved by 1 to 5 mm in steps. */
 static trocar_status forces_deeper(body *b, pose base, vec3 way, double *force, trocar_error *why) {
     tick_output wrench;
     double rest = 0.0;

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Compares label maps, surfaces and volume meshes of every kind, and the needle's entry point, with shapes of known position and volume.
+"""Tests label maps, surfaces and volume meshes of every kind, and the needle's entry point, on shapes of known position and volume.
 """
 import bz2
 import contextlib
@@ -26,8 +26,8 @@ RADIUS = 18.0
 
 
 def two_halves(degrees=0.0):
-    """Returns a ball whose left half (+x) is label 1 and whose right half is label 2, inside a larger ball of label 3, as an array (k, j, i), and the transform
-    of the voxels."""
+    """Returns the label array (k, j, i) of a ball whose left half (+x) is label 1 and whose right half is label 2, inside a larger ball of label 3; and the
+    voxel-to-patient transform."""
     size = np.array([60, 48, 30])
     x, y, z = np.meshgrid(*(np.arange(n) * s - n * s / 2 for n, s in zip(size, SPACING)), indexing="ij")
     radius = np.sqrt(x ** 2 + y ** 2 + z ** 2)
@@ -75,7 +75,7 @@ class Files(unittest.TestCase):
         self.check_map(reading.read_image("e.nii"), place, {"1": 1, "2": 2}, 1e-3)
 
     def test_images_that_end_too_early_are_refused(self):
-        """Files may be truncated anywhere, even after the last voxel: within the checksum at the end of a compressed file."""
+        """Files may be truncated anywhere, even after the last voxel, inside the checksum that ends a compressed file."""
         self.labels, place = two_halves()
         nrrd.write_nrrd("a.seg.nrrd", self.labels, place, NAMES, "right-anterior-superior")
         inputs.write_seg("b.dcm", self.labels, place, NAMES)
@@ -276,7 +276,7 @@ def two_boxes():
     points = np.array([[x, y, z] for z in (0, 1, 2) for y in (0, 1) for x in (0, 1)], float)
     cube = [[0, 1, 3, 7], [0, 1, 7, 5], [0, 5, 7, 4], [0, 3, 2, 7], [0, 2, 6, 7], [0, 6, 4, 7]]
     tets = np.array([[n + 4 * k for n in tet] for k in (0, 1) for tet in cube])
-    tets[::3, :2] = tets[::3, 1::-1]    # gives every third tetrahedron the opposite orientation, as occurs in files
+    tets[::3, :2] = tets[::3, 1::-1]    # inverts every third tetrahedron, as happens in real files
     return points, tets, np.repeat([0, 1], 6), ["low", "high"]
 
 
@@ -348,7 +348,7 @@ class Approach(unittest.TestCase):
         self.assertIsNone(approach.first_hit(below, path.entry, path.target))
         path, low, high, face = pipeline.path_and_block([gland], [], [], pipeline.Plan())
         self.assertEqual((face, path.entry.tolist()), ((2, -1), [0, 0, low[2]]))
-        around = approach_sphere((0, 0, 0), 20.0)      # a closed sphere of bone, so that no path leads to the target
+        around = approach_sphere((0, 0, 0), 20.0)      # the target is enclosed in a sphere of bone, so no path leads to it
         path, low, high, face = pipeline.path_and_block([gland], [around], [], pipeline.Plan())
         self.assertEqual((face, path.entry.tolist()), ((2, -1), [0, 0, low[2]]))
 

@@ -70,7 +70,7 @@ class Limits(unittest.TestCase):
             limits.run("x", os.abort)
         with self.assertRaises(limits.Crashed) as caught:
             limits.run("x", limits.run, "y", os.abort)
-        self.assertEqual(caught.exception.number, signal.SIGABRT)      # the outer stage passes on the number of the signal
+        self.assertEqual(caught.exception.number, signal.SIGABRT)      # the outer stage passes on the signal number
 
     def test_sigterm_ends_the_program_and_its_stage(self):
         program = subprocess.Popen([sys.executable, "-c", FOREVER], stdout=subprocess.PIPE, env={**os.environ, "PYTHONPATH": os.path.join(SOURCE, "meshes")})

@@ -8,7 +8,7 @@ from anatomy import session
 from anatomy.shapes import contours
 from anatomy.trials import patient, stress
 
-NUMBER = 11     # number of one of the patients of `python3 -m anatomy.trials.stress`; docs/results/anatomy/patients.csv lists all fifty
+NUMBER = 11     # number of one of the fifty patients of `python3 -m anatomy.trials.stress`, listed in docs/results/anatomy/patients.csv
 
 
 class Patients(unittest.TestCase):

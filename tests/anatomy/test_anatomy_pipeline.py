@@ -136,7 +136,7 @@ class Crossing(unittest.TestCase):
     def test_the_search_for_a_large_mesh_goes_between_one_with_too_few_and_one_with_too_many_nodes(self):
         wanted, sizes = 30000, []
 
-        def attempt(_stage, _work, _domain, fine, path):    # first gives a fifth of the desired nodes, and far too many with smaller elements
+        def attempt(_stage, _work, _domain, fine, path):    # the first size gives a fifth of the desired nodes; halving it, far too many
             sizes.append(fine)
             points = np.zeros((round(0.2 * wanted * (sizes[0] / fine) ** 5), 3))
             with open(path, "w", encoding="ascii"):
@@ -166,8 +166,8 @@ class Crossing(unittest.TestCase):
             return meshing.Attempt(mesh, [missed])
 
         def sizes_of(first, *others):
-            """Returns the element size of each attempt relative to that of the previous attempt, if the attempts give these results in turn and then repeat the
-            last one indefinitely."""
+            """Returns the element size of each attempt relative to the previous one, when the attempts give these results in turn and then keep repeating
+            the last."""
             sizes, coming = [], [made(*first), *(made(*other) for other in others)]
 
             def attempt(_stage, _work, _domain, fine, path):

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Compares quality measures of a mesh with those of tetrahedra known from geometry."""
+"""Compares a mesh's quality measures with values known from geometry."""
 import unittest
 
 import numpy as np
@@ -9,7 +9,7 @@ from anatomy import quality, relocate
 from anatomy.shapes import shells
 
 REGULAR = quality.Mesh(np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1.0]]), np.array([[0, 1, 2, 3]]), np.array([0]), ["x"])
-# The corner of a cube and its mirror image, which share a face.
+# The tetrahedron at a cube's corner and its mirror image, which share a face.
 CORNERS = quality.Mesh(np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [0, 0, -1.0]]), np.array([[0, 1, 2, 3], [0, 2, 1, 4]]),
                        np.array([0, 1]), ["up", "down"])
 

@@ -113,8 +113,8 @@ Segmentation_Extent:={extent}
 
 
 def write_old_nrrd(path, labels_, origin, extent, first=True, name="Liver", four=False):
-    """Writes a segmentation in the form of 3D Slicer 4.6, with an axis of segments that has one sample, and data that start at Segmentation_Extent. If `four`
-    is true, all directions have four coordinates."""
+    """Writes a segmentation as 3D Slicer 4.6 does, with a segment axis of length 1 and data that start at Segmentation_Extent. If `first` is true, the segment
+    axis comes first; if `four` is true, all directions have four coordinates."""
     sizes = list(map(str, labels_.shape[::-1]))
     axes, nothing = (["(1,0,0,0)", "(0,1,0,0)", "(0,0,1,0)"], "(0,0,0,1)") if four else (["(1,0,0)", "(0,1,0)", "(0,0,1)"], "none")
     fields = {"sizes": " ".join(["1", *sizes] if first else [*sizes, "1"]), "axes": " ".join([nothing, *axes] if first else [*axes, nothing]),
@@ -275,7 +275,7 @@ class Files(Case):
 
 class Way(Case):
     def test_the_border_of_the_image_is_no_skin(self):
-        """Returns a body that extends beyond the image on all sides except the front, and a kidney close to its back."""
+        """The body extends beyond the image on all sides except the front, and the kidney is close to its back."""
         grid = torso.Grid((2.5, 2.5, 2.5), (-100, -90, -80), (100, 90, 80))
         labels_ = np.zeros(grid.shape, np.uint8)
         labels_[np.broadcast_to(grid.y > -75 + 0.002 * grid.x ** 2, grid.shape)] = 1
@@ -400,7 +400,7 @@ class Parts(Case):
         self.assertIn("material of", said)
 
     def test_a_small_part_far_away_is_kept(self):
-        """The part has 0.43 ml, 0.3 % of the bowel to which it belongs."""
+        """The part has a volume of 0.43 ml, 0.3 % of the bowel to which it belongs."""
         grid = torso.Grid((1.5, 1.5, 1.5), (-80, -40, -40), (80, 40, 40))
         labels_ = (grid.ellipsoid((-35, 0, 0), (40, 30, 30)) | grid.ellipsoid((65, 20, 10), (4.7,) * 3)).astype(np.uint8)
         found = voxels.outlined(voxels.LabelMap([labels_], grid.place, {"small_bowel": voxels.Segment(0, 1)}), ["small_bowel"])["small_bowel"]

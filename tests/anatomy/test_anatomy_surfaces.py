@@ -16,7 +16,7 @@ def stack(rings):
 
 
 def around_cells(cells):
-    """Returns the surface of unit cubes whose lowest corners are given; the cubes share points."""
+    """Returns the surface of a set of unit cubes, given by their lowest corners; adjacent cubes share points."""
     numbers, triangles = {}, []
     for cell in sorted(cells):
         for axis in range(3):
@@ -112,8 +112,8 @@ class Surfaces(unittest.TestCase):
             self.assertAlmostEqual(found.signed_volume() / sphere.volume(), 1)
 
     def test_a_surface_that_touches_itself_along_an_edge_keeps_its_inside(self):
-        """Tests the surface around a chain of cells, two of which share only an edge; the rest of the chain is closed or open. Triangles in files may have any
-        order."""
+        """Tests the surface around two cells that share only an edge, alone and also connected by a chain of further cells. Triangles in files may have any
+        orientation and order."""
         random = np.random.default_rng(1)
         for cells in ({(0, 0, 0), (1, 1, 0)}, {(0, 0, 0), (1, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1)}):
             touching = around_cells(cells)
@@ -293,7 +293,7 @@ class Shared(unittest.TestCase):
     def test_a_sheet_goes_to_what_is_around_it(self):
         image = self.image((36, 36, 40))
         image.labels[4:32, 4:32, 4:10] = 1
-        image.labels[4:32, 4:32, 10] = 2        # a sheet of the second region, one voxel thick, that covers the first region beside the body of the second
+        image.labels[4:32, 4:32, 10] = 2        # a sheet of the second region, one voxel thick, that covers the first region and juts out beside the second
         image.labels[4:32, 12:32, 10:34] = 2
         image.sources[:] = image.labels
         label_image.drop_thin(image, 2, 1.0)

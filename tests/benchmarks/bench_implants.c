@@ -1,6 +1,6 @@
 /* bench_implants: performs many implants, one after the other, in one simulation, as over days of use, to check that memory does not grow. Needles are
    inserted, deposit seeds, rest, and are taken and withdrawn in random order; one is removed while it rests; a state is saved and restored in between. Every
-   tenth implant is identical, and so must be its forces.
+   tenth implant is identical, and must give identical forces.
 
    usage: bench_implants [COUNT [SCENE]]     by default 200 meshes/figure8.yaml. Exit status 1 if the resident memory after the last implant is more than 1 %
    above that after the first tenth of the implants, or if the force on a hand differs from that in the identical implant by more than 1e-6 of the peak force.

@@ -20,13 +20,13 @@ typedef struct {
     histogram ticks, latency, between; /* `between` is the time between two solutions for the probe */
 } measured;
 
-/* Returns a pose along x, 12 mm from the needle and 3 mm deep, whose tip moves back and forth by 20 mm at 50 mm/s. */
+/* Returns the probe's pose: along x, 12 mm from the needle and 3 mm deep; its tip moves back and forth by 20 mm at 50 mm/s. */
 static trocar_pose across(double time) {
     double half = sqrt(0.5), x = 0.02 * fabs(fmod(time / 0.4, 2.0) - 1.0);
     return (trocar_pose){{x - 0.15, -0.012, 0.003 - 0.010}, {half, 0, half, 0}};
 }
 
-/* Uses the priority of the server's haptic thread, if it is permitted. */
+/* Raises the priority to that of the server's haptic thread, if permitted, or restores the normal one. */
 static void be_real_time(bool yes) {
     static bool told;
     struct sched_param priority = {.sched_priority = yes ? 80 : 0};

@@ -1,5 +1,5 @@
-/* bench_parts remesh: measures the time to add or remove a contact node by every method. The methods are internal: a simulation uses one
-   of them, and trocar.h does not time it. */
+/* bench_parts remesh: measures the time to add or remove a contact node by every method. The methods are internal: a simulation uses only
+   one of them, and trocar.h cannot time it separately. */
 #ifndef TROCAR_BENCH_REMESH_H
 #define TROCAR_BENCH_REMESH_H
 

@@ -3,8 +3,8 @@
    server. Under chrt -f 20, other programs disturb the benchmark as little as they would disturb a server.
 
    With --processor-time, for a busy machine, ticks and worker alternate in one thread, on a clock that counts the processor time of the worker's
-   calls, as if the worker had its own processor. The worker then evicts the ticks' data from the caches, so the times of the ticks cannot
-   be compared.
+   calls, as if the worker had its own processor. The worker then evicts the ticks' data from the caches, so the tick times cannot be
+   compared with those of the other mode.
 
    usage: bench_resting [--processor-time] [SCENE [COUNT...]]     by default meshes/implant.yaml, 0 1 5 25 */
 #include <stdio.h>

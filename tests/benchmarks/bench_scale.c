@@ -23,7 +23,7 @@ typedef struct {
     const char *scene_paths[MAX_SCENES], *json_path;
     int scene_count, ticks;
     double depth;
-    const char *inverse;     /* kind of inverse; NULL for that of the scene */
+    const char *inverse;     /* kind of inverse; NULL: the one that the scene sets */
 } options;
 
 /* Results for one scene with one kind of inverse. */

@@ -1,4 +1,5 @@
-/* bench_parts scale: measures tick and worker on meshes of every size, with every kind of inverse. It is internal, because it uses scale_timing.h. */
+/* bench_parts scale: measures tick and worker on meshes of every size, with every kind of inverse. It cannot be part of trocar-bench, because it uses library
+   internals (see scale_timing.h). */
 #ifndef TROCAR_BENCH_SCALE_H
 #define TROCAR_BENCH_SCALE_H
 

@@ -1,4 +1,4 @@
-/* A simulation that runs in real time, with the server's own worker in a second thread. */
+/* A simulation that runs in real time, with the server's worker in a second thread. */
 #ifndef TROCAR_LIVE_SIM_H
 #define TROCAR_LIVE_SIM_H
 
@@ -17,10 +17,10 @@ typedef struct {
 /* Prints the error message and exits if the call failed. */
 void must(trocar_status status, const char *what, const trocar_error *why);
 
-/* Starts the thread of the worker. */
+/* Starts the worker thread. */
 void live_worker_start(live_worker *w, trocar_sim *sim);
 
-/* Ends the thread, adds the times from request to answer to the histogram, and reports the first failed request. */
+/* Stops the worker thread, adds the times from request to answer to the histogram, and reports the first failed request. */
 void live_worker_stop(live_worker *w, histogram *latency);
 
 /* Prints the median, the 99th percentile and the maximum, multiplied by `unit`, in columns of this width. */

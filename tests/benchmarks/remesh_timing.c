@@ -72,7 +72,7 @@ static int change_somewhere(timing_run *run, remesh_change change) {
     return -1;
 }
 
-/* Puts the nodes of the elements around `tet` into the window. */
+/* Fills the window with the nodes of `tet` and of the elements around it. */
 static void look_around(timing_run *run, int tet) {
     const mesh *m = run->tissue->mesh;
     remesh_request *request = &run->request;
@@ -99,7 +99,7 @@ static trocar_status serve(timing_run *run, int64_t *time, trocar_error *why) {
     return status;
 }
 
-/* First requests the window, which is not timed; then adds and removes the node, both of which are timed. */
+/* Requests the window, untimed; then adds the node and removes it, and times both. */
 static trocar_status time_one(timing_run *run, int tet, remesh_timing *result, trocar_error *why) {
     int64_t unused, add = 0, removal = 0;
     look_around(run, tet);

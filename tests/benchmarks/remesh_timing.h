@@ -1,5 +1,5 @@
-/* Measures the time that the remesher takes to add a contact node to the inverse and to remove it. Calls the remesher directly, without a needle, so
-   it is internal. */
+/* Measures the time that the remesher takes to add a contact node to the inverse and to remove it. Calls the remesher, which is internal to the
+   library, directly and without a needle. */
 #ifndef TROCAR_REMESH_TIMING_H
 #define TROCAR_REMESH_TIMING_H
 
@@ -13,8 +13,8 @@ typedef struct {
     remesh_change change;
     int touched;             /* for moved nodes: only those whose patch has this many nodes are used; 0 means any number */
     int contacts;            /* contact nodes already present, added in the same way (for moved nodes: inside elements) */
-    int samples;             /* at most; */
-    double seconds;          /* s, duration after which at most three more samples are taken */
+    int samples;             /* largest number of samples */
+    double seconds;          /* s, time limit; three samples are taken even if they take longer */
 } remesh_case;
 
 typedef struct {
@@ -27,7 +27,7 @@ const char *remesh_change_name(remesh_change change);
 /* Runs in the calling thread; errors as in remesher_create. */
 trocar_status remesh_timing_measure(inverse *inv, const remesh_case *wanted, remesh_timing *result, trocar_error *why);
 
-/* Counts the movable nodes for each size of the patch (0 .. MAX_PATCH). */
+/* Counts the movable nodes by patch size (0 .. MAX_PATCH). */
 void remesh_timing_valences(const tissue *t, int counts[MAX_PATCH + 1]);
 
 #endif

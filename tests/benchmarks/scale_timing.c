@@ -10,7 +10,7 @@
 
 static const double REST = 0.5; /* s, rest before a script starts, so that the needle's line has been measured */
 
-/* A contact node of the needle, from its request to its activation. */
+/* A contact node of the needle, tracked from its request to its activation. */
 typedef struct {
     uint64_t id;
     double asked;            /* s, time of the request */

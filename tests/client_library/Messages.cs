@@ -34,7 +34,7 @@ static class Messages {
         return to ?? new BigEndianWriter();
     }
 
-    // Options that cannot be are refused before anything is opened.
+    // Invalid options are refused before a socket is opened.
     static void Refuse(TrocarOptions bad) {
         try {
             new TrocarClient(bad).Dispose();

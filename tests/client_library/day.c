@@ -1,7 +1,8 @@
 /* Sends as many wrenches as a server sends in a day, as fast as they can be received, and checks that the client does not lose, repeat, reorder or alter any.
    liblcm sends them, from another process, through a real socket. Each wrench is computed from its tick on both sides. It is compared after the client has
    stored it and before the client asks for the next datagram (recvfrom is replaced). The device's loop reads the newest wrench once per millisecond.
-   The client is a single file, whose internal data are read here. usage: day [COUNT]     (in a private network namespace; a day at 1 kHz: 86400000, the default) */
+   The client is included as source, so that its internal data can be read.
+   usage: day [COUNT]     (in a private network namespace; a day at 1 kHz: 86400000, the default) */
 #define _GNU_SOURCE
 #include "trocar_client.c"
 

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Like insertion.c, with the client in Python.
+"""Does what insertion.c does, with the Python client.
 
 usage: insertion.py URL [SECONDS]
 """

@@ -1,6 +1,6 @@
-/* Measures round trips of the free client, over multicast and over unicast, and of liblcm alternately in one run. A round trip lasts from the sending of a pose
-   to the arrival of the wrench with which another process answers, over unicast through the server's relay thread. A program with liblcm waits in lcm_handle;
-   the free client's device loop polls for the newest wrench until it arrives.
+/* Measures round trips of the free client (over multicast and over unicast) and of liblcm, alternating between them in one run. A round trip lasts from sending
+   a pose until the wrench with which another process answers has arrived; over unicast, both pass through the server's relay thread. A program with liblcm
+   waits in lcm_handle; the free client's device loop polls for the newest wrench until it arrives.
    usage: latency ROUNDS     (in a private network namespace) */
 #define _GNU_SOURCE
 #include <arpa/inet.h>

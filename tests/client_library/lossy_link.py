@@ -1,6 +1,6 @@
 #!/usr/bin/python3
 """A bad network between two LCM groups: datagrams sent to one group arrive in the other, but some are lost, some are duplicated, and some are overtaken by
-others. Prints `ready`, and on SIGTERM the counts as JSON, and exits.
+others. Prints `ready`; on SIGTERM, prints the counts as JSON and exits.
 
 usage: lossy_link.py GROUP:PORT GROUP:PORT LOSS TWICE DELAY    LOSS, TWICE: fractions of the datagrams; DELAY: largest delay, s; each datagram has
 a random delay

@@ -49,7 +49,7 @@ AT_ONCE = ["chrt", "--fifo", "20"] if subprocess.run(["chrt", "--fifo", "20", "t
 
 
 def build(folder):
-    """Returns the bridge as a command. It is compiled with the strictest options of the language."""
+    """Returns the command that runs the bridge. Compiles the bridge, if necessary, with the compiler's strictest warnings as errors."""
     if LANGUAGE == "c":
         return [f"{BUILD}/tests/client_library/insertion"]
     if LANGUAGE == "python":
@@ -173,7 +173,7 @@ def plug_in():
     libc = ctypes.CDLL(None, use_errno=True)
     with open(f"/proc/{other.pid}/ns/net") as far, open("/proc/self/ns/net") as near:
         assert libc.setns(far.fileno(), 0) == 0
-        distant = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)  # stays there
+        distant = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)  # remains in the other namespace
         assert libc.setns(near.fileno(), 0) == 0
     return other, distant
 

@@ -75,7 +75,7 @@ def try_python(types, cases):
             assert kinds[letter].encode(**found) == data, letter
     datagrams(client, [data for _, data, _ in cases])
     pending(client, types)
-    for bad in ({"needle": -1}, {"watchdog": float("nan")}, {"max_force": -1}):     # bad arguments are refused before anything is opened
+    for bad in ({"needle": -1}, {"watchdog": float("nan")}, {"max_force": -1}):     # bad arguments are refused before a socket is opened
         try:
             client.Client(**bad)
         except ValueError as error:
@@ -110,7 +110,7 @@ def datagrams(client, messages):
 
 
 def pending(client, types):
-    """While the server reports that a change is pending, the client waits for its reply longer than for others."""
+    """While the server reports that a change is pending, the client waits longer than usual for the reply."""
     c, clock = Alone(client), [100.0]
     client.time = SimpleNamespace(**{**vars(time), "monotonic": lambda: clock[0]})     # a clock that the test controls
     c._send = lambda channel, message: None
@@ -128,7 +128,7 @@ def pending(client, types):
             if told:
                 hear(number, reply.PENDING)
                 assert c.reply() == (client.Answer.WAITING, "computing") and not c.change({"a": 1})
-        hear(number - 1, reply.PENDING)     # a reply to an earlier change, which does not count
+        hear(number - 1, reply.PENDING)     # a reply to an earlier change does not count
         clock[0] += 2.9
         assert c.reply()[0] is (client.Answer.WAITING if told else client.Answer.UNANSWERED)
         clock[0] += 0.2

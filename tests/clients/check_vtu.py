@@ -112,7 +112,7 @@ def internal_forces(grid, tets):
 
 
 def membrane_forces(membranes, points):
-    """Returns the internal forces of triangles in plane stress at their nodes, from N = C strain in axes that lie in each triangle."""
+    """Returns the internal nodal forces of triangles in plane stress, from N = C strain in axes that lie in each triangle."""
     corners = membranes.connectivity.reshape(-1, 3)
     x, u = points[corners], membranes.point_data["displacement"][corners]
     first = x[:, 1] - x[:, 0]

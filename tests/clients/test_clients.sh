@@ -162,7 +162,7 @@ EOF
     "$source/tests/clients/check_vtu.py" part/series-0039
 }
 
-# Golden recordings with their wrenches: two replays are bit-identical, and agree with the recording within a tolerance that any change of the mechanics would
+# Golden recordings with their wrenches: two replays are bit-identical, and agree with the recording within a tolerance that any change to the mechanics would
 # exceed.
 golden() {
     local traces=$source/tests/traces trace status=0

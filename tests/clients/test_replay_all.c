@@ -1,5 +1,5 @@
-/* trocar-replay gives the same forces as the corresponding library calls, for a log of several needles with commands (--all) and for a log with poses of the
-   probe. */
+/* Checks that trocar-replay gives the same forces as the corresponding library calls, for a log of several needles with commands (--all) and for a log with
+   poses of the probe. */
 #define _DEFAULT_SOURCE
 #include <math.h>
 #include <setjmp.h>
@@ -78,8 +78,8 @@ static void leave(recording *r, int needle) {
     OK(trocar_sim_work(r->sim, NULL, &why));
 }
 
-/* Two needles are inserted and released. The first is taken where it rests, although the hand is somewhere else, and withdrawn; the second is
-   removed. */
+/* Records two needles that are inserted and released. The first is taken where it rests, although the hand is somewhere else, and withdrawn; the
+   second is removed. */
 static void record(recording *r) {
     const trocar_pose away = {{0, 0, -10}, {1, 0, 0, 0}};
     for (int i = 0; i < 2; i++) OK(trocar_sim_reset(r->sim, i, &away, &why));
@@ -102,8 +102,8 @@ static void record(recording *r) {
     command(r, TROCAR_COMMAND_T_TAKE, 1); /* refused, because the needle has been removed */
 }
 
-/* Two needles lie next to each other. The first is reset twice, once while it is held, and once after it has been released and taken. It is inserted again at
-   another place while the second one moves on. */
+/* Records two needles next to each other. The first is reset twice, once while it is held, and once after it has been released and taken. It is inserted again
+   elsewhere while the second one moves on. */
 static void record_resets(recording *r) {
     const trocar_pose away = {{0, 0, -10}, {1, 0, 0, 0}};
     for (int i = 0; i < 2; i++) OK(trocar_sim_reset(r->sim, i, &away, &why));
@@ -240,8 +240,8 @@ static void carry_out(recording *r, trocar_change *change) {
     trocar_change_free(change);
 }
 
-/* The reply to the first change of moduli comes after 40 ms. The second one was carried out when the first was complete, although its reply was recorded
-   earlier. The third was refused. */
+/* Records changes of moduli. The reply to the first comes after 40 ms. The second takes effect when the first is complete, although its reply is recorded
+   earlier. The third is refused. */
 static void record_changes(recording *r) {
     enum { BUILT = 40, END = 400 };
     static const trocar_pose start = {{0, 0.003, -0.201}, {1, 0, 0, 0}};
@@ -292,7 +292,7 @@ static void changes_take_effect_at_the_reply(void **state) {
             for (int a = 0; a < 3; a++) assert_close(force[k][a], r.force[k][a], 1e-9);
         snprintf(line, sizeof line, "grep -q '^4 changes of the tissue' %s/text", folder);
         assert_int_equal(system(line), 0);
-        rename(out, path); /* the output is replayed in turn: its changes must wait for the same time */
+        rename(out, path); /* the output is replayed in turn: its changes must take effect at the same times */
     }
     remove_folder();
     trocar_sim_free(r.sim);

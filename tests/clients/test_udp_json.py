@@ -39,7 +39,7 @@ def listen(listener, seconds):
     found, end = [], time.monotonic() + seconds
     while time.monotonic() < end:
         try:
-            found.append(json.loads(listener.recv(65536), parse_constant=lambda name: 1 / 0))   # neither NaN nor Infinity is permitted
+            found.append(json.loads(listener.recv(65536), parse_constant=lambda name: 1 / 0))   # fails for NaN and Infinity
         except TimeoutError:
             pass
     return found

@@ -1,6 +1,6 @@
 #!/usr/bin/python3
-"""Tests trocar-dds between a server and dds_peer, which plays the part of a ROS node: names and types of the topics, the bytes of the messages, decoded here
-from the definitions of ROS's messages, the poses and wrenches compared with those on LCM, refused poses, a second publisher, and the release of the needle.
+"""Tests trocar-dds between a server and dds_peer, which plays the part of a ROS node: names and types of the topics; the bytes of the messages, decoded here
+from the ROS message definitions; poses and wrenches compared with those on LCM; refused poses; a second publisher; and the release of the needle.
 
 usage: test_dds.py BUILD_DIR SOURCE_DIR     Exit status 77: network namespaces are not available.
 """
@@ -145,7 +145,7 @@ def meets_as_ros_would(peer):
 
 
 def drives_a_needle(peer, network):
-    """Inserts the needle by 30 mm, turned by 0.5 rad, with 100 poses a second."""
+    """Advances the needle by 30 mm, turned by 0.5 rad, at 100 poses per second."""
     turn = (0, 0, math.sin(0.25), math.cos(0.25))
     wait(lambda: peer.publish(START, turn) or time.sleep(0.01) or network.poses, "no pose reaches the server")
     time.sleep(0.3)
@@ -172,7 +172,7 @@ def drives_a_needle(peer, network):
 
 
 def feels_the_needle(peer, network):
-    """Called while the needle is at rest, 29 mm deep. The wrenches are those on LCM, bit by bit, unless the client ramps them after a gap on a busy machine."""
+    """Called while the needle is at rest, 29 mm deep. The wrenches are those on LCM, bit for bit, unless the client ramps them after a gap (busy machine)."""
     place = peer.samples["pose"][-1][2]
     wrenches, joints = peer.samples["wrench"], peer.samples["joint_states"]
 

@@ -1,5 +1,5 @@
 /* Sends datagrams to the free client, several in a row: the two bytes before each datagram give its length and its sender. For any input, the wrench to be
-   rendered stays within the limits, and texts are printable. The client is a single file, whose static functions receive the datagrams. */
+   rendered stays within the limits, and texts are printable. The client is included as source, so that its static functions can be called. */
 #include "fuzz.h"
 
 #include "trocar_client.c"
@@ -11,7 +11,7 @@ static void check(trocar_client *c) {
     trocar_client_wrench w;
     char why[300];
     trocar_client_newest(c, &w);
-    REQUIRE(length_of(w.force) <= MAX_FORCE * (1 + 1e-12) && length_of(w.torque) <= MAX_TORQUE * (1 + 1e-12)); /* also not NaN */
+    REQUIRE(length_of(w.force) <= MAX_FORCE * (1 + 1e-12) && length_of(w.torque) <= MAX_TORQUE * (1 + 1e-12)); /* fails for NaN, too */
     trocar_client_reply(c, why, sizeof why);
     for (const char *t = why; *t != '\0'; t++) REQUIRE(*t >= ' ' && *t <= '~');
     const assembly *a = &c->assembly;

@@ -1,4 +1,4 @@
-/* Parses a message of the Haply Inverse Service, and one of its events. The first byte selects which device and handle are requested. */
+/* Parses the input as a message from the Haply Inverse Service, and as one of its events. The first byte selects which device and handle are requested. */
 #include "fuzz.h"
 
 #include <string.h>

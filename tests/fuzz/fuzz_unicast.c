@@ -75,7 +75,7 @@ static void to_client(trocar_client *c, unsigned char *datagram, size_t size, in
     take_unicast(c, datagram, size);
     REQUIRE(good || (c->link.connected == connected && c->link.heard_at == heard));
     trocar_client_newest(c, &w);
-    REQUIRE(length_of(w.force) <= MAX_FORCE * (1 + 1e-12) && length_of(w.torque) <= MAX_TORQUE * (1 + 1e-12)); /* also not NaN */
+    REQUIRE(length_of(w.force) <= MAX_FORCE * (1 + 1e-12) && length_of(w.torque) <= MAX_TORQUE * (1 + 1e-12)); /* fails for NaN, too */
 }
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {

@@ -41,7 +41,7 @@ def insert(rig, depth=0.04, speed=0.05):
 
 
 def round_trips(rig, count):
-    """The resting hand makes a small step. Returns the times from the first state that contains the step to the first force that differs, inf if no force
+    """Lets the resting hand make small steps. Returns the times from the first state that contains a step to the first force that differs, or inf if no force
     differs within 80 ms."""
     insert(rig)
     times = []
@@ -63,7 +63,7 @@ def rates(rig, seconds=5):
 
 
 def stops(rig, count):
-    """The server is stopped in the middle of an insertion. Returns the times from the last wrench to the last force."""
+    """Stops the server in the middle of an insertion, repeatedly. Returns the times from the last wrench to the last force."""
     times = []
     for _ in range(count):
         rig.wait_for_force(0.1, "no force before a stop")
@@ -77,7 +77,7 @@ def stops(rig, count):
 
 
 def hangs(rig, count):
-    """The service does not answer for 0.3 s; the first force that it receives afterwards must be zero."""
+    """Checks that when the service has not answered for 0.3 s, the first force that it receives afterwards is zero."""
     for _ in range(count):
         rig.wait_for_force(0.1, "no force before a hang")
         hung = []
@@ -116,7 +116,7 @@ def damaged(state, change):
 
 
 class Faults:
-    """The service is faulty: it answers one out of every `every` messages incorrectly. Each force is checked immediately."""
+    """Makes the service faulty: on average, it answers one message in `every` incorrectly. Each force is checked immediately."""
 
     def __init__(self, rig, random):
         self.rig, self.random, self.counts, self.judged, self.violations, self.greatest = rig, random, {}, len(rig.service.forces), [], 0.0
@@ -157,7 +157,7 @@ class Faults:
     bad = False
 
     def judge(self):
-        """Called before each answer, after the force in response to the previous answer has arrived."""
+        """Checks the forces received since the last call. Called before each answer, after the force in response to the previous answer has arrived."""
         forces = self.rig.service.forces
         for at, force, _ in forces[self.judged:]:
             size = math.hypot(*force)

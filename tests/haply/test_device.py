@@ -27,7 +27,7 @@ from standin import use_realtime
 
 PUSH = {"bone": (1e-3, 11e-3), "liver": (1e-3, 41e-3), "air": (60e-3, 40e-3)}    # m: distance from the tip to the skin, and length of the push
 SPEED, WINDOW, WINDOWS, LARGE = 0.1, 0.25, 20, 0.5e-3    # m/s, s, dimensionless, m; as in stability_map.c
-# number of consecutive windows in which the hand must rest, and maximum number of windows; a stall of the machine pushes a resting hand again
+# number of consecutive windows in which the hand must rest, and maximum number of windows; a stall of the machine sets a resting hand in motion again
 REST, PATIENCE = 4, 60
 COLUMNS = "profile,tissue,hand,device,mass_kg,delay_ms,told,swing_mm,quiet_s,widest_mm,force_n,stiffness_n_per_m,active".split(",")
 

@@ -45,7 +45,7 @@ def settled(rig, seconds=0.15):
 
 
 def becomes(rig, expected, what):
-    """Waits until the force equals `force` within 5 %. (It is zero while the machine stalls.)"""
+    """Waits until the force equals `expected` within 5 %. (Until then, it may be zero because the machine stalls.)"""
     wait_for(lambda: math.dist(rig.force(), expected) < 0.05 * math.hypot(*expected) + 0.005, f"{what}: {rig.force()} N, expected {expected} N")
 
 
@@ -87,8 +87,7 @@ def check_greeting(rig):
 
 
 def check_clutch(rig):
-    """While the clutch is pressed, the hand moves back and forth without a force and the needle does not move; afterwards the needle continues from its
-    position."""
+    """While the clutch is pressed, the hand moves without feeling a force, and the needle stays where it is; afterwards, it follows the hand from there."""
     before, home = rig.force(), rig.service.position(time.monotonic())
     rig.service.buttons["a"] = True
     time.sleep(0.1 if not SLOW else 0.5)
@@ -121,7 +120,7 @@ def check_handle(rig):
 
 
 def damaged(**changes):
-    """Returns an answer in which these members of the device's object have these values."""
+    """Returns a function for `answer` that gives these members of the device's object these values."""
     def answer(state):
         state["inverse3"][0].update(changes)
         return json.dumps(state)
@@ -243,7 +242,7 @@ def check_disconnection(rig):
         begin, sessions = time.monotonic(), len(rig.service.first)
         rig.service.disconnect()
         wait_for(lambda: len(rig.service.first) > sessions, "not connected again")
-        wait_for(lambda: rig.since(begin + 0.1), "nothing after a connection") # twice a second
+        wait_for(lambda: rig.since(begin + 0.1), "nothing after a connection") # the bridge retries twice per second
         assert math.hypot(*rig.since(begin + 0.1)[0][1]) < 0.01, "force at once after a connection"
         rig.wait_for_force(0.1, "no force after a connection")
     assert rig.said().count("the connection was closed; is it running?") == 2 and rig.said().count("connected to the service") == opened + 2, rig.said()

@@ -65,7 +65,7 @@ static void the_scales_are_those_of_the_scene(void **state) {
 static void options_come_first(void **state) {
     (void)state;
     assert_base(MINIMAL NEEDLE, "--start 0.1,0.2,0.3", v3(0.1, 0.2, 0.3), v3(1, 0, 0));
-    assert_base(MINIMAL NEEDLE, "--start 0.1,0.2,0.3 --point tip", v3(-0.05, 0.2, 0.3), v3(1, 0, 0)); /* 150 mm before */
+    assert_base(MINIMAL NEEDLE, "--start 0.1,0.2,0.3 --point tip", v3(-0.05, 0.2, 0.3), v3(1, 0, 0)); /* the base is 150 mm behind the tip */
     assert_base(MINIMAL NEEDLE, "--start 0.1,0.2,0.3 --point tip --length 0.1 --direction 0,1,0", v3(0.1, 0.1, 0.3), v3(0, 1, 0));
     assert_base(MINIMAL, "--start 0.1,0.2,0.3", v3(0.1, 0.2, 0.3), v3(0, 0, 1));
 }

@@ -1,4 +1,4 @@
-/* Solves symmetric block tridiagonal systems, such as those of a chain of sections that are coupled to their neighbours. The matrix may be indefinite: rows are
+/* Solves symmetric block tridiagonal systems, as arise from a chain of sections coupled to their neighbours. The matrix may be indefinite: rows are
    exchanged within blocks, but never between blocks. */
 #ifndef TROCAR_BLOCK_TRIDIAGONAL_H
 #define TROCAR_BLOCK_TRIDIAGONAL_H

@@ -9,7 +9,7 @@
 #include "oracles/block_tridiagonal.h"
 
 enum {
-    SOLID_RIM = 4,           /* number of nodes of a section around its centre node */
+    SOLID_RIM = 4,           /* number of a section's rim nodes, around its centre node */
     SOLID_SECTION = 1 + SOLID_RIM,
     SOLID_LAYER_TETS = 3 * SOLID_RIM, /* number of tetrahedra between two sections */
 };
@@ -35,7 +35,7 @@ typedef struct {
 } solid_model;
 
 typedef struct {
-    needle_state line;       /* the centre nodes are its joints; a segment's axis connects two of them, and its roll is the mean of the rolls of its end rims */
+    needle_state line;       /* the centre nodes are its joints; a segment's axis connects two of them, and its roll is the mean of its two end rims' rolls */
     vec3 rim[NEEDLE_MAX_SEGMENTS + 1][SOLID_RIM]; /* m */
 } solid_state;
 

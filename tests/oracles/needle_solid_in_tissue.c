@@ -103,7 +103,7 @@ double __wrap_needle_advance(const needle_model *model, const needle_tangent *ta
     return turn;
 }
 
-/* The solid needle's next shape is not predicted. */
+/* Predicts no next shape for the solid needle. */
 void __wrap_needle_motion_of(const needle_model *model, const needle_state *before, const needle_state *after, double dt, needle_motion *motion) {
     if (s.on) motion->time = 0.0;
     else __real_needle_motion_of(model, before, after, dt, motion);

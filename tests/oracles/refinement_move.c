@@ -40,7 +40,7 @@ static bool well_shaped(const mesh *m, const refinement *r, const leaf *leaves, 
     return true;
 }
 
-/* Returns the number of nodes affected by the moves so far, which is at least MAX_MOVED_PATCHES if `node` itself has been moved. */
+/* Returns the number of nodes affected by the moves so far, or MAX_MOVED_PATCHES or more if `node` itself has been moved. */
 static int moved_patches(const refinement *r, int node) {
     int sum = 0;
     for (int i = 0; i < r->count; i++) {

@@ -1,4 +1,4 @@
-/* The paper's other method of placing a node on the needle: one of the mesh's own nodes is moved there. */
+/* The paper's other method of placing a node on the needle: moving one of the mesh's own nodes there. */
 #ifndef TROCAR_ORACLES_REFINEMENT_MOVE_H
 #define TROCAR_ORACLES_REFINEMENT_MOVE_H
 

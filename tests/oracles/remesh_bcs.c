@@ -1,6 +1,6 @@
-/* The paper's eq. 3: the affected dofs switch from force to displacement, where their block of the inverse is minus a stiffness; the
-   change is added to that block, and the dofs switch back. On one triangle of the matrix, with signs that keep it symmetric (Goodnight, A tutorial on the SWEEP
-   operator, 1979):
+/* The paper's eq. 3: the affected dofs are switched from prescribed force to prescribed displacement. Their block of the inverse is then minus a stiffness, to
+   which the change is added; then the dofs are switched back. Works on one triangle of the matrix, with signs that keep it symmetric (Goodnight, A tutorial on
+   the SWEEP operator, 1979):
 
        a_ij -= a_ip a_pj / a_pp,   a_ip = a_ip / a_pp  (back: - a_ip / a_pp),   a_pp = -1 / a_pp
 
@@ -49,8 +49,8 @@ typedef struct {
     double *column;
 } dof_switch;
 
-/* Passes through the triangle once, at the speed at which memory can be read and written. Each column receives its share of the rank-one change. During the
-   pass, `column` is stored as the dof's own row and column, and the row and column of the next dof to be switched (-1 for none) are collected. */
+/* Applies the rank-one change in a single pass over the triangle, limited only by memory bandwidth. During the pass, the scaled `column` is stored as the dof's
+   own row and column, and the row and column of the next dof to be switched (-1 for none) are collected. */
 static void sweep(dense_remesher *r, int n, const dof_switch *now, const dof_switch *then, double back) {
     int dof = now->dof, next = then->dof;
     const double *column = now->column;
@@ -86,8 +86,8 @@ trocar_status remesher_create_bcs(inverse *inv, remesher **created, trocar_error
 
 /* ---- all at once -------------------------------------------------------------------------------------------------- */
 
-/* With P = +-(block of the dofs) = L L^T, the product (X L^-T) (X L^-T)^T is subtracted from or added to the remaining matrix, X becomes X P^-1, and the block
-   becomes -+P^-1. */
+/* With P = +-(block of the dofs) = L L^T, and X the columns of the dofs, (X L^-T) (X L^-T)^T is subtracted from or added to the rest of the matrix, X becomes
+   X P^-1, and the block becomes -+P^-1. */
 static trocar_status switch_block(dense_remesher *r, int n, int count, const int *dofs, double back, trocar_error *why) {
     double *columns = r->columns, *scaled = r->weighted, *pivot = r->block;
     if (count == 0) return TROCAR_OK; /* nothing to switch: all neighbours of the new node are fixed */

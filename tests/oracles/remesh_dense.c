@@ -36,7 +36,7 @@ void dense_isolate(dense_remesher *r, const dense_change *change, double diagona
 
 /* ---- one contact node more or less ---------------------------------------------------------------------------------- */
 
-/* Returns the first of the three dofs of a coded node that is not fixed. */
+/* Returns the first of a node's three dofs; `node` is coded and must not be fixed. */
 static int first_dof(const remesher *r, int node) { return node >= 0 ? r->tissue->dof[node] : r->tissue->dof_count + 3 * (-1 - node); }
 
 /* Collects the change due to the node in `slot`, before which `position` other nodes were added. */
@@ -62,14 +62,14 @@ static void collect_change(dense_remesher *r, int slot, int position) {
 static trocar_status dense_add(remesher *shared, int slot, trocar_error *why) {
     dense_remesher *r = (dense_remesher *)shared;
     find_between_contacts(shared, slot);
-    if (r->spoilt) return TROCAR_OK; /* dense_gather_rows adds all */
+    if (r->spoilt) return TROCAR_OK; /* dense_gather_rows will add all nodes again */
     collect_change(r, slot, shared->refined.count);
     trocar_status status = r->operations->update(r, &r->change, why);
     r->spoilt = status != TROCAR_OK;
     return status;
 }
 
-/* The nominal inverse is restored from a copy, so that no rounding error remains when the last contact node has been removed. */
+/* Restores the nominal inverse from a copy, so that no rounding error remains when the last contact node has been removed. */
 static void restore(dense_remesher *r) {
     size_t n = (size_t)r->shared.tissue->dof_count;
     for (size_t j = 0; j < n; j++) memcpy(r->matrix + j * (size_t)r->ld + j, r->nominal + j * n + j, (n - j) * sizeof *r->nominal);
@@ -79,7 +79,7 @@ static void restore(dense_remesher *r) {
 static void dense_remove(remesher *shared, int slot, int position) {
     dense_remesher *r = (dense_remesher *)shared;
     const refinement *refined = &shared->refined;
-    trocar_error unused; /* if undoing fails, all remaining nodes are added again, which reports any error */
+    trocar_error unused; /* if undoing fails, all remaining nodes are added again, and that reports any error */
     if (refined->count == 0) restore(r);
     if (r->spoilt || refined->count == 0) return;
     collect_change(r, slot, position);
@@ -87,7 +87,7 @@ static void dense_remove(remesher *shared, int slot, int position) {
     dense_isolate(r, &r->change, 0.0); /* later changes leave free slots untouched */
 }
 
-/* An update that failed half-way leaves an unusable matrix. In this case, all nodes are added again, starting from the nominal inverse. */
+/* Adds all nodes again, starting from the nominal inverse, after an update that failed half-way has left the matrix unusable. */
 static trocar_status rebuild(dense_remesher *r, trocar_error *why) {
     trocar_status status = TROCAR_OK;
     refinement *refined = &r->shared.refined;

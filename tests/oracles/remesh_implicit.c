@@ -1,7 +1,7 @@
-/* Implicit low-rank form: the stiffness change of every contact node stays a factor, never multiplied out, inverse(a, b) = C(a, b) - sum_j F_j(a) M_j
-   F_j(b)^T, F_j(a) = C(a, touched_j) - sum_(i<j) F_i(a) M_i F_i(touched_j)^T (Woodbury, one change after the other: these are the block factors of a
-   single capacitance matrix over all touched dofs). C is the inverse of the nominal mesh, with an auxiliary spring for each added node, which its change
-   removes again. Rows are formed at the handles only. */
+/* Implicit low-rank form: the stiffness change of every contact node is kept as a factor that is never multiplied out, inverse(a, b) = C(a, b) - sum_j F_j(a)
+   M_j F_j(b)^T, F_j(a) = C(a, touched_j) - sum_(i<j) F_i(a) M_i F_i(touched_j)^T (Woodbury, one change after the other: these are the block factors of a
+   single capacitance matrix over all touched dofs). C is the inverse of the nominal mesh. In C, each added node is held by an auxiliary spring, which the
+   node's change removes again. Rows are formed at the handles only. */
 #include "oracles/remesh_dense.h"
 
 #include <cblas.h>
@@ -121,7 +121,7 @@ static trocar_status implicit_take_nodes(remesher *shared, int count, const int 
     return status;
 }
 
-/* Computes F of the touched nodes, up to that of the new change, which is the current inverse between these nodes. */
+/* Computes F of the touched nodes for all changes up to the new one. The new change's F is the current inverse between these nodes. */
 static void touch_nodes(implicit_remesher *r, int index) {
     const low_rank *change = &r->changes[index];
     for (int q = 0; 3 * q < change->rank; q++)
@@ -181,7 +181,7 @@ static void implicit_release(remesher *shared) {
 
 static const remesh_operations implicit = {implicit_add, implicit_remove, false, implicit_take_nodes, NULL, implicit_release};
 
-/* Allocates large arrays, but pages that no change reaches are never touched. */
+/* Allocates large arrays, but never touches the pages that no change reaches. */
 trocar_status remesher_create_implicit(inverse *inv, remesher **created, trocar_error *why) {
     implicit_remesher *r = calloc(1, sizeof *r);
     *created = r ? &r->shared : NULL;

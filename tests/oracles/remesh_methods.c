@@ -29,7 +29,7 @@ trocar_status remesher_create_by(inverse *inv, remesh_method method, remesher **
     return status;
 }
 
-/* Compliance of the nominal mesh between the positions of two nodes. */
+/* Returns the compliance of the nominal mesh between the positions of two nodes. */
 static mat3 nominal_between(remesher *r, const added_node *node, const added_node *other) {
     const mesh *m = r->tissue->mesh;
     mat3 sum = {{{0}}};

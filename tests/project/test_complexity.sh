@@ -1,5 +1,5 @@
 #!/bin/sh
-# No function of the insertion step has more than 11 paths through it (McCabe's cyclomatic complexity, as counted by pmccabe).
+# Checks that no function of the insertion step has a cyclomatic complexity (McCabe) above 11, as counted by pmccabe.
 # usage: test_complexity.sh SOURCE_DIR
 command -v pmccabe >/dev/null || { echo "skipped: install pmccabe"; exit 77; }
 cd "$1" || exit 1

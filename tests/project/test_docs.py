@@ -22,7 +22,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 SHELL, CODE = {"sh", "bash"}, {"c", "cpp", "csharp", "python", "yaml"}
-TEXT = {"text", "json", "csv", "console", "diff"}  # output and diagrams, which cannot be run
+TEXT = {"text", "json", "csv", "console", "diff"}  # languages of output and diagrams, which cannot be run
 BLOCK = re.compile(r"((?:^<!--[^\n]*-->\n\s*)*)^( *)(`{3,})(\w*)[^\n]*\n(.*?)^\2\3 *$", re.MULTILINE | re.DOTALL)
 MARK = re.compile(r"<!-- (not run|background|file|declarations)(?:: (.+?))? -->")
 
@@ -230,7 +230,7 @@ def check_site(source, out):
     if done.returncode != 0 or done.stderr:
         return [f"scripts/docs: status {done.returncode}\n{done.stdout}{done.stderr}"]
     pages = {path: Site(path.read_text()) for path in out.rglob("*.html")}
-    # The two asterisks of "X* ... X*" are emphasis to Python-Markdown.
+    # Python-Markdown takes the two asterisks in "X* ... X*" as emphasis.
     faults = [f"{path.relative_to(out)}: accidental emphasis: {match[0]}" for path in pages for match in re.finditer(r"<em>(\s[^<]*|[^<]*\s)</em>", path.read_text())]
     count = 0
     for path, page in pages.items():

@@ -58,7 +58,7 @@ def circles(graph):
 
 
 def floors(readme):
-    """Returns {name: row} for the folders or files in the README's first table, whose rows begin with the lowest level."""
+    """Returns {name: row} for the folders or files in the README's first table, which lists the lowest level first."""
     table = re.search(r'^\| (?:folder|file)[^|]*\|.*\n\|[-| ]+\n((?:\|.*\n)+)', readme, re.MULTILINE)[1]
     return {name: row for row, line in enumerate(table.splitlines()) for name in re.findall(r'`(\w+)(?:\.h)?`', line.split('|')[1])}
 
@@ -69,7 +69,7 @@ def parts_of(graph, folder):
 
 
 def upward(graph, order, folder=''):
-    """Returns includes of files in a part of the folder that is above the including file's own part."""
+    """Returns the #include lines with which a file in one part of the folder includes a file in a higher part."""
     part = {unit: name for unit, name in parts_of(graph, folder).items() if name in order}
     return [f'{unit} includes {other}, which is below it in the table of core/{folder}README.md' for unit in sorted(part)
             for other in sorted(graph[unit]) if other in part and order[part[other]] > order[part[unit]]]
@@ -79,7 +79,7 @@ WORKERS = ('inverse/', 'condensed/', 'remesh/', 'probe/', 'resting/')     # fold
 
 
 def from_tick(graph):
-    """Returns includes of the worker's folders by core/insertion."""
+    """Returns the #include lines in core/insertion that pull in headers from the worker's folders."""
     return [f'{unit} includes {other}, which only the worker calls' for unit in sorted(graph) if unit.startswith('insertion/')
             for other in sorted(graph[unit]) if other.startswith(WORKERS)]
 
@@ -88,7 +88,7 @@ SHARED = ('server/common/', 'server/intake/')   # the parts of the server that c
 
 
 def reaching(graph):
-    """Returns clients' includes of the server's private files, and the server's includes of clients' files."""
+    """Returns the #include lines in clients that pull in the server's private files, and those in the server that pull in clients' files."""
     return [f'{unit} includes {other}' for unit in sorted(graph) for other in sorted(graph[unit])
             if unit.split('/')[0] != other.split('/')[0] and not (unit.startswith('clients/') and other.startswith(SHARED))]
 
@@ -103,7 +103,7 @@ def crowded(files):
 
 
 def undescribed(root, files):
-    """Returns those of core, lcmtypes, server, clients and tests, and of their folders, whose README is missing or too long."""
+    """Returns which of core, lcmtypes, server, clients, tests and their folders have no README or too long a README."""
     faults = []
     for folder in sorted({match[0] for match in (re.match(r'(core|lcmtypes|server|clients|tests)(/[^/]+(?=/))?', file) for file in files) if match}):
         readme = root / folder / 'README.md'

@@ -1,6 +1,6 @@
 #!/bin/bash
 # Tests the Debian packages in a separate root: dpkg installs, upgrades, removes and purges them while the server is running, and lintian checks them. A script
-# stands in for systemctl for the server's unit.
+# stands in for systemctl.
 # usage: test_package.sh BUILD_DIR SOURCE_DIR     the packages are in BUILD_DIR/packages
 set -euo pipefail
 build=$1 source=$2 # absolute

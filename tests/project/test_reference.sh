@@ -12,7 +12,7 @@ for table in "$work"/*; do
     diff "$source/docs/reference/$(basename "$table")" "$table" || { echo "FAILED: $(basename "$table") is out of date: run scripts/pages/reference" >&2; exit 1; }
 done
 "$source/scripts/pages/reference" --pages "$work"
-# Every key of a commented scene, every field and every constant is present, counted independently.
+# Every field and every constant of the messages is present, counted independently.
 lcm=$source/lcmtypes/trocar.lcm
 [ "$(grep -cE '^ +(const )?[a-z0-9_]+ [A-Za-z]' "$lcm")" -eq "$(grep -c '^| `' "$work/messages.md")" ] || { echo "FAILED: fields are missing" >&2; exit 1; }
 /usr/bin/python3 - "$source/tests/fuzz" "$work/scene.csv" <<'EOF' # the fuzzer of scenes starts from a scene with every key, and knows their words

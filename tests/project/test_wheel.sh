@@ -1,5 +1,5 @@
 #!/bin/bash
-# Makes the wheel, installs it with pip into a folder, and checks that it is self-contained and computes what the build tree computes, bit by bit.
+# Makes the wheel, installs it with pip into a folder, and checks that it is self-contained and computes what the build tree computes, bit for bit.
 # tests/project/bare_system.sh installs it on a system that has only pip. usage: test_wheel.sh BUILD_DIR SOURCE_DIR. Exit status 77: pip or patchelf is missing.
 set -euo pipefail
 build=$1 source=$2

@@ -26,7 +26,7 @@ EVERY = ("force", "torque", "depth", "tip", "contacts", "events", "membrane", "p
 
 
 def straight(rows=ROWS, steps=STEPS):
-    """Returns poses (rows, steps, 7) that insert the needles by 30 mm at different places."""
+    """Returns poses (rows, steps, 7) that advance the needles by 30 mm at different positions."""
     poses = np.zeros((rows, steps, 7))
     poses[..., 0] = np.linspace(-0.006, 0.006, rows)[:, None]
     poses[..., 2] = -0.201 + 2e-4 * np.arange(steps)

@@ -223,7 +223,7 @@ class DoseTest(unittest.TestCase):
         np.testing.assert_array_equal(rest.values, before)
 
     def test_dose_volume_histogram(self):
-        """For gland, urethra and rectum with 60 seeds, every dose index is within 0.1 % of the value from histograms with bins of 0.01 Gy, which this script
+        """For gland, urethra and rectum with 60 seeds, every dose index is within 0.1 % of the value from histograms (bins of 0.01 Gy) that this script
         computes from its own voxels."""
         table, source = table_of("I-125 6711"), brachy.Source("I-125 6711")
         positions, directions, _ = implant(60, 11)

@@ -1,7 +1,6 @@
 #!/usr/bin/python3
-"""Tests the steps from an RT Structure Set to RT Dose: runs the commands of the page on a synthetic patient, and compares their doses, histograms and
-DICOM files with sums
-of the TG-43 formula in NumPy, with dciodvfy, and with published effects of swelling.
+"""Tests the steps from an RT Structure Set to RT Dose: runs the commands of docs/training/rtstruct-to-rtdose.md on a synthetic patient, and compares their
+doses, histograms and DICOM files with sums of the TG-43 formula in NumPy, with dciodvfy, and with published effects of swelling.
 
 usage: test_dosimetry.py BUILD_DIR SOURCE_DIR
 """
@@ -64,7 +63,7 @@ def implant_dose(seeds, strength, points):
 
 
 def outside_capsules(seeds, points, margin=0.02):
-    """True for points (cm) that are not inside a seed, where the library returns the dose on its wall."""
+    """Returns a mask of the points (cm) that are outside all seeds. Inside a seed, the library returns the dose on its wall."""
     out = np.ones(len(points), bool)
     for position, axis in seeds:
         off = points - position
@@ -183,8 +182,8 @@ class Chain(unittest.TestCase):
             np.testing.assert_allclose(scale * stored[tuple(index.T)][out], expected[out], atol=0.6 * scale, rtol=1e-3)
 
     def test_histograms_are_those_of_the_outlines(self):
-        """Compares the gland's volume and D90 in the report with those from the RT Dose at points inside the patient's ellipses, on another grid than
-        the program's."""
+        """Compares the gland's volume and D90 in the report with those from the RT Dose at points inside the patient's ellipses, on a different grid
+        from the program's."""
         data = pydicom.dcmread(self.report / "implanted-dose.dcm")
         seeds, strength = seeds_of_dicom(self.report / "implanted-plan.dcm")
         own = []
@@ -267,7 +266,7 @@ class Chain(unittest.TestCase):
             self.assertAlmostEqual(moved.figures[name], value, delta=1e-6 * max(value, 1), msg=name)
 
     def test_a_stretch_moves_seeds_and_organs(self):
-        """The field of a stretch by 5 % along z is linear, so that its interpolation is exact."""
+        """The displacement field of a 5 % stretch along z is linear, so its interpolation is exact."""
         field = self.model.nodes * [0.0, 0.0, 0.05]
         done = self.evaluated(field)
         moved = next(s for s in done.states if s.name == "at the last seed")
@@ -309,8 +308,8 @@ class Chain(unittest.TestCase):
 
     def test_no_swelling_changes_nothing_and_published_effects_are_met(self):
         """Published effects: swelling reduced D90 by about 2 % in three implants with I-125 (Sloboda et al. 2012). In a model of the mean dose (Cambridge
-        Core), 1.05 and 1.6 times the volume, with half-lives of 4 and 34 days, reduce the dose by 0.3 and 17.5 %; D90 falls less, because seeds lie around the
-        coldest points."""
+        Core), swelling to 1.05 and 1.6 times the volume, with half-lives of 4 and 34 days, reduces the dose by 0.3 and 17.5 %; D90 falls less, because seeds
+        lie around the coldest points."""
         for chosen, least, most in ((Swelling(1.0), 0.0, 1e-9), (Swelling(), 0.01, 0.035), (Swelling(1.05, None, 4.0), 0.001, 0.005), (Swelling(1.6, None, 34.0), 0.10, 0.19)):
             out, after = (next(s for s in self.evaluated(swelling=chosen).states if s.name == name).figures["D90"] for name in ("needles out", "after swelling"))
             self.assertTrue(least <= 1 - after / out <= most, f"{chosen}: {1 - after / out}")

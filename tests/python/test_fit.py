@@ -49,7 +49,7 @@ parameters:
 
 
 def poses():
-    """Pushes in by 25 mm, rests, and draws back by 10 mm."""
+    """Returns poses that push in by 25 mm, rest, and draw back by 10 mm."""
     legs = ((0.0, 0.3, (0, 0, 0.025)), (0.4, 0.55, (0, 0, -0.010)))
     return motion.Script(start=motion.START, legs=tuple(motion.Leg(*leg) for leg in legs), seconds=0.55).poses(motion.START, 1.0 / RATE)
 

@@ -48,7 +48,7 @@ SCRIPT = load_script()
 
 
 def fit(*arguments):
-    """Runs the script's main function in this process, which saves starting Python and NumPy for each run. Exceptions are passed on."""
+    """Runs the script's main function in this process, to avoid starting Python and NumPy for each run. Exceptions are passed on."""
     out, err, status = io.StringIO(), io.StringIO(), 0
     sys.argv = [FIT, *arguments]
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
@@ -227,7 +227,7 @@ def changed(path, change):
 
 
 def of_each_row(change):
-    """Applies a change of time, depth and force to each row of a text."""
+    """Returns a function that applies `change` to the time, depth and force in each row of a text."""
     def of_text(text):
         head, *lines = text.splitlines()
         return "\n".join([head] + [change(*line.split(",")) for line in lines]) + "\n"

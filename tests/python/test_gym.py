@@ -148,7 +148,7 @@ class MechanicsTest(Case):
         np.testing.assert_array_equal(observation, first)
 
     def test_obstacle_on_the_line_is_hit(self):
-        """A straight needle with a diameter of 1.27 mm hits a sphere with a radius of 1 mm in its path, which costs 20 mm, and misses one whose surface
+        """A straight needle with a diameter of 1.27 mm hits a sphere with a radius of 1 mm in its path, at a cost of 20 mm, and misses one whose surface
         is 0.4 mm from the needle or more."""
         straight = TASK.replace("needle.bevel_slope: 0.1", "needle.bevel_slope: 0").replace(str(TARGET[0]), "0").replace(str(TARGET[1]), "0")
         observations, rewards, ends, infos = self.episode(NeedleEnv("avoid", self.file(straight + OBSTACLE % (0, 0))), [PUSH] * 60)
@@ -163,7 +163,7 @@ class MechanicsTest(Case):
         self.assertTrue(ends and not infos[-1]["hit"] and infos[-1]["is_success"])
 
     def test_seed_is_left_where_a_simulation_leaves_it(self):
-        """The final error is the seed's distance from the target in the tissue at rest, and displacement costs 5 mm for each mm and second."""
+        """The final error is the seed's distance from the target in the tissue at rest, and each mm of displacement costs 5 mm per second."""
         env = NeedleEnv("implant", self.file())
         push, release = np.array([1.0, 0.0, -1.0], np.float32), np.array([0.0, 0.0, 1.0], np.float32)
         observation, info = env.reset(seed=1)
@@ -279,7 +279,7 @@ class VectorTest(Case):
 
 class PictureTest(Case):
     def test_target_and_needle_are_where_they_should_be(self):
-        """The picture shows 80 mm, from 10 mm in front of the skin to 20 mm beyond the target's range. The target is 30 mm deep, 1 mm along x and -2 mm
+        """The rendered image shows 80 mm, from 10 mm in front of the skin to 20 mm beyond the target's range. The target is 30 mm deep, 1 mm along x and -2 mm
         along y."""
         env = NeedleEnv("reach", self.file(TASK.replace("depth: [0.03, 0.03]", "depth: [0.03, 0.05]")), render_mode="rgb_array")
         env.reset(seed=1)

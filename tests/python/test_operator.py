@@ -33,8 +33,8 @@ def only(*holes, seeds=2):
 
 
 def stiff_scene():
-    """Tissue that is a thousand times stiffer, with hardly any friction, so that it does not move. The hole's clearance is large, so that a needle
-    can tilt in it."""
+    """Returns the scene with tissue a thousand times stiffer and a tenth of the cutting force and friction, so that it does not move. The template's
+    holes are wide, so that a needle can tilt in them."""
     scene = trocar.Scene.load(SCENE)
     for name in scene.names("regions"):
         scene[f"regions[{name}].youngs_modulus"] = 1e3 * scene[f"regions[{name}].youngs_modulus"]

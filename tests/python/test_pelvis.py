@@ -29,7 +29,7 @@ COARSE = {"urethra": 0.15, "seminal_vesicles": 0.2, "rectal_content": 0.15}     
 
 
 def labelled():
-    """Returns region -> volume of its voxels, m^3, and the name of the region at each voxel."""
+    """Returns a dictionary {region: volume of its voxels, m^3}, the name of the region at each voxel, and the voxels' coordinates along the axes."""
     regions, (low, high) = pelvis.regions(), pelvis.block(60)
     label, axes = pelvis.labels(regions, low, high, STEP)
     names = np.array(["", *(region.name for region in regions)])

@@ -79,7 +79,7 @@ class Reader(Case):
         seeds = plans.planned_seeds(plan, MODEL)
         self.assertEqual((len(plan.needles), len(seeds)), (16, 60))
         self.assertEqual(plans.check(plan, MODEL), {"prostate": 60})
-        # Column F is the sixth of 13 columns, which are 5 mm apart and whose seventh is in the middle; row 4 is the seventh of 13 rows; the face of the
+        # Column F is the sixth of 13 columns, which are 5 mm apart, and the seventh is in the middle; row 4 is the seventh of 13 rows; the face of the
         # template is at z = -25 mm.
         first = next(s for s in seeds if s.hole == "F4")
         np.testing.assert_allclose(first.position, [0.005, 0.0, -0.025 + 0.09975 - 0.00225], atol=1e-12)

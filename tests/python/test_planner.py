@@ -1,6 +1,6 @@
 #!/usr/bin/python3
 """Tests planning: plans with entry points, rolls and turns; distances from obstacles compared with formulas; insertions whose plan is known from geometry; the
-planner's results, repeated step by step; the robust plan in newly built samples; seeds; invalid problems.
+planner's results, reproduced step by step; the robust plan in newly built samples; seeds; invalid problems.
 
 usage: test_planner.py BUILD_DIR SOURCE_DIR
 """
@@ -95,7 +95,7 @@ def carried_out(model, needle, target, speed=0.08, settle=0.05, dt=1e-3):
     ways = [(-0.02, needle.turn.depth), (needle.turn.depth, needle.depth)] if needle.turn else [(-0.02, needle.depth)]
     for i, (start, end) in enumerate(ways):
         if i == 1:
-            for part in np.linspace(0, 1, 501)[1:]:    # turn by half a turn in 0.5 s
+            for part in np.linspace(0, 1, 501)[1:]:    # half a turn in 0.5 s
                 sim.step(pose(start, roll + part * needle.turn.by), dt)
             roll += needle.turn.by
         for depth in np.arange(start, end, speed * dt)[1:]:
@@ -288,7 +288,7 @@ class Promises(Case):
         self.assertGreater(result.expected.error, result.nominal.error)    # for the nominal values, the robust plan is worse than the nominal one
 
     def test_few_insertions_suffice(self):
-        """The search reuses its Jacobian: difference quotients over all variables would take 7 insertions for each step, and 35 in five samples."""
+        """The search reuses its Jacobian: finite differences over all variables would take 7 insertions per step, and 35 with five samples."""
         text = (SOURCE / "docs/examples/planning.yaml").read_text().replace("../../meshes", str(SOURCE / "meshes"))
         problem = planner.read(self.write(text))
         models, targets = planner.models_of(problem), dict(problem.targets)

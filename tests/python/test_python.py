@@ -226,7 +226,7 @@ class PythonTest(unittest.TestCase):
         self.assertEqual(sim.tracks(), [])
 
     def test_changes_during_a_run(self):
-        """The same values from the beginning, in a derived model, give the same forces; bad values change nothing."""
+        """After a change, the forces are those of a derived model that has had the new values from the beginning; bad values change nothing."""
         values = {"membranes[skin].puncture_force": 1.5, "regions[surrounding].cutting_force": 0.8}
         at = lambda depth: [0.005, 0.003, depth - 0.2, 1, 0, 0, 0]
         model = trocar.Model(trocar.Scene.load(FIGURE8))

@@ -196,7 +196,7 @@ class ObjectTest(unittest.TestCase):
         np.testing.assert_array_equal(results, [expected] * 4)
 
     def test_models_may_go_before_their_simulations(self):
-        """In a reference cycle, Python frees objects in any order, as it does at exit."""
+        """Python frees the objects of a reference cycle in any order; at exit, it does so with all objects."""
         for _ in range(20):
             model = trocar.Model(trocar.Scene.load(FIGURE8))
             circle = [model, model.derive(trocar.Scene.load(FIGURE8))]
@@ -375,7 +375,7 @@ class InterruptionTest(unittest.TestCase):
 
 class TypeTest(unittest.TestCase):
     def test_a_program_with_types_passes_mypy(self):
-        """A program that uses the package as the documentation does, and a scene's values as programs typically do."""
+        """The program uses the package as the documentation does, and a scene's values as programs typically do."""
         program = '''
 import numpy as np
 import trocar

@@ -1,6 +1,6 @@
 #!/bin/bash
 # Runs a study with Debian's Slurm (munged, slurmctld, slurmd) on one node in a network namespace, as a job array of four tasks that is cancelled in the middle
-# and submitted again. The result is byte-for-byte that of the same study without Slurm. usage: test_slurm.sh BUILD_DIR SOURCE_DIR
+# and submitted again. The result is the same, byte for byte, as without Slurm. usage: test_slurm.sh BUILD_DIR SOURCE_DIR
 set -euo pipefail
 PATH=$PATH:/usr/sbin:/sbin
 for program in munged slurmctld slurmd sbatch; do

@@ -278,8 +278,8 @@ class Sensitivity(unittest.TestCase):
             self.assertTrue((interval[:, 0] <= exact + 0.005).all() and (exact - 0.005 <= interval[:, 1]).all())
 
     def test_values_that_are_nearly_constant(self):
-        """The indices are undefined for bootstrap samples that contain none of the points at which the function differs. If there is one such point, this is
-        the case for 36 % of the samples; if there are four, for 2 %."""
+        """The indices are undefined for bootstrap samples that contain none of the points at which the function departs from its constant value. If there is
+        one such point, this is the case for 36 % of the samples; if there are four, for 2 %."""
         for points, has_interval in ((1, False), (4, True)):
             values = np.zeros((64, 3))
             values[:points] = [[1, 2, 3]]
@@ -510,7 +510,7 @@ class Running(Case):
                           d=("regions[surrounding].friction.kinetic: {uniform: [5, 13]}\n  motion.x: {normal: [0, 1e-3], within: [-2e-3, 2e-3]}", "motion.roll: {uniform: [0, 3]}"),
                           e=("  - tip: {at: [0.02, 0.06]}\n", "  - seed_error\n"))
         study = studies.read(path)
-        (self.out / "one.yaml").unlink()    # read once
+        (self.out / "one.yaml").unlink()    # the study has already read the plan, and does not read it again
         found = studies.simulate(study, 0)
         mean, worst = found["seed_error.mean [m]"], found["seed_error.worst [m]"]
         self.assertTrue(1e-4 < mean <= worst < 0.02, (mean, worst))

@@ -47,13 +47,14 @@ def add_state(log, sim, needle):
 
 
 class CarefulHand:
-    """Carries out a plan with one needle after the other. Tissue sticks to the shaft, so the hand pushes the tip past each needle's first place, draws it back to
-    where the image shows the place, and looks again until it is there; then it drops the seed. Iterating yields the poses of each stroke, as Operator does."""
+    """Carries out a plan, one needle after the other. Tissue sticks to the shaft, so the hand pushes the tip past the position of each needle's first seed,
+    draws it back to where the image shows that position, and corrects until it is there; then it drops the seed. Iterating yields the poses of each stroke,
+    as Operator does."""
 
     SPEED = 0.04       # m/s
     PAST = 6e-3        # m
     NEAR = 3e-4        # m
-    LOOKS = 6          # most corrections
+    LOOKS = 6          # maximum number of corrections
     REST = 0.5         # s
 
     def __init__(self, plan, sim):

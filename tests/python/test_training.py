@@ -89,7 +89,7 @@ class Log:
         self.add("TROCAR_WRENCH", "needle_wrench_t", depth=depth, raw_force=force, needle=needle, session=session)
 
     def stroke(self, *depths, needle=0, session=1):
-        """A needle that moves from depth to depth (mm), 0.1 mm in each tick."""
+        """Logs a needle that moves from depth to depth (mm), by 0.1 mm per tick."""
         for start, end in zip(depths[:-1], depths[1:]):
             for depth in np.linspace(start, end, max(round(abs(end - start) / 0.1), 1) + 1)[1:]:
                 self.wrench(1e-3 * depth, needle=needle, session=session)
@@ -98,7 +98,7 @@ class Log:
         self.add("TROCAR_DEFORMATION", "deformation_t", node_count=len(moved), displacement=moved.tolist())
 
     def look(self, tip, moved=np.zeros((NODES, 3)), needle=0):
-        """A needle whose tip is at `tip` (3) m, in a frame of the tissue."""
+        """Logs a frame of the tissue in which the needle's tip is at `tip` (3,), m."""
         self.add("TROCAR_CONTACTS", "contacts_t", needle=needle, joint_count=2, centreline=[[0, 0, -0.1], list(tip)], pose_utime=0, orientation=[1, 0, 0, 0], tip_lead=0.0,
                  contact_count=0, position=[], force=[], arc=[], state=b"", kind=b"")
         self.tissue(moved)
@@ -488,7 +488,7 @@ class Reports(Case):
             text = (self.out / "r.html").read_text()
             self.assertIn(f'<html lang="{"de" if language == "de" else "en"}">', text)
             cells[language] = Page(text)
-        self.assertEqual(cells["xx"].words, cells["en"].words)               # in a language without texts, the report is in English
+        self.assertEqual(cells["xx"].words, cells["en"].words)               # without a translation, the report is in English
         self.assertIn("Zwei Ziele", cells["de"].words)
         self.assertNotIn("Two targets", cells["de"].words)
         number = re.compile(r"[\d.]+ ?(?:mm|N|s|%|Gy)?$")

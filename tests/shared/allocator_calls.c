@@ -3,7 +3,7 @@
 #include <errno.h>
 #include <stddef.h>
 
-/* In the model initial-exec, access to the variable never allocates, even in a shared library. */
+/* With the TLS model initial-exec, access to the variable never allocates, even in a shared library. */
 static _Thread_local int64_t calls __attribute__((tls_model("initial-exec")));
 
 int64_t allocator_calls(void) { return calls; }

@@ -1,5 +1,5 @@
 /* Counts the calls that the calling thread makes to the C library's allocator, so that a test can show that a loop makes none. The counter replaces the allocator's
-   functions, so it is linked into tests, or preloaded into trocar-server (liballocator_calls.so), but is in no program that is installed. In a build with
+   functions, so it is linked into tests, or preloaded into trocar-server (liballocator_calls.so), but is part of no installed program. In a build with
    sanitizers, which bring their own allocator, the count stays 0. */
 #ifndef TROCAR_ALLOCATOR_CALLS_H
 #define TROCAR_ALLOCATOR_CALLS_H

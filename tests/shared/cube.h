@@ -27,7 +27,7 @@ static inline vec3 cube_random_vector(double size) {
 
 static inline bool cube_inside(int i) { return i > 0 && i < CUBE_CELLS; }
 
-/* `irregular` is the largest displacement of inner nodes, in cells; with 0.1, every tetrahedron remains well shaped. */
+/* `irregular` is the largest displacement of inner nodes, as a fraction of the cell size; with 0.1, every tetrahedron remains well shaped. */
 static inline void cube_nodes(mesh *m, double irregular) {
     double cell = CUBE_EDGE / CUBE_CELLS;
     m->node_count = CUBE_NODES;

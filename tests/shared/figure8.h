@@ -5,7 +5,7 @@
 #include "lockstep.h"
 #include "shared/motion.h"
 
-/* The force and torque of every tick of the figure-8 motion. */
+/* Bounds for recording the force and torque of every tick of the figure-8 motion. */
 enum { FIGURE8_MOST_TICKS = 2400 * 4 };
 static const double FIGURE8_DURATION = 2.4, FIGURE8_SLOWEST_PERIOD = 4e-3; /* s */
 

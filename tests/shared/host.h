@@ -14,7 +14,7 @@ typedef struct {
     trocar_output output;    /* output of the last tick */
 } host;
 
-/* Sets one key of the scene to another value, unless `key` is NULL. */
+/* Creates the simulation with one key of the scene set to another value, unless `key` is NULL. */
 static inline host host_open_with(const char *path, const char *key, const char *value) {
     host h = {NULL};
     trocar_error why;

@@ -1,4 +1,4 @@
-"""Receives LCM's packets without LCM, and waits for what they bring."""
+"""Receives LCM's packets without liblcm, and waits for conditions that depend on them."""
 import socket
 import time
 

@@ -50,7 +50,7 @@ static inline lockstep *lockstep_create(const simulation_config *config, pose st
     return l;
 }
 
-/* Uses this remeshing method from here on. For a simulation that has just been created. */
+/* Selects the remeshing method of a simulation that has just been created. */
 static inline void lockstep_remesh_by(lockstep *l, remesh_method method) {
     trocar_error why;
     remesher_free(l->run.remesher);

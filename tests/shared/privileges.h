@@ -28,9 +28,9 @@ static inline bool use_fifo(int flag) {
     return sched_setscheduler(0, SCHED_FIFO | flag, &(struct sched_param){.sched_priority = PRIORITY_HAPTIC}) == 0;
 }
 
-/* Gives the calling thread the privileges of the packaged service: SCHED_FIFO 80 is permitted, but SCHED_RESET_ON_FORK is set and cannot be cleared. For the
-   service, the limit of the real-time priority is raised. Here, the thread is given the priority beforehand instead, because not every machine lets root raise
-   the limit. Returns false if this machine does not permit SCHED_FIFO at all. */
+/* Gives the calling thread the privileges of the packaged service: SCHED_FIFO 80 is permitted, but SCHED_RESET_ON_FORK is set and cannot be cleared. The
+   service has a raised RLIMIT_RTPRIO. Here, the thread is given the priority beforehand instead, because not every machine lets root raise the limit. Returns
+   false if this machine does not permit SCHED_FIFO at all. */
 static inline bool become_a_service(void) {
     return use_fifo(SCHED_RESET_ON_FORK) && drop_sys_nice();
 }

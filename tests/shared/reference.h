@@ -190,7 +190,7 @@ static inline void reference_average_nodes(reference *r, const tissue *t) {
     free(b);
 }
 
-/* Adds the stiffness of the strain averaged over each patch of these elements. Each element is part of an element of the nominal mesh, its parent. */
+/* Adds the stiffness of the strain averaged over each patch of these elements. Each element is part of a nominal element, its parent. */
 static inline void reference_average_patches(reference *r, const tissue *t, const vec3 *nodes, int count, int (*tets)[4], const int *parent) {
     double *b = calloc((size_t)(3 * r->node_count), sizeof *b);
     for (int patch = 0; patch < t->patch_count; patch++) {

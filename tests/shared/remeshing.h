@@ -242,7 +242,7 @@ static void nodes_among_fixed_ones(void **state) {
     tissue_free(&t);
 }
 
-/* Adds nodes of one kind in the elements along a line, each at the midpoint of the segment of the line inside its element. */
+/* Adds nodes of one kind in the elements along a line, each at the midpoint of the line's segment inside its element. */
 static void add_track(vec3 from, vec3 to) {
     vec3 along = v3_sub(to, from);
     for (surface_hit at = mesh_enter(tested->mesh, from, to); at.tet >= 0;) {
@@ -394,7 +394,7 @@ static mat3 nominal_between(const reference *nominal, const added_node *node, co
     return sum;
 }
 
-/* Added nodes do not make contacts more compliant, whether many lie in one element, or they lie on faces, or they are moved. */
+/* Contacts do not become more compliant, whether many nodes are added in one element, nodes are added on faces, or nodes are moved. */
 static void contacts_yield_as_in_the_nominal_mesh(void **state) {
     (void)state;
     static const refinement none = {.count = 0};

@@ -1,4 +1,4 @@
-"""Functions shared by the reports of tests/verification and tests/validation: REPORT.md and plots/ in the folder of the script."""
+"""Functions that write the reports of tests/verification and tests/validation: REPORT.md and plots/ in the script's folder."""
 import contextlib
 import subprocess
 
@@ -9,7 +9,7 @@ matplotlib.rcParams["svg.fonttype"] = "none"  # keeps text as text in the SVG fi
 matplotlib.rcParams["svg.hashsalt"] = "trocar"  # makes the output file reproducible
 import matplotlib.pyplot as plt  # noqa: E402
 
-# Colours of Okabe and Ito, which can be distinguished by people with colour vision deficiencies.
+# The palette of Okabe and Ito, which people with colour-vision deficiency can tell apart.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 
 

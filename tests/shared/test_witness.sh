@@ -1,5 +1,5 @@
 #!/bin/sh
-# Tests the witness: a failure on a stalled machine is not judged; a sanitizer's report is
+# Tests the witness: a failure on a stalled machine does not count; a sanitizer's report is
 # detected wherever it appears in the output; and a process left in the background does not delay the witness.
 # usage: test_witness.sh WITNESS
 set -eu

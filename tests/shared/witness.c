@@ -140,7 +140,7 @@ static int run_watched(char *const command[], long long tolerated_ns, bool *quie
     }
     int status = run(command, reported);
     atomic_store(&running, false);
-    *quiet = getenv("TROCAR_WITNESS_STALLED") == NULL; /* the test of this program sets it */
+    *quiet = getenv("TROCAR_WITNESS_STALLED") == NULL; /* set by test_witness.sh */
     for (int i = 0; i < count; i++) {
         const observer *o = &observers[i];
         pthread_join(threads[i], NULL);

@@ -1,4 +1,4 @@
-/* Clients of an OpenIGTLink server: one made from the classes of Debian's library, and a plain connection for anything that the library cannot do. */
+/* Clients of an OpenIGTLink server: one built on Debian's OpenIGTLink library, and a plain connection for anything that the library cannot do. */
 #ifndef TROCAR_TESTS_SLICER_CLIENT_H
 #define TROCAR_TESTS_SLICER_CLIENT_H
 
@@ -98,7 +98,7 @@ private:
         m->SetMessageHeader(head);
         m->AllocatePack();
         if (socket->Receive(m->GetPackBodyPointer(), m->GetPackBodySize()) != m->GetPackBodySize()) return false;
-        int unpacked = m->Unpack(1); /* with the checksum */
+        int unpacked = m->Unpack(1); /* 1: also checks the checksum */
         EXPECT(unpacked & igtl::MessageHeader::UNPACK_BODY, "%s", head->GetDeviceName());
         kept = m;
         return true;

@@ -124,7 +124,7 @@ private:
         trocar_status_t_publish(lcm, "TROCAR_STATUS", &s);
     }
 
-    /* Sends a wrench every 2 ms, a picture every 33.3 ms and the status every 0.1 s. */
+    /* Sends a wrench every 2 ms, a frame (contacts, deformation, probe) every 33.3 ms and the status every 0.1 s. */
     void send() {
         lcm_t *lcm = lcm_create(nullptr);
         double picture = seconds(), status = picture, wrench = picture;

@@ -191,7 +191,7 @@ static void check_image(igtl::ImageMessage::Pointer m, const std::vector<Surface
             int here = grey[j * size[0] + i];
             tissue += wanted[j * size[0] + i] != 0;
             if (here == wanted[j * size[0] + i]) continue;
-            bool beside = false; /* within a voxel */
+            bool beside = false; /* true if an adjacent pixel should have this value */
             for (int y = std::max(0, j - 1); y <= std::min(size[1] - 1, j + 1); y++)
                 for (int x = std::max(0, i - 1); x <= std::min(size[0] - 1, i + 1); x++) beside |= wanted[y * size[0] + x] == here;
             differing++;
@@ -214,7 +214,7 @@ static void test_values() {
     EXPECT(bridge.ready(), "%s", bridge.errors_text().c_str());
     Client client(bridge.port());
     EXPECT(client.has({"NeedleToReference", "NeedleTipToReference", "NeedleForce", "ProbeToReference", "ProbeForce", "TrocarStatus", "Needle", "AxialImage", "SagittalImage"}));
-    client.receive_for(0.5); /* wait until all messages have arrived; they belong to the same picture */
+    client.receive_for(0.5); /* wait until all messages have arrived; they belong to the same frame */
     for (auto &ages : client.ages) EXPECT(ages.second.back() > 0 && ages.second.back() < 1, "%s is %g s old", ages.first.c_str(), ages.second.back());
 
     expect_columns(client.transform("NeedleToReference"), {{-1, 0, 0, 0, -1, 0, 0, 0, 1, -40, 0, 0}}, 1e-4, "base");
@@ -320,7 +320,7 @@ static const Columns STYLUS = {{-1, 0, 0, 0, -1, 0, 0, 0, 1, -40, 0, 0}}; /* the
 static void test_slow_client(const Mesh &mesh) {
     FakeServer server;
     set_up(server, mesh);
-    server.displace = [](const Vector &x, double t) { return Vector{0.01 * x[2] * std::sin(20 * t), 0, 0}; }; /* every picture differs */
+    server.displace = [](const Vector &x, double t) { return Vector{0.01 * x[2] * std::sin(20 * t), 0, 0}; }; /* every frame differs */
     server.start();
     Program bridge(work, bridge_command(trocar_scene_path(mesh.scene)));
     EXPECT(bridge.ready());
@@ -585,7 +585,7 @@ static void test_trackers() {
     EXPECT(bridge.ready());
     EXPECT(soon([&] { return bridge.said("no tracker at 127.0.0.1:18945"); }));
 
-    /* Two poses of a tracker are 50 ms and 10 mm apart; the needle moves from one to the other uniformly, in small steps. */
+    /* Two poses of a tracker are 50 ms and 10 mm apart; the needle moves from one to the other at constant speed, in small steps. */
     igtl::ClientSocket::Pointer client = igtl::ClientSocket::New();
     EXPECT(client->ConnectToServer("127.0.0.1", bridge.port()) == 0);
     Columns moved = STYLUS;
@@ -701,7 +701,7 @@ static void test_server() {
     EXPECT(bridge.stop(SIGTERM) == 0 && server->stop(SIGTERM) == 0);
 }
 
-/* Used by measure.py: acts as a server of the scene MESHES that sends 30 pictures per second, each different, until it is stopped. */
+/* Used by measure.py: acts as a server of the scene MESHES that sends 30 frames per second, each different, until it is stopped. */
 static void stream() {
     Mesh mesh(meshes);
     FakeServer server;

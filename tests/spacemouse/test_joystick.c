@@ -157,7 +157,7 @@ static void the_mapping_scales_turns_and_cuts(void **unused) {
     assert_string_equal(why, "'jump' is not one of clutch, reset, leave, seed, undo");
 }
 
-/* The needle points at 45 degrees between x and z, and the hand feels 2 N along -x: a force of 2 cos 45 degrees N opposes the push. */
+/* The needle points at 45 degrees between x and z, and the hand feels 2 N along -x, so 2 N cos 45 degrees oppose the push. */
 static void the_push_is_along_the_needle(void **unused) {
     (void)unused;
     quat q = q_exp(v3(0, 0.25 * M_PI, 0));

@@ -151,7 +151,7 @@ def rotation(one, other):
 
 
 def rotation_rate(poses):
-    """rad/s."""
+    """Returns the angular velocity (rad/s) in the world's axes."""
     return typical(poses, rotation)
 
 

@@ -96,7 +96,7 @@ static const trocar_needle_wrench_t *newest_wrench(const closed_loop *l) {
     return NULL;
 }
 
-/* Handles the service's reply with the position, which becomes a pose, and sends the next message with the newest force. */
+/* Turns the position in the service's reply into a pose, and sends the next message with the newest force. */
 static void run_bridge(closed_loop *l) {
     const trocar_needle_wrench_t *w = newest_wrench(l);
     vec3 force = v3(0, 0, 0);

@@ -37,7 +37,7 @@ typedef struct {
     trocar_needle_wrench_t newest; /* wrench of the last tick */
     int flags;               /* flags set in any wrench since rig_watch */
     double greatest_force;   /* N, since then */
-    vec3 lowest_base, highest_base; /* m, range of the positions of the base that the server has received since rig_watch */
+    vec3 lowest_base, highest_base; /* m, range of the base positions that the server has received since rig_watch */
 } closed_loop;
 
 /* Creates a simulation of `model` at `period`, and a device that rests at `start` with the needle along z. Aborts on failure. */

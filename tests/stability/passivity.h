@@ -12,7 +12,7 @@ typedef struct {
     double period;           /* s */
     int delay;               /* number of periods, as assumed by the observer, from a command until a position shows the effect of its force; at least 1 */
     double most_damping;     /* N s/m, maximum damping; with 0, the energy is only observed */
-    double max_force;        /* N, largest force of the device */
+    double max_force;        /* N, maximum force of the device */
     vec3 forces[PASSIVITY_DELAY]; /* N, commanded forces, indexed by their number modulo PASSIVITY_DELAY */
     long count;
     vec3 position, velocity; /* m and m/s, last position and filtered velocity */

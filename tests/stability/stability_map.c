@@ -45,9 +45,9 @@ static struct {
 
 #define EACH(value, list) for (char **value = (list).values; value < (list).values + (list).count; value++)
 
-/* Returns the scene of figure 8 with changes; the needle's tip is `gap` in front of the skin, and the hand pushes by `push`. Bone has the modulus of cortical
-   bone, because skin that cannot be punctured would only be as stiff as the tissue below it (40 N/m). The needle is too thick to buckle, because buckling would
-   end the force and with it any oscillation. */
+/* The scene of figure 8 with these keys changed; the needle's tip starts `gap` (m) in front of the skin, and the hand pushes by `push` (m). For bone, the
+   tissue has the modulus of cortical bone, because skin that cannot be punctured would only be as stiff as the tissue below it (40 N/m), and the needle is
+   too thick to buckle, because buckling would end the force and with it any oscillation. */
 typedef struct { const char *name; double gap, push; const char *keys[4][2]; } surroundings;
 static const surroundings EVERYWHERE[] = {
     {"bone", 1e-3, 11e-3, {{"membranes[skin].puncture_force", ".inf"}, {"regions[prostate].youngs_modulus", "10e9"},

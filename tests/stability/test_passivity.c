@@ -26,7 +26,7 @@ static double observed(int delay, int known, int cycles) {
 }
 
 /* A spring K with a delay T does the work pi K A^2 sin(w T) on a motion A sin(w t) in each cycle. T is `delay`
-   periods minus half a period, because the midpoint of an interval of the motion lies half a period before its end, which is when the position is read. */
+   periods minus half a period, because the midpoint of an interval of the motion lies half a period before its end, when the position is read. */
 static void a_delayed_spring_makes_this_energy(void **unused) {
     (void)unused;
     for (int delay = 1; delay <= 60; delay += 7) {

@@ -418,7 +418,7 @@ static void no_force_from_a_dead_server(void **state) {
 
     kill_server();
     start_server();
-    position[2] = -0.201 + 0.021; /* moves the needle further into the tissue, which causes friction; on a busy machine, the watchdog may remove the force in a
+    position[2] = -0.201 + 0.021; /* moves the needle further into the tissue, to cause friction; on a busy machine, the watchdog may remove the force in a
                                      single step */
     double force = 0, largest_step = 0;
     for (double end = now() + 2; now() < end;) {

@@ -95,7 +95,7 @@ static void a_killed_server_is_back_and_engages_by_a_ramp(void **state) {
         pass(c, 0.3);
         assert_true(c->wrench.depth > 0.015); /* the needle is still in the tissue */
     }
-    if (in_time()) assert_true(shortest < (machine_has_room() ? BACK : 1.5 * first + 0.2)); /* on a machine without room, a restart takes about as long as an
+    if (in_time()) assert_true(shortest < (machine_has_room() ? BACK : 1.5 * first + 0.2)); /* on an overloaded machine, a restart takes about as long as an
                                                                                                ordinary start */
     client_insert(c); /* the needle can be withdrawn and inserted again */
 }

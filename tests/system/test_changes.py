@@ -74,7 +74,8 @@ def ask(client, values, seconds=0.0):
 
 
 def random_values(chance):
-    """Between a third and three times the scene's values. Static and kinetic friction are scaled together, so that the moving shaft does not stick and slip."""
+    """Returns values between a third and three times those of the scene. Static and kinetic friction are scaled together, so that the moving shaft does not
+    stick and slip."""
     scale = lambda: 3.0 ** chance.uniform(-1, 1)
     region, kind = chance.choice([("prostate", (15, 9, 0.3)), ("surrounding", (12, 7, 0.25))]), chance.randrange(4)
     name, (static, kinetic, cutting) = region
@@ -158,7 +159,7 @@ def now():
 
 
 def start_server():
-    """Uses real-time priority if permitted."""
+    """Starts the server, with real-time priority if permitted."""
     for options in ([], ["--allow-non-rt"]):
         server = subprocess.Popen([BUILD / "server/trocar-server", "--scene", SCENE, *options], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
         for line in server.stdout:

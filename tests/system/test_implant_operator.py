@@ -49,7 +49,7 @@ def events(path):
 
 class Operator(unittest.TestCase):
     def server(self):
-        """Uses real-time priority if permitted, because a gap between the poses at the skin may make a needle buckle."""
+        """Starts the server, with real-time priority if permitted, because a gap between the poses at the skin may make a needle buckle."""
         for options in ([], ["--allow-non-rt"]):
             server = subprocess.Popen([BUILD / "server/trocar-server", "--scene", SCENE, *options], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
             for line in server.stdout:
@@ -125,7 +125,8 @@ class Operator(unittest.TestCase):
         self.assertLess(np.abs(closer).mean(), np.abs(along).mean())
 
     def test_the_operator_of_a_simulation_is_the_same(self):
-        """The device and the Python package draw the same errors, and their seeds end in about the same places: the server's ticks and worker run in real time."""
+        """The device and the Python package draw the same errors. Their seeds end up at only about the same positions, because the server's ticks and worker
+        run in real time."""
         _, said, table = self.carry_out("--operator", "image", "--seed", "3", "--errors", "errors.csv")
         rows = [dict(zip(table.splitlines()[0].split(","), line.split(","))) for line in table.splitlines()[1:]]
         with tempfile.TemporaryDirectory() as name:

@@ -75,7 +75,7 @@ class Machine:
         libc = ctypes.CDLL(None, use_errno=True)
         with open(f"/proc/{self.keeper.pid}/ns/net") as far, open("/proc/self/ns/net") as near:
             assert libc.setns(far.fileno(), 0) == 0
-            made = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)     # stays there
+            made = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)     # remains in the other namespace
             assert libc.setns(near.fileno(), 0) == 0
         return made
 

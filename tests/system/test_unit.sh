@@ -1,5 +1,5 @@
 #!/bin/sh
-# Checks the systemd unit with systemd-analyze. The unit is made to start the newly built server. usage: test_unit.sh UNIT SERVER
+# Checks the systemd unit with systemd-analyze. The unit is changed to start the newly built server. usage: test_unit.sh UNIT SERVER
 set -eu
 
 work=$(mktemp -d)

@@ -174,7 +174,7 @@ def implant(model, plan, operator):
 
 
 def single(model):
-    """Returns the displacement of the gland's base (mm) by a needle inserted to 80 mm, alone and with two stabilising needles in place."""
+    """Returns the displacement of the gland's base (mm) caused by a needle inserted to 80 mm, alone and with two stabilising needles in place."""
     gland, template = Gland(model), plans.read(PLAN)
     guide = plans.guide_of(template, model)
 

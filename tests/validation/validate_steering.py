@@ -26,7 +26,7 @@ def track(youngs_modulus, slope, diameter, depth, *, length=0.09, stiffness=200e
 
 
 def deflection(*arguments, **options):
-    """Sideways, mm."""
+    """Returns the tip's sideways deflection, mm."""
     end = track(*arguments, **options)[-1]
     return 1e3 * float(np.hypot(end[0], end[1]))
 

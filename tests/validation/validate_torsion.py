@@ -16,7 +16,7 @@ PATIENT = (63, 51, 0)   # static (N/m), kinetic (N/m) and viscous (N s/m^2) fric
 
 
 def lag(friction, depths):
-    """Returns the lag (rad) of the tip of a thin needle that is turned by one and a half turns at these depths."""
+    """Returns by how much (rad) the tip of a thin needle lags when the needle is turned by one and a half turns at these depths."""
     model = trocar.Model(block(30e3, friction=friction, needle=NITINOL))
     lags = []
     for depth in depths:

@@ -1,5 +1,5 @@
-/* Random hand motions for the smoothness check: insertions with steering, retraction and reinsertion, similar to those of people. They consist of minimum-jerk
-   moves from rest to rest, at no more than 50 mm/s along the needle. Steering, during which the tissue may stick to the needle, is limited to 30 mm/s (the
+/* Random hand motions for the smoothness check: realistic insertions with steering, retraction and reinsertion. They consist of minimum-jerk moves from rest
+   to rest, at no more than 50 mm/s along the needle. Steering, during which the tissue may stick to the needle, is limited to 30 mm/s (the
    stiffness is 1.2 N/mm at depth, which gives 0.06 N per tick at 50 mm/s). */
 #ifndef TROCAR_VERIFICATION_RANDOM_HAND_H
 #define TROCAR_VERIFICATION_RANDOM_HAND_H

@@ -1,4 +1,4 @@
-"""Text of the verification report (REPORT.md), of its summary in docs/verification.md, and of README's row, from the tables in results/.
+"""Generates the text of the verification report (REPORT.md), of its summary in docs/verification.md and of its row in README.md, from the tables in results/.
 scripts/pages/verification_summary writes it."""
 import re
 

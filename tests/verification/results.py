@@ -41,7 +41,7 @@ def all_checks():
 
 
 def digest_of_mechanics():
-    """Returns a digest of the C sources in core/, which shows without the repository's history whether they have changed since a run."""
+    """Returns a digest of the C sources in core/. It shows whether they have changed since a run, even without the repository's history."""
     digest = hashlib.sha256()
     for path in sorted(str(path.relative_to(ROOT)) for path in (ROOT / "core").rglob("*") if path.suffix in (".c", ".h")):
         digest.update(path.encode() + b"\0" + (ROOT / path).read_bytes())

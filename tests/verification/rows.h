@@ -35,7 +35,7 @@ typedef struct {
     double expected;           /* NAN: none */
     double error, limit;       /* relative error, unless the note says otherwise */
     const char *unit;          /* unit of value and expected value, or NULL if they have none */
-    const char *note;          /* reason of a failure, or a comment; NULL if there is none */
+    const char *note;          /* reason for a failure, or a comment; NULL if there is none */
 } row;
 
 /* A curve in a figure. Curves with the same figure name are drawn into FIGURE.svg; those with the same label have the same colour. */

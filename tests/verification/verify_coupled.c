@@ -25,8 +25,8 @@ static simulation_config homogeneous(void) {
 
 /* ---- equilibrium -------------------------------------------------------------------------------------------------------- */
 
-/* Computes the resultant of the forces on the added nodes, with moments about the origin at nominal positions, as in linear elasticity. For the fixed nodes, it
-   is the resultant of the reactions K u. */
+/* The resultant of the needle's forces on the tissue, or of the reactions K u of the fixed nodes. As in linear elasticity, moments are about the origin, with
+   forces at nominal positions. */
 typedef struct { vec3 force, moment; } resultant;
 
 static void add_to(resultant *sum, vec3 x, vec3 force) {
@@ -216,8 +216,8 @@ static double curve_error(lockstep *l, double way, friction_state slides, int *t
     return worst;
 }
 
-/* Returns the force increase before the puncture: needle and tissue act in series, and the tissue's compliance at the entry point comes from a separate
-   solve. */
+/* Returns the tissue's compliance (m/N) at the entry point, from a separate solve. Before the puncture, needle and tissue act in series, and this gives
+   the increase in force. */
 static double compliance_at_entry(lockstep *l) {
     const mesh *m = &l->parts.mesh;
     vec3 *force = calloc((size_t)m->node_count, sizeof *force), *u = calloc((size_t)m->node_count, sizeof *u);
@@ -305,7 +305,7 @@ static void push_and_pull(lockstep *l, double *force) {
     }
 }
 
-/* Inserts and withdraws ten times at the same place, each time after cutting a track 3 mm away, and compares the forces with those of the first time. Here, the
+/* Inserts and withdraws ten times at the same point, each time after cutting a track 3 mm away, and compares the forces with those of the first time. Here, the
    tissue closes behind the tip, because in an open track, the next insertion would not cut. */
 static void check_repetition(rows *r) {
     simulation_config c = lockstep_config();

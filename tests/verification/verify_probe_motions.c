@@ -43,7 +43,7 @@ typedef struct {
     int32_t (*triangles)[3];
     trocar_pose asked;       /* of the probe */
     trocar_probe probe;      /* as last solved */
-    int needle;              /* that is ticked */
+    int needle;              /* the needle that is ticked */
     trocar_pose base[2];
     trocar_output last[2];
     int since;               /* number of ticks since the needle's last puncture or exit */
@@ -57,7 +57,7 @@ typedef struct {
 
 static const double LIMITS[FINDINGS] = {
     [NODE_DEPTH] = 10e-6,    /* m; nodes are kept out of the probe to 1e-12 m, but needles displace them until the next solution */
-    [UNFELT_DEPTH] = 0.2929, /* in radii: depth of a chord below its arc, for an angle of 90 degrees; edges may penetrate this deep before they touch
+    [UNFELT_DEPTH] = 0.2929, /* in radii: sagitta of an arc of 90 degrees; edges may penetrate this deep before they touch
                                 (mechanics.md) */
     [FACE_DEPTH] = INFINITY, [FORCE] = INFINITY, [JUMP] = 1.0, [JUMP_AFTER_STOP] = 1.0, [NEEDLE_JUMP] = 1.0, [OVERLOAD] = 1e-3, [GAIN] = 1e-3,
     [GAIN_WITH_NEEDLE] = 1e-3};
@@ -253,7 +253,7 @@ typedef struct {
     hand_motion motion;      /* of the probe */
 } probe_scene;
 
-/* A block of tissue: the probe is placed beside the needle's entry point, or anywhere if there is no needle. */
+/* Places the probe on a block of tissue: beside the needle's entry point, or anywhere if there is no needle. */
 static void place_on_block(probe_scene *s, uint64_t *seed, double radius, double length) {
     const double *entry = s->block->entry, upright[3] = {0, 0, 1};
     double away = radius + random_between(seed, 3e-3, 10e-3), angle = random_between(seed, -M_PI, M_PI), dir[3];
@@ -281,7 +281,7 @@ static void place_on_block(probe_scene *s, uint64_t *seed, double radius, double
     s->advance = 2e-3 + random_between(seed, 0.01, 0.05);
 }
 
-/* The rectum of meshes/trus.yaml, whose wall is 10 mm from its axis, and a hole of the scene's template. */
+/* Places the probe in the rectum of meshes/trus.yaml, whose wall is 10 mm from its axis, and the needle in a hole of the scene's template. */
 static void place_in_rectum(probe_scene *s, uint64_t *seed) {
     s->home = (trocar_pose){{0, -0.032, -0.08}, {sqrt(0.5), 0, 0, sqrt(0.5)}};
     s->pivot = 0.11;

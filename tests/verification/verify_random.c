@@ -17,7 +17,7 @@ typedef struct {
     double worst_within;     /* largest jump or spike among the others */
     int within_run;
     int unexplained;         /* number of lost needles that are deeper than the dents of the other needles, computed in closed form */
-    double deepest;          /* m, largest penetration depth */
+    double deepest;          /* m, largest depth of such a needle below those dents */
     bool talks;
 } findings;
 
@@ -31,7 +31,7 @@ typedef struct {
     trocar_output last[3];
     double history[3][3];    /* N, forces of the last three ticks */
     bool over_edge;          /* the tip has slid over an edge of the block, and has not been clear of the block since */
-    int since;               /* number of ticks since the last puncture, exit, or change of the set of resting needles */
+    int since;               /* number of ticks since the last puncture, exit, or change in which needles rest */
     double work, most_work;
     long ticks;
     bool unstable;
@@ -88,7 +88,7 @@ static double dent_by_others(const trial *t, int needle, const double end[3], co
     return sum;
 }
 
-/* Compares the depth of the needle's end in the displaced mesh with that displacement. */
+/* Compares the depth of the needle's end in the displaced mesh with the dents of the other needles (dent_by_others). */
 static void explain(trial *t, int needle, const double end[3], const double axis[3]) {
     static const double FINE = 0.1e-3; /* m */
     double deep = 1e-3, x[3];
@@ -278,7 +278,7 @@ enum { COLUMNS = 7, ROWS = 5, ACROSS = -3, UP = -2 }; /* COLUMNS, ROWS: number o
                                                          column and row */
 static const double PITCH = 5e-3;                     /* m */
 
-/* Inserts as many needles as the scene allows, one after the other, through random holes of the template of the implant scene, in surroundings of 3 to 30 kPa
+/* Inserts as many needles as the scene allows, one after the other, through random holes of the implant scene's template, in surroundings of 3 to 30 kPa
    and at the speed of a hand. Each needle is left at its depth, so that the tissue is displaced for those inserted later. */
 static void run_implant(int number, implant_findings *f) {
     trial t = {.found = &(findings){0}, .number = number};
@@ -356,8 +356,8 @@ static void report(rows *r, const findings *f) {
     rows_measured(r, (row){.check = "random scenes: needles that found no rest when they were left", .reference = "held as before", .value = f->kept, .expected = NAN, .error = f->kept});
 }
 
-/* Two runs of the full form. In 47, a thin needle bows by 20 mm and snaps to another shape: steps that find no equilibrium are undone. In 270, a needle enters
-   tissue of 3 kPa at a place where another one's tip has just entered. */
+/* Reports two runs of the full form. In run 47, a thin needle bows by 20 mm and snaps to another shape: steps that find no equilibrium are undone. In run 270,
+   a needle enters tissue of 3 kPa at a point where the tip of another one has just entered. */
 static void report_chosen_runs(rows *r) {
     findings snaps = {.talks = false}, enters = {.talks = false};
     run_trial(47, SPEED, &snaps);

@@ -244,7 +244,7 @@ static void check_energy(rows *r) {
     check_energy_of_stiffening(r);
 }
 
-/* A needle that sticks is shaken, so that only creep dissipates energy. If the dissipation is computed with the forces at the end of each tick, it may not be
+/* Shakes a sticking needle, so that only creep dissipates energy. If the dissipation is computed with the forces at the end of each tick, it must not be
    negative in any tick. */
 static void check_shaken(rows *r) {
     simulation_config c = relaxing_config(true);

@@ -6,7 +6,7 @@
 
 static const double TICK = 1e-3;              /* s */
 static const double NOTICED = 0.07, NOTICED_LEAST = 0.05; /* just noticeable change, as a fraction of the force and in N */
-static const int RECOIL = 25;                 /* number of ticks for which a needle springs forward after a puncture, at most */
+static const int RECOIL = 25;                 /* maximum number of ticks for which a needle springs forward after a puncture */
 enum { BINS = 400, BINS_PER_DECADE = 80 };
 static const double FIRST_BIN = 1e-4;
 
@@ -171,7 +171,7 @@ static void add_monotone_row(rows *r, const char *what, int count, const pushes 
     rows_add(r, (row){.check = check, .reference = "not negative", .value = p->least / p->most, .expected = NAN, .error = fmax(0.0, -p->least / p->most), .limit = 1e-6, .note = note});
 }
 
-/* Checks needles that are inserted at random places and then stick to the tissue. */
+/* Checks needles that are inserted at random positions and then stick to the tissue. */
 static void check_stuck(rows *r, int count) {
     simulation_config config = lockstep_config();
     config.needle.youngs_modulus *= 1e4;

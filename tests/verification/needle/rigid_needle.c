@@ -56,8 +56,8 @@ static trocar_status configure(char **argument, simulation_config *c, trocar_err
     return TROCAR_OK;
 }
 
-/* Returns the local compliance along an axis of the world frame, whose third axis is that of the needle, at a point that represents the shaft between two
-   depths. The regions along this part of the shaft act in parallel. */
+/* Returns the local compliance along a world axis (the third is the needle's) at a point that represents the shaft between two depths. The regions along this
+   part of the shaft act in parallel. */
 static double local_between(const insertion_model *model, const insertion_state *s, const resolved_field *resolved, double from, double to, int axis) {
     lateral_axial logarithm = local_logarithm(model, resolved);
     bool along = axis == 2;
@@ -112,7 +112,7 @@ static double total_force(const body *b, int axis, double *tip_alone) {
     return sum;
 }
 
-/* Computes the tick's axial forces (N) on the needle, which is moved by 1 to 5 mm in steps. */
+/* Computes the tick's axial forces (N) on the needle as it is moved by 1 to 5 mm in steps. */
 static trocar_status forces_deeper(body *b, pose base, vec3 way, double *force, trocar_error *why) {
     tick_output wrench;
     double rest = 0.0;

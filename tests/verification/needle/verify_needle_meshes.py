@@ -24,7 +24,7 @@ import needle_meshes as nm  # noqa: E402
 from rows import REPOSITORY, Rows  # noqa: E402
 
 LIMIT, MEDIAN = 0.05, 0.02
-BESIDE = 2e-7                                       # m, distance from an edge or a face that is within a micrometre of it
+BESIDE = 2e-7                                       # m, distance of needles "beside" an edge or a face; less than a micrometre
 STANDARD = "depth_r0.635_nu0.45"
 PER_LENGTH = {"short": (1,), "full": (1, 2, 3)}     # number of elements per 10 mm
 GMSH = {"short": (0.0125,), "full": (0.0155, 0.0125, 0.0078, 0.0053, 0.0030)}
@@ -39,11 +39,11 @@ COARSE = "elements of 14 mm and more: so coarse linear tetrahedra are too stiff 
 NEAR_LAYER = "elements of 12 mm and more, less than one between the needle and tissue 1000 times as stiff"
 LONG_EDGES = "edges of 17 mm lie along the needle: too stiff as elements of that size are; with cubes of half the size 5 %"
 SOFT_MODES = "averaged volumetric strain leaves this mesh too soft, by patches 8 and by nodes 5 %; the reference may be 2 % too high at nu = 0.499"
-FEW = ("on edges", "in faces", "within elements")   # places of the needle in the finest meshes, of 42 000 nodes
+FEW = ("on edges", "in faces", "within elements")   # the only needle positions tested in the finest meshes, of 42 000 nodes
 
 
 class Check:
-    """The rows, the errors of all forces, and the worst error of each row that has a limit."""
+    """Collects the rows, the errors of all forces, and the worst error of each row: `within` with a limit, `measured` without."""
 
     def __init__(self, rows):
         self.rows, self.form, self.errors = rows, "short" if rows.short_form else "full", []
@@ -113,7 +113,7 @@ def mirrored(tip):
 
 
 def diagonals(check, kind, cell, mesh, besides):
-    """Needles lie along both diagonals of faces, and along two of the diagonals of cubes. In a Kuhn mesh, the diagonals named "other" are edges of the mesh."""
+    """Checks needles along both diagonals of the cubes' faces, and along two of their body diagonals. In a Kuhn mesh, those named "the other way" are edges."""
     for case_name, words in (("oblique_45", "face diagonal"), ("body_diagonal", "body diagonal")):
         limited = LONG_EDGES if kind == "Kuhn" and words == "body diagonal" and cell > 0.009 else ""
         azimuth = check.cases[case_name]["azimuth"]
@@ -182,7 +182,7 @@ def oblique(check):
 
 
 def contrast(check):
-    """The lower half of the block is 1000 times as stiff as the upper half. The needle ends 5 mm above it or reaches into it."""
+    """Checks needles in a block whose lower half is 1000 times as stiff as its upper half. They end 5 mm above the stiff half, or reach into it."""
     check.rows.section = "Mesh independence: contrast 1:1000"
     meshes = {}
     for i, size in enumerate(GMSH[check.form][:4] if check.form == "full" else ()):
@@ -216,7 +216,7 @@ def main():
         rows.measured(f"places measured only, because the mesh limits the accuracy: {missed} of {len(check.measured)} above the limit of the others",
                       "needle's surface resolved, CalculiX C3D10", max(check.measured), None, max(check.measured),
                       note="which places these are was decided after their errors had been seen")
-    if not rows.short_form:  # the median for the coarse meshes alone is larger
+    if not rows.short_form:  # the short form has only coarse meshes, whose median is larger
         rows.error(f"median of all {len(check.errors)} forces", "needle's surface resolved, CalculiX C3D10", np.median(check.errors), MEDIAN)
     return rows.end()
 

@@ -68,7 +68,8 @@ def compare(rows, case, cubes):
 
 
 def check_coupling(rows, name, across):
-    """The forces on two needles. `across` contains the forces along x and y on each needle when each needle is moved along x and y."""
+    """Checks that the lateral stiffness of two needles is symmetric and positive. `across` contains the forces along x and y on each needle when each needle is
+    moved along x and y."""
     rows.error(f"{name}: forces on each other across the needles, difference over the largest", "reciprocity", np.abs(across - across.T).max() / np.abs(across).max(), RECIPROCAL)
     least, largest = np.linalg.eigvalsh(-0.5 * (across + across.T))[[0, -1]]
     rows.add(f"{name}: least stiffness of both across, over the largest", "positive", least / largest, None, max(0.0, -least / largest), 0.0)

@@ -153,7 +153,7 @@ static double torsional_stiffness(const subject *s) {
     return 1.0 / twist;
 }
 
-/* Checks how the factor on Young's modulus affects the stiffnesses to which it was not calibrated. */
+/* Checks how the factor on Young's modulus affects the stiffnesses for which it was not calibrated. */
 static void check_cost(rows *r, const subject *s) {
     const needle_parameters *g = &s->model.line.given;
     int z = 3 * s->segments + 2;

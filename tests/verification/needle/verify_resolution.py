@@ -29,8 +29,8 @@ SIZES = {"short": (0.0155, 0.0125), "full": (0.0155, 0.0125, 0.0125 * 1.001, 0.0
 
 
 def rigid_needle(rows, mesh, case):
-    """Returns the number of nodes, the number of contacts, and the three forces that follow from the project's contact nodes; also the sideways and axial
-    forces of the tick."""
+    """Returns the number of nodes, the number of contacts, and the forces from the springs added up per direction: sideways, along, and that of the tip alone;
+    also the sideways and axial forces of the tick."""
     tip = case["tip"]
     command = [rows.build / "tests/verification/rigid_needle", mesh, case["radius"], case["poisson_ratio"], *case["axis"], tip,
                case["youngs_modulus_above"], case["youngs_modulus_below"]]
@@ -109,7 +109,7 @@ def main():
         rows.measured(f"forces measured only, because the mesh limits the accuracy, {len(measured)} of {len(errors)}: {missed} above the limit of the others",
                       "needle's surface resolved, CalculiX C3D10", max(measured), None, max(measured),
                       note="which places these are was decided after their errors had been seen")
-    if not rows.short_form: # the median for the coarse meshes alone is larger
+    if not rows.short_form: # the short form has only coarse meshes, whose median is larger
         rows.error(f"median of all {len(errors)} forces on the needle", "needle's surface resolved, CalculiX C3D10", np.median(errors), MEDIAN)
     sys.exit(rows.end())
 

@@ -15,12 +15,12 @@ class KuhnBlock:
         self.outer = (np.abs(self.nodes[:, :2]).max(axis=1) > nm.HALF_WIDTH - 1e-9) | (np.abs(self.nodes[:, 2] / nm.HEIGHT - 0.5) > 0.5 - 1e-9)
 
     def by_cube(self):
-        """Returns a matrix with the weights of the elements (columns) in each cube."""
+        """Returns a matrix with the weights of the elements (columns) in each cube (rows)."""
         cube = np.arange(len(self.tets)) // 6
         return sparse.csr_matrix((np.ones(len(cube)), (cube, np.arange(len(cube)))))
 
     def by_node(self):
-        """Returns a matrix with the weights of the elements (columns) around each node; each node gets a quarter of an element."""
+        """Returns a matrix with the weights of the elements (columns) around each node (rows); each node gets a quarter of an element."""
         return sparse.csr_matrix((np.full(4 * len(self.tets), 0.25), (self.tets.ravel(), np.repeat(np.arange(len(self.tets)), 4))))
 
     def stiffness(self, shear, lame, averages):

@@ -1,8 +1,8 @@
 #!/usr/bin/python3
 """Computes, on a whole mesh, the effect of a line's end that the resolved radius of an infinite line neglects: the numbers in test_resolved_radius.c.
 
-The block is divided by Kuhn's mesh into cubes of 12 x 12 x 12.5 mm; the volumetric strain is averaged at nodes. The load is that part of a line force which
-lies beyond a given distance ahead of a point, up to 30 mm; the boundary of the block moves according to Kelvin's solution, summed over steps of the line. The
+The mesh of the block is Kuhn's, with cubes of 12 x 12 x 12.5 mm; the volumetric strain is averaged at nodes. The load is that part of a line force which lies
+beyond a given distance ahead of a point, up to 30 mm; the boundary of the block moves according to Kelvin's solution, summed over steps of the line. The
 program prints the displacement of the point minus that of a cylinder of the resolved radius, as the logarithm of a radius, averaged over a period of the mesh
 and both transverse directions. It uses no code of the simulator, needs python3-scipy, and takes a minute.
 """

@@ -1,4 +1,4 @@
-"""Creates various meshes of the block of resolved_needle.py for checking the force on a rigid needle.
+"""Creates various meshes of the block in resolved_needle.py, for checking the force on a rigid needle.
 
 The block measures 120 x 120 x 100 mm: |x|, |y| <= 60 mm; z = 0 is the surface `fixed`, and in Gmsh's meshes z = 100 mm is the surface `skin`. There is one region, "upper", or two, "lower" and "upper", separated by
 a face at z = 50 mm.

@@ -286,7 +286,7 @@ EDGES = ((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3))  # edges of a C3D10 ele
 
 
 def straighten(nodes, elements, far):
-    """Moves the mid-side nodes of edges that have a far end to the midpoints between their ends."""
+    """Moves the mid-side node of each edge with an end in `far` to the midpoint between the edge's ends."""
     for i, edge in enumerate(EDGES, 4):
         ends, middle = elements[:, edge], elements[:, i]
         chosen = far[ends].any(axis=1)
@@ -313,7 +313,7 @@ def deform(one, nodes, elements):
     share = np.max([sign * nodes[:, i] / (HALF_WIDTH - sign * middle[i]) for i in (0, 1) for sign in (-1, 1)], axis=0)
     weight = np.clip((1 - share) / (1 - RINGS_RADIUS / (HALF_WIDTH - np.abs(middle).max())), 0.0, 1.0)
     centre, ahead, up = oblique_axis(one, z)
-    turned = weight ** 3 * (nodes[:, :2] @ forward)  # the rotation decreases faster than the shift, which prevents elements from folding
+    turned = weight ** 3 * (nodes[:, :2] @ forward)  # the rotation decreases faster than the shift, so that elements do not fold
     shift = weight * (centre + (one["axis"] - middle) @ forward) + turned * (ahead - 1)
     moved = np.column_stack([nodes[:, :2] + middle + shift[:, None] * forward, z + turned * up])
     distance = np.hypot(x, y)

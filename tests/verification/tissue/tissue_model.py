@@ -70,7 +70,7 @@ def faces_at(height):
 
 
 def elements(dimension, kind, name_of):
-    """Returns the node tags of the elements of each physical group of this dimension."""
+    """Yields, for each physical group of this dimension, its name and the node tags of its elements."""
     for dim, group in gmsh.model.getPhysicalGroups(dimension):
         tags = [gmsh.model.mesh.getElementsByType(kind, entity)[1]
                 for entity in gmsh.model.getEntitiesForPhysicalGroup(dim, group)]

@@ -131,7 +131,7 @@ def compare_linear(rows, name, model, materials, membranes):
 
 
 def bump(x):
-    """A traction (N/m^2) that pulls the middle of the top sideways and presses it."""
+    """Returns a traction (N/m^2) that pulls the middle of the top sideways and presses it down."""
     size = np.exp(-((x[..., 0] - 0.03) ** 2 + (x[..., 1] - 0.025) ** 2) / 0.012 ** 2)
     return size[..., None] * np.array([500.0, 0.0, -100.0])
 

@@ -66,7 +66,7 @@ FACES = ((0, 1, 2), (0, 3, 1), (1, 3, 2), (2, 3, 0))    # the faces S1 to S4 of 
 
 
 def wall_faces(model):
-    """Returns the element and its face in CalculiX's numbering."""
+    """Yields the faces of the wall as "element, face" in CalculiX's numbering."""
     wall = {tuple(sorted(triangle)) for triangle in model.surfaces["wall"].tolist()}
     for t, corners in enumerate(model.tets.tolist(), 1):
         for f, face in enumerate(FACES, 1):

@@ -60,7 +60,7 @@ def stress_of(d, nu):
 
 
 def constant_traction(traction):
-    """Returns one vector for each triangle."""
+    """Returns a traction function with a constant vector on each triangle."""
     return lambda x: np.broadcast_to(traction[:, None], x.shape)
 
 
@@ -146,7 +146,7 @@ def curl_derivative(x, extra):
 
 
 def curl_force(material):
-    """Div u is zero, so lambda has no effect."""
+    """Returns the body force. Lambda has no effect, because div u is zero."""
     return lambda x: -tm.lame(material)[1] * sum(curl_derivative(x, 2 * orders) for orders in np.eye(3, dtype=int))
 
 

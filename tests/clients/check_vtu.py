@@ -1,7 +1,7 @@
 #!/usr/bin/python3
 """Checks the balance of forces in PREFIX-tissue.vtu, PREFIX-membranes.vtu (if there is one) and PREFIX-needle.vtu, written by trocar-replay --vtu.
 
-Shares nothing with the simulator: the tissue's stiffness is assembled here, element by element, from B^T D B with the strain matrix B from the inverse of the
+Shares no code with the simulator: the tissue's stiffness is assembled here, element by element, from B^T D B with the strain matrix B from the inverse of the
 matrix of corner coordinates. Prints a table; exit status 0 if all checks pass, 1 if one
 fails, 2 if a file cannot be read.
 """

@@ -1,6 +1,6 @@
 #!/bin/bash
 # Installs the wheel with pip on a minimal system, made with debootstrap, and simulates 1000 insertions there. Run it by hand, as root; it takes four minutes.
-# The system has python3-pip and what stands in for PyPI: Debian's NumPy and cffi, which the wheel requires.
+# Besides python3-pip, the system has Debian's NumPy and cffi, which the wheel requires, so PyPI is not needed.
 # usage: bare_system.sh WHEEL [SUITE [MIRROR]]     by default bookworm, from the mirror that debootstrap chooses
 set -euo pipefail
 [ $# -ge 1 ] || { sed -n '2,4s/^# //p' "$0"; exit 2; }

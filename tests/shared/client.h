@@ -117,7 +117,7 @@ static inline trocar_needle_pose_t next_pose(client *c) {
 
 static inline void publish_pose(client *c, const trocar_needle_pose_t *m) { trocar_needle_pose_t_publish(c->lcm, "TROCAR_POSE", m); }
 
-/* One millisecond. */
+/* Runs the client for one millisecond. */
 static inline void step(client *c) {
     static int64_t due;
     int64_t now = monotonic_ns();
@@ -149,7 +149,7 @@ static inline void command(client *c, int64_t session, int what) {
     trocar_command_t_publish(c->lcm, "TROCAR_COMMAND", &m);
 }
 
-/* True if timing is checked, which is only possible in a build without sanitizers. */
+/* Returns true if the test may check timing; with sanitizers, it may not. */
 static inline bool in_time(void) {
     const char *wanted = getenv("TROCAR_CHECK_TIMING");
     return wanted == NULL || strcmp(wanted, "no") != 0;

@@ -4,7 +4,7 @@
     scripts/netns tests/slicer/measure.py BUILD_DIR SCENE [SECONDS [ROUNDS [STREAMED]]]
 
 One server and one device that plays figure 8 run throughout. If another scene, STREAMED, is given, the bridge shows that scene instead; a stand-in for its
-server sends 30 pictures per second on another LCM port, because a real server sends fewer pictures of such a large mesh. Rounds without the bridge alternate
+server sends 30 frames per second on another LCM port, because a real server sends fewer frames of such a large mesh. Rounds without the bridge alternate
 with rounds with the bridge and two clients, one of which never reads. They alternate because other load on the machine also changes the loop's times; the
 medians of the rounds are compared.
 """

@@ -167,7 +167,7 @@ static int mend_in_time(void **state) {
 }
 
 /* Checks that no wrench or status had any flags except these and NOT_REALTIME. If the machine stopped this client for more than half of the hold time, the
-   poses may have become stale: the other half may have been lost on their way, because stalls come in groups. */
+   server may have seen stale poses: stalls come in groups, and another one may have delayed the poses on their way. */
 static void expect_only(const client *c, int flags) {
     if (c->silence > 0.5 * c->limits.hold_time) flags |= FLAG(STALE) | FLAG(RAMPING);
     assert_int_equal((c->seen | c->told) & ~flags & ~FLAG(NOT_REALTIME), 0);

@@ -42,7 +42,7 @@ async function press(key, done) {
 let view = await ready(run('clients/view/trocar-view', '--task', task, '--runs', path.join(OUT, 'runs'))), server, page
 try {
   server = await start('server/trocar-server', '--allow-non-rt', '--scene', implant)
-  page = await open({ width: 900, height: 600 }) // small, so that it is drawn quickly: the needle moves slowly while the page shows old pictures.
+  page = await open({ width: 900, height: 600 }) // small, so that it is drawn quickly: the needle moves slowly while the page shows outdated frames.
   // Clicks, touches and pointer movements make the test fail.
   await page.evaluate(() => { for (const kind of ['pointerdown', 'pointermove', 'touchstart']) addEventListener(kind, () => { throw new Error(`${kind} in a test by keyboard`) }, true) })
 

@@ -18,7 +18,7 @@ const shoot = (page, name) => shootPage(page, `language-${name}`)
 const marked = Object.fromEntries(Object.entries(english).map(([key, message]) =>
   [key, typeof message === 'string' ? `⟦${message}⟧` : Object.fromEntries(Object.entries(message).map(([form, words]) => [form, `⟦${words}⟧`]))]))
 
-/** Replaces the German texts by `messages`, and records what is drawn on canvases. */
+/** Replaces the German texts with `messages`, and records what is drawn on canvases. */
 const replaceTexts = (messages) => async (page) => {
   await page.route(/assets\/de-[^/]*\.js$/, (route) => (messages ? route.fulfill({ contentType: 'text/javascript', body: `export default ${JSON.stringify(messages)}` }) : route.abort()))
   await page.addInitScript(() => {

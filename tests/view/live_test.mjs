@@ -72,7 +72,7 @@ try {
     await until(first, 'trocar.status.drives && trocar.status.owned === "here"')
     assert.deepEqual(await first.evaluate('trocar.drive.command()'), [0, 0, 0, 0, 0, 0])
     const shownBase = () => first.evaluate('[trocar.shown.tick, trocar.shown.needles[0].joints[2]]')
-    const [taken] = await shownBase() // this base may be from a picture taken while the needle was still driven
+    const [taken] = await shownBase() // this base may be from a frame made while the needle was still driven
     await until(first, `trocar.shown.tick > ${taken} + 1000`)
     const [tick, base] = await shownBase()
     await until(first, `trocar.shown.tick > ${tick} + 200`)

@@ -1,6 +1,6 @@
 #!/bin/bash
 # Tests the complete viewer in a private network namespace: with a live server, with a log and pictures made from it, in the procedure mode of an implant,
-# with a probe, with a trainee's task, with changes of the tissue, with ultrasound images, in other languages and by touch, or with the keyboard alone. Exit
+# with a probe, with a trainee's task, with changes to the tissue, with ultrasound images, in other languages and by touch, or with the keyboard alone. Exit
 # status 77: Chromium, npm or namespaces are not available. With OUT_DIR, screenshots are saved there.
 # usage: test_view.sh BUILD_DIR SOURCE_DIR live|log|procedure|probe|task|tissue|ultrasound|language|keyboard [OUT_DIR]
 set -euo pipefail

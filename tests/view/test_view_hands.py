@@ -35,7 +35,7 @@ class Hands(unittest.TestCase):
         self.addCleanup(lambda: (self.view.kill(), self.view.wait()))
 
     def start_server(self):
-        """Uses real-time priority if permitted, because a gap between the poses at the skin may make a needle buckle."""
+        """Starts the server, with real-time priority if permitted, because a gap between the poses at the skin may make a needle buckle."""
         try:
             return web.start(BUILD / "server/trocar-server", "--scene", SCENE)[0]
         except AssertionError:
@@ -123,7 +123,7 @@ class Hands(unittest.TestCase):
         self.check_same(rested, self.seen(browser), 0.2)
         self.check_same(before, rested, 3.0)
         self.assertEqual(browser.status["lost"], "")
-        browser.say(web.RELEASE)                # as "Let go"
+        browser.say(web.RELEASE)                # as the button "Let go" does
         browser.until(lambda: self.state(browser, 0) == ("resting", "nobody") and not browser.status["drives"])
         self.take(browser)
         self.view.send_signal(signal.SIGTERM)   # the viewer ends

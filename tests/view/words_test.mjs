@@ -91,7 +91,7 @@ await check('the language is the first wanted one of which there is a file', () 
 
 /* ---- the source ---- */
 
-// prefixes of keys whose rest is the name of, for example, a flag of the server, a command or a layer
+// prefixes of keys that end in a name, such as that of a server flag, a command or a layer
 const COMPOSED = /^(flag|layer|answer|owner|needle|tissue|said)\./
 const html = await readFile(path.join(page, 'index.html'), 'utf8')
 

@@ -4,7 +4,7 @@ and at a contrast of 1:1000, with a needle whose surface is resolved (resolved_n
 
 Each row stands for one position of the needle in one mesh and gives the largest error of the tick's forces for a motion by 1 mm sideways, along and across.
 Structured meshes consist of cubes that are divided into six tetrahedra (Kuhn) or five; the needle lies on edges, faces and diagonals of the mesh. Such a line
-is up to 7 mm away from the reference's line, which by symmetry makes no first-order difference.
+is up to 7 mm away from the reference's line; by symmetry, this makes no first-order difference.
 
 At some positions, errors are reported but not checked against a limit, because the mesh limits the accuracy there: with elements of 14 mm and more (12 mm
 with a stiff layer), on body diagonals of Kuhn's cubes of 10 mm (edges of 17 mm), and on edges of the mesh of five tetrahedra at nu = 0.499. This rule

@@ -110,7 +110,7 @@ static void move(values_in_use *v) {
 static const double WHOLE = 1.0 - 1e-9; /* dimensionless: fraction above which a change counts as complete. Rounding tolerance */
 
 void values_follow(values_in_use *v, double time) {
-    static const double MOST = 0.02; /* dimensionless: largest fraction of a change per tick. Chosen: twice what a tick of 1 ms contributes to the shortest
+    static const double MOST = 0.02; /* dimensionless: largest fraction of a change per tick. Chosen: twice what a 1 ms tick contributes to the shortest
                                         change */
     if (v->part == 1.0) return;
     v->part += smaller_of((time - v->time) / v->duration, MOST);

@@ -7,10 +7,10 @@
 #include "snapshot/free_displacement.h"
 
 enum { LD = 3 * MAX_PRESSED };
-enum { MOST_ITERATIONS = 50 }; /* iterations: maximum number of Newton iterations per solve; the next solve continues from the last iterate. Effort
+enum { MOST_ITERATIONS = 50 }; /* iterations: maximum number of Newton iterations per solve; the next solve continues from the last iterate. Cost
                                   limit */
 enum { MOST_STOPS = 4 }; /* steps: maximum number of secant steps to find where the probe stops; the last of them leaves the probe at the pose that it had
-                            before. Effort limit */
+                            before. Cost limit */
 static const double REACH = 0.5; /* probe radii: distance within which points are candidates for contact. Chosen: twice the probe's largest step */
 static const double LOADED_REACH = 3.0; /* probe radii: distance within which points are candidates for contact if needles may push tissue toward the
                                            probe. Chosen: three times the largest displacement, 0.9 radii, in 200 random motions (verify_probe_motions) */
@@ -25,8 +25,8 @@ static const double CATCHING_UP = 0.3; /* m/s: speed at which a stopped probe fo
                                           Chosen: as fast as a hand inserts a needle */
 static const double CONVERGED = 1e-9; /* m: largest change in a node's position in an iteration that counts as converged. Rounding tolerance */
 static const double PENETRATION = 1e-12; /* m: penetration up to which a node still counts as outside. Rounding tolerance */
-static const double TURNED = 0.02; /* rad: change in a normal above which the point is attached again, along the new normal. Effort limit */
-static const double NOTICEABLE = 1e-5; /* N: smallest change in a force for which a new answer is published. Effort limit */
+static const double TURNED = 0.02; /* rad: change in a normal above which the point is attached again, along the new normal. Cost limit */
+static const double NOTICEABLE = 1e-5; /* N: smallest change in a force for which a new answer is published. Cost limit */
 static const double STOPPED = 1e-3; /* fraction: margin below max_force, as a fraction of it, within which the probe stops. Chosen by judgement */
 static const double EDGE_COMPLIANCE = 1e-4; /* fraction: part of an edge's own compliance that is added to its diagonal entry, because the forces on an
                                                edge and on its ends would otherwise be linearly dependent. Chosen by judgement */

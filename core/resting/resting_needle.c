@@ -8,9 +8,9 @@
 #include "insertion/laws/creep.h"
 #include "insertion/step/tick.h"
 
-static const double STEP_SHIFT = 0.3e-3; /* m: largest shift of the base in one step of 1 ms while the released needle moves to its resting position.
+static const double STEP_SHIFT = 0.3e-3; /* m: largest shift of the base in one 1 ms step while the released needle moves to its resting position.
                                             Chosen: 0.3 m/s, as fast as a hand inserts */
-static const double STEP_TURN = 3e-3; /* rad: largest rotation of the base in one step of 1 ms while the released needle moves to its resting position.
+static const double STEP_TURN = 3e-3; /* rad: largest rotation of the base in one 1 ms step while the released needle moves to its resting position.
                                          Chosen by judgement */
 static const double DEPENDENT = 1e-6; /* fraction: relative distance of a motion from the span of the other motions below which it counts as linearly
                                          dependent on them. Rounding tolerance */

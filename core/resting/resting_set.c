@@ -6,8 +6,8 @@
 #include "snapshot/free_displacement.h"
 
 enum { AT_ONCE = 6 };
-enum { MOST_SWEEPS = 500 }; /* sweeps: maximum number of Gauss-Seidel sweeps over a needle's points. Effort limit */
-enum { MOST_ROUNDS = 20 }; /* rounds: maximum number of passes over all resting needles between two changes to the loads. Effort limit */
+enum { MOST_SWEEPS = 500 }; /* sweeps: maximum number of Gauss-Seidel sweeps over a needle's points. Cost limit */
+enum { MOST_ROUNDS = 20 }; /* rounds: maximum number of passes over all resting needles between two changes to the loads. Cost limit */
 static const double ENOUGH = 1e-7; /* N: accepted excess of a force over its bound. Rounding tolerance */
 static const double YIELDING = 1e-3; /* N/m: stiffness below which a slip would not relieve the force. Rounding tolerance */
 

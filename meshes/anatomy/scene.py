@@ -34,7 +34,7 @@ def place(matrix, start):
 
 
 def guide(template, matrix):
-    """Returns the lines that describe a template with holes for a needle of 1.27 mm."""
+    """Returns the lines that describe a template with holes for a 1.27 mm needle."""
     turn = matrix[:3, :3] / np.linalg.norm(matrix[:3, 0])
     origin = matrix[:3] @ np.append(template.origin, 1.0)
     return ["", "guides:", "  - name: template", f"    origin: [{listed(origin)}]    # m, middle of the holes, on the face where needles enter",

@@ -23,7 +23,7 @@ typedef struct { double aside, turn; } line_tolerance;
 static const double DEPTH = 3e-3; /* m: over which
                                      it grows to 1.5 times itself. Chosen: about two diameters */
 static const double SHARE = 0.7;  /* fraction below 1: of something. Fitted to a row (tests/x.c) */
-enum { PASSES = 3 };              /* passes: before it is given up. Effort */
+enum { PASSES = 3 };              /* passes: before it is given up. Cost */
 enum { ROOM = 4, NONE = -1 };     /* of an array: not a constant */
 static const line_tolerance SAME = {0.5, 4}; /* m and rad: equal. Rounding */
 static const double BARE = 1.0;   /* m, with a comment of another form */
@@ -32,7 +32,7 @@ int main(void) { printf("%g %g %d %g %g %g", DEPTH, SHARE, PASSES, SAME.aside, S
 
 found, faults = constants.read("folder/file.c", SOURCE)
 assert [(c.name, c.type, c.value, c.unit, c.kind) for c in found] == [
-    ("DEPTH", "double", "3e-3", "m", "Chosen"), ("SHARE", "double", "0.7", "fraction below 1", "Fitted"), ("PASSES", "int", "3", "passes", "Effort"),
+    ("DEPTH", "double", "3e-3", "m", "Chosen"), ("SHARE", "double", "0.7", "fraction below 1", "Fitted"), ("PASSES", "int", "3", "passes", "Cost"),
     ("SAME", "line_tolerance", "{0.5, 4}", "m and rad", "Rounding")], found
 assert found[0].purpose == "over which it grows to 1.5 times itself" and found[0].source == "Chosen: about two diameters", found[0]
 assert len(faults) == 1 and faults[0].startswith("core/folder/file.c:9: BARE"), faults

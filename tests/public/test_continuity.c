@@ -37,7 +37,7 @@ static double norm(const double v[3]) { return sqrt(v[0] * v[0] + v[1] * v[1] + 
 
 enum { RECOIL = 30 }; /* duration of the tissue's recoil after a puncture, ms */
 
-/* Moves the base along z by `way` (m), by at most `step` (m) per tick of 1 ms. Returns the magnitude of the last force. If `most` is given, it receives the
+/* Moves the base along z by `way` (m), by at most `step` (m) per 1 ms tick. Returns the magnitude of the last force. If `most` is given, it receives the
    largest change in the force (N) in any tick that reports one of `events`, except shortly after a puncture. */
 static double move(trocar_sim *sim, int needle, trocar_pose *base, double way, double step, unsigned events, double *most) {
     trocar_output out = {0};
@@ -190,7 +190,7 @@ static void a_gap_in_the_poses_is_no_buckling(void **state) {
     OK(trocar_sim_step(sim, 0, &base, 1e-3, &out, &why));
     assert_false(out.events & TROCAR_EVENT_UNSTABLE);
     double force = move(sim, 0, &base, 0.02, 1e-4, 0, NULL);
-    print_message("20 mm after a gap of 12 mm: %.2f N\n", force);
+    print_message("20 mm after a 12 mm gap: %.2f N\n", force);
     assert_true(force > 2.0);
     trocar_sim_free(sim);
     trocar_model_free(model);

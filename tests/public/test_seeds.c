@@ -15,7 +15,7 @@ static trocar_error why;
 
 #define OK(call) do { if ((call) != TROCAR_OK) fail_msg("%s: %s", #call, why.text); } while (0)
 
-static const double LENGTH = 4.5e-3, STEP = 1e-4; /* m; LENGTH: length of a seed; STEP: travel of the base in a tick of 1 ms */
+static const double LENGTH = 4.5e-3, STEP = 1e-4; /* m; LENGTH: length of a seed; STEP: travel of the base in a 1 ms tick */
 
 typedef struct {
     trocar_model *model;

@@ -8,7 +8,7 @@
 extern "C" {
 #endif
 
-/* A set of simulations, called rows, of one or several models. Each row runs in lockstep and gives exactly the results of trocar_sim_step, whatever the number
+/* A set of simulations, called rows, of one or more models. Each row runs in lockstep and gives exactly the results of trocar_sim_step, whatever the number
    of threads and whatever the other rows do. In the shapes below, R is the number of rows, S the number of steps of a call, and N the number of needles that
    are driven in each row. A mask has R entries, which are nonzero for the rows that a call applies to; NULL means all rows. */
 typedef struct trocar_batch trocar_batch;

@@ -6,8 +6,8 @@
 #include "insertion/laws/creep_kernels.h"
 #include "insertion/laws/stiffening.h"
 
-static const double TOGETHER = 1e-3; /* m: distance within which residual loads are merged. Effort limit */
-static const double NOTICEABLE = 1e-3; /* N: sum of new residual loads above which a request to the worker is worthwhile. Effort limit: below what a hand
+static const double TOGETHER = 1e-3; /* m: distance within which residual loads are merged. Cost limit */
+static const double NOTICEABLE = 1e-3; /* N: sum of new residual loads above which a request to the worker is worthwhile. Cost limit: below what a hand
                                           feels */
 static const double NEGLIGIBLE = 1e-9; /* N: residual loads smaller than this are dropped. Rounding tolerance */
 static const double ALL_OF_IT = 1e-9; /* fraction: part of a share's length that may remain unassigned. Rounding tolerance */

@@ -11,7 +11,7 @@ static double shear_of(double b) {
     return y;
 }
 
-enum { MOST_FORCES = 30 }; /* iterations: maximum number in the search for the force at a given displacement. Effort limit: 8 are enough for S = 10 */
+enum { MOST_FORCES = 30 }; /* iterations: maximum number in the search for the force at a given displacement. Cost limit: 8 are enough for S = 10 */
 static const double SAME_FORCE = 1e-6; /* dimensionless: relative change in the force at which the iteration ends. Rounding: the force serves only as a
                                           linearisation point */
 static const double RIGID = 1e-3; /* dimensionless: fraction of the linear compliance below which the iteration ends. Rounding: the force serves only as a

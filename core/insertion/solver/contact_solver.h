@@ -13,9 +13,9 @@ _Static_assert(CONTACT_LD >= ELIMINATION_SIZE(MAX_UNKNOWNS), "a row holds all un
 
 /* Limits of the search for sticking and sliding points, both here and for roll (roll.c). */
 static const double MARGIN = 1e-12; /* fraction: tolerance of the bound on a force, relative to the force plus 1 N. Rounding tolerance */
-enum { ROUNDS_TOGETHER = 10 }; /* rounds: number of rounds in which all inconsistent points switch at once; afterwards they switch one at a time. Effort
+enum { ROUNDS_TOGETHER = 10 }; /* rounds: number of rounds in which all inconsistent points switch at once; afterwards they switch one at a time. Cost
                                   limit: two are usual */
-enum { ROUNDS_EACH = 4 }; /* rounds: number of rounds per point in which one point switches at a time. Effort limit */
+enum { ROUNDS_EACH = 4 }; /* rounds: number of rounds per point in which one point switches at a time. Cost limit */
 
 typedef enum { STICK = 0, SLIP_FORWARD = 1, SLIP_BACKWARD = -1 } friction_state;
 

@@ -175,7 +175,7 @@ typedef struct {
     guide_contact faces[GUIDE_FACES]; /* contacts on the front and back faces; until the tip reaches the back face, the second contact is at the tip */
 } guide_state;
 
-enum { MAX_STRATA = 256 };  /* number of strata; enough for layers of 0.8 mm on a track of 200 mm */
+enum { MAX_STRATA = 256 };  /* number of strata; enough for layers of 0.8 mm on a 200 mm track */
 
 /* The mutable state. After each tick it is an equilibrium: shape, contacts and forces are consistent. It can be saved and restored by a plain copy. */
 typedef struct {

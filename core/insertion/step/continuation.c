@@ -5,9 +5,9 @@
 
 static const double AT_REST = 5e-3; /* fraction: drag, relative to the Euler load, below which a moving needle is considered at rest. Chosen: 0.05 N for an
                                        18 G needle of 200 mm, about the smallest force that a hand feels */
-static const double LEAST_STEP = 1.0 / 256; /* fraction: smallest part of a tick used as an increment to follow a branch of equilibria. Effort limit: eight
+static const double LEAST_STEP = 1.0 / 256; /* fraction: smallest part of a tick used as an increment to follow a branch of equilibria. Cost limit: eight
                                                halvings */
-enum { LAST_PASSES = 3 }; /* passes: maximum number when checking whether a needle has come to rest. Effort limit */
+enum { LAST_PASSES = 3 }; /* passes: maximum number when checking whether a needle has come to rest. Cost limit */
 
 /* Computes the difference between the gaps and those that would balance the forces at the start of the tick. It results from the motion of the base. */
 static void find_lag(insertion_workspace *w) {

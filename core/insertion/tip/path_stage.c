@@ -7,7 +7,7 @@
 #include "insertion/track/old_tracks.h"
 
 static const double SAME_PLACE = 1e-7; /* m: accuracy of the surface's displacement. Rounding tolerance */
-enum { MOST_LOOKS = 5 }; /* iterations: maximum number in the search for the displaced surface. Effort limit */
+enum { MOST_LOOKS = 5 }; /* iterations: maximum number in the search for the displaced surface. Cost limit */
 
 /* ---- in the air ---------------------------------------------------------------------------------------------------- */
 

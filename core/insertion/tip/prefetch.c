@@ -4,16 +4,16 @@
 
 #include "insertion/laws/creep.h"
 
-static const double LINE_OFFSET = 1e-3; /* m: offset above which a needle's line counts as a new one. Effort limit */
-static const double LINE_TURN = 0.02; /* rad: rotation above which a needle's line counts as a new one. Effort limit */
+static const double LINE_OFFSET = 1e-3; /* m: offset above which a needle's line counts as a new one. Cost limit */
+static const double LINE_TURN = 0.02; /* rad: rotation above which a needle's line counts as a new one. Cost limit */
 static const line_tolerance SAME_LINE = {1e-9, 1e-9}; /* m and rad: differences below which lines are the same. Rounding tolerance */
 static const double ABOUT_TO_TOUCH = 2e-3; /* m: distance of the needle from the skin below which the requested line must be exact, so that an insertion
                                               does not depend on the needle's earlier motion. Chosen by judgement */
 static const double NEAR_FACE = 1e-7; /* m: distance within which surfaces count as touching. Rounding tolerance */
 static const double WAY_IN = 1.25; /* ratio: length of the requested path into a body, divided by `prefetch_distance`. Chosen by judgement */
-enum { AHEAD = 16 }; /* elements: number requested ahead of the tip. Effort limit */
-enum { BEHIND = 4 }; /* contacts: number of contacts behind the tip whose elements are requested. Effort limit */
-enum { AROUND_EDGE = 32 }; /* elements: maximum number around one edge; about five are usual, and twenty occur in a poor mesh. Effort limit */
+enum { AHEAD = 16 }; /* elements: number requested ahead of the tip. Cost limit */
+enum { BEHIND = 4 }; /* contacts: number of contacts behind the tip whose elements are requested. Cost limit */
+enum { AROUND_EDGE = 32 }; /* elements: maximum number around one edge; about five are usual, and twenty occur in a poor mesh. Cost limit */
 
 typedef struct {
     int count, needed;       /* number of nodes, and number of indispensable nodes among them, as in remesh_request */

@@ -4,7 +4,7 @@
 
 #include "insertion/state/tick_data.h"
 
-enum { MAX_STEPS = 256 }; /* elements: maximum number crossed in one step. Effort limit */
+enum { MAX_STEPS = 256 }; /* elements: maximum number crossed in one step. Cost limit */
 static const double FACE_CLEARANCE = 1e-7; /* m: distance by which the tip is placed past a face that it crosses. Rounding tolerance */
 
 /* Cuts forward by `distance` along this unit direction in the undeformed tissue, and places contact nodes where they are due. Membranes whose resistance

@@ -1,7 +1,7 @@
 /* Compares a whole implant, in which needles slip, with the solution of a single contact problem for all resting needles. Needles are inserted and released one
    after the other, then taken and withdrawn in the same order.
 
-   The library lets one needle slip at a time, at 250 Hz. In the reference run, this is disabled. Instead, after each tick of 1 ms, the slips of all points of
+   The library lets one needle slip at a time, at 250 Hz. In the reference run, this is disabled. Instead, after each 1 ms tick, the slips of all points of
    all needles are solved together by projected Gauss-Seidel, until no force exceeds its friction limit by more than 1e-10 N; the next tick uses the result. The
    dense compliance of needles, template and tissue is assembled here from the model's inverse. test_resting.c shows that sticking needles and the held needle
    are solved as one problem, and measures the error due to linearising a slipping needle.

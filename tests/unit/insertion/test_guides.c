@@ -621,7 +621,7 @@ static void a_needle_pushed_along_its_axis_bows(void **unused) {
     }
 }
 
-/* Effort of one tick without the worker's part: its time in ns, and the number of its allocations. */
+/* Cost of one tick without the worker's part: its time in ns, and the number of its allocations. */
 typedef struct { int64_t time, allocations; } tick_effort;
 
 static int64_t now_ns(void) {

@@ -189,7 +189,7 @@ static void passes_stay_few(void **unused) {
             lockstep_tick(l, base, 1e-3);
             moved = l->wrench.passes > moved ? l->wrench.passes : moved;
         }
-        printf("S = %g: %d passes in a tick of 5 mm, %d in one back, at most %d at 100 mm/s\n", stiffening, thrown, thrown_back, moved);
+        printf("S = %g: %d passes in a 5 mm tick, %d in one back, at most %d at 100 mm/s\n", stiffening, thrown, thrown_back, moved);
         assert_true(thrown <= 6 && thrown_back <= 12 && moved <= 3);
         lockstep_free(l);
     }

@@ -1,5 +1,5 @@
-"""Moves individual nodes to improve the worst dihedral angles of a mesh. Gmsh's optimisation cannot improve them further, because it does not move
-surfaces."""
+"""Moves individual nodes to improve the worst dihedral angles of a mesh. Gmsh's optimisation cannot improve them further, because it does not
+move nodes on surfaces."""
 import itertools
 
 import numpy as np
@@ -68,9 +68,8 @@ def moved(mesh, still, surface):
 
 
 def better_place(points, star, node, anchor):
-    """Returns a position of the node that improves the worst of the tetrahedra around it (`star`), or None if there is none. `anchor`: a position to which the
-    node
-    must stay close, or None."""
+    """Returns a position of the node that improves the worst of the tetrahedra around it (`star`), or None if there is none. `anchor`: a position to which
+    the node must stay close, or None."""
     others = np.unique(star[star != node])
     edge = np.linalg.norm(points[others] - points[node], axis=1).mean()
     places = (points[node] + edge * STEPS[:, None, None] * DIRECTIONS).reshape(-1, 3)
@@ -80,6 +79,6 @@ def better_place(points, star, node, anchor):
     corners[1:] = np.where((star == node)[None, :, :, None], places[:, None, None, :], corners[1:])
     worst = badness(corners).max(axis=1)
     volumes = signed_volumes(corners)
-    worst[np.any(volumes * np.sign(volumes[0]) <= 0, axis=1)] = np.inf     # turned inside out
+    worst[np.any(volumes * np.sign(volumes[0]) <= 0, axis=1)] = np.inf     # a tetrahedron would be turned inside out
     best = int(np.argmin(worst))
     return places[best - 1] if best and worst[best] < (1 - LEAST_GAIN) * worst[0] else None

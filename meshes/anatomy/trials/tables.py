@@ -4,6 +4,6 @@ import sys
 
 
 def row(*cells):
-    """Prints one line of a table at once."""
+    """Prints one row of a table immediately."""
     csv.writer(sys.stdout, lineterminator="\n").writerow(cells)
     sys.stdout.flush()

@@ -69,8 +69,8 @@ class Thin(Failure):
 class Body:
     """A region, or a part of a region."""
     name: str               # name of the region
-    surface: str            # name of the group of its surface
-    shell: object           # its surface with fine triangles, m, world frame
+    surface: str            # name of its surface's physical group
+    shell: object           # its finely triangulated surface, m, world frame
     volume: float           # volume that it must have in the mesh, m^3
     longest: float          # longest edge that the triangles of its surface may have, m
     hollow: bool = False    # true for bone, which has no tetrahedra inside
@@ -82,7 +82,7 @@ class Region:
     name: str
     surface: str
     shells: list             # closed surfaces of its parts, in the world frame, m
-    sizes: list              # volumes of its parts, m^3; an entry is None if only some of the part lies in the block, so that its volume is unknown
+    sizes: list              # volumes of its parts, m^3; None for a part that lies only partly in the block, so that its volume is unknown
     hollow: bool = False     # true for bone, which has no tetrahedra inside
     layer: object = None     # layer of the label map from which the region comes, if any; regions of the same layer do not overlap
 
@@ -235,15 +235,15 @@ def fixed_faces(front):
 
 
 def build(domain, fine):
-    """Meshes the domain as Gmsh's current model, with its named groups. Returns the piece (or body) in each of Gmsh's volumes, {tag: number}, and
-    the missing fraction of each piece's surface."""
+    """Meshes the domain in Gmsh's current model, with named groups. Returns the piece (or body) in each of Gmsh's volumes, {tag: number}, and the missing
+    fraction of each piece's surface."""
     formula = size_formula(domain, fine)
     if domain.regions:
         pieces = domain.image[1]
         found, missed = labels.shared_surfaces(*domain.image, [region.shells for region in domain.regions],
                                                [volume for region in domain.regions for volume in region.volumes()], fine)
         check_found(domain, found, missed)
-        region = [domain.regions[k] if k != OUTSIDE else None for k in pieces.regions] + [None]     # the last element is the one for OUTSIDE
+        region = [domain.regions[k] if k != OUTSIDE else None for k in pieces.regions] + [None]     # the last element is for OUTSIDE
         owner = [region[piece] for piece in found.cells]
         missed = [share if region[piece] else 0.0 for piece, share in enumerate(missed)]
         patches, points, cells = patches_of_complex(domain, found, owner, fine), found.points, list(found.cells)
@@ -281,8 +281,8 @@ def check_found(domain, found, missed):
 @dataclasses.dataclass
 class Patch:
     """A surface between two cells."""
-    name: str                # name of its group
-    triangles: np.ndarray    # indices into all points
+    name: str                # name of its physical group
+    triangles: np.ndarray    # indices into the points of all patches
     sides: tuple             # cells, or OUTSIDE
 
 
@@ -383,7 +383,8 @@ def fill(domain, points, patches, cells, formula):
 
 
 def name_groups(volumes, surfaces, faces, front):
-    """Names the groups. `volumes`, `surfaces`: pairs (name, tag). `faces`: name -> tag of each face of the box; `front`: the face that is the skin."""
+    """Creates Gmsh's physical groups. `volumes`, `surfaces`: pairs (name, tag). `faces`: name -> tag of each face of the box; `front`: the face that is the
+    skin."""
     groups = {}
     for name, tag in volumes:
         groups.setdefault((3, name), []).append(tag)

@@ -18,8 +18,8 @@ SPECK = SMALL           # mm^3: a part of a region is left out if it is smaller 
 STEEP = 5.0             # multiple of the median edge length: longer edges form a spike or a dent
 FEW = 4                 # number of such long edges that is accepted; also the number of parts that a remark names individually
 MOST_CHECKED = 40000    # triangles: a larger surface is decimated before it is checked for crossings
-RESERVED = ("surrounding", "skin", "fixed", "capsule", "bone")    # names that every mesh uses
-LONGEST_NAME = 40       # maximum number of characters; a mesh allows 63, including suffixes
+RESERVED = ("surrounding", "skin", "fixed", "capsule", "bone")    # names of other groups in a mesh
+LONGEST_NAME = 40       # maximum number of characters in a region's name; a mesh allows 63, including suffixes
 
 
 @dataclasses.dataclass

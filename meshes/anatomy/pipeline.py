@@ -27,7 +27,7 @@ class Plan:
     """The user's requests, apart from the regions. Lengths are in mm, positions in DICOM coordinates."""
     margin: float = MARGIN
     entry: np.ndarray = None     # point where the needle should go through the skin
-    target: np.ndarray = None    # point where the needle should end
+    target: np.ndarray = None    # point that the needle's tip should reach
     tube: float = None           # radius around the needle's path within which elements are smaller
     skin: Organ = None           # the body, whose surface is the skin; None for a box
     template: approach.Template = None      # template; the needle goes through one of its holes

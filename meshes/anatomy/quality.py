@@ -9,7 +9,7 @@ logging.getLogger("matplotlib").setLevel(logging.ERROR)      # hides the warning
 import matplotlib  # noqa: E402
 
 matplotlib.use("svg")
-matplotlib.rcParams["svg.fonttype"] = "none"      # keep text as text
+matplotlib.rcParams["svg.fonttype"] = "none"      # writes text as text instead of outlines
 matplotlib.rcParams["svg.hashsalt"] = "trocar"    # reproducible output
 import matplotlib.pyplot as plt  # noqa: E402
 

@@ -140,7 +140,7 @@ def rois_of(data):
 
 
 def roi_names(sequence):
-    """Returns ROI number -> name; the number is added to a name that is missing or not unique."""
+    """Returns ROI number -> name; the number replaces a missing name, and is appended to one that is not unique."""
     given = {roi.ROINumber: str(roi.get("ROIName") or "").strip() for roi in sequence}
     often = collections.Counter(given.values())
     return {number: name if name and often[name] == 1 else f"{name} (ROI {number})".strip() for number, name in given.items()}

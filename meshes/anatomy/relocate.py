@@ -14,7 +14,7 @@ LEAST_GAIN = 1e-3       # fraction of the badness: smallest gain for which a nod
 MOST_CHANGE = 2e-3      # fraction of a region's volume: largest change caused by moving nodes on its surface; when this is reached, only inner nodes are moved
 DIRECTIONS = np.array([d for d in itertools.product((-1, 0, 1), repeat=3) if any(d)], float)
 DIRECTIONS /= np.linalg.norm(DIRECTIONS, axis=1, keepdims=True)
-# All four normals point to the same side (outward or inward, depending on the tetrahedron's orientation).
+# corners of the faces, ordered so that the four normals point all outward or all inward, depending on the tetrahedron's orientation
 FACES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
 
 

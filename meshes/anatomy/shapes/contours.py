@@ -34,7 +34,7 @@ class Rings(list):
 
 
 class Unusable(Exception):
-    """Raised for input that cannot be meshed. The text names the region and the slice; `rings` are shown in the picture."""
+    """Raised for input that cannot be meshed. The text names the region and the slice; --picture draws `rings`."""
 
     def __init__(self, roi, problem, z=None, rings=()):
         super().__init__(roi, problem, z, rings)    # pass on all arguments, because the exception is sent between processes

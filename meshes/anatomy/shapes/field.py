@@ -20,7 +20,7 @@ class Field:
     values: np.ndarray   # (z, y, x) signed distance, negative inside the shape
 
     def points(self):
-        """Positions of the grid points, (z * y * x, 3)."""
+        """Returns the positions of the grid points, (z * y * x, 3)."""
         k, j, i = np.indices(self.values.shape)
         return self.low + self.step * np.stack([i, j, k], axis=-1).reshape(-1, 3)
 

@@ -19,7 +19,7 @@ VOXELS_PER_RADIUS = 2.5     # voxels in the radius of the thinnest part
 FLATNESS = 0.3              # largest distance of a facet from its surface, as a fraction of the thinnest part's radius
 CLOSE_VOXELS = 3.0          # gaps between regions narrower than this are closed, because the facets on both sides would cross
 CLEAR = 2.9                 # smallest distance, in voxels, between pieces that do not touch
-REACH = 20                  # voxels, distance from a piece within which the next piece is searched for
+REACH = 20                  # voxels, margin around a region or cluster within which its neighbours are searched for
 MOST_THIN = 0.10            # fraction of a region: if a larger fraction of it is thin, its thin places are kept
 LEAST_VOID = 2.0            # voxels: a void is filled if the largest ball in it has a smaller radius
 FINE = 100                  # number of voxels along the longest side of a surface that intersects itself
@@ -33,7 +33,7 @@ class Image:
     step: float
     labels: np.ndarray   # (z, y, x) uint16
     sources: np.ndarray  # (z, y, x) uint16: 1 + number of the part that was drawn in this voxel; 0 for none
-    owners: np.ndarray   # (parts + 1,) a 0, and then the label of each part's region
+    owners: np.ndarray   # (parts + 1,) label of each part's region, at 1 + the part's number; 0 at 0
 
     def sources_in(self, mask, label, window=...):
         """Returns `sources` in the voxels of a mask where the part belongs to the label's region; 0 elsewhere."""
@@ -56,7 +56,7 @@ class Pieces:
 
 
 def box_of(mask, margin):
-    """Returns the slices that cut a mask, with a margin of this many voxels, out of an array; returns None if the mask is empty."""
+    """Returns the slices of a mask's bounding box, enlarged by this many voxels on each side; returns None if the mask is empty."""
     found = []
     for axis in range(3):
         at = np.flatnonzero(mask.any(axis=tuple(a for a in range(3) if a != axis)))
@@ -105,8 +105,8 @@ def connected_in(mask):
 # ---- drawing ---------------------------------------------------------------------------------------------------------------------------
 
 def drawn(shell, low, step, shape):
-    """Returns the mask (z, y, x) of the voxels enclosed by a closed surface, and its position in an image of this shape; returns None if the surface lies
-    outside the image. `step`: the voxel size of the image, either one number for all axes or three."""
+    """Returns the mask (z, y, x) of the voxels enclosed by a closed surface, and the slices that it occupies in an image of this shape; returns None, None if
+    the surface lies outside the image. `step`: the voxel size of the image, either one number for all axes or three."""
     step = np.broadcast_to(step, 3)
     first = np.maximum(0, np.floor((shell.points.min(axis=0) - low) / step).astype(int) - 1)
     last = np.minimum(np.array(shape[::-1]) - 1, np.ceil((shell.points.max(axis=0) - low) / step).astype(int) + 1)
@@ -347,7 +347,7 @@ def separate(image):
 
 
 def pieces_of(image, count):
-    """Returns the image's connected components; splinters are reassigned first."""
+    """Removes splinters from the image, and returns its connected components."""
     left = np.zeros(image.labels.shape, bool)
     for label in range(1, count + 1):
         mask = image.labels == label

@@ -20,7 +20,7 @@ GRAIN = 0.75                # fraction of the radius of the largest ball in a pi
 SLOPE = 0.5                 # increase in the size of tetrahedra per unit of distance from a piece that was missed
 PER_SIZE = 1.3              # edge of a triangle, as a multiple of the size of the small tetrahedra next to it
 EQUILATERAL = 0.866         # surface area per node for equilateral triangles, as a multiple of the squared edge length
-MM = 1e3                    # scale from m to mm, because the file for CGAL has only six decimals
+MM = 1e3                    # scale from m to mm, because coordinates in the file for CGAL have only six decimals
 SMALL = 0.8                 # fraction of a triangle's edge: a piece with smaller tetrahedra is surrounded by a layer of tetrahedra of the same size
 REFINEMENTS = 6             # maximum number of attempts for thin pieces
 MARGIN = 0.5                # fraction of the triangle edge length: distance from the pieces to the border of their section
@@ -94,8 +94,7 @@ class Sizes:
 
 
 def cgal_labels(section, sizes):
-    """Returns an image for CGAL, whose labels start at 1; for each label, its piece (OUTSIDE for the surroundings); and the size of the tetrahedra in each
-    piece."""
+    """Returns an image for CGAL, whose labels start at 1; and for each label, its piece (OUTSIDE for the surroundings) and the size of its tetrahedra."""
     numbers, edge, step = section.numbers.astype(np.int64), sizes.edge, section.step
     bound = np.full(numbers.shape, edge, np.float32)
     layer = np.zeros(numbers.shape, np.int64)
@@ -392,7 +391,8 @@ def outer_cell(cluster, found, cells, points, triangles, sides):
 
 
 def groups_of(pieces):
-    """Groups parts and pieces that belong together, because a part may break and parts may merge; returns a list of (set of parts, set of pieces)."""
+    """Groups the parts and pieces that overlap, directly or through others: a part may break into pieces, and parts may merge. Returns a list of (set of
+    parts, set of pieces)."""
     groups = []
     for part, piece in pieces.held:
         mine = [group for group in groups if part in group[0] or piece in group[1]]

@@ -5,9 +5,9 @@ import numpy as np
 import vtk
 from vtk.util.numpy_support import numpy_to_vtk, numpy_to_vtkIdTypeArray, vtk_to_numpy
 
-vtk.vtkSMPTools.SetBackend("Sequential")   # VTK's threads do not survive in the processes started by `limits`
+vtk.vtkSMPTools.SetBackend("Sequential")   # VTK's threads do not exist in the processes forked by `limits`
 
-OFFSETS = 4       # number of steps in which a surface is offset toward a volume
+OFFSETS = 4       # maximum number of iterations in offsetting a surface to a given volume
 SPLINTER = 0.01   # fraction of the largest part's volume: smaller parts are removed
 
 

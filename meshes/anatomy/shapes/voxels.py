@@ -32,7 +32,7 @@ PASS_BAND = 0.1        # pass band of the smoothing filter, at most 2: removes w
 SMOOTHED = 0.05        # largest change in a part's volume by smoothing: a part that changes more is a few voxels thin and is not smoothed
 # fraction of a part's volume: interpolation makes parts that are only one slice thick too thin; if the error is larger than this, they are thickened
 OFF_VOLUME = 0.05
-MOST_CHECKED = 4000    # number of points on a label's surface at which the distance from the mesh is measured
+MOST_CHECKED = 4000    # maximum number of points on a label's surface at which the distance from the mesh is measured
 ROUNDING = 1e-3        # largest difference between a label and a whole number, for example after scaling
 APART = 1.0            # mm: the report mentions it if the two transforms in a file place the image's corners farther apart than this
 OFF_LATTICE = 0.05     # voxels, largest offset between maps that are considered to have the same lattice
@@ -509,7 +509,7 @@ class Outlined:
     voxel: float             # volume of one voxel, mm^3
     notes: list
     border: Border = None
-    gone: list = dataclasses.field(default_factory=list)     # (volume, place) of parts that have no surface, in mm^3 and DICOM mm
+    gone: list = dataclasses.field(default_factory=list)     # (volume, position) of parts that have no surface, in mm^3 and DICOM mm
     joined: list = dataclasses.field(default_factory=list)   # (volumes of parts that share one surface, centre of that surface), in the same units
 
 

@@ -142,7 +142,7 @@ def scan(case, spacing=(2.0, 2.0, 2.0), lesions=1, radius=8.0):
 
 
 def all_labels(case):
-    """Names every label of the torso, with ribs and vertebrae as bones, as a user must whose program has no --all."""
+    """Names every label of the torso on the command line, with ribs and vertebrae as bones, for a program without --all."""
     files = scan(case)
     bones = [name for name in torso.NAMES.values() if name.startswith(("rib", "vertebrae"))]
     soft = ["liver"] + [name for name in torso.NAMES.values() if name not in bones and name != "liver"]

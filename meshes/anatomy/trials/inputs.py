@@ -60,7 +60,7 @@ def turned(place, degrees):
 
 
 def label_table(names):
-    """Returns the XML that TotalSegmentator writes into the header extension of its files: a label table as Connectome Workbench's, with the names as
+    """Returns the XML that TotalSegmentator writes into the header extension of its files: a label table like Connectome Workbench's, with the names as
     CDATA."""
     rows = "".join(f'<Label Key="{value}" Red="{value % 3 / 2}" Green="{value % 5 / 4}" Blue="0.0" Alpha="1"><![CDATA[{name}]]></Label>\n'
                    for value, name in names.items())

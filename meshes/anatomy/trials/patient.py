@@ -20,7 +20,7 @@ class Gland:
     dent: float = 0.18          # depth of the rectum's indentation, as a fraction of the half height
     tilt: float = 0.10          # backward tilt of the axis toward the base
     lean: float = 0.0           # sideways tilt of the axis, like `tilt`
-    lobes: float = 0.0          # fraction by which the right side is larger than the left
+    lobes: float = 0.0          # fraction by which the right side is enlarged and the left side reduced
     arch_gap: float = 7.0       # mm, distance between the gland's front and the symphysis
     arch_angle: float = 84.0    # deg, angle between the rami
     half: tuple = None          # mm: half width, half height, half length, computed from the others

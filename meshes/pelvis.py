@@ -26,13 +26,13 @@ BLADDER = {60: ((30.0, 24.0, 20.0), 4.5, 8.0), 150: ((36.0, 30.0, 33.2), 3.5, 14
 SEAM = 1.0                       # rad; seams of adjacent round surfaces are rotated apart by this angle, because small elements would lie between close seams
 HOLLOW = "pubis", "lumen"        # regions without tissue
 GLAND = "prostate", "transition_zone"      # parts of the gland, whose capsule has holes for the urethra
-WALLS = "bladder", "rectum"      # regions whose outer surface has a name
+WALLS = "bladder", "rectum"      # regions whose outer surface is a named group
 
 
 # ---- shapes: each is a set of points, for labels, and a solid of Gmsh's geometry kernel --------------------------------------------------
 
 class Ellipsoid:
-    """`lean`: angle by which its longest axis, z, leans to the right, rad."""
+    """An ellipsoid; `lean`: angle by which its z axis leans to the right, rad."""
 
     def __init__(self, centre, half, lean=0.0):
         self.centre, self.half, self.lean = centre, half, lean
@@ -51,8 +51,8 @@ class Ellipsoid:
 
 
 class Gland:
-    """An ellipsoid with a blunt base. At the height t, as a fraction of its half length, the width of its section is sqrt(1 - t^3) of the largest width toward
-    the base, and sqrt(1 - t^2) toward the apex."""
+    """An ellipsoid with a blunt base. At height t above the centre, as a fraction of the half length, the section's width is the largest width times sqrt(1 -
+    t^3) toward the base, and times sqrt(1 - t^2) toward the apex."""
 
     @staticmethod
     def section(t):
@@ -63,7 +63,7 @@ class Gland:
         return (np.abs(t) < 1) & (x ** 2 + y ** 2 < self.section(t) ** 2)
 
     def solids(self, occ):
-        angle = np.linspace(0, math.pi, 25)      # from the apex
+        angle = np.linspace(0, math.pi, 25)      # 0 at the apex, pi at the base
         t = -np.cos(angle)
         ring = [occ.addPoint(radius, 0, height) for radius, height in zip(self.section(t), t)]
         face = occ.addPlaneSurface([occ.addCurveLoop([occ.addBSpline(ring), occ.addLine(ring[-1], ring[0])])])
@@ -127,7 +127,7 @@ class Box:
 
 
 class Prism:
-    """A convex polygon of points (x, y), between two heights."""
+    """A prism between two heights over a convex polygon of points (x, y)."""
 
     def __init__(self, corners, low, high):
         self.corners, self.low, self.high = corners, low, high
@@ -165,8 +165,8 @@ class Funnel:
 
 
 class Region:
-    """`shapes` without `removed`, and without the regions before it in the list of regions. `thin`: thickness of the region, if its elements must be that
-    small. `beside`: names of earlier regions that this region overlaps at its border; if they were not listed, their surfaces would divide each other."""
+    """The union of `shapes`, without `removed` and without the regions before it in the list. `thin`: thickness of the region, if its elements must be that
+    small. `beside`: names of earlier regions that overlap its border; these are cut out of it, because otherwise their surfaces would divide each other."""
 
     def __init__(self, name, shapes, removed=(), thin=None, beside=()):
         self.name, self.shapes, self.removed, self.thin, self.beside = name, list(shapes), list(removed), thin, list(beside)
@@ -190,18 +190,18 @@ def sides(low, high):
 
 
 def block(filling):
-    """Returns the corners of the tissue."""
+    """Returns the low and high corner of the block of tissue."""
     half, wall, _ = BLADDER[filling]
     return (-SIDE, BACK, 0.0), (SIDE, FRONT, NECK + 2 * (half[2] + wall) + ABOVE)
 
 
 def regions(filling=60, probe=False):
-    """Returns the regions, those on top first."""
+    """Returns the regions in order of priority: where regions overlap, the first one gets the volume."""
     half, wall, front = BLADDER[filling]
     centre = 0.0, front, NECK + wall + half[2]
     axis, radius, thick = WITH_PROBE if probe else RECTUM
     low, high = block(filling)
-    bottom, top = (-1.0, 100.0) if probe else (14.0, 122.0)      # of the lumen
+    bottom, top = (-1.0, 100.0) if probe else (14.0, 122.0)      # z of the lumen's ends
     narrow = 21.0 if probe else 17.0        # the probe pushes the levator aside
     inner = Funnel(-12.0, 25.0, (narrow, 46.0), 60.0, (33.0, 56.0))
     outer = Funnel(-12.0, 25.0, (narrow + 6.0, 52.0), 60.0, (39.0, 62.0))
@@ -262,7 +262,7 @@ def build(gmsh, found):
     pieces = occ.fragment([pair for _, pair in inputs], [])[1]
     owner = {}
     for (name, _), made in reversed(list(zip(inputs, pieces))):
-        owner.update({pair: name for pair in made})      # the regions on top come last and take precedence
+        owner.update({pair: name for pair in made})      # regions of higher priority come last and overwrite the others
     hollow = [pair for pair, name in owner.items() if name in HOLLOW]
     occ.remove(hollow, recursive=True)
     occ.synchronize()
@@ -270,7 +270,7 @@ def build(gmsh, found):
 
 
 def name_groups(gmsh, volumes, names, low, high):
-    """Names the regions and the surfaces. A surface between two regions belongs to the one that lies on top."""
+    """Names the regions and the surfaces. A surface between two regions belongs to the one with the higher priority."""
     groups, order = {}, list(names)
     for tag, name in volumes.items():
         groups.setdefault((3, name), []).append(tag)
@@ -293,7 +293,8 @@ def name_groups(gmsh, volumes, names, low, high):
 
 
 def sizes(gmsh, volumes, found, high):
-    """Returns a function for Gmsh: elements of size 1 in the gland, and larger away from it, but not larger than thin regions allow; relative to `fine`."""
+    """Returns a function that makes Gmsh's size callback: the element size is `fine` in the gland and grows to `ratio` times that at the corners of the
+    block, but is at most `sheet` times the thickness of a thin region."""
     thin = {region.name: region.thin for region in found}
     limit = {}
     for dimension, tag in gmsh.model.getEntities():
@@ -314,7 +315,7 @@ def sizes(gmsh, volumes, found, high):
 
 
 def generate(gmsh, low, high):
-    """Makes the mesh, and moves nodes of flat tetrahedra."""
+    """Makes the mesh, and moves nodes of flat tetrahedra to improve their angles."""
     from anatomy import relocate, session
     from anatomy.shapes.shells import Shell
     gmsh.model.mesh.clear()
@@ -335,7 +336,7 @@ def generate(gmsh, low, high):
 
 
 def write_mesh(path, found, low, high, given):
-    import gmsh      # labels need only NumPy
+    import gmsh      # imported here, because labels need only NumPy
     from anatomy import session
     session.start()
     gmsh.model.add("pelvis")

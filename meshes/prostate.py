@@ -4,8 +4,8 @@
 The gland is an ellipsoid in a box. World frame, metres: x to the patient's right, y up (anterior), z along the needle
 from the skin (z = 0) into the body. Physical volumes: `prostate`, `surrounding`; physical surfaces: `skin` (z = 0),
 `capsule` (the gland's surface) and `fixed` (the far face, and the bottom face with the smallest y). Layers between the skin and
-the gland are further volumes (--layer). With --rectum there is an open rectum behind the gland, a round channel from the skin with a rounded
-end; its wall is the surface `rectum_wall`.
+the gland are additional volumes (--layer). With --rectum, there is an open rectum behind the gland: a round channel from the skin, with a
+rounded end, whose wall is the surface `rectum_wall`.
 """
 import argparse
 import math
@@ -18,7 +18,7 @@ MM = 1e-3
 BOX_LOW = (-50 * MM, -45 * MM, 0.0)
 BOX_HIGH = (50 * MM, 45 * MM, 100 * MM)
 RECTUM_LENGTH = 80 * MM
-RECTUM_DEPTH = 17 * MM         # thickness of the tissue below the rectum, by which the box is extended
+RECTUM_DEPTH = 17 * MM         # thickness of the tissue below the rectum; the box is extended to contain it
 
 
 def box_low(centre, half_axes, rectum):
@@ -28,7 +28,7 @@ def box_low(centre, half_axes, rectum):
 
 
 def build_geometry(centre, half_axes, layers=(), rectum=None):
-    """Fragments a box with an ellipsoid, and with layers [(name, depth of its end)] under the skin; returns {region: tag}."""
+    """Divides a box into an ellipsoid, layers [(name, depth of its end)] under the skin, and the rest; returns {region: tag}."""
     occ = gmsh.model.occ
     corner = box_low(centre, half_axes, rectum)
     width, height, depth = (high - low for low, high in zip(corner, BOX_HIGH))
@@ -54,7 +54,7 @@ def build_geometry(centre, half_axes, layers=(), rectum=None):
 
 
 def faces_on(axis, coordinate):
-    """Returns the tags of the flat surfaces on which this coordinate is constant."""
+    """Returns the tags of the flat surfaces on which the coordinate along this axis has this value."""
     def is_flat(tag):
         bounds = gmsh.model.getBoundingBox(2, tag)
         return all(abs(bounds[axis + side] - coordinate) < 1e-6 for side in (0, 3))
@@ -62,7 +62,7 @@ def faces_on(axis, coordinate):
 
 
 def rectum_walls(centre, half_axes, rectum):
-    """Returns the tags of the surfaces inside the box around the channel, except the skin."""
+    """Returns the tags of the rectum's walls: the surfaces inside a box around the channel, except the skin."""
     middle, reach = centre[1] - half_axes[1] - rectum[0] - rectum[1], rectum[1] + 1e-6
     def is_wall(tag):
         low_x, low_y, low_z, high_x, high_y, high_z = gmsh.model.getBoundingBox(2, tag)

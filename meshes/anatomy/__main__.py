@@ -17,7 +17,7 @@ ENDINGS = (".msh", ".yaml", "-quality.md", "-quality.svg")
 
 
 def organs_of(given, found):
-    """Returns the regions, with the first region of interest first, and the body if its surface is the skin (otherwise None)."""
+    """Returns the organs, with the region of interest first, and the body if its surface is the skin (otherwise None)."""
     choice = sources.choose(given, found)
     body = [choice.body] if choice.body else []
     inner = [choice.soft[0], *choice.bones, *choice.soft[1:]]
@@ -50,7 +50,7 @@ def organ_of(roi, name, bone, came):
 
 
 def prefix_of(given):
-    """Returns the path prefix of the files; in a folder, it is "patient"."""
+    """Returns the path prefix of the output files; if --output is a folder, their names begin with "patient"."""
     path = os.path.join(given.output, options.DEFAULT) if given.output.endswith(os.sep) or os.path.isdir(given.output) else given.output
     folder = os.path.dirname(path) or "."
     if not (os.path.isdir(folder) and os.access(folder, os.W_OK)):
@@ -59,7 +59,7 @@ def prefix_of(given):
 
 
 def run(given):
-    """Returns the organs, the mesh, the domain and the volumes enclosed by the outlines; returns None if the regions were only listed."""
+    """Runs the program. Returns the organs, the mesh, the domain and the volumes enclosed by the outlines, or None with --list."""
     limits.SECONDS, limits.TELL = given.time_limit, not given.quiet
     prefix = None if given.list else prefix_of(given)
     own = materials.read(given.materials) if given.materials else {}
@@ -102,7 +102,7 @@ def make(given, organs, skin, own, prefix):
 
 
 def quiet_walls(organs, own):
-    """Selects the surfaces that get no group of their own because there are too many: surfaces of regions that exert no force on a needle."""
+    """Returns the names of surfaces that get no group of their own, if there are too many for a mesh: surfaces that offer no resistance to a needle."""
     soft = [organ for organ in organs if not organ.bone]
     felt = [organ for organ in soft if materials.find(organ.roi, organ.kind, own).material.wall is not None]
     free = MOST_GROUPS - SPARE_GROUPS - len(soft) - len(felt)
@@ -113,8 +113,8 @@ def quiet_walls(organs, own):
 
 
 def write_texts(given, own, organs, domain, made):
-    """`organs` includes the body. `made` contains the prefix of the files, the mesh, the outlines' volumes, the needle's start, the template or None, and the
-    result for each part."""
+    """Writes the scene and the quality report, and prints the report. `organs` includes the body. `made` is a tuple of the path prefix, the mesh, the
+    outlines' volumes, the needle's start, the template or None, and the losses.Row of each part."""
     prefix, mesh, outlined, start, plate, parts = made
     organs, skin = [organ for organ in organs if organ.name in outlined], [organ for organ in organs if organ.name not in outlined]
     title = os.path.basename(prefix)

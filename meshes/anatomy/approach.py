@@ -1,4 +1,4 @@
-"""Chooses where the needle enters: from the skin toward the first region, past the bones."""
+"""Chooses the needle's path from the skin to the first region, avoiding bones."""
 import dataclasses
 
 import numpy as np
@@ -7,24 +7,24 @@ import vtk
 from .shapes import shells
 from .shapes.contours import Unusable
 
-AHEAD = 1e-3            # m, distance of the tip from the skin before the insertion
+AHEAD = 1e-3            # m, distance between tip and skin before the insertion
 NEEDLE = 0.2            # m, length of the needle in the scene, unless the target is too deep for it (see LONGER)
-LONGER, LONGEST = 0.05, 0.5     # m: for a deeper target, the needle's length is rounded up to a multiple of the first value, but is at most the second
+LONGER, LONGEST = 0.05, 0.5     # m: for a deeper target, the length is rounded up to a multiple of the first value; more than the second is refused
 SAMPLES = 14            # number of sample points along each side of a region's bounding box, used to find its deepest point
-CANDIDATES = 400        # number of entry points that are tried, starting with the nearest
-CLEARANCES = 4.0, 2.0, 0.0      # mm between the needle and its obstacles; the largest clearance that some path keeps is used
-ALONG = 2.0             # mm, distance between the points at which the clearance is measured
-FROM_CUT = 5.0          # mm, width of the zone next to the place where the image cuts off the body; no needle enters within it
-ASIDE = 3.0             # mm, smallest distance between a target and the region's surface, and between a target and regions that the needle should avoid
-MOVED = 1.0             # mm: if the entry point has to be moved farther than this, the report mentions it
+CANDIDATES = 400        # maximum number of entry points that are tried, nearest first
+CLEARANCES = 4.0, 2.0, 0.0      # mm, clearances between needle and obstacles, tried in this order
+ALONG = 2.0             # mm, spacing of the points along a path at which the clearance is measured
+FROM_CUT = 5.0          # mm: no needle enters closer than this to a plane where the image cuts off the body
+ASIDE = 3.0             # mm: a region's centre is the target if it is at least this far from the region's surface and from regions to avoid
+MOVED = 1.0             # mm: the report mentions it if the entry point had to be moved farther than this
 HOLES, HOLE_SPACING = 13, 5.0       # number of holes along each side of a template, and the distance between them in mm
 THICKNESS = 20.0        # mm, thickness of a template
-BEHIND = 5.0            # mm, distance between a template and the skin face of a box
+BEHIND = 5.0            # mm, gap between a template and the skin face of a box
 
 
 @dataclasses.dataclass
 class Path:
-    """DICOM mm."""
+    """The needle's path, in DICOM coordinates, mm."""
     entry: np.ndarray        # on the skin
     target: np.ndarray
     notes: list = dataclasses.field(default_factory=list)
@@ -37,18 +37,18 @@ class Template:
     normal: np.ndarray       # unit vector; needles pass in this direction
 
     def along(self):
-        """Direction along which columns are counted: from the patient's right (the operator's left), as far as the orientation of the plate
+        """Returns the direction in which columns are numbered: away from the patient's right (the operator's left), as nearly as the plate's orientation
         permits."""
         left = np.array([1.0, 0, 0]) if abs(self.normal[0]) < 0.9 else np.array([0, 1.0, 0])
         left -= (left @ self.normal) * self.normal
         return left / np.linalg.norm(left)
 
     def rows_along(self):
-        """Direction along which rows are counted: from the patient's back."""
+        """Returns the direction in which rows are numbered: away from the patient's back."""
         return np.cross(self.along(), self.normal)
 
     def holes(self):
-        """Positions of the holes on the front face, (n, 3)."""
+        """Returns the positions (n, 3) of the holes on the face where needles enter."""
         steps = HOLE_SPACING * (np.arange(HOLES) - (HOLES - 1) / 2)
         u, v = np.meshgrid(steps, steps)
         return self.origin + u.reshape(-1, 1) * self.along() + v.reshape(-1, 1) * self.rows_along()
@@ -68,7 +68,7 @@ def first_hit(shell, start, end):
 
 def hit_in(locator, start, end):
     share, point, local, sub = vtk.reference(0.0), [0.0] * 3, [0.0] * 3, vtk.reference(0)
-    edge = 1e-6 * np.linalg.norm(end - start)     # tolerance; without it, segments could pass between two triangles
+    edge = 1e-6 * np.linalg.norm(end - start)     # tolerance; without it, a segment could slip between two triangles
     met = locator.IntersectWithLine(list(map(float, start)), list(map(float, end)), edge, share, point, local, sub)
     return np.array(point) if met else None
 
@@ -80,7 +80,7 @@ class Obstacles:
         self.found = [(shell, locator_of(shell), shell.points.min(axis=0), shell.points.max(axis=0)) for shell in found]
 
     def lets_pass(self, start, end, clearance):
-        """True if a needle from start to end keeps this distance from all obstacles."""
+        """Returns whether a needle from start to end keeps this clearance (mm) from all obstacles."""
         places = start + np.linspace(0, 1, 2 + int(np.linalg.norm(end - start) / ALONG))[:, None] * (end - start)
         low, high = places.min(axis=0) - clearance, places.max(axis=0) + clearance
         for shell, locator, least, greatest in self.found:
@@ -92,15 +92,16 @@ class Obstacles:
 
 
 def middle_of(surfaces, spared=()):
-    """Returns the centre of a region's largest part if that point is at least ASIDE from the region's surface and from regions that the needle
-    avoids; otherwise the point that is farthest from all of these surfaces, including those of lesions in the region."""
+    """Returns the centre of a region's largest part if that point is at least ASIDE from the part's surface and from regions that the needle avoids;
+    otherwise the point that is farthest from all of these surfaces. The part's surface includes those of its cavities, such as lesions with a label of their
+    own."""
     largest = max(surfaces, key=lambda shell: shell.volume())
     centre = largest.centre()
     low, high = largest.points.min(axis=0), largest.points.max(axis=0)
     beside = [shell for shell in spared if np.all(shell.points.min(axis=0) < high) and np.all(shell.points.max(axis=0) > low)]
 
     def room(points):
-        """Returns the distance (mm) to the nearest of all the surfaces; negative outside the region, or inside the others."""
+        """Returns the distance (mm) of each point from the nearest of these surfaces; negative outside the part or inside a region to avoid."""
         return np.min([-shells.distances(largest, points), *(shells.distances(shell, points) for shell in beside)], axis=0)
     if room(centre[None])[0] > ASIDE:
         return centre
@@ -110,8 +111,9 @@ def middle_of(surfaces, spared=()):
 
 
 def nearest_free(target, places, bones, spared=()):
-    """Returns the nearest of some points on the skin from which the path to the target meets no bone and, if possible, no spared surface; and whether the path
-    crosses a spared surface. Returns None if there is no such point. `spared`: closed surfaces, none of which contains the target."""
+    """Returns the nearest of the points `places` on the skin from which the path to the target meets no bone and, if possible, no spared surface, with the
+    largest clearance possible; and whether the path crosses a spared surface. Returns None if there is no such point. `spared`: closed surfaces, none of
+    which contains the target."""
     order = np.argsort(np.linalg.norm(places - target, axis=1), kind="stable")
     order = order[::1 + len(order) // CANDIDATES]
     for others in (spared, ()) if spared else ((),):
@@ -128,8 +130,8 @@ def note_of(through):
 
 
 def through_skin(target, skin, bones, spared=(), cut=None):
-    """Returns the path from the nearest point on the skin. Skin, bones and spared regions are closed surfaces; `cut` is a function that returns the
-    distances (mm) of points (n, 3) from the plane where the image cuts off the body, which is not skin."""
+    """Returns the path from the nearest suitable point on the skin. Skin, bones and spared regions are closed surfaces; `cut` is a function that returns the
+    distances (mm) of points (n, 3) from the planes where the image cuts off the body, which are not skin."""
     places = np.vstack([shell.points for shell in skin])
     if cut:
         places = places[cut(places) > FROM_CUT]
@@ -142,8 +144,8 @@ def through_skin(target, skin, bones, spared=(), cut=None):
 
 
 def through_template(template, target, bones):
-    """Returns the point at which the needle leaves the template on its way to the skin, and the point on its path that is nearest to the target. The
-    needle uses the nearest hole whose path meets no bone."""
+    """Returns the point on the needle's path at the distance BEHIND beyond the template, and the point on the path that is nearest to the target. The needle
+    uses the nearest hole whose path meets no bone."""
     holes = template.holes()
     ahead = (target - holes) @ template.normal
     least = THICKNESS + BEHIND
@@ -160,7 +162,7 @@ def through_template(template, target, bones):
 
 
 def on_skin(skin, entry, target):
-    """Returns where the path from a template's hole first meets the skin."""
+    """Returns the point where the path from a template's hole first meets the skin."""
     way = (target - entry) / np.linalg.norm(target - entry)
     met = [point for point in (first_hit(shell, entry - (BEHIND - 1e-3) * way, target) for shell in skin) if point is not None]
     if not met:
@@ -169,8 +171,8 @@ def on_skin(skin, entry, target):
 
 
 def through_face(target, low, high, bones, face, spared=()):
-    """Returns the path through one face of a box (given by axis, and side: -1 low, 1 high) that meets no bone, either straight or with the least tilt; returns
-    None if there is no such path. Also returns whether the path crosses spared regions."""
+    """Returns the path through one face of a box (given by axis, and side: -1 low, 1 high) that meets no bone and is as nearly perpendicular to the face as
+    possible, and whether it crosses spared regions. Returns None if there is no such path."""
     axis, side = face
     aside = [a for a in range(3) if a != axis]
     grid = np.meshgrid(*(np.linspace(low[a] + 5, high[a] - 5, 15) for a in aside))
@@ -183,7 +185,7 @@ def through_face(target, low, high, bones, face, spared=()):
 
 
 def orientation(direction):
-    """Returns the unit quaternion w, x, y, z that turns +z to this direction by the smallest angle."""
+    """Returns the unit quaternion (w, x, y, z) of the smallest rotation that takes +z to this direction."""
     x, y, z = direction
     if z < -1 + 1e-12:
         return np.array([0.0, 1.0, 0.0, 0.0])
@@ -193,19 +195,19 @@ def orientation(direction):
 
 @dataclasses.dataclass
 class Start:
-    """Pose and length of the needle in the frame of the mesh, m."""
+    """Initial pose and length of the needle in the mesh frame, m."""
     position: np.ndarray     # position of the needle's base
     orientation: np.ndarray  # w, x, y, z
     entry: np.ndarray        # entry point on the skin of the mesh
-    depth: float             # distance by which a scripted motion must push the needle so that its tip reaches the target
+    depth: float             # distance that a scripted motion must push the needle for its tip to reach the target
     remark: str = ""
     length: float = NEEDLE   # length of the needle
     misses: bool = False     # true if the needle misses the region, or if bone is in its way
 
 
 def needle_for(skin, target, plate=None):
-    """Returns how deep a scripted motion must push the needle, and the needle length needed to keep its base in front of the template. All in m.
-    `plate`: a point on the face of the template through which needles enter, or None."""
+    """Returns how far a scripted motion must push the needle, and the needle length with which its base stays in front of the template; both in m. `plate`: a
+    point on the face of the template through which needles enter, or None."""
     deep, way = np.linalg.norm(target - skin), (target - skin) / np.linalg.norm(target - skin)
     push = AHEAD + deep
     ahead = max(0.0, (skin - plate) @ way) if plate is not None else 0.0
@@ -218,8 +220,7 @@ def needle_for(skin, target, plate=None):
 
 
 def start_in(mesh, entry, target, gland, plate=None):
-    """Returns the pose from which the needle goes straight through `entry` to `target` (m); `gland`: name of the first region; `plate`: see
-    needle_for."""
+    """Returns the Start from which the needle goes straight through `entry` to `target` (m). `gland`: name of the first region; `plate`: see needle_for."""
     way = (target - entry) / np.linalg.norm(target - entry)
     skin = first_hit(mesh.surfaces["skin"], entry - 0.3 * way, target)
     every = [first_hit(shell, entry - 0.3 * way, target) for name, shell in mesh.surfaces.items() if name not in ("skin",)]
@@ -237,7 +238,7 @@ def start_in(mesh, entry, target, gland, plate=None):
 
 
 def check_template(template, skin):
-    """Checks that the template fits. `skin`: the point where the needle enters the skin, DICOM mm."""
+    """Raises Unusable if the skin lies in front of the template or within its thickness. `skin`: the point where the needle enters the skin, DICOM mm."""
     ahead = (skin - template.origin) @ template.normal
     if ahead < THICKNESS:
         raise Unusable("needle", f"the skin is {ahead:.0f} mm beyond the face of the template where needles enter, which is {THICKNESS:g} mm thick: move --template back")

@@ -4,11 +4,11 @@ import sys
 from . import binding, limits
 from .shapes.contours import Unusable
 
-WHOLE = 10000               # nodes: of larger meshes, only the geometry and the names are read, because computing the inverse would take minutes
+WHOLE = 10000               # nodes: larger meshes are checked without computing the inverse, which would take minutes
 
 
 def load(path, nodes):
-    """Raises Unusable if the library cannot make a model of the scene. If the library is missing, reports that."""
+    """Raises Unusable if the library cannot make a model of the scene. If the library is missing, prints a message instead."""
     try:
         trocar = binding.trocar()
     except ImportError as error:
@@ -20,7 +20,7 @@ def load(path, nodes):
 
 
 def refused(trocar, path, mesh_only):
-    """Returns the library's objection to a scene, or ""."""
+    """Returns the error message with which the library rejects a scene, or "" if it accepts it."""
     try:
         trocar.Model(trocar.Scene.load(path), mesh_only=mesh_only)
     except trocar.Error as error:

@@ -1,6 +1,6 @@
 """Reads DICOM files with pydicom and detects truncated files, which pydicom alone reads as if they were complete.
 
-Also `trocar._dicom` in the Python package.
+The build copies this module into the Python package, as `trocar.brachy._dicom`.
 """
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ def read(path: str | PathLike[str]) -> pydicom.Dataset:
     """Returns the data set of a file. Raises EOFError, which names the file, if the file ends within an element; OSError if it cannot be opened; otherwise
     pydicom's exceptions.
 
-    pydicom looks for another element at the end of a complete file, once, and finds nothing. Any other read beyond the end belongs to an element that the file
-    announces. A file that is cut between two top-level elements is not recognised as truncated.
+    At the end of a complete file, pydicom tries once to read another element, and finds nothing. Any other read beyond the end means that an element is
+    incomplete. A file that was cut between two top-level elements is not recognised as truncated.
     """
     if os.path.exists(path) and not os.path.isfile(path):    # opening a FIFO would block forever
         raise OSError(0, "not a regular file", path)
@@ -39,12 +39,12 @@ def read(path: str | PathLike[str]) -> pydicom.Dataset:
         file = _File(source.read())
     try:
         data = pydicom.dcmread(file)
-    except zlib.error as error:    # the damage may lie in a deflated transfer syntax
+    except zlib.error as error:    # raised for damaged data in a deflated transfer syntax
         raise EOFError(f"{path}: its compressed content ends too early, or is damaged: {error}") from error
     except Exception as error:    # pydicom may raise any exception for an incomplete element
         if file.beyond and file.getbuffer()[128:132] == b"DICM":
             raise EOFError(_words(path, file)) from error
-        if isinstance(error, OSError):    # an error raised by pydicom about the contents; the file itself has been read
+        if isinstance(error, OSError):    # raised by pydicom because of the contents: reading the file has succeeded
             raise ValueError(str(error)) from error
         raise
     if file.beyond > 1 or (file.beyond and not file.ends_between):

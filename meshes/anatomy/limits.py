@@ -11,7 +11,7 @@ import traceback
 
 DEFAULT = 120.0         # s, limit on the processor time of each stage; processor time does not depend on other load on the machine
 NODES = 10000           # number of nodes up to which the default limit applies
-SECONDS = DEFAULT       # the limit that is in force
+SECONDS = DEFAULT       # s, the limit in force
 WAITING = 10            # ratio of the limit on elapsed time to the limit on processor time, for a stage that waits instead of working
 TELL = False            # true to print the name of each stage
 BEGUN = time.monotonic()
@@ -28,7 +28,8 @@ class NoMemory(MemoryError):
 
 
 class Crashed(Exception):
-    """Raised if a library has crashed its process or raised an unknown exception. `number`: the signal that ended the process, or None."""
+    """Raised if a library has crashed its process or raised an exception that cannot be sent to the parent. `number`: the signal that ended the process, or
+    None."""
 
     def __init__(self, text, number=None):
         super().__init__(text)
@@ -41,7 +42,7 @@ def seconds_for(nodes):
 
 
 def run(stage, work, *arguments):
-    """Runs work(*arguments) in a child process. `stage`: name of the work, for messages."""
+    """Runs work(*arguments) in a child process and returns its result. `stage`: name of the work, for messages."""
     if TELL:
         print(f"anatomy: {time.monotonic() - BEGUN:.0f} s: {stage}", file=sys.stderr, flush=True)
     receiver, sender = multiprocessing.Pipe(duplex=False)
@@ -93,7 +94,7 @@ def serve(sender, work, arguments):
     os.dup2(quiet, 2)
     try:
         answer = work(*arguments), None, None
-    except Exception as error:  # any exception is caught, because the parent decides what to do
+    except Exception as error:  # any exception is caught, and the parent decides what to do with it
         answer = None, error, traceback.format_exc()
     try:
         sender.send(answer)

@@ -1,5 +1,4 @@
-"""Reports the volume of each part of each region: the volume as read, the volume that remains after losses to other regions and the box, and the
-volume in the mesh."""
+"""Reports the volume of each part of each region: as read, without what is lost to overlapping regions and outside the box, and in the mesh."""
 import dataclasses
 
 import numpy as np
@@ -14,7 +13,7 @@ MOST_LOSS = 0.10        # fraction of a region's volume: a mesh with a larger er
 PART_LOSS = 0.05        # fraction of a part's volume: the report names parts with a larger error
 SEEN = 5e-4             # fraction of a region's volume: smaller overlaps are not mentioned
 TOLD = 0.01             # fraction of a bone's surface: the report mentions a larger missing fraction; above MOST_LOSS, the mesh is refused
-MISSING = 5.0           # mm: a point of a bone is missing if its distance from the bone in the mesh is larger than this
+MISSING = 5.0           # mm: a point of a bone counts as missing if it is farther than this from the bone in the mesh
 NARROW = "they are too small or too thin for this number of nodes"
 
 
@@ -25,14 +24,14 @@ class Row:
     place: np.ndarray    # centre of the part in the frame of the mesh, m
     parts: int           # number of parts that the row represents
     read: float          # as read
-    used: float          # volume that remains after losses to other regions and the box
+    used: float          # volume without what is lost to overlapping regions and outside the box
     mesh: float          # volume in the mesh; None if the region is hollow
     gone: str = ""       # reason why the part has vanished
     each: list = dataclasses.field(default_factory=list)     # volumes, as read, of the parts that the row represents
 
 
 def rows_of(domain, made):
-    """Returns the rows of all parts. `made`: meshing.Attempt."""
+    """Returns the Row of each part. `made`: the meshing.Attempt."""
     if not domain.regions:
         return [Row(body.name, body.shell.centre(), 1, body.volume, body.volume, None if body.hollow else held)
                 for body, held in zip(domain.bodies, made.held)]
@@ -68,8 +67,8 @@ def taken(lost, part):
 
 
 def note(organs, domain, rows, outlined, skip=False):
-    """Adds remarks on losses; `outlined`: region -> volume that its mesh must have, m^3. If `skip` is true, parts that have vanished are no reason to refuse
-    the mesh."""
+    """Adds remarks on losses to the organs. `outlined`: region name -> volume that the region must have in the mesh, m^3; losses to other regions are
+    subtracted from it. If `skip` is true, so are parts that have vanished, which are then no reason to refuse the mesh."""
     called = {organ.name: organ for organ in organs}
     if domain.regions:
         note_overlaps(called, domain, outlined)
@@ -134,7 +133,7 @@ def check_volumes(organs, mesh, outlined):
 
 
 def check_bones(organs, distances):
-    """Bones are hollow in the mesh. Therefore the missing fraction of their surface is checked instead of their volume."""
+    """Checks how much of each bone's surface is missing, instead of its volume, because bones are hollow in the mesh."""
     for organ in organs:
         far = distances[organ.name] > MISSING if organ.bone and organ.name in distances else np.zeros(1, bool)
         text = (f"{100 * np.mean(far):.1f} % of its surface lie more than {MISSING:g} mm from the mesh's bone "

@@ -23,8 +23,8 @@ class Material:
 
 @dataclasses.dataclass(frozen=True)
 class Row:
-    """`words`: beginnings of words in a region's name; `codes`: SNOMED CT. `basis`: origin of the modulus: CITED, ASSUMED, or GUESS. `force`: a published force
-    on a needle in this organ, which materials.md compares with a simulated insertion; empty if none was found."""
+    """`words`: beginnings of words in a region's name (regular expressions); `codes`: SNOMED CT. `basis`: origin of the modulus: CITED, ASSUMED, or GUESS.
+    `force`: source of a published needle force in this organ, with which materials.md compares a simulated insertion; empty if none was found."""
     material: Material
     basis: str
     source: str
@@ -34,7 +34,7 @@ class Row:
     force: str = ""
 
 
-LIVER_FIT = 31e3             # Pa, with STIFFENING: fitted to needle forces in liver with its capsule
+LIVER_FIT = 31e3             # Pa; together with STIFFENING, fitted to needle forces in liver with its capsule
 STIFFENING = 0.165
 ENCLOSED = "as liver's, in the ratio of their moduli by shear waves"
 SURROUNDING = Row(Material(30e3, 0.25, 12, 7), ASSUMED, "half of figure 8's prostate")
@@ -100,7 +100,7 @@ def is_body(name):
 
 
 def known(name, kind=""):
-    """Returns the row of TABLE for a region's name, or for its description in the file; None if there is none."""
+    """Returns the name of the row of TABLE that matches a region's name, or its description in the file (`kind`); None if there is none."""
     codes, plain = set(words_of(kind)), "_".join(words_of(name))
     if plain in ALSO:
         return ALSO[plain]
@@ -120,7 +120,7 @@ def row_of(name, kind=""):
 
 
 def is_spared(name, kind=""):
-    """True if a needle on its way to another region should avoid this one."""
+    """Returns whether a needle on its way to another region should avoid this one."""
     row = known(name, kind)
     return bool(row) and TABLE[row].spare
 
@@ -128,7 +128,7 @@ def is_spared(name, kind=""):
 @dataclasses.dataclass(frozen=True)
 class Found:
     material: Material
-    row: str                 # name of the table row, or of the file, that defines the material
+    row: str                 # name of the table row that defines the material; "--materials" if the user's file does
     basis: str
     source: str
     force: str = ""          # as in Row
@@ -148,7 +148,7 @@ def find(name, kind="", own=None):
 
 
 def read(path):
-    """Reads region name -> Material from a CSV file with the columns COLUMNS, of which only the one with the name is required."""
+    """Reads a CSV file with the columns COLUMNS, of which only `name` is required; returns region name -> Material."""
     found = {}
     try:
         with open(path, newline="", encoding="utf-8-sig") as file:

@@ -1,5 +1,5 @@
-"""Meshes the domain with Gmsh: coarse surfaces of the organs, the box around them, the tetrahedra in between, and the search for the
-number of nodes. Each attempt runs in a separate process with a time limit."""
+"""Meshes the domain with Gmsh: coarse surfaces of the organs, the box around them, the tetrahedra in between, and the search for the element
+size that gives the desired number of nodes. Each attempt runs in a separate process with a time limit."""
 import dataclasses
 import math
 import os
@@ -20,34 +20,34 @@ from .shapes.shells import Shell, crossings, decimated, distances
 GROWTH = 4.0            # ratio of the element size at the corners of the box to that in the gland
 CORRIDOR = 0.5          # ratio of the element size in the corridor to that in the gland
 MOST_GROWTH = 1.09      # largest factor by which a coarse surface is enlarged to restore its volume
-FINEST_SURFACE = 2500   # number of triangles that suffices as the input for remeshing a surface
+FINEST_SURFACE = 2500   # number of triangles to which a surface is decimated before it is remeshed
 TRIES = 16
-MOST_WORK = 20000       # total number of nodes in all attempts after which the search ends; with a time limit, different machines would find different meshes
-LARGE_WORK = 4          # for large meshes: the search ends after this multiple of the desired number of nodes if no attempt has come close to it
+MOST_WORK = 20000       # total number of nodes in all attempts after which the search ends; a time limit would give different meshes on different machines
+LARGE_WORK = 4          # multiple of the desired number of nodes that replaces MOST_WORK, if larger, until an attempt comes close to the desired number
 MOST_MISSED = 0.02      # fraction of a region's surface: a mesh in which a larger fraction is missing is accepted only if there is no other mesh
 REFUSED_MISSED = 0.10   # fraction of a region's surface: a mesh in which a larger fraction is missing is refused
 FAILURES = 3            # number of Gmsh failures after which no other element sizes are tried
-# number of Gmsh failures after which the search ends if the best mesh has far too many nodes and the next attempt would use even larger elements
+# number of Gmsh failures after which the search ends if the best mesh has far too many nodes, so that elements would have to be larger still
 FAR_FAILURES = 2
 JITTER = 0.025          # relative change in the element size that gives a different mesh with about the same number of nodes
-SMOOTH = 5000           # number of nodes: above it, the number of nodes depends smoothly on the element size
+SMOOTH = 5000           # if more nodes than this are desired, their number is assumed to depend smoothly on the element size
 CLOSE = 0.04            # fraction of the desired number of nodes: among meshes within this range, the one with the best angles is chosen
 OFF = 0.10              # fraction of the desired number of nodes: if the mesh is farther off, the report mentions it
-MOST_OFF = 2.0          # factor: a mesh with more nodes than desired, or fewer, by more than this factor is refused
+MOST_OFF = 2.0          # a mesh whose number of nodes differs from the desired number by more than this factor is refused
 # largest fraction of a mesh's nodes that can lie on the surfaces of its thin regions, because tetrahedra grow only gradually with the distance from
 # these surfaces (measured: 0.33 to 0.47)
 ON_THIN = 0.48
-WORST = 4.0             # factor on the extreme angles of the paper's mesh, which gives limits of 2.5 and 174.9 degrees; a mesh beyond these limits is refused
-CUT = 1.5               # voxels: a triangle closer than this to a face of the block may be a cut (see FACING)
+WORST = 4.0             # largest badness (see quality.Mesh): a mesh with dihedral angles below 2.5 or above 174.9 degrees is refused
+CUT = 1.5               # voxels: a triangle closer than this to a face of the block may be part of a cut (see FACING)
 BORDER = 2.5            # voxels: tolerance at the image's border, where smoothing has moved the surface inward
-FACING = 0.7            # cosine: a triangle that is close to the border and faces it by more than this is part of a cut through the body
-LEAST_CUT = 0.02        # fraction of the skin's triangles: if fewer than this are cut, the body is assumed to lie on its back
+FACING = 0.7            # cosine of the angle between the normals of a triangle and a nearby border: above this, the triangle is part of a cut
+LEAST_CUT = 0.02        # fraction of the skin's triangles: if fewer than this are part of a cut, the body is assumed to lie on its back
 LYING = 10e-3           # m: if the body lies on its back, it is fixed up to this height
-INSIDE = 0.3            # fraction of an element: regions that lie deeper than this in the gland are considered to be inside it
+INSIDE = 0.3            # fraction of the element size: a region whose surface lies deeper than this in the gland is considered to be inside it
 
 
 class Failure(Exception):
-    """Gmsh failed. `names`: regions whose surfaces are the cause; `z`: position of the fault, m, or None."""
+    """Raised if Gmsh fails. `names`: regions whose surfaces are the cause; `z`: height of the fault, m, or None."""
 
     def __init__(self, problem, names, z=None):
         super().__init__(problem, names, z)     # pass on all arguments, because the exception is pickled when it is sent between processes
@@ -69,8 +69,8 @@ class Thin(Failure):
 class Body:
     """A region, or a part of a region."""
     name: str               # name of the region
-    surface: str            # name of the group of its surface
-    shell: object           # its surface with fine triangles, m, world frame
+    surface: str            # name of its surface's physical group
+    shell: object           # its finely triangulated surface, m, world frame
     volume: float           # volume that it must have in the mesh, m^3
     longest: float          # longest edge that the triangles of its surface may have, m
     hollow: bool = False    # true for bone, which has no tetrahedra inside
@@ -82,18 +82,19 @@ class Region:
     name: str
     surface: str
     shells: list             # closed surfaces of its parts, in the world frame, m
-    sizes: list              # volumes of its parts, m^3; an entry is None if only some of the part lies in the block, so that its volume is unknown
+    sizes: list              # volumes of its parts, m^3; None for a part that lies only partly in the block, so that its volume is unknown
     hollow: bool = False     # true for bone, which has no tetrahedra inside
     layer: object = None     # layer of the label map from which the region comes, if any; regions of the same layer do not overlap
 
     def volumes(self):
-        """Volume that each part must have in the mesh, m^3; None if it is not prescribed."""
+        """Returns the volume that each part must have in the mesh, m^3; None if it is not prescribed."""
         return [None] * len(self.sizes) if self.hollow else self.sizes
 
 
 @dataclasses.dataclass
 class Domain:
-    """The domain to be meshed, in a box with the skin on one face. It consists of bodies that do not touch, or of `regions` that may touch."""
+    """The domain to be meshed, which is a box with the skin on one face unless `skin` is true. It contains either `bodies` that do not touch, or `regions`
+    that may touch."""
     bodies: list
     low: np.ndarray
     high: np.ndarray
@@ -111,11 +112,12 @@ class Domain:
     crop: tuple = None       # low and high corner of the box outside which regions are cut off
     front: str = "z-"        # the face of the box that represents the skin
     quiet: tuple = ()        # names of surfaces that have no group of their own
-    image: tuple = None      # image of the regions, its pieces, and the parts' losses to each other: see label_image.image_for
-    needed: list = None      # approximate number of nodes needed on the surface of each region where the region is thin
+    image: tuple = None      # image of the regions, its pieces, and the fractions of the parts that are lost: see label_image.image_for
+    needed: list = None      # for each region, the approximate number of nodes needed on its surface where it is thin
 
     def parts(self):
-        """Numbers the parts of the regions, or the bodies, as pairs (owner, number within the owner)."""
+        """Returns the parts of the regions, or the bodies, as a list of pairs (owner, number within the owner); parts are numbered by their positions in
+        it."""
         if self.regions:
             return [(region, n) for region in self.regions for n in range(len(region.shells))]
         return [(body, 0) for body in self.bodies]
@@ -164,8 +166,8 @@ def add_discrete(shell):
 
 
 def coarse(body, formula):
-    """Returns the surface of the body, meshed with triangles of the desired size, or smaller if triangles of that size would cut off the body's ends.
-    The surface is enlarged to the body's volume, because facets reduce it."""
+    """Returns the surface of the body, meshed with triangles of the desired size, or smaller if triangles of that size would cut off the body's ends. The
+    surface is enlarged to the body's volume, because flat facets enclose less."""
     longest = body.longest
     while True:
         try:
@@ -179,7 +181,7 @@ def coarse(body, formula):
 
 
 def failure_of(bodies, shells, error):
-    """Explains why these surfaces cannot be meshed, for example where they cross."""
+    """Returns a Failure that explains why these surfaces cannot be meshed, for example because they cross."""
     for point, *crossed in crossings(shells):
         return Failure("its surface crosses itself" if crossed[0] == crossed[1] else "their surfaces cross",
                        sorted({bodies[k].name for k in crossed}), point[2])
@@ -226,22 +228,22 @@ def face_name(axis, side):
 
 
 def fixed_faces(front):
-    """Returns the faces of the box that are fixed if the skin is this face: the opposite face, and the back, on which the patient lies. If the back
-    is the skin, the face toward the head is fixed instead."""
+    """Returns the faces of the box that are fixed if `front` is the skin: the opposite face, and the patient's back, on which the patient lies. If the back
+    is the skin, the face toward the head is fixed instead of it."""
     opposite = front[0] + ("+" if front[1] == "-" else "-")
     return sorted({opposite, "z+" if front == "y-" else "y-"}, reverse=True)
 
 
 def build(domain, fine):
-    """Meshes the domain as Gmsh's current model, with its named groups. Returns the piece (or body) in each of Gmsh's volumes, {tag: number}, and
-    the missing fraction of each piece's surface."""
+    """Meshes the domain in Gmsh's current model, with named groups. Returns the piece (or body) in each of Gmsh's volumes, {tag: number}, and the missing
+    fraction of each piece's surface."""
     formula = size_formula(domain, fine)
     if domain.regions:
         pieces = domain.image[1]
         found, missed = labels.shared_surfaces(*domain.image, [region.shells for region in domain.regions],
                                                [volume for region in domain.regions for volume in region.volumes()], fine)
         check_found(domain, found, missed)
-        region = [domain.regions[k] if k != OUTSIDE else None for k in pieces.regions] + [None]     # the last element is the one for OUTSIDE
+        region = [domain.regions[k] if k != OUTSIDE else None for k in pieces.regions] + [None]     # the last element is for OUTSIDE
         owner = [region[piece] for piece in found.cells]
         missed = [share if region[piece] else 0.0 for piece, share in enumerate(missed)]
         patches, points, cells = patches_of_complex(domain, found, owner, fine), found.points, list(found.cells)
@@ -265,7 +267,7 @@ def check_found(domain, found, missed):
     gone = [name for k, name in enumerate(names) if k not in left]
     if gone:
         raise Thin("nothing is left of it: it lies inside other regions or is too thin", gone)
-    weight, thin = pieces.voxels() ** (2 / 3), {}       # the weight scales in the same way as the surface area
+    weight, thin = pieces.voxels() ** (2 / 3), {}       # the weight scales like a surface area
     for k, name in enumerate(names[:-1] if domain.skin else names):
         mine = [piece for piece, number in enumerate(pieces.regions) if number == k]
         share = float(np.average([missed[piece] for piece in mine], weights=weight[mine]))
@@ -279,8 +281,8 @@ def check_found(domain, found, missed):
 @dataclasses.dataclass
 class Patch:
     """A surface between two cells."""
-    name: str                # name of its group
-    triangles: np.ndarray    # indices into all points
+    name: str                # name of its physical group
+    triangles: np.ndarray    # indices into the points of all patches
     sides: tuple             # cells, or OUTSIDE
 
 
@@ -293,8 +295,8 @@ def patches_of_bodies(domain, shells):
 
 
 def patches_of_complex(domain, found, owner, fine):
-    """Makes the patches. A surface where two regions meet is named after the bone, or else after the gland, or else after the region drawn on top; a
-    region inside the gland has its own name. `owner`: the region of each cell, or None."""
+    """Returns the patches. A patch between two regions is named after the bone, or else after the gland, or else after the region drawn on top; but the
+    surface of a region inside the gland is named after that region. `owner`: the region of each cell, or None."""
     gland = next(region for region in domain.regions if region.name == domain.gland)
     order = {region.name: k for k, region in enumerate(domain.regions)}
     sides = np.sort(found.sides, axis=1)
@@ -322,8 +324,7 @@ def patches_of_complex(domain, found, owner, fine):
 
 
 def outer_patches(domain, found, triangles, pair, name):
-    """Makes the patches between a cell and the air. Patches on the faces of the block, and patches where the image ends and the body continues, are
-    fixed."""
+    """Returns the patches between a cell and the air. Triangles on the faces of the block, and where the image cuts off the body, form a fixed patch."""
     middles, sides = found.points[triangles].mean(axis=1), tuple(int(side) for side in pair)
     a, b, c = (found.points[triangles[:, k]] for k in range(3))
     normals = np.cross(b - a, c - a)
@@ -339,7 +340,7 @@ def outer_patches(domain, found, triangles, pair, name):
 
 
 def add_patches(points, patches):
-    """Creates surfaces that share points in the current model; returns their tags."""
+    """Adds the patches to Gmsh's current model as surfaces that share points; returns their tags."""
     tags = [gmsh.model.addDiscreteEntity(2) for _ in patches]
     added = np.zeros(len(points), bool)
     for tag, patch in zip(tags, patches):
@@ -353,7 +354,7 @@ def add_patches(points, patches):
 
 
 def fill(domain, points, patches, cells, formula):
-    """Creates tetrahedra in the cells (name, whether hollow) and around them. Returns {cell: Gmsh's volume}."""
+    """Creates tetrahedra in the cells (name, whether hollow) and around them. Returns {cell: tag of its volume in Gmsh}."""
     gmsh.model.add("tissue")
 
     def tissue(side):
@@ -382,7 +383,8 @@ def fill(domain, points, patches, cells, formula):
 
 
 def name_groups(volumes, surfaces, faces, front):
-    """Names the groups. `volumes`, `surfaces`: pairs (name, tag). `faces`: name -> tag of each face of the box; `front`: the face that is the skin."""
+    """Creates Gmsh's physical groups. `volumes`, `surfaces`: pairs (name, tag). `faces`: name -> tag of each face of the box; `front`: the face that is the
+    skin."""
     groups = {}
     for name, tag in volumes:
         groups.setdefault((3, name), []).append(tag)
@@ -410,8 +412,8 @@ class Attempt:
     held: list = dataclasses.field(default_factory=list)        # for each piece, its volume in the mesh, m^3
 
     def rank(self, nodes):
-        """Rank of the attempt; a lower rank is better. Compares in this order: whether the angles are usable, whether a surface is missing, whether the number
-        of nodes is close to the desired one, and then either the angles or the number of nodes."""
+        """Returns the rank of the attempt; a lower rank is better. Compares in this order: whether the angles are unusable, whether a surface is missing,
+        whether the number of nodes is far from the desired one, and then either the angles or the number of nodes."""
         off, badness = abs(len(self.mesh.points) / nodes - 1), self.mesh.badness()
         return badness > WORST, max(self.missed, default=0) > MOST_MISSED, off > CLOSE, badness if off <= CLOSE else off
 
@@ -435,7 +437,7 @@ def attempt(domain, fine, path):
 
 
 def held_points(domain, mesh):
-    """Returns the mask of the points on the faces of the block, which must remain plane."""
+    """Returns the mask of the points on the faces of the block, which must remain flat."""
     if not domain.skin:
         near = 1e-6 * math.dist(domain.low, domain.high)
         return np.any((mesh.points < domain.low + near) | (mesh.points > domain.high - near), axis=1)
@@ -486,7 +488,8 @@ def too_thin(domain, nodes, count, problem):
 
 
 def drawn(domain, fine):
-    """Returns the image of the domain's regions, its pieces, the parts' losses to each other, and how many nodes the thin places of each region need."""
+    """Returns the image of the domain's regions, its pieces, the fractions of the parts that are lost, and the number of nodes that each region needs where
+    it is thin."""
     image, pieces, lost = label_image.image_for([region.shells for region in domain.regions], fine, (domain.low, domain.high) if domain.skin else domain.crop, domain.skin)
     shells = [shell for region in domain.regions for shell in region.shells]
     needed = np.zeros(len(domain.regions))
@@ -542,9 +545,9 @@ def search(domain, nodes, path):
             os.replace(path + ".try.msh", path)
         count = len(mesh.points)
         work += count
-        # the surfaces that regions share need many of the nodes, whatever the element size
+        # many of the nodes lie on surfaces that regions share, so that their number scales more like the area than like the volume
         centre = fine * (count / nodes) ** (1 / 2 if domain.regions else 1 / 3)
-        if rank[1]:      # part of a surface is missing, so this mesh is used only if all attempts fail
+        if rank[1]:      # part of a surface is missing, so this mesh is used only if no other attempt succeeds
             failures += 1
             if failures == limit and best_rank[1]:
                 break
@@ -563,14 +566,13 @@ def search(domain, nodes, path):
 
 
 def too_many_at_any_size(tries, fine, count, nodes):
-    """True if larger elements have not reduced the number of nodes, which is far too large, because the surfaces of thin regions need so many
+    """Returns whether the number of nodes is far too large and larger elements have not reduced it, because the surfaces of thin regions need so many
     nodes."""
     return count > MOST_OFF * nodes and any(size < fine and MOST_OFF * nodes < fewer <= count for size, fewer in tries)
 
 
 def size_between(tries, nodes):
-    """Returns the element size for this many nodes, from attempts (size, nodes) with fewer and with more; returns None if there are not attempts of both
-    kinds."""
+    """Interpolates the element size for this many nodes between attempts (size, nodes) with more nodes and with fewer; returns None unless there are both."""
     more, fewer = [t for t in tries if t[1] > nodes], [t for t in tries if t[1] < nodes]
     if not more or not fewer:
         return None
@@ -579,7 +581,7 @@ def size_between(tries, nodes):
 
 
 def remarks_on_number(mesh, nodes):
-    """Returns remarks for the report if the mesh has far more or far fewer nodes than desired."""
+    """Returns remarks for the report if the mesh does not have about the desired number of nodes."""
     count = len(mesh.points)
     if abs(count / nodes - 1) <= OFF:
         return []

@@ -23,7 +23,7 @@ def point(text):
 
 
 def template(text):
-    """Parses a position and a unit direction."""
+    """Parses a position and a direction; returns the direction as a unit vector."""
     values = text.split(",")
     if len(values) not in (3, 6):
         raise argparse.ArgumentTypeError(f"{text}: expected X,Y,Z or X,Y,Z,NX,NY,NZ")
@@ -67,7 +67,7 @@ def parse(arguments, version=None):
         help="thickness of the tissue around the first region; with --skin, around all regions (default 25)")
     add("--materials", metavar="FILE.csv", help="materials of regions by name, in place of the built-in ones: see PARAMETERS.md")
     add("--quiet", action="store_true", help="do not print the name of each stage on stderr")
-    add("--progress", action="store_true", help=argparse.SUPPRESS)      # now the default
+    add("--progress", action="store_true", help=argparse.SUPPRESS)      # has no effect: progress is printed by default
     add("--picture", metavar="FILE.svg", help="draw the regions, slice by slice, as read and as interpreted; contours even if they cannot be used")
     if version:
         add("--version", action="version", version=f"trocar-anatomy {version}")

@@ -9,28 +9,28 @@ from . import materials
 from .shapes import contours, field, label_image, shells
 from .shapes.contours import Unusable
 
-SHORT = 20.0            # mm: if the largest region is shorter than this and smaller than SMALL, the unit of length is probably wrong
-SMALL = 100.0           # mm^3, limit on the volume of the largest region: see SHORT
-LARGE = 2000.0          # mm: a region longer than this also suggests a wrong unit
+SHORT = 20.0            # mm: if the largest region is shorter than this, the report asks whether the unit of length is right
+SMALL = 100.0           # mm^3: if the largest region is smaller than this, the unit of length is probably wrong, and the region is refused
+LARGE = 2000.0          # mm: a region longer than this also suggests a wrong unit, and is refused
 LEAST = 1.0             # mm^3: regions smaller than this are refused
 SPECK_VOXELS = 8        # parts of a label that have fewer voxels than this are left out
-SPECK = SMALL           # mm^3: parts of any region smaller than this are left out if they are also less than SPLINTER of its largest part
+SPECK = SMALL           # mm^3: a part of a region is left out if it is smaller than this and less than SPLINTER of the region's largest part
 STEEP = 5.0             # multiple of the median edge length: longer edges form a spike or a dent
-FEW = 4                 # number of such edges that is accepted, and number of parts that are named individually
-MOST_CHECKED = 40000    # triangles: larger surfaces are checked for crossings in a decimated copy
-RESERVED = ("surrounding", "skin", "fixed", "capsule", "bone")    # names that every mesh uses
-LONGEST_NAME = 40       # maximum number of characters; a mesh allows 63, including suffixes
+FEW = 4                 # number of such long edges that is accepted; also the number of parts that a remark names individually
+MOST_CHECKED = 40000    # triangles: a larger surface is decimated before it is checked for crossings
+RESERVED = ("surrounding", "skin", "fixed", "capsule", "bone")    # names of other groups in a mesh
+LONGEST_NAME = 40       # maximum number of characters in a region's name; a mesh allows 63, including suffixes
 
 
 @dataclasses.dataclass
 class Organ:
     """A region. Lengths are in DICOM mm."""
-    roi: str                     # the user's name
+    roi: str                     # the region's name in the user's file
     name: str                    # name of the region in mesh and scene
     bone: bool
     points: np.ndarray           # (n, 3) points of the outlines or the surface, as read
     loft: shells.Shell = None
-    shape: field.Field = None    # the region's shape; used if there is no loft
+    shape: field.Field = None    # the region's signed distance; used if there is no loft
     shells: list = None          # closed surfaces of its parts, made from labels or surfaces
     volumes: list = None         # volumes of these parts, mm^3
     stack: contours.Stack = None
@@ -64,7 +64,7 @@ def in_ml(volume):
 
 
 def note_left_out(organ, parts, reason):
-    """Adds a remark about parts that were left out; `parts` contains pairs (volume in mm^3, place)."""
+    """Adds a remark about parts that were left out; `parts` contains pairs (volume in mm^3, position)."""
     if not parts:
         return
     parts = sorted(parts, key=lambda part: -part[0])
@@ -91,7 +91,7 @@ def region_names(rois):
     return names
 
 
-# ---- by what they come as -------------------------------------------------------------------------------------------------------------
+# ---- regions by the kind of input -----------------------------------------------------------------------------------------------------
 
 def of_rings(roi, name, bone, rings):
     stack = contours.build_stack(roi, rings)
@@ -124,8 +124,8 @@ def of_label(roi, name, bone, label, kind="", layer=None):
 
 
 def take_parts(organ, parts, gone, speck=0.0):
-    """Keeps the parts (volume, surface) that are not specks. `gone`: (volume, place) of parts that have no surface; `speck`: volume of the smallest
-    part that is kept beside larger ones, mm^3."""
+    """Keeps the parts (volume, surface) that are not specks. `gone`: (volume, position) of parts that have no surface; `speck`: smallest volume of a part
+    that is kept beside larger ones, mm^3."""
     largest = max(volume for volume, _ in parts)
     kept = [part for part in parts if part[0] == largest or part[0] >= speck and (part[0] >= SPECK or part[0] > shells.SPLINTER * largest)]
     dropped = [(volume, shell.centre()) for volume, shell in parts if not any(shell is each for _, each in kept)]
@@ -162,7 +162,7 @@ def mend_crossings(organ):
     organ.shells, organ.volume, organ.read = around, volume, organ.volume
 
 
-# ---- all of them together ----------------------------------------------------------------------------------------------------------
+# ---- all regions together ----------------------------------------------------------------------------------------------------------
 
 def check_sizes(organs, known):
     """Refuses regions whose unit of length is probably wrong, unless the unit is `known`. The largest region decides, because small regions next to
@@ -181,8 +181,8 @@ def check_sizes(organs, known):
 
 
 def merged(organs, most):
-    """Returns the organs, reduced to at most this many soft ones. Organs with the same material are merged into one region, starting with the largest
-    group, but the first organ is never merged."""
+    """Returns the organs, merged until at most this many of them are soft, if possible. Organs with the same material become one region, starting with the
+    largest group; the first organ is never merged."""
     organs = list(organs)
     while sum(not organ.bone for organ in organs) > most:
         groups = {}

@@ -10,11 +10,11 @@ from .quality import plt
 
 PANELS = 60     # at most
 LEVELS = 12     # maximum number of slices for a region that was read from labels or a surface
-NEAR = 0.03     # fraction of the region's height: points as read are shown on a slice if they are closer to it than this
+NEAR = 0.03     # fraction of the region's height: a slice shows the points, as read, that are closer to it than this
 
 
 def panel(axis, title, rings, lines):
-    """Draws one slice. `rings` contains the outlines as read, `lines` the outlines as interpreted; a ring (n, 2 or more columns) is closed."""
+    """Draws one slice. `rings`: the outlines as read, arrays (n, 2) or wider, which are drawn closed; `lines`: the outlines as interpreted."""
     for ring in rings:
         if ring.ndim == 2 and len(ring):
             axis.plot(*np.vstack([ring, ring[:1]])[:, :2].T, color="0.6", linewidth=0.8, marker=".", markersize=2)
@@ -27,7 +27,7 @@ def panel(axis, title, rings, lines):
 
 
 def sheet(panels, path):
-    """Draws a sheet. `panels`: (title, rings, lines, points), or without the points."""
+    """Draws a sheet of panels; `panels`: tuples (title, rings, lines, points), or without the points."""
     more = len(panels) - PANELS
     panels = panels[:PANELS]
     columns = min(6, len(panels))
@@ -64,7 +64,8 @@ def panels_of_stack(stack, rings):
 
 
 def panels_of_shells(organ, levels):
-    """Returns axial slices of closed surfaces, together with the nearby points on the labels' faces or on the surface in the file."""
+    """Returns panels of axial slices through closed surfaces, with the points near each slice as read: on the faces of labels, or on the surface in the
+    file."""
     low, high = (bound(np.vstack([shell.points for shell in organ.shells])[:, 2]) for bound in (np.min, np.max))
     height, panels = high - low, []
     for z in low + height * (np.arange(levels) + 0.5) / levels:

@@ -14,7 +14,7 @@ SKIN_DEPTH = 35.0       # mm, distance from the skin to the gland
 MARGIN = 25.0           # mm, thickness of the tissue around the gland
 OTHERS_MARGIN = 8.0     # mm, thickness of the tissue around bones and other regions
 EDGE = 5.0              # mm, distance from the faces of the box at which --crop cuts off regions
-GAP = 0.5               # fraction of an element: distance that is kept between regions that do not touch
+GAP = 0.5               # fraction of the element size: distance that is kept between regions that do not touch
 TOUCH = 1.0             # mm: regions closer to each other than this share a surface
 LOSS = 0.03             # fraction of a region's volume: if keeping the gap would cost more than this, the regions share a surface
 FEET = 2, -1            # axis and side of the face of a box that points toward the feet
@@ -24,10 +24,10 @@ SLENDER = 1.5           # longest edge of the triangles on a thin region, as a m
 
 @dataclasses.dataclass
 class Plan:
-    """The user's requests, apart from the regions. Lengths are in DICOM mm."""
+    """The user's requests, apart from the regions. Lengths are in mm, positions in DICOM coordinates."""
     margin: float = MARGIN
     entry: np.ndarray = None     # point where the needle should go through the skin
-    target: np.ndarray = None    # point where the needle should end
+    target: np.ndarray = None    # point that the needle's tip should reach
     tube: float = None           # radius around the needle's path within which elements are smaller
     skin: Organ = None           # the body, whose surface is the skin; None for a box
     template: approach.Template = None      # template; the needle goes through one of its holes
@@ -35,17 +35,17 @@ class Plan:
 
 
 def outlines_touch(organ, other):
-    """True if, on some slice, outlines of the two organs are closer to each other than TOUCH."""
+    """Returns whether, on some slice, outlines of the two organs are closer to each other than TOUCH."""
     reach = (organ.stack.spacing + other.stack.spacing) / 4
     return any(abs(a.z - b.z) < reach and a.outline.boundary.distance(b.outline.boundary) < TOUCH
                for a in organ.stack.slices for b in other.stack.slices)
 
 
 def smooth_surfaces(organ):
-    """Makes smooth surfaces, by a loft if possible and otherwise from the signed-distance field."""
+    """Returns smooth surfaces of the organ: those it has, or a loft if possible, otherwise the zero surface of its signed-distance field."""
     if organ.shells:
         return organ.shells
-    if organ.shape is None and not organ.share:    # a label image does not need the field
+    if organ.shape is None and not organ.share:    # a label image does not need a loft
         organ.loft = organ.loft or loft.of_stack(organ.stack)
         if organ.loft:
             return [organ.loft]
@@ -60,8 +60,8 @@ def skin_surfaces(organ):
 
 
 def box_around(gland, bones, others, margin=MARGIN, face=FEET):
-    """Returns the low and high corner, DICOM mm. `face`: axis and side (-1 low, 1 high) of the skin. `gland`, `bones`, `others`: lists of shells. `margin`:
-    thickness of the tissue around the gland."""
+    """Returns the low and high corner of the box, DICOM mm. `face`: axis and side (-1 low, 1 high) of the skin. `gland`, `bones`, `others`: lists of shells.
+    `margin`: thickness of the tissue around the gland."""
     def corners(found):
         points = np.vstack([shell.points for shell in found])
         return points.min(axis=0), points.max(axis=0)
@@ -103,8 +103,8 @@ def path_and_block(surfaces, bones, others, plan, spared=()):
 
 
 def path_through_box(target, margin, found, spared):
-    """Returns the path through the box whose skin is the face toward the feet, or the first face with no bones (and, if possible, no spared regions) in the
-    way. `found`: the tuple (surfaces, bones, others)."""
+    """Returns the needle's path, the corners of the box, and its skin face: the face toward the feet, or the first face with no bones (and, if possible, no
+    spared regions) in the needle's way. `found`: the tuple (surfaces, bones, others)."""
     second = None
     for face in FACES:
         low, high = box_around(*found, margin, face)
@@ -117,8 +117,8 @@ def path_through_box(target, margin, found, spared):
 
 
 def path_through_face(entry, target, margin, found):
-    """Returns the path through the box whose skin is the face through `entry` that the needle meets most squarely. `found`: the tuple (surfaces, bones,
-    others)."""
+    """Returns the needle's path, the corners of the box, and its skin face, which passes through `entry` and is as nearly perpendicular to the path as
+    possible. `found`: the tuple (surfaces, bones, others)."""
     way = target - entry
     axis = int(np.argmax(np.abs(way)))
     side = -int(np.sign(way[axis]))
@@ -133,8 +133,8 @@ def path_through_face(entry, target, margin, found):
 
 
 def kept_apart(organ, surfaces, before, gap):
-    """Returns the organ's surfaces, kept at a distance from those of earlier organs; returns None if the surfaces touch, or if too much of the organ would be
-    lost."""
+    """Returns the organ's surfaces, trimmed to keep the distance `gap` from those of earlier organs; returns None if the surfaces touch, or if too much of
+    the organ would be lost."""
     distances = [[shells.distances(other, s.points) for s in surfaces] for other in before]
     away = [min(np.abs(d).min() for d in each) for each in distances]
     if any(d < TOUCH for d in away):
@@ -162,7 +162,7 @@ def origin_under(gland, low, high, face):
 
 
 def world(points, origin):
-    """Converts to metres in the frame of the mesh; x points to the patient's right, y forward, z to the head."""
+    """Converts DICOM mm to metres in the frame of the mesh; x points to the patient's right, y forward, z to the head."""
     return (points - origin) * [-1e-3, -1e-3, 1e-3]
 
 
@@ -172,12 +172,12 @@ def patient(points, origin):
 
 
 def surface_name(organ, organs):
-    """Names an organ's surface: that of the first region is a capsule if it is a prostate."""
+    """Returns the name of an organ's surface; that of the first region is a capsule if the region is a prostate."""
     return "bone" if organ.bone else "capsule" if organ is organs[0] and materials.known(organ.roi, organ.kind) == "prostate" else organ.name + "_wall"
 
 
 def patient_to_mesh(origin):
-    """Returns the transform (4, 4) from mm to m."""
+    """Returns the transform (4, 4) from DICOM mm to metres in the frame of the mesh."""
     matrix = np.diag([-1e-3, -1e-3, 1e-3, 1.0])
     matrix[:3, 3] = world(np.zeros(3), origin)
     return matrix
@@ -187,15 +187,15 @@ TRANSFORM = "patient_to_mesh"    # keyword in the comments of a mesh, followed b
 
 
 def write_transform(path, matrix):
-    """Appends a transform (4, 4) to a mesh, as comments, which Gmsh ignores."""
+    """Appends a transform (4, 4) to a mesh file, as a $Comments section, which Gmsh ignores."""
     with open(path, "a", encoding="ascii") as file:
         file.write(f"$Comments\nfrom DICOM's patient coordinates, mm, to those of this mesh, m, row by row:\n{TRANSFORM}\n")
         file.write("".join(" ".join(f"{value + 0.0:.9g}" for value in row) + "\n" for row in matrix) + "$EndComments\n")
 
 
 def domain_of(organs, nodes, corridor, crop=False, plan=None):
-    """Returns the domain, with the gland first, and region name -> volume of its outlines, m^3. `crop`: the box contains the gland and the
-    bones, not all regions."""
+    """Returns the domain, with the gland first, and a dict of region name -> volume that the region must have in the mesh, m^3. `crop`: true if the box must
+    contain only the gland and the bones, not all regions."""
     plan = plan or Plan()
     if any(a.stack and b.stack and outlines_touch(a, b) for a, b in itertools.combinations(organs, 2)):
         for organ in organs:
@@ -247,8 +247,8 @@ def domain_of(organs, nodes, corridor, crop=False, plan=None):
 
 
 def priority(organ, gland):
-    """Returns the order of priority in overlaps: smaller regions first, except that bones come after regions not larger than the gland, and before
-    the others."""
+    """Returns the sort key for priority in overlaps: smaller regions first, except that bones come after regions not larger than the gland, and before the
+    others."""
     if organ.bone:
         return 1, organ.volume
     return (0 if organ.volume <= gland.volume else 2), organ.volume
@@ -269,7 +269,7 @@ def apart_surfaces(organs, surfaces, gap):
 
 
 def shaped(organs, *arguments):
-    """Calls domain_of, but also returns the organs with their surfaces, because it may run in another process."""
+    """Calls domain_of and also returns the organs with their surfaces, because in a child process the caller's organs do not change."""
     return (organs, *domain_of(organs, *arguments))
 
 
@@ -283,7 +283,7 @@ def mesh_of(organs, nodes, corridor, path, crop=False, plan=None, quiet=()):
         for organ, finished in zip(organs, made):
             vars(organ).update(vars(finished))
         domain.quiet = quiet
-        if not domain.skin:      # the needle's path begins on the skin face of the box
+        if not domain.skin:      # the needle's path begins on the skin face of the box, so that the needle's length can be checked already
             approach.needle_for(*domain.path, domain.plate)
         try:
             meshing.prepare(domain, nodes)
@@ -339,8 +339,9 @@ def give_way(organs, failure, domain):
 
 
 def distances_to_outlines(organs, domain, mesh, outlined):
-    """Returns region name -> distances (mm) of the input points from its surface in the mesh, if nothing was cut off. Bones have no surface where they touch
-    each other or the end of the mesh, because there is no tissue; points of a bone in such places are left out."""
+    """Returns region name -> distances (mm) of the input points from the region's surface in the mesh, for regions that lose less than MOST_LOSS to other
+    regions and outside the box. A bone has no surface in the mesh where it touches another bone or the end of the mesh, because there is no tissue; its
+    points in such places are left out."""
     found, whole = {}, mesh.boundary()
     for organ in organs:
         if outlined[organ.name] > (1 - losses.MOST_LOSS) * organ.volume * 1e-9:

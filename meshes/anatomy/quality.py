@@ -5,11 +5,11 @@ import logging
 
 import numpy as np
 
-logging.getLogger("matplotlib").setLevel(logging.ERROR)      # matplotlib warns if it cannot write to the home folder, which is not needed
+logging.getLogger("matplotlib").setLevel(logging.ERROR)      # hides the warning that matplotlib cannot write to the home folder, which it does not need to do
 import matplotlib  # noqa: E402
 
 matplotlib.use("svg")
-matplotlib.rcParams["svg.fonttype"] = "none"      # keep text as text
+matplotlib.rcParams["svg.fonttype"] = "none"      # writes text as text instead of outlines
 matplotlib.rcParams["svg.hashsalt"] = "trocar"    # reproducible output
 import matplotlib.pyplot as plt  # noqa: E402
 
@@ -100,8 +100,8 @@ def table(mesh, outlined, distances):
 
 
 def mended(organs, mesh, outlined, rows=(), domain=None):
-    """Returns lines of a table: each region's volume as read, after repair, after losses to other regions and the box, and in the mesh; and the same volumes of
-    its parts, if it has several. `rows`: losses.Row."""
+    """Returns lines of a table: each region's volume as read, after repair, without what is lost to overlapping regions and outside the box, and in the mesh;
+    and the same volumes of its parts, if it has several. `rows`: losses.Row."""
     lines = ["", "Volumes, ml; a bone is hollow in the mesh:", "", "| region | as read | mended | used | mesh | mesh to used |", "|---|---|---|---|---|---|"]
     for organ in organs:
         read, used = organ.volume if organ.read is None else organ.read, outlined[organ.name] * 1e9

@@ -91,7 +91,7 @@ def read_image(path, unit=None, names=None, frame=None):
 
 
 def read_outlines(path):
-    """Reads ROI name -> list of rings (n, 3); from a DICOM segmentation, a label map."""
+    """Reads outlines, as ROI name -> list of rings (n, 3); a DICOM segmentation is returned as a label map instead."""
     rois = read_dicom(path) if kind_of(path) == ".dcm" else read_csv(path)
     if isinstance(rois, voxels.LabelMap):
         return rois
@@ -140,7 +140,7 @@ def rois_of(data):
 
 
 def roi_names(sequence):
-    """Returns ROI number -> name, with the number if the name is missing or not unique."""
+    """Returns ROI number -> name; the number replaces a missing name, and is appended to one that is not unique."""
     given = {roi.ROINumber: str(roi.get("ROIName") or "").strip() for roi in sequence}
     often = collections.Counter(given.values())
     return {number: name if name and often[name] == 1 else f"{name} (ROI {number})".strip() for number, name in given.items()}
@@ -154,7 +154,7 @@ def points_of(contour, roi):
 
 
 def read_csv(path):
-    """Reads one point per row under the header COLUMNS; a new number in `outline` starts a new outline."""
+    """Reads one point per row under the header COLUMNS; rows with the same `roi` and `outline` form one outline."""
     rois = {}
     try:
         with open(path, newline="", encoding="utf-8-sig") as file:
@@ -189,7 +189,7 @@ def frame_of(path, given):
 
 
 def check_length(path):
-    """Refuses an STL or PLY file with fewer triangles than its header announces; VTK would silently read those that exist."""
+    """Refuses an STL or PLY file that is shorter than its header announces; VTK would silently read the triangles that exist."""
     with open(path, "rb") as file:
         content = file.read()
     said, found = length_of_stl(content) if kind_of(path) == ".stl" else length_of_ply(content)
@@ -242,8 +242,8 @@ def is_surface(path):
 
 
 def read_mesh(path, unit=None, frame=None, array=None, names=None):
-    """Reads region name -> (surface of its tetrahedra in mm, remarks). `array`: the cells' array of labels. A mesh made by this program contains the patient's
-    position, which `unit` and `frame` override."""
+    """Reads a volume mesh as region name -> (surface of its tetrahedra in mm, remarks). `array`: name of the cell array that contains the labels. A mesh made
+    by this program contains its transform from patient coordinates, which is ignored if `unit` or `frame` is given."""
     if not os.path.exists(path):
         raise BadFile(f"{path}: no such file")
     mesh = gmsh_mesh(path) if kind_of(path) == ".msh" else vtk_mesh(path, array, names or {})
@@ -263,7 +263,7 @@ def read_mesh(path, unit=None, frame=None, array=None, names=None):
 
 
 def says_where(path):
-    """True if this is a mesh made by this program, which contains the patient's position."""
+    """Returns whether this is a mesh that contains its transform from patient coordinates, as those made by this program do."""
     return kind_of(path) == ".msh" and transform_in(path) is not None
 
 
@@ -299,12 +299,12 @@ def vtk_mesh(path, array, names):
     values = cell_labels(path, split.GetCellData(), array)
     numbers, region = np.unique(values, return_inverse=True)
     tets = vtk_to_numpy(split.GetCells().GetConnectivityArray()).reshape(-1, 4)
-    points, same = np.unique(vtk_to_numpy(split.GetPoints().GetData()).astype(float), axis=0, return_inverse=True)     # joins cells' copies
+    points, same = np.unique(vtk_to_numpy(split.GetPoints().GetData()).astype(float), axis=0, return_inverse=True)     # merges points that cells share
     return quality.Mesh(points, same.reshape(-1)[tets], region.reshape(-1), [names.get(int(n), str(int(n))) for n in numbers])
 
 
 def cell_labels(path, data, array):
-    """Returns the cell array with this name, if any; otherwise an array with a usual name; otherwise the only array that contains integers."""
+    """Returns the cell array named `array`, if given; otherwise an array with a usual name; otherwise the only array that contains integers."""
     arrays = {data.GetArrayName(n): vtk_to_numpy(data.GetArray(n)) for n in range(data.GetNumberOfArrays())}
     whole = [name for name, values in arrays.items()
              if values.ndim == 1 and np.all(np.isfinite(values)) and np.all(values == np.rint(values)) and len(np.unique(values)) <= MOST_LABELS]

@@ -1,5 +1,5 @@
-"""Moves individual nodes to improve the worst dihedral angles of a mesh. Gmsh's optimisation cannot improve them further, because it does not move
-surfaces."""
+"""Moves individual nodes to improve the worst dihedral angles of a mesh. Gmsh's optimisation cannot improve them further, because it does not
+move nodes on surfaces."""
 import itertools
 
 import numpy as np
@@ -14,7 +14,7 @@ LEAST_GAIN = 1e-3       # fraction of the badness: smallest gain for which a nod
 MOST_CHANGE = 2e-3      # fraction of a region's volume: largest change caused by moving nodes on its surface; when this is reached, only inner nodes are moved
 DIRECTIONS = np.array([d for d in itertools.product((-1, 0, 1), repeat=3) if any(d)], float)
 DIRECTIONS /= np.linalg.norm(DIRECTIONS, axis=1, keepdims=True)
-# All four normals point to the same side (outward or inward, depending on the tetrahedron's orientation).
+# corners of the faces, ordered so that the four normals point all outward or all inward, depending on the tetrahedron's orientation
 FACES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
 
 
@@ -68,9 +68,8 @@ def moved(mesh, still, surface):
 
 
 def better_place(points, star, node, anchor):
-    """Returns a position of the node that improves the worst of the tetrahedra around it (`star`), or None if there is none. `anchor`: a position to which the
-    node
-    must stay close, or None."""
+    """Returns a position of the node that improves the worst of the tetrahedra around it (`star`), or None if there is none. `anchor`: a position to which
+    the node must stay close, or None."""
     others = np.unique(star[star != node])
     edge = np.linalg.norm(points[others] - points[node], axis=1).mean()
     places = (points[node] + edge * STEPS[:, None, None] * DIRECTIONS).reshape(-1, 3)
@@ -80,6 +79,6 @@ def better_place(points, star, node, anchor):
     corners[1:] = np.where((star == node)[None, :, :, None], places[:, None, None, :], corners[1:])
     worst = badness(corners).max(axis=1)
     volumes = signed_volumes(corners)
-    worst[np.any(volumes * np.sign(volumes[0]) <= 0, axis=1)] = np.inf     # turned inside out
+    worst[np.any(volumes * np.sign(volumes[0]) <= 0, axis=1)] = np.inf     # a tetrahedron would be turned inside out
     best = int(np.argmin(worst))
     return places[best - 1] if best and worst[best] < (1 - LEAST_GAIN) * worst[0] else None

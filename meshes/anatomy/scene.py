@@ -23,7 +23,7 @@ def listed(values):
 
 
 def place(matrix, start):
-    """Returns lines with the transform (4, 4) from patient coordinates, and the needle."""
+    """Returns two lists of lines: the transform (4, 4) from patient coordinates, and the needle."""
     rows = [listed(row) for row in matrix]
     deep = f", depth: {start.depth:.4f}"
     return ["", "patient_to_mesh: [" + rows[0] + ",    # from DICOM's patient coordinates, mm"] + [
@@ -46,9 +46,9 @@ def guide(template, matrix):
 
 
 def text(title, mesh, soft, bones, walls, **more):
-    """Returns the scene's text. `soft`: names of regions, the first of interest first; `bones`: whether there are any; `walls`: names of the other surfaces.
-    `more` contains `found` (name -> materials.Found, also for "surrounding"), `wall_of` (name of a region -> name of its surface), `matrix` and `start` (see
-    place), and `template` or None."""
+    """Returns the scene's text. `soft`: names of regions, with the region of interest first; `bones`: true if there are bones; `walls`: names of the other
+    surfaces. `more` contains `found` (name -> materials.Found, also for "surrounding"), `wall_of` (name of a region -> name of its surface), `matrix` and
+    `start` (see place), and `template` or None."""
     found = more.get("found") or {name: materials.find(name) for name in [*soft, "surrounding"]}
     wall_of = more.get("wall_of") or {}
     lines = [f"# {title}", "# All values are in SI units, and assumptions; a key that is left out has its default (docs/reference/scene.csv).", "",

@@ -1,4 +1,4 @@
-"""Gmsh's session."""
+"""Starts Gmsh sessions, and reads meshes from them."""
 import gmsh
 import numpy as np
 
@@ -43,7 +43,7 @@ def current_mesh():
 
 
 def read(path):
-    """Reads the mesh in a file; groups without a name are numbered."""
+    """Reads the mesh in a file; groups without a name get their number as name."""
     gmsh.open(path)
     gmsh.model.mesh.setOrder(1)
     if len(gmsh.model.mesh.getElementsByType(4)[0]) == 0:

@@ -1,4 +1,4 @@
-"""The files that a user gives: the regions in them, and which of these are meant."""
+"""Reads the files given by the user, and selects regions in them."""
 import dataclasses
 import difflib
 import fnmatch
@@ -36,7 +36,7 @@ def read(path, work, *arguments):
         raise BadFile(f"{path}: {causes}: {error}") from error
     except MemoryError as error:
         raise BadFile(f"{path}: too large for this machine's memory") from error
-    except Exception as error:  # of any kind
+    except Exception as error:  # libraries raise exceptions of any kind
         if isinstance(error, OSError) and error.filename:
             raise
         raise BadFile(f"{path}: {DAMAGED}: {type(error).__name__}: {error}") from error
@@ -64,7 +64,7 @@ def paths_of(given):
 
 
 def read_all(given):
-    """Returns the sources of the files that were given."""
+    """Reads all files given on the command line; returns their Sources."""
     paths = paths_of(given)
     kinds, first = {reading.kind_of(path) for path in paths}, paths[0]
     names = voxels.read_names(given.names) if given.names else {}
@@ -99,7 +99,7 @@ def read_all(given):
 
 
 def stems(paths):
-    """Returns a dict: path -> name of its region."""
+    """Returns path -> name of its region."""
     found = {}
     for path in paths:
         stem = reading.stem_of(path)
@@ -138,12 +138,12 @@ def of_map(map_, in_mm):
 
 
 def is_large(surfaces):
-    """True if the surfaces together are as large as regions of a body in mm; a small surface among them is then assumed to be a lesion."""
+    """Returns whether several surfaces together are as large as regions of a body in mm; a small surface among them is then assumed to be a lesion."""
     points = np.vstack([surface.points for surface, _ in surfaces.values()])
     return len(surfaces) > 1 and PLAUSIBLE <= np.ptp(points, axis=0).max() <= organ.LARGE
 
 
-# ---- which of them -----------------------------------------------------------------------------------------------------------------------
+# ---- selection of regions ----------------------------------------------------------------------------------------------------------------
 
 @dataclasses.dataclass
 class Choice:
@@ -159,7 +159,7 @@ def listed(names):
 
 
 def pick(wanted, sources, path):
-    """Returns the regions that a word of the user denotes: one region by its name or number, or all regions that match a pattern."""
+    """Returns the regions that an argument of the command line selects: one region by its name or number, or all regions that match a pattern."""
     plain = wanted.strip().lower()
     alike = [name for name in sources.regions if name.strip().lower() == plain]
     if alike:

@@ -11,7 +11,7 @@ class Empty(BadFile):
 
 
 def needed(module, package, path):
-    """Imports a module that is needed only for one kind of file."""
+    """Imports and returns a module that is needed only for one kind of file."""
     try:
         return importlib.import_module(module)
     except ImportError as error:

@@ -1,9 +1,9 @@
 """Finds clusters of pieces in a label image whose surfaces are connected.
 
-CGAL finds a surface with a few random rays and follows it from there; it may miss a surface that is connected to no other one, such as that of a lesion in an
-organ. Such surfaces are therefore extracted one by one, each in its own section of the image, where the rays cannot miss it.
+CGAL finds surfaces with a few random rays and follows them from there; it may miss a surface that is not connected to any other, such as that of a lesion in
+an organ. Clusters are therefore extracted one by one, each in its own section of the image, where the rays cannot miss it.
 
-Pieces that touch are neighbours in a graph. Two edges of this graph are in the same cluster if some cycle contains both: the cluster's surfaces meet
+Pieces that touch are neighbours in a graph. Two edges of this graph are in the same cluster if some cycle contains both; the surfaces of a cluster meet
 along lines. A piece that encloses others is in several clusters: it is the inside of one and the outside of the others.
 """
 import collections
@@ -19,7 +19,7 @@ AROUND = 0               # number of the tissue (or air) that surrounds all piec
 @dataclasses.dataclass
 class Cluster:
     outer: int               # number of the piece that surrounds the cluster
-    inner: list              # the other numbers
+    inner: list              # numbers of the other pieces
     stands: dict             # maps every number in the cluster to itself, and every other number to the one in the cluster to which it is attached
     edges: set               # pairs of numbers whose common surface is part of the cluster
 
@@ -80,7 +80,7 @@ def cluster_of(graph, edges):
 
 
 def joined(graph, clusters, pairs):
-    """Returns the clusters, merging those of each pair (of their numbers)."""
+    """Returns the clusters after merging the two of each pair of cluster indices."""
     groups = [{k} for k in range(len(clusters))]
     for a, b in pairs:
         one, other = (next(group for group in groups if k in group) for k in (a, b))
@@ -92,7 +92,7 @@ def joined(graph, clusters, pairs):
 
 
 def hanging_on(graph, mine, edges):
-    """Maps every node to the cluster's node from which it is reached without the cluster's edges."""
+    """Maps every node to the node of the cluster from which it is reached without using the cluster's edges."""
     stands = {node: node for node in mine}
     way = list(mine)
     while way:

@@ -20,7 +20,7 @@ class Field:
     values: np.ndarray   # (z, y, x) signed distance, negative inside the shape
 
     def points(self):
-        """Positions of the grid points, (z * y * x, 3)."""
+        """Returns the positions of the grid points, (z * y * x, 3)."""
         k, j, i = np.indices(self.values.shape)
         return self.low + self.step * np.stack([i, j, k], axis=-1).reshape(-1, 3)
 
@@ -36,7 +36,7 @@ class Field:
 
     def apart_from(self, shell, gap):
         """Returns the same shape without the parts that are closer than `gap` to the surface of another shape, on either side of it."""
-        reach = np.abs(self.values) < 4 * max(gap, self.step)   # farther away, this surface has no influence
+        reach = np.abs(self.values) < 4 * max(gap, self.step)   # farther outside, the other surface has no influence
         reach |= self.values < 0
         distance = np.full(self.values.size, np.inf)
         distance[reach.ravel()] = shells.distances(shell, self.points()[reach.ravel()])
@@ -66,7 +66,7 @@ def grid(low, high):
 
 
 def distance_to_outline(outline, x, y):
-    """Returns the signed distance at points of a slice."""
+    """Returns the signed distances of points of a slice from its outline, negative inside."""
     nearest = np.full(x.shape, np.inf)
     for polygon in outline.geoms:
         for ring in (polygon.exterior, *polygon.interiors):
@@ -79,7 +79,8 @@ def distance_to_outline(outline, x, y):
 
 
 def of_stack(stack):
-    """Shape-based interpolation between slices (Raya and Udupa 1990); the end slices reach half a thickness further."""
+    """Returns the Field of a stack by shape-based interpolation between slices (Raya and Udupa 1990), extended by half a slice thickness beyond the end
+    slices."""
     bounds = np.array([s.outline.bounds for s in stack.slices])
     heights = np.array([s.z for s in stack.slices])
     axes, step = grid(np.array([*bounds[:, :2].min(axis=0), heights[0] - stack.spacing / 2]),

@@ -17,12 +17,12 @@ MOST_VOXELS = 4e6
 VOXELS_PER_EDGE = 6.0       # edge length of the surface triangles, in voxels
 VOXELS_PER_RADIUS = 2.5     # voxels in the radius of the thinnest part
 FLATNESS = 0.3              # largest distance of a facet from its surface, as a fraction of the thinnest part's radius
-CLOSE_VOXELS = 3.0          # smaller gaps between regions are closed, because the facets on both sides would cross
+CLOSE_VOXELS = 3.0          # gaps between regions narrower than this are closed, because the facets on both sides would cross
 CLEAR = 2.9                 # smallest distance, in voxels, between pieces that do not touch
-REACH = 20                  # voxels, distance from a piece within which the next piece is searched for
+REACH = 20                  # voxels, margin around a region or cluster within which its neighbours are searched for
 MOST_THIN = 0.10            # fraction of a region: if a larger fraction of it is thin, its thin places are kept
 LEAST_VOID = 2.0            # voxels: a void is filled if the largest ball in it has a smaller radius
-FINE = 100                  # number of voxels along a surface that intersects itself
+FINE = 100                  # number of voxels along the longest side of a surface that intersects itself
 OUTSIDE = -1                # stands for the tissue around all regions, instead of the index of a region
 
 
@@ -33,10 +33,10 @@ class Image:
     step: float
     labels: np.ndarray   # (z, y, x) uint16
     sources: np.ndarray  # (z, y, x) uint16: 1 + number of the part that was drawn in this voxel; 0 for none
-    owners: np.ndarray   # (parts + 1,) label of each part's region, after a 0
+    owners: np.ndarray   # (parts + 1,) label of each part's region, at 1 + the part's number; 0 at 0
 
     def sources_in(self, mask, label, window=...):
-        """Returns the parts of the label's region in the voxels of a mask; 0 elsewhere."""
+        """Returns `sources` in the voxels of a mask where the part belongs to the label's region; 0 elsewhere."""
         sources = self.sources[window]
         return np.where(mask & (self.owners[sources] == label), sources, 0)
 
@@ -56,7 +56,7 @@ class Pieces:
 
 
 def box_of(mask, margin):
-    """Returns slices that cut out of an array a mask and this many voxels around it; returns None if the mask is empty."""
+    """Returns the slices of a mask's bounding box, enlarged by this many voxels on each side; returns None if the mask is empty."""
     found = []
     for axis in range(3):
         at = np.flatnonzero(mask.any(axis=tuple(a for a in range(3) if a != axis)))
@@ -75,8 +75,7 @@ def image_data(values):
 
 def pairs_in(first, second):
     """Returns the distinct pairs of corresponding elements of two arrays of non-negative integers, in ascending order, and how often each pair occurs.
-    (np.unique of
-    rows takes twenty times as long.)"""
+    (np.unique of rows takes twenty times as long.)"""
     width = int(second.max(initial=0)) + 1
     keys, often = np.unique(first.astype(np.int64) * width + second, return_counts=True)
     return np.column_stack([keys // width, keys % width]), often
@@ -92,7 +91,7 @@ def distance_to(mask, step):
 
 
 def connected_in(mask):
-    """Returns the connected components of a mask, numbered from 1, and their voxel counts, largest first. Voxels are connected by their faces."""
+    """Returns the connected components of a mask, numbered from 1, and their voxel counts, largest first. Voxels are connected if they share a face."""
     connectivity = vtk.vtkImageConnectivityFilter()
     connectivity.SetInputData(image_data(mask.astype(np.uint8)))
     connectivity.SetScalarRange(1, 1)
@@ -106,8 +105,8 @@ def connected_in(mask):
 # ---- drawing ---------------------------------------------------------------------------------------------------------------------------
 
 def drawn(shell, low, step, shape):
-    """Returns the mask (z, y, x) of the voxels enclosed by a closed surface, and its position in an image of this shape; returns None if the surface lies
-    outside the image. `step`: the voxel size of the image, either one number for all axes or three."""
+    """Returns the mask (z, y, x) of the voxels enclosed by a closed surface, and the slices that it occupies in an image of this shape; returns None, None if
+    the surface lies outside the image. `step`: the voxel size of the image, either one number for all axes or three."""
     step = np.broadcast_to(step, 3)
     first = np.maximum(0, np.floor((shell.points.min(axis=0) - low) / step).astype(int) - 1)
     last = np.minimum(np.array(shape[::-1]) - 1, np.ceil((shell.points.max(axis=0) - low) / step).astype(int) + 1)
@@ -129,7 +128,7 @@ def drawn(shell, low, step, shape):
 
 
 def winding(shell, low, step, size):
-    """Returns the winding number of a surface around each voxel of a grid (z, y, x): 0 is outside, even if parts overlap or are inverted."""
+    """Returns the winding number of a surface around each voxel of a grid (z, y, x); it is 0 outside, even if parts overlap or are inverted."""
     points = (shell.points - low) / step + [1.23e-5, 2.34e-5, 0]    # shifted so that no vertex lies on the line through a column of voxels
     steps = np.zeros((size[0], size[1], size[2] + 1), np.int32)
     a, b, c = (points[shell.triangles[:, k]] for k in range(3))
@@ -148,7 +147,7 @@ def winding(shell, low, step, size):
 
 
 def all_inside(shell):
-    """Returns the surfaces of the whole interior of a surface that may cross itself."""
+    """Returns the surfaces of everything that is enclosed by a surface that may cross itself."""
     step = float(np.ptp(shell.points, axis=0).max()) / FINE
     low = shell.points.min(axis=0) - 3 * step
     size = np.ceil((shell.points.max(axis=0) + 3 * step - low) / step).astype(int) + 1
@@ -169,9 +168,9 @@ def thinnest(regions):
 
 
 def image_of(regions, edge, box=None, body=False):
-    """Draws the regions (lists of parts' surfaces) in their order of priority, the first on top; label k + 1 is region k. Nothing is drawn outside
-    `box` (low, high). `body`: true if the last region is much larger than the box. Also returns the fraction of each part that is lost to other regions and
-    to the box (as number OUTSIDE): {(part, winner): share}; parts are numbered over all regions."""
+    """Draws the regions (lists of parts' surfaces) in their order of priority, the first on top; label k + 1 is region k. Nothing is drawn outside `box`
+    (low, high). `body`: true if the last region is much larger than the box. Also returns {(part, winner): fraction of the part that another region takes or
+    that lies outside the box}; `winner` is the index of that region, or OUTSIDE for the box, and parts are numbered across all regions."""
     thin = thinnest(regions[:-1] if body and len(regions) > 1 else regions)
     points = np.vstack([shell.points for region in regions for shell in region])
     if body:
@@ -247,7 +246,7 @@ def splinters(numbers, sources):
 
 
 def reassign(image, count, left):
-    """Gives these voxels the nearest other label, or no label."""
+    """Assigns these voxels to the nearest other label, or to none if a voxel without a label is nearer."""
     if not left.any():
         return
     image.labels[left] = 0
@@ -268,8 +267,8 @@ def reassign(image, count, left):
 
 def drop_thin(image, count, radius):
     """Reassigns sheets and spurs of regions that are too thin for a ball of this radius, and splinters, to the nearest other label, because they would become
-    flat tetrahedra. They arise where regions' outlines nearly coincide. A region that is thin everywhere is kept, and so is a part
-    that would break or vanish, except sheets beside other regions, and the wall of a void."""
+    flat tetrahedra. They arise where regions' outlines nearly coincide. Regions that are thin everywhere are kept, and so are the walls of voids, and thin
+    places without which a part would break or vanish, unless they lie beside another region."""
     radius = max(radius, image.step)
     left = np.zeros(image.labels.shape, bool)
     for label in range(1, count + 1):
@@ -292,7 +291,7 @@ def drop_thin(image, count, radius):
 
 
 def walls(image, left):
-    """Returns those of the given voxels that separate voids of the surrounding tissue: connected voxels that touch several voids."""
+    """Returns those of the given voxels that separate voids of the surrounding tissue: groups of connected voxels that touch several voids."""
     voids, sizes = connected_in(image.labels == 0)
     if len(sizes) < 2 or not left.any():
         return np.zeros(left.shape, bool)
@@ -310,7 +309,7 @@ def walls(image, left):
 
 
 def holding(image, labels, mask, opened, sources, radius):
-    """Returns the thin places in parts of a region that an opening would break or remove, except those beside other regions."""
+    """Returns the thin places without which a morphological opening would break or remove a part of a region, except those beside other regions."""
     whole, _ = connected_in(mask)
     numbers, _ = connected_in(opened)
     large = ~splinters(numbers, sources)
@@ -327,7 +326,7 @@ def holding(image, labels, mask, opened, sources, radius):
 
 
 def surrounded(numbers, number):
-    """Returns the section of an image of numbered clusters with this one and REACH voxels around it."""
+    """Returns the section of an image of numbered clusters that contains this one with a margin of REACH voxels."""
     return numbers[box_of(numbers == number, REACH)]
 
 
@@ -348,7 +347,7 @@ def separate(image):
 
 
 def pieces_of(image, count):
-    """Returns the image's connected components; splinters are reassigned first."""
+    """Removes splinters from the image, and returns its connected components."""
     left = np.zeros(image.labels.shape, bool)
     for label in range(1, count + 1):
         mask = image.labels == label

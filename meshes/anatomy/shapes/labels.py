@@ -15,19 +15,19 @@ from .label_image import FLATNESS, OUTSIDE, box_of, distance_to, thinness
 from .shells import Shell, connected
 
 FLATNESS_OF_EDGE = 0.1      # fraction of the triangle edge length: lower bound on the allowed distance of a facet from its surface
-THIN = 1.5                  # radii: size of the tetrahedra in a piece that is thinner than a triangle's edge
+THIN = 1.5                  # size of the tetrahedra in a piece that is thinner than a triangle's edge, as a multiple of the piece's radius
 GRAIN = 0.75                # fraction of the radius of the largest ball in a piece: largest size of the tetrahedra in the piece
 SLOPE = 0.5                 # increase in the size of tetrahedra per unit of distance from a piece that was missed
 PER_SIZE = 1.3              # edge of a triangle, as a multiple of the size of the small tetrahedra next to it
 EQUILATERAL = 0.866         # surface area per node for equilateral triangles, as a multiple of the squared edge length
-MM = 1e3                    # scale from m to mm, because the file for CGAL has only six decimals
-SMALL = 0.8                 # fraction of a triangle's edge: smaller tetrahedra get a layer of this size around them
+MM = 1e3                    # scale from m to mm, because coordinates in the file for CGAL have only six decimals
+SMALL = 0.8                 # fraction of a triangle's edge: a piece with smaller tetrahedra is surrounded by a layer of tetrahedra of the same size
 REFINEMENTS = 6             # maximum number of attempts for thin pieces
 MARGIN = 0.5                # fraction of the triangle edge length: distance from the pieces to the border of their section
 JOININGS = 3                # maximum number of passes in which clusters whose surfaces intersect are joined
 FINER = 0.85                # ratio of element sizes between successive attempts
 MOST_MISSING = 0.01         # largest fraction of a piece's surface that may be missing
-MOST_PLACES = 4000          # number of points on a piece's surface at which this is checked
+MOST_PLACES = 4000          # approximate maximum number of points at which a piece's surface is checked for missing places
 FACET_ANGLE = 25.0          # deg; CGAL's surface refinement is guaranteed to terminate for values up to 30
 CIRCUMRADIUS = 0.6          # limit of a triangle's circumradius, as a fraction of its edge; the ratio is 0.577 for equilateral triangles
 CORRECTIONS = 8             # number of Newton steps toward the prescribed volumes; three usually suffice
@@ -68,7 +68,7 @@ class Complex:
         return np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
 
     def surface(self, pieces):
-        """Returns the triangles around all cells of these pieces, with normals outward."""
+        """Returns the triangles around all cells of these pieces, with outward normals."""
         mine = self.among(pieces)
         first, second = mine[self.sides[:, 0]], mine[self.sides[:, 1]]
         return Shell(self.points, np.vstack([self.triangles[first & ~second], self.triangles[second & ~first][:, ::-1]]))
@@ -80,22 +80,21 @@ class Section:
     low: np.ndarray          # (3,) centre of the first voxel
     step: float
     numbers: np.ndarray      # (z, y, x): 1 + the index of a piece in `pieces`; 0 around the pieces
-    pieces: list             # of the image
+    pieces: list             # numbers of the pieces in the image
     radii: list              # their thinness, m
     balls: list              # radii of the largest balls in the pieces, m
 
 
 @dataclasses.dataclass
 class Sizes:
-    """Limits of the circumradii of CGAL's tetrahedra, m."""
+    """Upper limits of the circumradii of CGAL's tetrahedra, m."""
     edge: float              # everywhere
     within: list             # in each piece
-    seeded: set              # pieces around which the size of tetrahedra grows with distance, in all other pieces
+    seeded: set              # pieces that were missed: around them, in other pieces, the size of tetrahedra grows with distance
 
 
 def cgal_labels(section, sizes):
-    """Returns an image for CGAL, whose labels start at 1; for each label, its piece (OUTSIDE for the surroundings); and the size of the tetrahedra in each
-    piece."""
+    """Returns an image for CGAL, whose labels start at 1; and for each label, its piece (OUTSIDE for the surroundings) and the size of its tetrahedra."""
     numbers, edge, step = section.numbers.astype(np.int64), sizes.edge, section.step
     bound = np.full(numbers.shape, edge, np.float32)
     layer = np.zeros(numbers.shape, np.int64)
@@ -143,7 +142,7 @@ def meshed(section, flatness, sizes):
 
 
 def centres_of(corners):
-    """Returns the circumcentres of tetrahedra (n, 4, 3); for a flat tetrahedron, its centre."""
+    """Returns the circumcentres of tetrahedra (n, 4, 3); for a flat tetrahedron, its centroid."""
     edges = corners[:, 1:] - corners[:, :1]
     flat = np.abs(np.linalg.det(edges)) < 1e-9 * np.linalg.norm(edges, axis=2).prod(axis=1)
     edges[flat] = np.eye(3)
@@ -166,8 +165,8 @@ def neighbours(tets):
 
 
 def without_splinters(points, tets, labels):
-    """Returns the labels of the tetrahedra. Cells smaller than SPLINTER of their region's largest cell get the label that surrounds most of their surface;
-    label 0 is none."""
+    """Returns the labels of the tetrahedra, in which cells smaller than SPLINTER of the largest cell with the same label take the label that borders most of
+    their surface; label 0 is none."""
     corners, left, right = neighbours(tets)
     a, b, c = (points[corners[:, k]] for k in range(3))
     area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
@@ -192,7 +191,7 @@ def without_splinters(points, tets, labels):
 
 
 def complex_of(points, tets, labels):
-    """Returns the surfaces of labels, with one cell for each connected component."""
+    """Returns the complex of labelled tetrahedra, with one cell for each connected component of a label."""
     labels = without_splinters(points, tets, labels)
     tets, labels = tets[labels > 0], labels[labels > 0]
     if not len(tets):
@@ -240,14 +239,14 @@ def corrected(made, volumes):
             break
         held = np.zeros(len(free), bool)
         held[np.concatenate([corners for _, *both in pairs for corners in both])] = True
-        for _ in range(number):     # and their neighbours
+        for _ in range(number):     # also hold their neighbours, one layer more in each attempt
             held[made.triangles[held[made.triangles].any(axis=1)]] = True
         free[held] = 0
     return result
 
 
 def with_volumes(made, volumes, free):
-    """Returns the complex with its points moved by Newton steps. `free`: weight (n,) of each point; a point with weight 0 stays."""
+    """Returns the complex with its points moved by Newton steps toward these volumes. `free`: weight (n,) of each point; a point with weight 0 stays."""
     wanted = np.array([volume for _, volume in volumes])
     weight = np.zeros(len(made.points))
     for k in range(3):
@@ -364,8 +363,7 @@ def surfaces_of_clusters(image, pieces, edge, radii, balls):
 
 
 def glued(every, made, count):
-    """Merges the clusters' complexes into one complex with the pieces of all; also returns the missing fraction of each piece's surface, and the
-    cluster of each point."""
+    """Merges the clusters' complexes into one; also returns the missing fraction of each piece's surface, and the cluster of each point."""
     points, triangles, sides, cells, missed, owner = [np.zeros((0, 3))], [np.zeros((0, 3), int)], [np.zeros((0, 2), int)], [], [1.0] * count, []
     total = 0
     for k, (cluster, (found, lost, pieces)) in enumerate(zip(every, made)):
@@ -373,7 +371,7 @@ def glued(every, made, count):
             missed[piece] = share
         outer = outer_cell(cluster, found, cells, points, triangles, sides)
         first = len(cells)
-        cells += [pieces[piece] if piece != OUTSIDE else cluster.outer - 1 for piece in found.cells]       # a void is part of the piece that surrounds it
+        cells += [pieces[piece] if piece != OUTSIDE else cluster.outer - 1 for piece in found.cells]       # a void belongs to the piece around the cluster
         sides.append(np.where(found.sides == OUTSIDE, outer, found.sides + first))
         triangles.append(found.triangles + total)
         points.append(found.points)
@@ -393,7 +391,8 @@ def outer_cell(cluster, found, cells, points, triangles, sides):
 
 
 def groups_of(pieces):
-    """Groups parts and pieces that belong together, because a part may break and parts may merge; returns a list of (set of parts, set of pieces)."""
+    """Groups the parts and pieces that overlap, directly or through others: a part may break into pieces, and parts may merge. Returns a list of (set of
+    parts, set of pieces)."""
     groups = []
     for part, piece in pieces.held:
         mine = [group for group in groups if part in group[0] or piece in group[1]]

@@ -6,9 +6,9 @@ from .. import limits, session
 from . import contours
 from .shells import Shell, oriented
 
-POINTS, HARMONICS = 24, 6     # number of points and harmonics of an outline's spline; higher harmonics are tremor
+POINTS, HARMONICS = 24, 6     # number of points and harmonics of an outline's spline; higher harmonics are considered tremor of the hand
 QUARTERS = 4                  # number of splines per section; a single closed spline would give a periodic face, which is hard to mesh
-END = 0.8                     # size of the section that lies half a thickness beyond the last slice, where the organ ends, relative to the last slice
+END = 0.8                     # size of the organ's end section, half a slice thickness beyond the end slice, relative to that slice
 ERROR = 0.05                  # fraction of the volume: a loft with a larger error has folded onto itself
 FINE = 1 / 24                 # edge of a triangle, relative to the organ's longest side
 

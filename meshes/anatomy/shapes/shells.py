@@ -5,9 +5,9 @@ import numpy as np
 import vtk
 from vtk.util.numpy_support import numpy_to_vtk, numpy_to_vtkIdTypeArray, vtk_to_numpy
 
-vtk.vtkSMPTools.SetBackend("Sequential")   # VTK's threads do not survive in the processes started by `limits`
+vtk.vtkSMPTools.SetBackend("Sequential")   # VTK's threads do not exist in the processes forked by `limits`
 
-OFFSETS = 4       # number of steps in which a surface is offset toward a volume
+OFFSETS = 4       # maximum number of iterations in offsetting a surface to a given volume
 SPLINTER = 0.01   # fraction of the largest part's volume: smaller parts are removed
 
 
@@ -28,22 +28,22 @@ class Shell:
         return float(np.einsum("ij,ij->", self._normals(), self.points[self.triangles[:, 0]] - apex)) / 3
 
     def signed_volume(self):
-        """The volume, negative if the normals point inward."""
+        """Returns the enclosed volume, negative if the normals point inward."""
         return self.cones(self.points[0])
 
     def about_middle(self):
-        """The volume of the cones from the mean of the points to the triangles; for an open surface, the cones of its holes are missing."""
+        """Returns the volume of the cones from the mean of the points to the triangles; for an open surface, the cones of its holes are missing."""
         return abs(self.cones(self.points.mean(axis=0)))
 
     def volume(self):
         return abs(self.signed_volume())
 
     def facing_outward(self):
-        """Returns the same surface with normals outward: if necessary, all triangles are reversed."""
+        """Returns the same surface with outward normals; if necessary, all triangles are reversed."""
         return self if self.signed_volume() > 0 else Shell(self.points, self.triangles[:, ::-1])
 
     def holding(self, volume):
-        """Returns the same surface with all points moved along their normals by one distance, so that it encloses this volume."""
+        """Returns the same surface with all points moved along their normals by the same distance, so that it encloses this volume."""
         points = self.points
         for _ in range(OFFSETS):
             moved = Shell(points, self.triangles)
@@ -114,13 +114,13 @@ def all_parts(shell):
 
 
 def parts(shell):
-    """Returns the surface without splinters."""
+    """Returns the connected components that are not splinters, largest first."""
     found = all_parts(shell)
     return [part for part in found if part.volume() > SPLINTER * found[0].volume()]
 
 
 def outermost(found):
-    """Returns the closed surfaces that do not lie within a larger one; the surfaces of cavities do."""
+    """Returns the closed surfaces that do not lie inside a larger one, which leaves out the surfaces of cavities."""
     ordered, kept = sorted((part for shell in found for part in all_parts(shell)), key=lambda part: -part.volume()), []
     for part in ordered:
         if part.volume() > SPLINTER * ordered[0].volume() and not any(distances(other, part.points[:1])[0] < 0 for other in kept):
@@ -129,8 +129,8 @@ def outermost(found):
 
 
 def solids(found):
-    """Combines connected surfaces, all with outward normals, into one surface for each solid: its outer surface and the surfaces of its cavities, whose normals
-    are turned into the cavities."""
+    """Combines connected surfaces, all with outward normals, into one surface for each solid: its outer surface and the surfaces of its cavities, whose
+    normals are reversed to point into the cavities."""
     ordered, around = sorted(found, key=lambda part: -part.volume()), []
     for n, part in enumerate(ordered):
         around.append([k for k in range(n) if is_within(part, ordered[k])])
@@ -153,21 +153,21 @@ def joined(found):
 
 
 def oriented(shell):
-    """Returns a connected surface with all normals outward, whatever the order of each triangle's corners. If the order is consistent, the triangles are not
-    changed: where four meet at an edge, as at two voxels of a label that share only an edge, only the order shows which two belong together."""
+    """Returns a connected surface with all normals outward, whatever the order of each triangle's corners. If that order is consistent, the triangles are not
+    changed: where four triangles meet at an edge, as at two voxels of a label that share only an edge, only the order shows which of them belong together."""
     made = shell if triangles_agree(shell) else sheets_turned(shell)
     return made if made.signed_volume() > 0 else Shell(made.points, made.triangles[:, ::-1])
 
 
 def triangles_agree(shell):
-    """True if each edge is traversed as often in one direction as in the other."""
+    """Returns whether each edge is traversed as often in one direction as in the other."""
     ends = np.concatenate([shell.triangles[:, pair] for pair in ((0, 1), (1, 2), (2, 0))])
     _, edge = np.unique(np.sort(ends, axis=1) @ [len(shell.points), 1], return_inverse=True)
     return not np.any(np.bincount(edge.reshape(-1), np.where(ends[:, 0] < ends[:, 1], 1, -1)))
 
 
 def sheets_turned(shell):
-    """Returns the same surface with the triangles of each sheet in one order, and each sheet's normals outward."""
+    """Returns the same surface with the triangles of each sheet ordered consistently, and with outward normals of each sheet."""
     normals = configured(vtk.vtkPolyDataNormals(), Consistency=True, NonManifoldTraversal=False, Splitting=False, ComputePointNormals=False,
                          ComputeCellNormals=True)     # without either kind of normals VTK returns its input
     alike = from_vtk(pipe(to_vtk(shell), normals))
@@ -211,8 +211,7 @@ def mended(surface):
 
 def sheets_of(shell):
     """Returns the sheet of each triangle, the edges of each triangle, and the number of triangles that meet at each edge. A sheet is connected by edges where
-    two
-    triangles meet."""
+    two triangles meet."""
     edges = np.sort(np.concatenate([shell.triangles[:, pair] for pair in ((0, 1), (1, 2), (2, 0))]), axis=1)
     _, edge, often = np.unique(edges, axis=0, return_inverse=True, return_counts=True)
     edge = edge.reshape(3, -1).T       # of each triangle
@@ -296,7 +295,7 @@ def crossing_pairs(whole):
 
 
 def distances(shell, points):
-    """Returns the signed distance of points (n, 3) to a closed shell, negative inside."""
+    """Returns the signed distances of points (n, 3) from a closed shell, negative inside."""
     distance = vtk.vtkImplicitPolyDataDistance()
     distance.SetInput(to_vtk(shell))
     values = vtk.vtkDoubleArray()

@@ -1,7 +1,7 @@
 """Reads label maps (NIfTI, NRRD and DICOM SEG) and turns their labels into closed surfaces in DICOM's patient coordinates, mm.
 
-Between two slices shapes are interpolated by their signed distances (Raya and Udupa 1990). A surface between two labels is where their distances
-are equal, so that labels which touch in the image share it.
+Between two slices, shapes are interpolated by their signed distances (Raya and Udupa 1990). The surface between two labels lies where their distances
+are equal, so that labels that touch in the image share it.
 """
 import bz2
 import dataclasses
@@ -32,7 +32,7 @@ PASS_BAND = 0.1        # pass band of the smoothing filter, at most 2: removes w
 SMOOTHED = 0.05        # largest change in a part's volume by smoothing: a part that changes more is a few voxels thin and is not smoothed
 # fraction of a part's volume: interpolation makes parts that are only one slice thick too thin; if the error is larger than this, they are thickened
 OFF_VOLUME = 0.05
-MOST_CHECKED = 4000    # number of points on a label's surface at which the distance from the mesh is measured
+MOST_CHECKED = 4000    # maximum number of points on a label's surface at which the distance from the mesh is measured
 ROUNDING = 1e-3        # largest difference between a label and a whole number, for example after scaling
 APART = 1.0            # mm: the report mentions it if the two transforms in a file place the image's corners farther apart than this
 OFF_LATTICE = 0.05     # voxels, largest offset between maps that are considered to have the same lattice
@@ -41,7 +41,7 @@ LPS = np.diag([-1.0, -1.0, 1.0, 1.0])   # converts RAS to LPS, and back
 
 @dataclasses.dataclass
 class Segment:
-    layer: int               # of the map
+    layer: int               # index of its layer in the map
     value: int
     code: str = ""           # the segment's description in the file, from which its material is chosen
     also: tuple = ()         # other names by which a user may refer to it
@@ -59,7 +59,7 @@ class LabelMap:
         return self.layers[segment.layer] == segment.value
 
     def voxel(self):
-        """mm^3"""
+        """Returns the volume of a voxel, mm^3."""
         return abs(np.linalg.det(self.place[:3, :3]))
 
 
@@ -101,8 +101,8 @@ def check_place(path, place):
 
 
 def check_compressed(path):
-    """Raises EOFError or OSError if the file is compressed and does not reach its end with the right checksum, because nibabel reads only up to the
-    last voxel."""
+    """Raises EOFError or OSError if a compressed file is truncated or its checksum is wrong. nibabel would not notice, because it reads only up to the last
+    voxel."""
     if not path.lower().endswith(".gz"):
         return
     with gzip.open(path) as file:
@@ -211,15 +211,16 @@ def nrrd_beside(path, fields):
 
 
 def nrrd_axes(fields, sizes):
-    """Returns the directions of the three axes of space, the origin, and the number of the axis of layers, or None. A fourth axis, of layers or of time, may be
-    at any position; its direction is "none" or, as ITK writes it, lies outside the first three coordinates."""
+    """Returns the directions of the three spatial axes, the origin, and the index of the layer axis or None; returns None if the header does not define three
+    spatial axes. A fourth axis, for layers or time, may be at any position; its direction is "none" or, as ITK writes it, lies outside the first three
+    coordinates."""
     said = [None if text == "none" else np.array([float(v) for v in text[1:-1].split(",")])
             for text in re.findall(r"none|\([^)]*\)", fields.get("space directions", ""))]
     origin = np.array([float(v) for v in fields.get("space origin", "(0,0,0)").strip("() ").split(",")])
     if not said and "spacings" in fields:
         spacings = [float(v) for v in fields["spacings"].split()]
         said = [None] * (len(spacings) - 3) + list(np.diag(spacings[-3:]))
-    if len(said) == 3 and len(sizes) == 4:      # there is no entry for the axis of layers
+    if len(said) == 3 and len(sizes) == 4:      # the layer axis has no entry
         said = [None, *said]
     spatial = [n for n, v in enumerate(said) if v is not None and len(v) >= 3 and not np.any(v[3:] != 0)]
     others = [n for n in range(len(said)) if n not in spatial]
@@ -229,8 +230,8 @@ def nrrd_axes(fields, sizes):
 
 
 def nrrd_start(fields, sizes):
-    """Returns the number of the first voxel along each axis of space. 3D Slicer before 4.7 stored the position of voxel 0 instead of the first
-    voxel's."""
+    """Returns the index of the first voxel along each spatial axis, and remarks. 3D Slicer before 4.7 stored the position of voxel 0 instead of that of the
+    first voxel."""
     extent = fields.get("Segmentation_Extent")
     if extent is None or "Segmentation_ReferenceImageExtentOffset" in fields:
         return np.zeros(3), []
@@ -289,7 +290,7 @@ def read_nrrd(path, unit, names, frame):
 def nrrd_segments(fields, layers, names):
     """Returns a dict of name -> Segment, named by the .seg.nrrd fields that 3D Slicer writes; without those fields, segments are named by number."""
     segments = {}
-    # in files written before layers were shared, each segment has its own layer
+    # in older files, from before segments could share a layer, each segment has its own
     several = len(layers) > 1 and not any(key.endswith("_Layer") for key in fields)
     for n in sorted({int(match[1]) for match in map(re.compile(r"Segment(\d+)_").match, fields) if match}):
         value, layer = int(fields.get(f"Segment{n}_LabelValue", 1)), int(fields.get(f"Segment{n}_Layer", n if several else 0))
@@ -453,7 +454,7 @@ def canonical(map_):
 
 
 def together(maps):
-    """Merges several files on one lattice, which may cover different parts of it, into one map. `maps`: path -> map."""
+    """Merges the maps of several files into one map; the maps must have the same lattice, but may cover different parts of it. `maps`: path -> map."""
     if len(maps) == 1:
         return next(iter(maps.values()))
     maps = {path: canonical(named_after_file(path, map_, UNNAMED)) for path, map_ in maps.items()}
@@ -490,11 +491,11 @@ class Border:
     offsets: np.ndarray      # (k,) positions of the faces along their normals
 
     def __call__(self, points):
-        """Returns the distance of points (n, 3) to the nearest face."""
+        """Returns the distances of points (n, 3) from the nearest face."""
         return (self.offsets - points @ self.normals.T).min(axis=1)
 
     def seen_from(self, origin):
-        """Returns the same border in a mesh's frame, m, with its origin at this position, DICOM mm."""
+        """Returns the same border in the frame of a mesh, m, whose origin is at this position, DICOM mm."""
         return Border(self.normals * [-1, -1, 1], 1e-3 * (self.offsets - self.normals @ origin))
 
 
@@ -508,7 +509,7 @@ class Outlined:
     voxel: float             # volume of one voxel, mm^3
     notes: list
     border: Border = None
-    gone: list = dataclasses.field(default_factory=list)     # (volume, place) of parts that have no surface, in mm^3 and DICOM mm
+    gone: list = dataclasses.field(default_factory=list)     # (volume, position) of parts that have no surface, in mm^3 and DICOM mm
     joined: list = dataclasses.field(default_factory=list)   # (volumes of parts that share one surface, centre of that surface), in the same units
 
 
@@ -567,7 +568,7 @@ def face_points(mask):
 
 
 def body_of(map_, name):
-    """Returns the Outlined of the body, which contains the segment of this name and all other segments, because in one layer, their voxels are not part of the
+    """Returns the Outlined of the body: the segment of this name and all other segments, because voxels of others in the same layer are not part of the
     body's segment."""
     every = np.zeros(map_.layers[0].shape, bool)
     for segment in map_.segments.values():
@@ -621,7 +622,7 @@ def outlined_one(map_, name, masks):
     if border:
         notes.append("reaches the image's border and may be cut off there")
     margin = AROUND * stride
-    first = np.array([each.start for each in tight]) - margin          # the first voxel, which may lie before the image
+    first = np.array([each.start for each in tight]) - margin          # index of the section's first voxel, which may be negative
     window = tuple(slice(max(0, each.start - margin), min(count, each.stop + margin)) for each, count in zip(tight, size))
     beside = np.pad(others_beside(name, masks, window),
                     [(inner.start - start, start + each.stop - each.start + 2 * margin - inner.stop) for inner, start, each in zip(window, first, tight)])
@@ -643,7 +644,7 @@ def outlined_one(map_, name, masks):
 
 
 def border_of(map_, tight):
-    """Returns the border of the image where a label that fills this section touches it, or None."""
+    """Returns the faces of the image that a label in this section touches, or None."""
     normals, offsets, inverse = [], [], np.linalg.inv(map_.place[:3, :3])
     for axis, (each, count) in enumerate(zip(tight[::-1], map_.layers[0].shape[::-1])):      # x, y, z
         for side, at, reached in ((-1, -0.5, each.start == 0), (1, count - 0.5, each.stop == count)):

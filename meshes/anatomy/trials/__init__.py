@@ -1,1 +1,1 @@
-"""Synthetic patients and runs over many of them, for tests and for the reports in meshes/. Not installed."""
+"""Generates synthetic patients and runs the program on many of them, for tests and for the tables in docs/results/anatomy. Not installed."""

@@ -1,4 +1,4 @@
-"""Problems that real scans revealed, reproduced with simple shapes: each case is run through the program as a user would call it.
+"""Problems that real scans revealed, reproduced with simple shapes: the program is run on each case as a user would run it.
 
 usage: python3 -m anatomy.trials.cases [--program COMMAND] [--build FOLDER] [CASE...]     prints a Markdown table
 """
@@ -21,7 +21,7 @@ ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.dirname(os.path.a
 
 
 class Case:
-    """A folder with a case's files."""
+    """The folder with a case's files."""
 
     def __init__(self, folder):
         self.folder = folder
@@ -142,7 +142,7 @@ def scan(case, spacing=(2.0, 2.0, 2.0), lesions=1, radius=8.0):
 
 
 def all_labels(case):
-    """Names every label of the torso, with ribs and vertebrae as bones, for a program without --all."""
+    """Names every label of the torso on the command line, with ribs and vertebrae as bones, for a program without --all."""
     files = scan(case)
     bones = [name for name in torso.NAMES.values() if name.startswith(("rib", "vertebrae"))]
     soft = ["liver"] + [name for name in torso.NAMES.values() if name not in bones and name != "liver"]
@@ -176,7 +176,7 @@ def kidney_in_cropped_scan(case):
 # ---- parts -----------------------------------------------------------------------------------------------------------------------------------
 
 def satellites(case):
-    """A tumour with satellites of 9 and 7 mm."""
+    """A tumour with satellites of 9 and 7 mm diameter."""
     grid = block((50, 50, 50), (1.0, 1.0, 1.0))
     tumour = grid.ellipsoid((0, 0, 0), (16, 14, 15)) | grid.ellipsoid((28, 0, 0), (4.5,) * 3) | grid.ellipsoid((-5, 27, 5), (3.5,) * 3)
     return [case.nrrd(labelled(grid, tumour), grid.place, {1: "Tumour"}), "--roi", "Tumour", "--nodes", "1500"]
@@ -189,7 +189,7 @@ def small_bowel(case):
     return [case.nrrd(labelled(grid, loops), grid.place, {1: "small_bowel"}), "--roi", "small_bowel", "--nodes", "1500"]
 
 
-# ---- what the program does with all of them ------------------------------------------------------------------------------------------------------
+# ---- all cases -----------------------------------------------------------------------------------------------------------------------------------
 
 CASES = [bones_that_touch, bones_2_mm_apart, bones_3_mm_apart, lesion_of_8_mm_in_prostate, lesion_of_8_mm_in_prostate_5000, lesion_of_10_mm_in_prostate,
          lesion_after_prostate, lesion_of_10_mm_in_liver, five_lesions_of_8_mm_in_liver, twenty_lesions_of_8_mm_in_liver, lesion_alone_beside_its_organ,
@@ -197,7 +197,7 @@ CASES = [bones_that_touch, bones_2_mm_apart, bones_3_mm_apart, lesion_of_8_mm_in
 
 
 def run(command, folder, **more):
-    """Runs the program; returns its exit status, processor time (s), memory (MB), and output."""
+    """Runs a command; returns its exit status, processor time (s), memory (MB), output, and elapsed time (s)."""
     began = time.monotonic()
     with open(os.path.join(folder, "said"), "w+", encoding="utf-8") as said:
         child = subprocess.Popen(command, stdout=said, stderr=said, cwd=folder, **more)
@@ -208,7 +208,8 @@ def run(command, folder, **more):
 
 
 def insertion(build, prefix, folder):
-    """Returns the events and their times during the scripted push into a scene, and the largest force."""
+    """Returns the end of trocar-replay's output for the scripted push into a scene (the events with their times, and the largest force), or an error
+    message."""
     device, replay = (os.path.join(build, "clients", name) for name in ("trocar-device", "trocar-replay"))
     log, table = os.path.join(folder, "in.log"), os.path.join(folder, "in.csv")
     status, _, _, said, _ = run([device, "--script", "insert", "--scene", prefix + ".yaml", "--write-log", log], folder)

@@ -1,4 +1,4 @@
-"""Writes label maps as every supported kind of file, for tests and for the tables in docs/results/anatomy."""
+"""Writes label maps in every supported file format, for tests and for the tables in docs/results/anatomy."""
 import numpy as np
 import pydicom
 import shapely.geometry
@@ -18,9 +18,8 @@ SEGMENTATION_UID = shipped.UID + ".4"
 
 
 def pelvis(spacing=(1.0, 1.0, 1.5), urethra=True):
-    """Returns the labels NAMES of the synthetic patient as an array (k, j, i), and the transform (4, 4) from voxels to mm, LPS. The body is an ellipse that
-    ends
-    below."""
+    """Returns the labels NAMES of the synthetic patient as an array (k, j, i), and the transform (4, 4) from voxels to mm, LPS. The body has elliptical
+    cross-sections and is rounded at the perineum."""
     gland = patient.Gland()
     low, high = np.array([-95.0, -75.0, -62.0]), np.array([95.0, 75.0, 80.0])
     x, y, z = (np.arange(a, b, s) for a, b, s in zip(low, high, spacing))
@@ -53,7 +52,7 @@ def pelvis(spacing=(1.0, 1.0, 1.5), urethra=True):
 
 
 def turned(place, degrees):
-    """Returns the same image for a patient who is rotated about the axis from feet to head, as in a tilted scan."""
+    """Returns the transform of the same image for a patient who is rotated about the axis from feet to head, as in a tilted scan."""
     turn = np.eye(4)
     a = np.radians(degrees)
     turn[:3, :3] = [[np.cos(a), -np.sin(a), 0], [np.sin(a), np.cos(a), 0], [0, 0, 1]]
@@ -61,7 +60,7 @@ def turned(place, degrees):
 
 
 def label_table(names):
-    """Returns the XML that TotalSegmentator puts into its files' header extension, in the form of Connectome Workbench's label tables, with names as
+    """Returns the XML that TotalSegmentator writes into the header extension of its files: a label table like Connectome Workbench's, with the names as
     CDATA."""
     rows = "".join(f'<Label Key="{value}" Red="{value % 3 / 2}" Green="{value % 5 / 4}" Blue="0.0" Alpha="1"><![CDATA[{name}]]></Label>\n'
                    for value, name in names.items())
@@ -72,7 +71,7 @@ def label_table(names):
 
 def write_nifti(path, labels, place, kind=np.uint8, names=None):
     """Writes a NIfTI file. `names`: label -> name, written into the header as TotalSegmentator does."""
-    import nibabel      # imported here, so that the other writers need no more packages than the program
+    import nibabel      # imported here, so that the other writers work without it
     image = nibabel.Nifti1Image(labels.T.astype(kind), np.diag([-1.0, -1.0, 1.0, 1.0]) @ place)
     image.header.set_xyzt_units("mm")
     if names:
@@ -123,8 +122,8 @@ def write_seg(path, labels, place, names):
 
 
 def write_surface(path, shell, frame="LPS"):
-    """Writes a surface by the path's extension: .stl, .ply, .obj, .vtp or .vtk. The points are in LPS or, as 3D Slicer used to write them,
-    in RAS."""
+    """Writes a surface in the format given by the path's extension: .stl, .ply, .obj, .vtp or .vtk. The points are in LPS or, as 3D Slicer used to write
+    them, in RAS."""
     if frame == "RAS":
         shell = shells.Shell(shell.points * [-1, -1, 1], shell.triangles)
     writer = {".stl": vtk.vtkSTLWriter, ".ply": vtk.vtkPLYWriter, ".obj": vtk.vtkOBJWriter, ".vtp": vtk.vtkXMLPolyDataWriter,

@@ -17,10 +17,10 @@ ROUNDS = 30             # maximum number of iterations in the search for the tis
 
 @dataclasses.dataclass
 class Insertion:
-    """N, m."""
+    """The results of an insertion, in N and m."""
     peak: float              # N, largest force on the hand
     last: float              # N, force after the rest at the target
-    punctures: list          # (membrane, travel from the skin at rest, force just before the puncture)
+    punctures: list          # (membrane, travel beyond the skin's rest position, force just before the puncture)
     region: str              # region whose tissue is at the tip at the end; "" outside the tissue
     off_target: float        # distance from the tip to the displaced target
     shift: float             # displacement of the target
@@ -28,7 +28,7 @@ class Insertion:
 
 
 def push(path, build=None, speed=SPEED, change=None):
-    """Returns the Insertion into the scene at this path; change(scene) is called before the model is created."""
+    """Simulates the insertion in the scene at this path; returns the Insertion. change(scene) is called before the model is created."""
     trocar = binding.trocar(build)
     scene = trocar.Scene.load(path)
     if change:

@@ -1,9 +1,9 @@
 """Runs label maps, surfaces and volume meshes of every kind through the program; prints tables as CSV, and fails if a result is not within the limits.
 
 usage: python3 -m anatomy.trials.label_stress kinds [NODES [KIND...]]   the synthetic patient as every kind of file; default 570, all
-       python3 -m anatomy.trials.label_stress random [FIRST [COUNT]]    random label maps: numbers of the maps; default 0 200
-       python3 -m anatomy.trials.label_stress crowded BUILD_DIR [FIRST [COUNT [SIZE [NODES]]]]   the same with enclosed lesions, satellites and bones that touch; each is
-                                                                 loaded and pierced; default 0 200 0.6 900; SIZE: of the organs
+       python3 -m anatomy.trials.label_stress random [FIRST [COUNT]]    COUNT random label maps, from number FIRST; default 0 200
+       python3 -m anatomy.trials.label_stress crowded BUILD_DIR [FIRST [COUNT [SIZE [NODES]]]]   the same, with enclosed lesions, satellites and touching bones;
+                                                                 each is loaded and pierced; SIZE scales the organs; default 0 200 0.6 900
        python3 -m anatomy.trials.label_stress forces BUILD_DIR [NODES]  the same insertion in one organ from outlines, labels and a surface
 """
 import concurrent.futures
@@ -31,7 +31,7 @@ VOLUME_LIMIT = 0.01                     # largest permitted error in a volume, a
 LEAST_ANGLE, GREATEST_ANGLE = 10, 165   # deg
 MEAN_LIMIT = 1.0                        # mm, mean distance from the faces of the voxels to the mesh
 SPACING = (1.0, 1.0, 1.5)               # mm
-RANDOM_TRIES = 3                        # number of attempts for random maps
+RANDOM_TRIES = 3                        # maximum number of meshing attempts for a random map
 GOOD_REFUSALS = (BadFile, Unusable, TooLong)
 
 
@@ -42,13 +42,13 @@ def used():
 
 
 def make(*arguments):
-    """Returns the result of run() and suppresses its output."""
+    """Runs the program with these arguments, without its output; returns the result of run()."""
     with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
         return command.run(options.parse([*(str(argument) for argument in arguments), "--quiet"]))
 
 
 class Patient:
-    """Returns the synthetic patient and its true volumes."""
+    """The synthetic patient, its true volumes, and its files in every format."""
 
     def __init__(self, folder):
         self.folder = folder
@@ -64,7 +64,7 @@ class Patient:
         return np.where((labels == 1) | (labels == 5), labels, 0).astype(np.uint8)
 
     def whole(self):
-        """Returns the true volumes of solid()."""
+        """Returns the true volumes of the regions in solid(), mm^3."""
         return {"Prostate": np.count_nonzero(self.solid() == 1) * np.prod(SPACING)}
 
     def shells(self):
@@ -236,7 +236,7 @@ FORCE_LIMIT = 0.03      # largest permitted difference between forces, as a frac
 
 
 def forces(build, nodes=570):
-    """Runs the script `insert` of trocar-device from the same place on the patient."""
+    """Compares the forces of the same scripted insertion (`insert` of trocar-device) in meshes from different inputs; returns 1 if they differ too much."""
     tables.row("input", "nodes", "prostate_ml", "peak_N", "peak_to_first_percent", "rms_difference_percent_of_peak")
     build, curves, volumes = os.path.abspath(build), [], []
     with tempfile.TemporaryDirectory() as place:
@@ -264,8 +264,7 @@ def forces(build, nodes=570):
 
 def random_map(number):
     """Returns labels (k, j, i), their transform, and the numbers of the soft labels and of the bones. The labels are blobs that touch, nest, branch, are thin
-    or leave the image;
-    the same number gives the same map."""
+    or extend beyond the image; the same number gives the same map."""
     random = np.random.default_rng(number)
     size = random.integers(24, 90, 3)
     spacing = random.choice([0.7, 1.0, 1.5, 2.5, 5.0], 3, p=[0.2, 0.3, 0.3, 0.1, 0.1])
@@ -295,7 +294,7 @@ def random_map(number):
 
 
 def random_row(number, folder_):
-    """Returns a row of the table, and whether it is good: a mesh within the limits of volume, or a refusal that names a cause."""
+    """Returns a row of the table, and whether the result is good: a mesh within the limits of volume, or a refusal that names a cause."""
     labels, place, soft, bones = random_map(number)
     began = used()[0]
     path = os.path.join(folder_, f"{number}.nrrd")
@@ -341,9 +340,9 @@ LESIONS, ORGAN, SECOND, BODY, FIRST_BONE = 1, 2, 3, 4, 5
 
 
 def crowded_map(number, size=1.0):
-    """Returns labels (k, j, i), their transform, and the program's arguments: an organ with lesions in it, another organ that touches it, satellites of both,
-    bones that touch or lie up to 3 mm apart, and sometimes a body around all; the same number gives the same map. `size`: of all but the voxels, small parts
-    and gaps."""
+    """Returns labels (k, j, i), their transform, the labels' names, and the program's arguments: an organ with lesions in it, another organ that touches it,
+    satellites of both, bones that touch or lie up to 3 mm apart, and sometimes a body around all; the same number gives the same map. `size` scales
+    everything but the voxels, small parts and gaps."""
     random = np.random.default_rng(10000 + number)
     spacing = np.array([random.choice([1.0, 1.5, 2.0])] * 2 + [random.choice([1.0, 1.5, 2.0, 3.0])])
     half = size * np.array([75.0, 65.0, 60.0])
@@ -387,13 +386,14 @@ def crowded_map(number, size=1.0):
 
 
 def parts_of_map(labels, place, value):
-    """Returns the connected components of a label as an array of their numbers (k, j, i), and their volumes, mm^3; voxels are connected by their faces."""
+    """Returns the connected components of a label as an array of their numbers (k, j, i), and their volumes, mm^3; voxels are connected if they share a
+    face."""
     numbers, count = scipy.ndimage.label(labels == value)
     return numbers, np.bincount(numbers.ravel(), minlength=count + 1)[1:] * abs(np.linalg.det(place[:3, :3]))
 
 
 def volumes_in_mesh(mesh, domain, name, numbers, place):
-    """Returns the mesh's volume for each part of a label, mm^3; parts that have merged are counted with the largest one."""
+    """Returns the volume in the mesh of each part of a label, mm^3; the volume of parts that have merged is counted for the largest of them."""
     chosen = np.flatnonzero(mesh.region == mesh.regions.index(name))
     tets = mesh.tets[chosen]
     corners = np.sort(np.concatenate([tets[:, sorted({0, 1, 2, 3} - {k})] for k in range(4)]), axis=1)
@@ -415,7 +415,7 @@ def volumes_in_mesh(mesh, domain, name, numbers, place):
 
 
 def losses_in(organs, mesh, domain, labels, place, names):
-    """Returns the largest loss of a part that is not named, and the number of parts; a part is named if its volume is in a remark."""
+    """Returns the largest relative change in the volume of a part that no remark names, and the number of parts; a remark names a part by its volume."""
     worst, count = 0.0, 0
     for organ in organs:
         if organ.bone:
@@ -433,8 +433,8 @@ def losses_in(organs, mesh, domain, labels, place, names):
 
 
 def crowded_row(number, folder_, build, size=SMALL, nodes=FEW):
-    """Returns a row of the table, whether it is good (the scene loads, the needle enters the first region, and losses of parts are small or named), and the
-    largest change in a part's volume that is not named."""
+    """Returns a row of the table, whether the result is good (the scene loads, the needle enters the first region, and changes in the parts' volumes are
+    small or named in a remark), and the largest change in a part's volume that no remark names."""
     binding.trocar(build)
     labels, place, names, chosen = crowded_map(number, size)
     began, path = used()[0], os.path.join(folder_, f"{number}.seg.nrrd")

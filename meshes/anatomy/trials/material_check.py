@@ -1,5 +1,5 @@
 """Simulates an insertion into each material of materials.py: the dent of a region before the needle enters, the force at that moment, and the largest force
-on the way to the middle. Prints docs/results/anatomy/materials.csv, and fails if a needle does not enter.
+on the way to the centre. Prints docs/results/anatomy/materials.csv, and fails if a needle does not enter.
 
 usage: python3 -m anatomy.trials.material_check BUILD_DIR [NAME...]
 """
@@ -15,11 +15,11 @@ from .. import binding, materials
 from . import insertion, label_stress, nrrd, torso
 
 SPACING = (2.0, 2.0, 2.0)           # mm
-HALF = 45.0, 40.0, 25.0             # mm, half axes of the region, which is 25 mm deep from its surface to its middle
+HALF = 45.0, 40.0, 25.0             # mm, half axes of the region; its centre is 25 mm below its surface
 DEEP = 35.0                         # mm, thickness of materials.SURROUNDING between the skin and the region
 NODES = 900
-REGION, WALL = "liver", "liver_wall"     # a name for which the region's surface is a membrane
-MOST_DENT = 25.0                    # mm: a region that deforms more than this is considered to be pushed away instead of being entered
+REGION, WALL = "liver", "liver_wall"     # a name with which the region's surface becomes a membrane
+MOST_DENT = 25.0                    # mm: if a region is dented by more than this, the needle is considered to push it away instead of entering it
 COLUMNS = ("material", "modulus, kPa", "stiffening", "puncture force of its surface, N", "dent, mm", "force at the puncture, N", "largest force, N",
            "distance of the tip from the centre, mm", "displacement of the centre, mm", "entered", "published force on a needle")
 LINEAR = "(liver, linear, as by shear waves)"     # row that is shown only for comparison
@@ -44,8 +44,8 @@ def assign(scene, material):
 
 
 def measure(path, material):
-    """Returns the region's dent when its surface is punctured, mm, the force on the hand at that moment, N (both NaN if it never is), and the
-    insertion."""
+    """Returns the region's dent when its surface is punctured, mm, and the force on the hand at that moment, N (both NaN if it is never punctured), and the
+    Insertion."""
     found = insertion.push(path, change=lambda scene: assign(scene, material))
     walls = [(1e3 * travel - DEEP, force) for membrane, travel, force in found.punctures if membrane == WALL]
     return *(walls[0] if walls else (np.nan, np.nan)), found

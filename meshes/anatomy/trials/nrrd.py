@@ -5,8 +5,8 @@ import numpy as np
 
 
 def write_nrrd(path, layers, place, names=None, space="left-posterior-superior"):
-    """`layers`: one array (k, j, i), or several, as 3D Slicer writes labels that overlap; `names`: label -> name for the first layer, or (layer, label) ->
-    name."""
+    """Writes a NRRD file. `layers`: one array (k, j, i), or several, as 3D Slicer writes labels that overlap; `names`: label -> name for the first layer, or
+    (layer, label) -> name."""
     several = isinstance(layers, list)
     sign = np.diag([-1.0, -1.0, 1.0]) if space.startswith("right") else np.eye(3)
     vectors = ["(" + ",".join(f"{v:.9g}" for v in column) + ")" for column in (sign @ place[:3, :3]).T]

@@ -19,8 +19,8 @@ class Gland:
     apex: float = 0.25          # narrowing toward the apex; 0 gives a symmetric gland
     dent: float = 0.18          # depth of the rectum's indentation, as a fraction of the half height
     tilt: float = 0.10          # backward tilt of the axis toward the base
-    lean: float = 0.0           # sideways
-    lobes: float = 0.0          # fraction by which the right side is larger than the left
+    lean: float = 0.0           # sideways tilt of the axis, like `tilt`
+    lobes: float = 0.0          # fraction by which the right side is enlarged and the left side reduced
     arch_gap: float = 7.0       # mm, distance between the gland's front and the symphysis
     arch_angle: float = 84.0    # deg, angle between the rami
     half: tuple = None          # mm: half width, half height, half length, computed from the others
@@ -33,7 +33,7 @@ class Gland:
 
 
 class Section:
-    """Outlines of the gland at height z over its centre; half axes in any unit."""
+    """The gland's outlines at height z above its centre; half axes in any unit."""
     EXPONENT = 2.2              # exponent of the superellipse; 2 is an ellipse
 
     def __init__(self, gland, half):
@@ -58,7 +58,7 @@ class Section:
 
 
 def arch_depth(gland, x, y, z):
-    """Returns the signed distance to the pubic arch, mm, negative inside: two rami from the symphysis, bones 14 mm thick."""
+    """Returns the signed distance from the pubic arch, mm, negative inside. The arch consists of two rami, 14 mm thick, from the symphysis."""
     top = np.array([0.0, -(gland.half[1] + gland.arch_gap + 7), -gland.half[2] + 6])
     opening = math.radians(gland.arch_angle / 2)
     way = 42 * np.array([math.sin(opening), math.cos(opening), -0.5])
@@ -108,7 +108,7 @@ def outlines(gland, spacing=5.0, offset=0.5):
 
 
 def random_gland(random):
-    """Returns one of the patients of the stress test: 15 to 120 ml, asymmetric."""
+    """Returns a random gland for the stress test: 15 to 120 ml, asymmetric."""
     return Gland(volume=1e3 * math.exp(random.uniform(math.log(15), math.log(120))), width=random.uniform(1.1, 1.6),
                  length=random.uniform(0.9, 1.4), apex=random.uniform(0.0, 0.6), dent=random.uniform(0.0, 0.3),
                  tilt=random.uniform(-0.1, 0.3), lean=random.uniform(-0.12, 0.12), lobes=random.uniform(-0.12, 0.12),
@@ -116,7 +116,7 @@ def random_gland(random):
 
 
 def spoil(rings, random, noise):
-    """Returns the same outlines with typical defects: noise (mm) over about 5 mm of outline, other starting points, directions and numbers of
+    """Returns the same outlines with typical defects: noise (mm) that varies over about 5 mm of outline, other starting points, directions and numbers of
     points, repeated closing points, spikes, missing slices, and duplicated outlines."""
     spoilt = []
     last = len(rings) - 1

@@ -1,4 +1,4 @@
-"""Writes the outlines that the repository ships: a synthetic patient as RT Structure Set and as CSV.
+"""Writes the outlines that the repository contains: a synthetic patient, as an RT Structure Set and as CSV.
 
 usage: python3 -m anatomy.trials.shipped FOLDER
 """

@@ -12,7 +12,7 @@ from ..shapes import shells
 from . import patient, tables
 
 VOLUME_LIMIT = 0.03                     # largest permitted error in a volume, as a fraction of the volume of the outlines as read
-MEAN_LIMIT, GREATEST_LIMIT = 1.0, 6.0   # mm, mean and greatest distance from the surface to the outlines without the defects, which move them by up to 10 mm
+MEAN_LIMIT, GREATEST_LIMIT = 1.0, 6.0   # mm, mean and greatest distance of the surface from the outlines before spoil(), which moves them by up to 10 mm
 
 
 def make(number):
@@ -26,7 +26,7 @@ def make(number):
 
 
 def planimetry(rings):
-    """Returns the volume between rings as read, mm^3, with one ring per slice, by the shoelace formula; copies count once."""
+    """Returns the volume enclosed by rings as read, mm^3, with one ring per slice, by the shoelace formula; duplicates count once."""
     areas = {}
     for x, y, z in (ring.T for ring in rings):
         areas[z[0]] = abs(x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2

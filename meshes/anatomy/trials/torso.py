@@ -5,13 +5,13 @@ import numpy as np
 NAMES = {1: "spleen", 2: "kidney_right", 3: "kidney_left", 4: "gallbladder", 5: "liver", 6: "stomach", 7: "pancreas", 11: "lung_lower_lobe_left",
          14: "lung_lower_lobe_right", 18: "small_bowel", 20: "colon", 31: "vertebrae_L1", 32: "vertebrae_T12", 33: "vertebrae_T11", 34: "vertebrae_T10",
          35: "vertebrae_T9", 52: "aorta", 63: "inferior_vena_cava", 86: "autochthon_left", 87: "autochthon_right",
-         # labels of TotalSegmentator's class "total", version 2
+         # labels of TotalSegmentator's task "total", version 2
          **{91 + k: f"rib_left_{k}" for k in (7, 8, 9, 10)}, **{103 + k: f"rib_right_{k}" for k in (7, 8, 9, 10)}}
-BODY, LESIONS = "body_trunc", "liver_lesions"        # names of labels of the classes "body" and "liver_lesions"
+BODY, LESIONS = "body_trunc", "liver_lesions"        # label names of the tasks "body" and "liver_lesions"
 LOW, HIGH = np.array([-170.0, -115.0, -100.0]), np.array([170.0, 115.0, 100.0])      # mm, LPS, corners of the image
 TRUNK = 155.0, 102.0                                 # mm, half axes of the body
 WALL = 143.0, 90.0                                   # mm, half axes of the ellipse along which the ribs lie
-LIVER = -62.0, -12.0, 5.0                            # middle, mm
+LIVER = -62.0, -12.0, 5.0                            # mm, centre of the liver
 SLOPE = 0.35                                         # slope of a rib, downward from back to front
 LESION = np.array([-88.0, -18.0, 8.0])               # mm, centre of the first lesion
 
@@ -59,8 +59,8 @@ def lesion_places(count):
 
 
 def torso(spacing=(3.0, 3.0, 3.0), lesions=1, radius=8.0):
-    """Returns the labels NAMES as an array (k, j, i), masks of the lesions and of the body, and the transform (4, 4) from voxels to mm, LPS. Lesions lie within
-    the liver, whose label includes their voxels, as in TotalSegmentator's files."""
+    """Returns the labels NAMES as an array (k, j, i), masks of the lesions and of the body, and the transform (4, 4) from voxels to mm, LPS. The lesions lie
+    inside the liver, whose label includes their voxels, as in TotalSegmentator's files."""
     g = Grid(spacing)
     body = (np.hypot(g.x / TRUNK[0], g.y / TRUNK[1]) < 1) & (g.z > -1e3)
     labels = np.zeros(g.shape, np.uint8)

@@ -1,6 +1,7 @@
 """Results of the verification checks, kept in results/: the rows of each check in NAME.csv, and in runs.csv one line for each check's last full run."""
 import csv
 import hashlib
+import re
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
@@ -41,8 +42,10 @@ def all_checks():
 
 
 def digest_of_mechanics():
-    """Returns a digest of the C sources in core/. It shows whether they have changed since a run, even without the repository's history."""
+    """Returns a digest of the C sources in core/ without comments and white space. It shows whether the code has changed since a run, even without the
+    repository's history."""
     digest = hashlib.sha256()
     for path in sorted(str(path.relative_to(ROOT)) for path in (ROOT / "core").rglob("*") if path.suffix in (".c", ".h")):
-        digest.update(path.encode() + b"\0" + (ROOT / path).read_bytes())
+        code = re.sub(r'("(?:\\.|[^"\\\n])*")|/\*.*?\*/', r"\1 ", (ROOT / path).read_text(encoding="utf-8"), flags=re.DOTALL)
+        digest.update(f"{path}\0{' '.join(code.split())}".encode())
     return digest.hexdigest()[:12]

@@ -66,7 +66,7 @@ vec3 creep_free_at(const tick_input *tick, const insertion_state *state, const c
 vec3 creep_unresolved(const tick_input *tick, const insertion_state *state, const creep_step *creep, double from, double to);
 vec3 creep_unresolved_at_entry(const tick_input *tick, const insertion_state *state, const creep_step *creep);
 
-/* True if only the needle's current contacts displace the tissue: there are no other bodies, and this needle has left no memory. RT */
+/* True if only the needle's current contacts displace the tissue: no other body loads it, and this needle has left no residual loads. RT */
 bool creep_free_is_zero(const tick_input *tick, const insertion_state *state);
 
 /* True if enough residual load has been added that the worker should be told. RT */

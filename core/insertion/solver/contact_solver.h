@@ -29,10 +29,10 @@ typedef struct {
     double back;                         /* N, force while sliding back, at most level[0] */
 } staircase;
 
-/* Find the forces on the tissue, in local frames, such that: across the needle, A force = gap; along the needle, slip = gap - A force, with force in
-   [lower, upper] where slip = 0, upper + viscosity[1] * slip where slip > 0, and lower + viscosity[0] * slip where slip < 0. The unknowns are ordered as 2
-   n lateral ones followed by m axial ones; m can exceed n, because a point may bear several forces along the needle. The axial unknown `climber` follows
-   the staircase `ahead` instead: near knot k, it obeys the same law with slips counted from at[k]. */
+/* The contact problem: find the forces on the tissue, in local frames. Across the needle, A force = gap. Along the needle, slip = gap - A force, and the force
+   is in [lower, upper] where slip = 0, upper + viscosity[1] * slip where slip > 0, and lower + viscosity[0] * slip where slip < 0. The 2 n lateral unknowns
+   come first, followed by the m axial ones; m can exceed n, because a point may bear several forces along the needle. One axial unknown, `climber`, follows the
+   staircase `ahead` instead: near knot k, it obeys the same law, with slips counted from at[k]. */
 typedef struct {
     int count, axial_count;              /* count is n, the number of points (guides, contacts and the tip), at most MAX_POINTS; axial_count is m, at most
                                             MAX_AXIAL */

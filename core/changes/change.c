@@ -34,7 +34,7 @@ static trocar_status set_key(scene *values, const char *key, const char *value, 
     return fail(why, TROCAR_BAD_INPUT, "%s: .inf is bone, which neither appears nor vanishes during a run: set it in the scene and start again", key);
 }
 
-/* Splits "key: value" at the last colon: a name in the key may contain a colon, a value, being a number, cannot. */
+/* Splits "key: value" at the last colon: the key may contain a name with a colon in it, but the value is a number. */
 static trocar_status set_line(scene *values, const char *line, size_t length, trocar_error *why) {
     char text[KEY_ROOM], *colon;
     if (length >= sizeof text) return fail(why, TROCAR_BAD_INPUT, "%.40s...: longer than %d characters", line, KEY_ROOM - 1);

@@ -45,8 +45,8 @@ typedef struct {
 
 static inline bool line_same(const line_in_tet *a, const line_in_tet *b) { return a->tet == b->tet && v3_same(a->point, b->point) && v3_same(a->direction, b->direction); }
 
-/* Displacement of the mesh around an infinite line due to a unit force per unit length, for a shear modulus of 1. What Kelvin's solution adds to it is the part
-   of the interaction between this needle and nearby ones that the mesh does not resolve. */
+/* Displacement of the mesh around an infinite line due to a unit force per unit length, for a shear modulus of 1. Kelvin's solution minus this
+   displacement is the part of the interaction between this needle and nearby ones that the mesh does not resolve. */
 enum { FIELD_NODES = 256 };
 typedef struct {
     line_in_tet line;

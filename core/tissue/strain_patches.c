@@ -120,7 +120,7 @@ static bool give_away(partition *p, int small) {
     return true;
 }
 
-/* Distributes the tetrahedra of patches that could not grow over adjacent patches. The first patch of each connected component is either full or the whole
+/* Gives the tetrahedra of patches that could not grow to adjacent patches. The first patch of each connected component is either full or the whole
    component, so in the end only small components have small patches. */
 static void dissolve_small(partition *p) {
     for (bool changed = true; changed;) {

@@ -19,7 +19,7 @@ shared_bound roll_bound_for_turning(double dry, double slip, double along, const
 /* Returns how far (m) the shaft's surface has slid, along the needle and around it combined. RT */
 double roll_slip_length(double slip, const roll_friction *roll, double radius);
 
-/* Adds the base's rotation about the needle's axis. The tip does not turn yet. Call this before needle_move_base. RT */
+/* Adds the base's rotation about the needle's axis to `base_turn`. The tip does not turn yet. Call this before needle_move_base. RT */
 void roll_follow_base(insertion_state *state, quat orientation);
 
 /* Finds torques, rotational slips and the tip's lag. Call this after solving the contact problem of the step. RT */

@@ -383,8 +383,8 @@ static void differentiate_free(const tick_input *tick, const insertion_state *st
                                                     .direction = turned(v, needle_end_direction(tick, &state->needle))};
 }
 
-/* Undoes what equilibrium_find and tip_puncture changed after the passes, because the equilibrium depends on the values during the passes. These are the tip's
-   place and filtered push and, because sliding and turning share one friction bound, the shaft's rotation at each point. */
+/* Undoes what equilibrium_find and tip_puncture changed after the passes, because the equilibrium depends on the values that held during them:
+   the tip's place and filtered push, and the shaft's rotation at each point (sliding and turning share one friction bound). */
 static void undo_conclusion(const insertion_workspace *w, insertion_state *state) {
     const pass_checkpoint *start = &w->start;
     for (int i = w->points.guided; i < w->points.count; i++) {

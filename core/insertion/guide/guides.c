@@ -7,7 +7,7 @@ static const double TOLERANCE = 1e-6; /* m: the passes end when needle and edge 
                                          1.6 times as many passes */
 static const double FORCE_TOLERANCE = 0.01; /* fraction: the passes end when the relative error in the edge's force is below this, so that light touches are
                                                resolved. Chosen like TOLERANCE */
-static const double ROUNDING = 1e-12; /* m: always good enough as the distance between needle and edge. Rounding tolerance */
+static const double ROUNDING = 1e-12; /* m: needle and edge agree in any case if they are closer than this. Rounding tolerance */
 
 static const guide *guide_of(const tick_input *tick, const contact_points *points, int point) { return &tick->model->guides[points->list[point].guide]; }
 static const guide_state *state_of(const insertion_state *state, const contact_points *points, int point) { return &state->guides[points->list[point].guide]; }

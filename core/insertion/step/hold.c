@@ -38,8 +38,7 @@ void insertion_hold(const tick_input *tick, const insertion_state *state, insert
     hold->count = hold->unstable = 0;
     if (w->points.count == 0 || !touches_tissue(state)) return;
     hold->unstable = w->response.tangent.unstable;
-    double yield = w->creep.yield; /* the worker applies yield * force as elastic loads; these displace elastic tissue as much as the forces displace relaxing
-                                      tissue */
+    double yield = w->creep.yield; /* the rows are for loads, yield * force, which displace elastic tissue as much as the forces displace relaxing tissue */
     w->creep.yield = 0.0;
     memset(w->tissue.tip_row, 0, sizeof w->tissue.tip_row);
     assemble_compliance(tick, state, w); /* with a yield of 0, this leaves out the compliance of the nominal mesh */

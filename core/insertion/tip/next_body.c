@@ -6,7 +6,7 @@
 #include "insertion/track/contact_nodes.h"
 #include "insertion/track/old_tracks.h"
 
-static const double OVERLAP = 2e-3; /* m: how far bodies meshed separately may overlap. Chosen by judgement */
+static const double OVERLAP = 2e-3; /* m: largest overlap allowed between separately meshed bodies. Chosen by judgement */
 
 vec3 needle_direction(const tick_input *tick, const insertion_state *state) {
     quat frame = state->needle.frames[tick->model->needle->given.segments - 1];

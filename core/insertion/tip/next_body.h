@@ -22,7 +22,7 @@ void enter_body_ahead(const tick_input *tick, insertion_state *state, const cree
    the same tick, because bodies that touch have the same displacement. RT */
 void enter_touching_body(const tick_input *tick, insertion_state *state, tick_output *output, vec3 direction);
 
-/* Finds where the segment from the exit point `left` to `to` enters the next body. Bodies meshed separately may overlap; the tip is then in the next body as
+/* Finds where the segment from the exit point `left` to `to` enters the next body. Separately meshed bodies may overlap; the tip is then in the next body as
    soon as it leaves the first. RT */
 entrance next_body(const tick_input *tick, const insertion_state *state, vec3 left, vec3 to);
 

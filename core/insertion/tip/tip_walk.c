@@ -72,8 +72,8 @@ void withdraw_tip(insertion_state *state, tick_output *output) {
 
 /* ---- along an outer face ----------------------------------------------------------------------------------------------
 
-   A needle has not left the tissue as soon as its axis has: a tip that reaches an outer face at a small angle continues along the face until its axis is
-   outside by the needle's radius. Meanwhile, a point just inside the face represents the tip in the mesh. */
+   When a needle's axis has left the tissue, part of the needle is still in it. So a tip that reaches an outer face at a small angle continues along the face
+   until its axis is one radius outside. Meanwhile, a point just inside the face represents the tip in the mesh. */
 
 /* True if the tip, having reached an outer face, continues along it: it meets the face at a small angle, and there is neither a membrane on the face nor other
    tissue behind it. */

@@ -101,8 +101,8 @@ vec3 old_tracks_lead(const open_track *track, vec3 direction) {
     return v3_unit(v3_axpy(track->openness, v3_sub(track->direction, direction), direction));
 }
 
-/* A tip guided sideways by u per metre does the work f . u, where f is the lateral force on the needle. The track's wall is frictionless, so the hand must do
-   this work; a step then never returns more energy than it received. */
+/* A tip guided sideways by u per metre of advance does the work f . u per metre, where f is the lateral force on the needle. The track's wall is frictionless,
+   so the hand must do this work; a step then never returns more energy than it received. */
 double old_tracks_bound(const open_track *track, vec3 tip_force, vec3 needle, double resistance) {
     if (track->openness == 0.0) return resistance;
     vec3 across = v3_axpy(-v3_dot(tip_force, needle), needle, tip_force);

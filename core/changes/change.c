@@ -6,7 +6,7 @@
 #include "base/decimal.h"
 #include "scene/scene_table.h"
 
-enum { VALUE_ROOM = 32, LIVE_MOST = 12 }; /* VALUE_ROOM: bytes for the text of a value; LIVE_MOST: maximum number of changeable keys per list entry */
+enum { VALUE_ROOM = 32, LIVE_MOST = 12 }; /* VALUE_ROOM: bytes for a value's text; LIVE_MOST: most keys per list entry that can change */
 
 void change_begin(const model_parts *parts, const run_values *in_use, change_values *change) {
     change->parts = parts;
@@ -19,7 +19,7 @@ void change_begin(const model_parts *parts, const run_values *in_use, change_val
 
 /* ---- values -------------------------------------------------------------------------------------------------------------- */
 
-/* Returns the value of a key as a number, or NAN if there is no such key. */
+/* Returns a key's value as a number, or NAN if there is no such key. */
 static double number_at(const scene *values, const char *key) {
     char text[VALUE_ROOM];
     trocar_error ignored;
@@ -34,7 +34,7 @@ static trocar_status set_key(scene *values, const char *key, const char *value, 
     return fail(why, TROCAR_BAD_INPUT, "%s: .inf is bone, which neither appears nor vanishes during a run: set it in the scene and start again", key);
 }
 
-/* Splits "key: value" at the last colon, because a value is a number and a name may contain a colon. */
+/* Splits "key: value" at the last colon: the key may contain a name with a colon in it, but the value is a number. */
 static trocar_status set_line(scene *values, const char *line, size_t length, trocar_error *why) {
     char text[KEY_ROOM], *colon;
     if (length >= sizeof text) return fail(why, TROCAR_BAD_INPUT, "%.40s...: longer than %d characters", line, KEY_ROOM - 1);
@@ -80,7 +80,7 @@ trocar_status change_set(change_values *change, const char *lines, trocar_error 
 
 /* ---- the keys ------------------------------------------------------------------------------------------------------------ */
 
-/* Collects the rows of the scene table for one list whose values may change during a run. Returns their number. */
+/* Collects the rows of the scene table that belong to one list and whose values may change during a run. Returns how many. */
 static int live_rows(list_kind list, const key_spec *rows[LIVE_MOST]) {
     int count = 0;
     for (int i = 0; i < SCENE_ROWS && count < LIVE_MOST; i++)
@@ -95,9 +95,9 @@ int change_count(const change_values *change) {
     return count;
 }
 
-/* Keys are ordered by list, then by entry, then by table row. */
+/* Keys are sorted by list, then by entry, then by table row. */
 int change_at(const change_values *change, int index, char key[TROCAR_CHANGE_KEY], double *value) {
-    scene *values = (scene *)&change->values; /* count_of, name_of and entry_of do not write to it */
+    scene *values = (scene *)&change->values; /* cast away const: count_of, name_of and entry_of only read it */
     const key_spec *rows[LIVE_MOST];
     for (list_kind list = NO_LIST + 1; list < LISTS && index >= 0; list++) {
         int each = live_rows(list, rows), here = each * *count_of(values, list);

@@ -1,4 +1,4 @@
-/* New values for a running simulation, set by scene keys. See docs/training/changes.md. */
+/* New values for a running simulation, given by scene keys. See docs/training/changes.md. */
 #ifndef TROCAR_CHANGE_H
 #define TROCAR_CHANGE_H
 
@@ -8,11 +8,11 @@
 
 typedef struct {
     const model_parts *parts;
-    scene values;            /* `simulation` is the model's configuration with the changed values; all other members have their defaults */
-    run_values bound;        /* the changed values, in the form that a simulation uses */
+    scene values;            /* `simulation` is the model's configuration with the changed values; the other members have their defaults */
+    run_values bound;        /* the changed values in the form that a simulation uses */
 } change_values;
 
-/* Initialises a change with the values in use or, if `in_use` is NULL, with those of the model. */
+/* Initialises a change with the values in use or, if `in_use` is NULL, with the model's. */
 void change_begin(const model_parts *parts, const run_values *in_use, change_values *change);
 
 /* These functions are described in trocar/change.h. */

@@ -72,7 +72,7 @@ trocar_status changing_restore(state_stream *from, const model_parts *parts, sim
     sim_changing *c = *changing;
     values_begin(parts, &c->ticking);
     values_begin(parts, &c->worker);
-    triple_buffer_read(&c->changes, NULL); /* discards a change posted before the restore */
+    triple_buffer_read(&c->changes, NULL); /* discard any change posted before the restore */
     if (!changed) return TROCAR_OK;
     pass_change(from, parts, &c->ticking);
     values_set(&c->worker, &c->ticking.to);

@@ -1,11 +1,11 @@
 #include "changes/elasticity.h"
 
-static const double PATIENCE = 0.02;   /* s of simulated time: maximum delay between two steps (see elasticity_lags). Chosen: longer than the worker needs for
+static const double PATIENCE = 0.02;   /* s of simulated time: longest delay between two steps (see elasticity_lags). Chosen: longer than the worker needs for
                                           an answer, much shorter than a change */
-static const double WHOLE = 1.0 - 1e-9; /* dimensionless: fraction above which a change counts as complete. Rounding tolerance */
+static const double WHOLE = 1.0 - 1e-9; /* fraction above which a change counts as complete. Rounding tolerance */
 
-static const double MOST_AHEAD = 5.0;  /* steps: how far the ticking thread may be ahead of the worker, whose steps take longer while there are resting
-                                          needles. Chosen: a change in compliance of 10 %, more than the lag of a worker that keeps up */
+static const double MOST_AHEAD = 5.0;  /* steps: how far the ticking thread may get ahead of the worker, whose steps take longer if there are resting needles.
+                                          Chosen: a change in compliance of 10 %, more than a worker that keeps up ever lags */
 
 static elasticity_stage stage_of(const elasticity *e) { return (elasticity_stage)atomic_load_explicit(&e->stage, memory_order_acquire); }
 static void set_stage(elasticity *e, elasticity_stage stage) { atomic_store_explicit(&e->stage, (int)stage, memory_order_release); }
@@ -59,7 +59,7 @@ void elasticity_rest(elasticity *e) { set_stage(e, ELASTICITY_STILL); }
 double elasticity_weight(const elasticity *e) { return stage_of(e) == ELASTICITY_STILL ? 0.0 : ramp_weight(&e->ramp, e->course.part); }
 
 double elasticity_left(const elasticity *e) {
-    static const double LAST = 1e-3; /* s, returned while the worker has yet to complete a change that the ticking thread has completed. Chosen: one tick */
+    static const double LAST = 1e-3; /* s, returned if only the worker still has to complete the change. Chosen: one tick */
     return stage_of(e) == ELASTICITY_STILL ? 0.0 : larger_of((1.0 - e->course.part) * e->course.duration, LAST);
 }
 
@@ -106,7 +106,7 @@ void elasticity_save(state_stream *to, elasticity *e, const trocar_model *origin
     int moves = stage_of(e) == ELASTICITY_MOVING, differs = moves || e->to.model != original;
     stream_count(to, &differs, 1);
     if (!differs) return;
-    pass_moduli(to, (simulation_config *)&e->to.parts->config); /* an output stream does not change the configuration */
+    pass_moduli(to, (simulation_config *)&e->to.parts->config); /* cast away const: an output stream only reads the configuration */
     stream_count(to, &moves, 1);
     if (!moves) return;
     pass_moduli(to, (simulation_config *)&e->from.parts->config);
@@ -138,7 +138,7 @@ void elasticity_resume(elasticity *e, const saved_elasticity *saved, moduli from
     set_stage(e, saved->moves ? ELASTICITY_MOVING : ELASTICITY_STILL);
     double weight = ramp_weight(&e->ramp, saved->course.mixed);
     inverse_mix(mixed, from.parts->inverse, to.parts->inverse, weight);
-    if (!changing) return; /* no change has been made since the simulation was created */
+    if (!changing) return; /* nothing has been changed since the simulation was created */
     use(&changing->worker, e, weight);
     use(&changing->ticking, e, ramp_weight(&e->ramp, saved->course.part));
 }

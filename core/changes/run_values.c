@@ -40,7 +40,7 @@ static void to_use(double *of_config, double *in_use) { *in_use = *of_config; }
 static void to_config(double *of_config, double *in_use) { *of_config = *in_use; }
 
 void run_values_bind(const model_parts *parts, const simulation_config *config, run_values *values) {
-    for_each_value(parts, (simulation_config *)config, values, to_use); /* to_use does not write to the configuration */
+    for_each_value(parts, (simulation_config *)config, values, to_use); /* cast away const: to_use does not write to the configuration */
 }
 
 void run_values_unbind(const model_parts *parts, const run_values *values, simulation_config *config) {
@@ -67,7 +67,7 @@ void values_change(values_in_use *v, const run_values *to, double time, double d
     v->time = time;
 }
 
-/* Switches to the final values of the change, except for the materials' moduli. */
+/* Switches to the change's final values, except for the materials' moduli. */
 static void settle(values_in_use *v) {
     region_material before[MESH_MAX_GROUPS];
     memcpy(before, v->now.materials, sizeof before);
@@ -83,7 +83,7 @@ void values_set(values_in_use *v, const run_values *to) {
     settle(v);
 }
 
-/* Interpolates linearly, so that a linear condition that both ends satisfy also holds in between: for example, that kinetic friction does not exceed static
+/* Interpolates linearly, so that a linear condition that holds at both ends also holds in between: for example, that kinetic friction does not exceed static
    friction. */
 static void move(values_in_use *v) {
     const run_values *a = &v->from, *b = &v->to;
@@ -107,11 +107,10 @@ static void move(values_in_use *v) {
     }
 }
 
-static const double WHOLE = 1.0 - 1e-9; /* dimensionless: fraction above which a change counts as complete. Rounding tolerance */
+static const double WHOLE = 1.0 - 1e-9; /* fraction above which a change counts as complete. Rounding tolerance */
 
 void values_follow(values_in_use *v, double time) {
-    static const double MOST = 0.02; /* dimensionless: largest fraction of a change per tick. Chosen: twice what a 1 ms tick contributes to the shortest
-                                        change */
+    static const double MOST = 0.02; /* largest fraction of a change per tick. Chosen: twice what a 1 ms tick contributes to the shortest change */
     if (v->part == 1.0) return;
     v->part += smaller_of((time - v->time) / v->duration, MOST);
     v->time = time;

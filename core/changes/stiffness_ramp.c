@@ -4,12 +4,12 @@
 
 #include "base/vec.h"
 
-static const double MEMBRANE = 1.0; /* logarithm of the factor by which a change of membrane stiffness is assumed to change the compliance, in either
-                                       direction; the true effect is not known in advance. Chosen by judgement: a factor of 2.7 */
+static const double MEMBRANE = 1.0; /* logarithm of a factor: a change in membrane stiffness is assumed to change the compliance by up to this, in either
+                                       direction; its true effect is not known in advance. Chosen by judgement: a factor of 2.7 */
 static const double MOST = 0.02;    /* fraction: largest change in compliance per tick. Chosen: less than a third of the 7 % that people notice */
 
-/* The strain energy of each element, and with it the whole compliance in every direction, changes by a factor within the range of the factors by which the
-   moduli change. */
+/* Each element's strain energy changes by a factor between the smallest and the largest factor by which a modulus changes. The compliance as a whole, in any
+   direction, therefore does too. */
 stiffness_ramp ramp_between(const simulation_config *from, const simulation_config *to) {
     double softest = 1.0, stiffest = 1.0;
     bool membranes = false;

@@ -6,7 +6,7 @@
 #include "insertion/state/strata.h"
 #include "insertion/tip/tip_walk.h"
 
-static const double ON_FACE = -1e-6; /* dimensionless: smallest barycentric weight at which a point counts as inside an element. Rounding tolerance */
+static const double ON_FACE = -1e-6; /* dimensionless: a point with a barycentric weight below this is outside the element. Rounding tolerance */
 
 /* ---- the track, from the tip back ---------------------------------------------------------------------------------------- */
 
@@ -15,16 +15,16 @@ typedef struct {
     double depth;            /* m */
     vec3 at;                 /* m, nominal */
     int tet;
-    int next;                /* index, in order from the base, of the next contact toward the entry; -1 if the entry is next */
+    int next;                /* index, counted from the base, of the next contact towards the entry; -1 if the entry is next */
 } track_site;
 
-/* Returns the next contact from this site toward the entry; NULL if there is none in the body that contains the tip. */
+/* Returns the next contact towards the entry, or NULL if the tip's body contains no more contacts. */
 static const shaft_contact *contact_behind(const insertion_state *state, const track_site *site) {
     const shaft_contact *contact = site->next >= 0 ? &state->contacts[state->refined.order[site->next]] : NULL;
     return contact && contact->depth < tip_entry_depth(state) ? NULL : contact;
 }
 
-/* Moves the site back along the track to this depth, which must be in the body that contains the tip. */
+/* Moves the site back along the track to this depth, which must be in the tip's body. */
 static void go_back(const insertion_model *model, const insertion_state *state, double depth, track_site *site) {
     double entry = tip_entry_depth(state);
     int gap = last_gap(state);
@@ -42,8 +42,8 @@ static void go_back(const insertion_model *model, const insertion_state *state, 
     }
 }
 
-/* Finds the position of a seed whose distal end is at this depth. The search starts at `site`, which must be at least as deep; afterwards, `site` is at the
-   seed's proximal end. Returns false if part of the seed would be outside the tissue. */
+/* Finds where a seed lies whose distal end is at this depth. Searches back from `site`, which must be at least as deep, and leaves `site` at the seed's
+   proximal end. Returns false if part of the seed would be outside the tissue. */
 static bool find_place(const insertion_model *model, const insertion_state *state, double depth, double length, track_site *site, seed *s) {
     go_back(model, state, depth, site);
     vec3 distal = site->at;
@@ -68,14 +68,14 @@ static int count_pending(const seed_list *list) {
     return sum;
 }
 
-/* Records which hole the needle is in; if several guides hold the needle, that of the first guide. */
+/* Records which hole the needle is in. If several guides hold the needle, the first one counts. */
 static void note_hole(const insertion_model *model, const insertion_state *state, seed *s) {
     s->guide = s->hole = NO_HOLE;
     for (int i = model->guide_count - 1; i >= 0; i--)
         if (state->guides[i].passage == GUIDE_IN_HOLE) s->guide = i, s->hole = state->guides[i].hole;
 }
 
-/* Makes the checks that do not depend on the track. Returns the reason why these seeds cannot be dropped, or SEEDS_ACCEPTED. */
+/* Checks whatever does not depend on the track. Returns the reason why the seeds cannot be dropped, or SEEDS_ACCEPTED. */
 static seed_refusal refuse(const insertion_model *model, const seed_size *size, const insertion_state *state, int needle, int count, double spacing,
                            const seed_list *list) {
     if (count < 1 || count > MAX_STRAND) return SEEDS_BAD_COUNT;

@@ -1,4 +1,4 @@
-/* Brachytherapy seeds: material points of the tissue at which a needle has deposited a seed. Plain data. See docs/mechanics.md, "Seeds". */
+/* Brachytherapy seeds: the points of the tissue where a needle has deposited one. Plain data. See docs/mechanics.md, "Seeds". */
 #ifndef TROCAR_SEEDS_H
 #define TROCAR_SEEDS_H
 
@@ -12,32 +12,32 @@ enum { MAX_SEEDS = 256, MAX_STRAND = 16 };
 
 typedef struct {
     double length, diameter;     /* m */
-    double spacing;              /* m, centre-to-centre spacing of the seeds of a strand */
+    double spacing;              /* m, centre-to-centre spacing of the seeds in a strand */
 } seed_size;
 
-/* A seed in the tissue, or the planned position of a seed still in the needle. */
+/* A seed in the tissue, or the planned place of a seed that is still in the needle. */
 typedef struct {
     int tet;                     /* nominal element that contains its centre */
-    double weights[4];           /* barycentric weights of its centre in that element */
+    double weights[4];           /* barycentric weights of its centre in this element */
     vec3 at;                     /* m, nominal position of its centre */
     vec3 direction;              /* unit vector from its proximal to its distal end, in the undeformed tissue */
     int needle;                  /* index of the needle that deposited it */
-    int guide, hole;             /* guide and hole that the needle was in; NO_HOLE: none */
-    int strand;                  /* number of the seed in its strand; 0 is the distal seed */
+    int guide, hole;             /* guide and hole that the needle was in, or NO_HOLE */
+    int strand;                  /* number of the seed in its strand, counted from 0 at the distal end */
 } seed;
 
 /* The seeds of one drop. Those from index `placed` on are still in the needle. */
 typedef struct {
     int count, placed;
-    seed seeds[MAX_STRAND];      /* seeds in order from the distal to the proximal end */
-    double uncovered[MAX_STRAND]; /* m, depth of the tip at which each seed leaves the needle: the depth of its proximal end */
+    seed seeds[MAX_STRAND];      /* seeds, distal one first */
+    double uncovered[MAX_STRAND]; /* m, depth of the tip at which each seed leaves the needle, which is the depth of its proximal end */
 } seed_drop;
 
-/* All seeds of a simulation. They stay in the tissue when needles are reset or removed. */
+/* All seeds in a simulation. They stay in the tissue when needles are reset or removed. */
 typedef struct {
     int count;
-    seed seeds[MAX_SEEDS];       /* seeds in the order of placement */
-    seed_drop drops[MAX_NEEDLES]; /* the most recent drop of each needle */
+    seed seeds[MAX_SEEDS];       /* seeds in the order in which they were placed */
+    seed_drop drops[MAX_NEEDLES]; /* each needle's most recent drop */
 } seed_list;
 
 /* Copies only the entries in use, because the arrays are large. RT */
@@ -52,26 +52,26 @@ typedef enum {
     SEEDS_ACCEPTED, SEEDS_BAD_COUNT, SEEDS_BAD_SPACING, SEEDS_TOO_THICK, SEEDS_PENDING, SEEDS_FULL, SEEDS_OUTSIDE, SEEDS_TOO_LONG, SEEDS_NONE
 } seed_refusal;
 
-/* Drops `count` seeds with this spacing (m; 0 selects the scene's). The tip marks the distal end of the first seed. Each seed leaves the needle once the
-   needle has been drawn back over the seed's length. RT */
+/* Drops `count` seeds with this spacing (m; 0 selects the scene's). The distal end of the first seed is at the tip. A seed leaves the needle once the needle
+   has been drawn back over the seed's length. RT */
 seed_refusal seeds_drop(const insertion_model *model, const seed_size *size, const insertion_state *state, int needle, int count, double spacing, seed_list *list);
 
-/* Length (m) of a strand of `count` seeds from end to end. RT */
+/* Returns the length (m) of a strand of `count` seeds from end to end. RT */
 double seeds_strand_length(const seed_size *size, int count, double spacing);
 
-/* Deposits the seeds over which the needle has been drawn back. To be called after each of the needle's ticks. RT */
+/* Deposits the seeds that the needle has been drawn back over. Call this after each of the needle's ticks. RT */
 void seeds_follow(const insertion_state *state, int needle, seed_list *list);
 
-/* Cancels the rest of the drop: seeds over which the needle has not been drawn back stay in the needle. RT */
+/* Cancels the rest of the drop: seeds that the needle has not been drawn back over stay in it. RT */
 void seeds_keep(int needle, seed_list *list);
 
-/* Number of seeds of the needle's last drop that are still in it. RT */
+/* Returns how many seeds of the needle's last drop are still in it. RT */
 static inline int seeds_pending(int needle, const seed_list *list) { return list->drops[needle].count - list->drops[needle].placed; }
 
-/* Cancels the pending seeds of the needle's last drop; if none are pending, removes the seed that it deposited last. RT */
+/* Cancels the seeds of the needle's last drop that are still in it. If there are none, removes the seed it deposited last. RT */
 seed_refusal seeds_undo(int needle, seed_list *list);
 
-/* Computes the centre (m) and direction (unit vector) of a seed in tissue whose nodes are displaced by `displacement` (node_count, m). RT */
+/* Computes the centre (m) and direction (unit vector) of a seed when the tissue's nodes are displaced by `displacement` (node_count, m). RT */
 void seed_displaced(const mesh *m, const seed *s, const vec3 *displacement, vec3 *at, vec3 *direction);
 
 #endif

@@ -5,7 +5,7 @@
 
 enum { CHANCES = 10, MOST_PIVOTS = 1000 };
 
-/* Computes the positive entries of z by factorising the corresponding principal submatrix of A; sets the other entries to 0. */
+/* Computes the positive entries of z by factorising the corresponding principal submatrix of A, and sets the others to 0. */
 static bool solve_positive(int n, const double *a, int ld, const double *q, const double *positive, double *z, double *part) {
     int count = 0;
     for (int i = 0; i < n; i++) {

@@ -5,7 +5,7 @@
 #include "linalg/simd4.h"
 #include "linalg/simd_wide.h"
 
-/* Multiplies by a matrix of which only the upper triangle is stored: each off-diagonal entry contributes to its row and to its column. */
+/* Only the upper triangle is stored, so each off-diagonal entry contributes to its row and to its column. */
 void symmetric_multiply(const symmetric_system *s, const double *x, double *product) {
     memset(product, 0, (size_t)ELIMINATION_SIZE(s->order) * sizeof *product);
     for (int i = 0; i < s->order; i += PANEL_ROWS) {

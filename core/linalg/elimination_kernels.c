@@ -20,7 +20,7 @@ INLINE void turn(double cosine, double sine, simd_wide *x, simd_wide *y) {
     *x = first;
 }
 
-/* Processes one vector of each of the panel's `count` rows, starting at column j. Rows are eliminated one by one or, if they are rotated, in pairs. */
+/* Processes one vector of each of the panel's `count` rows, starting at column j. Eliminates the rows one by one or, if they are rotated, in pairs. */
 INLINE void finish_vector(const symmetric_system *s, elimination_panel *panel, int j, int count, int step) {
     double (*row)[MOST_COLUMNS] = s->a + panel->begin;
     simd_wide x[PANEL_ROWS], divided[2];

@@ -33,7 +33,7 @@ double panels_bytes(int rows, int columns) {
     return sizeof(double) * numbers;
 }
 
-/* Returns the team if using it is worthwhile: waking the team takes longer than a computation of a few tens of microseconds. */
+/* Returns the team if it is worth using: waking it takes longer than a computation of a few tens of microseconds. */
 static team *team_for(team *t, double operations) { return operations < 2e6 ? NULL : t; }
 
 static size_t bytes_of(const panel *p) { return (size_t)p->rows * (size_t)p->width * sizeof(double); }
@@ -44,7 +44,7 @@ static void clear_column(void *context, int column, int member) {
     memset((double *)p->values + (size_t)column * (size_t)p->rows, 0, (size_t)p->rows * sizeof(double));
 }
 
-/* Writes the pages first, because pages that are read before they are written would be mapped twice. */
+/* Writes the pages right away: pages that are read before they are written would be mapped twice. */
 bool panel_allocate(panel *p, team *t) {
     p->values = malloc(bytes_of(p));
     if (!p->values) return false;
@@ -65,8 +65,8 @@ void panel_multiply(const panel *from, int row, int rows, int column, int column
     else cblas_dgemm(CblasColMajor, CblasNoTrans, CblasTrans, rows, columns, from->width, alpha, a, from->rows, b, from->rows, beta, c, ld);
 }
 
-/* The rows of panel j below its diagonal block, divided into pieces for a team. If the matrix has empty blocks (`filled`), the rows in each later panel are
-   one piece. The division, and therefore the result, does not depend on the number of members. */
+/* The rows of panel j below its diagonal block, divided into pieces for a team. If the matrix has empty blocks (`filled`), each later panel's rows form one
+   piece. The division, and so the result, does not depend on how many members the team has. */
 typedef struct {
     const panels *all;
     const panel *to;
@@ -81,7 +81,7 @@ static share share_of(const panels *p, int j, int factored) {
     return (share){p, to, j, factored, p->filled ? p->count - 1 - j : below < FEW ? below > 0 : 4 * ((below + MANY - 1) / MANY)};
 }
 
-/* First row of a piece, counted from the first row of the panel. */
+/* Returns the first row of a piece, counted from the panel's first row. */
 static int start_of(const share *s, int piece) {
     enum { VECTORS = 24 };
     long below = s->to->rows - s->to->width;
@@ -101,7 +101,7 @@ static void subtract(void *context, int i, int member) {
             panel_multiply(&s->all->panels[k], to->first + row, end - row, to->first, to->width, -1.0, 1.0, (double *)to->values + row, to->rows);
 }
 
-/* Solves X L^T = B for X, where B consists of these rows and L is the factor of the diagonal block. */
+/* Solves X L^T = B for X, where B is a piece of these rows and L the factor of the diagonal block. */
 static void solve_piece(void *context, int i, int member) {
     (void)member;
     const share *s = context;

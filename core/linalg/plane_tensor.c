@@ -16,7 +16,7 @@ plane_tensor plane_part(const mat3 *tensor, vec3 direction) {
     return (plane_tensor){v3_dot(x, by_x), v3_dot(x, by_y), v3_dot(y, by_y)};
 }
 
-/* Square of half the difference of the principal values. */
+/* Returns the square of half the difference between the principal values. */
 static double square_spread_of(plane_tensor t) {
     double half = 0.5 * (t.xx - t.yy);
     return half * half + t.xy * t.xy;

@@ -4,24 +4,24 @@
 
 #include "base/vec.h"
 
-/* Components along the first two axes of frame_along() of the track's direction. */
+/* Components along the first two axes of frame_along(), called with the track's direction. */
 typedef struct {
     double xx, xy, yy;
 } plane_tensor;
 
-/* A tensor expressed as `least` in all directions plus `more` along the unit vector `easy`. */
+/* A tensor that has the value `least` in all directions, plus `more` along the unit vector `easy`. */
 typedef struct {
     double least, more;
     vec3 easy;
 } principal_tensor;
 
-/* Sum of all components; not finite if any of them is not. RT */
+/* Returns the sum of all components, which is not finite if one of them is not. RT */
 static inline double plane_total(plane_tensor t) { return t.xx + t.xy + t.yy; }
 
-/* Mean over all directions. RT */
+/* Returns the mean over all directions. RT */
 static inline double plane_mean(plane_tensor t) { return 0.5 * (t.xx + t.yy); }
 
-/* The components of a symmetric tensor across the track. RT */
+/* Returns the components of a symmetric tensor across the track. RT */
 plane_tensor plane_part(const mat3 *tensor, vec3 direction);
 
 /* RT */

@@ -1,4 +1,4 @@
-/* 3 x 3 matrices stored as rows of four numbers, the fourth of which is padding, so that products use vector registers. */
+/* 3 x 3 matrices stored as rows of four numbers, the fourth of which is padding, so that products can use vector registers. */
 #ifndef TROCAR_ROW_MATRIX_H
 #define TROCAR_ROW_MATRIX_H
 

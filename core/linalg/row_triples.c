@@ -26,7 +26,7 @@ void rows_copy(const column_ranges *c, const double *from, int from_ld, double *
 
 /* ---- products -------------------------------------------------------------------------------------------------------- */
 
-/* Processes one step of columns. The 3 x 8 sums stay in registers during the loop over the parts. */
+/* Processes one step of columns. The 3 x 8 sums stay in registers while looping over the parts. */
 static void add_step(int count, const row_triple *parts, int column, double *to, int ld) {
     simd4 sum[3][2];
     for (int a = 0; a < 3; a++)

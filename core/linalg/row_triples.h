@@ -1,5 +1,5 @@
-/* Operations on three rows of a matrix (those of one node) over the columns of many nodes, four columns at a time. Columns are computed in whole vectors,
-   which may include a few unused columns. */
+/* Operations on three rows of a matrix (those of one node) over the columns of many nodes, four columns at a time. Columns are computed in whole vectors, so a
+   few unused ones may be included. */
 #ifndef TROCAR_ROW_TRIPLES_H
 #define TROCAR_ROW_TRIPLES_H
 

@@ -1,11 +1,12 @@
-/* Parts of rows, processed in whole vectors of any width. */
+/* Operations on parts of rows, in whole vectors of any width. */
 #ifndef TROCAR_ROWS_H
 #define TROCAR_ROWS_H
 
-/* Number of doubles in the widest vector of any processor. A row must have room for at least ROW_ROOM - 1 numbers beyond its end. */
+/* Doubles in the widest vector of any processor. A row must have room for at least ROW_ROOM - 1 numbers beyond its end. */
 enum { ROW_ROOM = 8 };
 
-/* Columns [begin, end) of a row, in whole steps, the first of which may begin before `begin`: to = from, and to -= factor * from. RT */
+/* Copy or subtract the columns [begin, end) of a row: to = from, or to -= factor * from. Both work in whole steps, the first of which may begin before `begin`.
+   RT */
 enum { ROW_STEP = 4 };
 void row_copy(const double *from, int begin, int end, double *to);
 void row_subtract(double factor, const double *from, int begin, int end, double *to);

@@ -1,5 +1,5 @@
-/* A vector with the width of the target's registers: eight doubles (AVX-512) or four (one AVX2 register, or two NEON registers). For loops that are
-   compiled once for each width. */
+/* A vector as wide as the target's registers: eight doubles (AVX-512) or four (one AVX2 register, or two NEON registers). For loops that are compiled once for
+   each width. */
 #ifndef TROCAR_SIMD_WIDE_H
 #define TROCAR_SIMD_WIDE_H
 
@@ -29,16 +29,17 @@ static inline simd_wide simd_wide_from(int i) {
     return x;
 }
 
-/* Returns x in the lanes where the mask (the result of a comparison) is true, and zero in the other lanes. */
+/* Returns x in the lanes where the mask (the result of a comparison) is true, and zero elsewhere. */
 typedef __typeof__((simd_wide){0} < (simd_wide){0}) simd_wide_mask;
 static inline simd_wide simd_wide_where(simd_wide_mask mask, simd_wide x) { return (simd_wide)(mask & (simd_wide_mask)x); }
 
 /* Returns the largest multiple of SIMD_WIDE_WIDTH that is at most i, for i >= 0. */
 static inline int simd_wide_below(int i) { return i / SIMD_WIDE_WIDTH * SIMD_WIDE_WIDTH; }
 
-#ifdef TROCAR_AVX512 /* defined if the program contains code for x86-64-v4 in addition to the portable code */
+#ifdef TROCAR_AVX512 /* defined if the program contains code for x86-64-v4 besides the portable code */
 
-/* True if this processor supports x86-64-v4 and the portable code uses fused multiply-add, without which the results of the two versions would differ. RT */
+/* True if this processor supports x86-64-v4 and the portable code uses fused multiply-add. Without fused multiply-add, the two versions would give different
+   results. RT */
 static inline bool runs_avx512(void) {
 #ifdef __FMA__
     return __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512bw") && __builtin_cpu_supports("avx512cd")

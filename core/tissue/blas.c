@@ -8,7 +8,7 @@
 #include <stdlib.h>
 #include <sys/mman.h>
 
-/* No header declares these functions, and some builds of the libraries do not contain them. */
+/* Looked up at run time: no header declares these functions, and some builds of the libraries lack them. */
 static struct {
     void *(*allocate)(int);
     void (*release)(void *);
@@ -20,7 +20,7 @@ static pthread_once_t found = PTHREAD_ONCE_INIT, started = PTHREAD_ONCE_INIT;
 static pthread_mutex_t turn = PTHREAD_MUTEX_INITIALIZER, room = PTHREAD_MUTEX_INITIALIZER;
 static int own_threads;
 
-/* After a fork, the child has no other thread that could release a lock held at the time of the fork. */
+/* A fork copies no other thread to the child, so nothing there would release a lock held at that moment. */
 static void forget_threads(void) {
     pthread_mutex_init(&turn, NULL);
     pthread_mutex_init(&room, NULL);
@@ -59,9 +59,9 @@ void blas_end_turn(void) {
 
 /* ---- memory ----------------------------------------------------------------------------------------------------------- */
 
-enum { MOST_BUFFERS = 32 };             /* OpenBLAS has room for about a hundred buffers, and terminates the process if it needs more */
-static const size_t BUFFER = 128 << 20; /* bytes, size of an OpenBLAS buffer on this type of processor */
-static const size_t ELSE = 16 << 20;    /* bytes, reserve for the caller's own allocations */
+enum { MOST_BUFFERS = 32 };             /* OpenBLAS has room for about a hundred buffers and terminates the process if it needs more */
+static const size_t BUFFER = 128 << 20; /* bytes in an OpenBLAS buffer on this type of processor */
+static const size_t ELSE = 16 << 20;    /* bytes left for the caller's own allocations */
 
 static bool has_room(size_t bytes) {
     void *probe = mmap(NULL, bytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
@@ -70,8 +70,8 @@ static bool has_room(size_t bytes) {
     return true;
 }
 
-/* Each of OpenBLAS's own threads allocates a buffer when it first runs, which may be much later. A matrix product that is large enough to use all threads
-   makes them allocate it now. */
+/* Makes OpenBLAS's own threads allocate their buffers now, by means of a matrix product large enough to use them all. Otherwise each thread allocates its
+   buffer when it first runs, which may be much later. */
 static void run_own_threads(void) {
     enum { SIZE = 256 };
     double *product = calloc(SIZE * SIZE, sizeof *product);
@@ -82,7 +82,7 @@ static void run_own_threads(void) {
     free(product);
 }
 
-/* Buffers that are held at the same time are distinct, and OpenBLAS keeps all of them for later use. */
+/* Allocates `count` buffers. Buffers held at the same time are distinct, and OpenBLAS keeps them all for later use. */
 static void fill_table(int count) {
     void *buffer[MOST_BUFFERS];
     for (int i = 0; i < count; i++) buffer[i] = library.allocate(0);

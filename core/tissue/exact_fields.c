@@ -6,7 +6,7 @@ vec3 line_axial(double x, double y) { return v3(0, 0, -log(hypot(x, y)) / (2.0 *
 
 double line_axial_radius(double u) { return exp(-2.0 * M_PI * u); }
 
-/* The term -1/2 cancels the mean of x^2 / rho^2 over a circle, so that the circle's mean displacement consists of the logarithm alone. */
+/* The term -1/2 cancels the mean of x^2 / rho^2 over a circle, so that the circle's mean displacement is just the logarithm. */
 vec3 line_lateral(double x, double y, double poisson_ratio) {
     double square = x * x + y * y, c = 1.0 / (8.0 * M_PI * (1.0 - poisson_ratio));
     return v3(c * (-(3.0 - 4.0 * poisson_ratio) * 0.5 * log(square) + x * x / square - 0.5), c * x * y / square, 0);
@@ -29,14 +29,14 @@ double line_lateral_logarithm(double u, double poisson_ratio) { return -8.0 * M_
 
 double line_lateral_radius(double u, double poisson_ratio) { return exp(line_lateral_logarithm(u, poisson_ratio)); }
 
-/* Integrals of 1/r, 1/r^3, z/r^3 and z^2/r^3 over a segment, and their gradients. r: distance of x from a point of the segment; z: coordinate of x relative
-   to that point. */
+/* Integrals of 1/r, 1/r^3, z/r^3 and z^2/r^3 over a segment, and their gradients. r: distance of x from a point of the segment; z: coordinate of x relative to
+   that point. */
 typedef struct {
     double value[4];
     vec3 gradient[4];
 } segment_integrals;
 
-/* r + z, computed without cancellation. */
+/* Returns r + z without cancellation. */
 static double reached(double z, double r, double square) { return z > 0.0 ? r + z : square / (r - z); }
 
 static segment_integrals integrate(const line_segment *line, vec3 x) {
@@ -103,11 +103,11 @@ vec3 mindlin_displacement(vec3 source, vec3 force, vec3 at, double nu) {
     double r1 = sqrt(x * x + y * y + below * below), r2 = sqrt(x * x + y * y + above * above);
     double r1_3 = r1 * r1 * r1, r2_3 = r2 * r2 * r2, r2_5 = r2_3 * r2 * r2, k = 3.0 - 4.0 * nu, q = 4.0 * (1.0 - nu) * (1.0 - 2.0 * nu);
     double reach = r2 + above;
-    /* a force normal to the surface moves the point away from the axis and along it */
+    /* a force normal to the surface moves the point along the axis and away from it */
     double outward = below / r1_3 + k * below / r2_3 - q / (r2 * reach) + 6.0 * c * z * above / r2_5;
     double along = k / r1 + (8.0 * (1.0 - nu) * (1.0 - nu) - k) / r2 + below * below / r1_3
                  + (k * above * above - 2.0 * c * z) / r2_3 + 6.0 * c * z * above * above / r2_5;
-    /* a force parallel to the surface: A f + B (f . d) d in the plane, plus a normal component */
+    /* a force f parallel to the surface moves the point by A f + B (f . d) d in the plane, plus a normal component */
     double a = k / r1 + 1.0 / r2 + 2.0 * c * z / r2_3 + q / reach;
     double b = 1.0 / r1_3 + k / r2_3 - 6.0 * c * z / r2_5 - q / (r2 * reach * reach);
     double lifted = below / r1_3 + k * below / r2_3 - 6.0 * c * z * above / r2_5 + q / (r2 * reach);

@@ -1,6 +1,6 @@
 #include "tissue/factor_solve.h"
 
-/* CHOLMOD (up to 3.0.14) allocates y, then e, and checks only whether the second allocation succeeded. */
+/* Allocates y before CHOLMOD would: up to version 3.0.14, CHOLMOD allocates y, then e, and checks only the second allocation. */
 static bool allocate_first(const cholmod_factor *factor, const cholmod_dense *right, factor_solution *s, cholmod_common *common) {
     if (!s->y) s->y = cholmod_allocate_dense(factor->n, right->ncol, factor->n, factor->xtype, common);
     return s->y != NULL;

@@ -5,7 +5,7 @@
 #include <stdbool.h>
 #include <suitesparse/cholmod.h>
 
-/* A solution and its workspace, reused by later solves; only the first solve allocates. To be initialised with NULL. */
+/* A solution and its workspace. Only the first solve allocates; later ones reuse the memory. Initialise with NULL. */
 typedef struct { cholmod_dense *x, *y, *e; } factor_solution;
 
 /* Solves A x = right, where x has the size of right. Returns false if out of memory. */

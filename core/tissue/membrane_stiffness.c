@@ -4,8 +4,8 @@
 
 #include "base/hash.h"
 
-/* With the in-plane gradients g of the shape functions, the unit normal n, and the Lame constants of plane stress integrated over the thickness, the block
-   for nodes a and b is A (lambda ga gb^T + mu gb ga^T + mu (ga.gb) (I - n n^T)). Zienkiewicz & Taylor, vol. 1, plane stress, for a triangle of any
+/* With the in-plane gradients g of the shape functions, the unit normal n, and the Lame constants of plane stress integrated over the thickness, the block for
+   nodes a and b is A (lambda ga gb^T + mu gb ga^T + mu (ga.gb) (I - n n^T)). This is the plane stress triangle of Zienkiewicz & Taylor, vol. 1, in any
    orientation in space. */
 void triangle_stiffness(const vec3 corners[3], const membrane_material *material, double k[9][9]) {
     double nu = material->poisson_ratio, mu = material->stiffness / (2.0 * (1.0 + nu)), lambda = material->stiffness * nu / (1.0 - nu * nu);
@@ -23,8 +23,8 @@ void triangle_stiffness(const vec3 corners[3], const membrane_material *material
         }
 }
 
-/* Returns a mask: bit g is set if groups[g] is a membrane with nonzero stiffness on this face. Of the two tetrahedra at a face, only the one with the smaller
-   number gets a mask other than 0, so that each face counts once. */
+/* Returns a mask: bit g is set if groups[g] is a membrane with nonzero stiffness on this face. So that each face counts once, only the lower-numbered of its
+   two tetrahedra gets a nonzero mask. */
 static uint32_t membranes_on(const mesh *m, const membrane_material *materials, int tet, int face) {
     uint32_t found = 0;
     int other = m->neighbours[tet][face];

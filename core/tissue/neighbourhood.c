@@ -53,7 +53,7 @@ static bool is_near(const neighbourhood *n, int tet, double radius, double half_
     return false;
 }
 
-/* Collects elements outward from the first one, from face to face. Returns false if there is no room for all of them. */
+/* Collects elements outward from the first one, across faces. Returns false if they do not all fit. */
 static bool grow(neighbourhood *n, int tet, double radius, double half_length) {
     forget(n);
     if (!add_tet(n, tet)) return false;
@@ -89,14 +89,14 @@ static void mark_cut(neighbourhood *n) {
         }
 }
 
-/* Orders the pieces of the line's path by their start. Each piece lies in one element; a piece on a face or an edge belongs to only one of the adjacent
+/* Sorts the pieces of the line's path by where they start. Each piece is in one element; a piece on a face or an edge is in only one of the adjacent
    elements. */
 static int by_start(const void *a, const void *b) {
     double x = ((const chord *)a)->from, y = ((const chord *)b)->from;
     return (x > y) - (x < y);
 }
 
-static const double ON_FACE = 1e-9; /* dimensionless: largest barycentric weight at which a line counts as lying on a face. Rounding tolerance */
+static const double ON_FACE = 1e-9; /* dimensionless: a line counts as lying on a face if the barycentric weight is at most this. Rounding tolerance */
 
 static void trace_line(neighbourhood *n) {
     const mesh *m = n->tissue->mesh;
@@ -155,9 +155,9 @@ static void add_elements(neighbourhood *n, double poisson_ratio) {
     }
 }
 
-/* The elements over which a volumetric strain is averaged; each contributes part of its volume. */
+/* A group of elements over which a volumetric strain is averaged. Each contributes part of its volume. */
 typedef struct {
-    int region, node, strain_patch; /* elements of this region that have this local node as a corner, or elements of this strain patch; -1 if not used */
+    int region, node, strain_patch; /* the elements of `region` that have the local node `node` as a corner, or those of `strain_patch`; -1 if not used */
 } strain_group;
 
 static bool shares_strain(const neighbourhood *n, int tet, const strain_group *group) {

@@ -35,7 +35,7 @@ bool node_order(tissue *t, cholmod_sparse *graph, const bool *last, int *order) 
     return done;
 }
 
-/* Returns the subgraph of these nodes, as the lower triangle of its adjacency matrix. */
+/* Returns the subgraph of these nodes as the lower triangle of its adjacency matrix. */
 static cholmod_sparse *part_of(tissue *t, const cholmod_sparse *graph, int count, const int *nodes) {
     const int *start = graph->p, *row = graph->i;
     int *index = malloc(graph->nrow * sizeof *index);

@@ -5,7 +5,7 @@
 
 #include "base/lame.h"
 
-/* Adds the forces due to the part of the energy that is integrated by element. */
+/* Adds the forces due to the part of the energy that is integrated element by element. */
 static void add_element(const tissue *t, int tet, const vec3 *u, vec3 *force) {
     vec3 corners[4];
     double k[12][12], youngs_modulus, poisson_ratio;
@@ -28,7 +28,7 @@ static double part_of_volume(const tissue *t, int tet, vec3 gradients[4], int me
     return tet_gradients(corners, gradients) / *count;
 }
 
-/* Adds the forces due to the volumetric energy, lambda V (mean of div u)^2 / 2 for each mean. */
+/* Adds the forces due to the volumetric energy, which is lambda V (mean of div u)^2 / 2 for each mean. */
 static void add_means(const tissue *t, int region, const vec3 *u, dilation *sums, vec3 *force) {
     const mesh *m = t->mesh;
     double lambda = lame_lambda(t->materials[region].youngs_modulus, t->materials[region].poisson_ratio);

@@ -1,11 +1,11 @@
-/* Forces that the stress in one region exerts on the nodes. */
+/* Forces on the nodes due to the stress in one region. */
 #ifndef TROCAR_REGION_FORCES_H
 #define TROCAR_REGION_FORCES_H
 
 #include "tissue/tissue.h"
 
-/* Computes the part of K u that belongs to a region (group index of dimension 3): `force` (N) under the displacements u (m), node_count entries each. The sum
-   over all regions is K u at the nodes that are not fixed, except for the membranes' part. NO_MEMORY. */
+/* Computes a region's part of K u: `force` (N) due to the displacements u (m), node_count entries each. `region`: group index of dimension 3. At nodes that are
+   not fixed, the sum over all regions is K u without the membranes' part. NO_MEMORY. */
 trocar_status region_forces(const tissue *t, int region, const vec3 *u, vec3 *force, trocar_error *why);
 
 #endif

@@ -22,15 +22,15 @@ double relaxation_at(int count, const relaxation_term *terms, double t) {
     return stress;
 }
 
-/* s times the Laplace transform of the relaxation function, at s = -rate. */
+/* Returns s times the Laplace transform of the relaxation function, at s = -rate. */
 static double modulus_at(int count, const relaxation_term *terms, double rate) {
     double sum = 1.0;
     for (int i = 0; i < count; i++) sum += terms[i].weight / (rate * terms[i].time - 1.0);
     return sum;
 }
 
-/* Creep rate between two adjacent relaxation rates (the lower one may be 0). Between these rates, the modulus falls from infinity (or, if the lower one is 0,
-   from its long-term value) to minus infinity. */
+/* Finds the creep rate between two adjacent relaxation rates (the lower one may be 0). Between them, the modulus falls from infinity (or, if the lower rate is
+   0, from its long-term value) to minus infinity. */
 static double creep_rate(int count, const relaxation_term *terms, double low, double high) {
     for (double middle = 0.5 * (low + high); low < middle && middle < high; middle = 0.5 * (low + high)) {
         if (modulus_at(count, terms, middle) > 0.0) low = middle;
@@ -39,9 +39,8 @@ static double creep_rate(int count, const relaxation_term *terms, double low, do
     return low;
 }
 
-/* The creep function J and the relaxation function G satisfy s^2 G~(s) J~(s) = 1. M(s) = s G~(s) is a rational function with simple poles at -1 /
-   relaxation times. The times of J correspond to the zeros of M, of which there is one between any two adjacent poles; its compliances are the residues of
-   1 / (s M(s)) at these zeros: -1 / (s M'(s)). */
+/* The creep function J and the relaxation function G satisfy s^2 G~(s) J~(s) = 1. M(s) = s G~(s) is a rational function with simple poles at -1 / relaxation
+   times. The zeros of M, one between any two adjacent poles, give the times of J; the residues of 1 / (s M(s)) there, -1 / (s M'(s)), give its compliances. */
 trocar_status creep_from_relaxation(int count, const relaxation_term *terms, creep_series *creep, trocar_error *why) {
     relaxation_term sorted[MAX_RELAXATION];
     relaxation_fault wrong = relaxation_check(count, terms);

@@ -1,13 +1,13 @@
-/* Relaxation of the tissue: the Prony series of the stress under constant strain, and the resulting creep under constant force. See docs/mechanics.md,
-   "Relaxation". */
+/* Relaxation of the tissue: the Prony series of the stress under constant strain, and the creep under constant force that follows from it. See
+   docs/mechanics.md, "Relaxation". */
 #ifndef TROCAR_RELAXATION_H
 #define TROCAR_RELAXATION_H
 
 #include "base/error.h"
 
-enum { MAX_RELAXATION = 4 }; /* terms of a series */
+enum { MAX_RELAXATION = 4 }; /* most terms in a series */
 
-/* A term of the series: the fraction `weight` of the stress under constant strain decays as exp(-t / time). */
+/* One term of the series: the fraction `weight` of the stress under constant strain, which decays as exp(-t / time). */
 typedef struct {
     double weight;
     double time;             /* s */
@@ -20,7 +20,7 @@ typedef struct {
     double time[MAX_RELAXATION]; /* s, ascending */
 } creep_series;
 
-/* The first fault of a series. */
+/* The first fault in a series. */
 typedef struct {
     int term;
     const char *key;         /* "weight" or "time"; NULL if the series is valid */
@@ -28,10 +28,10 @@ typedef struct {
 } relaxation_fault;
 relaxation_fault relaxation_check(int count, const relaxation_term *terms);
 
-/* Stress at t (s) after a strain was applied, as a fraction of the initial stress. */
+/* Returns the stress at t (s) after a strain was applied, as a fraction of the initial stress. */
 double relaxation_at(int count, const relaxation_term *terms, double t);
 
-/* Computes the creep of tissue with this relaxation. BAD_INPUT for a series that relaxation_check rejects. */
+/* Computes how tissue with this relaxation creeps. BAD_INPUT if relaxation_check rejects the series. */
 trocar_status creep_from_relaxation(int count, const relaxation_term *terms, creep_series *creep, trocar_error *why);
 
 #endif

@@ -10,16 +10,16 @@
 #include "tissue/exact_fields.h"
 #include "tissue/neighbourhood.h"
 
-static const double RADIUS = 1.6; /* edge lengths: distance from the line within which a node's elements belong to the patch. Measured: with this patch, ln R
-                                     (R: resolved radius) differs from its value on the whole mesh by 0.01 across the line and by 0.02 to 0.03 along it
-                                     (docs/mechanics.md) */
-static const double HALF_LENGTH = 1.2; /* edge lengths: half the extent of the patch along the line; also, smallest ratio of this half extent to the line's
-                                          length within the element. Measured in the same way as RADIUS */
-static const double FREE = 0.45; /* edge lengths: distance from the line below which boundary nodes are left free, because the exact solution does not hold
-                                    for a mesh so close to the line. Measured in the same way as RADIUS */
-static const double GAP = 1e-9; /* m: largest gap between consecutive pieces of the line. Rounding tolerance */
+static const double RADIUS = 1.6; /* edge lengths: a node's elements belong to the patch if the node is at most this far from the line. Measured: with this
+                                     patch, ln R (R: resolved radius) differs from its value on the whole mesh by 0.01 across the line and by 0.02 to 0.03 along
+                                     it (docs/mechanics.md) */
+static const double HALF_LENGTH = 1.2; /* edge lengths: half the patch's extent along the line, and also the smallest ratio of this half extent to the line's
+                                          length within the element. Measured like RADIUS */
+static const double FREE = 0.45; /* edge lengths: boundary nodes closer to the line than this are left free, because the exact solution does not hold for a mesh
+                                    so close to the line. Measured like RADIUS */
+static const double GAP = 1e-9; /* m: consecutive pieces of the line may be this far apart. Rounding tolerance */
 
-/* Displacement of one point along one axis, per unit load on each degree of freedom and per unit displacement of each fixed one. */
+/* How one point moves along one axis, per unit load on each degree of freedom and per unit displacement of each fixed one. */
 typedef struct {
     double of_load[AROUND_DOFS], of_moved[AROUND_DOFS];
 } influence;
@@ -80,7 +80,7 @@ static void find_influence(resolver *r, int tet, vec3 x, int axis, influence *on
     for (int i = 0; i < r->unknowns; i++) on->of_moved[r->unknown[i]] = 0.0;
 }
 
-/* Displacement under the current load and with the current displacements of the fixed degrees of freedom. */
+/* Returns the displacement due to the current load and the current displacements of the fixed degrees of freedom. */
 static double moved_by(const resolver *r, const influence *on) {
     int n = 3 * r->around.node_count;
     return cblas_ddot(n, on->of_load, 1, r->load, 1) + cblas_ddot(n, on->of_moved, 1, r->moved, 1);
@@ -108,7 +108,7 @@ static vec3 displacement_of(const resolver *r, const line_segment *line, vec3 x)
     return v3(-turned.y, turned.x, 0);
 }
 
-/* Number of parts into which each edge of a face is divided to integrate the line's traction: fewer if the line is finite and the face is far from it. */
+/* Returns into how many parts to divide each edge of a face when integrating the line's traction: fewer if the line is finite and the face is far from it. */
 static int parts_of_face(const line_segment *line, vec3 a, vec3 b, vec3 c) {
     enum { NEAR = 6, FAR = 2 };
     vec3 middle = v3_axpy(1.0 / 3.0, v3_add(b, c), a);
@@ -116,8 +116,8 @@ static int parts_of_face(const line_segment *line, vec3 a, vec3 b, vec3 c) {
     return !is_endless(line) && v3_norm(v3_sub(middle, v3(0, 0, z))) > size ? FAR : NEAR;
 }
 
-/* Adds the traction that a continuation of the body beyond its free surface would exert, by quadrature over parts of each face. Without it, the compliance
-   of the surface itself would be attributed to the mesh. */
+/* Adds the traction that the body would exert if it continued beyond its free surface, by quadrature over parts of each face. Without it, the compliance of the
+   surface itself would be blamed on the mesh. */
 static void load_surface(resolver *r, const line_segment *line) {
     const mesh *m = r->around.tissue->mesh;
     for (int i = 0; i < r->around.free_count; i++) {
@@ -158,8 +158,8 @@ static bool is_near_line(const resolver *r, int node) {
     return hypot(r->around.position[node].x, r->around.position[node].y) < FREE * r->around.size;
 }
 
-/* Lists the unknowns: all displacements of interior nodes, and those of boundary nodes near the line either along it (`along`) or across it. All others are
-   prescribed by the exact solution. */
+/* Lists the unknowns. They are all displacements of interior nodes, and those of boundary nodes near the line, either along it (`along`) or across it. The
+   exact solution prescribes all others. */
 static void free_for_line(resolver *r, bool along) {
     r->unknowns = 0;
     for (int i = 0; i < r->around.node_count; i++)
@@ -177,7 +177,7 @@ static void push(resolver *r, const line_segment *line) {
 
 static void push_endless(resolver *r, int axis) { push(r, &(line_segment){axis, -INFINITY, INFINITY}); }
 
-/* Computes the mean of the lateral displacements under forces along x and y of the frame, and the deviation from this mean. */
+/* Computes the mean of the lateral displacements due to forces along x and y of the frame, and the deviation from this mean. */
 static void set_lateral(const resolver *r, double moved[2][2], resolved_field *resolved) {
     double mean = 0.5 * (moved[0][0] + moved[1][1]), nu = r->around.poisson_ratio;
     double half = line_lateral_logarithm(0.5 * (moved[0][0] - moved[1][1]), nu), shear = line_lateral_logarithm(0.5 * (moved[0][1] + moved[1][0]), nu);
@@ -189,7 +189,7 @@ static void set_lateral(const resolver *r, double moved[2][2], resolved_field *r
 
 static double place_on_line(const resolver *r, vec3 x) { return v3_dot(v3_sub(x, r->around.origin), neighbourhood_direction(&r->around)); }
 
-/* Returns the distance from a point on the line to where the line leaves the patch or the body. */
+/* Returns how far it is from a point on the line to where the line leaves the patch or the body. */
 static double reach_of(const resolver *r, double place) {
     double end = place;
     for (int i = 0; i < r->around.chord_count; i++)
@@ -203,8 +203,8 @@ static double end_place(const line_end *end, int k) {
     return part * part * end->reach;
 }
 
-/* Displacement of a cylinder of the resolved radius, caused by the part of the line from `from` to `to` beyond the point, minus the displacement of the mesh;
-   as the logarithm of a ratio of radii. */
+/* Compares two displacements due to the part of the line from `from` to `to` beyond the point: that of a cylinder of the resolved radius, and that of the mesh.
+   Returns the difference as the logarithm of a ratio of radii. */
 static double difference_beyond(resolver *r, double place, double from, double to, double radius, const influence *on) {
     double moved = 0.0, nu = r->around.poisson_ratio;
     for (int axis = 0; axis < 2; axis++) {
@@ -260,7 +260,7 @@ typedef struct {
     mat3 frame;              /* its z axis points inward */
 } plane;
 
-/* Returns the plane of the outer face closest to x, if the patch has an outer face. */
+/* Returns the plane of the outer face closest to x, if the patch has one. */
 static plane surface_near(const resolver *r, vec3 x) {
     const mesh *m = r->around.tissue->mesh;
     double closest = INFINITY;
@@ -277,8 +277,8 @@ static plane surface_near(const resolver *r, vec3 x) {
     return found;
 }
 
-/* Exact displacement of a boundary node under a unit force along the line. The force is distributed to the corners of the element as in the mesh, because on
-   the boundary the difference from a point force is not negligible. */
+/* Returns the exact displacement of a boundary node due to a unit force along the line. The force is distributed over the element's corners as in the mesh,
+   because at the boundary the difference from a point force matters. */
 static vec3 push_at(const resolver *r, int tet, const double weights[4], int node, const plane *surface) {
     const mesh *m = r->around.tissue->mesh;
     vec3 along = neighbourhood_direction(&r->around), at = m->nodes[r->around.nodes[node]], sum = {0};
@@ -321,7 +321,7 @@ static trocar_status measure_point(resolver *r, int tet, int count, const vec3 *
 
 /* ---- beside the line ----------------------------------------------------------------------------------------------- */
 
-/* Computes the displacement of all nodes under an infinite line force along one axis, with the factorised stiffness. */
+/* Computes how far an infinite line force along one axis displaces all nodes, using the factorised stiffness. */
 static void move_all(resolver *r, int axis, line_field *field) {
     double right[AROUND_DOFS];
     int n = 3 * r->around.node_count;

@@ -2,7 +2,7 @@
 
 #include <stdlib.h>
 
-/* Measured for 4 to 12 tetrahedra: smaller patches lock more; larger ones couple more nodes without benefit. */
+/* Measured for 4 to 12 tetrahedra: smaller patches lock more; larger ones couple more nodes for no benefit. */
 enum { PATCH_SIZE = 8, LEAST_SIZE = 4, NO_PATCH = -1 };
 
 typedef struct {
@@ -14,8 +14,8 @@ typedef struct {
     int count, taken;        /* number of patches, and of tetrahedra in `grown` */
 } partition;
 
-/* Lists, in ascending order, the tetrahedra of the same region that share a face with this one, and returns their number. With this order, the resolution
-   of ties does not depend on the order of a tetrahedron's corners, which is different in a mirrored mesh. */
+/* Lists the tetrahedra of the same region that share a face with this one, in ascending order, and returns how many there are. Because of this order, ties do
+   not depend on how a tetrahedron's corners are ordered, which differs in a mirrored mesh. */
 static int beside(const mesh *m, int tet, int others[4]) {
     int count = 0;
     for (int face = 0; face < 4; face++) {
@@ -28,7 +28,7 @@ static int beside(const mesh *m, int tet, int others[4]) {
     return count;
 }
 
-/* Number of faces that a tetrahedron shares with tetrahedra of this patch. */
+/* Returns how many faces a tetrahedron shares with tetrahedra of this patch. */
 static int shared_faces(const partition *p, int tet, int patch) {
     int others[4], count = beside(p->mesh, tet, others), shared = 0;
     for (int i = 0; i < count; i++) shared += p->patch[others[i]] == patch;
@@ -54,13 +54,13 @@ static bool adds_no_node(const partition *p, int tet) {
     return true;
 }
 
-/* Score of a free tetrahedron as the next member of the growing patch. The fewer nodes a patch has, the fewer entries K has. Therefore tetrahedra that add
-   no node come first, then those that share more faces with the patch, then those that would otherwise be isolated. */
+/* Rates a free tetrahedron as the next member of the growing patch. A patch with fewer nodes gives K fewer entries. So tetrahedra that add no node come first,
+   then those that share more faces with the patch, then those that would otherwise be isolated. */
 static int suitability(const partition *p, int tet) {
     return 100 * adds_no_node(p, tet) + 10 * shared_faces(p, tet, p->count) - shared_faces(p, tet, NO_PATCH);
 }
 
-/* Returns the free tetrahedron next to the patch that has the best score (the first one, if several are equal); -1 if there is none. */
+/* Returns the free tetrahedron next to the patch that has the best score, or -1 if there is none. The first one wins a tie. */
 static int next_member(const partition *p) {
     int best = -1, most = 0, others[4];
     for (int k = p->first[p->count]; k < p->taken; k++) {
@@ -83,7 +83,7 @@ static void grow_patch(partition *p, int seed) {
     p->count++;
 }
 
-/* Grows all patches in the manner of an advancing front: each one starts next to the earliest tetrahedron that still has a free neighbour. */
+/* Grows all patches as an advancing front: each starts next to the earliest tetrahedron that still has a free neighbour. */
 static void grow_all(partition *p) {
     int front = 0, others[4];
     for (int start = 0; start < p->mesh->tet_count; start++) {
@@ -98,10 +98,10 @@ static void grow_all(partition *p) {
 
 /* ---- what is left over ---------------------------------------------------------------------------------------------- */
 
-/* Index in `grown` one past a patch's last tetrahedron. */
+/* Returns the index in `grown` one past a patch's last tetrahedron. */
 static int end_of(const partition *p, int patch) { return patch + 1 < p->count ? p->first[patch + 1] : p->taken; }
 
-/* Moves one tetrahedron of a small patch to the smallest adjacent patch that is large enough. Returns false if there is no such patch. */
+/* Moves one tetrahedron of a small patch to the smallest adjacent patch that is large enough. Returns false if there is none. */
 static bool give_away(partition *p, int small) {
     int given = -1, to = -1, others[4];
     for (int k = p->first[small]; k < end_of(p, small); k++) {
@@ -120,8 +120,8 @@ static bool give_away(partition *p, int small) {
     return true;
 }
 
-/* Distributes the tetrahedra of patches that could not grow to adjacent patches. The first patch of each connected component either is full or contains the
-   whole component, so that in the end only small components have small patches. */
+/* Gives the tetrahedra of patches that could not grow to adjacent patches. The first patch of each connected component is either full or the whole
+   component, so in the end only small components have small patches. */
 static void dissolve_small(partition *p) {
     for (bool changed = true; changed;) {
         changed = false;

@@ -43,7 +43,7 @@ void mix_moduli(const region_material *first, const region_material *second, dou
     mixed->stiffening = value_between(first->stiffening, second->stiffening, weight);
 }
 
-/* If the volumetric part is integrated separately, the element's mu is unchanged and its lambda is 0. */
+/* If the volumetric part is integrated separately, mu stays the same and lambda is 0. */
 void element_moduli(const tissue *t, int tet, double *youngs_modulus, double *poisson_ratio) {
     const region_material *material = &t->materials[t->mesh->region[tet]];
     bool whole = t->volumetric == STRAIN_BY_ELEMENT;
@@ -95,7 +95,7 @@ int tissue_means_of(const tissue *t, int tet, int means[4]) {
 
 int tissue_mean_count(const tissue *t) { return t->volumetric == STRAIN_BY_PATCH ? t->patch_count : t->mesh->node_count; }
 
-/* Adds an element's contribution to B, which has one column for each mean strain. `whole`: volume over which each mean is taken. */
+/* Adds an element's contribution to B, which has one column per mean strain. `whole`: volume over which each mean is taken. */
 static void add_divergence(const tissue *t, int tet, const double *whole, cholmod_triplet *triplets) {
     const mesh *m = t->mesh;
     vec3 corners[4], g[4];
@@ -118,8 +118,8 @@ static void add_divergence(const tissue *t, int tet, const double *whole, cholmo
     }
 }
 
-/* Computes B B^T of one region, such that u^T B B^T u is the sum over its mean strains of lambda V (mean of div u)^2, where V is the volume over which the
-   mean is taken. `whole` has room for all means. */
+/* Computes B B^T of one region. u^T B B^T u is the sum over its mean strains of lambda V (mean of div u)^2, where V is the volume over which the mean is taken.
+   `whole` has room for all means. */
 static cholmod_sparse *volumetric_stiffness(tissue *t, int region, double *whole) {
     const mesh *m = t->mesh;
     size_t shares = 0;

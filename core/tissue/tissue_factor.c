@@ -21,7 +21,7 @@ static bool order_dofs(tissue *t, const bool *last, int *order) {
     return done;
 }
 
-/* Finds the position of each node's dofs in the factor. They are contiguous, because their columns of K have the same pattern. */
+/* Finds where each node's dofs are in the factor. They are contiguous, because their columns of K have the same pattern. */
 static void find_columns(tissue *t) {
     const int *order = t->factor->Perm;
     for (int i = 0; i < t->dof_count; i += 3) t->column[order[i] / 3] = i;
@@ -41,9 +41,9 @@ static bool analyse(tissue *t, const bool *last) {
 
 /* ---- factor ---- */
 
-/* Estimates the ratio of the smallest to the largest eigenvalue of K by the Rayleigh quotient after two steps of inverse iteration. Because of rounding
-   errors, a singular K may have inconspicuous pivots (for a body free to rotate about two nodes, the smallest was 7e-9 of the largest), but its quotient is
-   not much above 1e-16. Returns a negative number if out of memory. */
+/* Estimates the ratio of the smallest to the largest eigenvalue of K by the Rayleigh quotient after two steps of inverse iteration. Rounding can hide a
+   singular K from its pivots (for a body free to rotate about two nodes, the smallest was 7e-9 of the largest), but not from this quotient, which is then
+   hardly above 1e-16. Returns a negative number if out of memory. */
 static double least_stiffness(tissue *t) {
     int n = t->dof_count;
     double one[2] = {1, 0}, zero[2] = {0, 0}, quotient = -1.0;
@@ -69,7 +69,7 @@ trocar_status tissue_loose(trocar_error *why) {
                 "under `fixed` that every part of the mesh is connected to");
 }
 
-/* Required memory: for the factor, for the largest update of a supernode, and for K in elimination order. */
+/* Returns the memory needed for the factor, for the largest update of a supernode, and for K in elimination order. */
 static double factor_bytes(tissue *t) {
     double numbers = (double)t->factor->xsize + (double)t->factor->maxcsize;
     return sizeof(double) * numbers + (sizeof(double) + sizeof(int)) * (double)cholmod_nnz(t->stiffness, &t->common);
@@ -90,7 +90,7 @@ static trocar_status check_memory(tissue *t, trocar_error *why) {
 
 static trocar_status factor(tissue *t, int count, const int *nodes, trocar_error *why) {
     bool *last = mark_free_nodes(t, count, nodes);
-    if (count > 0) { /* a region of interest implies a large mesh, where more and narrower supernodes with fewer zeros save 5 % of the memory */
+    if (count > 0) { /* a region of interest means a large mesh, for which more and narrower supernodes contain fewer zeros and save 5 % of the memory */
         static const double LEAST_FULL[3] = {0.2, 0.025, 0.0125};
         memcpy(t->common.zrelax, LEAST_FULL, sizeof LEAST_FULL);
     }

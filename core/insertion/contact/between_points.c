@@ -3,18 +3,17 @@
 #include "insertion/guide/guides.h"
 #include "linalg/between_kernels.h"
 
-/* The points' order from base to tip, and the data from which the blocks between them are computed. */
+/* The order of the points from base to tip, and what the blocks between them are computed from. */
 typedef struct {
-    int order[MAX_POINTS];           /* index of the point at each place in the order from base to tip */
+    int order[MAX_POINTS];           /* order[k]: index in the list of the point that is k-th from the base */
     bool in_order;                   /* see in_order_of_slots */
-    _Alignas(CACHE_LINE) between_rows frames; /* [a][b]: component a of axis b of a point's frame */
-    between_rows tissue;             /* m/N, world frame: compliance between one point (rows) and the others; used only if the points are not in the order
-                                        of their slots */
+    _Alignas(CACHE_LINE) between_rows frames; /* [a][b]: component a of axis b of each point's frame */
+    between_rows tissue;             /* m/N, world frame: compliance between one point (rows) and the others; used only if the points are not in slot order */
 } layout;
 
 /* ---- points ---------------------------------------------------------------------------------------------------------- */
 
-/* Sorts the points from base to tip. In the list, guides come first even if tissue contacts are nearer to the base. */
+/* Sorts the points from base to tip. In the list, guides come first even if there are tissue contacts nearer to the base. */
 static void sort_points(const contact_points *points, int order[MAX_POINTS]) {
     for (int i = 0; i < points->count; i++) {
         int at = i;
@@ -29,7 +28,7 @@ static void lay_out_frames(const contact_points *points, layout *to) {
             for (int b = 0; b < 3; b++) to->frames[a][b][k] = points->list[to->order[k]].at.frame.m[a][b];
 }
 
-/* True if points and slots are in the same order without gaps, and all guides are nearer to the base. This is the usual case. */
+/* True if all guides come before the tissue contacts and these occupy consecutive slots in the same order as the points. This is the usual case. */
 static bool in_order_of_slots(const contact_points *points, const int order[MAX_POINTS]) {
     bool in_order = true;
     for (int k = 0; k < points->count && in_order; k++)
@@ -42,13 +41,13 @@ static void put_tissue(between_rows to, int l, const mat3 *block, bool transpose
         for (int b = 0; b < 3; b++) to[a][b][l] = transposed ? block->m[b][a] : block->m[a][b];
 }
 
-/* Compliance of the tissue between two points, neither of which is the tip. */
+/* Returns the tissue's compliance between two points, neither of which may be the tip. */
 static mat3 between_contacts(const tick_input *tick, const contact_points *points, const creep_step *creep, int i, int j) {
     if (i < points->guided || j < points->guided) return (mat3){{{0}}};
     return m3_scaled(creep->yield, compliance_between(tick->snapshot, points->list[i].handle, points->list[j].handle));
 }
 
-/* Compliance of the tissue between the point at place k and the points at places k, k + 1, ... */
+/* Writes the tissue's compliance between the k-th point from the base and itself and all points nearer to the tip. */
 static void lay_out_tissue(const tick_input *tick, const contact_points *points, const tissue_step *tissue, const creep_step *creep, const int *order, int k,
                            between_rows to) {
     int i = order[k];
@@ -65,7 +64,7 @@ static void lay_out_tissue(const tick_input *tick, const contact_points *points,
 
 /* ---- needle ---------------------------------------------------------------------------------------------------------- */
 
-/* Displacements of the joints under unit forces at each point, interpolated from the needle's response. */
+/* Interpolates, from the joints' compliance, how unit forces at each point displace the joints. */
 static void interpolate_columns(const contact_points *points, const needle_response *response, between_components *joints_to_points, const int *order) {
     between_interpolation columns[MAX_POINTS];
     for (int k = 0; k < points->count; k++) columns[k] = (between_interpolation){points->list[order[k]].at.first, points->list[order[k]].at.weights};
@@ -74,7 +73,7 @@ static void interpolate_columns(const contact_points *points, const needle_respo
 
 /* ---- blocks ---------------------------------------------------------------------------------------------------------- */
 
-/* Stores the block of points i (rows) and j in the upper triangle. */
+/* Stores the block of points i (rows) and j (columns) in the upper triangle. */
 static void put_block(contact_problem *p, int i, int j, const mat3 *block) {
     for (int a = 0; a < 3; a++)
         for (int b = 0; b < 3; b++) {
@@ -84,13 +83,13 @@ static void put_block(contact_problem *p, int i, int j, const mat3 *block) {
         }
 }
 
-/* Decouples a guide point at which the needle does not touch the edge. */
+/* Decouples a guide point where the needle does not touch the edge of its hole. */
 static void uncouple_guide(const contact_points *points, contact_problem *problem, int i) {
     static const mat3 nothing;
     for (int j = 0; j < points->count; j++) put_block(problem, i, j, &nothing);
 }
 
-/* Stores the blocks that couple the point at place k to itself and to the points nearer to the tip. */
+/* Stores the blocks that couple the k-th point from the base to itself and to the points nearer to the tip. */
 static void put_blocks(const contact_points *points, contact_problem *problem, const int *order, int k, between_rows blocks) {
     for (int l = k; l < points->count; l++) {
         mat3 block;
@@ -99,8 +98,8 @@ static void put_blocks(const contact_points *points, contact_problem *problem, c
     }
 }
 
-/* Points `row` to the tissue's compliance between point k and points k, k + 1, ..., for points in the order of their slots: the snapshot's rows are used
-   without copying. */
+/* Sets `row` to the tissue's compliance between point k and points k, k + 1, ... Works only for points in slot order, because it refers to the snapshot's rows
+   instead of copying them. */
 static void read_tissue(const tick_input *tick, const contact_points *points, const tissue_step *tissue, const creep_step *creep, int k, between_points_row *row) {
     static const double none[BETWEEN_PLACES];
     const contact_point *point = &points->list[k];
@@ -113,7 +112,7 @@ static void read_tissue(const tick_input *tick, const contact_points *points, co
     if (points->tip) row->at_tip = point->kind == POINT_TIP ? tissue->tip_row[k] : m3_transposed(&tissue->tip_row[k]);
 }
 
-/* Computes the blocks that couple the point at place k to those at places k, k + 1, ... */
+/* Computes the blocks that couple the k-th point from the base to itself and to the points nearer to the tip. */
 static void find_blocks(const tick_input *tick, const contact_points *points, const tissue_step *tissue, const creep_step *creep, between_components *joints_to_points,
                         layout *places, between_kernel *kernel, int k, between_rows blocks) {
     const needle_point *point = &points->list[places->order[k]].at;
@@ -137,7 +136,7 @@ void assemble_between_points(const tick_input *tick, insertion_workspace *w) {
     places.in_order = in_order_of_slots(&w->points, places.order);
     lay_out_frames(&w->points, &places);
     interpolate_columns(&w->points, &w->response, w->joints_to_points, places.order);
-    for (int k = w->points.count - 1; k >= 0; k--) { /* from tip to base: see between_store */
+    for (int k = w->points.count - 1; k >= 0; k--) { /* tip first: between_store requires it */
         find_blocks(tick, &w->points, &w->tissue, &w->creep, w->joints_to_points, &places, kernel, k, blocks);
         if (places.in_order) between_store(w->problem.count, k, blocks, w->problem.compliance);
         else put_blocks(&w->points, &w->problem, places.order, k, blocks);

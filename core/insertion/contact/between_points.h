@@ -4,8 +4,9 @@
 
 #include "insertion/state/tick_data.h"
 
-/* Stores P N P^T + R^T C R in the contact problem. N is the needle's compliance between joints, which P interpolates at the points and rotates into their
-   frames. C is the nominal tissue's compliance between points, rotated by the frames R. Points at a guide that the needle does not touch are decoupled. RT */
+/* Stores P N P^T + R^T C R in the contact problem. N is the needle's compliance between joints; P interpolates it at the points and rotates it into their
+   frames. C is the nominal tissue's compliance between points, which R rotates into the same frames. Guide points that the needle does not touch are decoupled.
+   RT */
 void assemble_between_points(const tick_input *tick, insertion_workspace *w);
 
 #endif

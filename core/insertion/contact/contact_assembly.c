@@ -13,10 +13,11 @@
 #include "insertion/state/strata.h"
 #include "snapshot/snapshot_kernels.h"
 
-static const double TIP_FADE = 3e-3; /* m: depth over which the tissue's lateral support of tip and shaft grows to its full value. Chosen by judgement */
-static const double LEAST_STIFFNESS = 1e-3; /* N/m: lower limit for the stiffness of a share of the shaft (shaft_resistance), needed for a share that has
-                                               emerged from a gap and is barely in the tissue. Rounding: stiffness of 0.5 um of shaft at 1 kPa */
-static const double LEAST_HOLD = 1e-6; /* fraction: smallest lateral support, so that its compliance is finite. Rounding tolerance */
+static const double TIP_FADE = 3e-3; /* m: depth at which the tissue near the surface reaches its full lateral support of tip and shaft. Chosen by judgement */
+static const double LEAST_STIFFNESS = 1e-3; /* N/m: smallest stiffness assumed for the tissue around a share of the shaft (shaft_resistance), because a share
+                                               that has come out of a gap may barely be in the tissue. Rounding tolerance: the stiffness of 0.5 um of shaft at 1
+                                               kPa */
+static const double LEAST_HOLD = 1e-6; /* fraction: smallest lateral support, which keeps the compliance finite. Rounding tolerance */
 
 /* ---- points and forces --------------------------------------------------------------------------------------------- */
 
@@ -40,9 +41,9 @@ void points_list(const tick_input *tick, const insertion_state *state, contact_p
     p->shaft = shaft_resistance_of(tick->model, state, p->share);
 }
 
-/* A contact's force acts at the shaft's material point that the tissue holds, or at the needle's end if that point would lie beyond it. The same is true of
-   the shaft next to the tip; this point is behind the needle's end by the depth of the dent under the end face. The force on the end face acts at the
-   needle's end. The resultant of the two lateral forces acts between the two points. */
+/* A contact's force acts at the point of the shaft that the tissue holds, or at the needle's end if that point would lie beyond it. For the shaft next to the
+   tip, this point is behind the needle's end by the depth of the dent under the end face. The force on the end face acts at the needle's end. At the tip, the
+   resultant of these two forces across the needle therefore acts somewhere in between. */
 static void place_on_shaft(const tick_input *tick, const insertion_state *state, const tissue_step *tissue, contact_point *p) {
     double length = tick->model->needle->given.length;
     bool tip = p->kind == POINT_TIP;
@@ -93,7 +94,7 @@ void find_tip_rows(const tick_input *tick, const insertion_state *state, const c
     int tip = points->count - 1;
     double yielding[4];
     tissue->tip_resolved = handles[0] == NO_HANDLE ? 0.0 : state->tip.resolution.field.point;
-    if (handles[0] == NO_HANDLE) { /* the mesh is treated as rigid at the tip */
+    if (handles[0] == NO_HANDLE) { /* treat the mesh as rigid at the tip */
         memset(tissue->tip_row, 0, (size_t)points->count * sizeof *tissue->tip_row);
         tissue->free_at_tip = v3(0, 0, 0);
         return;
@@ -105,21 +106,21 @@ void find_tip_rows(const tick_input *tick, const insertion_state *state, const c
     tissue->free_at_tip = creep_free_at(tick, state, creep, handles, weights);
 }
 
-/* Fraction (0 to 1) of the full lateral support that the tissue gives near the surface; it grows with depth and with the push on the tip. It is the same
-   for the tip and the contacts behind it, so that forces do not jump when a contact takes over from the tip. */
+/* Returns the fraction (0 to 1) of its full lateral support that tissue near the surface gives. It grows with depth and with the push on the tip. Tip and
+   contacts behind it get the same fraction, so that forces do not jump when a contact takes over from the tip. */
 static double hold_near_surface(const insertion_state *state, const contact_points *points) {
     const needle_tip *tip = &state->tip;
     return points->tip ? fmin(1.0, (tip->place.depth - tip_entry_depth(state)) / TIP_FADE + tip->filtered_push / FULL_GRIP) : 1.0;
 }
 
-/* Reduces the lateral support of point i, whose local compliance is `compliance` (m/N), to the fraction `hold`. */
+/* Reduces the lateral support of point i to the fraction `hold`. `compliance` (m/N): the point's local compliance with full support. */
 static void reduce_hold(tissue_step *tissue, int i, double hold, double compliance) {
     double part = fmax(hold, LEAST_HOLD);
     tissue->extra_lateral_compliance[i] = hold < 1.0 ? compliance * (1.0 / part - 1.0) : 0.0;
     tissue->tightening[i] = hold < 1.0 ? compliance / (part * part * TIP_FADE) : 0.0;
 }
 
-/* Distance (m) from the tip back to the middle of a point's share; INFINITY if the tip is not in the tissue. */
+/* Returns the distance (m) from the tip back to the middle of a point's share; INFINITY if the tip is not in the tissue. */
 static double behind_tip(const insertion_state *state, const contact_points *points, int i) {
     shaft_share share = points->list[i].share;
     return points->tip ? state->tip.place.depth - 0.5 * (share.from + share.to) : INFINITY;
@@ -154,7 +155,7 @@ void find_local_compliance(const tick_input *tick, const insertion_state *state,
     tissue->axial[t + 1] = axial / fmax(shaft->axial, LEAST_STIFFNESS);
 }
 
-/* Sets the shaft's softness and stiffening to those of the tissue along the point's share, and returns both. */
+/* Sets the shaft's softness and stiffening to those of the tissue along its share, and returns both. */
 static stiffened_shaft soften_shaft(const contact_point *p, shaft_hold *shaft) {
     shaft->softness = (p->share.to - p->share.from) / larger_of(p->shaft.axial, LEAST_STIFFNESS);
     shaft->stiffening = p->shaft.stiffening;
@@ -170,9 +171,9 @@ void soften_shear(const tick_input *tick, insertion_state *state, contact_points
     }
 }
 
-/* Change (m) in the shaft's lead over the tissue under its current traction after the tissue along its share has become softer (positive) or stiffer
-   (negative). When part of the shaft enters another region, it has not sheared the tissue there yet; without this correction, the shaft would slide in the
-   tick in which the tip enters the region. */
+/* Returns by how much (m) the shaft's lead over the tissue, at its current traction, grows as the tissue along its share becomes softer (negative if stiffer).
+   A shaft that enters another region has not sheared the tissue there yet; without this correction, it would slide in the tick in which the tip enters the
+   region. */
 static double lead_gained(const insertion_model *model, const contact_point *p, double logarithm, double traction, shaft_hold *shaft) {
     stiffened_shaft before = {shaft->softness, shaft->stiffening}, now = soften_shaft(p, shaft);
     if (before.softness == 0.0) return 0.0;
@@ -208,9 +209,9 @@ static void bound_friction(const tick_input *tick, contact_problem *problem, int
     problem->state[i] = last;
 }
 
-/* Work done against the lateral support per unit length of advance (N, along the needle). Near the surface, this support grows with depth, which stores
-   elastic energy in tissue and needle; the hand must do that work as the tip advances. Without this term, a tip that meets no resistance, as in an old track,
-   would oscillate along the needle: a needle with firmer support bends more, and its end moves back. */
+/* Returns the work done against the lateral support per metre of advance (N, along the needle). Near the surface, support grows with depth, which stores
+   elastic energy in tissue and needle, and the hand has to do that work as the tip advances. Without this term, a tip that meets no resistance, as in an old
+   track, would oscillate along the needle: firmer support bends the needle more, which moves its end back. */
 static double work_of_hold(const insertion_state *state, const contact_points *points, const tissue_step *tissue) {
     double sum = 0.0;
     for (int i = points->guided; i < points->count; i++) {
@@ -222,7 +223,7 @@ static double work_of_hold(const insertion_state *state, const contact_points *p
     return sum;
 }
 
-/* Two forces act on the tip along the needle: the cutting or blocking force on its end face, and the friction of the shaft next to it. */
+/* Two forces act on the tip along the needle: cutting (or an obstacle) on its end face, and friction on the shaft next to it. */
 static void bound_tip(const tick_input *tick, const insertion_state *state, const contact_points *points, const tissue_step *tissue, resistance_ahead *ahead,
                       contact_problem *problem) {
     const needle_tip *tip = &state->tip;
@@ -250,16 +251,15 @@ void bound_contacts(const tick_input *tick, const insertion_state *state, const 
 
 /* ---- the contact problem ------------------------------------------------------------------------------------------- */
 
-/* The shaft next to the tip acts at the same point and in the same direction as the end face, so its row and column are initially copies of those of the
-   tip's axial force. */
+/* The shaft next to the tip acts at the same point and in the same direction as the end face, so its row and column start as copies of the end face's. */
 static void repeat_tip(contact_problem *p) {
     int tip = unknown(p->count, p->count - 1, 2), shaft = tip + 1;
     for (int i = 0; i <= tip; i++) p->compliance[i][shaft] = p->compliance[i][tip];
     p->compliance[shaft][shaft] = p->compliance[tip][tip];
 }
 
-/* The principal directions of the shaft's local lateral compliance are those of the track, not of the needle. If they turned with a bending needle, the
-   passes would diverge near buckling, because the tangent contains no term for this rotation. The compliance of the tip's end face is isotropic. */
+/* The principal directions of the shaft's local lateral compliance are those of the track, not of the needle. If they turned with the needle as it bends, the
+   passes would diverge near buckling, because the tangent has no term for that rotation. The local compliance of the end face is isotropic. */
 static void add_local_compliance(const insertion_state *state, const contact_points *points, const tissue_step *tissue, contact_problem *problem, int point) {
     const track_shares at = along_track(state, points, tissue, point);
     bool tip = points->list[point].kind == POINT_TIP;

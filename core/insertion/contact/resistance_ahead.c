@@ -6,7 +6,7 @@
 
 /* ---- the stretches ------------------------------------------------------------------------------------------------- */
 
-/* Inserts a stretch into the list, which is in the order in which the tip reaches the stretches. */
+/* Inserts a stretch into the list, which is sorted by `from`. */
 static void add_stretch(resistance_ahead *ahead, stretch_ahead added) {
     int k = ahead->count;
     if (k == MAX_KNOTS) return;
@@ -15,8 +15,8 @@ static void add_stretch(resistance_ahead *ahead, stretch_ahead added) {
     ahead->count++;
 }
 
-/* Adds a stretch of tissue that begins at the nominal point x. Tissue along an open track springs back over the tip, so that the tip advances farther than
-   the hand carries it. Beyond the hand's advance, the viscosity is that of uncut tissue: otherwise nothing would limit the rebound, and the force would drop
+/* Adds a stretch of tissue that begins at the nominal point x. Along an open track, the tissue springs back over the tip, so the tip advances farther than the
+   hand carries it. Beyond the hand's advance, the stretch has the viscosity of uncut tissue: otherwise nothing would slow the rebound, and the force would drop
    at once when the tip enters the track. */
 static void add_tissue(const tick_input *tick, const insertion_state *state, const hand_advance *hand, resistance_ahead *ahead, double from, vec3 x, const open_track *track) {
     const insertion_model *model = tick->model;
@@ -27,17 +27,18 @@ static void add_tissue(const tick_input *tick, const insertion_state *state, con
                                                        .viscosity = springs_back ? whole : (1.0 - track->openness) * whole, .track = *track});
 }
 
-/* Adds the calcifications that the tip enters between the slips `from`, where it is at the nominal point x, and `to`. */
+/* Adds the calcifications that the tip enters as its slip goes from `from` to `to`. x: the tip's nominal position at slip `from`. */
 static void add_calcifications(const tick_input *tick, const insertion_state *state, const hand_advance *hand, resistance_ahead *ahead, double from, double to, vec3 x,
                                vec3 direction, const open_track *track) {
     const insertion_model *model = tick->model;
     for (int i = 0; i < model->calcification_count; i++) {
-        double entry = calcification_entry(&model->calcifications[i], x, direction) + FACE_CLEARANCE; /* just past the boundary, so that the tip reaches it */
+        double entry = calcification_entry(&model->calcifications[i], x, direction) + FACE_CLEARANCE; /* just past the boundary, so that this point counts as
+                                                                                                         inside */
         if (from + entry < to) add_tissue(tick, state, hand, ahead, from + entry, v3_axpy(entry, direction, x), track);
     }
 }
 
-/* Adds the open tracks, one after the other, and the uncut tissue after them, with the calcifications along both. */
+/* Adds the open tracks, one after another, then the uncut tissue beyond them, and the calcifications along all of them. */
 static void add_tracks(const tick_input *tick, const insertion_state *state, const hand_advance *hand, const path_step *path, resistance_ahead *ahead, double reach) {
     double carried = hand->carried, from = 0.0;
     vec3 x = state->tip.place.nominal;
@@ -88,7 +89,7 @@ static void add_stops(const tick_input *tick, const insertion_state *state, cons
     }
 }
 
-/* Largest possible advance of the tip (m), if no force opposed it: the hand's advance plus the full rebound of the tissue. */
+/* Returns how far (m) the tip would advance if no force opposed it: the hand's advance plus the full rebound of the tissue. */
 static double most_slip(const insertion_state *state, const contact_points *points) {
     const contact_point *p = &points->list[points->count - 1];
     return fmax(v3_dot(needle_along(&p->at), v3_sub(v3_sub(p->at.position, state->base_shift), p->target)), 0.0);
@@ -117,8 +118,8 @@ static void add_knot(resistance_ahead *ahead, staircase *climb, double at, doubl
     ahead->of_knot[climb->count++] = stretch;
 }
 
-/* The staircase is the largest resistance met so far, so it is monotone: the tip passes a membrane at the force that punctures it, and this force persists
-   until the tissue's resistance exceeds it. The membrane itself is punctured in the next step. */
+/* The staircase is the largest resistance met so far, which makes it monotone: the force that punctures a membrane persists until the tissue's resistance
+   exceeds it. The membrane itself is punctured in the next step. */
 void resistance_ahead_climb(const tick_input *tick, const insertion_state *state, const contact_points *points, resistance_ahead *ahead, double work_of_hold,
                             staircase *climb) {
     vec3 force = state->tip.solved.force, needle = needle_along(&points->list[points->count - 1].at);
@@ -142,7 +143,7 @@ void resistance_ahead_climb(const tick_input *tick, const insertion_state *state
             slope = s->viscosity / tick->dt;
         }
         add_knot(ahead, climb, at, fmax(tissue, held), tissue >= held ? slope : 0.0, k);
-        double equal = at + (held - tissue) / slope; /* m, slip at which the tissue's resistance equals that of the obstacle */
+        double equal = at + (held - tissue) / slope; /* m, slip at which the tissue's resistance reaches the obstacle's */
         if (tissue < held && equal < end) add_knot(ahead, climb, equal, held, slope, k);
     }
 }

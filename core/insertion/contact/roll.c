@@ -5,24 +5,24 @@
 
 /* ---- one bound for sliding and turning --------------------------------------------------------------------------------- */
 
-static const double LEAST_WAY = 1e-12; /* m: surface slip per step below which a shaft is treated as sticking, because the direction of such a small slip
-                                          is rounding error. Rounding tolerance */
-static const double LEAST_YIELDING = 1e-12; /* N m / rad: smallest stiffness of the tissue against rotation of a share. Rounding tolerance */
-static const double LEAST_TORQUE = 1e-6; /* N m: added to a torque before MARGIN is applied. Rounding tolerance */
-static const double LEAST_GAP = 1e-6; /* m: smallest distance between two points on the needle. Rounding tolerance */
+static const double LEAST_WAY = 1e-12; /* m: a shaft whose surface slips by less than this in a step is treated as sticking, because rounding determines the
+                                          direction of such a small slip. Rounding tolerance */
+static const double LEAST_YIELDING = 1e-12; /* N m / rad: smallest stiffness assumed for the tissue's resistance to rotation. Rounding tolerance */
+static const double LEAST_TORQUE = 1e-6; /* N m: added to the torque before multiplying by MARGIN. Rounding tolerance */
+static const double LEAST_GAP = 1e-6; /* m: smallest distance assumed between two points on the needle. Rounding tolerance */
 
 double roll_slip_length(double slip, const roll_friction *roll, double radius) {
     return roll->turned == 0.0 ? fabs(slip) : length_of(slip, radius * roll->turned);
 }
 
-/* Friction opposes the slip of the shaft's surface. With the bound F, sliding by a and turning by w give the axial force f(a) = F a / sqrt(a^2 + w^2).
-   Returns its tangent at the value of a from the last solve. */
+/* Friction acts against the slip of the shaft's surface. If its bound is F and the surface slides by a along the needle and by w around it, the axial force is
+   f(a) = F a / sqrt(a^2 + w^2). Returns the tangent to f at the a of the last solve. */
 static shared_bound tangent(double dry, double a, double w) {
     double s = length_of(a, w), along = fabs(a) / s, across = w / s;
     return (shared_bound){dry * along * along * along, dry * across * across / s};
 }
 
-/* Bound that remains for one force if nothing slides: the resultant of both forces must stay within the common bound. */
+/* Returns the bound left for one force while nothing slides: the resultant of both forces must stay within the common bound. */
 static double rest_of(double dry, double other) { return sqrt(larger_of(dry * dry - other * other, 0.0)); }
 
 shared_bound roll_bound_for_sliding(double dry, double slip, const roll_friction *roll, double radius) {
@@ -42,10 +42,10 @@ shared_bound roll_bound_for_turning(double dry, double slip, double along, const
 void roll_follow_base(insertion_state *state, quat orientation) {
     double turn = q_roll_between(state->needle.base.orientation, orientation);
     state->base_turn += turn;
-    state->tip_lead -= turn; /* the tip does not follow the base until the solve rotates it */
+    state->tip_lead -= turn; /* the tip lags behind until the solve turns it */
 }
 
-/* Rotational state at a point in the tissue; guides do not resist rotation of the shaft. */
+/* Returns the rotational state of the shaft at a point in the tissue. Guides do not resist rotation. */
 static const roll_friction *roll_at(const insertion_state *state, const contact_point *p) { return &point_shaft(state, p)->roll; }
 
 static roll_friction *roll_of(insertion_state *state, const contact_point *p) {
@@ -60,17 +60,17 @@ double roll_torque(const insertion_state *state, const contact_points *points) {
     return sum;
 }
 
-/* One point of the torsional chain. Torque on the tissue = stiffness * angle + offset. The other members decide whether the point sticks. */
+/* One point of the torsional chain. Its torque on the tissue is stiffness * angle + offset. The other members decide whether it sticks. */
 typedef struct {
-    double shaft;                /* N m / rad, torsional stiffness of the shaft between this point and the previous one or the base */
-    double yielding;             /* rad / N m, rotational compliance of the tissue around the point's share */
-    double remembered;           /* N m, remembered torque in relaxing tissue */
+    double shaft;                /* N m / rad, torsional stiffness of the shaft between this point and the previous one (or the base) */
+    double yielding;             /* rad / N m, rotational compliance of the tissue around the point's share of the shaft */
+    double remembered;           /* N m, torque that relaxing tissue remembers */
     shared_bound bound;
     double stiffness, offset, angle;
 } roll_point;
 
-/* The rotation of the tissue around a shaft is local: a torque m' per unit length rotates the tissue by m' / (4 pi mu r^2), regardless of the mesh. Here 2 pi
-   mu is the inverse of the local compliance along the needle. */
+/* Tissue around a shaft rotates only locally: a torque m' per unit length rotates it by m' / (4 pi mu r^2), whatever the mesh. Here, 2 pi mu is the inverse of
+   the local compliance along the needle. */
 static roll_point point_at(const tick_input *tick, const insertion_state *state, const creep_step *creep, const contact_point *p) {
     const insertion_model *model = tick->model;
     bool tip = p->kind == POINT_TIP;
@@ -86,7 +86,7 @@ static roll_point point_at(const tick_input *tick, const insertion_state *state,
     return point;
 }
 
-/* Sets stiffness and offset of the torque for a sticking or a sliding point. The slip is the shaft's angle minus the tissue's. */
+/* Sets the stiffness and offset of the torque, depending on whether the point sticks or slides. The slip is the shaft's angle minus the tissue's. */
 static void take_law(roll_point *p, const roll_friction *roll) {
     if (roll->friction == STICK) {
         p->stiffness = 1.0 / p->yielding;
@@ -98,11 +98,10 @@ static void take_law(roll_point *p, const roll_friction *roll) {
     p->offset = (roll->friction * p->bound.bound - p->bound.viscosity * (roll->anchor + p->yielding * p->remembered)) / share;
 }
 
-/* Solves for the angles (rad) of the twisted shaft with these torques: the points form a chain that starts at the base, and are eliminated in that order. */
+/* Solves for the angles (rad) of the twisted shaft. The points form a chain that starts at the base, and are eliminated in that order. */
 static void solve_chain(int n, double base, roll_point *p) {
-    double share[MAX_SHARES]; /* fraction of the next point's angle that is added to each point's own */
-    double held = p[0].shaft, turning = p[0].shaft * base; /* stiffness (N m / rad) and torque (N m) that the chain between the base and this point
-                                                              contributes */
+    double share[MAX_SHARES]; /* fraction of the next point's angle that is added to this point's */
+    double held = p[0].shaft, turning = p[0].shaft * base; /* stiffness (N m / rad) and torque (N m) of the chain between the base and this point */
     for (int i = 0; i < n; i++) {
         double after = i + 1 < n ? p[i + 1].shaft : 0.0, inverse = 1.0 / (held + after + p[i].stiffness);
         p[i].angle = (turning - p[i].offset) * inverse;
@@ -122,7 +121,7 @@ static friction_state consistent(const roll_point *p, const roll_friction *roll)
     return torque > p->bound.bound + margin ? SLIP_FORWARD : torque < -p->bound.bound - margin ? SLIP_BACKWARD : STICK;
 }
 
-/* Switches points between sticking and sliding until all are consistent, in the same way as contact_solve. */
+/* Switches points between sticking and sliding until all are consistent, as contact_solve does. */
 static void search(insertion_state *state, const contact_points *points, int n, roll_point *chain) {
     const contact_point *at = tissue_points(points);
     for (int round = 0; round < ROUNDS_TOGETHER + ROUNDS_EACH * n; round++) {
@@ -140,7 +139,8 @@ static void search(insertion_state *state, const contact_points *points, int n, 
     }
 }
 
-/* Anchors new points at the shaft's current roll, where the surrounding tissue is unstrained. */
+/* Anchors new points at the shaft's current roll angle, where the tissue around them is unstrained. Returns false if there is no twist anywhere, so there is
+   nothing to solve. */
 static bool anchor_points(insertion_state *state, const contact_points *points) {
     bool twisted = state->tip_lead != 0.0;
     for (int i = points->guided; i < points->count; i++) {
@@ -151,7 +151,7 @@ static bool anchor_points(insertion_state *state, const contact_points *points) 
     return twisted;
 }
 
-/* Returns point i of the torsional chain, which does not include guides. */
+/* Returns link i of the torsional chain, which does not include guides. */
 static roll_point chain_link(const tick_input *tick, const insertion_state *state, const contact_points *points, const creep_step *creep, int i) {
     const contact_point *at = tissue_points(points);
     roll_point point = point_at(tick, state, creep, &at[i]);
@@ -167,7 +167,7 @@ double roll_stiffness(const tick_input *tick, const insertion_state *state, cons
     for (int i = 0; i < n; i++) {
         roll_friction roll = *roll_at(state, &tissue_points(points)[i]);
         chain[i] = chain_link(tick, state, points, creep, i);
-        if (chain[i].bound.bound == 0.0 && chain[i].bound.viscosity > 0.0) roll.friction = SLIP_FORWARD; /* it slides lengthwise, so it turns freely */
+        if (chain[i].bound.bound == 0.0 && chain[i].bound.viscosity > 0.0) roll.friction = SLIP_FORWARD; /* it slides lengthwise, so it can turn freely */
         take_law(&chain[i], &roll);
         chain[i].offset = 0.0;
     }

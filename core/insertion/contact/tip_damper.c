@@ -5,7 +5,7 @@
 #include "insertion/model/local_compliance.h"
 #include "linalg/rows.h"
 
-/* 1 - exp(-c dt / dent), where c is the speed of shear waves: the fraction of its rebound that tissue displaced by `dent` (m) completes within dt. */
+/* Returns 1 - exp(-c dt / dent), where c is the speed of shear waves: the fraction of its rebound that tissue displaced by `dent` (m) completes within dt. */
 static double part_of_wave(const insertion_model *model, const needle_tip *tip, double dent, double dt) {
     return dent == 0.0 ? 1.0 : -expm1(-dt * local_wave_speed(model, tip->place.tet, tip->place.nominal) / fabs(dent));
 }
@@ -14,13 +14,13 @@ double damper_relaxed(const insertion_model *model, const needle_tip *tip, doubl
     return tip->solved.friction == SLIP_FORWARD ? part_of_wave(model, tip, tip->dent.size, dt) : 1.0;
 }
 
-/* Part of the tissue's displacement (m) along the track at the tip that does not depend on this step's forces. */
+/* Returns the part of the tissue's displacement (m) along the track at the tip that does not depend on this step's forces. */
 static double dent_without_forces(const tick_input *tick, const insertion_state *state, const contact_points *points, const tissue_step *tissue, const creep_step *creep,
                                   const stiffening_step *stiffening) {
     return creep_dent(tick, state, points, tissue, creep) + stiffening->end.offset + state->tip.dent.offset;
 }
 
-/* Displacement (m/N, world frame) of the tip along the track under unit forces in each direction at point i. */
+/* Returns the displacement of the tip along the track (m/N) for a unit force at point i in each direction of the world frame. */
 static vec3 moved_by(const tissue_step *tissue, int i, vec3 along) { return m3_apply_transposed(&tissue->tip_row[i], along); }
 
 void damper_keep_dent(insertion_state *state, const contact_points *points, const tissue_step *tissue) {
@@ -59,7 +59,7 @@ void damper_eliminate(const tick_input *tick, const insertion_state *state, inse
     }
 }
 
-/* Displacement (m) of the tissue at the tip that would be in static equilibrium with the forces. */
+/* Returns the displacement (m) of the tissue at the tip in static equilibrium with the forces. */
 static double static_dent(const tick_input *tick, const insertion_state *state, const insertion_workspace *w) {
     const contact_problem *p = &w->problem;
     int tip = unknown(p->count, p->count - 1, 2);

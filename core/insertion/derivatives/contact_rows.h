@@ -1,16 +1,16 @@
-/* Rows of the contact problem and the points to which they belong; forces in the points' frames. */
+/* Rows of the contact problem, the points they belong to, and the forces in the points' frames. */
 #ifndef TROCAR_CONTACT_ROWS_H
 #define TROCAR_CONTACT_ROWS_H
 
 #include "insertion/contact/roll.h"
 
-/* Distance (m) slid since the shaft last stuck, including the last step. */
+/* Returns the distance (m) slid since the shaft last stuck, including the last step. */
 static inline double slid_distance(const tick_input *tick, const insertion_state *state, const contact_point *point) {
     const shaft_hold *shaft = point_shaft(state, point);
     return shaft->slid + roll_slip_length(shaft->slip, &shaft->roll, tick->model->needle->radius);
 }
 
-/* Signed fraction (-1 to 1) of the friction that acts along the needle, for a shaft that slides by `slip` (m) while it turns. */
+/* Returns the fraction of the friction that acts along the needle (-1 to 1, signed), for a shaft that slides by `slip` (m) while it turns. */
 static inline double part_along(const tick_input *tick, const insertion_state *state, const contact_point *point, double slip) {
     double way = roll_slip_length(slip, &point_shaft(state, point)->roll, tick->model->needle->radius);
     return way > 0.0 ? slip / way : 0.0;

@@ -1,6 +1,6 @@
 #include "insertion/derivatives/needle_influence.h"
 
-/* Displacements (m/N) of the joints from `first` on under a unit force along `axis`, which the point distributes to its joints. */
+/* Computes how far a unit force along `axis` moves the joints from `first` on (m/N). The point distributes the force to its joints. */
 static void move_joints(const needle_tangent *tangent, int first, int segments, const needle_point *at, vec3 axis, vec3 *moved) {
     for (int joint = first; joint <= segments; joint++) {
         moved[joint] = v3(0, 0, 0);
@@ -15,8 +15,8 @@ static vec3 point_moved(const needle_point *p, const vec3 *moved) {
     return sum;
 }
 
-/* The tangent of the B-spline at a point has the direction of (1 - f) d0 + f d1, where d0 and d1 are the segments between its joints, and f is the position
-   between their midpoints. On the two straight half segments at the ends, f is 0 or 1. */
+/* The tangent of the B-spline at a point is along (1 - f) d0 + f d1, where d0 and d1 are the two segments between the point's joints, and f is the position
+   between the segments' midpoints. On the straight half segments at both ends, f is 0 or 1. */
 static vec3 tangent_of(const needle_point *p, const vec3 *joints) {
     double f = smaller_of(sqrt(2.0 * p->weights[2]), 1.0);
     vec3 before = v3_sub(joints[p->first + 1], joints[p->first]), after = v3_sub(joints[p->first + 2], joints[p->first + 1]);

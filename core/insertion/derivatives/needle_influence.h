@@ -1,4 +1,4 @@
-/* How forces at the contact points move the points, the tangents there, and the needle's end. */
+/* How forces at the contact points move these points, turn the tangents there, and move the needle's end. */
 #ifndef TROCAR_NEEDLE_INFLUENCE_H
 #define TROCAR_NEEDLE_INFLUENCE_H
 
@@ -14,7 +14,7 @@ typedef struct {
     vec3 end_turned[POINT_AXES];                    /* rad/N, world frame: change in the direction of the needle's end */
 } needle_influence;
 
-/* Computes the influence from the needle's tangent in w->response. */
+/* Computes the influence from the needle's tangent stiffness in w->response. */
 void needle_influence_find(const tick_input *tick, const insertion_workspace *w, needle_influence *influence);
 
 /* Returns the unit vector along the last segment. */

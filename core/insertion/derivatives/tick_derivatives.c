@@ -13,13 +13,14 @@
 
 enum { MOST_ROWS = MAX_UNKNOWNS + 2 * MAX_POINTS };
 
-/* The linear system. Its unknowns are the derivatives of the contact problem's forces, in the points' frames, followed by those of the points' tangents, two
-   for each point. A point's frame turns with its tangent, and the force turns with the frame (turned_force). */
+/* The linear system. Its unknowns are the derivatives of the contact problem's forces, in the points' frames, then those of the points' tangents, two per
+   point. A point's frame turns with its tangent, and the force turns with the frame (turned_force). */
 typedef struct {
     int variables;
     needle_influence needle;
     point_forces forces;
-    double response[MAX_UNKNOWNS][2 * MAX_POINTS];   /* m: derivative of each gap with respect to each tangent, with which the force there turns */
+    double response[MAX_UNKNOWNS][2 * MAX_POINTS];   /* m: derivative of each gap with respect to each tangent; the force at that point turns with the
+                                                        tangent */
     double matrix[MOST_ROWS * MOST_ROWS];            /* column-major */
     double side[MAX_VARIABLES][MOST_ROWS];           /* right-hand sides, then the solution */
     double gap[MAX_VARIABLES][MAX_UNKNOWNS];         /* m: derivative of each gap with respect to each variable, with forces and tangents fixed */
@@ -28,16 +29,16 @@ typedef struct {
 
 /* ---- the contact problem ------------------------------------------------------------------------------------------------- */
 
-/* The law of a force along the needle: the contact sticks, or the force grows by `viscosity` times the slip. */
+/* The law of a force along the needle: the contact sticks, or the force grows with the slip at the rate `viscosity`. */
 typedef struct {
     bool sticks;
     double viscosity;        /* N/m */
-    double slip;             /* m, remaining slip until the law changes */
-    double force;            /* N, remaining change in the force until the law changes; sticking contacts only */
+    double slip;             /* m, slip left until the law changes */
+    double force;            /* N, change in force left until the law changes; only if the contact sticks */
     int piece;               /* piece of the staircase on which the tip slides; -1 otherwise */
 } axial_law;
 
-/* Returns the law of the tip's end face, whose force follows the staircase. */
+/* Returns the law of the force on the tip's end face, which follows the staircase. */
 static axial_law law_of_climber(const contact_problem *p, int i, double force) {
     const staircase *s = &p->ahead;
     int k = p->knot < s->count ? p->knot : s->count - 1, below = k - 1, piece = p->state[i] == SLIP_FORWARD ? k : below;
@@ -49,8 +50,8 @@ static axial_law law_of_climber(const contact_problem *p, int i, double force) {
     return law;
 }
 
-/* Decrease of the friction along the needle per unit slip (N/m): the friction limit falls while the shaft's surface slides. If the shaft also turns, only a
-   part of slip and friction is along the needle; roll_bound_for_sliding includes the change in that part. */
+/* Returns how fast the friction along the needle decreases with the slip (N/m): the friction limit falls while the shaft's surface slides. If the shaft also
+   turns, only part of slip and friction is along the needle; roll_bound_for_sliding accounts for how that part changes. */
 static double weakening(const tick_input *tick, const insertion_state *state, const contact_point *point, double slip) {
     double distance = tick->model->settings.weakening_distance, along = part_along(tick, state, point, slip);
     return along * along * point->shaft.excess / distance * exp(-slid_distance(tick, state, point) / distance);
@@ -67,7 +68,7 @@ static axial_law law_of(const tick_input *tick, const insertion_state *state, co
     return law;
 }
 
-/* Force (N) of unknown `row` along the needle. */
+/* Returns the force (N) of unknown `row` along the needle. */
 static double axial_force(const linear_system *s, const contact_problem *p, const contact_points *points, int row) {
     int i = row - 2 * p->count;
     if (points->tip && i >= p->count - 1) return i == p->count ? s->forces.shaft : s->forces.face;
@@ -76,12 +77,12 @@ static double axial_force(const linear_system *s, const contact_problem *p, cons
 
 /* ---- turning frames -------------------------------------------------------------------------------------------------------- */
 
-/* Derivative of a force's component along `axis` of its frame with respect to the tangent along axis a. */
+/* Returns the derivative of a force's component along `axis` of its frame with respect to the tangent's component along axis a. */
 static double turned_force(const double force[3], int axis, int a) { return axis == 2 ? -force[a] : axis == a ? force[2] : 0.0; }
 
-/* Weighted sum of the components of the force at point j, differentiated with respect to the tangent along axis a. `across`, `along`: weights of the
-   components across and along the needle. At the tip, the forces along the needle on the end face and on the shaft are different unknowns, with the weights
-   along[0] and along[1]; a lateral force that turns contributes to both in the fractions in which it acts there. */
+/* Returns the derivative, with respect to the tangent at point j along axis a, of a weighted sum of the components of the force there. `across`, `along`:
+   weights of the components across and along the needle. At the tip, the forces along the needle on the end face and on the shaft are separate unknowns, with
+   the weights along[0] and along[1]. A lateral force that turns adds to both, in the fractions in which it acts on them. */
 static double turned_sum(const linear_system *s, const insertion_workspace *w, int j, int a, const double across[2], const double along[2]) {
     double on_shaft = w->points.list[j].kind == POINT_TIP ? w->tissue.sideways_on_shaft : 0.0;
     double sum = turned_force(s->forces.at[j], 2, a) * ((1.0 - on_shaft) * along[0] + on_shaft * along[1]);
@@ -89,7 +90,7 @@ static double turned_sum(const linear_system *s, const insertion_workspace *w, i
     return sum;
 }
 
-/* Derivative of the gap `row` with respect to the tangent at point j along axis a, with which the force there turns. */
+/* Returns the derivative of the gap `row` with respect to the tangent at point j along axis a; the force at j turns with the tangent. */
 static double gap_by_turning(const linear_system *s, const insertion_workspace *w, int row, int j, int a) {
     const contact_problem *p = &w->problem;
     bool tip = w->points.list[j].kind == POINT_TIP;
@@ -101,7 +102,7 @@ static double gap_by_turning(const linear_system *s, const insertion_workspace *
     return turned_sum(s, w, j, a, across, along);
 }
 
-/* Lateral displacement (m) of the tissue at the tip's end face relative to that at the adjacent shaft, due to the local compliances. */
+/* Returns how far (m) the local compliances move the tissue at the tip's end face sideways, relative to the tissue at the adjacent shaft. */
 static void part_at_tip(const linear_system *s, const insertion_state *state, const insertion_workspace *w, double parted[2]) {
     int t = w->points.count - 1;
     double on_shaft = w->tissue.sideways_on_shaft, face = w->tissue.axial[t], shaft = w->tissue.axial[t + 1];
@@ -114,14 +115,14 @@ static void part_at_tip(const linear_system *s, const insertion_state *state, co
     parted[1] = face * (1.0 - on_shaft) * s->forces.at[t][1] - local.y;
 }
 
-/* Each of the tip's forces across the needle is one unknown, of which fixed fractions act on the shaft and on the end face. When the forces along the needle
-   turn with the tangent, however, each remains on the shaft or on the end face. Adds the resulting difference to the tip's gaps. */
+/* Each of the tip's forces across the needle is one unknown, of which fixed fractions act on the shaft and on the end face. But when the tip's forces along the
+   needle turn with the tangent, each stays on the shaft or on the end face. This adds the resulting difference to the tip's gaps. */
 static void turn_tip(const insertion_state *state, const insertion_workspace *w, linear_system *s) {
     int t = w->points.count - 1;
     const principal_tensor *lateral = &w->tissue.lateral[t];
     const track_shares at = along_track(state, &w->points, &w->tissue, t);
     double face = w->tissue.axial[t] + w->stiffening.end.slope, shaft = w->tissue.axial[t + 1];
-    /* N per rad: lateral force that a rotation adds on the shaft and removes from the end face */
+    /* N per rad: lateral force that a rotation moves from the end face to the shaft */
     double more = (1.0 - w->tissue.sideways_on_shaft) * s->forces.shaft - w->tissue.sideways_on_shaft * s->forces.face;
     vec3 aside = m3_apply_transposed(&w->points.list[t].at.frame, lateral->easy);
     const double easy[] = {aside.x, aside.y, aside.z, aside.z};
@@ -132,8 +133,8 @@ static void turn_tip(const insertion_state *state, const insertion_workspace *w,
         }
 }
 
-/* In a frame that turns, the components of the gap vector change: its component across the needle (m) enters the gap along the needle, and the slip enters
-   the gaps across it. */
+/* In a frame that turns, the components of the gap vector change: its component across the needle (m) enters the gap along the needle, and the slip enters the
+   gaps across it. */
 static void add_turning_gaps(const insertion_state *state, const insertion_workspace *w, linear_system *s) {
     const contact_problem *p = &w->problem;
     for (int i = w->points.guided; i < p->count; i++) {
@@ -163,19 +164,20 @@ static void find_response(const insertion_state *state, const insertion_workspac
 
 static vec3 unit_vector(int axis) { return v3(axis == 0, axis == 1, axis == 2); }
 
-/* Displacement of a point that moves rigidly with the base, per unit of a variable (m or rad). */
+/* Returns the displacement of a point that moves rigidly with the base, per unit of a variable (m or rad). */
 static vec3 carried(const insertion_state *state, int variable, vec3 x) {
     vec3 axis = unit_vector(variable % 3);
     if (variable >= BASE_VARIABLES) return v3(0, 0, 0);
     return variable < 3 ? axis : v3_cross(axis, v3_sub(x, state->needle.base.position));
 }
 
-/* Derivative of a direction that turns with the base. */
+/* Returns the derivative of a direction that turns with the base. */
 static vec3 turned(int variable, vec3 direction) {
     return variable < 3 || variable >= BASE_VARIABLES ? v3(0, 0, 0) : v3_cross(unit_vector(variable % 3), direction);
 }
 
-/* Derivative of the forces on the needle as seen from a frame that turns with the base, while the forces do not turn. Components in the points' frames. */
+/* Computes the derivative of the forces on the needle as seen from a frame that turns with the base, if the forces themselves do not turn. The components are
+   in the points' frames. */
 static void turn_loads(const insertion_state *state, const contact_points *points, int variable, double load[POINT_AXES]) {
     for (int j = 0; j < points->count; j++) {
         vec3 change = m3_apply_transposed(&points->list[j].at.frame, turned(variable, point_force(state, &points->list[j])));
@@ -213,7 +215,7 @@ static void move_base(const insertion_state *state, const insertion_workspace *w
 
 static double *entry(linear_system *s, int order, int row, int column) { return &s->matrix[(size_t)column * (size_t)order + (size_t)row]; }
 
-/* Adds the equation that the gap does not change, multiplied by `factor`. */
+/* Adds the equation that the gap stays closed, multiplied by `factor`. */
 static void close_gap(const insertion_workspace *w, linear_system *s, int order, int row, double factor) {
     const contact_problem *p = &w->problem;
     int rows = unknown_count(p);
@@ -222,7 +224,7 @@ static void close_gap(const insertion_workspace *w, linear_system *s, int order,
     for (int v = 0; v < s->variables; v++) s->side[v][row] += factor * s->gap[v][row];
 }
 
-/* Adds the change in the friction on the edge of a guide's hole, which is proportional to the force across the needle. */
+/* Adds the change in friction on a guide hole's edge, which is proportional to the force across the needle. */
 static void follow_edge(const tick_input *tick, const insertion_workspace *w, linear_system *s, int order, int row) {
     const contact_problem *p = &w->problem;
     int i = row - 2 * p->count;
@@ -231,13 +233,13 @@ static void follow_edge(const tick_input *tick, const insertion_workspace *w, li
     for (int a = 0; a < 2; a++) *entry(s, order, row, 2 * i + a) -= friction * s->forces.at[i][a];
 }
 
-/* Adds the change in the work against the growing lateral support, which the cutting force also has to do near the surface (bound_contacts). */
+/* Adds the change in the work against the growing lateral support near the surface, which the cutting force has to do as well (bound_contacts). */
 static void follow_support(const insertion_workspace *w, linear_system *s, int order, int row) {
     for (int i = w->points.guided; i < w->points.count; i++)
         for (int a = 0; a < 2; a++) *entry(s, order, row, 2 * i + a) -= w->tissue.tightening[i] * s->forces.at[i][a];
 }
 
-/* Adds the equation of a sliding contact: the force along the needle changes by viscosity times the change in the gap, plus the direct effect of the
+/* Adds the equation of a sliding contact: the force along the needle changes by the viscosity times the change in the gap, plus the direct effect of the
    parameters. */
 static void follow_law(const tick_input *tick, const insertion_state *state, const insertion_workspace *w, const tick_derivatives *wanted, linear_system *s,
                        int order, int row, const axial_law *law) {
@@ -280,7 +282,7 @@ static bool solve(const tick_input *tick, const insertion_state *state, const in
 
 /* ---- results --------------------------------------------------------------------------------------------------------------- */
 
-/* Derivatives of the forces on tissue and guides, in the points' frames (N). */
+/* Computes the derivatives of the forces on tissue and guides, in the points' frames (N). */
 static void change_forces(const insertion_workspace *w, const linear_system *s, const double *solution, double change[POINT_AXES]) {
     const contact_problem *p = &w->problem;
     int rows = unknown_count(p);
@@ -295,7 +297,7 @@ static vec3 to_world(const contact_points *points, int i, const double *change) 
     return m3_apply(&points->list[i].at.frame, v3(change[3 * i], change[3 * i + 1], change[3 * i + 2]));
 }
 
-/* Derivative of the damper's force (N, world frame) on the tissue at the tip. */
+/* Returns the derivative of the damper's force (N, world frame) on the tissue at the tip. */
 static vec3 change_damping(const insertion_state *state, const insertion_workspace *w, const linear_system *s, const double *solution) {
     const contact_problem *p = &w->problem;
     const double *column = w->damper.column;
@@ -345,7 +347,7 @@ static void find_wrench(const tick_input *tick, const insertion_state *state, co
     to->tip = v3_axpy(-shift, sum, end);
 }
 
-/* Adds the change in the torque about the needle's axis, which turns with the axis and depends on the base's roll. */
+/* Adds the change in the torque about the needle's axis. The torque turns with the axis and depends on the base's roll. */
 static void add_roll(const tick_input *tick, const insertion_state *state, const insertion_workspace *w, int variable, double torque, variable_derivatives *to) {
     vec3 axis = q_axis(state->needle.base.orientation);
     double rolled = variable < 3 || variable >= BASE_VARIABLES ? 0.0 : v3_dot(unit_vector(variable % 3), axis);
@@ -353,7 +355,7 @@ static void add_roll(const tick_input *tick, const insertion_state *state, const
     to->torque = v3_axpy(-rolled * roll_stiffness(tick, state, &w->points, &w->creep), axis, to->torque);
 }
 
-/* Change in the variable at which this contact would switch. */
+/* Returns the change in the variable at which this contact would switch. */
 static double switches_at(const tick_input *tick, const insertion_state *state, const insertion_workspace *w, const linear_system *s, int row, int variable) {
     const contact_problem *p = &w->problem;
     const double *solution = s->side[variable];
@@ -381,8 +383,8 @@ static void differentiate_free(const tick_input *tick, const insertion_state *st
                                                     .direction = turned(v, needle_end_direction(tick, &state->needle))};
 }
 
-/* Undoes what equilibrium_find and tip_puncture changed after the passes, because the equilibrium depends on the values during the passes: the tip's place
-   and filtered push, and the shaft's rotation at each point, because sliding and turning share one friction bound. */
+/* Undoes what equilibrium_find and tip_puncture changed after the passes, because the equilibrium depends on the values that held during them:
+   the tip's place and filtered push, and the shaft's rotation at each point (sliding and turning share one friction bound). */
 static void undo_conclusion(const insertion_workspace *w, insertion_state *state) {
     const pass_checkpoint *start = &w->start;
     for (int i = w->points.guided; i < w->points.count; i++) {
@@ -397,8 +399,8 @@ static void undo_conclusion(const insertion_workspace *w, insertion_state *state
     state->tip.filtered_push = start->tip.filtered_push;
 }
 
-/* Differentiates the equilibrium, using copies of the workspace and of the state as it was during the passes. `torque` (N m): torque on the tissue about the
-   needle's axis. Returns false if the system is singular. */
+/* Differentiates the equilibrium, working on copies of the workspace and of the state as it was during the passes. `torque` (N m): torque on the tissue about
+   the needle's axis. Returns false if the system is singular. */
 static bool differentiate(const tick_input *tick, const insertion_state *state, double torque, insertion_workspace *w, linear_system *s, tick_derivatives *derivatives) {
     passes_linearise(tick, state, w, true);
     needle_influence_find(tick, w, &s->needle);

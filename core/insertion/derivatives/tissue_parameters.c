@@ -6,12 +6,12 @@
 #include "insertion/model/local_compliance.h"
 #include "insertion/state/strata.h"
 
-static const double SMALL_CHANGE = 1e-4; /* fraction: change in a modulus for the central difference of the tip's local compliance, which is a smooth
-                                            closed-form function */
+static const double SMALL_CHANGE = 1e-4; /* fraction of a modulus: step of the central difference of the tip's local compliance, which is a smooth closed-form
+                                            function */
 
 /* ---- friction and cutting ---------------------------------------------------------------------------------------------------- */
 
-/* Length (m) of a share of the shaft in a region. */
+/* Returns the length (m) of a share of the shaft that lies in a region. */
 static double length_in(const insertion_state *state, shaft_share share, int region) {
     double sum = 0.0;
     for (int k = 0; k < state->stratum_count; k++) {
@@ -21,7 +21,7 @@ static double length_in(const insertion_state *state, shaft_share share, int reg
     return sum;
 }
 
-/* Derivative of the friction on a share of the shaft with respect to a property; the slip is fixed. */
+/* Returns the derivative of the friction on a share of the shaft with respect to a property, at fixed slip. */
 static double friction_change(const tick_input *tick, const insertion_state *state, const contact_problem *p, const contact_point *point, int i,
                               const tissue_parameter *parameter) {
     double length = length_in(state, point->share, parameter->region), weak = exp(-slid_distance(tick, state, point) / tick->model->settings.weakening_distance);
@@ -34,7 +34,7 @@ static double friction_change(const tick_input *tick, const insertion_state *sta
     }
 }
 
-/* Derivative of the resistance ahead of the tip, which slides on this piece of the staircase. The region is taken to be that of the tip's element. */
+/* Returns the derivative of the resistance ahead of a tip that slides on this piece of the staircase. The region is taken to be that of the tip's element. */
 static double cutting_change(const tick_input *tick, const insertion_state *state, const insertion_workspace *w, const tissue_parameter *parameter, int piece) {
     const contact_problem *p = &w->problem;
     const region_material *material = &tick->model->materials[parameter->region];
@@ -60,15 +60,15 @@ double resistance_change(const tick_input *tick, const insertion_state *state, c
 
 /* ---- stiffness --------------------------------------------------------------------------------------------------------------- */
 
-/* Derivative of a local displacement (m / Pa, world frame) of the shaft under the force `force`: the local compliances are inversely proportional to the means
-   of the moduli over the share. */
+/* Returns the derivative of the shaft's local displacement (m / Pa, world frame) under the force `force`. The local compliances are inversely proportional to
+   the averages of the moduli over the share. */
 static vec3 shaft_change(const principal_tensor *lateral, double axial, vec3 track, vec3 force, lateral_axial part) {
     double along = v3_dot(track, force);
     vec3 across = v3_axpy(lateral->more * v3_dot(lateral->easy, force), lateral->easy, v3_scale(lateral->least, v3_axpy(-along, track, force)));
     return v3_axpy(-part.axial * axial * along, track, v3_scale(-part.lateral, across));
 }
 
-/* Returns the fractions of a share's lateral and axial stiffness that a region contributes, divided by the region's modulus (1 / Pa). */
+/* Returns the fractions of a share's lateral and axial stiffness that come from a region, divided by the region's modulus (1 / Pa). */
 static lateral_axial part_of_share(const tick_input *tick, const insertion_state *state, const contact_point *p, int region) {
     const region_material *material = &tick->model->materials[region];
     double length = length_in(state, p->share, region) / material->youngs_modulus;
@@ -76,7 +76,7 @@ static lateral_axial part_of_share(const tick_input *tick, const insertion_state
     return length == 0.0 ? (lateral_axial){0.0, 0.0} : (lateral_axial){length * line.lateral / p->shaft.lateral, length * line.axial / p->shaft.axial};
 }
 
-/* Local compliance of the tip's end face with a changed modulus; NAN if there is no memory. */
+/* Returns the local compliance of the tip's end face with a changed modulus; NAN if out of memory. */
 static double face_with(const tick_input *tick, const insertion_state *state, const insertion_workspace *w, int region, double factor) {
     region_material materials[MESH_MAX_GROUPS];
     insertion_model model = *tick->model;
@@ -91,13 +91,13 @@ static double face_with(const tick_input *tick, const insertion_state *state, co
     return face;
 }
 
-/* Derivative (m / (N Pa)) of the compliance of the tip's end face with respect to the modulus. */
+/* Returns the derivative (m / (N Pa)) of the compliance of the tip's end face with respect to the modulus. */
 static double face_change(const tick_input *tick, const insertion_state *state, const insertion_workspace *w, int region) {
     double low = face_with(tick, state, w, region, 1.0 - SMALL_CHANGE), high = face_with(tick, state, w, region, 1.0 + SMALL_CHANGE);
     return (high - low) / (2.0 * SMALL_CHANGE * tick->model->materials[region].youngs_modulus);
 }
 
-/* Adds the derivatives of the tip's local displacements, separately for the shaft and the end face, which bear different forces. */
+/* Adds the derivatives of the tip's local displacements. Shaft and end face are treated separately, because they bear different forces. */
 static void stiffen_tip(const insertion_workspace *w, const insertion_state *state, const point_forces *forces, lateral_axial part, double face, double gaps[MAX_UNKNOWNS]) {
     int t = w->points.count - 1, x = unknown(w->problem.count, t, 0), z = unknown(w->problem.count, t, 2);
     const mat3 *frame = &w->points.list[t].at.frame;

@@ -1,34 +1,34 @@
 #include "insertion/guide/guides.h"
 
 static const double LEAST_STIFFNESS = 1e-2; /* N/m: tangential stiffness of a hole's edge where the needle touches it without force. Rounding tolerance */
-static const double LEAST_SLOPE = 0.3; /* cosine, below 1: smallest cosine of the angle between needle and hole axis at which the hole still guides the
-                                          needle. Chosen: 70 degrees, beyond any real needle */
-static const double TOLERANCE = 1e-6; /* m: largest distance between needle and edge at which the passes end. Chosen: a tolerance ten times smaller takes
-                                         up to 1.6 times as many passes */
-static const double FORCE_TOLERANCE = 0.01; /* fraction: relative error in the edge spring's force at which the passes end, so that light touches are
-                                               resolved. Chosen in the same way as TOLERANCE */
-static const double ROUNDING = 1e-12; /* m: distance between needle and edge that is accepted in any case. Rounding tolerance */
+static const double LEAST_SLOPE = 0.3; /* cosine, below 1: a hole no longer guides a needle if the cosine of the angle between their axes is below this. Chosen:
+                                          70 degrees, beyond any real needle */
+static const double TOLERANCE = 1e-6; /* m: the passes end when needle and edge agree to within this distance. Chosen: a tolerance ten times smaller takes up to
+                                         1.6 times as many passes */
+static const double FORCE_TOLERANCE = 0.01; /* fraction: the passes end when the relative error in the edge's force is below this, so that light touches are
+                                               resolved. Chosen like TOLERANCE */
+static const double ROUNDING = 1e-12; /* m: needle and edge agree in any case if they are closer than this. Rounding tolerance */
 
 static const guide *guide_of(const tick_input *tick, const contact_points *points, int point) { return &tick->model->guides[points->list[point].guide]; }
 static const guide_state *state_of(const insertion_state *state, const contact_points *points, int point) { return &state->guides[points->list[point].guide]; }
 static const guide_contact *contact_of(const insertion_state *state, const contact_points *points, int point) { return &state_of(state, points,
                                        point)->faces[points->list[point].face]; }
 
-/* Distance (m) from the guide's front face back to the plane of a guide point. */
+/* Returns how far (m) the plane of a guide point is behind the guide's front face. */
 static double plane_of(const guide_state *state, int face) { return face == 0 ? 0.0 : state->depth; }
 
-/* True if this guide point is at the tip, which is the case while the tip is inside the plate. */
+/* True if this guide point is at the tip, as it is while the tip is inside the plate. */
 static bool at_tip(const guide *g, const guide_state *state, int face) { return face == 1 && state->depth < g->thickness; }
 
-/* Distance (m) along the needle from the plane through `centre` to the point. */
+/* Returns the distance (m) along the needle from the plane through `centre` to the point. */
 static double beyond_plane(const needle_point *p, vec3 centre, vec3 normal) {
     return v3_dot(v3_sub(p->position, centre), normal) / v3_dot(needle_along(p), normal);
 }
 
 /* ---- in and out of holes ----------------------------------------------------------------------------------------------- */
 
-/* Arc at which the centreline crosses the plane, by Newton's method from a close guess. A few steps are enough because the centreline is nearly straight
-   near the plane. */
+/* Returns the arc at which the centreline crosses the plane, by Newton's method from a close guess. A few steps are enough because the centreline is nearly
+   straight near the plane. */
 static double crossing(const tick_input *tick, const insertion_state *state, double arc, vec3 centre, vec3 normal) {
     double length = tick->model->needle->given.length;
     for (int i = 0; i < 3; i++) {
@@ -52,13 +52,13 @@ static void pass_front(const tick_input *tick, const insertion_state *state, con
     s->faces[1].arc = tick->model->needle->given.length;
 }
 
-/* True if the angle between the needle and its hole is larger than that of any real needle. */
+/* True if the needle is at a larger angle to its hole than any real needle could be. */
 static bool lies_across(const tick_input *tick, const insertion_state *state, const guide *g, const guide_state *s) {
     needle_point p = needle_at(tick->model->needle, &state->needle, s->faces[0].arc);
     return v3_dot(needle_along(&p), g->normal) < LEAST_SLOPE;
 }
 
-/* For each face, updates which material point of the needle is on it, unless friction holds that point. */
+/* For each face, updates which point of the needle is on it, unless friction holds that point. */
 static void follow_faces(const tick_input *tick, const insertion_state *state, const guide *g, guide_state *s) {
     for (int f = 0; f < GUIDE_FACES; f++) {
         guide_contact *face = &s->faces[f];
@@ -116,7 +116,7 @@ void guides_list(const tick_input *tick, const insertion_state *state, contact_p
     }
 }
 
-/* Returns the map from the needle's lateral displacement to displacement in the face; it is oblique if the needle is not normal to the plate. */
+/* Returns the map from the needle's lateral displacement to the displacement in the face. The map is oblique if the needle is not normal to the plate. */
 static crossing_map map_of(const guide *g, const needle_point *at) {
     crossing_map j;
     vec3 along = needle_along(at);
@@ -131,16 +131,17 @@ static crossing_map map_of(const guide *g, const needle_point *at) {
     return j;
 }
 
-/* Upper bound (m/N) of the needle's compliance to a lateral force at a face. It neglects the tissue, which may also support the needle. */
+/* Returns an upper bound (m/N) on the needle's compliance to a lateral force at a face. It ignores the tissue, which may also support the needle. */
 static double needle_compliance(const tick_input *tick, double arc) {
     return arc * arc * arc / (3.0 * tick->model->needle->bending) + tick->base.compliance;
 }
 
-/* The edge is a spring of stiffness k on the part of the offset d that exceeds the clearance c:
+/* The edge is a spring of stiffness k that acts on the part of the offset d beyond the clearance c:
        f = k (|d| - c) d / |d|
-   It is not linearised about the needle's position after a pass, which may be far off the edge or on another side of it. It is linearised about the point of
-   the edge where the needle would rest if its force stayed in proportion to its deflection, with compliance r: along n, the direction of d + r f, with the
-   force (|d + r f| - c) / (r + 1 / k). The solution is the same. The stiffness perpendicular to n is that of a force that turns with the point. */
+   After a pass, the needle may be far off the edge or on another side of it, so the spring is not linearised about the needle's position. Instead, it is
+   linearised about the point of the edge where the needle would rest if its force stayed proportional to its deflection, with compliance r. That point is in
+   the direction n of d + r f, and the force there is (|d + r f| - c) / (r + 1 / k). The solution is the same. Perpendicular to n, the stiffness is that of a
+   force that turns with the point. */
 static void find_touch(const tick_input *tick, const insertion_state *state, contact_points *points, hole_edge *edges, int point) {
     contact_point *p = &points->list[point];
     hole_edge *edge = &edges[point];
@@ -165,14 +166,15 @@ static void find_touch(const tick_input *tick, const insertion_state *state, con
     double compliance = r + 1.0 / g->stiffness;
     edge->pressed = edge->touched ? (reach - c) / compliance : 0.0;
     for (int a = 0; a < 2; a++) edge->normal[a] = reach > 0.0 ? n[a] / reach : a == 0;
-    double rubs = edge->touched && !at_tip(g, s, p->face) ? length_of(given.x, given.y) : 0.0; /* lateral force that will bound the friction in the next pass */
+    double rubs = edge->touched && !at_tip(g, s, p->face) ? length_of(given.x, given.y) : 0.0; /* lateral force that will set the friction bound in the next
+                                                                                                  pass */
     double missing = length_of(f[0] - edge->pressed * edge->normal[0], f[1] - edge->pressed * edge->normal[1]) + g->friction * fabs(rubs - edge->rubbing);
     double allowed = fmin(TOLERANCE, fmax(FORCE_TOLERANCE * edge->pressed * compliance, ROUNDING));
     edge->agrees = missing * compliance <= allowed;
 }
 
-/* If the needle would have to pull on the edges at both faces of a plate in one pass, only the face with the larger pull is released: usually the pull at the
-   other face only results from it. */
+/* Handles a pass in which the needle would have to pull on the edges at both faces of a plate. Releases only the face with the larger pull: the pull at the
+   other face is usually just a result of it. */
 static void keep_one_face(hole_edge *edges, int front) {
     hole_edge *edge = &edges[front];
     if (edge[0].pulled == 0.0 || edge[1].pulled == 0.0) return;
@@ -228,7 +230,7 @@ void guides_bound(const tick_input *tick, const insertion_state *state, const co
 void guides_add_compliance(const tick_input *tick, const contact_points *points, const hole_edge *edges, contact_problem *problem, int point) {
     const hole_edge *edge = &edges[point];
     int x = unknown(problem->count, point, 0), along = unknown(problem->count, point, 2);
-    bool touched = edge->touched; /* an edge that the needle does not touch is decoupled and bears no force */
+    bool touched = edge->touched; /* if the needle does not touch the edge, the point is decoupled and bears no force */
     problem->compliance[x][x] += touched ? edge->lateral[0] : 1.0;
     problem->compliance[x][x + 1] += touched ? edge->lateral[1] : 0.0;
     problem->compliance[x + 1][x + 1] += touched ? edge->lateral[2] : 1.0;

@@ -1,6 +1,6 @@
 #include "insertion/laws/along_track.h"
 
-/* The end face and the adjacent shaft resist lateral motion of the tip like two springs in parallel. */
+/* Against lateral motion of the tip, the end face and the adjacent shaft act like two springs in parallel. */
 track_shares along_track(const insertion_state *state, const contact_points *points, const tissue_step *tissue, int i) {
     const contact_point *p = &points->list[i];
     vec3 track = m3_apply_transposed(&p->at.frame, point_track(state, p));
@@ -11,7 +11,8 @@ track_shares along_track(const insertion_state *state, const contact_points *poi
                           {sideways, sideways, !tip, tip}, {1.0 - sideways, 1.0 - sideways, tip, 0.0}, {track.x, track.y, track.z, track.z}};
 }
 
-/* Force (N) along the track on the shaft next to the tip: the shaft's fraction of the tip's lateral force, plus the friction along the needle. */
+/* Returns the force (N) along the track on the shaft next to the tip: the part of the tip's lateral force that the shaft bears, plus the friction along the
+   needle. */
 static double on_tip_shaft(const insertion_state *state, const contact_points *points, const tissue_step *tissue, int t) {
     const contact_point *p = &points->list[t];
     const needle_tip *tip = &state->tip;

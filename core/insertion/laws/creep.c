@@ -6,11 +6,11 @@
 #include "insertion/laws/creep_kernels.h"
 #include "insertion/laws/stiffening.h"
 
-static const double TOGETHER = 1e-3; /* m: distance within which residual loads are merged. Cost limit */
-static const double NOTICEABLE = 1e-3; /* N: sum of new residual loads above which a request to the worker is worthwhile. Cost limit: below what a hand
+static const double TOGETHER = 1e-3; /* m: residual loads closer together than this are merged. Cost limit */
+static const double NOTICEABLE = 1e-3; /* N: new residual loads are worth a request to the worker once they add up to this. Cost limit: below what a hand
                                           feels */
 static const double NEGLIGIBLE = 1e-9; /* N: residual loads smaller than this are dropped. Rounding tolerance */
-static const double ALL_OF_IT = 1e-9; /* fraction: part of a share's length that may remain unassigned. Rounding tolerance */
+static const double ALL_OF_IT = 1e-9; /* fraction of a share's length that may remain unassigned. Rounding tolerance */
 
 static const vec3 ZERO = {0, 0, 0};
 static const remembered_forces NOTHING = {{0, 0, 0}, 0, 0};
@@ -49,7 +49,7 @@ static int closest_residual(const residual_loads *residual, vec3 x, double *dist
     return closest;
 }
 
-/* Extends a piece of shaft so that it contains another one that is nearly parallel to it. */
+/* Extends a piece of shaft to include another, nearly parallel one. */
 static void extend_piece(const shaft_piece *other, shaft_piece *piece) {
     const double ends[2] = {other->from, other->to};
     for (int i = 0; i < 2; i++) {
@@ -60,8 +60,8 @@ static void extend_piece(const shaft_piece *other, shaft_piece *piece) {
     }
 }
 
-/* Adds this fraction of a share's load to the residual loads, at the point where the share's load acts, decayed to the end of the step. The load is
-   attributed to the deep end of the share's piece of shaft. `decay` is NULL between two steps. */
+/* Adds the fraction `part` of a share's load to the residual loads, where the share's load acts, decayed to the end of the step. The load is attributed to that
+   fraction of the share's piece of shaft, at its deep end. `decay` is NULL between two steps. */
 static void deposit_load(const insertion_model *model, tissue_memory *memory, const share_memory *share, double part, const double *decay) {
     const creep_series *series = &model->creep;
     residual_loads *residual = &memory->residual;
@@ -117,10 +117,10 @@ void creep_begin(const tick_input *tick, insertion_state *state, creep_step *cre
     memory->residual.time = memory->time;
 }
 
-/* Returns the tissue's memory at a point of this step, which must not be a guide's. */
+/* Returns the tissue's memory at a point, which must not be at a guide. */
 static const share_memory *share_of(const insertion_state *state, const contact_points *points, int point) { return &state->memory.shares[point - points->guided]; }
 
-/* Returns a share without memory at the point's current position. The tip's share extends one radius beyond the tip, like its local compliance. */
+/* Returns a share without memory at the point's current position. Like the tip's local compliance, the tip's share extends one radius beyond the tip. */
 static share_memory empty_share(const tick_input *tick, const insertion_state *state, const contact_point *p) {
     if (p->kind == POINT_TIP) {
         shaft_share share = {p->share.from, p->share.to + tick->model->needle->radius};
@@ -131,7 +131,7 @@ static share_memory empty_share(const tick_input *tick, const insertion_state *s
     return (share_memory){.shaft = shaft_piece_of_contact(state, p->handle, p->share), .tet = node->tet, .at = node->position, .modulus = modulus_in(tick->model, node->tet)};
 }
 
-/* Number of shares, counted from the base, whose borders are the same as in the last step. The last share, which ends at the tip, is not counted. */
+/* Returns how many shares, counted from the base, have the same borders as in the last step. Does not count the last share, which ends at the tip. */
 static int count_kept(const insertion_state *state, const contact_points *points) {
     const tissue_memory *memory = &state->memory;
     const contact_point *now_at = &points->list[points->guided];
@@ -140,14 +140,14 @@ static int count_kept(const insertion_state *state, const contact_points *points
     return kept;
 }
 
-/* Distance (m) between the tip's positions in the last step and in this step. */
+/* Returns how far (m) the tip has moved since the last step. */
 static double tip_way_since(const insertion_state *state, const contact_points *points) {
     const tissue_memory *memory = &state->memory;
     return memory->tip && points->tip ? v3_norm(v3_sub(state->tip.place.nominal, memory->shares[memory->count - 1].at)) : 0.0;
 }
 
-/* A tip that slides along the surface has no track. As it moves over about one diameter, its memory becomes residual load on the tissue that it leaves; the
-   tissue that it reaches has no memory. */
+/* A tip that slides along the surface has no track. As it moves by about one diameter, its memory turns into residual load on the tissue it leaves; the tissue
+   it reaches remembers nothing. */
 static void glide(const tick_input *tick, insertion_state *state, const creep_step *creep) {
     tissue_memory *memory = &state->memory;
     share_memory *share = &memory->shares[0];
@@ -160,8 +160,8 @@ static void glide(const tick_input *tick, insertion_state *state, const creep_st
     }
 }
 
-/* Transfers a share's memory to the new shares that overlap it, starting the search at share `first`. Memory outside the new shares becomes residual load.
-   Returns the first overlapping share. */
+/* Distributes a share's memory over the new shares that overlap it, searching from share `first`. The rest becomes residual load. Returns the first overlapping
+   share. */
 static int transfer_memory(const insertion_model *model, tissue_memory *memory, const share_memory *before, int first, const double *decay) {
     double length = before->shaft.to - before->shaft.from, rest = 1.0;
     while (first < memory->count && memory->shares[first].shaft.to <= before->shaft.from) first++;
@@ -175,8 +175,8 @@ static int transfer_memory(const insertion_model *model, tissue_memory *memory, 
     return first;
 }
 
-/* Memory belongs to the tissue and stays where it is: when borders of shares move, the memory between old and new borders is assigned to another share.
-   Within a share, memory is distributed uniformly over the length. */
+/* Memory belongs to the tissue and stays where it is. When the borders between shares move, the memory between the old and new borders therefore passes to
+   another share. Within a share, memory is spread evenly over the length. */
 void creep_divide(const tick_input *tick, insertion_state *state, const contact_points *points, creep_step *creep) {
     tissue_memory *memory = &state->memory;
     if (tick->model->creep.count == 0) return;
@@ -198,7 +198,7 @@ void creep_deposit_all(const insertion_model *model, tissue_memory *memory, cons
     memset(memory->face, 0, sizeof memory->face);
 }
 
-/* Returns the factor by which the modulus of an element has changed, and stores the new modulus. */
+/* Stores an element's new modulus and returns the factor by which it has changed. */
 static double soften(const insertion_model *model, int tet, double *modulus) {
     double before = *modulus;
     *modulus = modulus_in(model, tet);
@@ -233,8 +233,8 @@ void creep_forget(tissue_memory *memory) {
 
 /* ---- displacements ----------------------------------------------------------------------------------------------------- */
 
-/* Displacements around the end face extend over about one diameter, so an advancing tip reaches tissue with less memory. The memory fades over one diameter
-   plus the depth of the remembered dent; with one diameter alone, tissue springing back on a cutting tip could do more work than the cutting. */
+/* The field around the end face extends over about one diameter, so an advancing tip reaches tissue with less memory. The memory fades over one diameter plus
+   the depth of the remembered dent; over one diameter alone, tissue that springs back on a cutting tip could do more work than the cutting. */
 static void fade_face(const tick_input *tick, insertion_state *state, const creep_step *creep, double yielding) {
     const creep_series *series = &tick->model->creep;
     double *face = state->memory.face, dent = 0.0, moved = creep->tip_moved;
@@ -244,14 +244,14 @@ static void fade_face(const tick_input *tick, insertion_state *state, const cree
     for (int k = 0; k < series->count; k++) face[k] *= fading;
 }
 
-/* The shaft next to the tip is one radius shorter than the share that bears the tip's lateral forces. Returns the fraction of `along`, the load on a shaft as
-   long as the share, that this shorter shaft bears. */
+/* The tip's share extends one radius beyond the tip, but the shaft does not. Returns the fraction of `along`, the load on a shaft as long as the share, that
+   this shorter shaft bears. */
 static double shaft_part(const tick_input *tick, const insertion_state *state) {
     const share_memory *share = &state->memory.shares[state->memory.count - 1];
     return 1.0 - tick->model->needle->radius / (share->shaft.to - share->shaft.from);
 }
 
-/* Computes the displacement of the tissue at each point under the remembered loads. */
+/* Computes how far the remembered loads displace the tissue at each point. */
 static void find_moved(const tick_input *tick, const contact_points *points, const tissue_step *tissue, creep_step *creep) {
     _Alignas(CACHE_LINE) slot_vectors load = {{0}}, moved = {{0}};
     slot_vectors by_beyond;
@@ -271,14 +271,14 @@ static void find_moved(const tick_input *tick, const contact_points *points, con
         creep->moved[i] = v3_scale(creep->yield, v3(moved[0][slot] + by_beyond[0][slot], moved[1][slot] + by_beyond[1][slot], moved[2][slot] + by_beyond[2][slot]));
     }
     if (!points->tip) return;
-    creep->moved[tip] = m3_apply(&tissue->tip_row[tip], by[tip].load); /* tip_row already includes the factor yield */
+    creep->moved[tip] = m3_apply(&tissue->tip_row[tip], by[tip].load); /* tip_row already includes the yield */
     for (int i = points->guided; i < tip; i++) {
         creep->moved[tip] = v3_add(creep->moved[tip], m3_apply(&tissue->tip_row[i], by[i].load));
         creep->moved[i] = v3_add(creep->moved[i], m3_apply_transposed(&tissue->tip_row[i], by[tip].load));
     }
 }
 
-/* Traction (N/m) along the needle that is equivalent to a share's memory. */
+/* Returns the traction (N/m) along the needle that is equivalent to a share's memory. */
 static double traction_of(const tick_input *tick, const creep_step *creep, const share_memory *share) {
     double sum = 0.0;
     for (int k = 0; k < tick->model->creep.count; k++) sum += creep->weight[k] * share->terms[k].along;
@@ -294,8 +294,8 @@ static double traction_at(const tick_input *tick, const creep_step *creep, int c
 double creep_traction_of(const tick_input *tick, const insertion_state *state, const contact_points *points, const creep_step *creep,
                          int i) { return tick->model->creep.count > 0 ? traction_of(tick, creep, share_of(state, points, i)) : 0.0; }
 
-/* When the borders of a share have moved, the mean shear that it remembers is different. The shaft's origin is shifted so that this change does not move the
-   shaft, as in keep_shear. */
+/* When a share's borders move, the mean shear that it remembers changes. This shifts the shaft's origin so that the change does not move the shaft, as in
+   keep_shear. */
 static void keep_remembered_shear(const tick_input *tick, insertion_state *state, const contact_points *points, const tissue_step *tissue, const creep_step *creep,
                                   const stiffening_step *stiffening) {
     for (int i = points->guided + creep->kept; i < points->count; i++) {
@@ -334,8 +334,8 @@ void creep_prepare(const tick_input *tick, insertion_state *state, const contact
     find_moved(tick, points, tissue, creep);
 }
 
-/* Multiplies the local compliance by the remembered force, as in add_local_compliance. The additional lateral compliance near the surface does not
-   represent tissue, so it does not creep. */
+/* Multiplies the local compliance by the remembered force, as in add_local_compliance. The extra lateral compliance near the surface does not stand for tissue,
+   so it does not creep. */
 void creep_shift_gaps(const tick_input *tick, const insertion_state *state, const contact_points *points, const tissue_step *tissue, const creep_step *creep,
                       contact_problem *problem) {
     if (tick->model->creep.count == 0) return;

@@ -4,7 +4,8 @@
 
 void slots_displace(const contact_rows *row, int slot, int end, slot_vectors load, slot_vectors moved, slot_vectors by_beyond) {
     simd4 sum[3] = {simd4_all(0.0), simd4_all(0.0), simd4_all(0.0)};
-    for (int j = simd4_below(slot); j < end; j += SIMD4_WIDTH) { /* begins at a multiple of the width, so that vectors stored just before are loaded whole */
+    for (int j = simd4_below(slot); j < end; j += SIMD4_WIDTH) { /* starts at a multiple of the vector width, so that loads line up with the vectors stored just
+                                                                    before */
         simd4 place = simd4_from(j), here[3], there[3], moved_there[3];
         for (int a = 0; a < 3; a++) {
             here[a] = simd4_where(place >= slot, simd4_all(load[a][slot]));

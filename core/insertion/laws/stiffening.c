@@ -4,11 +4,12 @@
 #include "insertion/model/local_compliance.h"
 #include "insertion/state/strata.h"
 
-static const double AGREEMENT = 1e-6; /* m: error in the linearised displacements below which the passes end. Chosen: a thousandth of a needle's diameter */
+static const double AGREEMENT = 1e-6; /* m: the passes end when the error in the linearised displacements is below this. Chosen: a thousandth of a needle's
+                                         diameter */
 
 /* ---- laws ----------------------------------------------------------------------------------------------------------------- */
 
-/* Change (m) of a shaft's displacement that stiffening causes under this traction, in tissue with this softness (m^2/N, as in stiffened_shaft). */
+/* Returns by how much (m) stiffening changes a shaft's displacement under this traction, in tissue of this softness (m^2/N, as in stiffened_shaft). */
 static double shift_under(const insertion_model *model, double stiffening, double softness, double traction) {
     stiffening_law law = stiffening_of_shaft(stiffening, model->needle->radius, 1.0 / softness, INFINITY);
     return stiffening_at(&law, traction).shift;
@@ -43,21 +44,20 @@ double stiffening_slope(const stiffening_step *stiffening, int i, double force) 
 
 /* ---- forces that the laws depend on ------------------------------------------------------------------------------------------ */
 
-/* Force (N) along the track on the end face, including the damper's force on the same tissue. */
+/* Returns the force (N) along the track on the end face, including the damper's, which acts on the same tissue. */
 static double force_of_face(const insertion_state *state, const contact_points *points, const tissue_step *tissue, const damper_step *damper) {
     double damping = damper->relaxed < 1.0 ? v3_dot(state->tip.dent.damping, state->tip.place.direction) : 0.0;
     return force_on_face(state, points, tissue) + damping;
 }
 
-/* Force (N) along the shaft that is equivalent to the memory of creeping tissue. */
+/* Returns the force (N) along the shaft that is equivalent to the memory of creeping tissue. */
 static double remembered_along(const tick_input *tick, const creep_step *creep, int i) {
     return tick->model->creep.count > 0 ? creep->remembered[i].along : 0.0;
 }
 
 static double remembered_of_face(const tick_input *tick, const creep_step *creep) { return tick->model->creep.count > 0 ? creep->face : 0.0; }
 
-/* Evaluates the law for the force that would strain elastic tissue by the same amount: in creeping tissue, this is `yield` times the sum of force and
-   memory. */
+/* Evaluates the law for the force that would strain elastic tissue just as much. In creeping tissue, that is `yield` times the sum of force and memory. */
 static stiffening_shift evaluate(const creep_step *creep, const stiffening_law *law, double force, double remembered) {
     double yield = creep->yield;
     stiffening_shift at = stiffening_at(law, yield * (force + remembered));
@@ -67,9 +67,9 @@ static stiffening_shift evaluate(const creep_step *creep, const stiffening_law *
 
 /* ---- passes --------------------------------------------------------------------------------------------------------------- */
 
-/* Force about which to linearise after a pass that found `force`. Because the law's tangent flattens at smaller forces, Newton's method approaches a
-   growing force from below, but overshoots a falling one. A falling force is therefore linearised about the force at which the law gives the displacement
-   found in the pass. */
+/* Returns the force about which to linearise after a pass that found `force`. The law's tangent is flatter at smaller forces, so Newton's method approaches a
+   growing force from below but overshoots a falling one. For a falling force, this returns the force at which the law gives the displacement found in the
+   pass. */
 static double force_of_last_pass(const creep_step *creep, const stiffening_law *law, double force, double remembered, const linear_shift *linear) {
     double yield = creep->yield, before = linear->force + remembered;
     if (fabs(force + remembered) >= fabs(before) && (force + remembered) * before >= 0.0) return force;
@@ -115,8 +115,7 @@ void stiffening_shift_gaps(const insertion_state *state, const contact_points *p
     }
 }
 
-/* True if the linearised law is accurate enough. The second derivatives of the laws are at most unit scale^2; with this bound, most evaluations can be
-   skipped. */
+/* True if the linearised law is accurate enough. The laws' second derivatives are at most unit scale^2; with this bound, most evaluations can be skipped. */
 static bool agrees(const creep_step *creep, const stiffening_law *law, double force, double remembered, const linear_shift *linear) {
     double change = creep->yield * law->scale * (force - linear->force);
     if (law->field == NOT_STIFFENING || 0.5 * law->unit * change * change <= AGREEMENT) return true;

@@ -2,10 +2,10 @@
 
 #include <math.h>
 
-static const double SKIN_CONTACT = 1e-5; /* m: depth by which a plate may overlap the tissue, so that it may rest on the skin. Rounding tolerance */
-static const double LEAST_SINE = 1e-3; /* dimensionless: smallest sine of the angle between the normal and the direction of the columns. Rounding tolerance */
-static const double LEAST_SQUARE = 0.7; /* cosine, below 1: smallest cosine of the angle between the given direction of the rows and the perpendicular to
-                                           the columns. Chosen: 45 degrees; with a larger angle, the direction would be nearer to that of the columns */
+static const double SKIN_CONTACT = 1e-5; /* m: how far a plate may overlap the tissue, so that it can rest on the skin. Rounding tolerance */
+static const double LEAST_SINE = 1e-3; /* dimensionless: smallest sine of the angle between the normal and the columns' direction. Rounding tolerance */
+static const double LEAST_SQUARE = 0.7; /* cosine: smallest cosine of the angle between the rows' given direction and the perpendicular to the columns. Chosen:
+                                           45 degrees; at a larger angle, the rows would be nearer to the columns' direction */
 
 guide_config guide_defaults(void) {
     return (guide_config){.columns = 1, .rows = 1, .spacing = 5e-3, .thickness = 20e-3, .stiffness = 50e3, .friction = 0.1};
@@ -19,11 +19,11 @@ static vec3 direction_of(vec3 v) {
 
 static bool is_zero(vec3 v) { return v.x == 0.0 && v.y == 0.0 && v.z == 0.0; }
 
-/* Returns a coordinate axis that is not nearly parallel to the normal. For a plate with one hole, its projection into the plate serves as the direction of
-   the columns. */
+/* Returns a coordinate axis that is not nearly parallel to the normal. A plate with a single hole needs no columns' direction; this axis, projected into the
+   plate, takes its place. */
 static vec3 some_direction_across(vec3 normal) { return fabs(normal.x) < 0.9 ? v3(1, 0, 0) : v3(0, 1, 0); }
 
-/* Finds the unit vectors along columns and rows. `square` is the cosine of the angle between the given direction of the rows and the resulting one. */
+/* Finds the unit vectors along columns and rows. `square`: cosine of the angle between the rows' given direction and the one found. */
 static void find_axes(const guide_config *given, vec3 across[2], double *square) {
     vec3 normal = direction_of(given->normal), along = is_zero(given->along) ? some_direction_across(normal) : direction_of(given->along);
     across[0] = v3_unit(v3_axpy(-v3_dot(along, normal), normal, along));
@@ -34,8 +34,7 @@ static void find_axes(const guide_config *given, vec3 across[2], double *square)
     *square = -*square;
 }
 
-/* True if the given direction of the rows is close enough (LEAST_SQUARE) to the perpendicular to the columns in the plate. The columns' direction must be
-   valid. */
+/* True if the rows' given direction is close enough (LEAST_SQUARE) to the perpendicular to the columns in the plate. The columns' direction must be valid. */
 static bool has_square_rows(const guide_config *g) {
     vec3 across[2];
     double square;
@@ -43,7 +42,7 @@ static bool has_square_rows(const guide_config *g) {
     return square >= LEAST_SQUARE;
 }
 
-/* Checks the directions. If there is a fault, writes a description to `text` and returns the key. */
+/* Checks the directions. Describes the first fault in `text`, or leaves it empty if there is none. Returns the key of the direction checked last. */
 static const char *fault_of_directions(const guide_config *g, char *text, size_t size) {
     bool grid = g->columns * g->rows > 1;
     if (is_zero(g->normal)) return snprintf(text, size, "has no direction: give the direction in which needles pass through the plate"), "normal";
@@ -76,7 +75,7 @@ guide guide_make(const guide_config *given, double needle_diameter) {
     return g;
 }
 
-/* Distance (m) of a column or row from the middle of the grid. */
+/* Returns the distance (m) of a column or row from the middle of the grid. */
 static double offset_of(const guide *g, int index, int count) { return g->spacing * (index - 0.5 * (count - 1)); }
 
 vec3 guide_hole(const guide *g, int hole, double depth) {

@@ -2,17 +2,17 @@
 
 #include <stdlib.h>
 
-static const double LEAST_LOGARITHM = 0.02; /* dimensionless: smallest logarithm of the ratio of resolved radius to needle radius; keeps contacts independent
-                                               where the mesh itself resolves the needle's surface. Chosen by judgement */
-static const double DENSITY = 1050.0; /* kg/m^3: density of soft tissue, for the speed of shear waves, which limits how fast tissue springs back. Cited: ICRU
-                                         Report 46 (1992), skeletal muscle 1050, average soft tissue 1030 */
-static const double GUESSED_LATERAL = 0.42; /* edge lengths: radius that a mesh resolves across the needle, used until it has been measured. Measured: median
-                                               of 4500 random positions and directions in the meshes of figure8.yaml, implant.yaml and trus.yaml; 9 in 10 are
+static const double LEAST_LOGARITHM = 0.02; /* dimensionless: smallest ln(resolved radius / needle radius). Keeps contacts independent where the mesh itself
+                                               resolves the needle's surface. Chosen by judgement */
+static const double DENSITY = 1050.0; /* kg/m^3: density of soft tissue. It sets the speed of shear waves, which limits how fast tissue springs back. Cited:
+                                         ICRU Report 46 (1992), skeletal muscle 1050, average soft tissue 1030 */
+static const double GUESSED_LATERAL = 0.42; /* edge lengths: radius that a mesh resolves across the needle; used until it has been measured. Measured: median of
+                                               4500 random positions and directions in the meshes of figure8.yaml, implant.yaml and trus.yaml; 9 in 10 are
                                                within a factor of 1.6 */
-static const double GUESSED_AXIAL = 0.49; /* edge lengths: radius that a mesh resolves along the needle, used until it has been measured. Measured in the same
-                                             way as GUESSED_LATERAL */
-static const double GUESSED_POINT = 0.14; /* 1 / edge length: compliance of the mesh to a point force, multiplied by the shear modulus; used until it has been
-                                             measured. Measured in the same way as GUESSED_LATERAL */
+static const double GUESSED_AXIAL = 0.49; /* edge lengths: radius that a mesh resolves along the needle; used until it has been measured. Measured like
+                                             GUESSED_LATERAL */
+static const double GUESSED_POINT = 0.14; /* 1 / edge length: compliance of the mesh to a point force, times the shear modulus; used until it has been measured.
+                                             Measured like GUESSED_LATERAL */
 
 /* ---- model ---------------------------------------------------------------------------------------------------------- */
 
@@ -24,14 +24,14 @@ static void add_moduli(insertion_model *model, int node, const region_material *
     model->local.punch[node] += (1.0 - 2.0 * nu) / (4.0 * mu * log(3.0 - 4.0 * nu));
 }
 
-/* For a tip that comes from the tissue, a surface that cannot be punctured is bone if the surface is fixed or has nothing behind it. If the surface is
-   between two tissues, or the tip comes from outside, it is as soft as the tissue. */
+/* To a tip that comes from the tissue, a surface that cannot be punctured is bone if it is fixed or has nothing behind it. Between two tissues, or to a tip
+   that comes from outside, it is as soft as the tissue. */
 static void mark_bone(insertion_model *model) {
     const mesh *m = model->mesh;
     for (int i = 0; i < model->membrane_count; i++) {
         if (!isinf(model->membranes[i].puncture_force)) continue;
         for (int e = 0; e < m->tet_count; e++)
-            for (int k = 0; k < 16; k++) { /* loops over the four faces and their corners */
+            for (int k = 0; k < 16; k++) { /* four faces, and four corners for each */
                 int face = k / 4, node = m->tets[e][k % 4];
                 if (k % 4 == face || !(m->face_groups[e][face] >> model->membranes[i].group & 1)) continue;
                 if (m->neighbours[e][face] < 0 || model->tissue->fixed[node]) model->local.bone[node] = 1.0;
@@ -78,7 +78,7 @@ resolved_field local_resolution_guess(const insertion_model *model, int tet) {
 
 /* ---- at a point ----------------------------------------------------------------------------------------------------- */
 
-/* Interpolates a nodal field at a point; the result is continuous across elements. */
+/* Interpolates a nodal field at a point. The result is continuous across elements. */
 static double interpolate(const insertion_model *model, int tet, const double weights[4], const double *now, const double *next) {
     double sum = 0.0;
     for (int i = 0; i < 4; i++) {
@@ -90,8 +90,8 @@ static double interpolate(const insertion_model *model, int tet, const double we
 
 static double between(double from, double to, double part) { return from + part * (to - from); }
 
-/* Weight of bone, from 0 (tissue) to 1 (bone), for a tip at this depth. The stiffness rises gradually in front of bone, so that the tip stops at the bone
-   and not behind it. */
+/* Returns the weight of bone, from 0 (tissue) to 1 (bone), for a tip at this depth. Stiffness rises gradually in front of bone, so that the tip stops at the
+   bone and not behind it. */
 static double bone_at(const insertion_model *model, int tet, const double weights[4], double depth) {
     return smaller_of(1.0, depth / (EMBEDDING_DEPTH * model->needle->radius)) * interpolate(model, tet, weights, model->local.bone, model->next.bone);
 }
@@ -118,14 +118,15 @@ double local_wave_speed(const insertion_model *model, int tet, vec3 x) {
     return 1.0 / sqrt(DENSITY * interpolate(model, tet, weights, model->local.softness, model->next.softness));
 }
 
-/* Tissue is stiffer around a tip deep inside than around a tip on the surface. The tip counts as deep once it is a few radii below the surface and deeper
-   than its dent. If only the radii counted, a needle that has dented the skin would meet more force as it cuts, which would create elastic energy. */
+/* Tissue around a tip deep inside is stiffer than around a tip on the surface. A tip counts as deep once it is a few radii below the surface and also deeper
+   than its dent. If only the radii counted, a needle that has dented the skin would meet more force as it cuts, which would create elastic energy from
+   nothing. */
 local_disc local_disc_at_tip(const insertion_model *model, int tet, vec3 x, double depth, double push) {
     double weights[4], radius = model->needle->radius;
     mesh_barycentric(model->mesh, tet, x, weights);
     double disc = interpolate(model, tet, weights, model->local.disc, model->next.disc), punch = interpolate(model, tet, weights, model->local.punch, model->next.punch);
     double dent = push * punch / radius;
-    double in = smaller_of(1.0, depth / (EMBEDDING_DEPTH * radius + dent)); /* grows from 0 at the surface to 1 where the tip counts as deep */
+    double in = smaller_of(1.0, depth / (EMBEDDING_DEPTH * radius + dent)); /* from 0 at the surface to 1 where the tip counts as deep */
     double whole = between(punch, disc, in * 2.0 / 3.0) / radius, bone = bone_at(model, tet, weights, depth);
     return (local_disc){.compliance = between(whole, model->settings.bone_compliance, bone), .angle = 2.0 * M_PI * (1.0 + in),
                         .softness = (1.0 - bone) * interpolate(model, tet, weights, model->local.softness, model->next.softness),

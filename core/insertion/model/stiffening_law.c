@@ -3,19 +3,19 @@
 #include <math.h>
 #include <stdbool.h>
 
-/* Solves y (1 + y^2) = b for the shear y (in units of 1 / sqrt(2 S)) under the stress b (in units of mu / sqrt(2 S)). Newton's method approaches the
-   solution monotonically from above and is exact to the last bit after six steps for any b. */
+/* Solves y (1 + y^2) = b for the shear y (in units of 1 / sqrt(2 S)) at the stress b (in units of mu / sqrt(2 S)). Newton's method converges monotonically from
+   above and is exact to the last bit after six steps for any b. */
 static double shear_of(double b) {
     double y = b < 1.0 ? b : cbrt(b);
     for (int i = 0; i < 6; i++) y -= (y * (1.0 + y * y) - b) / (1.0 + 3.0 * y * y);
     return y;
 }
 
-enum { MOST_FORCES = 30 }; /* iterations: maximum number in the search for the force at a given displacement. Cost limit: 8 are enough for S = 10 */
-static const double SAME_FORCE = 1e-6; /* dimensionless: relative change in the force at which the iteration ends. Rounding: the force serves only as a
-                                          linearisation point */
-static const double RIGID = 1e-3; /* dimensionless: fraction of the linear compliance below which the iteration ends. Rounding: the force serves only as a
-                                     linearisation point */
+enum { MOST_FORCES = 30 }; /* most iterations when searching for the force at a given displacement. Cost limit: 8 are enough for S = 10 */
+static const double SAME_FORCE = 1e-6; /* dimensionless: the iteration ends when the force changes by less than this fraction. Rounding: the force is only used
+                                          as a linearisation point */
+static const double RIGID = 1e-3; /* fraction of the linear compliance: the iteration ends if the compliance falls below this. Rounding: the force is only used
+                                     as a linearisation point */
 
 /* ---- shaft: shear stress F' / (2 pi rho) at the distance rho ----------------------------------------------------------------
 
@@ -28,10 +28,10 @@ static stiffening_shift shaft_field(double b) {
     return (stiffening_shift){b * (q / (1.0 + q) - 1.5 * log1p(q)), -1.5 * log1p(q)};
 }
 
-static const double KEPT_LOGARITHM = 0.1; /* dimensionless: lower limit to which stiffening may reduce the logarithm in the local compliance, so that contacts
-                                             in one element of the mesh, whose displacements are dependent, stay independent. Chosen by judgement */
+static const double KEPT_LOGARITHM = 0.1; /* dimensionless: stiffening reduces the logarithm in the local compliance to no less than this. Contacts in the same
+                                             element have dependent displacements in the mesh; this keeps them independent. Chosen by judgement */
 
-/* The stress b at which the slope is -most. */
+/* Returns the stress b at which the slope is -most. */
 static double shaft_limit(double most) {
     double q = expm1(most / 1.5);
     return sqrt(q) * (1.0 + q);
@@ -44,13 +44,13 @@ static double shaft_limit(double most) {
    where I(y) is the integral of 1 / sqrt(t (1 + t^2)) from 0 to y. For small forces, this is b - b^3 / 5; for large ones, it grows with sqrt(b), so the force
    grows with the square of the dent. */
 
-static const double STRESS = 0.8; /* dimensionless: stress on the disc divided by the uniform stress that has the energy of the linear disc. Fitted to a
-                                     resolved disc, S = 1, pressed in by 2.5 radii (tests/unit/insertion/test_stiffening.c) */
+static const double STRESS = 0.8; /* dimensionless: stress on the disc, relative to the uniform stress with the energy of the linear disc. Fitted to a resolved
+                                     disc, S = 1, pressed in by 2.5 radii (tests/unit/insertion/test_stiffening.c) */
 static const double WHOLE = 3.7081493546027438; /* dimensionless: I(infinity). Exact: Gamma(1/4)^2 / (2 sqrt(pi)) */
-static const double SMALL = 1e-3; /* dimensionless: force below which the tip's law is computed from the first term of its series. Derived: relative to that
-                                     term, the next one is 1e-6 */
+static const double SMALL = 1e-3; /* dimensionless: below this force, only the first term of the tip law's series is used. Derived: the next term is 1e-6 times
+                                     the first */
 
-/* For y <= 1: twice the integral of 1 / sqrt(1 + s^4) from 0 to sqrt(y), by Gauss quadrature with eight points. */
+/* Returns twice the integral of 1 / sqrt(1 + s^4) from 0 to sqrt(y), for y <= 1, by Gauss quadrature with eight points. */
 static double small_integral(double y) {
     static const double at[4] = {0.1834346424956498, 0.5255324099163290, 0.7966664774136267, 0.9602898564975363};
     static const double weight[4] = {0.3626837833783620, 0.3137066458778873, 0.2223810344533745, 0.1012285362903763};
@@ -72,7 +72,7 @@ static stiffening_shift tip_field(double b) {
     return (stiffening_shift){sqrt(b) * integral(y) - y - b, tip_slope(y)};
 }
 
-/* The slope decreases monotonically with y to -1, so the limit is found by bisection, to a relative width of 2^-40. */
+/* Finds the limit by bisection, to a relative width of 2^-40: the slope decreases monotonically with y to -1. */
 static double tip_limit(double most) {
     double low = 0.0, high = 1.0;
     while (tip_slope(high) > -most && high < 1e6) high *= 2.0;
@@ -97,7 +97,7 @@ stiffening_law stiffening_of_tip(double stiffening, double radius, double disc, 
     return (stiffening_law){STIFFENING_TIP, disc / scale, scale, fmax(room, 0.0) / disc, room};
 }
 
-/* The law is odd in the force and continues with constant slope beyond the limit. */
+/* The law is odd in the force, and continues with constant slope beyond the limit. */
 stiffening_shift stiffening_at(const stiffening_law *law, double force) {
     if (law->field == NOT_STIFFENING) return (stiffening_shift){0.0, 0.0};
     bool shaft = law->field == STIFFENING_SHAFT;
@@ -111,7 +111,7 @@ stiffening_shift stiffening_at(const stiffening_law *law, double force) {
     return (stiffening_shift){copysign(law->unit, force) * at.shift, law->unit * law->scale * at.slope};
 }
 
-/* Newton's method. Because the displacement is a concave function of the force, the iteration approaches the solution from below. */
+/* Uses Newton's method. The displacement is a concave function of the force, so the iteration converges from below. */
 double stiffening_force(const stiffening_law *law, double displacement) {
     double sought = fabs(displacement), force = law->linear > 0.0 ? sought / law->linear : 0.0;
     for (int i = 0; i < MOST_FORCES && law->field != NOT_STIFFENING; i++) {

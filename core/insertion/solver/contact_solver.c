@@ -5,20 +5,20 @@
 
 #include "linalg/rows.h"
 
-static const double LEAST_PIVOT = 1e-8; /* fraction: smallest magnitude of a pivot, relative to the contact's own lateral compliance. Rounding: about the
-                                           square root of the machine epsilon, so that the elimination keeps half of its digits */
+static const double LEAST_PIVOT = 1e-8; /* fraction of the contact's own lateral compliance: smallest magnitude of a pivot. Rounding: about the square root of
+                                           the machine epsilon, so that the elimination keeps half of its digits */
 
-/* Principal directions of one contact's lateral block [p q; q r]: a rotation by the angle with cosine c and sine s makes it diagonal. Two scalar pivots
-   keep their accuracy even if their magnitudes differ greatly; the inverse of the block would not. */
+/* Principal directions of one contact's lateral block [p q; q r]. Rotating by the angle with cosine c and sine s makes it diagonal. Two scalar pivots stay
+   accurate even if their magnitudes differ greatly; the inverse of the block would not. */
 typedef struct { double c, s, pivot[2]; } principal;
 
-/* A pivot may be negative: needle and tissue together can be stable even if the needle alone would buckle. Where a pivot changes sign, its magnitude is
-   limited from below by a compliance that is far too small to be felt, but large enough for the elimination to keep half of its digits. */
+/* A pivot may be negative: needle and tissue together can be stable even if the needle alone would buckle. Near a change of sign, the pivot's magnitude is kept
+   above a compliance that is far too small to be felt, but large enough for the elimination to keep half of its digits. */
 static double off_zero(double pivot, double least) { return fabs(pivot) < least ? copysign(least, pivot) : pivot; }
 
 static principal diagonalise(double p, double q, double r, double scale) {
     double least = LEAST_PIVOT * scale, half = 0.5 * (r - p), root = sqrt(half * half + q * q), sum = fabs(half) + root;
-    bool diagonal = root == 0.0; /* otherwise, the Jacobi rotation by the smaller angle, with tangent t */
+    bool diagonal = root == 0.0; /* otherwise, take the smaller of the two Jacobi rotations, with tangent t */
     double t = diagonal ? 0.0 : q / copysign(sum, half), c = diagonal ? 1.0 : sqrt(0.5 * sum / root);
     return (principal){c, t * c, {off_zero(p - t * q, least), off_zero(r + t * q, least)}};
 }
@@ -31,8 +31,8 @@ static void turn(principal by, double *x, double *y) {
 
 static symmetric_system system_of(contact_problem *p) { return (symmetric_system){p->compliance, unknown_count(p)}; }
 
-/* Eliminates the lateral unknowns in the principal directions of each contact. The axial rows become the Schur complement: compliance and gap along the
-   needle when all lateral gaps are closed. The lateral rows keep the factors for close_sideways(). */
+/* Eliminates the lateral unknowns, using the principal directions of each contact. The axial rows become the Schur complement: compliance and gap along the
+   needle with all lateral gaps closed. The lateral rows keep the factors for close_sideways(). */
 static void eliminate_sideways(contact_problem *p, principal axes[MAX_PAIRS]) {
     elimination_kernel *eliminate_after_panel = elimination_kernel_here();
     symmetric_system s = system_of(p);
@@ -59,7 +59,7 @@ static symmetric_system axial_system(contact_problem *p) {
     return (symmetric_system){(double (*)[CONTACT_LD])&p->compliance[2 * p->count][2 * p->count], p->axial_count};
 }
 
-/* Computes the slips (m) of the axial unknowns under the current forces. */
+/* Computes the slips (m) of the axial unknowns for the current forces. */
 static void find_slips(contact_problem *p, double slip[MAX_AXIAL]) {
     symmetric_system s = axial_system(p);
     double force[MAX_AXIAL + PADDING] = {0}, sum[MAX_AXIAL + PADDING];
@@ -68,7 +68,8 @@ static void find_slips(contact_problem *p, double slip[MAX_AXIAL]) {
     for (int i = 0; i < s.order; i++) slip[i] = p->gap[2 * p->count + i] - sum[i];
 }
 
-/* Solves for the right-hand side, stores the solution in x and counts the negative eigenvalues (negative pivots). Returns false if the system is singular. */
+/* Solves for the right-hand side, stores the solution in x and counts the negative eigenvalues, which are as many as the negative pivots. Returns false if the
+   system is singular. */
 static bool solve_symmetric(const symmetric_system *s, double x[MAX_AXIAL + PADDING], int *negative) {
     elimination_kernel *eliminate_after_panel = elimination_kernel_here();
     elimination_panel panel;
@@ -97,7 +98,7 @@ static bool solve_symmetric(const symmetric_system *s, double x[MAX_AXIAL + PADD
     return true;
 }
 
-/* Sets the law of the axial unknown `climber` for slips near knot k, between the piece below the knot and the piece above it. */
+/* Gives the axial unknown `climber` the law near knot k: the piece of the staircase below it for smaller slips, the piece above it for larger ones. */
 static void stand_at_knot(contact_problem *p, int k) {
     const staircase *s = &p->ahead;
     int i = p->climber;
@@ -108,20 +109,20 @@ static void stand_at_knot(contact_problem *p, int k) {
     p->viscosity[i][0] = k > 0 ? s->slope[k - 1] : 0.0;
 }
 
-/* Slip (m) from which the law of unknown i counts: that of the climber's current knot, otherwise 0. */
+/* Returns the slip (m) from which the law of unknown i counts: for the climber, that of its current knot, otherwise 0. */
 static double origin(const contact_problem *p, int i) { return p->ahead.count > 0 && i == p->climber ? p->ahead.at[p->knot] : 0.0; }
 
 static double bound(const contact_problem *p, int i) { return p->state[i] == SLIP_FORWARD ? p->upper[i] : p->lower[i]; }
 static double viscosity(const contact_problem *p, int i) { return p->viscosity[i][p->state[i] == SLIP_FORWARD]; }
 
-/* Copies the row of the a-th selected unknown, from the diagonal on and only for the columns of the selected unknowns. `count`: number of selected unknowns;
-   `all`: number of all unknowns. */
+/* Copies the row of the a-th selected unknown from the diagonal on, leaving out the columns of unknowns that are not selected. `count`: number of selected
+   unknowns; `all`: number of all unknowns. */
 static void copy_row(const double *row, int all, int count, const int *unknown, int a, double *to) {
     if (count == all) row_copy(row, a, count, to);
     else for (int b = a; b < count; b++) to[b] = row[unknown[b]];
 }
 
-/* Solves for the axial forces, with the current sets of sticking and sliding contacts. */
+/* Solves for the axial forces, given which contacts stick and which slide. */
 static bool solve_axial(contact_problem *p, int *negative) {
     int unknown[MAX_AXIAL], count = 0;
     _Alignas(CACHE_LINE) double system[ELIMINATION_SIZE(MAX_AXIAL)][MOST_COLUMNS];
@@ -149,7 +150,7 @@ static bool solve_axial(contact_problem *p, int *negative) {
     return true;
 }
 
-/* Returns the state of unknown i that is consistent with the solution: its current state, or the one to which it must switch. */
+/* Returns the state of unknown i that is consistent with the solution: the current one, or the one it must switch to. */
 static friction_state consistent_state(contact_problem *p, int i, double slip) {
     double force = p->force[2 * p->count + i], margin = MARGIN * (1.0 + fabs(force));
     if (p->state[i] == STICK) {
@@ -162,35 +163,35 @@ static friction_state consistent_state(contact_problem *p, int i, double slip) {
     return p->state[i] * (slip - origin(p, i)) < 0.0 ? STICK : p->state[i];
 }
 
-/* Returns the knot of unknown i that is consistent with the solution: the next knot if the unknown has slid past it, otherwise the current one. */
+/* Returns the knot of unknown i that is consistent with the solution: the next one if the unknown has slid past it, otherwise the current one. */
 static int consistent_knot(const contact_problem *p, int i, double slip) {
     int next = p->knot + (int)p->state[i];
     if (p->ahead.count == 0 || i != p->climber || next == p->knot || next < 0 || next >= p->ahead.count) return p->knot;
     return (int)p->state[i] * (slip - p->ahead.at[next]) > 0.0 ? next : p->knot;
 }
 
-/* Switches the state of unknown i, or the climber's knot, if it is inconsistent. Returns true if it has switched. */
+/* Switches the state of unknown i, or the climber's knot, if it is inconsistent. Returns true if anything switched. */
 static bool switch_state(contact_problem *p, int i, double slip, bool may_switch) {
     friction_state next = consistent_state(p, i, slip);
     int knot = consistent_knot(p, i, slip);
     if ((next == p->state[i] && knot == p->knot) || !may_switch) return false;
     if (knot != p->knot) {
         stand_at_knot(p, knot);
-        if (p->lower[i] < p->upper[i]) next = STICK; /* at a kink without a jump in force, it keeps sliding */
+        if (p->lower[i] < p->upper[i]) next = STICK; /* it keeps sliding past a knot where the force does not jump */
     }
     p->state[i] = next;
     p->switches++;
     return true;
 }
 
-/* Active-set search. All inconsistent contacts switch at once; usually, about two rounds are needed. If that cycles, they switch one at a time in least-index
+/* Active-set search. All inconsistent contacts switch at once, which usually takes about two rounds. If that cycles, they switch one at a time in least-index
    order, which terminates for positive definite problems (Murty 1974). `negative`: number of negative eigenvalues of the compliance between the points that
-   stick or that slide with viscosity. */
+   stick or slide with viscosity. */
 static bool search_states(contact_problem *p, int *negative) {
     int limit = ROUNDS_TOGETHER + ROUNDS_EACH * (p->axial_count + p->ahead.count);
     double slip[MAX_AXIAL];
     if (p->ahead.count > 0) stand_at_knot(p, p->knot < p->ahead.count ? p->knot : 0);
-    for (int i = 0; i < p->axial_count; i++) /* contacts that slid in the last tick but can no longer slide, for example a tip that has met bone */
+    for (int i = 0; i < p->axial_count; i++) /* contacts that slid in the last tick but no longer can, such as a tip that has met bone */
         if (isinf(bound(p, i))) p->state[i] = STICK;
     for (int round = 0; round < limit; round++) {
         if (!solve_axial(p, negative)) return false;
@@ -203,7 +204,7 @@ static bool search_states(contact_problem *p, int *negative) {
     return false;
 }
 
-/* Back substitution: computes the lateral forces from the axial ones. */
+/* Finds the lateral forces from the axial ones by back substitution. */
 static void close_sideways(contact_problem *p, const principal axes[MAX_PAIRS]) {
     symmetric_system s = system_of(p);
     double x[MAX_UNKNOWNS + PADDING] = {0};

@@ -2,16 +2,16 @@
 
 #include "insertion/model/local_compliance.h"
 
-static const double LEAST_SHARE = 1e-6; /* m: smallest length of shaft that a contact represents. Rounding tolerance */
+static const double LEAST_SHARE = 1e-6; /* m: shortest length of shaft assigned to a contact. Rounding tolerance */
 
-/* Depth of active contact number k; depth of the tip if k is beyond the last contact. */
+/* Returns the depth of active contact k, or of the tip if k is past the last contact. */
 static double depth_of(const insertion_state *state, int k) {
     return contact_is_active(state, k) ? state->contacts[state->refined.order[k]].depth : state->tip.place.depth;
 }
 
-/* Depth of the border between the shares of points k and k + 1. It is halfway between them, or where the track first enters another region between them,
-   so that no contact represents shaft in a different tissue. The border moves to that boundary only as fast as the next point moves away from it;
-   otherwise forces would jump whenever the tip enters a region. */
+/* Returns the depth of the border between the shares of points k and k + 1. The border is halfway between them. If the track enters another region in between,
+   the border is where it does so, so that no contact stands for shaft in a different tissue. The border moves there from halfway only as fast as the next point
+   moves away; otherwise forces would jump whenever the tip enters a region. */
 static double border_behind(const insertion_state *state, int k) {
     double here = depth_of(state, k), next = depth_of(state, k + 1), half = 0.5 * (here + next);
     for (int s = 1; s < state->stratum_count; s++) {
@@ -44,12 +44,12 @@ shaft_piece shaft_piece_of_contact(const insertion_state *state, int slot, shaft
 shaft_piece shaft_piece_of_tip(const insertion_state *state, shaft_share share) {
     const tip_place *place = &state->tip.place;
     line_in_tet line = {place->tet, place->nominal, place->direction};
-    for (int i = 0; i < state->request.piece_count; i++) /* uses the same line for the tip's entire chord through an element */
+    for (int i = 0; i < state->request.piece_count; i++) /* the tip's whole chord through an element uses the same line */
         if (state->request.pieces[i].tet == place->tet) line = state->request.pieces[i];
     return (shaft_piece){share.from, share.to, place->depth, place->nominal, place->direction, line};
 }
 
-/* Adds the resistance of a piece of shaft with this length in one material. */
+/* Adds the resistance of a length of shaft in one material. */
 static void add_resistance(const region_material *material, double length, shaft_resistance *sum) {
     lateral_axial line = local_line_stiffness(material);
     sum->kinetic += length * material->friction_kinetic;

@@ -1,4 +1,4 @@
-/* The strata along the track: where the track passes from one region into the next, or into a gap between bodies. */
+/* The strata along the track: where it passes from one region into the next, or into a gap between bodies. */
 #ifndef TROCAR_STRATA_H
 #define TROCAR_STRATA_H
 
@@ -10,13 +10,13 @@ void note_stratum(insertion_state *state, tick_output *output, int region);
 /* Records that the track enters the tip's region. RT */
 void enter_stratum(const tick_input *tick, insertion_state *state, tick_output *output);
 
-/* Removes the strata ahead of a tip that has been drawn back. RT */
+/* Removes the strata ahead of the tip after it has been drawn back. RT */
 void drop_strata_ahead(insertion_state *state);
 
-/* Index of the last gap in the list of strata, or -1. RT */
+/* Returns the index of the last gap in the list of strata, or -1. RT */
 int last_gap(const insertion_state *state);
 
-/* Depth (m) at which the track entered the tip's current body; 0 in the first body. RT */
+/* Returns the depth (m) at which the track entered the tip's current body; 0 in the first body. RT */
 double tip_entry_depth(const insertion_state *state);
 
 #endif

@@ -3,7 +3,7 @@
 #include <math.h>
 #include <string.h>
 
-static const double JOINED = 1e-4; /* m: if a new cut begins within this distance of the end of the newest track, it extends that track. Rounding tolerance */
+static const double JOINED = 1e-4; /* m: a new cut that begins this close to the end of the newest track extends that track. Rounding tolerance */
 
 /* ---- recording ----------------------------------------------------------------------------------------------------------- */
 
@@ -34,7 +34,7 @@ static bool is_near_box(const track_list *list, int track, vec3 x, double reach)
         && x.z <= high.z + reach;
 }
 
-/* Appends a point to the newest track. If this track alone fills the list, it restarts at that point. */
+/* Appends a point to the newest track, dropping the oldest if the list is full. If there is only one track, it starts anew at this point. */
 static bool append(track_list *list, track_point point) {
     bool room = list->point_count < MAX_TRACK_POINTS;
     if (!room) drop_oldest(list);
@@ -59,7 +59,7 @@ static bool is_joined(track_list *list, vec3 x) {
     return last && v3_norm(v3_sub(x, last->at)) <= JOINED;
 }
 
-/* Extends the newest track: moves its last point forward if it stays within the spacing of the point before it; otherwise appends points. */
+/* Extends the newest track to `to`. Moves the last point there if that stays within the spacing of the point before it; otherwise appends points. */
 static bool extend(track_list *list, track_point to) {
     int points = list->point_count - list->first[list->count - 1];
     track_point *last = newest_point(list);
@@ -93,8 +93,7 @@ bool tracks_puncture(track_list *list, track_point at, int membrane) {
 
 /* ---- searching ----------------------------------------------------------------------------------------------------------- */
 
-/* Number of points of a track that the search can skip after a point at this distance from x: neither these points nor the segments between them can be
-   within reach. */
+/* Returns how many points the search can skip after one at this distance from x: neither they nor the segments between them can be within reach. */
 static int skippable(double distance, double reach) { return (int)fmax(0.0, (distance - reach) / TRACK_SPACING); }
 
 double tracks_puncture_distance(const track_list *list, int membrane, vec3 x, double reach) {
@@ -117,7 +116,7 @@ static double length_between(const track_list *list, int from, int to) {
     return sum;
 }
 
-/* Returns the point reached after `way` (m) along the track from `from`, through the points `next`, `next` + `step`, ..., but not beyond the point `last`. */
+/* Follows the track for `way` (m) from `from` through the points `next`, `next` + `step`, ..., but not past the point `last`. Returns where it ends up. */
 static vec3 walk(const track_list *list, vec3 from, int next, int step, int last, double way) {
     for (;; next += step) {
         vec3 to = list->points[next].at, piece = v3_sub(to, from);
@@ -129,8 +128,8 @@ static vec3 walk(const track_list *list, vec3 from, int next, int step, int last
     }
 }
 
-/* Direction of the track at a point of this segment. The needle has cut a smooth curve, but the segments' direction jumps at each point, so the direction
-   is averaged over one point spacing around x. */
+/* Returns the track's direction at x, on this segment. The needle cut a smooth curve, but the polyline's direction jumps at each point, so the direction is
+   averaged over one point spacing around x. */
 static vec3 direction_at(const track_list *list, int begin, int last, int segment, vec3 x) {
     vec3 ahead = walk(list, x, segment + 1, 1, last, 0.5 * TRACK_SPACING), behind = walk(list, x, segment, -1, begin, 0.5 * TRACK_SPACING);
     vec3 chord = v3_sub(ahead, behind);

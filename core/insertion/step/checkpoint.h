@@ -1,4 +1,4 @@
-/* The checkpoint of the passes: saves and restores everything that they change. */
+/* A checkpoint saves everything the Newton passes change, so that a step can be retried from the same starting point. */
 #ifndef TROCAR_CHECKPOINT_H
 #define TROCAR_CHECKPOINT_H
 
@@ -7,7 +7,8 @@
 /* RT */
 void checkpoint_save(const insertion_state *state, const contact_points *points, const contact_problem *problem, pass_checkpoint *saved);
 
-/* After the restore, the passes give a result that is bitwise identical to that of passes directly after the save. The points must be located again. RT */
+/* Rerunning the passes after a restore gives the same result, bit for bit, as running them right after the save. The caller must locate the points again first.
+   RT */
 void checkpoint_restore(insertion_state *state, const contact_points *points, contact_problem *problem, const pass_checkpoint *saved);
 
 #endif

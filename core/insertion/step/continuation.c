@@ -3,13 +3,12 @@
 #include "insertion/step/checkpoint.h"
 #include "insertion/step/needle_drag.h"
 
-static const double AT_REST = 5e-3; /* fraction: drag, relative to the Euler load, below which a moving needle is considered at rest. Chosen: 0.05 N for an
-                                       18 G needle of 200 mm, about the smallest force that a hand feels */
-static const double LEAST_STEP = 1.0 / 256; /* fraction: smallest part of a tick used as an increment to follow a branch of equilibria. Cost limit: eight
-                                               halvings */
-enum { LAST_PASSES = 3 }; /* passes: maximum number when checking whether a needle has come to rest. Cost limit */
+static const double AT_REST = 5e-3; /* fraction of the Euler load: a moving needle whose drag is below this counts as at rest. Chosen: 0.05 N for a 200 mm, 18 G
+                                       needle, about the smallest force that a hand feels */
+static const double LEAST_STEP = 1.0 / 256; /* fraction of a step: smallest increment tried when following a branch of equilibria. Cost limit: eight halvings */
+enum { LAST_PASSES = 3 }; /* most passes spent checking whether a needle has come to rest. Cost limit */
 
-/* Computes the difference between the gaps and those that would balance the forces at the start of the tick. It results from the motion of the base. */
+/* Computes by how much each gap differs from the one that would balance the forces at the start of the step. The difference comes from the base's motion. */
 static void find_lag(insertion_workspace *w) {
     const contact_problem *p = &w->problem;
     int all = unknown_count(p);
@@ -25,7 +24,8 @@ static bool is_at_rest(const tick_input *tick, const insertion_state *state, con
     return needle_drag(needle) / tick->dt * passes_turned_since(tick, state, since) < AT_REST * euler_load(needle);
 }
 
-/* Checks whether a needle that has hardly moved is in equilibrium: this is so if the passes without drag converge to a stable state. */
+/* Checks whether a needle that has hardly moved is in equilibrium, which it is if the passes converge to a stable state without drag. If not, restores the
+   state reached with drag. */
 static pass_result come_to_rest(const tick_input *tick, insertion_state *state, insertion_workspace *w, tick_output *output, pass_result moved) {
     double drag = w->response.drag;
     checkpoint_save(state, &w->points, &w->problem, &w->start);
@@ -39,9 +39,9 @@ static pass_result come_to_rest(const tick_input *tick, insertion_state *state, 
     return moved;
 }
 
-/* Closes the gaps in small increments. Against bone, one large step would find the straight needle, which is unstable above the Euler load; small increments
-   follow the branch on which the needle bows. Where that branch ends, the needle moves to another one against its drag. The drag is inversely proportional
-   to the increment, so that a short enough one is stable under any compression. */
+/* Closes the gaps in small increments. When the tip pushes against bone, one large step would find the straight needle, which is unstable above the Euler load.
+   Small increments follow the branch on which the needle bows. Where that branch ends, the needle moves to another branch against its drag. The drag is
+   inversely proportional to the increment, so a short enough increment is stable under any compression. */
 pass_result continuation_follow(const tick_input *tick, insertion_state *state, insertion_workspace *w, tick_output *output) {
     double drag = needle_drag(tick->model->needle) / tick->dt, done = 0.0, step = 1.0;
     bool moving_on = state->moving_on;

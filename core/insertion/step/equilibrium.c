@@ -9,10 +9,10 @@
 #include "insertion/step/checkpoint.h"
 #include "insertion/step/continuation.h"
 
-static const double BITE_TIME = 20e-3; /* s: time constant with which the surface's support follows the force along the needle; without this lag, the two
-                                          would oscillate. Chosen by judgement */
+static const double BITE_TIME = 20e-3; /* s: time constant with which the surface's lateral support follows the force along the needle. Without this lag, the
+                                          two would oscillate. Chosen by judgement */
 
-/* Lists the resistance ahead of the tip, for the needle's shape at the start of the passes. */
+/* Prepares the passes: locates the points for the needle's starting shape and lists the resistance ahead of the tip. */
 static void begin(const tick_input *tick, const insertion_state *state, insertion_workspace *w) {
     w->response.drag = w->continuation.kept_open = 0.0;
     passes_begin(tick, state, w);
@@ -23,7 +23,7 @@ static void begin(const tick_input *tick, const insertion_state *state, insertio
 void equilibrium_linearise(const tick_input *tick, insertion_state *state, insertion_workspace *w, bool loaded) {
     begin(tick, state, w);
     if (!loaded) memset(w->response.load, 0, sizeof w->response.load);
-    w->damper.relaxed = 1.0; /* the linearisation is static, without the damper */
+    w->damper.relaxed = 1.0; /* the damper does not act in a static linearisation */
     passes_linearise(tick, state, w, true);
 }
 
@@ -32,7 +32,7 @@ static void filter_push(needle_tip *tip, const needle_point *p, double dt) {
     tip->filtered_push += (push - tip->filtered_push) * -expm1(-dt / BITE_TIME);
 }
 
-/* Updates all quantities that follow from the forces: the tip's dent and track, the shaft's roll and the tissue's memory. */
+/* Updates what depends on the final forces: the tip's dent and track, the shaft's roll and the tissue's memory. */
 static void conclude(const tick_input *tick, insertion_state *state, const insertion_workspace *w, tick_output *output, pass_result r) {
     needle_tip *tip = &state->tip;
     const contact_point *last = &w->points.list[w->points.count - 1];
@@ -43,11 +43,11 @@ static void conclude(const tick_input *tick, insertion_state *state, const inser
     roll_solve(tick, state, &w->points, &w->creep);
     creep_remember(tick, state, &w->points, &w->tissue, &w->creep);
     if (w->points.tip) filter_push(tip, &last->at, tick->dt);
-    if (!r.found) state->base_turn = NAN; /* restarts the insertion (see insertion_is_finite), because the contact problem had no solution */
+    if (!r.found) state->base_turn = NAN; /* the contact problem had no solution; NaN makes insertion_is_finite fail, which restarts the insertion */
 }
 
-/* The extrapolated shape only improves the starting point: a needle in steady motion then often needs just one pass. A misleading guess costs one or two
-   passes; restarting from the last shape would cost more. (For 12 000 steps of a hand that changes direction every 13 ms, with the needle in a guide:
+/* Extrapolating the needle's shape only improves the starting point: a needle in steady motion then often needs just one pass. A bad guess costs one or two
+   extra passes, which is cheaper than starting over from the last shape. (12 000 steps of a hand that reverses every 13 ms, with the needle in a guide, take
    15 992 passes; 16 539 if guesses are abandoned after three passes; 37 918 without guesses.) */
 void equilibrium_find(const tick_input *tick, insertion_state *state, insertion_workspace *w, tick_output *output) {
     const needle_model *needle = tick->model->needle;

@@ -12,23 +12,24 @@ static void slide(shaft_hold *shaft, double radius) {
     shaft->slid = slid_on(shaft->slid, shaft->slip, shaft->friction, &shaft->roll, radius);
 }
 
-/* Slides the shaft past its contacts by the slips of the last solve. At contacts whose row of the inverse has not arrived yet, it slides like the adjacent
-   shaft. */
+/* Slides the shaft past its contacts by the slips of the last solve. At contacts still waiting for their row of the inverse, it slides as far as the shaft next
+   to them. */
 static void slide_in_tissue(insertion_state *state, double radius) {
     double slip = 0.0;
     for (int k = 0; contact_is_active(state, k); k++) {
         shaft_contact *contact = &state->contacts[state->refined.order[k]];
         slide(&contact->shaft, radius);
-        contact->shaft.origin = larger_of(contact->shaft.origin, -contact->depth); /* a needle pushed in up to its base drags contacts there along */
+        contact->shaft.origin = larger_of(contact->shaft.origin, -contact->depth); /* if the needle is pushed in all the way, its base carries along the
+                                                                                      contacts it reaches */
         slip = contact->shaft.slip;
     }
     bool inside = state->tip.place.phase == TIP_INSIDE;
     if (inside) slip = state->tip.shaft.slip;
     if (inside) state->tip.shaft.slid = slid_on(state->tip.shaft.slid, slip, state->tip.shaft.friction, &state->tip.shaft.roll, radius);
-    shift_tip_shaft(state, -slip); /* has no meaning, and no effect, for a tip outside the tissue */
+    shift_tip_shaft(state, -slip); /* does nothing if the tip is outside the tissue */
 }
 
-/* Moves the base; the displacement of the spring that holds the base stays the same. */
+/* Moves the base to the hand's new pose, keeping the deflection of the spring that connects them. */
 static void move_base(const tick_input *tick, insertion_state *state) {
     pose base = tick->base.pose;
     base.position = v3_add(base.position, state->base_shift);

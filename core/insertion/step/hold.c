@@ -8,7 +8,8 @@
 
 _Static_assert((int)MAX_HOLD_ROWS >= (int)MAX_UNKNOWNS, "a needle may stick at all points");
 
-/* True if the force of this unknown changes when the tissue is displaced. Open guides exert no force, and sliding points exert a constant one. */
+/* True if displacing the tissue changes the force at this unknown. A needle that does not touch its guide exerts no force, and a sliding point exerts a
+   constant one. */
 static bool holds(const insertion_workspace *w, int u) {
     const contact_problem *p = &w->problem;
     int along = u - 2 * p->count;
@@ -37,10 +38,10 @@ void insertion_hold(const tick_input *tick, const insertion_state *state, insert
     hold->count = hold->unstable = 0;
     if (w->points.count == 0 || !touches_tissue(state)) return;
     hold->unstable = w->response.tangent.unstable;
-    double yield = w->creep.yield; /* loads are yield times the forces: they displace elastic tissue as much as the forces displace relaxing tissue */
+    double yield = w->creep.yield; /* the rows are for loads, yield * force, which displace elastic tissue as much as the forces displace relaxing tissue */
     w->creep.yield = 0.0;
     memset(w->tissue.tip_row, 0, sizeof w->tissue.tip_row);
-    assemble_compliance(tick, state, w); /* the compliance without the nominal mesh's part */
+    assemble_compliance(tick, state, w); /* with a yield of 0, this leaves out the compliance of the nominal mesh */
     for (int u = 0; u < unknown_count(p); u++) {
         if (!holds(w, u)) continue;
         int i = hold->count++;

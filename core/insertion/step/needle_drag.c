@@ -1,18 +1,17 @@
 #include "insertion/step/needle_drag.h"
 
-static const double STEEL = 7900.0; /* kg/m^3: density of the needle. Together with its stiffness, it determines the drag on a needle that changes its
-                                       shape. Cited: austenitic stainless steel (AISI 304), 7900 to 8000 */
+static const double STEEL = 7900.0; /* kg/m^3: density of the needle, which with its stiffness sets the drag on a needle that changes shape. Cited: austenitic
+                                       stainless steel (AISI 304), 7900 to 8000 */
 
-/* A bending wave with wavenumber q has the inertia rho A, the stiffness EI q^4 and the drag eta q^2. With this eta, it is critically damped at any
-   wavelength. */
+/* A bending wave of wavenumber q has inertia rho A, stiffness EI q^4 and drag eta q^2. This choice of eta damps waves of every length critically. */
 double needle_drag(const needle_model *model) {
     double outer = model->given.outer_diameter, inner = model->given.inner_diameter;
     double mass = STEEL * 0.25 * M_PI * (outer * outer - inner * inner);
     return 2.0 * sqrt(mass * model->bending);
 }
 
-/* The drag against rotation of a segment has the energy d l |t - t_start|^2 / 2. Up to a constant, this is the energy of a tension d along t_start. Tensions
-   along the segments are equivalent to forces at the joints: the differences between adjacent tensions, which add up to zero. */
+/* Drag against a segment's rotation has the energy d l |t - t_start|^2 / 2. Up to a constant, that is the energy of a tension d along t_start. Tensions along
+   the segments act on each joint as the difference between the two adjacent tensions; these forces add up to zero. */
 static vec3 drag_at(const tick_input *tick, const needle_response *response, const pass_checkpoint *start, int joint) {
     const vec3 *joints = start->needle.joints;
     vec3 before = joint > 0 ? v3_unit(v3_sub(joints[joint], joints[joint - 1])) : v3(0, 0, 0);

@@ -9,12 +9,12 @@
 #include "insertion/step/checkpoint.h"
 #include "insertion/step/needle_drag.h"
 
-static const double NEW_PUSH = 0.05; /* fraction: change in push, relative to the Euler load, above which the needle is linearised again. Otherwise a needle
-                                        pushed along its axis at 50 mm/s would bear eight times its buckling load before it bows
+static const double NEW_PUSH = 0.05; /* fraction of the Euler load: if the push changes by more than this in a pass, the needle is linearised again. Otherwise a
+                                        needle pushed along its axis at 50 mm/s would bear eight times its buckling load before it bows
                                         (tests/unit/insertion/test_guides.c). Chosen by judgement */
-static const double LEAP = 0.05; /* rad: rotation of a segment above which the passes of one step may have moved to a branch other than that of the last
-                                    step. A pass diverges if it rotates a segment by more than this and by more than the pass before. Chosen by judgement */
-static const double CLAMPED_HINGED = 20.2; /* EI / L^2: Euler load of a beam that is clamped at one end and hinged at the other. Exact: the square of the
+static const double LEAP = 0.05; /* rad: a segment that rotates by more than this within one step may be on another branch of equilibria. A pass diverges if it
+                                    rotates a segment by more than this and by more than the previous pass did. Chosen by judgement */
+static const double CLAMPED_HINGED = 20.2; /* in units of EI / L^2: Euler load of a beam clamped at one end and hinged at the other. Exact: the square of the
                                               smallest root of tan x = x, 20.19 */
 
 /* ---- needle and problem ---------------------------------------------------------------------------------------------- */
@@ -51,10 +51,10 @@ void passes_linearise(const tick_input *tick, const insertion_state *state, inse
 
 /* ---- advance ----------------------------------------------------------------------------------------------------------- */
 
-/* Deflects the spring that holds the base under the sum of the forces. */
+/* Deflects the spring that holds the base by the sum of the contact forces. */
 static void shift_base(const tick_input *tick, insertion_state *state, const needle_response *response) {
     if (tick->base.compliance == 0.0) return;
-    vec3 sum = v3(0, 0, 0), before = state->base_shift; /* sum of the contact forces alone, because the drag's forces add up to zero */
+    vec3 sum = v3(0, 0, 0), before = state->base_shift; /* the drag is in these loads too, but its forces add up to zero */
     for (int j = 0; j <= tick->model->needle->given.segments; j++) sum = v3_add(sum, response->load[j]);
     state->base_shift = v3_scale(tick->base.compliance, sum);
     pose base = state->needle.base;
@@ -93,7 +93,7 @@ void passes_load_joints(const tick_input *tick, const insertion_state *state, co
     drag_add_loads(tick, response, start);
 }
 
-/* Applies the solution's forces to the needle, which bends accordingly. Returns the largest rotation of a segment (rad). */
+/* Applies the solution's forces to the needle and bends it. Returns the largest rotation of a segment (rad). */
 static double advance(const tick_input *tick, insertion_state *state, insertion_workspace *w) {
     take_forces(state, &w->points, w->edges, &w->problem);
     if (w->points.tip && w->stiffening.any) damper_find_force(tick, state, w);
@@ -113,7 +113,7 @@ void passes_begin(const tick_input *tick, const insertion_state *state, insertio
     passes_load_joints(tick, state, &w->points, &w->response, &w->start);
 }
 
-/* Sets the contact problem's forces to those of the state. */
+/* Copies the forces in the state to the contact problem. */
 static void give_forces(const insertion_state *state, const contact_points *points, contact_problem *problem) {
     int n = points->count;
     for (int i = 0; i < n; i++) {
@@ -136,7 +136,7 @@ void passes_go_back(const tick_input *tick, insertion_state *state, insertion_wo
     give_forces(state, &w->points, &w->problem);
 }
 
-/* Largest rotation (rad) of a segment relative to the given shape of the needle. */
+/* Returns the largest rotation (rad) of a segment relative to `shape`. */
 double passes_turned_since(const tick_input *tick, const insertion_state *state, const needle_state *shape) {
     const vec3 *now = state->needle.joints, *start = shape->joints;
     double most = 0.0;
@@ -145,7 +145,7 @@ double passes_turned_since(const tick_input *tick, const insertion_state *state,
     return most;
 }
 
-/* Sum of the forces (N) that all points exert on tissue and guides. */
+/* Returns the sum of the forces (N) that the needle exerts on tissue and guides. */
 static vec3 push_on(const insertion_state *state, const contact_points *points) {
     vec3 sum = points->tip ? state->tip.solved.force : v3(0, 0, 0);
     for (int i = 0; i < points->count - points->tip; i++) sum = v3_add(sum, point_force(state, &points->list[i]));
@@ -156,7 +156,7 @@ double euler_load(const needle_model *needle) {
     return CLAMPED_HINGED * needle->bending / (needle->given.length * needle->given.length);
 }
 
-/* True if the linearisation is still valid after a pass that rotated a segment by `turned` (rad) and changed the force on tissue and guides by `more` (N). */
+/* True if the linearisation still holds after a pass that rotated a segment by `turned` (rad) and changed the force on tissue and guides by `more` (N). */
 static bool has_converged(const tick_input *tick, const insertion_state *state, const insertion_workspace *w, double turned, vec3 more) {
     const needle_model *needle = tick->model->needle;
     if (!(turned * turned * needle->given.length < tick->model->settings.tolerance && v3_norm(more) < NEW_PUSH * euler_load(needle))) return false;
@@ -180,7 +180,7 @@ pass_result passes_run(const tick_input *tick, insertion_state *state, insertion
         r.converged = has_converged(tick, state, w, turned, v3_sub(now, push));
         push = now;
     }
-    /* If the passes diverge from a state, it is not an equilibrium. A single pass cannot show divergence. */
+    /* passes that diverge from a state show that it is no equilibrium; it takes two passes to see this */
     r.diverging = before > 0.0 && turned > before && turned > LEAP;
     r.saddle = w->problem.negative < w->response.tangent.unstable; /* by Haynsworth's inertia formula; see docs/mechanics.md, "One tick is one convex
                                                                       problem" */

@@ -27,15 +27,15 @@ static void find_wrench(const insertion_state *state, const contact_points *poin
 }
 
 void step(const tick_input *tick, insertion_state *state, insertion_workspace *w, tick_output *output) {
-    creep_begin(tick, state, &w->creep);                             /* the tissue's memory decays over dt */
+    creep_begin(tick, state, &w->creep);                             /* the tissue's memory of past forces decays over dt */
     hand_slide_shaft(tick, state);                                   /* hand: the shaft slides by the slips of the last solve */
     vec3 gradient = track_gradient(tick, state, &w->creep);
     hand_move(tick, state, &w->hand);                                /* hand: the base moves to its new pose */
-    path_follow(tick, state, &w->hand, &w->path, &w->creep, output, gradient); /* path: tip, membranes, old tracks, holes */
-    w->points.added = accept_snapshot(tick, state, output);          /* tissue: lists the contact points and finds the compliance at them */
+    path_follow(tick, state, &w->hand, &w->path, &w->creep, output, gradient); /* path: tip, membranes, old tracks, guides */
+    w->points.added = accept_snapshot(tick, state, output);          /* tissue: lists the contact points and finds the tissue's compliance there */
     bool touches = tissue_find(tick, state, &w->points, &w->tissue, &w->creep, &w->stiffening, &w->damper, output);
     if (touches) equilibrium_find(tick, state, w, output);           /* Newton passes: needle, problem, solve, advance */
     else equilibrium_forget(state);
-    tip_puncture(tick, state, output);                               /* conclude: punctures a membrane whose limit was exceeded */
-    find_wrench(state, &w->points, output);                          /* output; requests to the worker are made at the end of the tick */
+    tip_puncture(tick, state, output);                               /* conclude: punctures a membrane if its strength was exceeded */
+    find_wrench(state, &w->points, output);                          /* output; the tick sends requests to the worker at its end */
 }

@@ -11,13 +11,14 @@
 #include "insertion/tip/prefetch.h"
 #include "insertion/tip/tip.h"
 
-static const double LEAST_TICK = 1e-6; /* s: shorter ticks are computed as if they had this duration. Rounding tolerance */
-static const double SAME_TIME = 1e-6; /* steps: a tick that exceeds a whole number of steps by less than this is not divided further. Rounding tolerance */
+static const double LEAST_TICK = 1e-6; /* s: shorter ticks are treated as this long. Rounding tolerance */
+static const double SAME_TIME = 1e-6; /* steps: a tick longer than a whole number of steps by less than this gets no extra step. Rounding tolerance */
 
 void insertion_reset(const insertion_model *model, pose base, insertion_state *state) {
-    uint64_t insertion = state->request.insertion, serial = state->request.serial, next_id = state->next_id; /* not reset, so that no earlier snapshot matches */
+    uint64_t insertion = state->request.insertion, serial = state->request.serial, next_id = state->next_id; /* these keep counting, so that no earlier snapshot
+                                                                                                                matches */
     creep_forget(&state->memory);
-    tissue_memory memory = state->memory; /* the memory's clock is not reset */
+    tissue_memory memory = state->memory; /* keeps the memory's clock running */
     memset(state, 0, sizeof *state);
     state->memory = memory;
     state->request.insertion = insertion + 1;
@@ -73,7 +74,7 @@ static double shaft_total(const shaft_hold *s) {
     return s->origin + s->slip + s->slid + s->traction + s->softness + s->stiffening + s->roll.turned + s->roll.torque;
 }
 
-/* A sum is finite only if all its terms are. */
+/* Adds everything up: a sum is finite only if all its terms are. */
 bool insertion_is_finite(const insertion_state *state, const tick_output *output) {
     const needle_tip *tip = &state->tip;
     double sum = state->base_turn + state->tip_lead + sum_of(output->force) + sum_of(output->torque) + sum_of(tip_position(&tip->place)) + sum_of(state->entry) + tip->place.depth + tip->solved.slip

@@ -8,18 +8,18 @@
 #include "insertion/track/contact_nodes.h"
 #include "snapshot/snapshot_kernels.h"
 
-/* Finds the handles of the corners around the last point of the tip's track that the snapshot covered; returns false if there is none. */
+/* Finds the handles of the corners around the last point of the tip's track that the snapshot covered. Returns false if there is none. */
 static bool tip_handles(const tick_input *tick, const insertion_state *state, int handles[4]) {
     const needle_tip *tip = &state->tip;
     return tip->place.phase == TIP_INSIDE && tip->known.tet >= 0 && snapshot_covers(tick->snapshot, tick->model->mesh->tets[tip->known.tet], handles);
 }
 
-/* Load (N) on the tissue of active contact number k, counted from the base. */
+/* Returns the load (N) of active contact k, counted from the base, on the tissue. */
 static vec3 load_of(const tick_input *tick, const insertion_state *state, int k) {
     return v3_add(state->contacts[state->refined.order[k]].force, creep_load(tick->model, &state->memory, k));
 }
 
-/* Displacement (m) of the node with this handle under the tip's load, which acts on the nodes with the handles `corners`. */
+/* Returns how far (m) the tip's load displaces the node `handle`. The load acts on the nodes `corners`. */
 static vec3 displaced_by_tip(const tick_input *tick, const insertion_state *state, const int corners[4], int handle) {
     mat3 c = compliance_to_point(tick->snapshot, corners, state->tip.known.weights, handle);
     return m3_apply_transposed(&c, v3_add(tip_load(&state->tip), creep_tip_load(tick->model, &state->memory)));
@@ -44,13 +44,13 @@ vec3 displacement_at_tip(const tick_input *tick, const insertion_state *state, c
     return covered ? displacement_at(tick, state, creep, corners, tip->known.weights) : v3(0, 0, 0);
 }
 
-/* Activates a contact whose row of the inverse has arrived. Its initial state is that of the shaft next to the tip. */
+/* Activates a contact whose row of the inverse has arrived. It starts with the state of the shaft next to the tip. */
 static void activate_contact(const tick_input *tick, insertion_state *state, int k) {
     int slot = state->refined.order[k];
     shaft_contact *contact = &state->contacts[slot];
     contact->status = CONTACT_ACTIVE;
     contact->force = v3(0, 0, 0);
-    /* the resolution had not yet been measured when the tip left the contact */
+    /* the resolution was not known yet when the tip left the contact behind */
     if (contact->log_axial == 0.0) set_resolution(tick->model, contact, &tick->snapshot->resolved[slot]);
     if (state->tip.place.phase != TIP_INSIDE || contact->depth < tip_entry_depth(state)) return;
     double origin = contact->shaft.origin;
@@ -58,7 +58,8 @@ static void activate_contact(const tick_input *tick, insertion_state *state, int
     contact->shaft.origin = origin;
 }
 
-/* Transfers to the contact the tip's force on that part of the contact's share which belonged to the tip until now; it began at `from` (m of depth). */
+/* Moves force from the tip to a new contact: the force on the part of the contact's share that was the tip's until now. The tip's share began at `from` (m of
+   depth). */
 static void take_over_force(const tick_input *tick, insertion_state *state, int k, double from) {
     shaft_contact *contact = &state->contacts[state->refined.order[k]];
     if (state->tip.place.phase != TIP_INSIDE || contact->depth < tip_entry_depth(state)) return;
@@ -97,10 +98,10 @@ void follow_known_point(const tick_input *tick, insertion_state *state, tick_out
     if (!tip_handles(tick, state, handles)) handles[0] = NO_HANDLE;
 }
 
-/* Two measurements differ if the element has changed or the line has turned. The difference fades out while the tip advances by about one diameter. */
+/* Two measurements differ if the tip has entered another element or the line has turned. The difference fades as the tip advances by about one diameter. */
 static double faded(double now, double then, double used, double fading) { return now + (used - then) * fading; }
 
-/* Keeps the last measurement, because adjacent elements differ little. If it was made more than an edge length away, or if there is none, the worker counts
+/* Keeps the last measurement, because neighbouring elements differ little. If it was made more than an edge length away, or if there is none, the worker counts
    as late. */
 static void keep_resolution(const tick_input *tick, insertion_state *state, tick_output *output) {
     const insertion_model *model = tick->model;

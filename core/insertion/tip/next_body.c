@@ -6,7 +6,7 @@
 #include "insertion/track/contact_nodes.h"
 #include "insertion/track/old_tracks.h"
 
-static const double OVERLAP = 2e-3; /* m: largest distance by which separately meshed bodies may overlap. Chosen by judgement */
+static const double OVERLAP = 2e-3; /* m: largest overlap allowed between separately meshed bodies. Chosen by judgement */
 
 vec3 needle_direction(const tick_input *tick, const insertion_state *state) {
     quat frame = state->needle.frames[tick->model->needle->given.segments - 1];
@@ -14,7 +14,7 @@ vec3 needle_direction(const tick_input *tick, const insertion_state *state) {
     return q_rotate(frame, v3(slope * sin(lead), -slope * cos(lead), 1.0));
 }
 
-/* Distance (m) of the needle's end beyond the exit point, whose current position includes the tissue's displacement. */
+/* Returns how far (m) the needle's end is beyond the exit point, which moves with the tissue. */
 static double beyond_exit(const tick_input *tick, const insertion_state *state, const creep_step *creep) {
     vec3 exit = v3_add(tip_position(&state->tip.place), displacement_at_tip(tick, state, creep));
     return v3_dot(v3_sub(state->needle.joints[tick->model->needle->given.segments], exit), v3_unit(needle_direction(tick, state)));

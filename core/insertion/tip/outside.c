@@ -1,14 +1,14 @@
 #include "insertion/tip/outside.h"
 
-static const double NEAR = 10e-3; /* m: distance from the beginning and end of the track within which the shaft is not checked, because the skin is
-                                     displaced in this range. Chosen by judgement */
+static const double NEAR = 10e-3; /* m: the shaft is not checked this close to where the track begins and ends, because the skin is displaced there. Chosen by
+                                     judgement */
 
-/* A range of the shaft, m from the base. */
+/* A range of the shaft, in m from the base. */
 typedef struct {
     double from, to;
 } shaft_range;
 
-/* Range of the shaft that is in the track, with a margin; only the tip if the needle is outside the tissue. */
+/* Returns the range of the shaft that is in the track, plus a margin; if the needle is outside the tissue, only its end. */
 static shaft_range known_range(const tick_input *tick, const insertion_state *state) {
     const needle_tip *tip = &state->tip;
     double length = tick->model->needle->given.length;

@@ -6,14 +6,14 @@
 #include "insertion/tip/tip.h"
 #include "insertion/track/old_tracks.h"
 
-static const double SAME_PLACE = 1e-7; /* m: accuracy of the surface's displacement. Rounding tolerance */
-enum { MOST_LOOKS = 5 }; /* iterations: maximum number in the search for the displaced surface. Cost limit */
+static const double SAME_PLACE = 1e-7; /* m: accuracy with which the surface's displacement is found. Rounding tolerance */
+enum { MOST_LOOKS = 5 }; /* most iterations in the search for the displaced surface. Cost limit */
 
 /* ---- in the air ---------------------------------------------------------------------------------------------------- */
 
-/* Displacement of the surface just ahead of or behind the end of a free needle, caused by other bodies and by memory. The mesh represents the tissue at
-   rest: the needle's axis meets the displaced surface where the axis, shifted back by the displacement at this point, meets the mesh. As long as the
-   displacement is not known, its last known value is used. */
+/* Returns the displacement of the surface just ahead of or behind the end of a needle in the air, due to other bodies and the tissue's memory. The mesh
+   represents the tissue at rest, so the needle's axis meets the displaced surface where the axis, shifted back by the displacement there, meets the mesh. While
+   the displacement is unknown, returns its last known value. */
 static vec3 surface_displacement(const tick_input *tick, const insertion_state *state, const creep_step *creep, vec3 end, vec3 axis) {
     const mesh *m = tick->model->mesh;
     vec3 u = isnan(state->surface.x) ? v3(0, 0, 0) : state->surface, reach = v3_scale(tick->model->needle->given.length, axis), before;
@@ -33,8 +33,8 @@ static vec3 surface_displacement(const tick_input *tick, const insertion_state *
     return u;
 }
 
-/* Lets the tip touch the surface above its nominal position `now` (m), which is in the tissue. This happens if other needles have moved the tissue over the
-   tip, or if the displacement that they cause has just become known. The search starts one diameter behind the tip and doubles that distance, up to two
+/* Lets the tip touch the surface when its nominal position `now` (m) is already in the tissue. This happens if other needles have moved the tissue over the
+   tip, or if the displacement they cause has only just become known. The search starts one diameter behind the tip and keeps doubling the distance, up to two
    needle lengths. */
 static void touch_above(const tick_input *tick, insertion_state *state, tick_output *output, vec3 now, vec3 axis) {
     const insertion_model *model = tick->model;
@@ -47,8 +47,8 @@ static void touch_above(const tick_input *tick, insertion_state *state, tick_out
     }
 }
 
-/* Starts an insertion when the tip touches the outer surface. A needle that the hand draws out of a dent does not touch the surface. A needle whose end
-   has slid over an edge is past the tissue, although its axis still intersects the corner. */
+/* Starts an insertion when the tip touches the outer surface. A needle that the hand draws out of a dent does not touch it. Nor does one whose end has slid
+   over an edge: it is past the tissue, although its axis still cuts the corner. */
 static void look_for_surface(const tick_input *tick, insertion_state *state, const hand_advance *hand, const creep_step *creep, tick_output *output) {
     const insertion_model *model = tick->model;
     vec3 known = state->surface, axis = q_axis(tick->base.pose.orientation), end = state->needle.joints[model->needle->given.segments];
@@ -63,7 +63,7 @@ static void look_for_surface(const tick_input *tick, insertion_state *state, con
 
 static void advance_tip(const tick_input *tick, insertion_state *state, const creep_step *creep, tick_output *output, vec3 gradient) {
     needle_tip *tip = &state->tip;
-    if (!isfinite(tip->solved.slip)) tip->shaft.origin = NAN; /* restarts the insertion (see insertion_is_finite), so that the tip does not cut a track
+    if (!isfinite(tip->solved.slip)) tip->shaft.origin = NAN; /* makes insertion_is_finite fail, which restarts the insertion; otherwise the tip would cut
                                                                  through the whole tissue */
     tip_move(tick, state, creep, output, tip_cut_direction(tick, state, gradient));
     if (tip->place.phase == TIP_INSIDE && tip->place.depth == 0.0) tip_glide_on_surface(tick, state, output);

@@ -4,23 +4,23 @@
 
 #include "insertion/laws/creep.h"
 
-static const double LINE_OFFSET = 1e-3; /* m: offset above which a needle's line counts as a new one. Cost limit */
-static const double LINE_TURN = 0.02; /* rad: rotation above which a needle's line counts as a new one. Cost limit */
-static const line_tolerance SAME_LINE = {1e-9, 1e-9}; /* m and rad: differences below which lines are the same. Rounding tolerance */
-static const double ABOUT_TO_TOUCH = 2e-3; /* m: distance of the needle from the skin below which the requested line must be exact, so that an insertion
-                                              does not depend on the needle's earlier motion. Chosen by judgement */
-static const double NEAR_FACE = 1e-7; /* m: distance within which surfaces count as touching. Rounding tolerance */
-static const double WAY_IN = 1.25; /* ratio: length of the requested path into a body, divided by `prefetch_distance`. Chosen by judgement */
-enum { AHEAD = 16 }; /* elements: number requested ahead of the tip. Cost limit */
-enum { BEHIND = 4 }; /* contacts: number of contacts behind the tip whose elements are requested. Cost limit */
-enum { AROUND_EDGE = 32 }; /* elements: maximum number around one edge; about five are usual, and twenty occur in a poor mesh. Cost limit */
+static const double LINE_OFFSET = 1e-3; /* m: a needle's line counts as new if it has moved sideways by more than this. Cost limit */
+static const double LINE_TURN = 0.02; /* rad: a needle's line counts as new if it has turned by more than this. Cost limit */
+static const line_tolerance SAME_LINE = {1e-9, 1e-9}; /* m and rad: lines that differ by less are the same. Rounding tolerance */
+static const double ABOUT_TO_TOUCH = 2e-3; /* m: if the needle is closer to the skin than this, the requested line must be exact, so that the insertion does not
+                                              depend on how the needle moved before. Chosen by judgement */
+static const double NEAR_FACE = 1e-7; /* m: surfaces closer than this count as touching. Rounding tolerance */
+static const double WAY_IN = 1.25; /* ratio: length of the path requested into a body, relative to `prefetch_distance`. Chosen by judgement */
+enum { AHEAD = 16 }; /* most elements requested ahead of the tip. Cost limit */
+enum { BEHIND = 4 }; /* contacts behind the tip whose elements are requested. Cost limit */
+enum { AROUND_EDGE = 32 }; /* most elements around one edge; about five are usual, and a poor mesh has twenty. Cost limit */
 
 typedef struct {
-    int count, needed;       /* number of nodes, and number of indispensable nodes among them, as in remesh_request */
+    int count, needed;       /* number of nodes, and how many of them (the first ones) are indispensable, as in remesh_request */
     int nodes[MAX_WINDOW];
     int piece_count;
     line_in_tet pieces[MAX_PIECES];
-    line_tolerance tolerance; /* tolerance within which lines requested before are reused */
+    line_tolerance tolerance; /* how much a line may differ from one requested before and still reuse it */
 } wanted_tissue;
 
 static bool contains(const int *nodes, int count, int node) {
@@ -29,7 +29,7 @@ static bool contains(const int *nodes, int count, int node) {
     return false;
 }
 
-/* Adds those corners of an element that are not in the list yet; searches for all four at once. */
+/* Adds the corners of an element that are not in the list yet. Searches for all four at once. */
 static void add_tet(const mesh *m, int tet, wanted_tissue *list) {
     int corners[4], found[4] = {0};
     memcpy(corners, m->tets[tet], sizeof corners);
@@ -49,12 +49,12 @@ static void add_piece(int tet, vec3 x, vec3 direction, wanted_tissue *list) {
 typedef struct {
     int tet;                 /* current element; -1 outside the tissue */
     vec3 x, direction;       /* x, m: current point; direction: unit vector */
-    bool back;               /* true if the direction points back along the track */
-    double remaining;        /* m, remaining length */
-    int steps;               /* number of elements crossed */
+    bool back;               /* the direction points back along the track */
+    double remaining;        /* m, length left */
+    int steps;               /* elements crossed so far */
 } straight_way;
 
-/* Continues the path at the point where it meets tissue again. */
+/* Continues the path where it meets tissue again. Returns false if it does not. */
 static bool cross_gap(const mesh *m, straight_way *way) {
     surface_hit next = mesh_enter(m, v3_axpy(-NEAR_FACE, way->direction, way->x), v3_axpy(way->remaining, way->direction, way->x));
     if (!next.hit) return false;
@@ -64,8 +64,8 @@ static bool cross_gap(const mesh *m, straight_way *way) {
     return true;
 }
 
-/* Adds the elements along the path, up to its end. The line is measured in the first `measured` of them. The caller may then lengthen and continue the
-   path. */
+/* Adds the elements along the path, up to its end. In the first `measured` of them, requests that the mesh's resolution be measured along this line. The caller
+   can then make the path longer and continue it. */
 static void add_way(const mesh *m, straight_way *way, int measured, wanted_tissue *list) {
     for (; way->steps < AHEAD; way->steps++) {
         double chord;
@@ -86,13 +86,13 @@ static void add_surroundings(const mesh *m, int tet, wanted_tissue *list) {
         if (m->neighbours[tet][f] >= 0) add_tet(m, m->neighbours[tet][f], list);
 }
 
-/* Adds the elements behind those outer faces that share an edge with this face, because the tip may slide onto them: goes around each edge, from element to
-   element, until it reaches the outer surface again. */
+/* Adds the elements behind the outer faces that share an edge with this face, because the tip may slide onto them. Goes around each edge from element to
+   element until it reaches the outer surface again. */
 static void add_beside(const mesh *m, int tet, int face, wanted_tissue *list) {
     for (int c = 0; c < 4; c++) {
         if (c == face) continue;
-        int at = tet, exit = c, last = m->tets[tet][face], sum = 0; /* `last`: corner of the crossed face that is not on the edge */
-        for (int k = 0; k < 4; k++) sum += k == face || k == c ? 0 : m->tets[tet][k]; /* sum of the node indices of the edge's ends */
+        int at = tet, exit = c, last = m->tets[tet][face], sum = 0; /* `last`: the corner of the crossed face that is not on the edge */
+        for (int k = 0; k < 4; k++) sum += k == face || k == c ? 0 : m->tets[tet][k]; /* sum of the indices of the edge's two nodes */
         for (int step = 0; step < AROUND_EDGE && m->neighbours[at][exit] >= 0; step++) {
             at = m->neighbours[at][exit];
             int all = 0;
@@ -106,7 +106,7 @@ static void add_beside(const mesh *m, int tet, int face, wanted_tissue *list) {
     }
 }
 
-/* Adds the elements along the track from x back to the last contact node (leaving out the last `skipped` nodes), or back to the entry. Returns the point
+/* Adds the elements along the track from x back to the last contact node (not counting the last `skipped` nodes), or back to the entry. Returns the point
    reached. */
 static vec3 add_stretch_back(const mesh *m, const insertion_state *state, int tet, vec3 x, int skipped, wanted_tissue *list) {
     int k = contacts_passed(state) - 1 - skipped;
@@ -119,7 +119,7 @@ static vec3 add_stretch_back(const mesh *m, const insertion_state *state, int te
     return to;
 }
 
-/* Adds the track behind the tip: the elements of the last contact nodes, those between the tip and the last node, and those between the last two nodes. */
+/* Adds the track behind the tip: the elements of the last few contact nodes, and those between the tip, the last node and the one before. */
 static void add_track(const mesh *m, const insertion_state *state, wanted_tissue *list) {
     vec3 last = add_stretch_back(m, state, state->tip.place.tet, state->tip.place.nominal, 0, list);
     int passed = contacts_passed(state);
@@ -132,13 +132,13 @@ static void add_track(const mesh *m, const insertion_state *state, wanted_tissue
     }
 }
 
-/* Adds the elements along the path of a needle into a body ahead, from the entry point to a distance of about `reach` from the needle's end. */
+/* Adds the elements along the needle's path into a body ahead, from the entry point to about `reach` from the needle's end. */
 static void add_way_in(const mesh *m, surface_hit hit, vec3 direction, double reach, wanted_tissue *list) {
     straight_way way = {.tet = hit.tet, .x = hit.point, .direction = direction, .remaining = reach * (WAY_IN - hit.fraction)};
     if (hit.hit) add_way(m, &way, 1, list);
 }
 
-/* Position of the end of a needle outside the tissue, relative to the tissue at rest: as far from its surface as the end is from the displaced surface. */
+/* Returns where the end of a needle in the air is relative to the tissue at rest: as far from the surface as it really is from the displaced surface. */
 static vec3 end_before_tissue(const insertion_model *model, const insertion_state *state) {
     vec3 end = state->needle.joints[model->needle->given.segments];
     return isnan(state->surface.x) ? end : v3_sub(end, state->surface);
@@ -150,7 +150,7 @@ static wanted_tissue wanted_nodes(const insertion_model *model, const insertion_
     vec3 direction = q_axis(state->needle.frames[n - 1]), end = state->needle.joints[n];
     double reach = model->settings.prefetch_distance;
     wanted_tissue list = {.count = 0, .piece_count = 0, .tolerance = SAME_FIELD};
-    if (state->tip.place.phase == TIP_FREE) { /* lists the path from the expected entry point */
+    if (state->tip.place.phase == TIP_FREE) { /* request the path from where the needle will enter */
         end = end_before_tissue(model, state);
         surface_hit hit = mesh_enter(m, end, v3_axpy(reach, direction, end));
         if (!hit.hit) { /* the needle's end is in a dent */
@@ -165,8 +165,8 @@ static wanted_tissue wanted_nodes(const insertion_model *model, const insertion_
     }
     double weights[4];
     int moved = refinement_element(m, &state->refined, state->refined.count, state->tip.place.tet, state->tip.place.nominal, weights);
-    add_surroundings(m, moved, &list); /* the element that contains the tip in the mesh with moved nodes */
-    if (moved != state->tip.place.tet) add_surroundings(m, state->tip.place.tet, &list); /* also the element that contains the tip in the nominal mesh */
+    add_surroundings(m, moved, &list); /* the element that contains the tip in the refined mesh */
+    if (moved != state->tip.place.tet) add_surroundings(m, state->tip.place.tet, &list); /* and the one that contains it in the nominal mesh */
     if (state->tip.place.phase == TIP_INSIDE && state->tip.place.depth == 0.0) add_beside(m, state->tip.place.tet, state->tip.barrier.face, &list);
     straight_way way = {.tet = state->tip.place.tet, .x = state->tip.place.nominal, .direction = tip_way(&state->tip.place, direction), .remaining = model->settings.gradient_span};
     add_way(m, &way, AHEAD, &list);
@@ -213,7 +213,7 @@ static bool window_suffices(const remesh_request *request, const wanted_tissue *
     return true;
 }
 
-/* Lines that were requested before stay unchanged, so that the worker does not have to measure them again. */
+/* Requests lines unchanged if they were requested before, so that the worker does not have to measure them again. */
 static void copy_pieces(wanted_tissue *wanted, remesh_request *request) {
     for (int i = 0; i < wanted->piece_count; i++) {
         const line_in_tet *known = request_line(request, &wanted->pieces[i], wanted->tolerance);
@@ -223,7 +223,7 @@ static void copy_pieces(wanted_tissue *wanted, remesh_request *request) {
     memcpy(request->pieces, wanted->pieces, (size_t)wanted->piece_count * sizeof *wanted->pieces);
 }
 
-/* Finds the tip's material point and the direction of the needle's end, in which the tip is expected to move. */
+/* Finds the material point at the tip and the direction of the needle's end, in which the tip will probably move. */
 static void find_line(const insertion_model *model, const insertion_state *state, vec3 *tip, vec3 *direction) {
     int n = model->needle->given.segments;
     *tip = state->tip.place.phase == TIP_INSIDE ? state->tip.place.nominal : state->tip.place.phase == TIP_FREE ? end_before_tissue(model, state) : state->needle.joints[n];

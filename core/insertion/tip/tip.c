@@ -7,10 +7,10 @@
 #include "insertion/track/contact_nodes.h"
 #include "insertion/track/old_tracks.h"
 
-static const double MOST_SHEAR = 0.7; /* fraction, below 1: shear of the tissue along the track above which the tip's direction no longer follows the
+static const double MOST_SHEAR = 0.7; /* shear strain, below 1: if the tissue along the track is sheared by more than this, the tip's direction ignores the
                                          shear. Chosen: far beyond small strains */
-static const double GLIDE_REACH = 2e-3; /* m: distance above and below a sliding tip within which the surface is searched for. Chosen by judgement */
-static const double LIFTED = 1e-6; /* m: distance from the surface above which a tip has left it. Rounding: accuracy of the surface's displacement */
+static const double GLIDE_REACH = 2e-3; /* m: a sliding tip looks for the surface this far above and below itself. Chosen by judgement */
+static const double LIFTED = 1e-6; /* m: a tip farther than this from the surface has left it. Rounding tolerance: accuracy of the surface's displacement */
 
 /* ---- on the surface ---------------------------------------------------------------------------------------------------- */
 
@@ -34,13 +34,13 @@ bool tip_is_below(const insertion_model *model, vec3 from, vec3 to) {
     return hit.hit && reaches(model->mesh, hit, to, &tet);
 }
 
-/* Moves the tip's material point along the outer surface by the tangential vector `shift` (m). `inward`: unit normal of the surface. */
+/* Moves the tip's material point along the outer surface by the tangential vector `shift` (m). `inward`: unit normal of the surface, into the tissue. */
 static void tip_glide(const tick_input *tick, insertion_state *state, tick_output *output, vec3 inward, vec3 shift) {
     const insertion_model *model = tick->model;
     needle_tip *tip = &state->tip;
     vec3 goal = v3_add(tip->place.nominal, shift);
     surface_hit hit = mesh_enter(model->mesh, v3_axpy(-GLIDE_REACH, inward, goal), v3_axpy(GLIDE_REACH, inward, goal));
-    if (!hit.hit) { /* the tip is over the edge if a straight needle would be past the tissue; otherwise it would meet the surface again */
+    if (!hit.hit) { /* past the edge: the tip has left if a straight needle would be past the tissue; otherwise it would meet the surface again */
         vec3 axis = q_axis(state->needle.base.orientation);
         vec3 end = needle_straight_end(model->needle, state->needle.base);
         if (!tip_is_below(model, v3_axpy(-GLIDE_REACH, axis, end), end)) withdraw_tip(state, output);
@@ -55,8 +55,8 @@ static void tip_glide(const tick_input *tick, insertion_state *state, tick_outpu
     tip->barrier.entering = true;
 }
 
-/* The tip slides half the distance that would return the force to the friction cone. The full distance could overshoot and lift a lightly pressing needle off
-   the surface. */
+/* The tip slides half the distance that would bring the force back into the friction cone. Sliding the full distance could overshoot and lift a lightly
+   pressing needle off the surface. */
 void tip_glide_on_surface(const tick_input *tick, insertion_state *state, tick_output *output) {
     const insertion_model *model = tick->model;
     const needle_tip *tip = &state->tip;
@@ -80,8 +80,9 @@ void tip_puncture(const tick_input *tick, insertion_state *state, tick_output *o
     if (tip->place.phase == TIP_BEYOND) enter_touching_body(tick, state, output, v3_unit(needle_direction(tick, state)));
 }
 
-/* Unit direction d in the undeformed tissue whose image in the deformed tissue, d + gradient, points along `direction`; `direction` itself if the tissue is
-   deformed beyond the range of linear elasticity. Compression along the needle is neglected: the slip of the next tick corrects the resulting error. */
+/* Returns the unit direction d in the undeformed tissue whose image in the deformed tissue, d + gradient, points along `direction`. If the tissue is deformed
+   beyond the range of linear elasticity, returns `direction` itself. Ignores compression along the needle; the slip of the next step corrects the resulting
+   error. */
 static vec3 pull_back(vec3 gradient, vec3 direction) {
     direction = v3_unit(direction);
     vec3 sideways = v3_axpy(-v3_dot(gradient, direction), direction, gradient);
@@ -92,8 +93,8 @@ static vec3 pull_back(vec3 gradient, vec3 direction) {
 
 vec3 tip_cut_direction(const tick_input *tick, const insertion_state *state, vec3 track_gradient) { return pull_back(track_gradient, needle_direction(tick, state)); }
 
-/* Updates the track's direction at the tip, a running mean over about one needle diameter. `way`: the segment just cut or retraced, in the cutting
-   direction. */
+/* Updates the direction of the track at the tip, a running mean over about one needle diameter. `way`: the segment just cut or retraced, in the direction of
+   cutting. */
 static void follow_track(const insertion_model *model, needle_tip *tip, vec3 way) {
     double length = v3_norm(way);
     if (length == 0.0) return;
@@ -101,7 +102,7 @@ static void follow_track(const insertion_model *model, needle_tip *tip, vec3 way
     tip->place.direction = v3_unit(v3_axpy(-expm1(-0.5 * length / model->needle->radius), change, tip->place.direction));
 }
 
-/* True if a bent needle without axial force still touches the surface, because its end would be in the tissue if the needle were straight. */
+/* True if a needle that is bent, and pushes with no axial force, still touches the surface: if it were straight, its end would be in the tissue. */
 static bool stays_on_surface(const tick_input *tick, const insertion_state *state) {
     const needle_tip *tip = &state->tip;
     if (tip->place.depth > 0.0) return false;
@@ -130,7 +131,7 @@ void tip_move(const tick_input *tick, insertion_state *state, const creep_step *
     tip->solved.slip = 0.0;
 }
 
-/* Makes the tissue around a straight needle unstrained: its contacts hold the shaft in its current position. */
+/* Makes the tissue around a straight needle unstrained, so that its contacts hold the shaft where it is. */
 static void rest_shaft(const insertion_model *model, insertion_state *state) {
     const vec3 *joints = state->needle.joints;
     vec3 base = joints[0], axis = v3_unit(v3_sub(joints[model->needle->given.segments], base));
@@ -150,7 +151,7 @@ void tip_engage(const insertion_model *model, insertion_state *state) {
     vec3 direction = v3_unit(v3_sub(end, base));
     double whole = v3_norm(v3_sub(end, state->entry));
     for (int step = 0; step < MAX_STEPS && state->tip.place.phase == TIP_INSIDE && state->tip.place.depth < whole; step++) {
-        /* the needle has already penetrated the barrier */
+        /* the needle is already through the barrier */
         if (state->tip.barrier.blocked_by != NOT_BLOCKED) puncture_barrier(tick, state, output, v3_unit(needle_direction(tick, state)));
         cut_forward(tick, state, output, direction, whole - state->tip.place.depth);
         if (state->tip.place.phase != TIP_BEYOND) continue;

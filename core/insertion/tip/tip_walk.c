@@ -5,11 +5,10 @@
 #include "insertion/track/obstacle.h"
 #include "insertion/track/old_tracks.h"
 
-static const double GRAZING = 0.2; /* dimensionless: sine of the angle between tip direction and outer face below which the tip moves along the face. Chosen: 11
+static const double GRAZING = 0.2; /* dimensionless: a tip that meets an outer face at an angle whose sine is below this moves along the face. Chosen: 11
                                       degrees */
-static const double GRAZING_DEPTH = 1e-5; /* m: depth of `nominal` below the face that the tip grazes. Rounding tolerance */
-static const double SAME_FORCE = 1e-6; /* fraction: relative amount by which a resistance may exceed the tip's cutting force and still be overcome.
-                                          Rounding tolerance */
+static const double GRAZING_DEPTH = 1e-5; /* m: how far `nominal` is below the face that the tip grazes. Rounding tolerance */
+static const double SAME_FORCE = 1e-6; /* fraction: the tip overcomes a resistance that exceeds its cutting force by no more than this. Rounding tolerance */
 
 int follow_line(const mesh *m, int tet, vec3 *from, vec3 target) {
     for (int step = 0; step < MAX_STEPS; step++) {
@@ -33,7 +32,7 @@ bool reaches(const mesh *m, surface_hit hit, vec3 x, int *tet) {
 
 /* ---- out of the tissue ------------------------------------------------------------------------------------------------- */
 
-/* Records that the tip has left the tissue while the shaft is still in it. */
+/* Records that the tip has left the tissue while part of the shaft is still in it. */
 static void go_beyond(const tick_input *tick, insertion_state *state) {
     needle_tip *tip = &state->tip;
     tip->place.phase = TIP_BEYOND;
@@ -51,7 +50,7 @@ static void exit_tissue(const tick_input *tick, insertion_state *state, tick_out
     output->events |= EVENT_EXITED;
 }
 
-/* Moves the tip backwards out of this body into the gap before it, to the point where it left the previous body. */
+/* Moves the tip back out of this body into the gap before it, to the point where it left the previous body. */
 static void back_into_gap(const tick_input *tick, insertion_state *state, tick_output *output) {
     int gap = last_gap(state);
     const stratum *left = &state->strata[gap];
@@ -65,7 +64,7 @@ static void back_into_gap(const tick_input *tick, insertion_state *state, tick_o
 }
 
 void withdraw_tip(insertion_state *state, tick_output *output) {
-    state->request.piece_count = 0; /* the next insertion must not depend on the lines of this insertion */
+    state->request.piece_count = 0; /* the next insertion must not depend on this one's lines */
     state->tip = tip_in_air();
     state->surface = v3(NAN, NAN, NAN);
     output->events |= EVENT_WITHDRAWN;
@@ -73,11 +72,11 @@ void withdraw_tip(insertion_state *state, tick_output *output) {
 
 /* ---- along an outer face ----------------------------------------------------------------------------------------------
 
-   A needle has not left the tissue as soon as its axis has: a tip that reaches an outer face at a small angle continues along the face until its axis is
-   outside by the needle's radius. Meanwhile, a point just inside the face represents the tip in the mesh. */
+   When a needle's axis has left the tissue, part of the needle is still in it. So a tip that reaches an outer face at a small angle continues along the face
+   until its axis is one radius outside. Meanwhile, a point just inside the face represents the tip in the mesh. */
 
-/* True if the tip continues along the outer face that it has reached: it meets the face at a small angle, and there is neither a membrane on the face nor
-   other tissue behind it. */
+/* True if the tip, having reached an outer face, continues along it: it meets the face at a small angle, and there is neither a membrane on the face nor other
+   tissue behind it. */
 static bool grazes(const tick_input *tick, const insertion_state *state, int face, vec3 direction) {
     const insertion_model *model = tick->model;
     const needle_tip *tip = &state->tip;
@@ -95,8 +94,8 @@ static void begin_grazing(const tick_input *tick, insertion_state *state, tick_o
     plan_contact(tick, state, output, direction);
 }
 
-/* Completes a motion of the tip by `part` along `direction`. The caller has moved `nominal` along the grazed face; this function changes the offset of the
-   tip from `nominal`. The tip may thereby return to the tissue, or leave the face. */
+/* Completes a motion of the tip by `part` along `direction`. The caller has already moved `nominal` along the grazed face; this changes the tip's offset from
+   it. The tip may return into the tissue or leave the face. */
 static void graze_on(const tick_input *tick, insertion_state *state, tick_output *output, vec3 direction, double part) {
     needle_tip *tip = &state->tip;
     tip->place.beside = v3_axpy(part * v3_dot(direction, tip->place.graze_normal), tip->place.graze_normal, tip->place.beside);
@@ -112,7 +111,7 @@ static void graze_on(const tick_input *tick, insertion_state *state, tick_output
 
 /* ---- forward and back -------------------------------------------------------------------------------------------------- */
 
-/* Crosses a face: the tip enters the element behind it, or leaves the tissue. */
+/* Crosses a face: the tip enters the element behind it or leaves the tissue. */
 static void cross_face(const tick_input *tick, insertion_state *state, tick_output *output, int face, vec3 direction) {
     needle_tip *tip = &state->tip;
     int next = tick->model->mesh->neighbours[tip->place.tet][face];
@@ -129,7 +128,7 @@ static void cross_face(const tick_input *tick, insertion_state *state, tick_outp
 
 void puncture_barrier(const tick_input *tick, insertion_state *state, tick_output *output, vec3 direction) {
     needle_tip *tip = &state->tip;
-    if (tip->barrier.blocked_by != BLOCKED_BY_BONE) { /* a needle may start in bone, which does not count as a puncture */
+    if (tip->barrier.blocked_by != BLOCKED_BY_BONE) { /* a needle may start in bone, which is not a puncture */
         output->events |= EVENT_PUNCTURED;
         output->membrane = tip->barrier.blocked_by;
         old_tracks_puncture(state, output, tip->barrier.blocked_by);
@@ -143,7 +142,7 @@ void puncture_barrier(const tick_input *tick, insertion_state *state, tick_outpu
     }
 }
 
-/* Distance (m) from the tip to where it would leave the tissue through its current element; INFINITY if it would not. */
+/* Returns the distance (m) from the tip to where it would leave the tissue through its current element; INFINITY if it would not. */
 static double distance_to_exit(const insertion_model *model, const needle_tip *tip, vec3 direction) {
     double to_face, rising = v3_dot(direction, tip->place.graze_normal);
     int face = mesh_exit(model->mesh, tip->place.tet, tip->place.nominal, tip_way(&tip->place, direction), &to_face);
@@ -155,10 +154,10 @@ static double distance_to_exit(const insertion_model *model, const needle_tip *t
     return outer && v3_dot(direction, mesh_face_normal(model->mesh, tip->place.tet, face)) < -GRAZING ? to_face : INFINITY;
 }
 
-/* True if the tip's cutting force exceeds this resistance. */
+/* True if the tip's cutting force is large enough for this resistance. */
 static bool overcomes(const needle_tip *tip, double resistance) { return resistance <= (1.0 + SAME_FORCE) * tip->solved.end_force; }
 
-/* Decides what happens at a face: the tip moves along an outer face, is blocked, or crosses the face. Returns true if it has crossed. */
+/* Decides what happens at a face: the tip moves along an outer face, is blocked, or crosses it. Returns true if it has crossed. */
 static bool meet_face(const tick_input *tick, insertion_state *state, tick_output *output, int face, vec3 direction) {
     needle_tip *tip = &state->tip;
     int behind = tick->model->mesh->neighbours[tip->place.tet][face];
@@ -175,7 +174,7 @@ static bool meet_face(const tick_input *tick, insertion_state *state, tick_outpu
     return true;
 }
 
-/* Cuts up to the next face or contact node. Returns the remaining distance, m. */
+/* Cuts up to the next face or contact node. Returns the distance left, m. */
 static double advance_once(const tick_input *tick, insertion_state *state, tick_output *output, vec3 direction, double distance) {
     needle_tip *tip = &state->tip;
     double to_face, to_contact = tip->next_contact - tip->place.depth;
@@ -198,7 +197,7 @@ static double advance_once(const tick_input *tick, insertion_state *state, tick_
     return left;
 }
 
-/* Advances until an obstacle stops the tip. Returns the remaining distance, m. */
+/* Advances until the distance is covered or an obstacle stops the tip. Returns the distance left, m. */
 static double advance(const tick_input *tick, insertion_state *state, tick_output *output, vec3 direction, double distance) {
     const needle_tip *tip = &state->tip;
     if (isnan(tip->next_contact)) plan_contact(tick, state, output, direction);
@@ -226,7 +225,7 @@ void cut_forward(const tick_input *tick, insertion_state *state, tick_output *ou
     if (isfinite(left)) plan_exit(tick, state, output, tip_way(&tip->place, direction), left);
 }
 
-/* The track behind the tip, which extends back to the last contact, to the entry into this body, or to the skin. */
+/* The track behind the tip, back to the last contact or, if this body has none, to where the tip entered it. */
 typedef struct {
     const shaft_contact *contact; /* NULL if there is no contact in this body */
     int gap;                      /* index of the gap before this body, or -1 */
@@ -240,7 +239,7 @@ static way_back find_way_back(const insertion_state *state) {
     return (way_back){last, last_gap(state), state->tip.place.depth - (last ? last->depth : entry)};
 }
 
-/* Moves the tip back by `distance`, which must be less than the length of the track behind the tip. */
+/* Moves the tip back by `distance`, which must be less than way->length. */
 static void go_back(const mesh *m, insertion_state *state, const way_back *way, double distance) {
     needle_tip *tip = &state->tip;
     vec3 goal = way->contact ? way->contact->track : way->gap >= 0 ? state->strata[way->gap + 1].point : state->entry;

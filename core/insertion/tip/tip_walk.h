@@ -4,27 +4,27 @@
 
 #include "insertion/state/tick_data.h"
 
-enum { MAX_STEPS = 256 }; /* elements: maximum number crossed in one step. Cost limit */
-static const double FACE_CLEARANCE = 1e-7; /* m: distance by which the tip is placed past a face that it crosses. Rounding tolerance */
+enum { MAX_STEPS = 256 }; /* most elements crossed in one step. Cost limit */
+static const double FACE_CLEARANCE = 1e-7; /* m: when the tip crosses a face, it is placed this far past it. Rounding tolerance */
 
-/* Cuts forward by `distance` along this unit direction in the undeformed tissue, and places contact nodes where they are due. Membranes whose resistance
-   exceeds the cutting force stop the tip. RT */
+/* Cuts forward by `distance` along this unit direction in the undeformed tissue, and leaves contact nodes where they are due. A membrane whose resistance
+   exceeds the cutting force stops the tip. RT */
 void cut_forward(const tick_input *tick, insertion_state *state, tick_output *output, vec3 direction, double distance);
 
-/* Draws the tip back by `distance` along the track, and removes the contact nodes that it passes. RT */
+/* Draws the tip back along the track by `distance`, and removes the contact nodes it passes. RT */
 void draw_back(const tick_input *tick, insertion_state *state, tick_output *output, double distance);
 
-/* Punctures the obstacle (membrane or bone) in front of the tip; afterwards the tip is behind it. RT */
+/* Punctures the membrane or bone in front of the tip, which is behind it afterwards. RT */
 void puncture_barrier(const tick_input *tick, insertion_state *state, tick_output *output, vec3 direction);
 
-/* Resets the tip of a needle that has left the tissue. RT */
+/* Resets the tip once the needle has left the tissue. RT */
 void withdraw_tip(insertion_state *state, tick_output *output);
 
-/* Follows the line from a nominal point in element `tet` to `target`, element by element, as long as it is in tissue. Moves the point to `target` and
+/* Follows the line from a nominal point in element `tet` to `target`, from element to element as long as it is in tissue. Moves the point to `target` and
    returns the last element. RT */
 int follow_line(const mesh *m, int tet, vec3 *from, vec3 target);
 
-/* True if the straight line from a hit on the outer surface to x is inside the tissue. *tet: element that contains x. RT */
+/* True if the straight line from a hit on the outer surface to x stays in the tissue. *tet: the element that contains x. RT */
 bool reaches(const mesh *m, surface_hit hit, vec3 x, int *tet);
 
 #endif

@@ -6,13 +6,13 @@
 #include "insertion/tip/prefetch.h"
 #include "insertion/tip/tip_walk.h"
 
-/* Displacement (m) of the tissue at a contact, which moves with the shaft. */
+/* Returns the displacement (m) of the tissue at a contact, which moves with the shaft. */
 static vec3 carried(const tick_input *tick, const insertion_state *state, const shaft_contact *contact) {
     needle_point p = needle_at(tick->model->needle, &state->needle, contact_arc(contact, tick->model->needle->given.length));
     return v3_sub(p.position, contact->track);
 }
 
-/* Displacement (m) of the tissue that moves with the shaft, at one span (contact.gradient_span) behind the tip. */
+/* Returns the displacement (m) of the tissue at one span (contact.gradient_span) behind the tip, where it moves with the shaft. */
 static vec3 displacement_behind(const tick_input *tick, const insertion_state *state, vec3 at_tip) {
     vec3 ahead = at_tip;
     double ahead_depth = state->tip.place.depth, sought = ahead_depth - tick->model->settings.gradient_span;
@@ -28,8 +28,8 @@ static vec3 displacement_behind(const tick_input *tick, const insertion_state *s
     return ahead;
 }
 
-/* Displacement (m) of the tissue one span ahead of the tip, or at the end of the tissue if that is closer. Returns the displacement at the tip if the
-   snapshot does not cover that point. */
+/* Returns the displacement (m) of the tissue one span ahead of the tip, or at the end of the tissue if that is closer. If the snapshot does not cover that
+   point, returns the displacement at the tip. */
 static vec3 displacement_ahead(const tick_input *tick, const insertion_state *state, const creep_step *creep, vec3 direction, vec3 at_tip) {
     const mesh *m = tick->model->mesh;
     double left = tick->model->settings.gradient_span, chord;

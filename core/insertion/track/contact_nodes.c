@@ -3,12 +3,10 @@
 #include "insertion/model/local_compliance.h"
 #include "insertion/state/strata.h"
 
-static const double LONGEST_SHARE = 0.8; /* edge lengths: longest piece of a chord that one contact represents; a longer chord gets several contacts. Chosen
-                                            by judgement */
-static const double PLAN_TOLERANCE = 2e-4; /* m: largest distance between the tip and a planned contact node at which the node can still be used. Chosen by
-                                              judgement */
-static const double LAST_PLACE = 0.95; /* fraction, above 0.5 and below 1: farthest position of a node along the chord through an element; a node due
-                                          beyond it is placed in the next element. Chosen: 0.5 is its usual position, 1 is the face */
+static const double LONGEST_SHARE = 0.8; /* edge lengths: a chord longer than this gets several contacts, each for an equal part. Chosen by judgement */
+static const double PLAN_TOLERANCE = 2e-4; /* m: a planned contact node can be used only if the tip passes it within this distance. Chosen by judgement */
+static const double LAST_PLACE = 0.95; /* fraction of the chord through an element, above 0.5 and below 1: a node due beyond this point is placed in the next
+                                          element. Chosen: 0.5 is the usual place of a node, 1 is the face */
 
 double last_contact_depth(const insertion_state *state) {
     const shaft_contact *last = last_contact(state);
@@ -20,7 +18,7 @@ void set_beside(needle_tip *tip, vec3 beside) {
     tip->place.graze_normal = v3_norm(beside) > 0.0 ? v3_unit(beside) : v3(0, 0, 0);
 }
 
-/* Sets the needle's line at a new node. If the last request contains almost the same line, that line is used, so that it need not be measured again. */
+/* Sets the needle's line at a new node. Uses the line of the last request if it is almost the same, so that it need not be measured again. */
 static void set_line(insertion_state *state, int slot, vec3 direction) {
     added_node *node = &state->refined.nodes[slot];
     node->line = (line_in_tet){node->tet, node->position, v3_unit(direction)};
@@ -47,8 +45,8 @@ void drop_plan(insertion_state *state) {
     state->tip.next_contact = NAN;
 }
 
-/* Plans the next contact node. The chord through an element is divided into shares of equal length, with a node in the middle of each. `another`: the tip
-   is at such a node, with half of the node's share still ahead. */
+/* Plans the next contact node. The chord through an element is divided into equal parts, with a node in the middle of each. `another`: the tip is at such a
+   node, with half of its part still ahead. */
 static void plan(const tick_input *tick, insertion_state *state, tick_output *output, vec3 direction, bool another) {
     const insertion_model *model = tick->model;
     needle_tip *tip = &state->tip;
@@ -121,7 +119,7 @@ void return_to_contact(const tick_input *tick, insertion_state *state, tick_outp
     tip->place.depth = contact->depth;
     tip->shaft = contact->shaft;
     if (contact->log_axial != 0.0) {
-        double point = tip->resolution.field.point; /* resolution for the end face, which only the tip has */
+        double point = tip->resolution.field.point; /* resolution at the end face, which contacts do not have */
         tip->resolution.field = contact->resolved;
         tip->resolution.field.point = point;
         tip->resolution.at = tip->place.nominal;

@@ -13,7 +13,7 @@ double calcification_entry(const calcification *c, vec3 x, vec3 direction) {
     return outside > 0.0 && ahead > 0.0 && half_chord > 0.0 ? ahead - half_chord : INFINITY;
 }
 
-/* Factor by which the cutting force is multiplied at x: that of the hardest calcification there, 1 outside all of them. */
+/* Returns the factor by which calcifications multiply the cutting force at x: that of the hardest one there, or 1 if there is none. */
 static double calcified(const insertion_model *model, vec3 x) {
     double factor = 1.0;
     for (int i = 0; i < model->calcification_count; i++) {

@@ -2,11 +2,11 @@
 
 #include "insertion/track/obstacle.h"
 
-static const double FADE = 1.5; /* ratio, above 1: a track's openness falls from 1 at the limits of distance and angle to 0 at this multiple of the limits.
-                                   Chosen by judgement */
-static const double CATCH_UP = 4.0; /* needle diameters: distance of travel over which a tip beside a track reduces its distance from the track by a factor of
-                                       e. Chosen by judgement */
-static const double CLOSED = 1e-5; /* m: distance from the end of a track within which a tip counts as having reached the end. Rounding tolerance */
+static const double FADE = 1.5; /* ratio, above 1: openness falls from 1 at the distance or angle limit to 0 at this multiple of the limit. Chosen by
+                                   judgement */
+static const double CATCH_UP = 4.0; /* needle diameters: as a tip beside a track travels this far, its distance from the track falls by a factor of e. Chosen by
+                                       judgement */
+static const double CLOSED = 1e-5; /* m: a tip this close to the end of a track has reached it. Rounding tolerance */
 
 /* Returns 1 up to the limit, falling to 0 at FADE times the limit. */
 static double fade(double value, double limit) { return fmin(fmax((FADE - value / limit) / (FADE - 1.0), 0.0), 1.0); }
@@ -32,14 +32,14 @@ void old_tracks_puncture(insertion_state *state, tick_output *output, int membra
 
 /* ---- what is open -------------------------------------------------------------------------------------------------------- */
 
-/* Returns the track list with this index: the needle's own for index 0, followed by those of the other needles; NULL after the last one. */
+/* Returns a track list: the needle's own for index 0, then those of the other needles; NULL after the last. */
 static const track_list *list_of(const tick_input *tick, const insertion_state *state, int index) {
     if (index == 0) return &state->tracks;
     return index <= tick->other_count ? tick->others[index - 1] : NULL;
 }
 
-/* Openness of this membrane at x. It falls with the distance from the nearest puncture in the same way as that of a track falls with the distance from the
-   track. */
+/* Returns how open this membrane is at x (0 to 1). Openness falls with the distance from the nearest puncture just as a track's falls with the distance from
+   the track. */
 static double membrane_open(const tick_input *tick, const insertion_state *state, int membrane, vec3 x) {
     double reach = reach_of(tick->model), closest = INFINITY;
     const track_list *list;
@@ -62,7 +62,7 @@ typedef struct {
     vec3 direction;
 } candidate;
 
-/* Rates how open this track is to the tip, which may follow it in either direction. */
+/* Rates how open this track is to the tip, which may follow it either way. */
 static candidate judge(const insertion_model *model, const track_list *list, int track, vec3 x, vec3 direction) {
     double reach = reach_of(model);
     track_place place = tracks_closest(list, track, x, FADE * reach);
@@ -101,8 +101,8 @@ vec3 old_tracks_lead(const open_track *track, vec3 direction) {
     return v3_unit(v3_axpy(track->openness, v3_sub(track->direction, direction), direction));
 }
 
-/* A tip that is guided sideways by u per metre does the work f . u, where f is the lateral force on the needle. Because the wall of a track is
-   frictionless, the hand must do this work; then a step never returns more energy than it received. */
+/* A tip guided sideways by u per metre of advance does the work f . u per metre, where f is the lateral force on the needle. The track's wall is frictionless,
+   so the hand must do this work; a step then never returns more energy than it received. */
 double old_tracks_bound(const open_track *track, vec3 tip_force, vec3 needle, double resistance) {
     if (track->openness == 0.0) return resistance;
     vec3 across = v3_axpy(-v3_dot(tip_force, needle), needle, tip_force);

@@ -11,9 +11,10 @@
                                     | views
                                pictures thread
 
-   With --listen, the IO thread also passes its messages to the relay thread, which has its own LCM connection to publish its clients' messages.
+   With --listen, the IO thread also passes its messages to the relay thread, which publishes its clients' messages on an LCM connection of its own.
 
-   Newest values are passed in triple buffers, queues in rings with one writer and one reader: see base/triple_buffer.h and base/spsc_ring.h. */
+   Where only the newest value matters, it is passed in a triple buffer; queues are rings with one writer and one reader. See base/triple_buffer.h and
+   base/spsc_ring.h. */
 #ifndef TROCAR_EXCHANGE_H
 #define TROCAR_EXCHANGE_H
 

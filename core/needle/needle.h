@@ -45,7 +45,7 @@ static inline vec3 needle_joint_moved(const needle_tangent *tangent, int joint, 
 double needle_advance(const needle_model *model, const needle_tangent *tangent, const vec3 *load, needle_state *state);
 
 /* needle_motion_of computes how the shape changed from `before` to `after`, `dt` seconds later. needle_extrapolate continues that motion for another `dt`
-   seconds; it returns false and leaves the shape unchanged if the duration of the motion is unknown or too short for such a step. RT */
+   seconds; it returns false and leaves the shape unchanged if the motion's duration is unknown or less than half of `dt`. RT */
 void needle_motion_of(const needle_model *model, const needle_state *before, const needle_state *after, double dt, needle_motion *motion);
 bool needle_extrapolate(const needle_model *model, const needle_motion *motion, double dt, needle_state *state);
 

@@ -209,7 +209,7 @@ static bool in_reach(const probe *p, pose base, int point, const double *attache
     return gap_at_rest(p, base, point) < reach * p->shape.radius;
 }
 
-/* True if no point is within the probe's reach. */
+/* Returns whether all points are out of the probe's reach. */
 static bool is_far(const probe *p, pose base, const double *attached) {
     for (int i = 0; i < p->point_count; i++)
         if (in_reach(p, base, i, attached)) return false;

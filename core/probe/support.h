@@ -23,7 +23,7 @@ typedef struct {
     supporting_row *rows;
     double *factor;          /* factors of C + G, row_count square, column-major. C + G is indefinite if a needle would buckle without the tissue */
     int *pivots;
-    double *before;          /* N, row_count entries: (C + G)^-1 d, where d are the displacements by the probe's forces at the last ticks */
+    double *before;          /* N, row_count entries: (C + G)^-1 d, where d are the displacements due to the probe's forces at the last ticks */
     int reach_count;
     double *reached;         /* m/N, row_count x 3 reach_count, column-major: compliance between the rows and the nodes in the probe's reach */
     double *responses;       /* (C + G)^-1 times `reached`: how the rows react to unit forces on these nodes */
@@ -41,7 +41,7 @@ trocar_status support_list(support *s, const other_loads *others, const needle_h
 /* Prepares the needles' response to the probe. `pressed`: the probe's forces at the needles' last ticks. Call support_list first. */
 trocar_status support_prepare(support *s, const needle_holds *holds, const nodal_forces *pressed, trocar_error *why);
 
-/* Sets which nodes the probe can reach, and adds to `u` their displacements (m) by the needles in the probe's absence. */
+/* Sets which nodes the probe can reach, and adds to `u` how far (m) the needles alone would displace them. */
 trocar_status support_reach(support *s, int count, const int *nodes, vec3 *u, trocar_error *why);
 
 /* Adds to `u` (m) how the needles' response to the probe's forces `load` (N) displaces the reached nodes. Both arrays have one entry per reached node. */

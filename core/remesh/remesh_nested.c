@@ -1,8 +1,8 @@
-/* Nested addition: each contact node borders the inverse with its surplus, an update of rank 3. With the surpluses as unknowns,
+/* Nested addition. Each contact node borders the inverse with its surplus, which is an update of rank 3. With the surpluses as unknowns,
        inverse(a, b) = K^-1(a, b) + sum_j F_j(a) S_j F_j(b)^T, F_j(a) = K^-1(a, .) c_j + sum_(i<j) F_i(a) G_ij - s_j(a) I
    where K^-1 is that of the nominal mesh (interpolated for an added node) and s_j(a) is surplus j's hat function at node a. Inside an element c_j = 0; on a
    face it touches five nodes. The cost is independent of the size of the mesh. See docs/mechanics.md, "Node addition". Indices i and j below are slots; i < j
-   means that i is before j in the order. */
+   means that i comes before j in `order`. */
 #include "remesh/nested.h"
 
 #include <stdlib.h>

@@ -12,7 +12,7 @@ typedef struct {
     resting_needle *needles[MAX_NEEDLES];
     int row[MAX_NEEDLES], motion[MAX_NEEDLES]; /* index of each needle's first row and first motion */
     double *force, *move;    /* scratch: the forces of all rows, and all motions */
-    double *aside, *aside_move; /* responses to displacements by held needles that the mesh does not resolve */
+    double *aside, *aside_move; /* responses to displacements that held needles cause and the mesh does not resolve */
     bool any_aside;          /* true if `aside` is not zero */
     unresolved_cache caches[MAX_NEEDLES][MAX_NEEDLES]; /* one per pair of a resting and a held needle; the held needle's index is that in other_loads.of */
     uint64_t cached_at;     /* value of `changes` when the caches were filled */

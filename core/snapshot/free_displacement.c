@@ -31,7 +31,7 @@ static void list_nodes(const mesh *m, const remesh_request *request, const int w
         for (int c = 0; c < 4; c++) list_node(field, m->tets[request->wanted.nodes[request->wanted.order[i]].tet][c]);
 }
 
-/* Adds the displacements by forces (N, one per set) at a point of an element. */
+/* Adds the displacements due to forces (N, one per set) at a point of an element. */
 static trocar_status add_forces(inverse *inv, int tet, const double weights[4], int sets, const vec3 *forces, node_field *field, trocar_error *why) {
     double blocks[3 * MAX_NODES][12];
     const int *corners = inverse_tissue(inv)->mesh->tets[tet];

@@ -19,7 +19,7 @@ typedef struct {
 trocar_status residual_displacement_find(inverse *inv, const remesh_request *request, const int window[MAX_WINDOW], residual_field *residual,
                                          trocar_error *why);
 
-/* Adds how far these nodes are displaced (m) by nodal forces. */
+/* Adds the displacements (m) of these nodes due to nodal forces. */
 trocar_status nodal_displacement_add(inverse *inv, const nodal_forces *loads, int count, const int *nodes, vec3 *displacement, trocar_error *why);
 
 /* Converts the loads of other needles and of the probe to nodal forces, without duplicate nodes. Returns how many nodes there are; there can be at most

@@ -194,7 +194,8 @@ static double outside(double distance, double radius) {
     return 1.0 - 2.0 / M_PI * (acos(t) - t * sqrt(1.0 - t * t));
 }
 
-/* Returns how much a needle feels of the displacement by its own residual loads: the fraction of its cross-section outside the hole in which it exerted them.
+/* Returns how much of the displacement due to its own residual loads a needle feels: the fraction of its cross-section outside the hole in which it exerted
+   them.
    Inside the hole, the load is now borne by the piece of shaft that is there. Near the surface, less is felt, as in embedded_part. */
 static double residual_part(const needle_pairs *p, const shaft_steps *steps, int k, const shaft_piece *piece) {
     double apart = v3_norm(v3_cross(piece->direction, v3_sub(steps->at[k].place, piece->place)));

@@ -50,13 +50,13 @@ typedef struct {
 
 enum { MAX_NEEDLES = 32, MAX_LOADS = MAX_CONTACTS + 1 + MAX_RESIDUAL_LOADS };
 
-/* The loads on the tissue by one needle. */
+/* The loads that one needle exerts on the tissue. */
 typedef struct {
     int count;
     tissue_load loads[MAX_LOADS];
 } tissue_loads;
 
-/* The loads on the tissue by everything but the requesting needle. */
+/* The loads that everything but the requesting needle exerts on the tissue. */
 typedef struct {
     int count;               /* number of other held needles */
     const tissue_loads *of[MAX_NEEDLES];
@@ -96,7 +96,8 @@ typedef struct {
     double at[3][3][CONTACT_COLUMNS];
 } contact_rows;
 
-/* The unresolved displacement of the shaft's track by nearby needles, as a running sum over depth. The difference of two sums gives the mean over any interval.
+/* The unresolved displacement due to nearby needles along the shaft's track, as a running sum over depth. The difference of two sums gives the mean over any
+   interval.
    */
 enum { SHIFT_STEPS = 128 };
 typedef struct {
@@ -121,8 +122,8 @@ typedef struct {
     int piece_count;
     line_piece pieces[MAX_PIECES];
     bool loaded;             /* u_free is not zero everywhere */
-    vec3 u_free[MAX_HANDLES]; /* m, how far each handle is displaced by everything but the needle itself */
-    unresolved_shift unresolved; /* unresolved displacement by other needles */
+    vec3 u_free[MAX_HANDLES]; /* m, displacement of each handle due to everything but the needle itself */
+    unresolved_shift unresolved; /* unresolved displacement due to other needles */
     bool has_residuals;      /* u_residual is not zero everywhere */
     double residual_time;    /* s, residual_loads.time of the request */
     vec3 u_residual[MAX_RELAXATION][MAX_HANDLES]; /* m, displacements under each term's residual loads at time residual_time */

@@ -1,12 +1,11 @@
-/* Decides what happens to each unicast datagram: the handshake, the table of authenticated clients, and the protection against replays.
+/* Decides what to do with each unicast datagram. Handles the handshake, keeps the table of authenticated clients, and protects against replays.
 
    A client sends HELLO and receives a COOKIE: the time, and an HMAC of that time, the client's address and its nonce under a key that only this gate
    knows. The client returns the cookie with CONNECT, which proves that it knows the secret and receives at its address. Only then does the gate store
-   anything about the client. The gate answers with WELCOME and a new nonce of its own, so that no message of an earlier connection is authentic in
-   this one.
+   anything about the client. The gate answers with WELCOME and a new nonce of its own, so that messages from earlier connections are not authentic in this one.
 
-   Work and memory are bounded: an answer is never larger than the datagram that caused it, there are at most GATE_CLIENTS clients, and each client
-   may send GATE_RATE messages per second. */
+   Work and memory are bounded: an answer is never larger than the datagram it answers, there are at most GATE_CLIENTS clients, and each may send GATE_RATE
+   messages per second. */
 #ifndef TROCAR_GATE_H
 #define TROCAR_GATE_H
 

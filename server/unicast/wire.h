@@ -1,10 +1,10 @@
-/* Datagrams of the unicast protocol, and their authentication. All numbers are big-endian, and every datagram ends with a tag of 32 bytes: the
-   HMAC-SHA256 of the bytes before it. A datagram begins with "TU1" and its kind (1 byte):
+/* Datagrams of the unicast protocol, and their authentication. All numbers are big-endian, and every datagram ends with a 32-byte tag, the HMAC-SHA256 of the
+   bytes before it. A datagram begins with "TU1" and its kind (1 byte):
 
        handshake   kind | client's nonce (16) | token (24) | tag
        message     kind | counter (8) | channel name with terminating zero | LCM message | tag
 
-   The counter increases with each message of a sender. A message without a channel ("" and no bytes) only shows that its sender is present.
+   A sender's counter increases with each message. A message without a channel ("") and bytes only shows that its sender is still there.
 
    Keys: secret key      = HMAC("trocar unicast 1", content of the secret file)        for the handshake
          key to server   = HMAC(secret key, "to server" | client's nonce | server's nonce (24))

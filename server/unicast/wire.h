@@ -4,7 +4,7 @@
        handshake   kind | client's nonce (16) | token (24) | tag
        message     kind | counter (8) | channel name with terminating zero | LCM message | tag
 
-   A sender's counter increases with each message. A message without a channel ("") and bytes only shows that its sender is still there.
+   A sender's counter increases with each message. An empty message (channel "", no bytes) only shows that its sender is still there.
 
    Keys: secret key      = HMAC("trocar unicast 1", content of the secret file)        for the handshake
          key to server   = HMAC(secret key, "to server" | client's nonce | server's nonce (24))

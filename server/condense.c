@@ -4,7 +4,7 @@
 
 #include "common/progress.h"
 
-/* Prints the path of the condensed inverse. The file exists, because creating the model fails if the file cannot be saved. */
+/* Prints the path of the condensed inverse. The file does exist, because the model is not created if saving the file fails. */
 static trocar_status describe(const trocar_model *model, FILE *out, trocar_error *why) {
     const char *description = trocar_model_description(model);
     if (strcmp(trocar_model_inverse(model), "condensed") != 0)

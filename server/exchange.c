@@ -11,9 +11,9 @@
 #include "trocar_needle_wrench_t.h"
 #include "trocar_probe_wrench_t.h"
 
-enum { COMMANDS = 64, PROBE_WRENCHES = 64, WRENCHES = 1024, OUTGOING = 256, LATENCIES = 4096 }; /* WRENCHES holds the wrenches of one needle for one second at 1 kHz;
-                                                                                   LATENCIES holds far more values than arrive in one telemetry
-                                                                                   interval */
+enum { COMMANDS = 64, PROBE_WRENCHES = 64, WRENCHES = 1024, OUTGOING = 256, LATENCIES = 4096 }; /* WRENCHES: one second of one needle's wrenches at 1 kHz.
+                                                                                                   LATENCIES: far more than arrive between two telemetry
+                                                                                                   messages */
 
 static trocar_status create_eventfd(int *descriptor, trocar_error *why) {
     *descriptor = eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC);

@@ -29,7 +29,7 @@ static bool is_finite(const trocar_output *out) {
     return isfinite(out->force[0] + out->force[1] + out->force[2] + out->torque[0] + out->torque[1] + out->torque[2]);
 }
 
-/* Recovers from a tick whose result was not finite: restarts this needle at the hand's position and ramps its wrench up from zero. RT */
+/* Recovers from a tick with a non-finite result: resets the needle to the hand's position and ramps its wrench up from zero. RT */
 static void start_over(haptic *h, int needle, const pose_sample *newest, trocar_output *out) {
     reset_needle(h, needle);
     coupling_engage(&h->needles[needle].coupling, newest);
@@ -37,14 +37,14 @@ static void start_over(haptic *h, int needle, const pose_sample *newest, trocar_
     *out = (trocar_output){.membrane = -1, .events = TROCAR_EVENT_UNSTABLE};
 }
 
-/* Engages the needle: a resting needle that the hand has taken stays where it is; any other needle starts a new insertion. RT */
+/* Engages the needle. A resting needle that the hand has picked up stays where it is; any other needle starts a new insertion. RT */
 static void engage_needle(haptic *h, int needle) {
     haptic_needle *n = &h->needles[needle];
     if (!n->taken) reset_needle(h, needle);
     n->taken = n->rests = false;
 }
 
-/* Returns the pose that drives the needle's base: the hand's own pose or, for a needle taken by the hand, that pose with the clutch's offset. RT */
+/* Returns the pose that drives the needle's base: the hand's pose, shifted by the clutch's offset if the hand picked the needle up. RT */
 static pose_sample hand_on_needle(haptic *h, int needle, const pose_sample *newest) {
     haptic_needle *n = &h->needles[needle];
     pose_sample hand = *newest;
@@ -56,7 +56,7 @@ static pose_sample hand_on_needle(haptic *h, int needle, const pose_sample *newe
     return hand;
 }
 
-/* Queues the reply to a command; the caller has checked that the queue has room. RT */
+/* Queues the reply to a command. The queue must have room. RT */
 static void answer_command(haptic *h, needle_command *c, bool refused, const char *why) {
     c->refused = refused;
     snprintf(c->why, sizeof c->why, "%.*s", (int)sizeof c->why - 1, why);
@@ -64,15 +64,15 @@ static void answer_command(haptic *h, needle_command *c, bool refused, const cha
     eventfd_signal(h->exchange->io_wake);
 }
 
-/* Drops seeds from a needle that has been held at least once; before that, the needle's position in the simulation is arbitrary. RT, except when it
-   formats the text of a refusal. */
+/* Drops seeds, or takes one back. Refused if the needle has never been held, because its position in the simulation is then arbitrary. RT, except when it
+   formats the reason for a refusal. */
 static trocar_status handle_held_seeds(haptic *h, const trocar_command_t *m, trocar_error *why) {
     if (h->needles[m->needle].safety.engagement == 0) return fail(why, TROCAR_BAD_INPUT, "needle %d has not been held yet", m->needle);
     return handle_seeds(h->sim, m->needle, m, why);
 }
 
-/* Starts a command that the worker may complete later; finish_command then sends the reply. No hand moves the needle until one takes it or starts a new
-   insertion. RT, except when it formats the text of a refusal. */
+/* Starts a command that takes the needle from the hand or prepares to give it to one. The worker may have to complete it, so finish_command replies. Until a
+   hand picks the needle up or starts a new insertion, nothing moves it. RT, except when it formats the reason for a refusal. */
 static trocar_status hand_over_needle(haptic *h, const needle_command *c, trocar_error *why) {
     int needle = c->asked.needle;
     haptic_needle *n = &h->needles[needle];
@@ -93,12 +93,12 @@ static trocar_status hand_over_needle(haptic *h, const needle_command *c, trocar
     return TROCAR_OK;
 }
 
-/* True if the first pose after a reset arrived before the reset was executed, and has therefore already started the new insertion. RT */
+/* Returns whether a new insertion has begun already, because the first pose after a reset arrived before the reset was carried out. RT */
 static bool has_begun_anew(const haptic *h, const needle_command *c) {
     return c->asked.command == TROCAR_COMMAND_T_RESET && h->needles[c->asked.needle].safety.engagement > c->engagement;
 }
 
-/* Executes or starts a command, and replies if the command is complete. RT, except when it formats the text of a refusal. */
+/* Carries out or starts a command. Replies if nothing remains to be done. RT, except when it formats the reason for a refusal. */
 static void start_command(haptic *h, needle_command *c) {
     trocar_error why = {""};
     trocar_status status = TROCAR_OK;
@@ -126,8 +126,8 @@ static void finish_command(haptic *h, int needle) {
     answer_command(h, &n->command, refused, refused ? "it would not come to rest in the tissue when released: draw it back a little, or hold it still" : "");
 }
 
-/* Starts at most one command per tick, so that a flood of commands does not delay any tick. While the queue of replies is full, commands wait,
-   because client and arbiter would wait forever for a lost reply. A change of moduli waits until the previous one is complete. RT */
+/* Starts at most one command per tick, so that a flood of commands delays no tick. While the reply queue is full, commands wait, because client and arbiter
+   would wait forever for a reply that was lost. A change of moduli waits until the previous one is complete. RT */
 static void follow_commands(haptic *h) {
     spsc_ring *replies = &h->exchange->replies;
     needle_command c;
@@ -142,9 +142,9 @@ static void follow_commands(haptic *h) {
     for (int i = 0; i < h->needle_count && spsc_ring_has_room(replies); i++) finish_command(h, i);
 }
 
-/* Returns the simulation's response to the newest pose, or zero before the first pose. RT */
+/* Returns how the simulation responds to the newest pose; zero if there has been no pose yet. RT */
 static trocar_output run_simulation(haptic *h, int needle, safety_decision decision, const pose_sample *newest, double dt) {
-    static const double LONGEST = 1.0; /* s, the longest tick that the library accepts */
+    static const double LONGEST = 1.0; /* s, longest tick that the library accepts */
     haptic_needle *n = &h->needles[needle];
     trocar_output out = {.membrane = -1};
     if (decision == SAFETY_IDLE) return out;
@@ -173,13 +173,13 @@ static trocar_needle_wrench_t message_of(const haptic *h, int needle, const troc
     return m;
 }
 
-/* Queues the wrench for the IO thread, which sends it while the haptic thread computes the next needle. RT */
+/* Queues the wrench for the IO thread, which sends it while this thread computes the next needle. RT */
 static void send_wrench(haptic *h, const trocar_needle_wrench_t *message) {
     if (!spsc_ring_push(&h->exchange->wrenches, message)) h->wrench_dropped++;
     eventfd_signal(h->exchange->io_wake);
 }
 
-/* Passes the newest pose to the virtual coupling, which measures the round-trip time. RT */
+/* Passes the newest pose to the virtual coupling so that it can measure the round-trip time. RT */
 static void note_hand(haptic *h, virtual_coupling *coupling, safety_decision decision, const pose_sample *newest) {
     if (decision == SAFETY_ENGAGE) coupling_engage(coupling, newest);
     if (decision != SAFETY_FOLLOW) return;
@@ -187,8 +187,7 @@ static void note_hand(haptic *h, virtual_coupling *coupling, safety_decision dec
     if (round_trip >= 0) spsc_ring_push(&h->exchange->round_trips, &round_trip);
 }
 
-/* Adds the times that one needle takes before, during and after the simulation to the tick's stages. `ticked` is false if the simulation was not
-   called. RT */
+/* Adds the time spent on one needle before, during and after the simulation to the stages of the tick. `ticked`: whether the simulation was called. RT */
 static void note_stages(haptic *h, bool ticked, int64_t began, int64_t asked, int64_t answered) {
     int64_t spent[TROCAR_STAGES] = {0};
     if (ticked) trocar_sim_stages(h->sim, spent);
@@ -208,11 +207,10 @@ static needle_view view_of(const haptic *h, int needle, const trocar_needle_wren
                          .state = trocar_sim_needle_state(h->sim, needle)};
 }
 
-/* True for `hz` ticks per second, even if the loop's rate is not a multiple of `hz`. A tick that is due at some rate is also due at ten times that
-   rate. RT */
+/* Returns true in `hz` ticks per second, even if the loop's rate is not a multiple of `hz`. A tick due at some rate is also due at ten times that rate. RT */
 static bool is_due(const haptic *h, int64_t tick, int hz) { return tick * hz % llround(1.0 / h->period) < hz; }
 
-/* Publishes a view for telemetry VIEWS_HZ times per second after a hand has first held a needle. RT */
+/* Publishes a view for telemetry, VIEWS_HZ times per second, once a hand has held a needle or the probe has been placed. RT */
 static void show(haptic *h, const loop_wake *wake, const trocar_needle_wrench_t *messages) {
     bool engaged = h->probe.placed != 0;
     for (int i = 0; i < h->needle_count; i++) engaged |= h->needles[i].safety.engagement != 0;
@@ -226,11 +224,11 @@ static void show(haptic *h, const loop_wake *wake, const trocar_needle_wrench_t 
     triple_buffer_publish(&h->exchange->views);
 }
 
-/* Starts a bumpless transfer when the model's wrench becomes reliable again, or when it may jump because the worker's answers were late, poses were
-   missing while the hand moved, or the loop was suspended. RT */
+/* Starts a bumpless transfer when the model's wrench becomes reliable again. Does so also if the wrench jumps because the worker was late, or because the hand
+   moved while no poses arrived or the loop was suspended. RT */
 static void heed_faults(haptic_needle *n, const trocar_output *raw, bool unseen) {
-    static const double FELT = 0.05, FELT_PART = 0.07; /* FELT in N, FELT_PART as a fraction of the force: a change within one tick that exceeds both feels like
-                                                          a knock */
+    static const double FELT = 0.05, FELT_PART = 0.07; /* FELT in N, FELT_PART as a fraction of the force: if the force changes by more than both within a tick,
+                                                          it feels like a knock */
     bool late = raw->events & TROCAR_EVENT_LATE, faulty = late || raw->events & TROCAR_EVENT_UNSTABLE;
     bool punctures = raw->events & TROCAR_EVENT_PUNCTURED && !unseen;
     vec3 force = load_vec3(raw->force);
@@ -241,7 +239,7 @@ static void heed_faults(haptic_needle *n, const trocar_output *raw, bool unseen)
     n->force = force;
 }
 
-/* Computes and sends the needle's wrench. Returns false once the wrench has been ramped to zero after `wind_down`. RT */
+/* Computes and sends the needle's wrench. Returns false once the wrench has been ramped down to zero after `wind_down`. RT */
 static bool tick_needle(haptic *h, int needle, const loop_wake *wake, const pose_sample *newest, bool wind_down,
                         trocar_needle_wrench_t *message) {
     haptic_needle *n = &h->needles[needle];
@@ -283,7 +281,7 @@ static void send_probe(haptic *h, int64_t tick) {
     eventfd_signal(h->exchange->io_wake);
 }
 
-/* Moves the probe to its newest pose, and sends the force on the probe if that force has changed. RT */
+/* Moves the probe to its newest pose. Sends the probe's state if it has changed, and PROBE_LEAST_HZ times per second in any case. RT */
 static void tick_probe(haptic *h, const loop_wake *wake) {
     if (!is_due(h, wake->tick, PROBE_HZ)) return;
     const probe_sample *newest = triple_buffer_read(&h->exchange->probe_poses, NULL);

@@ -24,8 +24,7 @@ trocar_status io_create(io *o, const char *url, int needle_count, const trocar_d
     arbiter_init(&o->arbiter, needle_count, limits);
     probe_arbiter_init(&o->probe);
     atomic_init(&o->stop, false);
-    /* Generated code computes a type's hash on first use without a lock. Because two threads use this type, its hash is computed here, before they
-       start. */
+    /* LCM's generated code computes a type's hash on first use, without a lock. Two threads use this type, so compute its hash before they start. */
     __trocar_status_t_get_hash();
     if (sem_init(&o->ready, 0, 0) == 0) return TROCAR_OK;
     return fail(why, TROCAR_SYSTEM, "cannot create a semaphore: %s", strerror(errno));
@@ -39,7 +38,7 @@ void io_free(io *o) {
     sem_destroy(&o->ready);
 }
 
-/* Publishes a message, and passes it to the relay thread if there is one. If the ring is full, the relay's client does not receive the message. */
+/* Publishes a message, and passes it to the relay thread if there is one. If the ring is full, the relay's client misses it. */
 static int publish(io *o, const char *channel, int64_t session, const unsigned char *bytes, int size) {
     if (size <= 0) return -1;
     if (o->exchange->relay_wake >= 0) {
@@ -50,7 +49,7 @@ static int publish(io *o, const char *channel, int64_t session, const unsigned c
     return lcm_publish(o->lcm, channel, bytes, (unsigned)size);
 }
 
-/* Sends a reply to a command. A lost datagram is acceptable here. */
+/* Replies to a command. The datagram may get lost, which is acceptable. */
 static void reply_with(io *o, const needle_command *c, int status, const char *message) {
     trocar_command_reply_t m = {.utime = wall_us(), .server = o->server, .session = c->asked.session, .seq = c->asked.seq, .command = c->asked.command,
                                 .needle = c->asked.needle, .status = status, .message = (char *)(uintptr_t)message};
@@ -126,7 +125,7 @@ static void follow_verdict(io *o, change_verdict verdict, needle_command *comman
     }
 }
 
-/* Continues with a change of moduli once its model has been built. */
+/* Continues with a change of moduli once its model is built. */
 static void go_on_with_change(io *o) {
     needle_command command;
     change_verdict verdict = changes_ready(&o->changes, &command);
@@ -154,10 +153,10 @@ static void on_status(const lcm_recv_buf_t *received, const char *channel, void 
 static const char *const CHANNELS[] = {"TROCAR_POSE", "TROCAR_PROBE", "TROCAR_COMMAND", "REMOTE_COMMAND", "TROCAR_CHANGE", "TROCAR_STATUS", NULL};
 static const lcm_msg_handler_t HANDLERS[] = {on_pose, on_probe, on_command, on_command, on_change, on_status};
 _Static_assert(sizeof CHANNELS / sizeof *CHANNELS == sizeof HANDLERS / sizeof *HANDLERS + 1, "one handler for each channel");
-/* all messages to the server are small enough for one packet */
+/* all messages to the server fit into one packet */
 const packet_wishes IO_PACKETS = {.channels = CHANNELS, .whole_only = true, .origin = {"TROCAR_COMMAND", "REMOTE_COMMAND"}};
 
-/* Subscribes to raw messages, because LCM's generated subscriptions drop malformed messages silently. */
+/* Subscribes to raw messages, because LCM's generated subscriptions silently drop malformed ones. */
 static bool subscribe(io *o, const char *channel, lcm_msg_handler_t handler) {
     lcm_subscription_t *subscription = lcm_subscribe(o->lcm, channel, handler, o);
     return subscription != NULL && lcm_subscription_set_queue_capacity(subscription, QUEUE) == 0;
@@ -178,8 +177,8 @@ void io_close(io *o) {
     o->lcm = NULL;
 }
 
-/* Empties LCM's queues, which drop the newest messages when they are full. The number of messages per round is limited, so that a flood of messages
-   cannot delay the wrenches. */
+/* Empties LCM's queues, because they drop new messages when full. Handles a limited number of messages per round, so that a flood of them cannot delay the
+   wrenches. */
 static trocar_status receive(io *o) {
     int handled = 1;
     for (int i = 0; i < MESSAGES_A_ROUND && handled > 0; i++) handled = lcm_handle_timeout(o->lcm, 0);
@@ -197,7 +196,7 @@ static void hand_over(io *o) {
     triple_buffer_publish(&o->exchange->intakes);
 }
 
-/* Sends the queued wrenches. If a send fails (no route, full buffer), that wrench is counted as unsent, and the server continues. */
+/* Sends the queued wrenches. If a send fails (no route, full buffer), counts the wrench as unsent and carries on. */
 static void publish_wrenches(io *o) {
     trocar_needle_wrench_t wrench;
     unsigned char bytes[WRENCH_BYTES];
@@ -226,7 +225,7 @@ static void publish_probe(io *o) {
 
 static const int64_t PERIOD = 1000000000; /* ns, period of repeated messages */
 
-/* Tells the sender of a pending change once a second that the change is still pending. */
+/* Tells the sender of a pending change, once a second, that it is still pending. */
 static void publish_wait(io *o) {
     int64_t now = monotonic_ns();
     if (!o->changes.pending || now - o->wait_shown < PERIOD) return;

@@ -2,7 +2,7 @@
 
 #include <string.h>
 
-/* Adds one tick to the timing of the current interval, which is accumulated in the buffer's write slot. RT */
+/* Adds one tick to the timing of the current interval, which is kept in the buffer's write slot. RT */
 static void note(loop *l, int64_t lateness, int64_t compute) {
     loop_record *interval = triple_buffer_slot(l->records);
     histogram_add(&interval->lateness, lateness);

@@ -1,4 +1,4 @@
-/* Main program of trocar-server: options, signals and exit status. */
+/* trocar-server's main program: options, signals and exit status. */
 #include <argp.h>
 #include <errno.h>
 #include <signal.h>
@@ -35,8 +35,8 @@ static const struct argp_option options[] = {
 
 typedef struct {
     server_options options;
-    bool condense;           /* compute the condensed inverse instead of running the server */
-    const char *serving;     /* name of an option that has no effect with --condense; NULL if none was given */
+    bool condense;           /* compute the condensed inverse instead of serving */
+    const char *serving;     /* an option that was given but has no effect with --condense; NULL if none */
 } arguments;
 
 static const char *option_name(int key) {
@@ -83,13 +83,13 @@ static void on_stop(int signal) {
     errno = error;
 }
 
-/* All signals that would otherwise end the process immediately, without ramping the wrench down, except those that report a fault in the program
-   itself. Under nohup, SIGHUP remains ignored. */
+/* Signals that would otherwise end the process at once, without ramping the wrench down. Excludes those that report a fault in the program itself. Under nohup,
+   SIGHUP remains ignored. */
 static const int STOPPING[] = {SIGHUP, SIGINT, SIGQUIT, SIGTERM, SIGUSR1, SIGUSR2, SIGALRM, SIGVTALRM, SIGPROF, SIGIO, SIGPWR, SIGSTKFLT, SIGXCPU};
-static const int IGNORED[] = {SIGPIPE, SIGXFSZ}; /* if the output's reader has exited or the file is full, only the output is lost */
+static const int IGNORED[] = {SIGPIPE, SIGXFSZ}; /* if whoever reads the output has exited, or the file is full, lose only the output */
 
-/* Returns a descriptor that becomes readable when one of these signals arrives. Uses a handler instead of a signalfd, because threads that libraries
-   start before main do not block the signals. */
+/* Returns a descriptor that becomes readable when one of these signals arrives. A signalfd would not do, because threads that libraries start before main do
+   not block the signals, so this uses a handler. */
 static int stop_signals(void) {
     stop_wake = eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC);
     const struct sigaction stop = {.sa_handler = on_stop}, ignore = {.sa_handler = SIG_IGN};
@@ -105,8 +105,8 @@ static void say_ready(void) {
     fflush(stdout);
 }
 
-/* Prints the reason and returns the exit status. Status 2 (bad input) and status 4 (insufficient privileges, as for LSB services) tell a supervisor
-   that a restart would not help. */
+/* Prints the reason and returns the exit status. Statuses 2 (bad input) and 4 (insufficient privileges, as for LSB services) tell a supervisor that restarting
+   won't help. */
 static int complain(trocar_status status, const trocar_error *why) {
     fprintf(stderr, "trocar-server: %s\n", why->text);
     switch (status) {

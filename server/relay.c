@@ -16,7 +16,7 @@
 
 _Static_assert(sizeof((outgoing_message *)0)->bytes <= WIRE_MESSAGE_MOST, "every message of the server fits into a datagram");
 
-/* The thread receives at most WORK_RATE datagrams per second, averaged over 0.1 s, and at most RUN_MOST in a row before it sends the server's messages. */
+/* The thread receives at most WORK_RATE datagrams per second, averaged over 0.1 s, and at most RUN_MOST in a row before it sends messages from the server. */
 enum { WORK_RATE = 40000, RUN_MOST = 64, PAUSE = 5, RECEIVE_BUFFER = 1 << 20 }; /* PAUSE: ms */
 
 static bool randomise(void *to, size_t size) { return getrandom(to, size, 0) == (ssize_t)size; }
@@ -76,7 +76,7 @@ static void take_datagram(relay *r, const unsigned char *datagram, size_t size, 
 }
 
 static void receive(relay *r) {
-    static _Thread_local unsigned char datagram[WIRE_MOST + 1]; /* a longer datagram is truncated to a size that no valid one has */
+    static _Thread_local unsigned char datagram[WIRE_MOST + 1]; /* a longer datagram gets truncated to a size that no valid one has */
     for (int i = 0; i < RUN_MOST && r->credit >= 1.0; i++, r->credit -= 1.0) {
         struct sockaddr_in from = {0};
         socklen_t length = sizeof from;
@@ -98,7 +98,7 @@ static void send_outgoing(relay *r) {
     }
 }
 
-/* Waits for datagrams and for the IO thread. If too many datagrams have arrived, leaves them in the kernel's bounded buffer for a while. */
+/* Waits for datagrams and for the IO thread. If datagrams have been arriving too fast, leaves them in the kernel's bounded buffer for a while. */
 static void wait_for_work(relay *r) {
     int64_t now = monotonic_ns();
     double credit = r->credit + WORK_RATE * 1e-9 * (double)(now - r->credited);
@@ -111,7 +111,7 @@ static void wait_for_work(relay *r) {
 
 void *relay_run(void *context) {
     relay *r = context;
-    if (r->realtime) realtime_use_fifo(PRIORITY_RELAY); /* if this fails, the thread keeps its normal priority */
+    if (r->realtime) realtime_use_fifo(PRIORITY_RELAY); /* if this fails, stay at normal priority */
     while (!atomic_load_explicit(&r->stop, memory_order_acquire)) {
         wait_for_work(r);
         receive(r);

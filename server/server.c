@@ -34,11 +34,11 @@ struct server {
     trocar_scene *scene;
     double rate_hz;
     bool phase_lock;
-    int64_t id;                  /* this server's ID, included in all of its messages */
+    int64_t id;                  /* ID of this server, sent with all its messages */
     bool realtime;
-    trocar_error refused;        /* the reason if real-time scheduling is refused */
+    trocar_error refused;        /* why real-time operation was refused */
     int awake;                   /* descriptor that keeps the processors out of deep sleep states, or -1 */
-    trocar_error asleep;         /* the reason if the processors cannot be kept out of deep sleep states */
+    trocar_error asleep;         /* why the processors cannot be kept out of deep sleep states */
     int shutdown_wake;           /* eventfd */
     trocar_model *model;
     trocar_sim *sim;
@@ -48,7 +48,7 @@ struct server {
     worker worker;
     io io;
     telemetry telemetry;
-    struct sockaddr_in listen;   /* address for unicast clients, and their secret */
+    struct sockaddr_in listen;   /* address for unicast clients, and the secret they must know */
     wire_key secret;
     relay relay;
     task haptic_task, worker_task, io_task, telemetry_task, relay_task, prepare_task;
@@ -62,7 +62,7 @@ static trocar_status start(task *t, const char *name, size_t stack, void *(*body
     if (stack > 0) pthread_attr_setstacksize(&attributes, stack);
     sigset_t all, before;
     sigfillset(&all);
-    pthread_sigmask(SIG_SETMASK, &all, &before); /* new threads inherit this signal mask, so that only the main thread handles signals */
+    pthread_sigmask(SIG_SETMASK, &all, &before); /* new threads inherit this mask, so only the main thread handles signals */
     int error = pthread_create(&t->thread, &attributes, body, context);
     pthread_sigmask(SIG_SETMASK, &before, NULL);
     pthread_attr_destroy(&attributes);
@@ -102,9 +102,9 @@ static trocar_status read_listen(server *s, trocar_error *why) {
     return status == TROCAR_OK ? settings_secret(s->options.secret_file, &s->listen, &s->secret, why) : status;
 }
 
-/* Creates the model and the simulation. A late tick runs no more steps than one on time, because catching up would make the next tick late as well. */
+/* Creates the model and the simulation. A late tick runs no more steps than one on time; if it tried to catch up, the next tick would be late too. */
 static trocar_status create_simulation(server *s, trocar_error *why) {
-    static const double STEP = 1e-3; /* s, the longest step of the simulation */
+    static const double STEP = 1e-3; /* s, longest step of the simulation */
     trocar_model_options options = trocar_default_model_options();
     options.watch.progress = show_long_start;
     options.log = (trocar_log){progress_warn, "trocar-server"};
@@ -114,7 +114,7 @@ static trocar_status create_simulation(server *s, trocar_error *why) {
     return trocar_sim_create(s->model, &s->sim, why);
 }
 
-/* Notes whether real-time operation is permitted. With --allow-non-rt, succeeds even if it is refused, and stores the reason. */
+/* Records whether real-time operation is permitted. If it is not, keeps the reason, and fails unless --allow-non-rt was given. */
 static trocar_status note_realtime(server *s, trocar_status status, trocar_error *why) {
     s->realtime = status == TROCAR_OK;
     if (s->realtime || s->options.allow_non_rt) return TROCAR_OK;
@@ -122,13 +122,12 @@ static trocar_status note_realtime(server *s, trocar_status status, trocar_error
     return status;
 }
 
-/* Checks the permission for real-time operation before the expensive part of startup, because a supervisor may repeatedly restart a server that lacks
-   it. */
+/* Checks the permission for real-time operation before the expensive part of startup, because a supervisor may keep restarting a server that lacks it. */
 static trocar_status check_realtime(server *s, trocar_error *why) {
     return note_realtime(s, realtime_check_permission(PRIORITY_HAPTIC, &s->refused), why);
 }
 
-/* Switches to real-time operation, after most memory has been allocated and before any thread is started. */
+/* Switches to real-time operation. Called once most memory has been allocated, but before any thread is started. */
 static trocar_status enter_realtime(server *s, trocar_error *why) {
     if (!s->realtime) return TROCAR_OK;
     trocar_status status = note_realtime(s, realtime_lock_memory(&s->refused), why);
@@ -180,8 +179,8 @@ static void *create_run(void *context) {
     return NULL;
 }
 
-/* Creates the server in a separate thread with raised priority. If the caller's thread did this, its SCHED_RESET_ON_FORK flag would remain set and
-   reset a negative nice value in all threads started later. */
+/* Creates the server in a separate thread with raised priority. If the calling thread raised its own, its SCHED_RESET_ON_FORK flag would stay set and reset a
+   negative nice value in every thread started later. */
 static trocar_status create_in_a_hurry(server *s, trocar_error *why) {
     creation c = {.server = s, .why = why};
     task creating = {0};
@@ -223,16 +222,16 @@ void server_free(server *s) {
 
 /* --- threads ---------------------------------------------------------------------------------------------------- */
 
-/* Joins the thread, or gives up at the time `until`. The factorisation of a large matrix cannot be interrupted, so a thread that computes such a
-   factorisation, or waits for one, is left running. */
+/* Joins the thread, or gives up at time `until`. Factorising a large matrix cannot be interrupted, so a thread that does this or waits for it is left running.
+   */
 static void join_or_leave(task *t, const struct timespec *until) {
     if (t->running && pthread_timedjoin_np(t->thread, NULL, until) == 0) t->running = false;
 }
 
 bool server_busy(const server *s) { return s->worker_task.running || s->telemetry_task.running || s->prepare_task.running; }
 
-/* --prepare: computes in advance what is otherwise computed only when a needle leaves the region of interest. After that, pictures of the deformed
-   tissue also take less time. */
+/* --prepare: computes in advance what is otherwise needed only once a needle leaves the region of interest. This also makes pictures of the deformed tissue
+   faster. */
 static void *prepare_run(void *context) {
     const server *s = context;
     trocar_error why;
@@ -271,7 +270,7 @@ static trocar_status start_all(server *s, trocar_error *why) {
     return start(&s->haptic_task, "trocar-haptic", REALTIME_STACK, haptic_run, s, why);
 }
 
-/* Stops the haptic thread first, while the IO thread still sends the ramped wrenches to the device. */
+/* Stops the haptic thread first, so that the IO thread can still send the device the wrenches that ramp down. */
 static void stop_all(server *s) {
     atomic_store(&s->haptic.wind_down, true);
     join(&s->haptic_task);
@@ -285,7 +284,7 @@ static void stop_all(server *s) {
     join_or_leave(&s->telemetry_task, &until);
     join_or_leave(&s->prepare_task, &until);
     join(&s->io_task);
-    if (s->relay_task.running) relay_stop(&s->relay); /* after it has sent the IO thread's last wrenches */
+    if (s->relay_task.running) relay_stop(&s->relay); /* now that the IO thread has handed over its last wrenches */
     join(&s->relay_task);
 }
 

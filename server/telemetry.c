@@ -51,7 +51,7 @@ static void print_timing(const trocar_loop_timing_t *m) {
             (long long)m->misses, m->contacts);
 }
 
-/* Moves the values (ns) from a ring into a histogram of this interval. */
+/* Moves the values (ns) from a ring into a histogram, which is cleared first. */
 static void collect(spsc_ring *ring, histogram *h) {
     histogram_clear(h);
     for (int64_t nanoseconds; spsc_ring_pop(ring, &nanoseconds);) histogram_add(h, nanoseconds);
@@ -63,7 +63,7 @@ _Static_assert(LOOP_STAGES == sizeof((trocar_loop_timing_t *)0)->stage_max / siz
 static void publish_timing(telemetry *t, const view_sample *view) {
     bool fresh;
     const loop_record *loop = triple_buffer_read(&t->exchange->loops, &fresh);
-    if (!fresh) return; /* the loop has not published a new interval */
+    if (!fresh) return; /* the loop has published nothing new */
     collect(&t->exchange->latencies, t->latency);
     collect(&t->exchange->round_trips, t->round_trip);
 
@@ -99,7 +99,7 @@ static void publish_timing(telemetry *t, const view_sample *view) {
     if (t->given.verbose && t->timings_published++ % STATUS_HZ == 0) print_timing(&m);
 }
 
-/* Returns the message about the other server, and reports each other server on stderr once. */
+/* Returns the message about the other server. Also reports each other server on stderr, once. */
 static const char *other_server_text(telemetry *t, const other_server *other) {
     if (other->id == t->other_told) return t->other_text;
     t->other_told = other->id;
@@ -109,22 +109,22 @@ static const char *other_server_text(telemetry *t, const other_server *other) {
     return t->other_text;
 }
 
-/* Reports the first malformed pose on stderr, because a client whose message types differ from this server's never gets a needle and may not be able
-   to read the status. */
+/* Reports the first malformed pose on stderr. A client whose message types differ from the server's never gets a needle, and may not be able to read the
+   status. */
 static void tell_of_malformed(telemetry *t, const arbiter_record *in) {
     if (t->malformed_told || in->poses_malformed == 0) return;
     t->malformed_told = true;
     fprintf(stderr, "trocar-server: %s\n", in->malformed);
 }
 
-/* Returns the message about the worker's fault, and reports each new fault on stderr once. */
+/* Returns the message about the worker's fault. Also reports each new fault on stderr, once. */
 static const char *fault_text(telemetry *t, const worker_fault *fault) {
     if (strcmp(t->fault_told, fault->why.text) != 0) fprintf(stderr, "trocar-server: %s\n", fault->why.text);
     snprintf(t->fault_told, sizeof t->fault_told, "%s", fault->why.text);
     return fault->why.text;
 }
 
-/* Reports once on stderr that packets from another machine are dropped, because somebody may have intended to connect a device from there. */
+/* Reports once on stderr that packets from another machine are being dropped, in case somebody is trying to connect a device from there. */
 static void tell_of_distant(telemetry *t) {
     char address[16];
     if (t->distant_text[0] || lcm_filter_distant(address, sizeof address) == 0) return;
@@ -133,7 +133,7 @@ static void tell_of_distant(telemetry *t) {
     fprintf(stderr, "trocar-server: %s\n", t->distant_text);
 }
 
-/* Returns the message for the status. Persistent faults take precedence over the last refusal. */
+/* Returns the message for the status. Lasting faults take precedence over the last refusal. */
 static const char *message_of(telemetry *t, const arbiter_record *in, bool accompanied) {
     const worker_fault *fault = triple_buffer_read(&t->exchange->faults, NULL);
     if (fault->lasts) return fault_text(t, fault);
@@ -172,11 +172,10 @@ static void publish_status(telemetry *t, const view_sample *view) {
     }
 }
 
-/* Sends a needle's tracks when they have changed, and otherwise once a second: viewers may start later, and a message may be lost, for example the one
-   that reports, after a reset, that no tracks are left. A track grows at its last point, so that point and the number of points show whether it has
-   changed. */
+/* Sends a needle's tracks when they change, and once a second anyway: a viewer may start later, and a message may get lost, such as the one that says there are
+   no tracks left after a reset. A track grows at its end, so comparing the number of points and the last point is enough to detect a change. */
 static void publish_tracks(telemetry *t, int needle, int64_t tick) {
-    static const int64_t SOONEST = 200000000, LATEST = 1000000000; /* ns, shortest and longest time between two messages */
+    static const int64_t SOONEST = 200000000, LATEST = 1000000000; /* ns, shortest and longest time between messages */
     viewer_messages *m = &t->messages;
     int64_t now = monotonic_ns(), age = now - t->tracks[needle].sent;
     if (age < SOONEST) return;
@@ -193,10 +192,10 @@ static void publish_tracks(telemetry *t, int needle, int64_t tick) {
     trocar_tracks_t_publish(t->lcm, "TROCAR_TRACKS", &m->tracks);
 }
 
-/* Sends the seeds with each picture while there are any, and otherwise once a second: viewers may start later, and a message may be lost, for example
-   the one that reports the removal of the last seed. */
+/* Sends the seeds with every picture while there are any, and once a second anyway: a viewer may start later, and a message may get lost, such as the one that
+   says the last seed is gone. */
 static void publish_seeds(telemetry *t, int64_t tick) {
-    static const int64_t LATEST = 1000000000; /* ns, longest time between two messages */
+    static const int64_t LATEST = 1000000000; /* ns, longest time between messages */
     viewer_messages *m = &t->messages;
     int64_t now = monotonic_ns();
     viewer_messages_make_seeds(m, tick);
@@ -210,8 +209,8 @@ static void publish_seeds(telemetry *t, int64_t tick) {
     trocar_seeds_t_publish(t->lcm, "TROCAR_SEEDS", &m->seeds);
 }
 
-/* Sends the needles first. The deformation, which completes a picture and displaces the seeds, may take seconds to compute on a large mesh with a
-   condensed inverse. If there is not enough memory for the deformation, both it and the seeds are skipped. */
+/* Sends the needles first, because the deformation may take seconds to compute on a large mesh with a condensed inverse. The deformation completes the picture
+   and displaces the seeds, so if there is not enough memory for it, both are skipped. */
 static void publish_picture(telemetry *t, const view_sample *view) {
     trocar_error ignored;
     viewer_messages *m = &t->messages;
@@ -241,7 +240,7 @@ static void *publish_pictures(void *context) {
         const view_sample *view = triple_buffer_read(&t->views, &fresh);
         if (fresh) publish_picture(t, view);
         due += 1000000000 / PICTURES_HZ;
-        if (due < monotonic_ns()) due = monotonic_ns(); /* on large meshes, pictures are sent as often as possible, but not in bursts */
+        if (due < monotonic_ns()) due = monotonic_ns(); /* on large meshes, send pictures as often as possible, but never in bursts */
     }
     return NULL;
 }
@@ -249,7 +248,7 @@ static void *publish_pictures(void *context) {
 void *telemetry_run(void *context) {
     telemetry *t = context;
     pthread_t pictures;
-    bool shown = pthread_create(&pictures, NULL, publish_pictures, t) == 0; /* if the thread cannot be created, telemetry is published without pictures */
+    bool shown = pthread_create(&pictures, NULL, publish_pictures, t) == 0; /* if the thread cannot be created, do without pictures */
     int64_t due = monotonic_ns();
     for (int64_t round = 0; !stopped(t); round++) {
         bool fresh;

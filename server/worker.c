@@ -6,7 +6,7 @@
 #include "common/realtime.h"
 #include "common/eventfd_signal.h"
 
-/* Publishes the worker's fault; `why` is NULL when the fault has ended. */
+/* Publishes what has gone wrong in the worker. `why` is NULL once it works again. */
 static void show_fault(worker *w, const trocar_error *why) {
     worker_fault *fault = triple_buffer_slot(&w->exchange->faults);
     fault->lasts = w->faulty = why != NULL;
@@ -19,14 +19,14 @@ static void note_failure(worker *w, const trocar_error *why) {
     show_fault(w, why);
 }
 
-/* Serves one request, or does one slice of the work that can be done in advance. Returns true if more work is pending. After a failed request,
-   the tick keeps using the last answer and sets the flag that reports a late answer. A fault persists until a request has been answered. */
+/* Serves one request, or does one slice of work that can be done in advance. Returns true if there is more to do. After a failed request, the tick keeps using
+   the last answer and flags it as late. The fault lasts until a request is answered. */
 static bool work(worker *w) {
     trocar_error why;
     trocar_work done = {.more = 0};
-    if (trocar_sim_work(w->sim, &done, &why) != TROCAR_OK && !done.still_held) note_failure(w, &why); /* if a needle could not be left and is still
-                                                                                                         held, the reply to the client reports
-                                                                                                         the failure */
+    if (trocar_sim_work(w->sim, &done, &why) != TROCAR_OK && !done.still_held) note_failure(w, &why); /* if a needle could not be left and is still held, the
+                                                                                                         reply to the client reports this, so it is not a fault
+                                                                                                         of the worker */
     if (done.answered) {
         spsc_ring_push(&w->exchange->latencies, &done.latency);
         w->served++;

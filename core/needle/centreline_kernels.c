@@ -5,7 +5,7 @@
 
 _Static_assert((int)CENTRELINE_STEP == SIMD4_WIDTH, "a step is one vector");
 
-/* Stores the points' frames, given the axes of the frames. */
+/* Stores the frames of the points. n1, n2, n3: the three axes of each frame, one point per SIMD lane. */
 static void put_frames(needle_point *const *points, int count, vec3_simd4 n1, vec3_simd4 n2, vec3_simd4 n3) {
     simd4 x[SIMD4_WIDTH] = {n1.x, n2.x, n3.x, n3.x}, y[SIMD4_WIDTH] = {n1.y, n2.y, n3.y, n3.y}, z[SIMD4_WIDTH] = {n1.z, n2.z, n3.z, n3.z};
     simd4_transpose(&x[0], &x[1], &x[2], &x[3]);

@@ -6,8 +6,8 @@
 
 enum { CENTRELINE_STEP = 4 }; /* number of points computed at a time */
 
-/* Sets the frames of the first `count` points. Each tangent is the axis of segment `before`, rotated toward that of segment `after` by `fraction` of the angle
-   between them. The second normal is close to the y axis of segment `before`. RT */
+/* Sets the frames of the first `count` points. To get the tangent, the axis of segment `before` is rotated toward that of segment `after` by `fraction` of the
+   angle between them. The second normal is near local y. RT */
 void centreline_frames(const quat *segments, const int before[CENTRELINE_STEP], const int after[CENTRELINE_STEP], const double fraction[CENTRELINE_STEP],
                        int count, needle_point *const *points);
 

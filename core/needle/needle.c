@@ -4,13 +4,12 @@
 #include "needle/centreline_kernels.h"
 #include "needle/rod_kernels.h"
 
-static const double MOST_BOW = 0.01; /* needle lengths: maximum bow that a scene may specify; with a larger one, the needle would be visibly bent and the
-                                        distance from base to tip shorter than its length. Chosen by judgement */
-static const double FARTHEST = 2.0; /* steps: ratio of a step's duration to the previous step's, above which the shape is not extrapolated. Chosen by
-                                       judgement */
+static const double MOST_BOW = 0.01; /* needle lengths: maximum bow that a scene may specify. A needle with a larger bow would look bent, and the distance from
+                                        base to tip would be shorter than its length. Chosen by judgement */
+static const double FARTHEST = 2.0; /* ratio: the shape is not extrapolated over a step longer than this multiple of the previous one. Chosen by judgement */
 
-/* Slope (m/m) of a segment of the unloaded needle relative to the axis, for the bow y = bow L (1 - cos(2 pi s / L)) / 2. At base and tip, the needle is on
-   the axis and parallel to it. */
+/* Returns the slope (m/m) of a segment of the unloaded needle, given the bow y = bow L (1 - cos(2 pi s / L)) / 2. At the base and the tip, the needle is on its
+   axis and parallel to it. */
 static double natural_slope(const needle_parameters *given, int segment) {
     int last = given->segments - 1;
     return M_PI * given->bow * sin(2.0 * M_PI * segment / last);
@@ -48,7 +47,7 @@ void needle_set_straight(const needle_model *model, pose base, needle_state *sta
     rod_set_frames(model, &of, state);
 }
 
-/* No load twists the rod, so every segment rotates about its own axis by the same angle as the base. */
+/* No load twists the rod, so when the base turns about the needle's axis, every segment turns about its own axis by the same angle. */
 void needle_move_base(const needle_model *model, pose base, needle_state *state) {
     double roll = q_roll_between(state->base.orientation, base.orientation);
     quat turn = q_exp(v3(0, 0, roll));
@@ -94,18 +93,19 @@ double needle_energy(const needle_model *model, const needle_state *state) {
 
 /* ---- the centreline ------------------------------------------------------------------------------------------------ */
 
-/* A tangent between two segments: the direction reached by rotating the first segment's axis toward the second one's by this fraction (0 to 1) of the angle. */
+/* How to obtain a tangent between the middles of two segments: rotate the axis of `before` toward that of `after` by `fraction` (0 to 1) of the angle between
+   them. */
 typedef struct {
     int before, after;
     double fraction;
 } tangent_turn;
 
-/* Finds the three joints that determine the point at this arc, and their weights. Returns the point's tangent. */
+/* Finds the three joints that determine the point at `arc` (m), with their weights. Returns how to obtain the tangent there. */
 static tangent_turn weigh_joints(const needle_model *model, double arc, needle_point *p) {
     int n = model->given.segments;
     double s = arc / model->segment_length; /* distance from the base, in segments */
     s = smaller_of(larger_of(s, 0.0), n);
-    int joint = (int)(s + 0.5);                        /* joint nearest to the point: the middle control point */
+    int joint = (int)(s + 0.5);                        /* nearest joint: the middle control point of the spline */
     if (joint < 1 || joint > n - 1) {                  /* the first and last half segments are straight */
         int k = joint < 1 ? 0 : n - 1;
         p->first = joint < 1 ? 0 : n - 2;
@@ -114,7 +114,7 @@ static tangent_turn weigh_joints(const needle_model *model, double arc, needle_p
         p->weights[k - p->first + 1] = s - k;
         return (tangent_turn){k, k, 0.0};
     }
-    double f = s + 0.5 - joint;                        /* position (0 to 1) from the middle of one segment to the middle of the next */
+    double f = s + 0.5 - joint;                        /* where the point lies between the middles of the two adjacent segments, 0 to 1 */
     p->first = joint - 1;
     p->weights[0] = 0.5 * (1.0 - f) * (1.0 - f);
     p->weights[1] = 0.5 + f - f * f;

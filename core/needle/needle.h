@@ -7,31 +7,31 @@
 
 #include "needle/needle_model.h"
 
-/* Computes the model from its parameters. BAD_INPUT for values out of range; NO_MEMORY. Nothing needs to be freed. */
+/* Checks the parameters and computes the model. BAD_INPUT if a value is out of range. Allocates nothing, so there is nothing to free. */
 trocar_status needle_create(const needle_parameters *given, needle_model *model, trocar_error *why);
 
-/* Gives the needle its unloaded shape, which is straight except for its bow, with its base at `base`. RT */
+/* Puts the base at `base` and gives the needle its unloaded shape, which is straight except for the bow. RT */
 void needle_set_straight(const needle_model *model, pose base, needle_state *state);
 
-/* Position (m) of the end of a straight needle with this base. RT */
+/* Returns where the tip (m) would be if the needle were straight. RT */
 static inline vec3 needle_straight_end(const needle_model *model, pose base) { return v3_axpy(model->given.length, q_axis(base.orientation), base.position); }
 
-/* Moves the base, and the joints with it. Each segment rotates about its own axis by as much as the base rotates about the needle's axis; the directions of
-   the axes do not change until the next solve. RT */
+/* Moves the base and shifts the joints along with it. If the base rotates about the needle's axis, each segment rotates about its own axis by the same angle.
+   The segments' directions stay as they are until the next solve. RT */
 void needle_move_base(const needle_model *model, pose base, needle_state *state);
 
-/* needle_at returns the point on the centreline at this arc (m); needle_locate finds several points, *points[0] to *points[count - 1]. RT */
+/* needle_at returns the point on the centreline at `arc` (m from the base). needle_locate does this for `count` points at once, writing to *points[i]. RT */
 needle_point needle_at(const needle_model *model, const needle_state *state, double arc);
 void needle_locate(const needle_model *model, const needle_state *state, int count, const double *arcs, needle_point *const *points);
 
-/* Unit vector along the centreline, toward the tip. RT */
+/* Returns the unit tangent at the point, toward the tip. RT */
 static inline vec3 needle_along(const needle_point *p) { return m3_column(&p->frame, 2); }
 
-/* Linearises about the current shape under the joint forces `load` (N, segments + 1), which determine the geometric stiffness. Computes the compliance
-   between the joints with indices >= first. RT */
+/* Linearises about the current shape under the joint forces `load` (N, segments + 1 entries), which affect the geometric stiffness. Computes the compliance for
+   the joints from index `first` on. RT */
 void needle_linearise(const needle_model *model, const needle_state *state, const vec3 *load, int first, needle_tangent *tangent);
 
-/* Displacement (m) of a joint under a force (N) at another joint. RT */
+/* Returns the displacement (m) of `joint` under `force` (N) at joint `other`. RT */
 static inline vec3 needle_joint_moved(const needle_tangent *tangent, int joint, int other, vec3 force) {
     const double f[3] = {force.x, force.y, force.z};
     double moved[3] = {0.0};
@@ -44,14 +44,14 @@ static inline vec3 needle_joint_moved(const needle_tangent *tangent, int joint, 
 /* Moves the needle to the linearised equilibrium under `load`. Returns the largest rotation of a segment (rad). RT */
 double needle_advance(const needle_model *model, const needle_tangent *tangent, const vec3 *load, needle_state *state);
 
-/* needle_motion_of computes the change in shape from `before` to `after`, which took `dt` seconds. needle_extrapolate extrapolates the shape by `dt` seconds;
-   if it cannot, it returns false and leaves the shape unchanged. RT */
+/* needle_motion_of computes how the shape changed from `before` to `after`, `dt` seconds later. needle_extrapolate continues that motion for another `dt`
+   seconds; it returns false and leaves the shape unchanged if the motion's duration is unknown or less than half of `dt`. RT */
 void needle_motion_of(const needle_model *model, const needle_state *before, const needle_state *after, double dt, needle_motion *motion);
 bool needle_extrapolate(const needle_model *model, const needle_motion *motion, double dt, needle_state *state);
 
-/* Elastic moment (N m, world frame) at the base in the current shape; in equilibrium, it is equal to the moment of the loads. */
+/* Returns the elastic moment (N m, world frame) at the base in the current shape. In equilibrium it equals the moment of the loads about the base. */
 vec3 needle_root_moment(const needle_model *model, const needle_state *state);
 
-double needle_energy(const needle_model *model, const needle_state *state); /* J, elastic energy of bending and torsion */
+double needle_energy(const needle_model *model, const needle_state *state); /* J, elastic energy in bending and torsion */
 
 #endif

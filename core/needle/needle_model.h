@@ -1,4 +1,4 @@
-/* The needle's parameters, its state, a point on its centreline, and its linearisation. */
+/* Data types of the needle: its parameters, state, centreline points and linearisation. */
 #ifndef TROCAR_NEEDLE_MODEL_H
 #define TROCAR_NEEDLE_MODEL_H
 
@@ -7,9 +7,9 @@
 
 enum {
     NEEDLE_MAX_SEGMENTS = 64,
-    NEEDLE_LD = (NEEDLE_MAX_SEGMENTS / 4 + 1) * 12, /* three columns for each joint, padded to whole blocks of four joints */
-    NEEDLE_PLACES = NEEDLE_MAX_SEGMENTS + 4, /* room for whole SIMD vectors of segments, and for the joint after the last segment */
-    NEEDLE_POINT_JOINTS = 3,                /* number of joints that determine a point on the centreline */
+    NEEDLE_LD = (NEEDLE_MAX_SEGMENTS / 4 + 1) * 12, /* three columns per joint, rounded up to whole blocks of four joints */
+    NEEDLE_PLACES = NEEDLE_MAX_SEGMENTS + 4, /* enough for whole SIMD vectors of segments, plus the joint after the last segment */
+    NEEDLE_POINT_JOINTS = 3,                /* joints that determine a point on the centreline */
 };
 
 typedef struct {
@@ -18,8 +18,8 @@ typedef struct {
     double inner_diameter;   /* m */
     double youngs_modulus;   /* Pa */
     double poisson_ratio;
-    double bow;              /* distance of the needle's middle from the line between base and tip, toward local +y, divided by the length */
-    double bevel_slope;      /* lateral displacement per axial displacement while cutting, away from the bevel's face (toward local -y) */
+    double bow;              /* how far the needle's middle lies off the line from base to tip, toward local +y, divided by the length */
+    double bevel_slope;      /* lateral displacement per axial displacement while cutting, directed away from the bevel face (toward local -y) */
     int segments;            /* 2..NEEDLE_MAX_SEGMENTS */
 } needle_parameters;
 
@@ -29,45 +29,46 @@ typedef struct {
     double radius;           /* m, outer */
     double bending;          /* EI, N m^2 */
     double torsion;          /* GJ, N m^2 */
-    double natural[NEEDLE_PLACES]; /* rad, rotation about local x of each segment of the unloaded needle relative to the previous one */
+    double natural[NEEDLE_PLACES]; /* rad, how far each segment of the unloaded needle is rotated about local x relative to the previous one */
 } needle_model;
 
 typedef struct {
     pose base;
     quat frames[NEEDLE_MAX_SEGMENTS];      /* orientation of each segment; its axis is local +z */
-    vec3 joints[NEEDLE_MAX_SEGMENTS + 1];  /* m; joints[0] is the base, and the last joint is the tip */
+    vec3 joints[NEEDLE_MAX_SEGMENTS + 1];  /* m, from the base (joints[0]) to the tip (the last joint) */
 } needle_state;
 
-/* Change of the needle's shape during a step. */
+/* How the needle's shape changed during a step. */
 typedef struct {
-    double time;             /* s, duration of the step; 0 if not known */
+    double time;             /* s, duration of the step; 0 if unknown */
     quat turn[NEEDLE_MAX_SEGMENTS]; /* rotation of each segment, world frame */
 } needle_motion;
 
-/* A point on the centreline, which is a quadratic B-spline over three joints (linear at both ends). Its tangent is continuous, and its position is linear
-   in the joints. */
+/* A point on the centreline. The centreline is a quadratic B-spline with the joints as control points, and straight in the first and last half segments. So its
+   tangent is continuous, and a point's position is a linear function of the joint positions. */
 typedef struct {
-    int first;               /* its joints are first, first + 1 and first + 2 */
+    int first;               /* the point depends on joints first, first + 1 and first + 2 */
     double weights[NEEDLE_POINT_JOINTS]; /* the sum is 1 */
     vec3 position;           /* m */
     mat3 frame;              /* columns: normal 1 (near local x), normal 2 (near local y), tangent */
 } needle_point;
 
-/* Vectors or matrices of segments or joints, stored by component so that four are computed at once. Symmetric matrices: xx, xy, xz, yy, yz, zz. */
+/* One vector or matrix per segment or joint, stored as structure of arrays so that four can be processed at once. Order of a symmetric matrix's entries: xx,
+   xy, xz, yy, yz, zz. */
 typedef struct { double at[3][NEEDLE_PLACES]; } vector_series;
 typedef struct { double at[6][NEEDLE_PLACES]; } symmetric_series;
 typedef struct { double at[9][NEEDLE_PLACES]; } matrix_series;
 
-/* Linearisation at the current shape (scratch memory of one Newton iteration). */
+/* The linearisation about the current shape. Scratch memory for one Newton iteration. */
 typedef struct {
-    int unstable;                               /* number of negative eigenvalues of the tangent stiffness: the number of buckling modes of the unsupported
-                                                   needle under these loads */
-    vec3 drift[NEEDLE_MAX_SEGMENTS + 1];        /* m, linearised displacement of the joints if the loads were removed */
-    double compliance[NEEDLE_LD][NEEDLE_LD];    /* m/N, compliance between joints: [3 i + a][3 j + b], for j > i - NEEDLE_POINT_JOINTS */
-    symmetric_series pivot_inverse;             /* inverses of the pivots D in the factorisation L D L^T of the block tridiagonal tangent stiffness */
+    int unstable;                               /* number of negative eigenvalues of the tangent stiffness: how many buckling modes the needle would have under
+                                                   these loads without the tissue's support */
+    vec3 drift[NEEDLE_MAX_SEGMENTS + 1];        /* m, how far each joint would move, to first order, if the loads were removed */
+    double compliance[NEEDLE_LD][NEEDLE_LD];    /* m/N, compliance between joints i and j: [3 i + a][3 j + b]. Filled for j > i - NEEDLE_POINT_JOINTS only */
+    symmetric_series pivot_inverse;             /* D^-1, the inverted pivots of the L D L^T factorisation of the block tridiagonal tangent stiffness */
     matrix_series lower;
-    vector_series moments;                      /* N m, spatial moment at the joint before each segment */
-    double rotation[3 * NEEDLE_MAX_SEGMENTS][NEEDLE_LD]; /* rad/N, rotation of each segment under unit forces at each later joint */
+    vector_series moments;                      /* N m, moment at the joint before each segment, in the world frame */
+    double rotation[3 * NEEDLE_MAX_SEGMENTS][NEEDLE_LD]; /* rad/N, rotation of each segment per unit force at each later joint */
 } needle_tangent;
 
 #endif

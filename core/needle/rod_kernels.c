@@ -23,7 +23,7 @@ static inline vec3 vector_at(const vector_series *from, int k) { return v3(from-
 
 static inline quat_simd4 frames_at(const rod_frames *of, int segment) { return ql_load(&of->base_and_segments[1 + segment]); }
 
-/* Returns the vectors along segments k to k + 3: length times axis. */
+/* Returns the vectors along segments k to k + 3, from one end to the other. */
 static inline vec3_simd4 arms_of(const needle_model *model, const rod_frames *of, int k) {
     return v3l_scale(simd4_all(model->segment_length), ql_axis(frames_at(of, k)));
 }
@@ -39,21 +39,21 @@ void rod_set_frames(const needle_model *model, const rod_frames *of, needle_stat
 
 /* ---- elasticity of the joints ------------------------------------------------------------------------------------------ */
 
-static const int SYMMETRIC[3][3] = {{0, 1, 2}, {1, 3, 4}, {2, 4, 5}}; /* index at which each component of a symmetric matrix is stored */
+static const int SYMMETRIC[3][3] = {{0, 1, 2}, {1, 3, 4}, {2, 4, 5}}; /* where each entry of a symmetric 3 x 3 matrix is stored */
 
-/* Stiffness of joints k to k + 3, N m. `rigidity`: EI or GJ. */
+/* Returns the stiffness (N m) of joints k to k + 3 in bending or torsion. `rigidity`: EI or GJ. */
 static simd4 joint_stiffness(const needle_model *model, double rigidity, int k) {
     simd4 stiffness = simd4_all(rigidity / model->segment_length);
     stiffness[0] = rigidity / rod_joint_length(model, k);
     return stiffness;
 }
 
-/* Rotation vectors of segments k to k + 3 relative to the previous segments. */
+/* Returns the rotation vectors of segments k to k + 3, each relative to the segment before it. */
 static vec3_simd4 joint_curvature(const rod_frames *of, int k) {
     return ql_log(ql_multiply(ql_conjugate(frames_at(of, k - 1)), frames_at(of, k)));
 }
 
-/* The factor c of [w]x^2 in the inverse Jacobians of SO(3), as a function of |w|^2. */
+/* Returns the factor c of [w]x^2 in the inverse Jacobians of SO(3). It depends only on |w|^2 (`angle2`). */
 static simd4 square_factor(simd4 angle2) {
     simd4 c = 1.0 / 12 + angle2 * (1.0 / 720 + angle2 * (1.0 / 30240 + angle2 / 1209600)); /* accurate to 1e-15 */
     for (int i = 0; i < SIMD4_WIDTH; i++) {
@@ -64,7 +64,8 @@ static simd4 square_factor(simd4 angle2) {
     return c;
 }
 
-/* Inverse of the right Jacobian of SO(3), which is the rate of the rotation vector w per body rotation: I + [w]x / 2 + c [w]x^2 (Sola et al. 2018, eq. 144). */
+/* Returns the inverse of the right Jacobian of SO(3), I + [w]x / 2 + c [w]x^2, which maps a body rotation to the change in the rotation vector w (Sola et al.
+   2018, eq. 144). */
 static mat3_simd4 inverse_right_jacobian(vec3_simd4 w, simd4 c) {
     simd4 own = 1.0 - c * v3l_dot(w, w);
     vec3_simd4 v = v3l_scale(c, w), half = v3l_scale(simd4_all(0.5), w);
@@ -73,11 +74,12 @@ static mat3_simd4 inverse_right_jacobian(vec3_simd4 w, simd4 c) {
                          {v.z * w.x - half.y, v.z * w.y + half.x, v.z * w.z + own}}};
 }
 
-/* Computes the spatial moments of joints k to k + 3, and their (symmetric) stiffness against the relative spatial rotation of the adjacent segments. With
-   equal stiffness b in all directions, the energy b |w|^2 / 2 gives the moment b w and, to second order in a rotation, the stiffness b (I + c [w]x^2): the
-   sum of J^T J and the curvature of the logarithm, (1/4 - c) [w]x^2 - c^2 [w]x^4. Torsion, with stiffness t, adds the energy (t - b) w_z^2 / 2; its stiffness
-   follows from the rate of w_z. The derivative of this rate would add a term proportional to w_z; it is omitted, because no load twists the rod. The
-   second-order terms matter: without them, the iteration does not converge if a bowed needle is nearly free to rotate about its axis. */
+/* Computes the spatial moments at joints k to k + 3, and the joints' (symmetric) stiffness against relative spatial rotation of the adjacent segments. If the
+   stiffness b were the same in all directions, the energy b |w|^2 / 2 would give the moment b w and, to second order in a rotation, the stiffness b (I + c
+   [w]x^2). This is the sum of J^T J and the curvature of the logarithm, (1/4 - c) [w]x^2 - c^2 [w]x^4. A torsional stiffness t adds the energy (t - b) w_z^2 /
+   2, and the corresponding stiffness follows from the rate of w_z. The derivative of that rate would add a term proportional to w_z, which is omitted because
+   no load twists the rod. The second-order terms are needed: without them, the iteration fails to converge when a bowed needle is nearly free to rotate about
+   its axis. */
 static vec3_simd4 joint_moments(const needle_model *model, const rod_frames *of, int k, simd4 stiffness[6]) {
     simd4 bending = joint_stiffness(model, model->bending, k), more = joint_stiffness(model, model->torsion, k) - bending;
     vec3_simd4 w = joint_curvature(of, k);
@@ -111,8 +113,9 @@ typedef struct {
     symmetric_series joint, segment;         /* N m; joint: stiffness of each joint; segment: diagonal block of each segment */
     matrix_series coupling;                  /* N m, coupling between segments k and k + 1 */
     vector_series arm;                       /* m, vector along each segment: length times axis */
-    vector_series beyond;                    /* N, for each segment, the sum of the loads on the joint at its far end and on all later joints */
-    row_matrix sides[NEEDLE_MAX_SEGMENTS];   /* moments under unit forces beyond each segment; the fourth column contains the moments that relax the joints */
+    vector_series beyond;                    /* N, sum of the loads on all joints beyond each segment, including the one at its far end */
+    row_matrix sides[NEEDLE_MAX_SEGMENTS];   /* moments on each segment: three columns for unit forces at any joint beyond it, and a fourth for zero load, where
+                                                the joints relax */
 } rod_chain;
 
 static void sum_loads(int n, const vec3 *load, vector_series *beyond) {
@@ -127,7 +130,7 @@ static void sum_loads(int n, const vec3 *load, vector_series *beyond) {
     }
 }
 
-/* Adds the second variation of -n.t under spatial rotations of a segment, where n is the sum of the forces beyond it and t is its length times its axis. */
+/* Adds the second variation of -n.t when a segment is rotated (in the world frame). n: the total force beyond the segment. t: the vector along it. */
 static inline void add_geometric_stiffness(vec3_simd4 n, vec3_simd4 t, simd4 sum[6]) {
     simd4 along = v3l_dot(n, t), a[3] = {-0.5 * n.x, -0.5 * n.y, -0.5 * n.z}, b[3] = {t.x, t.y, t.z};
     for (int i = 0; i < 3; i++)
@@ -154,22 +157,22 @@ static void assemble_chain(const needle_model *model, const needle_state *state,
         add_geometric_stiffness(vectors_at(&chain->beyond, k), arm, own);
         put_vectors(&chain->arm, k, arm);
         for (int i = 0; i < 6; i++) simd4_store(&chain->segment.at[i][k], own[i]);
-        /* -H + [m]x / 2, the second term because rotations do not commute */
+        /* -H + [m]x / 2. The second term arises because rotations do not commute. */
         vec3_simd4 m = v3l_scale(simd4_all(0.5), vectors_at(&tangent->moments, k + 1));
         const simd4 coupling[9] = {-next[0], -m.z - next[1], m.y - next[2], m.z - next[1], -next[3], -m.x - next[4], -m.y - next[2], m.x - next[4], -next[5]};
         for (int i = 0; i < 9; i++) simd4_store(&chain->coupling.at[i][k], coupling[i]);
     }
 }
 
-/* Returns the number of negative eigenvalues of a symmetric 3 x 3 matrix with these leading principal minors: the number of sign changes in the sequence of 1
-   and the minors (Jacobi). */
+/* Returns how many eigenvalues of a symmetric 3 x 3 matrix are negative, given its leading principal minors: as many as there are sign changes in the sequence
+   1, first, second, third (Jacobi). */
 static int negative_eigenvalues(double first, double second, double third) {
     return (first < 0.0) + ((first < 0.0) != (second < 0.0)) + ((second < 0.0) != (third < 0.0));
 }
 
-/* Factorises the tangent stiffness as block L D L^T, from base to tip. D may be indefinite: needle and tissue together may be stable even if the needle
-   alone would buckle. Each block depends on the previous one; to shorten this chain, the adjugate is multiplied while the division by the determinant is
-   still in progress. */
+/* Factorises the tangent stiffness as block L D L^T, from base to tip. D may be indefinite, because needle and tissue together may be stable even if the needle
+   alone would buckle. Each block depends on the previous one. To shorten this dependency chain, the products use the adjugate, so they need not wait for the
+   division by the determinant. */
 static void factor_tangent(int n, const rod_chain *chain, needle_tangent *tangent) {
     symmetric_series *adjugate = &tangent->pivot_inverse;
     double inverse_determinant[NEEDLE_PLACES], carried[6] = {0.0};
@@ -190,7 +193,7 @@ static void factor_tangent(int n, const rod_chain *chain, needle_tangent *tangen
             for (int j = i; j < 3; j++)
                 carried[SYMMETRIC[i][j]] = inverse * (c[i] * product[0][j] + c[3 + i] * product[1][j] + c[6 + i] * product[2][j]);
     }
-    for (int k = n; k < n + SIMD4_WIDTH; k++) { /* padding of the last vector, which is computed but not used */
+    for (int k = n; k < n + SIMD4_WIDTH; k++) { /* padding: these lanes of the last vector are computed but never used */
         inverse_determinant[k] = 0.0;
         for (int i = 0; i < 6; i++) adjugate->at[i][k] = 0.0;
     }
@@ -220,12 +223,12 @@ static inline row_matrix pivot_inverse_at(const needle_tangent *tangent, int k) 
     return m;
 }
 
-/* Returns the moments on segments k to k + 3 that cancel the joints' moments, as if there were no load. */
+/* Returns the moments on segments k to k + 3 that would cancel the moments at their joints if there were no load. */
 static inline vec3_simd4 released_moments(const vector_series *moments, int k) {
     return v3l_sub(vectors_at(moments, k + 1), vectors_at(moments, k));
 }
 
-/* Solves the tangent system in place for the rotations of the segments. */
+/* Solves the tangent system in place: `rotation` holds the moments on entry and the segments' rotations on return. */
 static void solve_tangent(int n, const needle_tangent *tangent, vector_series *rotation) {
     const double (*lower)[NEEDLE_PLACES] = tangent->lower.at;
     double x = rotation->at[0][0], y = rotation->at[1][0], z = rotation->at[2][0];
@@ -250,13 +253,13 @@ static void solve_tangent(int n, const needle_tangent *tangent, vector_series *r
 
 /* Three rows of a matrix with three columns per joint. */
 typedef double (*joint_rows)[NEEDLE_LD];
-enum { BLOCK = 12 }; /* number of columns of four joints */
+enum { BLOCK = 12 }; /* columns per block of four joints */
 
 static void put_block(joint_rows rows, int joint, const mat3 *block) {
     for (int a = 0; a < 3; a++) memcpy(&rows[a][3 * joint], block->m[a], sizeof block->m[a]);
 }
 
-/* Computes to = own - m^T from. `own` is the same for every joint of columns [begin, end), which are whole blocks. */
+/* Computes to = own - m^T from in columns [begin, end), rounded out to whole blocks. `own` is repeated for every joint. */
 static void carry_back(const row_matrix *own, const mat3 *m, joint_rows from, joint_rows to, int begin, int end) {
     simd4 added[3][BLOCK / SIMD4_WIDTH];
     for (int a = 0; a < 3; a++) {
@@ -273,7 +276,8 @@ static void carry_back(const row_matrix *own, const mat3 *m, joint_rows from, jo
         }
 }
 
-/* Forward substitution of the right-hand sides. A force at a joint exerts the moment length * axis x force on every segment before the joint. */
+/* Does the forward substitution of the right-hand sides. A force at a joint exerts the moment t x force on each segment before the joint, where t is the vector
+   along the segment. */
 static void substitute_forward(int n, const needle_tangent *tangent, rod_chain *chain) {
     vector_series released;
     for (int k = 0; k < n; k += SIMD4_WIDTH) put_vectors(&released, k, released_moments(&tangent->moments, k));
@@ -285,8 +289,8 @@ static void substitute_forward(int n, const needle_tangent *tangent, rod_chain *
     }
 }
 
-/* Displacement of joint `last` if no force acts on earlier joints. It is the sum of S^T P^-1 S over the previous segments, where P are the pivots and S
-   the moments under a force at the joint after forward substitution, minus a multiple of the rotation of segment `last`. The fourth column is for zero
+/* Returns the displacement of joint `last` under forces on later joints, apart from the term that depends on the rotation of segment `last`. This is the sum of
+   S^T P^-1 S over the segments before the joint, where P are the pivots and S the right-hand sides after forward substitution. The fourth column is for zero
    load. */
 static row_matrix displace_base(int last, const needle_tangent *tangent, const rod_chain *chain) {
     row_matrix sum = {{{0}}};
@@ -294,9 +298,10 @@ static row_matrix displace_base(int last, const needle_tangent *tangent, const r
     return sum;
 }
 
-/* Computes the rotations of the segments from `last` on, under unit forces at the joints from `first` on (one column each) and for zero load (`turn`). A
-   force at a joint exerts no moment on later segments. Therefore, forward substitution up to segment k is the same for all joints beyond k, and backward
-   substitution starts with the segment before the joint, whose block of the inverse stiffness (`own`) includes all later segments. */
+/* Computes the rotations of the segments from `last` on: one column for each unit force at a joint from `first` on, and `turn` for zero load. A force at a
+   joint exerts no moment on later segments, which has two consequences. Forward substitution up to segment k is the same for all joints beyond k. And backward
+   substitution can start with the segment just before the joint, using that segment's block of the inverse stiffness (`own`), which accounts for all later
+   segments. */
 static void find_rotations(int n, int first, int last, const row_matrix *sides, needle_tangent *tangent, vec3 *turn) {
     row_matrix own = {{{0}}};
     for (int k = n - 1; k >= last; k--) {
@@ -316,8 +321,7 @@ static void find_rotations(int n, int first, int last, const row_matrix *sides, 
     }
 }
 
-/* Computes the displacements of the joints from `last` + 1 on. They are sums of length * rotation x axis over the previous segments, starting from the
-   displacement of joint `last`. */
+/* Computes the displacements of the joints from `last` + 1 on, by adding up rotation x segment vector, starting from the displacement of joint `last`. */
 static void sum_displacements(int n, int first, int last, const vector_series *arm, joint_rows sum, needle_tangent *tangent) {
     int end = 3 * (n + 1);
     for (int k = last; k < n; k++) {
@@ -332,15 +336,15 @@ static void sum_displacements(int n, int first, int last, const vector_series *a
                 simd4_store(&rows[a][c], moved[a]);
             }
         }
-        int before = k + 2 - NEEDLE_POINT_JOINTS; /* first of the earlier joints that, together with this one, can determine a point on the centreline */
+        int before = k + 2 - NEEDLE_POINT_JOINTS; /* earliest joint that can share a centreline point with joint k + 1 */
         for (int c = 3 * (before > first ? before : first); c < 3 * (k + 1); c++) /* from symmetry */
             for (int a = 0; a < 3; a++) rows[a][c] = tangent->compliance[c][3 * (k + 1) + a];
     }
 }
 
-/* Computes the compliance between the joints from `first` on, and their displacement for zero load. */
+/* Computes the compliance for the joints from `first` on, and where they would drift under zero load. */
 static void find_compliance(int n, int first, const rod_chain *chain, needle_tangent *tangent) {
-    int last = first > 1 ? first - 1 : 0; /* no joint of interest lies before this segment */
+    int last = first > 1 ? first - 1 : 0; /* all joints of interest lie beyond the start of this segment */
     vec3 turn[NEEDLE_MAX_SEGMENTS], *drift = tangent->drift;
     double sum[3][NEEDLE_LD] = {{0}};
     for (int a = 0; a < 3 && first == 0; a++)
@@ -390,9 +394,9 @@ double rod_advance(const needle_model *model, const needle_tangent *tangent, con
 
 /* ---- going on ------------------------------------------------------------------------------------------------------ */
 
-/* Returns this fraction of a small rotation, to first order. */
+/* Returns `fraction` of a small rotation, to first order. */
 static quat_simd4 part_of(quat_simd4 turn, simd4 fraction) {
-    simd4 w = fraction * simd4_signs(turn.w); /* the sign selects the shorter rotation */
+    simd4 w = fraction * simd4_signs(turn.w); /* a negative w means the long way round; flip the sign to take the short one */
     return ql_unit((quat_simd4){simd4_all(1.0), w * turn.x, w * turn.y, w * turn.z});
 }
 

@@ -1,4 +1,4 @@
-/* The arithmetic of needle.c, four segments at a time. */
+/* The computations behind needle.c, vectorised over four segments. */
 #ifndef TROCAR_ROD_KERNELS_H
 #define TROCAR_ROD_KERNELS_H
 
@@ -8,7 +8,7 @@
 
 enum { ROD_STEP = 4 };       /* number of segments computed at a time */
 
-/* Orientations of the base and the segments; the last segment's orientation is repeated to fill a vector. */
+/* Orientations of the base and the segments. The last one is repeated to fill up a SIMD vector. */
 typedef struct {
     quat base_and_segments[1 + NEEDLE_PLACES];
 } rod_frames;
@@ -20,13 +20,13 @@ static inline void rod_copy_frames(int n, const needle_state *state, rod_frames 
     for (int k = n; k < n + ROD_STEP; k++) *rod_frame(to, k) = state->frames[n - 1];
 }
 
-/* Length that joint k, which precedes segment k, represents in bending: half a segment for the joint at the base, one segment for all others. */
+/* Returns the length of needle whose bending is lumped into joint k, the one before segment k: half a segment at the base, one segment elsewhere. */
 static inline double rod_joint_length(const needle_model *model, int k) { return (k == 0 ? 0.5 : 1.0) * model->segment_length; }
 
-/* Sets the orientations of the base and the segments, and moves the joints accordingly. RT */
+/* Sets the orientations of the base and the segments, and recomputes the joint positions. RT */
 void rod_set_frames(const needle_model *model, const rod_frames *of, needle_state *state);
 
-/* Implementations of the functions with the same names in needle.h. RT */
+/* These implement the needle_* functions of the same name in needle.h. rod_extrapolate continues a motion by `fraction` of its duration. RT */
 vec3 rod_root_moment(const needle_model *model, const needle_state *state);
 void rod_linearise(const needle_model *model, const needle_state *state, const vec3 *load, int first, needle_tangent *tangent);
 double rod_advance(const needle_model *model, const needle_tangent *tangent, const vec3 *load, needle_state *state);

@@ -1,4 +1,5 @@
-/* Implements trocar/operator.h, the virtual operator: a list of steps that is fixed at creation. Each step is repeated until what the operator sees ends it. */
+/* The virtual operator (trocar/operator.h). Its list of steps is fixed when it is created. In each step it chooses actions, based on what it sees, until the
+   step is done. */
 #include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
@@ -7,18 +8,19 @@
 #include "api/view.h"
 #include "base/vec.h"
 
-static const double CLEAR = 0.005;      /* m, distance of the tip from the guide before insertion and after withdrawal */
-static const double PAUSE = 0.1;        /* s, pause before a needle is left and before a seed is dropped */
-static const double FURTHER = 1e-3;     /* m, distance by which a needle is drawn back if the previous seed is still in it */
-static const int REPEATS = 20;          /* maximum number of times that a needle is drawn back to release the previous seed */
-static const double AT_TARGET = 0.3e-3; /* m, distance between the tip and its target in the image below which the depth is not corrected */
-static const int CORRECTIONS = 5;       /* maximum number of corrective strokes toward a target, which moves because the needle displaces the tissue */
+static const double CLEAR = 0.005;      /* m, how far the tip stays clear of the guide before insertion and after withdrawal */
+static const double PAUSE = 0.1;        /* s, pause before letting go of a needle and before dropping a seed */
+static const double FURTHER = 1e-3;     /* m, how far a needle is drawn back if the previous seed is still in it */
+static const int REPEATS = 20;          /* number of times a needle may be drawn back to release the previous seed */
+static const double AT_TARGET = 0.3e-3; /* m, the depth is not corrected if the image shows the tip within this distance of its target */
+static const int CORRECTIONS = 5;       /* maximum number of corrective strokes per target. One stroke may not be enough, because the needle displaces the
+                                           target as it moves */
 
-/* Limits of a needle's speed relative to the mean, from peak hand speeds of 40 to 280 mm/s with a mean of 123 mm/s. See docs/seeds.md. */
+/* Limits on a needle's speed as a multiple of the mean, from published hand speeds: peaks from 40 to 280 mm/s, with a mean of 123 mm/s. See docs/seeds.md. */
 static const double SLOWEST = 0.040 / 0.123, FASTEST = 0.280 / 0.123;
 static const trocar_operator_options PUBLISHED = {.follows_image = 1, .seed = 1, .image_error = 0.65e-3, .splay = 0.0104, .speed = 0.065, .speed_spread = 0.33};
 
-/* A point in the tissue at rest, half a seed length behind a planned tip position: the centre of a seed dropped there. */
+/* A target: the planned centre of a seed, half a seed length behind the planned tip position, as a point of the undeformed tissue. */
 typedef struct {
     double depth;            /* m, planned depth of the tip */
     vec3 place;              /* m, mesh coordinates */
@@ -28,26 +30,26 @@ typedef struct {
 
 typedef struct {
     vec3 entry, axis;        /* the planned axis */
-    quat orientation;        /* orientation of the needle, including its tilt */
-    vec3 pivot, tilted;      /* a point on the tilted axis, m, and the unit vector along it */
-    double pivot_depth;      /* m, depth of the tip when it is at the pivot */
-    double image_error;      /* m, image error along the axis */
+    quat orientation;        /* the needle's orientation, including its tilt */
+    vec3 pivot, tilted;      /* a point on the tilted axis (m), and the axis's direction (unit vector) */
+    double pivot_depth;      /* m, depth at which the tip is at the pivot */
+    double image_error;      /* m, error along the needle's axis in reading the image */
     double speed;            /* m/s */
-    int first, seeds;        /* first: index of the target at full depth; seeds: number of seeds, whose targets follow it */
+    int first, seeds;        /* first: index of the target for the full insertion depth. seeds: how many seeds the needle holds; their targets come next */
 } handled;
 
 typedef enum { START, INSERT, LEAVE, TAKE, DRAW_BACK, DROP, WITHDRAW, FINISHED } step_kind;
 typedef struct {
     step_kind kind;
-    int needle, number;      /* index of the needle; number of the seed in it, from 0 for the distal seed */
+    int needle, number;      /* index of the needle, and of the seed in it, counted from the distal end */
 } step;
 
 struct trocar_operator {
     bool follows_image;
     double needle_length, half_seed; /* m */
     int needle_count, step_count, seed_count;
-    int at, actions;         /* current step, and number of actions chosen in it so far */
-    trocar_operator_sight sight; /* what the operator saw last; `displacements` is valid only during a call to trocar_operator_next */
+    int at, actions;         /* current step, and how many actions it has chosen so far */
+    trocar_operator_sight sight; /* what the operator last saw. `displacements` is valid only during a call to trocar_operator_next */
     handled needles[TROCAR_MAX_NEEDLES];
     target targets[TROCAR_MAX_NEEDLES + TROCAR_MAX_SEEDS];
     step steps[6 * TROCAR_MAX_NEEDLES + 2 * TROCAR_MAX_SEEDS + 1];
@@ -74,8 +76,8 @@ static double normal(uint64_t *state) {
     return sqrt(-2.0 * log(u)) * cos(2.0 * 3.14159265358979323846 * v);
 }
 
-/* Tilts the needle about the middle of its hole by the angles x and y (rad), at most until it touches the hole's edges on both faces of the guide. The angles
-   are about two axes across the needle that depend only on its direction. */
+/* Tilts the needle about the middle of its guide hole by the angles x and y (rad), limited to the tilt at which the needle touches the hole's edges on both
+   faces of the guide. The axes of x and y are perpendicular to the needle and depend only on its direction. */
 static void tilt(const trocar_model *model, int index, double x, double y, handled *n) {
     double most = INFINITY, thickness = 0.0;
     if (index >= 0) {
@@ -93,7 +95,7 @@ static void tilt(const trocar_model *model, int index, double x, double y, handl
     n->pivot = v3_axpy(n->pivot_depth, n->axis, n->entry);
 }
 
-/* Draws the random properties of one needle: its image error, speed and tilt. */
+/* Draws the needle's random properties: image error, speed and tilt. */
 static void draw(const trocar_model *model, const trocar_operator_options *options, const trocar_operator_needle *planned, int index, handled *n) {
     uint64_t state = options->seed + GOLDEN * (uint64_t)(index + 1);
     state = next_bits(&state);
@@ -165,7 +167,7 @@ static void plan_withdrawal(trocar_operator *op, int needle) {
     add_step(op, WITHDRAW, needle, 0);
 }
 
-/* Calls `plan` for all needles with seeds or, if `with_seeds` is false, for all stabilising needles, which have none. */
+/* Calls `plan` for each needle that holds seeds or, if `with_seeds` is false, for each one that doesn't (the stabilising needles). */
 static void for_needles(trocar_operator *op, bool with_seeds, void (*plan)(trocar_operator *, int)) {
     for (int i = 0; i < op->needle_count; i++)
         if (with_seeds == (op->needles[i].seeds > 0)) plan(op, i);
@@ -189,7 +191,7 @@ static trocar_status fill(trocar_operator *op, const trocar_model *model, const 
     for_needles(op, true, plan_withdrawal);
     for_needles(op, false, plan_withdrawal);
     add_step(op, FINISHED, 0, 0);
-    op->seed_count = 0; /* from now on, the number of seeds dropped */
+    op->seed_count = 0; /* from here on, this counts the seeds dropped */
     return status;
 }
 
@@ -231,15 +233,15 @@ double trocar_operator_depth(const trocar_operator *op, int needle, const trocar
     return op->needle_length + n->pivot_depth + v3_dot(v3_sub(load_vec3(base->position), n->pivot), n->tilted);
 }
 
-/* Returns the displacement (m) of a target in the newest image. */
+/* Returns how far (m) the newest image shows a target displaced. */
 static vec3 displacement_of(const trocar_operator *op, const target *t) {
     vec3 moved = v3(0, 0, 0);
     for (int c = 0; op->sight.displacements && c < 4; c++) moved = v3_axpy(t->weights[c], load_vec3(&op->sight.displacements[3 * t->nodes[c]]), moved);
     return moved;
 }
 
-/* Returns the depth at which the operator would stop the tip for a target: the planned depth or, for an operator who follows the image, the depth at which the
-   image shows the tip beside the displaced target. */
+/* Returns the depth at which the operator would stop for a target. An operator who follows the image stops where the image shows the tip level with the
+   displaced target; otherwise, this is the planned depth. */
 static double wanted_depth(const trocar_operator *op, const handled *n, const target *t) {
     return op->follows_image ? t->depth + v3_dot(displacement_of(op, t), n->axis) + n->image_error : t->depth;
 }
@@ -254,14 +256,15 @@ static bool move(const trocar_operator *op, const handled *n, double depth, doub
     return true;
 }
 
-/* Moves the tip to a target, and corrects its depth while the image shows it off the target. */
+/* Moves the tip to a target and, if the image then shows it off the target, corrects the depth. */
 static bool approach(const trocar_operator *op, const handled *n, const target *t, trocar_operator_action *action) {
     double depth = wanted_depth(op, n, t);
     bool off = op->follows_image && op->actions <= CORRECTIONS && fabs(depth - op->sight.depth) > AT_TARGET;
     return (op->actions == 0 || off) && move(op, n, depth, PAUSE, action);
 }
 
-/* Draws the needle back to the target of a seed. If the tip is already there or behind it, the needle rests; only for the first seed is it pushed forward. */
+/* Draws the needle back to a seed's target. If the tip is already there or behind it, the needle stays where it is. Only for the first seed may it be pushed
+   forward. */
 static bool draw_back(trocar_operator *op, const handled *n, int number, trocar_operator_action *action) {
     const target *t = &op->targets[n->first + 1 + number];
     if (op->actions > 0 || number == 0 || wanted_depth(op, n, t) < op->sight.depth) return approach(op, n, t, action);
@@ -284,7 +287,7 @@ static void record_seed(trocar_operator *op, const step *s) {
     store_vec3(v3_sub(v3_axpy(centre - n->pivot_depth, n->tilted, n->pivot), straight), seed->splay);
 }
 
-/* Drops a seed. If this was refused because the previous seed is still in the needle, draws the needle back before the next attempt. */
+/* Drops a seed. If the last attempt was refused because the previous seed is still in the needle, draws the needle back a little before trying again. */
 static bool drop(trocar_operator *op, const step *s, trocar_operator_action *action) {
     bool dropped = op->actions % 2 == 1;
     if (dropped && op->sight.refused) return move(op, &op->needles[s->needle], op->sight.depth - FURTHER, 0.0, action);
@@ -293,7 +296,7 @@ static bool drop(trocar_operator *op, const step *s, trocar_operator_action *act
     return !dropped;
 }
 
-/* Chooses the step's next action; returns false if the step has ended. */
+/* Chooses the step's next action. Returns false if the step is done. */
 static bool choose(trocar_operator *op, const step *s, trocar_operator_action *action) {
     const handled *n = &op->needles[s->needle];
     bool first = op->actions == 0;

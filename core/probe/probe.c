@@ -7,39 +7,40 @@
 #include "snapshot/free_displacement.h"
 
 enum { LD = 3 * MAX_PRESSED };
-enum { MOST_ITERATIONS = 50 }; /* iterations: maximum number of Newton iterations per solve; the next solve continues from the last iterate. Cost
-                                  limit */
-enum { MOST_STOPS = 4 }; /* steps: maximum number of secant steps to find where the probe stops; the last of them leaves the probe at the pose that it had
-                            before. Cost limit */
-static const double REACH = 0.5; /* probe radii: distance within which points are candidates for contact. Chosen: twice the probe's largest step */
-static const double LOADED_REACH = 3.0; /* probe radii: distance within which points are candidates for contact if needles may push tissue toward the
-                                           probe. Chosen: three times the largest displacement, 0.9 radii, in 200 random motions (verify_probe_motions) */
-static const double BRIDGE = 1.0 - M_SQRT1_2; /* probe radii, below 1: depth inside the probe of the midpoint of an edge whose ends touch the probe 90
-                                                 degrees apart. Beyond this depth, the edge no longer follows the wall around the probe, and the probe
-                                                 would pass between the edge's ends. Derived for that angle, which is chosen; force and field are within
-                                                 1.8 % of another program's (verify_probe) */
-static const double LONG_EDGE = 0.5; /* probe radii: edge length below which midpoints are never pressed, because such an edge would have to stretch to
-                                        nearly three times its length to reach the depth BRIDGE. Derived for that depth */
-static const double STEP = 0.25; /* probe radii: largest step of the probe, so that the closest points on its surface move little. Chosen by judgement */
-static const double CATCHING_UP = 0.3; /* m/s: speed at which a stopped probe follows the newest pose once the tissue yields; a jump would jolt the hand.
-                                          Chosen: as fast as a hand inserts a needle */
-static const double CONVERGED = 1e-9; /* m: largest change in a node's position in an iteration that counts as converged. Rounding tolerance */
-static const double PENETRATION = 1e-12; /* m: penetration up to which a node still counts as outside. Rounding tolerance */
-static const double TURNED = 0.02; /* rad: change in a normal above which the point is attached again, along the new normal. Cost limit */
-static const double NOTICEABLE = 1e-5; /* N: smallest change in a force for which a new answer is published. Cost limit */
-static const double STOPPED = 1e-3; /* fraction: margin below max_force, as a fraction of it, within which the probe stops. Chosen by judgement */
-static const double EDGE_COMPLIANCE = 1e-4; /* fraction: part of an edge's own compliance that is added to its diagonal entry, because the forces on an
-                                               edge and on its ends would otherwise be linearly dependent. Chosen by judgement */
+enum { MOST_ITERATIONS = 50 }; /* iterations: maximum number of Newton iterations per solve. If it has not converged, the next solve continues where this one
+                                  stopped. Cost limit */
+enum { MOST_STOPS = 4 }; /* steps: maximum number of secant steps to find where the probe stops. The last one leaves the probe at its previous pose. Cost limit
+                            */
+static const double REACH = 0.5; /* probe radii: points this close are candidates for contact. Chosen: twice the probe's largest step */
+static const double LOADED_REACH = 3.0; /* probe radii: points this close are candidates for contact if needles may push tissue toward the probe. Chosen: three
+                                           times the largest displacement, 0.9 radii, in 200 random motions (verify_probe_motions) */
+static const double BRIDGE = 1.0 - M_SQRT1_2; /* probe radii, below 1: how deep the midpoint of an edge may lie inside the probe, which is its depth if the ends
+                                                 touch the probe 90 degrees apart. Past this depth, the edge no longer follows the wall around the probe, which
+                                                 would slip through between the ends. Derived for that angle, which is chosen; force and field are within 1.8 %
+                                                 of another program's (verify_probe) */
+static const double LONG_EDGE = 0.5; /* probe radii: the midpoints of edges no longer than this are never pressed, because for its midpoint to reach the depth
+                                        BRIDGE, such an edge would have to stretch to nearly three times its length. Derived for that depth */
+static const double STEP = 0.25; /* probe radii: longest step of the probe; keeps the contact points from moving far on its surface. Chosen by judgement */
+static const double CATCHING_UP = 0.3; /* m/s: speed at which a stopped probe catches up with the newest pose once the tissue yields. If it jumped there, it
+                                          would jolt the hand. Chosen: as fast as a hand inserts a needle */
+static const double CONVERGED = 1e-9; /* m: an iteration has converged if it moves no node further than this. Rounding tolerance */
+static const double PENETRATION = 1e-12; /* m: a node that penetrates no deeper than this counts as outside. Rounding tolerance */
+static const double TURNED = 0.02; /* rad: a point is attached again, along its new normal, once the normal has turned by this much. Cost limit */
+static const double NOTICEABLE = 1e-5; /* N: new forces are published only if one of them has changed by at least this much. Cost limit */
+static const double STOPPED = 1e-3; /* fraction of max_force: when the force limit stops the probe, the force may be this far below the limit. Chosen by
+                                       judgement */
+static const double EDGE_COMPLIANCE = 1e-4; /* fraction: how much of an edge's own compliance is added to its diagonal entry. Without it, the forces on an edge
+                                               and on its two ends would be linearly dependent. Chosen by judgement */
 
 typedef struct probe_scratch {
-    vec3 free_u[MAX_PRESSED], u[MAX_PRESSED], load[MAX_PRESSED]; /* for the near nodes: displacement (m) without and with the probe, and load (N) */
+    vec3 free_u[MAX_PRESSED], u[MAX_PRESSED], load[MAX_PRESSED]; /* per near node: displacement (m) without and with the probe, and load (N) */
     vec3 normal[MAX_PRESSED];                                    /* outward normals of the candidates */
     double gap[MAX_PRESSED], force[MAX_PRESSED];                 /* gap (m) and force (N) of each candidate */
-    int near_ends[MAX_PRESSED][2];                               /* indices in `near` of each candidate's ends; -1 if there is none */
-    int chosen[MAX_PRESSED];                                     /* candidates that are part of the complementarity problem */
+    int near_ends[MAX_PRESSED][2];                               /* indices in `near` of each candidate's ends; -1 if none */
+    int chosen[MAX_PRESSED];                                     /* candidates included in the complementarity problem */
     double matrix[MAX_PRESSED * MAX_PRESSED], right[MAX_PRESSED], z[MAX_PRESSED], pivoting[MAX_PRESSED * (MAX_PRESSED + 2)];
     int nodes[2 * MAX_PRESSED];
-    vec3 now[MAX_PRESSED], unloaded[MAX_PRESSED], pressed[MAX_PRESSED]; /* N, forces on `nodes`: now; without held needles; at the needles' last ticks */
+    vec3 now[MAX_PRESSED], unloaded[MAX_PRESSED], pressed[MAX_PRESSED]; /* N, forces on `nodes`: now, without held needles, and at the needles' last ticks */
     vec3 point_force[MAX_PRESSED];                                      /* N, forces on the pressed points */
     unit_force unit[MAX_PRESSED];                                       /* unit forces on the chosen candidates */
     double response[MAX_PRESSED], none[1], attached[MAX_PRESSED * MAX_PRESSED];
@@ -60,7 +61,8 @@ static int compare_edges(const void *a, const void *b) {
     return x[0] != y[0] ? compare_nodes(x, y) : compare_nodes(x + 1, y + 1);
 }
 
-/* Lists the surface's long edges that can move, each as two nodes in ascending order and a tetrahedron at the edge. Returns NULL if memory runs out. */
+/* Lists the surface's long edges, except those with both ends fixed. Each entry holds the two nodes in ascending order, and a tetrahedron with that edge.
+   Returns NULL if out of memory. */
 static int (*list_edges(const probe *p, int surface, int *count))[3] {
     const mesh *m = mesh_of(p);
     int most = 0;
@@ -174,7 +176,7 @@ static int compare_gaps(const void *a, const void *b) {
     return x[0] < y[0] ? -1 : x[0] > y[0] ? 1 : (x[1] > y[1]) - (x[1] < y[1]);
 }
 
-/* Chooses the candidates: the pressed points and then the closest other points, until there is no room for more points or their ends. */
+/* Chooses the candidates: first the pressed points, then the other points by increasing distance, until there is no room left for points or for their ends. */
 static void choose_closest(probe *p, double (*gaps)[2]) {
     int before[MAX_PRESSED], near_before = p->near_count;
     memcpy(before, p->near, sizeof before);
@@ -201,26 +203,26 @@ static void choose_closest(probe *p, double (*gaps)[2]) {
         }
 }
 
-/* True if the probe may touch this point, given that other loads may push the tissue toward it. */
+/* Returns whether the probe might touch this point, considering that other loads may push the tissue toward it. */
 static bool in_reach(const probe *p, pose base, int point, const double *attached) {
     double reach = p->support.node_count > 0 || attached ? LOADED_REACH : REACH;
     return gap_at_rest(p, base, point) < reach * p->shape.radius;
 }
 
-/* True if no point is within the probe's reach. */
+/* Returns whether all points are out of the probe's reach. */
 static bool is_far(const probe *p, pose base, const double *attached) {
     for (int i = 0; i < p->point_count; i++)
         if (in_reach(p, base, i, attached)) return false;
     return true;
 }
 
-/* Chooses the candidates again, unless all points that the probe may touch are already among them. */
+/* Chooses the candidates anew, unless every point that the probe might touch is already one of them. */
 static trocar_status list_near(probe *p, pose base, const double *attached, trocar_error *why) {
     bool listed = p->near_count > 0;
     for (int i = 0; i < p->point_count && listed; i++) listed = !in_reach(p, base, i, attached) || find(i, p->candidate_count, p->candidates) >= 0;
     for (int i = 0; i < p->state.count && listed; i++) listed = find(p->state.points[i].point, p->candidate_count, p->candidates) >= 0;
     if (listed) return TROCAR_OK;
-    double (*gaps)[2] = malloc((size_t)p->point_count * sizeof *gaps); /* gap, and index of the point */
+    double (*gaps)[2] = malloc((size_t)p->point_count * sizeof *gaps); /* each point's gap, and its index */
     if (!gaps) return fail(why, TROCAR_NO_MEMORY, "no memory for the probe's contacts");
     for (int i = 0; i < p->point_count; i++) gaps[i][0] = gap_at_rest(p, base, i), gaps[i][1] = i;
     for (int i = 0; i < p->state.count; i++) gaps[p->state.points[i].point][0] = -INFINITY;
@@ -243,7 +245,7 @@ static vec3 yields(const probe *p, int i, int j, vec3 force) {
     return m3_apply(&block, force);
 }
 
-/* Interpolates a field, given at the near nodes, at a candidate. At fixed ends the field is 0. */
+/* Interpolates a field from the near nodes to a candidate. The field is 0 at fixed ends. */
 static vec3 at_candidate(const probe *p, int candidate, const vec3 *field) {
     const int *ends = p->scratch->near_ends[candidate];
     vec3 sum = v3(0, 0, 0);
@@ -262,14 +264,14 @@ static vec3 candidate_yields(const probe *p, int i, int j, vec3 force) {
     return sum;
 }
 
-/* Compliance (m/N) of candidate i along its normal, in addition to that of its nodes. */
+/* Returns the compliance (m/N) of candidate i along its normal that comes on top of its nodes' compliance. 0 for a node. */
 static double own_compliance(const probe *p, int i) {
     if (p->points[p->candidates[i]].weight == 1.0) return 0.0;
     vec3 normal = p->scratch->normal[i];
     return EDGE_COMPLIANCE * v3_dot(normal, candidate_yields(p, i, i, normal));
 }
 
-/* Finds the displacement of the near nodes without the probe. */
+/* Computes how far the near nodes would be displaced without the probe. */
 static trocar_status find_free(probe *p, const double *attached, trocar_error *why) {
     vec3 *u = p->scratch->free_u;
     memset(u, 0, sizeof p->scratch->free_u);
@@ -280,7 +282,7 @@ static trocar_status find_free(probe *p, const double *attached, trocar_error *w
 
 /* ---- contact --------------------------------------------------------------------------------------------------------------------- */
 
-/* Moves the near nodes to their positions under the forces. Returns the largest change (m). */
+/* Updates the displacements of the near nodes from the contact forces. Returns how far the node that moved most has moved (m). */
 static double displace(probe *p) {
     probe_scratch *s = p->scratch;
     double longest = 0.0;
@@ -306,7 +308,8 @@ static vec3 displaced(const probe *p, int candidate) {
     return v3_add(p->points[p->candidates[candidate]].rest, at_candidate(p, candidate, p->scratch->u));
 }
 
-/* One Newton step: the gaps are linearised about the current displacement, and the new displacement closes them wherever the force is nonzero. */
+/* Does one Newton step: linearises the gaps about the current displacement, then solves for forces that close each gap with a nonzero force. Returns false if
+   there is no solution. */
 static bool solve_linearised(probe *p, pose base) {
     probe_scratch *s = p->scratch;
     int count = 0;
@@ -332,7 +335,7 @@ static bool solve_linearised(probe *p, pose base) {
     return true;
 }
 
-/* Starts from the forces of the last solution. */
+/* Takes the forces of the last solution as the initial guess. */
 static void start_from_state(probe *p) {
     probe_scratch *s = p->scratch;
     memset(s->force, 0, sizeof s->force);
@@ -381,7 +384,7 @@ static trocar_status attach(probe *p, trocar_error *why) {
 
 static bool has_turned(const pressed_point *n) { return v3_norm(v3_cross(n->normal, n->row)) > TURNED; }
 
-/* Computes the force on the hand, and the torque about the base. */
+/* Computes the force on the hand and its torque about the base. */
 static vec3 wrench_of_solution(const probe *p, pose base, vec3 *torque) {
     const probe_scratch *s = p->scratch;
     vec3 force = *torque = v3(0, 0, 0);
@@ -394,7 +397,7 @@ static vec3 wrench_of_solution(const probe *p, pose base, vec3 *torque) {
     return force;
 }
 
-/* Writes the solution into the state. Returns true if the set of attached points must change. */
+/* Stores the solution in the state. Returns true if the points must be attached again. */
 static bool take_solution(probe *p, pose base) {
     probe_scratch *s = p->scratch;
     probe_state *state = &p->state;
@@ -424,7 +427,7 @@ static bool take_solution(probe *p, pose base) {
     return changed;
 }
 
-/* Distributes forces on the pressed points to the published nodes. */
+/* Distributes forces on the pressed points to the nodes in `now`. */
 static void distribute(const probe *p, const vec3 *point_force, vec3 *nodal) {
     memset(nodal, 0, MAX_PRESSED * sizeof *nodal);
     for (int i = 0; i < p->state.count; i++) {
@@ -457,7 +460,7 @@ static void publish(probe *p) {
     distribute(p, s->point_force, s->unloaded);
 }
 
-/* Computes the free forces: subtracts the response of the attached points to held needles from the forces. */
+/* Computes the free forces: the current forces minus the part that is a response to held needles. */
 static trocar_status find_free_forces(probe *p, bool changed, trocar_error *why) {
     double *response = p->scratch->response, most = 0.0;
     vec3 *unloaded = p->scratch->point_force;
@@ -475,8 +478,8 @@ static trocar_status find_free_forces(probe *p, bool changed, trocar_error *why)
     return TROCAR_OK;
 }
 
-/* Prepares the support. In a needle's last tick, the pressed points were attached to the probe, so their forces were the free forces plus the response of the
-   attached points to the needle. */
+/* Prepares the response of the needles to the probe. At the needles' last ticks, the pressed points were attached, so the force on each was its free force plus
+   its response to the needles. */
 static trocar_status prepare_support(probe *p, const needle_holds *holds, bool stale, trocar_error *why) {
     probe_scratch *s = p->scratch;
     const nodal_forces loads = {p->support.node_count, p->support.nodes, p->support.force};
@@ -504,8 +507,8 @@ static trocar_status solve_force(probe *p, pose at, const double *attached, doub
     return status;
 }
 
-/* Finds, by the secant method, the pose between the current pose and `to` at which the force is just below the limit. `beyond`: the force at `to`. The
-   solution for the returned pose is left in the scratch memory. */
+/* Finds a pose between the current one and `to` at which the force is just below the limit, by the secant method. `beyond`: the force at `to`. Leaves the
+   solution for that pose in the scratch memory. */
 static trocar_status solve_short_of(probe *p, pose *to, double beyond, const double *attached, trocar_error *why) {
     pose from = p->state.base, end = *to;
     double force = v3_norm(p->state.wrench_force), part = 1.0, target = (1.0 - STOPPED) * p->max_force;
@@ -518,7 +521,7 @@ static trocar_status solve_short_of(probe *p, pose *to, double beyond, const dou
     return TROCAR_OK;
 }
 
-/* Moves to the next pose along the probe's path. Sets `free` to false if the tissue stops the probe before it reaches that pose. */
+/* Moves the probe to the next pose on its path. Sets `free` to false if the tissue stops it before it gets there. */
 static trocar_status press_at(probe *p, pose at, const double *attached, bool *free, bool *changed, trocar_error *why) {
     double force;
     if (p->state.count == 0 && is_far(p, at, attached)) {
@@ -534,8 +537,8 @@ static trocar_status press_at(probe *p, pose at, const double *attached, bool *f
     return status;
 }
 
-/* Places the probe directly at a pose, without intermediate steps. If its axis would then intersect the tissue at rest, or its force exceed the limit, the
-   probe stays where it was. */
+/* Puts the probe at a pose directly, without intermediate steps. If that would push its axis into the undeformed tissue or exceed the force limit, the probe
+   stays where it was. */
 static trocar_status put_in(probe *p, pose base, const double *attached, bool *free, bool *changed, trocar_error *why) {
     double force = 0.0;
     trocar_status status = TROCAR_OK;
@@ -553,7 +556,7 @@ static trocar_status put_in(probe *p, pose base, const double *attached, bool *f
     return status;
 }
 
-/* Returns the number of steps for a path of this length (m), at most MOST_STEPS + 1. */
+/* Returns how many steps it takes to move this far (m), or MOST_STEPS + 1 if there would be too many. */
 static int steps_of(const probe *p, double way) { return 1 + (int)fmin(way / (STEP * p->shape.radius), MOST_STEPS); }
 
 static trocar_status press(probe *p, pose base, double elapsed, const other_loads *others, const needle_holds *holds, bool beneath_changed, trocar_error *why) {
@@ -572,8 +575,8 @@ static trocar_status press(probe *p, pose base, double elapsed, const other_load
     else
         for (int i = 1; i <= steps && status == TROCAR_OK && free; i++)
             status = press_at(p, i < steps ? pose_between(from, base, (double)i / steps) : base, attached, &free, &changed, why);
-    p->state.stopped = (!free && (direct || way > 0.0)) || catches_up; /* a probe that has reached its pose does not count as stopped just because a
-                                                                          needle raises its force */
+    p->state.stopped = (!free && (direct || way > 0.0)) || catches_up; /* a probe that has reached its pose is not considered stopped just because a needle
+                                                                          raises the force on it */
     if (status == TROCAR_OK && changed) status = attach(p, why);
     return status == TROCAR_OK ? find_free_forces(p, changed, why) : status;
 }

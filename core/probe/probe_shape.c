@@ -1,7 +1,7 @@
 #include "probe/probe_shape.h"
 
-/* The shape is a thinner cylinder with a flat end, enlarged by the tip radius on all sides. In the plane through the axis and x, (beside, beyond) is the
-   position of x relative to the side and the end of the thinner cylinder. */
+/* The shape is a thinner cylinder with a flat end, grown by the tip radius on all sides. (beside, beyond) is where x lies relative to the thinner cylinder's
+   side and end, in the plane through x and the axis. */
 double probe_gap(const probe_shape *shape, pose base, vec3 x, vec3 *normal) {
     vec3 local = q_rotate(q_conjugate(base.orientation), v3_sub(x, base.position)), radial = v3(local.x, local.y, 0.0);
     double from_axis = v3_norm(radial);

@@ -4,17 +4,17 @@
 
 #include "base/vec.h"
 
-/* The axis is the probe's local +z, from its base, where the hand holds it, to its tip at z = length. The cylinder also extends behind the base. */
+/* The axis runs along local +z, from the base, where the hand holds the probe, to the tip at z = length. Behind the base, the cylinder continues. */
 typedef struct {
     double radius;           /* m */
-    double tip_radius;       /* m, radius of the rounded edge at its end; if it is equal to `radius`, the end is a hemisphere */
+    double tip_radius;       /* m, radius of the rounded edge at the end; if equal to `radius`, the end is a hemisphere */
     double length;           /* m, from base to tip */
 } probe_shape;
 
-/* Distance (m) of x from the surface, negative inside, and the outward unit normal at the closest point on the surface. */
+/* Returns the distance (m) of x from the surface, negative inside. Sets `normal` to the outward unit normal at the closest point on the surface. */
 double probe_gap(const probe_shape *shape, pose base, vec3 x, vec3 *normal);
 
-/* Largest distance (m) that a point between base and tip moves between two poses. */
+/* Returns how far (m) a point between base and tip moves at most from one pose to the other. */
 double probe_way(const probe_shape *shape, pose from, pose to);
 
 #endif

@@ -86,7 +86,7 @@ static void list_rows(support *s, const needle_holds *holds) {
         }
 }
 
-/* Interpolates nodal values at a row, along its direction. Component a of the value at node k is values[(3 k + a) stride]. */
+/* Interpolates a nodal vector field at a row and returns its component along the row's direction. Component a at node k is values[(3 k + a) stride]. */
 static double at_row(const supporting_row *row, const double *values, size_t stride) {
     double sum = 0.0;
     for (int c = 0; c < 4; c++) {
@@ -103,15 +103,15 @@ static void interpolate(const support *s, int columns, double *out) {
         for (size_t j = 0; j < ld; j++) out[j * (size_t)s->row_count + (size_t)i] = at_row(&s->rows[i], s->blocks + j, ld);
 }
 
-/* Computes the compliance between the rows and these nodes, row_count x 3 count, column-major. Leaves the compliance between `nodes` and these nodes in
-   `blocks`. */
+/* Computes the compliance between the rows and these nodes (row_count x 3 count, column-major). As a by-product, `blocks` holds the compliance between `nodes`
+   and these nodes. */
 static trocar_status find_compliance(support *s, int count, const int *nodes, double *out, trocar_error *why) {
     trocar_status status = inverse_gather(s->tissue, &(inverse_blocks){s->node_count, s->nodes, count, nodes, s->blocks, 3 * count}, why);
     if (status == TROCAR_OK) interpolate(s, count, out);
     return status;
 }
 
-/* Adds the needles' own compliances. They form diagonal blocks, because needles are coupled only through the tissue. */
+/* Adds the compliance of the needles themselves. It is block diagonal, because needles are coupled only through the tissue. */
 static void add_needles(support *s, const needle_holds *holds) {
     size_t ld = (size_t)s->row_count, first = 0;
     for (int n = 0; n < holds->count; n++) {
@@ -129,7 +129,7 @@ static int count_unstable(const needle_holds *holds) {
     return count;
 }
 
-/* Returns the number of negative eigenvalues of the factorised matrix, by Sylvester's law of inertia: each 2 x 2 pivot contributes one. */
+/* Returns how many eigenvalues of the factorised matrix are negative, by Sylvester's law of inertia. Each 2 x 2 pivot contributes one. */
 static int count_negative(const support *s) {
     int count = 0;
     for (int k = 0; k < s->row_count; k++) {
@@ -140,8 +140,8 @@ static int count_negative(const support *s) {
     return count;
 }
 
-/* Factorises C + G. Sets `stable` to false if needles and tissue are not stable without the probe; the needles' forces are then treated as constant until the
-   next tick. */
+/* Factorises C + G. Sets `stable` to false if needles and tissue would be unstable without the probe. In that case, the needles' forces are taken as constant
+   until the next tick. */
 static trocar_status factorise(support *s, const needle_holds *holds, bool *stable, trocar_error *why) {
     size_t n = (size_t)s->row_count;
     trocar_status status = find_compliance(s, s->node_count, s->nodes, s->reached, why);
@@ -218,7 +218,7 @@ void support_displace(const support *s, const vec3 *load, vec3 *u) {
     cblas_dgemv(CblasColMajor, CblasTrans, s->row_count, 3 * s->reach_count, -1.0, s->reached, s->row_count, s->response, 1, 1.0, &u->x, 1);
 }
 
-/* Combines the columns of a matrix for the reached nodes into columns for the points. */
+/* Combines columns of a matrix for the reached nodes into columns for the points. */
 static void combine(const support *s, int count, const unit_force *points, const double *nodal, double *columns) {
     size_t rows = (size_t)s->row_count;
     memset(columns, 0, rows * (size_t)count * sizeof *columns);

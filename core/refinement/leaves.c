@@ -22,7 +22,7 @@ void leaf_positions(const mesh *m, const refinement *r, int active, const int co
 
 /* ---- leaves ------------------------------------------------------------------------------------------------------ */
 
-/* Splits a leaf at the contact node: each child has the contact node in place of one of the corners with a nonzero weight. */
+/* Splits a leaf at the contact node: in each child, the contact node replaces one of the corners that have a nonzero weight. */
 static int split_leaf(const leaf_point *at, int slot, int count, leaf leaves[MAX_LEAVES]) {
     int split = 0;
     while (split < count && !same_corners(leaves[split].corners, at->corners)) split++;
@@ -38,7 +38,8 @@ static int split_leaf(const leaf_point *at, int slot, int count, leaf leaves[MAX
     return place;
 }
 
-/* Returns the leaf that a node splits in element `tet` on this side (1: the far side of its face); NULL if there is none. */
+/* Returns the leaf in element `tet` that the node splits on this side; NULL if none. `side`: 0 for the node's own leaf, 1 for the one across the face on which
+   the node lies. */
 static const leaf_point *leaf_split(const added_node *node, int side, int tet) {
     if (node->moved >= 0 || (side == 0 ? node->tet : node->across_tet) != tet) return NULL;
     return side == 0 ? &node->at : &node->across;
@@ -98,8 +99,8 @@ static double least_weight(const leaf_point *p) { return smaller_of(smaller_of(p
 
 bool added_on_face(const added_node *node) { return least_weight(&node->at) == 0.0; }
 
-/* If the added node in `slot` splits p's leaf, moves p into the child that contains it. With p's weights b and the node's weights g, this is the child
-   opposite the corner with the smallest b/g, and that ratio is the weight of the node. */
+/* If the node in `slot` splits p's leaf, moves p into the child that contains it. With p's weights b and the node's weights g, that child replaces the corner
+   with the smallest b/g, and this ratio is the node's weight. */
 static bool descend(const leaf_point *at, int slot, leaf_point *p) {
     if (!same_corners(at->corners, p->corners)) return false;
     int least = at->weights[0] == 0.0;
@@ -112,7 +113,7 @@ static bool descend(const leaf_point *at, int slot, leaf_point *p) {
     return true;
 }
 
-/* Returns the leaf in which x is deepest, by searching all of them: where nodes have moved, leaves no longer fill their parents. */
+/* Returns the leaf that x lies deepest in. Searches all leaves, because where nodes have been moved, the leaves no longer fill their parents. */
 static leaf_point search_leaves(const mesh *m, const refinement *r, int active, int tet, vec3 x) {
     leaf leaves[MAX_LEAVES];
     int count = leaves_of(m, r, active, tet, leaves);
@@ -131,12 +132,13 @@ leaf_point refinement_locate(const mesh *m, const refinement *r, int active, int
     for (int i = 0; i < active; i++)
         for (int side = 0; side < 2; side++) {
             const leaf_point *at = leaf_split(&r->nodes[r->order[i]], side, tet);
-            if (at && descend(at, r->order[i], &p)) break; /* once is enough, because the same node does not split the children */
+            if (at && descend(at, r->order[i], &p)) break; /* the same node cannot also split the child */
         }
     return p;
 }
 
-static const double INSIDE = -1e-9; /* dimensionless: smallest barycentric weight of a point that counts as inside an element. Rounding tolerance */
+static const double INSIDE = -1e-9; /* dimensionless: a point whose smallest barycentric weight is at least this counts as inside the element. Rounding
+                                       tolerance */
 
 int refinement_element(const mesh *m, const refinement *r, int active, int near, vec3 x, double weights[4]) {
     enum { MOST = 32 };

@@ -2,7 +2,7 @@
 
 #include <string.h>
 
-/* Index of a leaf corner in the patch, or -1 if the corner is fixed. */
+/* Returns the index of a leaf corner in the patch, appending the corner if it is not listed yet. Returns -1 if the corner is fixed. */
 static int place_of(const tissue *t, patch *p, int corner) {
     if (corner >= 0 && t->fixed[corner]) return -1;
     for (int i = 0; i < p->count; i++)
@@ -13,7 +13,7 @@ static int place_of(const tissue *t, patch *p, int corner) {
     return p->count++;
 }
 
-/* Adds the stiffness of one leaf, multiplied by `sign`, in the mesh with the first `active` contact nodes. */
+/* Adds `sign` times the stiffness of a leaf in the mesh with the first `active` contact nodes. */
 static void add_leaf(const tissue *t, const refinement *r, int active, const leaf *l, double sign, patch *p) {
     double youngs_modulus, poisson_ratio, k[12][12];
     vec3 corners[4];
@@ -74,7 +74,7 @@ static int split_place(const tissue *t, split_columns *s, int corner) {
     return s->count++;
 }
 
-/* Adds the contributions of the leaves into which the node at x splits leaf `at`. */
+/* Adds the contributions of the leaves that result when the node at x splits leaf `at`. */
 static void add_own_columns(const tissue *t, const refinement *r, int position, int tet, const leaf_point *at, vec3 x, split_columns *s) {
     double youngs_modulus, poisson_ratio;
     vec3 corners[4], gradients[4];

@@ -6,7 +6,7 @@
 
 /* ---- surplus ----------------------------------------------------------------------------------------------------- */
 
-/* The hat function of the surplus has the gradient g_i / w_i in the sub-tetrahedron that replaces corner i and has the volume w_i V. */
+/* In the sub-tetrahedron that replaces corner i, whose volume is w_i V, the gradient of the surplus's hat function is g_i / w_i. */
 mat3 surplus_compliance(const tissue *t, const refinement *r, int tet, const leaf_point *at) {
     double youngs_modulus, poisson_ratio;
     element_moduli(t, tet, &youngs_modulus, &poisson_ratio);
@@ -15,7 +15,7 @@ mat3 surplus_compliance(const tissue *t, const refinement *r, int tet, const lea
     double volume = tet_gradients(corners, g);
     mat3 d = {{{0}}};
     for (int i = 0; i < 4; i++) {
-        double weight = fmax(at->weights[i], 1e-9); /* on a face, d is infinite and the compliance is zero */
+        double weight = fmax(at->weights[i], 1e-9); /* avoids a division by zero: on a face, d is infinite and the compliance is zero */
         mat3 k = stiffness_block(g[i], g[i], volume / weight, youngs_modulus, poisson_ratio);
         m3_add_scaled(&d, 1.0, &k);
     }
@@ -32,13 +32,13 @@ mat3 node_surplus(const tissue *t, const refinement *r, int position) {
 
 /* ---- displacements ------------------------------------------------------------------------------------------------- */
 
-/* Computes the displacements under nodal forces, without coupling between surpluses and old nodes. The arrays list the nominal nodes first, then the added
-   ones. The result is exact if all added nodes are inside elements. `loads`: the resulting forces on the nominal mesh. */
+/* Computes the displacements under nodal forces, neglecting the coupling between surpluses and earlier nodes. This is exact if all added nodes are inside
+   elements. In the arrays, the nominal nodes come first, then the added ones. `loads`: the equivalent forces on the nominal mesh. */
 static void displace_uncoupled(inverse *inv, const refinement *r, const vec3 *force, vec3 *loads, vec3 *u) {
     const tissue *t = inverse_tissue(inv);
     const size_t n = (size_t)t->mesh->node_count;
     memcpy(loads, force, (n + (size_t)r->count) * sizeof *loads);
-    for (int q = r->count - 1; q >= 0; q--) /* converts nodal forces to forces on the hierarchical unknowns */
+    for (int q = r->count - 1; q >= 0; q--) /* convert nodal forces to forces on the hierarchical unknowns */
         for (int i = 0; i < 4; i++) {
             int corner = r->nodes[q].at.corners[i];
             vec3 *at = corner >= 0 ? &loads[corner] : &loads[n + (size_t)(-1 - corner)];
@@ -46,7 +46,7 @@ static void displace_uncoupled(inverse *inv, const refinement *r, const vec3 *fo
         }
     inverse_apply(inv, loads, u);
     for (int q = 0; q < r->count; q++) {
-        if (r->nodes[q].moved >= 0) { /* a moved node has no separate unknown */
+        if (r->nodes[q].moved >= 0) { /* a moved node has no unknown of its own */
             u[n + (size_t)q] = v3(0, 0, 0);
             continue;
         }
@@ -60,7 +60,7 @@ static void displace_uncoupled(inverse *inv, const refinement *r, const vec3 *fo
     }
 }
 
-/* Adds the forces that all stiffness changes cause under the displacements u. */
+/* Adds the forces that the changes in stiffness cause under the displacements u. */
 static void add_changes(const tissue *t, const refinement *r, const vec3 *u, vec3 *force) {
     const int n = t->mesh->node_count;
     for (int q = 0; q < r->count; q++) {
@@ -84,8 +84,8 @@ static void add_multiple(vec3 *to, double factor, const vec3 *what, size_t count
     for (size_t i = 0; i < count; i++) to[i] = v3_axpy(factor, what[i], to[i]);
 }
 
-/* Solves by conjugate gradients (Hestenes and Stiefel 1952), preconditioned by displace_uncoupled. No product with the nominal stiffness is needed: for a
-   search direction, that product is equal to the loads that the preconditioner has computed. `force` becomes the residual. */
+/* Solves by conjugate gradients (Hestenes and Stiefel 1952) with displace_uncoupled as preconditioner. The product of the nominal stiffness and a search
+   direction need not be computed, because it equals the loads that the preconditioner has returned. On return, `force` holds the residual. */
 static void displace_coupled(inverse *inv, const refinement *r, vec3 *force, vec3 *u, vec3 *scratch) {
     enum { MOST = 100 };
     const tissue *t = inverse_tissue(inv);

@@ -7,7 +7,7 @@
 
 static int written_corner(const mesh *m, int corner) { return corner >= 0 ? corner : m->node_count - 1 - corner; }
 
-/* Writes the leaves of one element; the first leaf replaces the element. */
+/* Writes the leaves of one element. The first leaf takes the element's place; the others are appended. */
 static void write_leaves(const mesh *m, const refinement *r, int tet, refined_mesh *out) {
     leaf leaves[MAX_LEAVES];
     int count = leaves_of(m, r, r->count, tet, leaves);

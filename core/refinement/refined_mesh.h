@@ -1,4 +1,4 @@
-/* The refined mesh as arrays: nominal nodes, then the contact nodes. */
+/* The refined mesh as plain arrays: the nominal nodes, then the contact nodes. */
 #ifndef TROCAR_REFINED_MESH_H
 #define TROCAR_REFINED_MESH_H
 
@@ -6,9 +6,9 @@
 
 typedef struct {
     int node_count, tet_count;
-    vec3 *nodes;             /* [node_count], m; if a contact node is a moved node, its entry belongs to no element */
+    vec3 *nodes;             /* [node_count], m. If a contact node is a moved nominal node, no element uses its own entry */
     int (*tets)[4];          /* [tet_count]: corner nodes */
-    int *parent;             /* [tet_count]: nominal element that contains each tetrahedron */
+    int *parent;             /* [tet_count]: the nominal element that contains each tetrahedron */
 } refined_mesh;
 
 /* Creates the arrays. The contact nodes must be in consecutive slots (refinement_compact). Allocates. NO_MEMORY. */

@@ -4,27 +4,28 @@
 
 #include "refinement/leaves.h"
 
-static const double LEAST_WEIGHT = 0.02; /* fraction: smallest barycentric weight of an added node in its leaf, which prevents degenerate elements. Chosen
-                                            by judgement */
-static const double ON_FACE = 1e-9; /* dimensionless: largest barycentric weight at which a node counts as lying on the opposite face. Rounding tolerance */
+static const double LEAST_WEIGHT = 0.02; /* fraction: smallest barycentric weight of an added node in its leaf. Prevents degenerate elements. Chosen by
+                                            judgement */
+static const double ON_FACE = 1e-9; /* dimensionless: if a barycentric weight is no larger than this, the node counts as lying on the opposite face. Rounding
+                                       tolerance */
 
 /* ---- addition ---------------------------------------------------------------------------------------------------- */
 
-/* Raises the weights to at least LEAST_WEIGHT, except that of corner `zero` (-1 if there is none), which is set to zero. */
+/* Raises all weights to at least LEAST_WEIGHT, except that of corner `zero`, which is set to zero. `zero` is -1 if there is no such corner. */
 static void keep_inside(leaf_point *p, int zero) {
     double sum = 0.0;
     for (int i = 0; i < 4; i++) sum += p->weights[i] = i == zero ? 0.0 : fmax(p->weights[i], LEAST_WEIGHT);
     for (int i = 0; i < 4; i++) p->weights[i] /= sum;
 }
 
-/* Bit i: slot i is in use. */
+/* Returns a bit mask of the slots in use. */
 static uint64_t slots_in_use(const refinement *r) {
     uint64_t used = 0;
     for (int i = 0; i < r->count; i++) used |= UINT64_C(1) << r->order[i];
     return used;
 }
 
-/* Returns the lowest free slot, after writing it just past the end of `order`, where it is not counted yet. */
+/* Returns the lowest free slot, and writes it to order[count] without counting it yet. */
 static int take_slot(refinement *r) { return r->order[r->count] = __builtin_ctzll(~slots_in_use(r)); }
 
 static int append(const mesh *m, refinement *r, int tet, const leaf_point *at, uint64_t id) {
@@ -44,7 +45,7 @@ int refinement_add(const mesh *m, refinement *r, int tet, vec3 x, uint64_t id) {
     return append(m, r, tet, &p, id);
 }
 
-/* Finds the leaf on the other side of the face opposite corner `face`, which is in the same element or in an adjacent one. */
+/* Finds the leaf on the other side of the face opposite corner `face`. It may be in the same element or in an adjacent one. */
 static bool find_across(const mesh *m, const refinement *r, int active, int tet, const int corners[4], int face, leaf *across) {
     leaf leaves[MAX_LEAVES];
     for (int k = -1; k < 4; k++) {
@@ -61,7 +62,7 @@ static bool find_across(const mesh *m, const refinement *r, int active, int tet,
     return false;
 }
 
-/* For a node on the face opposite corner `face`, sets the leaf on the other side, in the mesh with the first `active` contact nodes. */
+/* If the node is on the face opposite corner `face`, records the leaf on the other side, in the mesh with the first `active` contact nodes. */
 static void split_across(const mesh *m, const refinement *r, int active, int face, added_node *node) {
     leaf across;
     if (!find_across(m, r, active, node->tet, node->at.corners, face, &across)) return;
@@ -102,8 +103,8 @@ bool refinement_hangs_on(const added_node *node, uint64_t slots) {
     return node->moved < 0 && (touches(&node->at, slots) || (node->across_tet >= 0 && touches(&node->across, slots)));
 }
 
-/* Finds the leaf that now contains a node, in the mesh with the first `active` nodes. A node on a face of this leaf lies on it only to within rounding error,
-   so its weight there is set to exactly zero. */
+/* Finds the leaf that now contains a node, in the mesh with the first `active` nodes. A node on a face may be slightly off it because of rounding, so its
+   weight there is set to exactly zero. */
 static void place_again(const mesh *m, const refinement *r, int active, added_node *node) {
     node->at = refinement_locate(m, r, active, node->tet, node->position);
     node->across_tet = -1;

@@ -1,8 +1,8 @@
-/* Removal of a contact node on which no later one depends. The node is exchanged with the later nodes, one by one, until it is the last one, whose F S F^T can
-   be subtracted. Let X and N be its factor and surplus during the exchanges, and v = sum_touched X^T c_k = y_k for the next node k. Then
-       F_k <- F_k - X N v, S_k <- (S_k^-1 + v^T N v)^-1, X <- X + F_k S_k v^T, N <- (N^-1 + v S_k v^T)^-1
-   with the values before the exchange on the right-hand sides; G changes likewise. For nodes inside elements, v is zero unless the later node depends on the
-   removed one. */
+/* Removes a contact node on which no later one depends. The node is exchanged with each later node in turn until it is last; then its F S F^T can be
+   subtracted. Let X and N be its factor and surplus during the exchanges, and v = sum_touched X^T c_k = y_k for the next node k. Then
+       F_k <- F_k - X N v, S_k <- (S_k^-1 + v^T N v)^-1, X <- X + F_k S_k v^T, N <- (N^-1 + v S_k v^T)^-1,
+   where the right-hand sides use the values before the exchange. G changes in the same way. For nodes inside elements, v is zero unless the later node depends
+   on the removed one. */
 #include "remesh/nested.h"
 
 static mat3 product3(const mat3 *a, const mat3 *b, const mat3 *c) {
@@ -17,7 +17,7 @@ static mat3 inverse_sum(const mat3 *a, const mat3 *v, const mat3 *b) {
     return m3_inverse(&sum);
 }
 
-/* Removes the contribution of the removed node to F_k from G of later nodes, and updates y of these nodes. */
+/* Subtracts the removed node's contribution to F_k from the G of later nodes, and updates y for these nodes. */
 static void exchange_chains(nested_remesher *r, int position, const mat3 *v, const mat3 *n, const mat3 *exchanged, mat3 *y) {
     const int *order = r->shared.refined.order, k = order[position];
     mat3 stiffness = m3_inverse(&r->borders[k].surplus), nv = m3_multiply(n, v), transposed = m3_transposed(&nv);
@@ -31,7 +31,7 @@ static void exchange_chains(nested_remesher *r, int position, const mat3 *v, con
     }
 }
 
-/* Updates F_k and the removed node's factor X, working on rows of F^T instead of columns of F. */
+/* Updates F_k and the removed node's factor X. Both are stored transposed, so this works on rows of F^T, not on columns of F. */
 static void exchange_factors(nested_remesher *r, int slot, int k, const mat3 *v, const mat3 *n) {
     column_ranges columns = nested_columns(r, -1);
     mat3 transposed = m3_transposed(v), lost = m3_multiply(n, v), gained = m3_multiply(&r->borders[k].surplus, &transposed);

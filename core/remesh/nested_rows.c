@@ -1,7 +1,7 @@
-/* Rows of nested addition, many at a time. K^-1 and the factors F^T are stored between all places, so that an addition works on contiguous rows: a row of
-   F_j is a sum of rows of K^-1 and of earlier F_i. The owner of the inverse supplies blocks only for new nodes. An entry is the same sum whether it is
-   computed from a row or from a new node's block. Therefore the stored values depend, bit for bit, only on the contact nodes and their order; once a node on
-   a face has been removed that was not the last one, this holds only to within rounding error. */
+/* Computes the rows for nested addition. K^-1 and the factors F^T are stored between all places, so that an addition works on contiguous rows: a row of F_j is
+   a sum of rows of K^-1 and of earlier F_i. Blocks are requested from the owner of the inverse only for new nodes. An entry is the same sum whether it is
+   computed from a row or from a new node's block, so the stored values depend, bit for bit, only on the contact nodes and their order. After the removal of a
+   node on a face that was not the last node, this holds only to within rounding error. */
 #include "remesh/nested.h"
 
 #include <string.h>
@@ -21,12 +21,12 @@ int nested_place(const nested_remesher *r, int node) {
     return handle;
 }
 
-/* Returns the nominal node at a place, which is in the window or among the extra nodes. */
+/* Returns the nominal node at a place, which must be in the window or among the extra nodes. */
 static int node_at(const nested_remesher *r, int place) {
     return place < MAX_HANDLES ? r->shared.window[place - MAX_CONTACTS] : r->extra[place - MAX_HANDLES];
 }
 
-/* Lists the places in use: contact nodes in order, the window, extra nodes. */
+/* Lists the places in use: the contact nodes in order, then the window, then the extra nodes. */
 static int places_in_use(const nested_remesher *r, int places[MAX_PLACES]) {
     int count = handles_in_use(&r->shared, places);
     for (int g = 0; g < r->extra_count; g++) places[count++] = MAX_HANDLES + g;
@@ -68,8 +68,8 @@ void nested_mirror(double *matrix, int ld, int place, int count, const int *plac
 
 /* ---- new nominal nodes ----------------------------------------------------------------------------------------------- */
 
-/* Fetches all blocks between the new nodes and the nodes with which they are combined: those at other places, those of the contact nodes' elements, and
-   those coupled to surpluses. */
+/* Fetches the blocks between the new nodes and every node they are combined with: the nodes at other places, the corners of the contact nodes' elements, and
+   the nodes coupled to surpluses. */
 static trocar_status gather(nested_remesher *r, int count, const int *places, trocar_error *why) {
     remesher *shared = &r->shared;
     gather_start(shared);
@@ -85,7 +85,7 @@ static trocar_status gather(nested_remesher *r, int count, const int *places, tr
     return gather_finish(shared, why);
 }
 
-/* Returns the block of K^-1 between a new node and another node; its rows are GATHERED_LD apart. */
+/* Returns the block of K^-1 between a new node and another one. The block's rows are GATHERED_LD apart. */
 static const double *gathered(const nested_remesher *r, int node, int other) {
     const gathered_blocks *g = &r->shared.gathered;
     return g->blocks + (size_t)(3 * g->row_of[node]) * GATHERED_LD + 3 * g->column_of[other];
@@ -113,7 +113,7 @@ static void enter_nominal(nested_remesher *r, int place) {
     }
 }
 
-/* Computes F_j of a nominal node, by the same sum as rows_add. It is zero for surpluses inside elements. */
+/* Computes every F_j at a nominal node, using the same sum as rows_add. For surpluses inside elements, F_j is zero there. */
 static void enter_factors(nested_remesher *r, int place) {
     const refinement *refined = &r->shared.refined;
     double factors[MAX_CONTACTS][3][BLOCK_LD];
@@ -156,7 +156,7 @@ void nested_interpolate(nested_remesher *r, int slot) {
     rows_interpolate(&columns, count, parts, r->nominal[3 * slot], NESTED_LD);
     nested_mirror(r->nominal[0], NESTED_LD, slot, all, places);
     column_ranges_add(&own, 3 * slot / COLUMN_STEP * COLUMN_STEP, 3 * slot + 3);
-    rows_interpolate(&own, count, parts, r->nominal[3 * slot], NESTED_LD); /* its columns have already been filled */
+    rows_interpolate(&own, count, parts, r->nominal[3 * slot], NESTED_LD); /* its columns are filled already */
 }
 
 /* ---- the inverse ----------------------------------------------------------------------------------------------------- */
@@ -166,7 +166,7 @@ void nested_inverse_rows(const nested_remesher *r, int count, int place, const c
     int faces = 0;
     for (int k = 0; k < count; k++) {
         int j = r->shared.refined.order[k];
-        if (!r->borders[j].on_face) continue; /* the factor is zero at nominal nodes */
+        if (!r->borders[j].on_face) continue; /* otherwise, the factor is zero at nominal nodes */
         mat3 factor = nested_factor(r, j, place);
         parts[faces++] = (row_triple){r->factors[j][0], NESTED_LD, m3_multiply(&factor, &r->borders[j].surplus)};
     }

@@ -24,7 +24,7 @@ void remesher_free(remesher *r) {
 
 /* ---- serving ------------------------------------------------------------------------------------------------------- */
 
-/* Returns OK, unless the owner of the inverse has failed to supply a block. */
+/* Returns an error if the owner of the inverse failed to supply a block. */
 static trocar_status confirm(const remesher *r, trocar_error *why) {
     if (r->gathered.status != TROCAR_OK) *why = r->gathered.why;
     return r->gathered.status;
@@ -36,7 +36,7 @@ static trocar_status take_nodes(remesher *r, int count, const int *handles, troc
     return status == TROCAR_OK ? confirm(r, why) : status;
 }
 
-/* Adds a contact node. `known`: the mesh's resolution at the node; NULL if it has to be measured. */
+/* Adds a contact node. `known`: the mesh's resolution there, or NULL to measure it. */
 static trocar_status add_node(remesher *r, int slot, const added_node *node, const resolved_field *known, trocar_error *why) {
     refinement *refined = &r->refined;
     refined->order[refined->count] = slot;
@@ -58,7 +58,7 @@ static void remove_node(remesher *r, int position) {
     r->operations->remove(r, slot, position);
 }
 
-/* Updates the window: nodes that are still wanted keep their places, and new nodes take the free places. */
+/* Updates the window. Nodes that are still wanted stay where they are; new ones go into free places. */
 static trocar_status move_window(remesher *r, const remesh_request *request, trocar_error *why) {
     int fresh[MAX_WINDOW] = {0}, count = 0;
     bool wanted[MAX_WINDOW] = {false};
@@ -76,7 +76,8 @@ static trocar_status move_window(remesher *r, const remesh_request *request, tro
         fresh[count++] = MAX_CONTACTS + place;
     }
     trocar_status status = take_nodes(r, count, fresh, why);
-    for (int i = 0; i < count && status != TROCAR_OK; i++) window_put(r, fresh[i] - MAX_CONTACTS, -1); /* their rows could not be filled */
+    for (int i = 0; i < count && status != TROCAR_OK; i++) window_put(r, fresh[i] - MAX_CONTACTS, -1); /* the rows could not be filled, so take these nodes out
+                                                                                                          again */
     return status;
 }
 
@@ -89,7 +90,7 @@ static bool same_node(const added_node *a, const added_node *b) {
         && (a->across_tet < 0 || same_leaf(&a->across, &b->across));
 }
 
-/* Returns the slots (bit i: slot i) of nodes that must be removed: those that are no longer wanted or have moved, and those that depend on them. */
+/* Returns which nodes must be removed, as a bit mask of slots: those no longer wanted, those that have changed, and those that depend on either. */
 static uint64_t slots_to_clear(const remesher *r, const refinement *wanted) {
     const refinement *refined = &r->refined;
     uint64_t clear = 0, same = 0;
@@ -104,7 +105,7 @@ static uint64_t slots_to_clear(const remesher *r, const refinement *wanted) {
     return clear;
 }
 
-/* Changes the contact nodes to the wanted ones. `known`: the mesh's resolution at each wanted node, by slot; NULL if it has to be measured. */
+/* Changes the set of contact nodes to `wanted`. `known`: the mesh's resolution at each wanted node, by slot, or NULL to measure it. */
 static trocar_status update_nodes(remesher *r, const refinement *wanted, const resolved_field *known, trocar_error *why) {
     uint64_t clear = slots_to_clear(r, wanted), kept = 0;
     for (int i = r->refined.count - 1; i >= 0; i--)
@@ -119,7 +120,7 @@ static trocar_status update_nodes(remesher *r, const refinement *wanted, const r
     return TROCAR_OK;
 }
 
-/* Copies between the remesher's matrix and a snapshot's. Only the rows and columns in use are copied, because the matrices are large. */
+/* Copies the inverse between the remesher and a snapshot. Only the rows and columns in use are copied, because the matrices are large. */
 static void copy_rows(const remesher *r, const double *from, double *to) {
     int handles[MAX_HANDLES], count = handles_in_use(r, handles);
     size_t contacts = 3 * (size_t)refinement_span(&r->refined), window = 3 * (size_t)MAX_CONTACTS, end = 3 * (size_t)(count > 0 ? handles[count - 1] + 1 : 0);
@@ -130,7 +131,7 @@ static void copy_rows(const remesher *r, const double *from, double *to) {
     }
 }
 
-/* Copies the rows of the slots in use. */
+/* Copies the contact rows of the slots in use. */
 static void copy_contact_rows(const remesher *r, const contact_rows *from, contact_rows *to) {
     int span = refinement_span(&r->refined);
     for (int i = 0; i < span; i++)
@@ -149,14 +150,15 @@ static void list_ahead(remesher *r, int tet) {
     }
 }
 
-/* Lists the nodes of all elements that the line crosses and of their neighbours, from the tip (or the line's entry into the body) to the line's exit. */
+/* Lists the nodes of the elements that the line crosses, and of these elements' neighbours. Starts at the tip, or where the line enters the body if the tip is
+   outside. */
 static void follow_line(remesher *r) {
     const mesh *m = r->tissue->mesh;
     vec3 tip = r->line_tip, direction = r->line_direction;
     r->line_new = false;
     r->ahead_count = r->ahead_done = 0;
     if (!inverse_prefetches(r->inverse) || v3_norm(direction) == 0.0) return;
-    /* m: a distance beyond which the line has left the body */
+    /* m: at this distance from the tip, the line is certainly outside the body */
     double beyond = v3_norm(v3_sub(m->bvh[0].low, tip)) + v3_norm(v3_sub(m->bvh[0].high, m->bvh[0].low));
     surface_hit hit = mesh_enter(m, tip, v3_axpy(beyond, direction, tip));
     int tet = mesh_locate(m, tip, -1);
@@ -173,13 +175,14 @@ static void follow_line(remesher *r) {
     }
 }
 
-/* Fetches the blocks between the next few nodes along the line and all nodes with which they may be combined: the earlier ones, those in the window and those
-   of the contacts. */
+/* Fetches the blocks between the next few nodes along the line and all nodes they may be combined with: the line's earlier nodes, the window, and the corners
+   of the contact nodes' elements. */
 bool remesher_look_ahead(remesher *r) {
     enum { LARGE = 32, SMALL = 8 };
-    int slice = r->refined.count > 0 ? SMALL : LARGE, most = inverse_slice(r->inverse); /* once the needle is in the tissue, requests must not wait long */
+    int slice = r->refined.count > 0 ? SMALL : LARGE, most = inverse_slice(r->inverse); /* once the needle is in the tissue, keep this short so that requests do
+                                                                                           not wait */
     if (slice > most) slice = most;
-    trocar_error why; /* ignored, because a later request for these nodes reports the error */
+    trocar_error why; /* ignored: if these nodes are ever requested, the error is reported then */
     if (r->line_new) follow_line(r);
     int first = r->ahead_done, left = r->ahead_count - first;
     if (left == 0) return false;
@@ -274,6 +277,7 @@ trocar_status remesher_resume(remesher *r, const remesh_request *request, const 
     r->residual.any = snapshot->has_residuals;
     r->residual.time = snapshot->residual_time;
     if (r->residual.any) memcpy(r->residual.u, snapshot->u_residual, sizeof r->residual.u);
-    if (status == TROCAR_OK) copy_rows(r, snapshot->compliance, r->handles); /* rows computed in another order would differ in the last bits */
+    if (status == TROCAR_OK) copy_rows(r, snapshot->compliance, r->handles); /* restore the stored rows: rows computed in another order would differ in the last
+                                                                                bits */
     return status;
 }

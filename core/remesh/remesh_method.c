@@ -62,7 +62,7 @@ void gather_start(remesher *r) {
 }
 
 static void list_once(int node, int *place_of, int *nodes, int *count, int most) {
-    if (place_of[node] >= 0 || *count == most) return; /* blocks for which there is no room are fetched one by one */
+    if (place_of[node] >= 0 || *count == most) return; /* when full, the remaining blocks are fetched one by one */
     place_of[node] = *count;
     nodes[(*count)++] = node;
 }

@@ -1,8 +1,8 @@
-/* Nested addition: each contact node borders the inverse with its surplus, an update of rank 3. With the surpluses as unknowns,
+/* Nested addition. Each contact node borders the inverse with its surplus, which is an update of rank 3. With the surpluses as unknowns,
        inverse(a, b) = K^-1(a, b) + sum_j F_j(a) S_j F_j(b)^T, F_j(a) = K^-1(a, .) c_j + sum_(i<j) F_i(a) G_ij - s_j(a) I
    where K^-1 is that of the nominal mesh (interpolated for an added node) and s_j(a) is surplus j's hat function at node a. Inside an element c_j = 0; on a
    face it touches five nodes. The cost is independent of the size of the mesh. See docs/mechanics.md, "Node addition". Indices i and j below are slots; i < j
-   means that i is before j in the order. */
+   means that i comes before j in `order`. */
 #include "remesh/nested.h"
 
 #include <stdlib.h>
@@ -11,8 +11,8 @@
 #include "base/sparse_memory.h"
 #include "refinement/refined_field.h"
 
-static const double ROUNDING = 1e-12; /* dimensionless: barycentric weight below which a node counts as lying on the face opposite that corner. Rounding
-                                         tolerance */
+static const double ROUNDING = 1e-12; /* dimensionless: if a barycentric weight is below this, the node counts as lying on the face opposite that corner.
+                                         Rounding tolerance */
 
 /* ---- what the new node couples to ------------------------------------------------------------------------------------ */
 
@@ -32,9 +32,9 @@ static void add_coupling(bordering *border, int nominal, double weight, const ma
     m3_add_scaled(&border->coupling[p], weight, c);
 }
 
-/* Adds c of a touched node, distributed to the nominal nodes on which this node depends. */
+/* Adds a touched node's c to the nominal nodes that the touched node depends on. */
 static void collect_coupling(nested_remesher *r, bordering *border, int node, const mat3 *c) {
-    if (node >= 0) { /* a nominal node; contact nodes are coded as -1 - slot */
+    if (node >= 0) { /* a nominal node; otherwise -1 - slot of a contact node */
         add_coupling(border, node, 1.0, c);
         return;
     }
@@ -42,15 +42,15 @@ static void collect_coupling(nested_remesher *r, bordering *border, int node, co
     for (int i = 0; i < 4; i++) add_coupling(border, corners[i], r->borders[-1 - node].weights[i], c);
 }
 
-/* Returns the weight of a touched node in the interpolation at the contact node. */
+/* Returns a corner's weight in the interpolation at the contact node; 0 if it is not a corner of the node's leaf. */
 static double weight_of(const added_node *node, int corner) {
     for (int c = 0; c < 4; c++)
         if (node->at.corners[c] == corner) return node->at.weights[c];
     return 0.0;
 }
 
-/* Writes c of the touched nodes to `touched->beside`, and d to `touched->own`. With u_new = sum w u + h, c = K(old, new) + w K(new, new) and d = K(new,
-   new). */
+/* Stores c for each touched node in `touched->beside`, and d in `touched->own`. With u_new = sum w u + h, c = K(old, new) + w K(new, new) and d = K(new, new).
+   */
 static void couple(nested_remesher *r, int slot, split_columns *touched) {
     const refinement *refined = &r->shared.refined;
     patch_own_columns(r->shared.tissue, refined, refined->count, touched);
@@ -64,8 +64,8 @@ static void add_extra(nested_remesher *r, int node) {
     if (nested_place(r, node) < 0) r->extra[r->extra_count++] = node;
 }
 
-/* Finds places for the nominal nodes needed for the addition: those with nominal weights, those of the node's leaf (which can differ from the former by
-   rounding), and those coupled to it. Nodes in the window already have places. */
+/* Assigns places to the nominal nodes that the addition needs: those with nominal weights, those of the node's leaf (which can differ from the former because
+   of rounding), and those coupled to it. Nodes in the window have places already. */
 static trocar_status add_all_extra(nested_remesher *r, int slot, trocar_error *why) {
     const bordering *border = &r->borders[slot];
     const int *corners = r->shared.tissue->mesh->tets[r->shared.refined.nodes[slot].tet];
@@ -98,7 +98,7 @@ static bool is_zero(const mat3 *a) {
     return memcmp(a, &zero, sizeof zero) == 0;
 }
 
-/* Computes the factors of a surplus on a face at all places, as sums of rows. */
+/* Computes the factors of a surplus on a face at all places, by summing rows. */
 static void find_factors(nested_remesher *r, int slot, const split_columns *touched, const int *places) {
     const refinement *refined = &r->shared.refined;
     bordering *border = &r->borders[slot];
@@ -117,13 +117,13 @@ static void find_factors(nested_remesher *r, int slot, const split_columns *touc
     rows_add(&columns, count, parts, r->factors[slot][0], NESTED_LD);
 }
 
-/* Computes factors, chains and surplus of a node on a face. */
+/* Computes the factors, chains and surplus of a node on a face. */
 static trocar_status border_face(nested_remesher *r, int slot, const split_columns *touched, trocar_error *why) {
     int places[SPLIT_NODES];
     mat3 stiffness = touched->own, reached = {{{0}}};
     for (int q = 0; q < touched->count; q++) places[q] = nested_place(r, touched->nodes[q]);
     find_factors(r, slot, touched, places);
-    for (int q = 0; q < touched->count; q++) { /* c^T W: at the touched nodes, where this surplus's hat function is zero, W is the factor */
+    for (int q = 0; q < touched->count; q++) { /* c^T W, where W is the factor: at the touched nodes, this surplus's own hat function is zero */
         mat3 transposed = m3_transposed(&touched->beside[q]), factor = nested_factor(r, slot, places[q]);
         add_product(&reached, &transposed, &factor);
     }
@@ -133,7 +133,7 @@ static trocar_status border_face(nested_remesher *r, int slot, const split_colum
     return TROCAR_OK;
 }
 
-/* For a node inside an element, only the node itself and the nodes that depend on it have a factor. */
+/* Sets the factors of a node inside an element. They are nonzero only at the node itself and at nodes that depend on it. */
 static void border_inside(nested_remesher *r, int slot) {
     const added_node *node = &r->shared.refined.nodes[slot];
     column_ranges columns = nested_all_columns(r, slot);
@@ -141,7 +141,7 @@ static void border_inside(nested_remesher *r, int slot) {
     r->borders[slot].surplus = surplus_compliance(r->shared.tissue, &r->shared.refined, node->tet, &node->at);
 }
 
-/* Computes the factors at a new node: those of earlier surpluses, interpolated between its corners with its weights, and that of its own surplus. */
+/* Computes the factors at a new node: those of earlier surpluses by interpolation between its corners, and that of its own surplus. */
 static void interpolate_factors(nested_remesher *r, int slot) {
     const refinement *refined = &r->shared.refined;
     const leaf_point *at = &refined->nodes[slot].at;
@@ -168,7 +168,7 @@ static void fill_row(nested_remesher *r, int slot, const column_ranges *columns,
     rows_add(columns, 1, &surplus, row, SNAPSHOT_LD);
 }
 
-/* Adds the new node's row: interpolated between the corners of its leaf, plus the surplus. */
+/* Adds the new node's row: the interpolation between the corners of its leaf, plus the surplus. */
 static void add_row(nested_remesher *r, int slot) {
     remesher *shared = &r->shared;
     const leaf_point *at = &shared->refined.nodes[slot].at;
@@ -186,10 +186,10 @@ static void add_row(nested_remesher *r, int slot) {
     fill_row(r, slot, &columns, count, corners);
     nested_mirror(shared->handles, SNAPSHOT_LD, slot, all, handles);
     column_ranges_add(&own, 3 * slot / COLUMN_STEP * COLUMN_STEP, 3 * slot + 3);
-    fill_row(r, slot, &own, count, corners); /* its columns have already been filled */
+    fill_row(r, slot, &own, count, corners); /* its columns are filled already */
 }
 
-/* Computes the compliance of the nominal mesh between the new node and all contact nodes. */
+/* Computes the nominal mesh's compliance between the new node and all contact nodes. */
 static void find_between_contacts(nested_remesher *r, int slot) {
     const refinement *refined = &r->shared.refined;
     for (int k = 0; k <= refined->count; k++) {
@@ -229,7 +229,7 @@ static trocar_status nested_add(remesher *shared, int slot, trocar_error *why) {
 
 static void nested_remove(remesher *shared, int slot, int position) {
     nested_remesher *r = (nested_remesher *)shared;
-    if (!r->borders[slot].on_face) return; /* for a node inside an element, the surplus disappears with the node's row */
+    if (!r->borders[slot].on_face) return; /* inside an element, the surplus goes away with the node's row */
     nested_move_to_end(r, slot, position);
     nested_update_rows(r, slot, -1.0);
 }

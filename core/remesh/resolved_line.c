@@ -2,7 +2,8 @@
 
 #include <string.h>
 
-/* Finds where the line enters and leaves its element (m from the line's point); both are 0 if the line only touches a corner or an edge. */
+/* Finds where the line enters and leaves its element, as distances (m) along the line from its point. Both are 0 if the line only touches a corner or an edge.
+   */
 static void clip(const mesh *m, const line_in_tet *line, double *from, double *to) {
     double here[4], there[4], unit = m->node_size[m->tets[line->tet][0]];
     *from = -INFINITY;
@@ -26,7 +27,7 @@ static trocar_status measure_piece(remesher *r, const line_in_tet *line, line_pi
     return resolver_measure(r->resolver, line->tet, line->direction, MAX_RESOLVED, x, piece->at, why);
 }
 
-/* Finds the measured piece with exactly this line. A similar line is not enough, because an answer must not depend on earlier requests. */
+/* Returns the piece measured on exactly this line, or NULL. A similar line will not do, because answers must not depend on earlier requests. */
 static const line_piece *find_piece(const remesher *r, const line_in_tet *line) {
     for (int i = 0; i < r->piece_count; i++)
         if (line_same(&r->pieces[i].line, line)) return &r->pieces[i];
@@ -62,7 +63,8 @@ void set_resolved(remesher *r, int slot, const resolved_field *resolved) {
     r->measured[slot].at = r->refined.nodes[slot].position;
 }
 
-/* After the inverse has changed, all nodes are added again at the same positions; the resolution measured there remains valid. */
+/* If the node has been measured at this position on this line, the result is reused: after a change to the inverse, all nodes are added again at the same
+   positions. */
 trocar_status resolve_contact(remesher *r, int slot, trocar_error *why) {
     const added_node *node = &r->refined.nodes[slot];
     line_in_tet line = node->line;
@@ -75,7 +77,8 @@ trocar_status resolve_contact(remesher *r, int slot, trocar_error *why) {
     line_piece measured;
     trocar_status status = known ? TROCAR_OK : measure_piece(r, &line, &measured, why);
     if (status != TROCAR_OK) return status;
-    if (!known && r->piece_count < MAX_PIECES) r->pieces[r->piece_count++] = measured; /* a request often contains the same line more than once */
+    if (!known && r->piece_count < MAX_PIECES) r->pieces[r->piece_count++] = measured; /* keep it, because a request often contains the same line more than once
+                                                                                          */
     resolved_field resolved = piece_at(known ? known : &measured, node->position);
     set_resolved(r, slot, &resolved);
     return TROCAR_OK;

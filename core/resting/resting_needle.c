@@ -8,12 +8,12 @@
 #include "insertion/laws/creep.h"
 #include "insertion/step/tick.h"
 
-static const double STEP_SHIFT = 0.3e-3; /* m: largest shift of the base in one 1 ms step while the released needle moves to its resting position.
-                                            Chosen: 0.3 m/s, as fast as a hand inserts */
-static const double STEP_TURN = 3e-3; /* rad: largest rotation of the base in one 1 ms step while the released needle moves to its resting position.
-                                         Chosen by judgement */
-static const double DEPENDENT = 1e-6; /* fraction: relative distance of a motion from the span of the other motions below which it counts as linearly
-                                         dependent on them. Rounding tolerance */
+static const double STEP_SHIFT = 0.3e-3; /* m: how far the base may shift per 1 ms step while a released needle moves to its resting position. Chosen: 0.3 m/s,
+                                            as fast as a hand inserts */
+static const double STEP_TURN = 3e-3; /* rad: how far the base may turn per 1 ms step while a released needle moves to its resting position. Chosen by judgement
+                                         */
+static const double DEPENDENT = 1e-6; /* fraction: a motion counts as linearly dependent on the others if its relative distance from their span is below this.
+                                         Rounding tolerance */
 
 /* ---- linearising ---------------------------------------------------------------------------------------------------------- */
 
@@ -21,7 +21,8 @@ static vec3 direction_of(const resting_needle *r, int u) {
     return m3_column(&r->points[point_of_unknown(r->point_count, u)].at.frame, axis_of_unknown(r->point_count, u));
 }
 
-/* Returns the element of the nominal mesh in which the point's force acts, or -1 if the force does not act on the mesh. */
+/* Returns the element of the nominal mesh on which the point's force acts, and the point's barycentric weights in it. -1 if the force does not act on the mesh.
+   */
 static int element_of(const mesh *m, const insertion_state *state, const contact_point *p, double weights[4]) {
     if (p->kind == POINT_GUIDE) return -1;
     if (p->kind == POINT_TIP) {
@@ -53,7 +54,7 @@ int resting_place(const resting_needle *r, int u) {
     return place >= 0 && place < r->places.count && r->rows[u].tet >= 0 ? place : -1;
 }
 
-/* Returns the fraction of the piece of shaft at this place that lies on step k of the track. */
+/* Returns what fraction of the piece of shaft at this place lies on step k of the track. */
 static double part_on_step(const resting_needle *r, int place, int k) {
     const shaft_piece *piece = &r->places.loads[place].shaft;
     double from = r->steps.start + k * r->steps.step;
@@ -72,8 +73,8 @@ trocar_status resting_lacks(needle_pairs *pairs, const resting_needle *r, const 
     return status;
 }
 
-/* Adds half of the displacements that another needle's forces cause, as far as the mesh does not resolve them, as blocks between the places of this needle
-   (rows) and those of the other one. */
+/* Adds half of the displacement per unit force of the other needle that the mesh does not resolve, as blocks of a matrix: rows for this needle's places,
+   columns for the other's, or the reverse if `transposed`. */
 static trocar_status add_lacks(needle_pairs *pairs, const resting_needle *r, const resting_needle *other, bool transposed, mat3 *blocks, int ld,
                                trocar_error *why) {
     mat3 lacks[MAX_LOADS];
@@ -104,7 +105,7 @@ trocar_status resting_mutual(needle_pairs *pairs, const resting_needle *r, const
     return status;
 }
 
-/* Computes the tissue's compliance between the needle's points, interpolated in the nominal mesh; `blocks` is a square matrix of 3 point_count rows. */
+/* Interpolates the nominal mesh's compliance between the needle's points. `blocks`: square, 3 point_count rows. */
 static trocar_status interpolated(const mesh *m, const insertion_state *state, inverse *inv, const resting_needle *r, double *blocks, trocar_error *why) {
     int count = 0, nodes[4 * MAX_POINTS], place[MAX_POINTS][4], ld = 3 * r->point_count;
     double weights[MAX_POINTS][4];
@@ -134,8 +135,8 @@ static trocar_status interpolated(const mesh *m, const insertion_state *state, i
     return status;
 }
 
-/* Copies the compliance of the assembled contact problem without the contribution of the nominal mesh. The tip's rows contain no other contribution of the
-   tissue. */
+/* Copies the compliance of the assembled contact problem, minus what the nominal mesh contributes. In the tip's rows, this removes all of the tissue's
+   contribution. */
 static trocar_status take_compliance(const mesh *m, const insertion_state *state, const insertion_workspace *w, inverse *inv, resting_needle *r,
                                      trocar_error *why) {
     const contact_problem *p = &w->problem;
@@ -153,7 +154,7 @@ static trocar_status take_compliance(const mesh *m, const insertion_state *state
     return status;
 }
 
-/* Decouples a row, so that its force is zero under any load. */
+/* Decouples a row, so that no load produces a force in it. */
 static void uncouple(resting_needle *r, int u) {
     for (int v = 0; v < u; v++) r->compliance[u][v] = 0.0;
     for (int v = u + 1; v < r->unknown_count; v++) r->compliance[v][u] = 0.0;
@@ -168,7 +169,7 @@ static bool is_open(const insertion_workspace *w, const resting_needle *r, int u
     return axial >= 0 && r->upper[axial] <= 0.0 && r->lower[axial] >= 0.0;
 }
 
-/* Copies the compliance, and decouples rows whose forces stay zero. */
+/* Copies the compliance, then decouples the rows whose forces stay zero. */
 static trocar_status take_coupled(const mesh *m, const insertion_state *state, const insertion_workspace *w, inverse *inv, resting_needle *r, trocar_error *why) {
     trocar_status status = take_compliance(m, state, w, inv, r, why);
     for (int u = 0; u < r->unknown_count && status == TROCAR_OK; u++)
@@ -178,7 +179,7 @@ static trocar_status take_coupled(const mesh *m, const insertion_state *state, c
 
 static vec3 displaced(base_motion t, vec3 lever) { return v3_add(t.shift, v3_cross(t.turn, lever)); }
 
-/* Computes orthonormal motions of the rows, and the motions of the base that cause them. Rotations are measured by the arc that the tip traces. */
+/* Computes orthonormal motions of the rows, along with the base motions that cause them. Rotations are scaled by the arc that the tip traces. */
 static void take_motions(const insertion_workspace *w, pose base, double length, resting_needle *r) {
     vec3 x = q_rotate(base.orientation, v3(1.0 / length, 0, 0)), y = q_rotate(base.orientation, v3(0, 1.0 / length, 0));
     const base_motion given[MAX_MOTIONS] = {{.shift = {1, 0, 0}}, {.shift = {0, 1, 0}}, {.shift = {0, 0, 1}}, {.turn = x}, {.turn = y}};
@@ -205,7 +206,7 @@ static void take_motions(const insertion_workspace *w, pose base, double length,
     }
 }
 
-/* Writes a force at a point into the point's unknowns. `shaft`: part of the tip's axial force that acts on the adjacent piece of shaft. */
+/* Splits a force at a point into the point's unknowns. `shaft`: the part of the tip's axial force that acts on the adjacent piece of shaft. */
 static void put_force(const resting_needle *r, int point, vec3 force, double shaft, double *unknowns) {
     vec3 f = m3_apply_transposed(&r->points[point].at.frame, force);
     int count = r->point_count;
@@ -223,7 +224,7 @@ static void take_forces(const insertion_state *state, resting_needle *r) {
     }
 }
 
-/* Stores in r->beside the loads on the tissue that come from its memory: relaxation and, at the tip, damping. */
+/* Sets r->beside to the loads on the tissue that come from its memory: relaxation and, at the tip, damping. */
 static void take_memory(const insertion_model *model, const insertion_state *state, int guided, resting_needle *r) {
     for (int i = guided; i < r->point_count; i++) {
         bool tip = r->points[i].kind == POINT_TIP;
@@ -232,7 +233,7 @@ static void take_memory(const insertion_model *model, const insertion_state *sta
     }
 }
 
-/* Returns the load that the contact with this handle exerts on the tissue; zero if the contact is not active or its id is not `id`. */
+/* Returns the load on the tissue from the contact with this handle and id; zero if there is no such active contact. */
 static vec3 contact_load(const insertion_model *model, const insertion_state *state, int handle, uint64_t id) {
     for (int k = 0; contact_is_active(state, k); k++)
         if (state->refined.order[k] == handle && state->refined.nodes[handle].id == id) return v3_add(state->contacts[handle].force, creep_load(model, &state->memory, k));
@@ -255,7 +256,7 @@ static trocar_status linearise(const tick_input *given, const insertion_state *s
     tick_input tick = *given;
     insertion_workspace *w = &scratch->workspace;
     tick_output ignored = {0};
-    scratch->state = r->anchor = *state; /* the linearisation advances the memory of the copy */
+    scratch->state = r->anchor = *state; /* work on a copy, because the linearisation advances the tissue's memory */
     tick.base = (mount){.pose = state->needle.base};
     if (!insertion_linearise(&tick, &scratch->state, w, &ignored, loaded)) return fail(why, TROCAR_BAD_INPUT, "the needle is not in the tissue: only inserted needles can be left");
     const contact_problem *p = &w->problem;
@@ -309,8 +310,8 @@ trocar_status resting_soften(const tick_input *given, inverse *inv, resting_scra
     return resting_soften(given, inv, scratch, r, why);
 }
 
-/* A needle that would buckle under its forces without the tissue is linearised with the stiffness of the unloaded needle, because an attachment must be stable
-   by itself. */
+/* An attachment must be stable by itself. So if the needle would buckle under its forces without the tissue, it is linearised again with the stiffness of the
+   unloaded needle. */
 trocar_status resting_linearise(const tick_input *tick, const insertion_state *state, inverse *inv, resting_scratch *scratch, resting_needle *r,
                                 trocar_error *why) {
     trocar_status status = linearise(tick, state, inv, true, scratch, r, why);
@@ -328,8 +329,8 @@ pose pose_moved(pose base, base_motion step) {
     return (pose){v3_add(base.position, step.shift), q_unit(q_multiply(q_exp(step.turn), base.orientation))};
 }
 
-/* If all points stick, motions q of the base change the forces by M^-1 R q, where the compliance M includes that of the tissue. Equilibrium requires R^T
-   (f + M^-1 R q) = 0. */
+/* As long as all points stick, motions q of the base change the forces by M^-1 R q, where M includes the tissue's compliance. In equilibrium, R^T (f + M^-1 R
+   q) = 0. */
 trocar_status resting_release_step(const resting_needle *r, double size, resting_scratch *scratch, base_motion *step, trocar_error *why) {
     int n = r->unknown_count, m = r->motion_count;
     const contact_problem *p = &scratch->workspace.problem;
@@ -363,8 +364,8 @@ trocar_status resting_release_step(const resting_needle *r, double size, resting
 
 /* ---- as it is now --------------------------------------------------------------------------------------------------------------- */
 
-/* Returns the fraction of the bound on an axial force that remains after sliding. Friction weakens from static to kinetic; the tip's cutting force and the
-   friction in guides do not weaken. */
+/* Returns the fraction of the bound on an axial force that remains after sliding, as friction drops from static to kinetic. The tip's cutting force and the
+   friction in guides do not drop. */
 static double weakened(const insertion_model *model, const resting_needle *r, int i) {
     int point = i < r->point_count ? i : r->point_count - 1;
     const contact_point *p = &r->points[point];
@@ -377,7 +378,7 @@ static double weakened(const insertion_model *model, const resting_needle *r, in
 double resting_upper(const insertion_model *model, const resting_needle *r, int i) { return r->upper[i] * weakened(model, r, i); }
 double resting_lower(const insertion_model *model, const resting_needle *r, int i) { return r->lower[i] * weakened(model, r, i); }
 
-/* Writes forces and slips back to the insertion's state. */
+/* Copies forces and slips back into the insertion's state. */
 static void put_back(const resting_needle *r, insertion_state *state) {
     int count = r->point_count;
     for (int i = 0; i < count; i++) {

@@ -7,9 +7,10 @@
 
 enum { AT_ONCE = 6 };
 enum { MOST_SWEEPS = 500 }; /* sweeps: maximum number of Gauss-Seidel sweeps over a needle's points. Cost limit */
-enum { MOST_ROUNDS = 20 }; /* rounds: maximum number of passes over all resting needles between two changes to the loads. Cost limit */
-static const double ENOUGH = 1e-7; /* N: accepted excess of a force over its bound. Rounding tolerance */
-static const double YIELDING = 1e-3; /* N/m: stiffness below which a slip would not relieve the force. Rounding tolerance */
+enum { MOST_ROUNDS = 20 }; /* rounds: maximum number of passes over the resting needles between two changes of the loads. Cost limit */
+static const double ENOUGH = 1e-7; /* N: a force may exceed its bound by this much. Rounding tolerance */
+static const double YIELDING = 1e-3; /* N/m: where a slip changes the force by less than this per metre, slipping would not relieve the force. Rounding
+                                        tolerance */
 
 static void forget_columns(resting_set *s) {
     for (int i = 0; i < MAX_NEEDLES; i++) {
@@ -53,7 +54,7 @@ static bool make_room(resting_set *s, int count) {
     return s->load_room > 0;
 }
 
-/* Computes the displacements (m) of a needle's rows that held needles cause and the mesh does not resolve. */
+/* Computes how far held needles displace the rows of a resting one (m), counting only what the mesh does not resolve. */
 static trocar_status find_displaced(resting_set *s, int index, const other_loads *held, double *displacement, bool *any, trocar_error *why) {
     const resting_needle *r = s->needles[index];
     vec3 at[MAX_LOADS] = {{0, 0, 0}};
@@ -85,11 +86,11 @@ static trocar_status respond_aside(resting_set *s, const other_loads *held, troc
     }
     if (s->any_aside) inverse_attached_displaced(s->inverse, s->force, s->aside, s->aside_move);
     for (int i = 0; i < s->count; i++) memcpy(s->needles[i]->aside, s->aside + s->row[i], (size_t)s->needles[i]->unknown_count * sizeof *s->aside);
-    s->any_aside = s->any_aside || before; /* stays true for one more call, which reports that the displacement has vanished */
+    s->any_aside = s->any_aside || before; /* stay true for one more call, so that the last displacement's disappearance is passed on */
     return TROCAR_OK;
 }
 
-/* Computes the response of all resting needles to the loads of held needles and the probe. */
+/* Computes how all resting needles respond to the loads of held needles and the probe. */
 static trocar_status respond(resting_set *s, const other_loads *held, trocar_error *why) {
     const mesh *m = inverse_tissue(s->inverse)->mesh;
     if (!make_room(s, 1 + loads_most_nodes(held))) return fail(why, TROCAR_NO_MEMORY, "no memory for the loads of held needles");
@@ -130,7 +131,7 @@ bool resting_set_fade(resting_set *s, double part) {
     return true;
 }
 
-/* Computes, for the attachments, the part of the compliance between each needle and the earlier ones that the mesh does not resolve. */
+/* Computes the compliance between a needle and the earlier ones that the mesh does not resolve. The attachments need it. */
 static trocar_status find_mutual(const resting_set *s, int index, double **compliance, trocar_error *why) {
     const resting_needle *r = s->needles[index];
     *compliance = NULL;
@@ -185,7 +186,7 @@ trocar_status resting_set_attach(resting_set *s, int count, resting_needle *cons
 trocar_status resting_set_change(resting_set *s, int count, resting_needle *const *needles, const other_loads *held, trocar_error *why) {
     trocar_status status = resting_set_attach(s, count, needles, why);
     if (status == TROCAR_OK) status = respond(s, held, why);
-    for (int i = 0; i < count && status == TROCAR_OK; i++) { /* subtracts the response of the new set to these loads, so that no force jumps */
+    for (int i = 0; i < count && status == TROCAR_OK; i++) { /* subtract how the new set responds to these loads, so that no force jumps */
         resting_needle *r = needles[i];
         for (int u = 0; u < r->unknown_count; u++) r->free_force[u] = r->force[u] - s->force[s->row[i] + u] - s->aside[s->row[i] + u];
         for (int k = 0; k < r->motion_count; k++) r->free_motion[k] = r->motion[k] - s->move[s->motion[i] + k] - s->aside_move[s->motion[i] + k];
@@ -199,7 +200,8 @@ trocar_status resting_set_change(resting_set *s, int count, resting_needle *cons
     return status;
 }
 
-/* Adds `part` times a lasting response to the forces and motions of all needles, including those in the absence of held needles. */
+/* Adds `part` times a permanent response to the forces and motions of all needles. Unlike a response to held needles, it also changes free_force and
+   free_motion. */
 static void add_response(resting_set *s, const double *force, const double *move, double part) {
     for (int i = 0; i < s->count; i++) {
         resting_needle *r = s->needles[i];
@@ -216,9 +218,9 @@ static void add_response(resting_set *s, const double *force, const double *move
 
 /* ---- changes in the tissue's compliance ------------------------------------------------------------------------------------- */
 
-/* Computes the displacements of the rows, (G + C) f + C m + B h: f are the needles' forces, m the loads from the tissue's memory, and h the loads of held
-   needles and the probe. G and C are the compliances of needles and tissue between the rows, and B is the tissue's between h and the rows. The local
-   displacements that correspond to m do not change. */
+/* Computes the displacements of the rows, (G + C) f + C m + B h. f: the needles' forces. m: the loads from the tissue's memory. h: the loads of held needles
+   and the probe. G and C: compliance of the needles and of the tissue between the rows. B: the tissue's compliance between h and the rows. There is no term G
+   m, because the corresponding local displacements do not change. */
 static trocar_status find_displacement(resting_set *s, const other_loads *held, double *displacement, trocar_error *why) {
     const mesh *m = inverse_tissue(s->inverse)->mesh;
     if (!make_room(s, 1 + loads_most_nodes(held))) return fail(why, TROCAR_NO_MEMORY, "no memory for the loads of held needles");
@@ -273,7 +275,8 @@ static bool exceeds_friction(const insertion_model *model, const resting_needle 
     return false;
 }
 
-/* Computes the responses of all rows and motions to a unit slip of each of the needle's rows, a few rows per call. Returns true once all have been computed. */
+/* Computes how all rows and motions respond to a unit slip of each of the needle's axial rows. Does a few rows per call and returns true once it has them all.
+   */
 static bool find_columns(resting_set *s, int index) {
     const resting_needle *r = s->needles[index];
     int rows[AT_ONCE], count = r->axial_count - s->columns_known[index];
@@ -290,8 +293,8 @@ static bool find_columns(resting_set *s, int index) {
     return s->columns_known[index] == r->axial_count;
 }
 
-/* Finds the slips of one needle's points at which its forces are within their bounds, with all other slips fixed. They minimise a convex function;
-   Gauss-Seidel iterations find them. w: a slip s at point i changes force j by w[i][j] s, which is at most 0 for i = j. */
+/* Finds the slips of one needle's points that bring its forces within bounds, with the slips of all other needles fixed. They minimise a convex function, so
+   Gauss-Seidel iteration finds them. w: slip s at point i changes force j by w[i][j] s. w[i][i] is at most 0. */
 static void find_slips(const insertion_model *model, const resting_needle *r, const double *const w[MAX_AXIAL], double slip[MAX_AXIAL]) {
     double force[MAX_AXIAL], upper[MAX_AXIAL], lower[MAX_AXIAL];
     int first = 2 * r->point_count;
@@ -304,7 +307,7 @@ static void find_slips(const insertion_model *model, const resting_needle *r, co
     for (int sweep = 0; sweep < MOST_SWEEPS; sweep++) {
         double worst = 0.0;
         for (int i = 0; i < r->axial_count; i++) {
-            double yields = -w[i][i], alone = force[i] + yields * slip[i]; /* alone: force that would act without this slip */
+            double yields = -w[i][i], alone = force[i] + yields * slip[i]; /* alone: what the force would be without this slip */
             if (!(yields > YIELDING)) continue;
             double now = alone > upper[i] ? (alone - upper[i]) / yields : alone < lower[i] ? (alone - lower[i]) / yields : 0.0, more = now - slip[i];
             if (more == 0.0) continue;
@@ -321,8 +324,8 @@ static bool slip_needle(resting_set *s, const insertion_model *model, int index)
     size_t n = (size_t)inverse_attached_rows(s->inverse), m = (size_t)inverse_attached_motions(s->inverse), count = (size_t)r->axial_count;
     const double *w[MAX_AXIAL];
     double slip[MAX_AXIAL];
-    if (!find_columns(s, index)) return s->columns[index] != NULL; /* true: compute more columns next time; false: out of memory, so the needle continues
-                                                                      to stick */
+    if (!find_columns(s, index)) return s->columns[index] != NULL; /* true: more columns are computed in the next call. false: out of memory, so the needle
+                                                                      keeps sticking */
     const double *columns = s->columns[index];
     for (int i = 0; i < r->axial_count; i++) w[i] = columns + (size_t)i * n + (size_t)(s->row[index] + 2 * r->point_count);
     find_slips(model, r, w, slip);
@@ -368,7 +371,7 @@ bool resting_set_slip(resting_set *s, const insertion_model *model, int most) {
     return more;
 }
 
-/* Returns the force of a row as the other needles feel it: the current force plus the remaining fraction of its change in the last release. */
+/* Returns the force of a row as other needles feel it: the current force plus what remains of the change in the last release. */
 static double felt(const resting_needle *r, double fading, int u) { return r->force[u] + r->beside[u] + fading * r->fading[u]; }
 
 static void list_loads(const resting_needle *r, double fading, tissue_loads *loads) {

@@ -14,7 +14,7 @@ uint64_t mesh_checksum(const model_parts *parts) {
     return parts->tissue.dof ? hash_bytes(h, parts->tissue.dof, (size_t)m->node_count * sizeof *parts->tissue.dof) : h;
 }
 
-/* True if the key describes the simulation and is not a path; a path says nothing about the contents of the file. */
+/* Returns whether the checksum includes this key: it must describe the simulation and not be a path, which says nothing about the contents of the file. */
 static bool counts(const key_spec *key) {
     bool path = key->kind == FILE_PATH || key->kind == DIRECTORY_PATH;
     bool simulated = key->list != NO_LIST || (key->offset >= offsetof(scene, simulation) && key->offset < offsetof(scene, simulation) + sizeof(simulation_config));

@@ -128,7 +128,7 @@ static void mirror(compliance_snapshot *snapshot, int count, const int *handles)
         }
 }
 
-/* Writes or reads the compliance between these handles; if the matrix is exactly symmetric, only the blocks on and above the diagonal. */
+/* Passes the compliance between these handles. If the matrix is exactly symmetric, passes only the blocks on and above the diagonal. */
 static void pass_compliance(state_stream *s, int count, const int *handles, compliance_snapshot *snapshot) {
     bool symmetric = !s->reading && is_symmetric(snapshot, count, handles);
     STREAM(s, symmetric);

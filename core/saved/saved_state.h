@@ -1,5 +1,4 @@
-/* Writes and reads the members of the mutable structs that are in use, for saved states. When a state is read, members that are not in use become zero, except
-   in snapshots. */
+/* Writes and reads saved states, passing only the struct members that are in use. On reading, all other members become zero, except in snapshots. */
 #ifndef TROCAR_SAVED_STATE_H
 #define TROCAR_SAVED_STATE_H
 
@@ -9,14 +8,14 @@
 #include "saved/state_stream.h"
 #include "snapshot/needle_hold.h"
 
-/* saved_layout returns a number that changes whenever the size of one of the saved structs changes or SAVED_FORMAT is increased. */
-enum { SAVED_FORMAT = 4 };   /* to be increased when the meaning of a member changes, or the order in which members are stored */
+/* saved_layout returns a number that depends on SAVED_FORMAT and on the sizes of the saved structs, so that a state in another layout is recognised. */
+enum { SAVED_FORMAT = 4 };   /* increase this when the meaning or the order of the stored members changes */
 uint64_t saved_layout(void);
 
-/* `segments`: number of the needle's segments. */
+/* `segments`: how many segments the needle has. */
 void saved_insertion(state_stream *s, int segments, insertion_state *state);
 
-/* When a state is read, the rows of unused handles keep their previous values, which are finite but meaningless. */
+/* On reading, the rows of unused handles keep their old values, which are finite but meaningless. */
 void saved_snapshot(state_stream *s, compliance_snapshot *snapshot);
 
 void saved_resting(state_stream *s, int segments, resting_needle *needle);

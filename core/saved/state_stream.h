@@ -1,5 +1,5 @@
-/* Writes a saved state to memory, or reads it from memory. The same functions define the format for both directions: each of them writes or reads ("passes")
-   those members of a struct that are in use, in a fixed order. */
+/* Writes a saved state to memory or reads it back. The same functions define the format for both directions: each "passes", that is, writes or reads, the
+   members of a struct that are in use, in a fixed order. */
 #ifndef TROCAR_STATE_STREAM_H
 #define TROCAR_STATE_STREAM_H
 
@@ -7,18 +7,18 @@
 #include <stddef.h>
 
 typedef struct {
-    bool reading;            /* true: members are read from memory; false: they are written to memory and do not change */
-    bool failed;             /* true if the memory is too small or a count is out of range; nothing more is passed */
-    char *at, *end;          /* the remaining memory, which is not modified when reading */
+    bool reading;            /* true to read members from memory, false to write them to memory without changing them */
+    bool failed;             /* the memory was too small or a count out of range; from then on, nothing is passed */
+    char *at, *end;          /* the rest of the memory; not modified when reading */
 } state_stream;
 
 state_stream stream_to(void *memory, size_t bytes);
 state_stream stream_from(const void *memory, size_t bytes);
 
-/* Writes or reads `bytes` bytes. If reading fails, they become zero. */
+/* Writes or reads `bytes` bytes. Sets them to zero if reading fails. */
 void stream_pass(state_stream *s, void *data, size_t bytes);
 
-/* Writes or reads a number of entries from 0 to `most`. If reading fails, it becomes 0. */
+/* Writes or reads a count from 0 to `most`. Sets it to 0 if reading fails. */
 void stream_count(state_stream *s, int *count, int most);
 
 #define STREAM(s, value) stream_pass(s, &(value), sizeof(value))                             /* writes or reads a variable */

@@ -13,19 +13,19 @@ device_mapping device_mapping_defaults(void) { return (device_mapping){.workspac
 
 const char *const device_profiles[] = {"touch", "touch-x", "premium-1.5-6dof", "falcon", "omega.3", "delta.6", "sigma.7", NULL};
 
-/* Force (N), torque (N m; 0 if there is none) and stiffness of a virtual wall (N/m) that each device can render, and its workspace (m), in the order of
-   device_profiles. */
+/* What each device can render, in the order of device_profiles: force (N), torque (N m; 0 if none) and the stiffness of a virtual wall (N/m). Also its
+   workspace (m). */
 static const struct { double force, torque, stiffness; vec3 workspace; } RENDERED[] = {
     {3.3, 0.0, 400.0, {0.16, 0.12, 0.07}}, {7.9, 0.0, 1000.0, {0.16, 0.12, 0.12}}, {8.5, 0.188, 800.0, {0.381, 0.267, 0.191}},
     {8.0, 0.0, 3000.0, {0.08, 0.08, 0.08}}, {12.0, 0.0, 5000.0, {0.15, 0.15, 0.15}}, {20.0, 0.2, 5000.0, {0.3, 0.3, 0.3}}, {12.0, 0.2, 4000.0, {0.15, 0.15, 0.15}},
 };
 _Static_assert(sizeof RENDERED / sizeof *RENDERED == sizeof device_profiles / sizeof *device_profiles - 1, "a row for each name");
 
-/* Time (s) from zero to full force, too short for people to perceive. With 5 ms, the force of a hard impact would lag so far behind the hand that a light hand
-   would start to oscillate (tests/unit/server/test_virtual_coupling.c). */
+/* s, time in which the force may rise from zero to its maximum. Too short for people to notice. At 5 ms, the force of a hard impact would lag so far behind
+   that a light hand would start to oscillate (tests/unit/server/test_virtual_coupling.c). */
 static const double FULL_SLEW = 3e-3;
 
-/* Returns the index of a profile, or -1. */
+/* Returns a profile's index, or -1 if there is no such profile. */
 static int find_profile(const char *name) {
     for (int i = 0; device_profiles[i]; i++)
         if (strcmp(device_profiles[i], name) == 0) return i;

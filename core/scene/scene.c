@@ -32,7 +32,7 @@ static void check_region(const region_config *region, int index, fault *f) {
         reject(f, key, "%g N/m exceeds the static limit of %g N/m", m->friction_kinetic, m->friction_static);
 }
 
-/* A file must contain the centre and the radius, but a program may have set only one of them. */
+/* A scene file must give both the centre and the radius, but a program may have set only one of them. */
 static void check_calcification(const calcification *given, int index, fault *f) {
     char key[KEY_ROOM];
     const char *missing = isnan(given->centre.x) ? "centre" : given->radius == 0.0 ? "radius" : NULL;
@@ -117,7 +117,7 @@ void scene_defaults(scene *s) {
     s->patient_to_mesh[0] = NAN;
 }
 
-/* Records the lines of those values that are later checked against the mesh. */
+/* Records the lines of values that will be checked against the mesh later. */
 static void note_lines(scene *s, yaml_text *document) {
     char key[KEY_ROOM];
     for (int i = 0; i < s->simulation.guide_count; i++) {
@@ -164,7 +164,8 @@ trocar_status scene_load(const char *path, scene *s, trocar_error *why) {
 
 /* ---- one key ----------------------------------------------------------------------------------------------------------------- */
 
-/* Finds the list entry to which "regions[0].x" or "regions[prostate].x" refers, and the pattern "regions[].x". NULL if there is no such entry. */
+/* Resolves a key such as "regions[0].x" or "regions[prostate].x". Returns the list entry it refers to, the scene itself if the key is not in a list, or NULL if
+   there is no such entry. Writes the generic form, "regions[].x", to `pattern`. */
 static void *find_entry(scene *s, const char *key, bool append, char pattern[KEY_ROOM]) {
     const char *open = strchr(key, '['), *close = open ? strchr(open, ']') : NULL;
     snprintf(pattern, KEY_ROOM, "%s", key);
@@ -179,7 +180,8 @@ static void *find_entry(scene *s, const char *key, bool append, char pattern[KEY
     while (list < LISTS && !(strlen(LIST_TABLE[list].key) == prefix && strncmp(LIST_TABLE[list].key, key, prefix) == 0)) list++;
     if (list == LISTS || !find_key(pattern)) return NULL;
     long index = strtol(name, &end, 10);
-    bool next = append && !LIST_TABLE[list].named && index == *count_of(s, list) && index < LIST_TABLE[list].most; /* unnamed entries are appended in order */
+    bool next = append && !LIST_TABLE[list].named && index == *count_of(s, list) && index < LIST_TABLE[list].most; /* entries without names can only be appended
+                                                                                                                      in order */
     if (*end == '\0' && next) return append_entry(s, list);
     if (*end == '\0') return index >= 0 && index < *count_of(s, list) ? entry_of(s, list, (int)index) : NULL;
     for (int i = 0; i < *count_of(s, list); i++)
@@ -190,7 +192,7 @@ static void *find_entry(scene *s, const char *key, bool append, char pattern[KEY
     return entry;
 }
 
-/* Finds the row of a key in the table, and the struct that contains the key's value. */
+/* Finds a key's row in the table, and in *base the struct that holds its value. */
 static const key_spec *find_value(scene *s, const char *key, bool append, void **base, fault *f) {
     char pattern[KEY_ROOM];
     *base = strlen(key) < KEY_ROOM ? find_entry(s, key, append, pattern) : NULL;

@@ -4,7 +4,7 @@
 
 static void join_key(char out[KEY_ROOM], const char *before, const char *key) { snprintf(out, KEY_ROOM, "%s%s%s", before, *before ? "." : "", key); }
 
-/* A mapping: its key, such as "regions[0].friction", the matching pattern in the table, and the struct that stores its values. */
+/* A mapping being read: its key, such as "regions[0].friction", the generic form of that key in the table, and the struct for its values. */
 typedef struct {
     const char *key, *pattern;
     void *base;              /* the scene, or an entry of a list */
@@ -30,7 +30,7 @@ static void take_list(scene *s, list_kind list, const yaml_value *value, fault *
     }
 }
 
-/* Keys of earlier releases, with their replacements. */
+/* Keys of earlier releases, and what to do about them. */
 static const struct { const char *key, *remedy; } RETIRED[] = {
     {"contact.resolution", "the simulator measures the mesh's resolution: remove the key"},
     {"contact.placement", "contact nodes are added inside elements: remove the key"},
@@ -64,7 +64,7 @@ static void take_pair(scene *s, const mapping *at, const char *name, const yaml_
     else reject_unknown(f, key, at, name);
 }
 
-/* True for the device's profile, which must be read before the keys that override it. */
+/* Returns whether the key is the device's profile, which must be read before the keys that override it. */
 static bool comes_first(const char *pattern, const char *name) {
     char key[KEY_ROOM];
     join_key(key, pattern, name);

@@ -6,7 +6,7 @@
 
 #include "base/input_file.h"
 
-enum { MAX_FILE = 1 << 20 }; /* bytes, maximum size of a file; a typical scene has a few thousand bytes */
+enum { MAX_FILE = 1 << 20 }; /* bytes, maximum file size; scenes typically have a few thousand bytes */
 
 trocar_status scene_file_read(const char *path, const char *kind, char **text, size_t *length, trocar_error *why) {
     const char *reason;

@@ -1,4 +1,4 @@
-/* The scene's values, and the reference table of its keys. */
+/* The values of a scene, and the rows of the reference table. */
 #ifndef TROCAR_SCENE_STRUCT_H
 #define TROCAR_SCENE_STRUCT_H
 
@@ -9,23 +9,23 @@
 #define SCENE_MAX_RATE 10000.0 /* Hz, upper limit of rate_hz */
 
 typedef struct {
-    char path[1024];         /* path of the scene file; relative paths start from its directory; empty if there is no file */
+    char path[1024];         /* path of the scene file, whose directory relative paths start from; empty if there is no file */
     simulation_config simulation;
     double rate_hz;          /* Hz, rate of the haptic loop */
-    int phase_lock;          /* 1: ticks begin when poses arrive */
-    char profile[1024];      /* name or path of the device profile; empty if there is none */
-    device_limits device;    /* limits that hold at the handle */
+    int phase_lock;          /* 1 to make ticks begin when poses arrive */
+    char profile[1024];      /* name or path of the device profile; empty if none */
+    device_limits device;    /* limits at the handle */
     device_mapping mapping;  /* mapping between hand and needle */
-    pose start;              /* initial pose of the needle's base, outside the tissue; its position is NAN if none is given */
-    double start_depth;      /* m, depth to which scripted motions insert the needle, starting at `start` */
-    double patient_to_mesh[16]; /* transform from the patient's coordinates (mm, LPS) to the mesh's (m), row by row; the first entry is NAN if none is given */
+    pose start;              /* initial pose of the needle's base, outside the tissue; the position is NAN if not given */
+    double start_depth;      /* m, insertion depth of scripted motions, which start at `start` */
+    double patient_to_mesh[16]; /* transform from patient coordinates (mm, LPS) to mesh coordinates (m), row-major; the first entry is NAN if not given */
 } scene;
 
-/* One row of the reference table. The strings are valid for the lifetime of the program. */
+/* One row of the reference table. The strings are never freed. */
 typedef struct {
-    const char *key;         /* stands for the key of every list entry, for example "regions[].friction.static" */
+    const char *key;         /* the key in generic form, for example "regions[].friction.static" for all entries of the list */
     const char *unit;        /* empty if the value has no unit */
-    const char *accepts;     /* description of the accepted values, for example "a number above 0" or "rod or tetrahedra" */
+    const char *accepts;     /* what values are allowed, for example "a number above 0" or "rod or tetrahedra" */
     const char *doc;
     bool required;
     trocar_key_kind kind;

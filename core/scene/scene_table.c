@@ -198,7 +198,7 @@ void *entry_of(scene *s, list_kind list, int index) {
     return (char *)s + LIST_TABLE[list].entries + (size_t)index * LIST_TABLE[list].stride;
 }
 int *count_of(scene *s, list_kind list) { return (int *)((char *)s + LIST_TABLE[list].count); }
-/* The name is the first member of an entry. */
+/* An entry's name is its first member. */
 const char *name_of(const scene *s, list_kind list, int index) { return LIST_TABLE[list].named ? entry_of((scene *)s, list, index) : NULL; }
 _Static_assert(offsetof(region_config, name) == 0 && offsetof(membrane_config, name) == 0 && offsetof(guide_config, name) == 0, "name_of relies on it");
 

@@ -7,7 +7,7 @@
 
 #include "scene/scene_file.h"
 
-#define ROTATION_ERROR 1e-3 /* tolerance for directions in the scene, which may have been rounded */
+#define ROTATION_ERROR 1e-3 /* tolerance for directions, because those in a scene may be rounded */
 
 void reject_at(fault *f, const char *place, const char *key, const char *format, ...) {
     if (f->found) return;
@@ -22,7 +22,7 @@ void reject_at(fault *f, const char *place, const char *key, const char *format,
 
 /* ---- values -------------------------------------------------------------------------------------------------------------- */
 
-/* Parses a decimal number or YAML's infinity; no other characters may follow. */
+/* Parses a decimal number or YAML's infinity. Rejects trailing characters. */
 static bool parse_number(const char *text, double *value) {
     static const char *const infinities[] = {".inf", ".Inf", ".INF", "+.inf"};
     for (size_t i = 0; i < sizeof infinities / sizeof *infinities; i++)
@@ -40,7 +40,7 @@ static bool take_number(const key_spec *r, const char *key, const char *text, co
     return false;
 }
 
-/* Reads a unit, given by name or by its size in metres. */
+/* Reads a unit, given either by name or as a size in metres. */
 static void take_unit(const char *key, const char *text, double *unit, fault *f) {
     double number;
     double named = unit_size(text);
@@ -64,7 +64,7 @@ static void take_name(const char *key, const char *text, char name[MESH_NAME], f
     else memcpy(name, text, length + 1);
 }
 
-/* Stores a path; a relative path is relative to the scene file's directory. */
+/* Stores a path. A relative path starts from the scene file's directory. */
 static void take_path(const scene *s, const key_spec *r, const char *key, const char *text, char path[1024], fault *f) {
     const char *slash = strrchr(s->path, '/');
     int directory = slash && text[0] != '/' ? (int)(slash - s->path) + 1 : 0;
@@ -98,7 +98,7 @@ static void take_rotation(const key_spec *r, const char *key, const yaml_value *
     else *rotation = q_unit((quat){n[0], n[1], n[2], n[3]});
 }
 
-/* Reads a similarity transform from mm to m: a rotation, a translation and the factor 1e-3. */
+/* Reads a similarity transform from mm to m, that is, a rotation and a translation, scaled by 1e-3. */
 static void take_transform(const key_spec *r, const char *key, const yaml_value *value, double matrix[16], fault *f) {
     double n[16];
     if (!take_numbers(r, key, value, "sixteen", 16, n, f)) return;
@@ -125,7 +125,7 @@ static void take_names(scene *s, const key_spec *r, const char *key, const yaml_
     }
 }
 
-/* Reads the name of an entry, which must be unique in the list. */
+/* Reads an entry's name, which must be unique in its list. */
 static void take_entry_name(scene *s, const key_spec *r, const char *key, const char *text, char *name, fault *f) {
     for (int i = 0; i < *count_of(s, r->list); i++)
         if (name_of(s, r->list, i) != name && strcmp(name_of(s, r->list, i), text) == 0) reject(f, key, "\"%s\" appears twice", text);
@@ -146,7 +146,7 @@ static void take_named_profile(scene *s, const key_spec *r, const char *key, con
     s->mapping.workspace = device_workspace(name);
 }
 
-/* Reads one key of a profile file. A profile may name a built-in profile, whose values the other keys override, but not another file. */
+/* Reads one key of a profile file. The file may name a built-in profile, whose values the file's other keys override. It may not name another file. */
 static void take_profile_key(scene *s, const yaml_value *file, int index, bool named, fault *f) {
     yaml_value value;
     const char *name = yaml_pair(file, index, &value);
@@ -215,7 +215,8 @@ void take_value(scene *s, const key_spec *r, const char *key, void *base, const 
     case LENGTH_UNIT: take_unit(key, value->text, target, f); break;
     case PROFILE: take_profile(s, r, key, value->text, f); break;
     case NAME:
-        if (target == base && r->list != NO_LIST) take_entry_name(s, r, key, value->text, target, f); /* an entry's name is its first member */
+        if (target == base && r->list != NO_LIST) take_entry_name(s, r, key, value->text, target, f); /* an entry's name is its first member, so this key is the
+                                                                                                         name */
         else take_name(key, value->text, target, f);
         break;
     case NAMES: take_names(s, r, key, value, f); break;
@@ -231,7 +232,7 @@ _Static_assert(sizeof(inverse_choice) == sizeof(int) && sizeof(inverse_precision
 
 /* ---- printing ------------------------------------------------------------------------------------------------------- */
 
-/* Prints the shortest decimal number that reads back as the same value. */
+/* Prints a number with as few digits as it takes to read back the same value. */
 static int print_number(char *text, size_t size, double x) {
     if (isinf(x)) return snprintf(text, size, ".inf");
     char shortest[32];
@@ -242,7 +243,7 @@ static int print_number(char *text, size_t size, double x) {
     return snprintf(text, size, "%s", shortest);
 }
 
-/* Prints numbers as a YAML list; prints nothing if the first is NAN, because the key was then not given. */
+/* Prints numbers as a YAML list. Prints nothing if the first one is NAN, which means that the key was not given. */
 static int print_numbers(char *text, size_t size, const double *numbers, int count) {
     char number[32];
     if (isnan(numbers[0])) return snprintf(text, size, "%s", "");

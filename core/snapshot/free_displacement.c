@@ -6,7 +6,7 @@
 
 enum { MAX_NODES = MAX_WINDOW + 4 * MAX_CONTACTS };
 
-/* Nominal nodes without duplicates, with one displacement for each set of loads. */
+/* Nominal nodes, without duplicates, each with a displacement per set of loads. */
 typedef struct {
     int count, nodes[MAX_NODES];
     vec3 displacement[MAX_RELAXATION][MAX_NODES];
@@ -23,7 +23,7 @@ static void list_node(node_field *field, int node) {
     if (place == field->count) field->nodes[field->count++] = node;
 }
 
-/* Lists the nodes of the window and the corners of the elements that contain contact nodes. */
+/* Lists the nodes of the window, and the corners of the elements that contain contact nodes. */
 static void list_nodes(const mesh *m, const remesh_request *request, const int window[MAX_WINDOW], node_field *field) {
     for (int k = 0; k < MAX_WINDOW; k++)
         if (window[k] >= 0) list_node(field, window[k]);
@@ -31,7 +31,7 @@ static void list_nodes(const mesh *m, const remesh_request *request, const int w
         for (int c = 0; c < 4; c++) list_node(field, m->tets[request->wanted.nodes[request->wanted.order[i]].tet][c]);
 }
 
-/* Adds the displacements caused by forces (N, one for each set) at a point of an element. */
+/* Adds the displacements due to forces (N, one per set) at a point of an element. */
 static trocar_status add_forces(inverse *inv, int tet, const double weights[4], int sets, const vec3 *forces, node_field *field, trocar_error *why) {
     double blocks[3 * MAX_NODES][12];
     const int *corners = inverse_tissue(inv)->mesh->tets[tet];
@@ -64,7 +64,7 @@ trocar_status nodal_displacement_add(inverse *inv, const nodal_forces *loads, in
     return TROCAR_OK;
 }
 
-/* Writes the displacements of the handles (MAX_HANDLES) under one set of loads. */
+/* Converts the displacements under one set of loads from nodes to handles (MAX_HANDLES entries). */
 static void read_handles(const mesh *m, const remesh_request *request, const int window[MAX_WINDOW], const node_field *field, int set, vec3 *handles) {
     for (int k = 0; k < MAX_WINDOW; k++)
         if (window[k] >= 0) handles[MAX_CONTACTS + k] = field->displacement[set][place_of(field, window[k])];

@@ -4,17 +4,17 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { FIELDS = 1024 };              /* lines whose fields are cached: enough for 32 needles */
-static const double REACH = 3.0; /* edge lengths: distance from a line beyond which the line's patch has no nodes. Derived: a patch extends 1.6 edge
-                                    lengths, plus up to one element */
+enum { FIELDS = 1024 };              /* number of lines whose fields are cached; enough for 32 needles */
+static const double REACH = 3.0; /* edge lengths: at this distance from a line, its patch has no nodes. Derived: a patch extends 1.6 edge lengths, plus up to
+                                    one element */
 
-static const double LEAST_PIECE = 1e-5; /* m: smallest half length of a piece of shaft. Rounding tolerance */
+static const double LEAST_PIECE = 1e-5; /* m: lower limit for half the length of a piece of shaft. Rounding tolerance */
 
 struct needle_pairs {
     resolver *resolver;
     const mesh *mesh;
     double radius;
-    int count, next;                 /* number of cached fields, and index of the field to be replaced next */
+    int count, next;                 /* how many fields are cached, and which one to replace next */
     line_in_tet lines[FIELDS];       /* line of each cached field */
     line_field *fields[FIELDS];
 };
@@ -58,7 +58,7 @@ static trocar_status find_field(needle_pairs *p, const line_in_tet *line, const 
     return status;
 }
 
-/* Rescales the cached fields; their shape does not depend on the moduli. */
+/* Rescales the cached fields. Only their scale depends on the moduli, not their shape. */
 void needle_pairs_soften(needle_pairs *p) {
     for (int i = 0; i < p->count; i++)
         if (p->lines[i].tet >= 0) p->fields[i]->softness = resolver_softness(p->resolver, p->lines[i].tet);
@@ -92,22 +92,22 @@ void shaft_steps_lay(const mesh *m, const tissue_loads *own, double ahead, doubl
     }
 }
 
-/* Where a piece of another needle's shaft acts on a step. */
+/* How a piece of another needle's shaft acts on a step. */
 typedef struct {
-    double part;             /* 1/m, fraction of a force on the piece that acts at the step, per unit length of the step; 0 if it does not act there */
-    vec3 place;              /* m, point of the piece that is nearest to the step's middle */
+    double part;             /* 1/m, fraction of a force on the piece that acts at the step, per unit length of the step; 0 if none does */
+    vec3 place;              /* m, the point on the piece that is nearest to the middle of the step */
 } meeting;
 
-/* Second antiderivative of a box function with area 1 and width `width`, centred at 0. */
+/* Returns the second antiderivative of a box function that is centred at 0 and has area 1. */
 static double box_twice_integrated(double t, double width) {
     if (t <= -0.5 * width) return 0.0;
     return t >= 0.5 * width ? t : 0.5 * (t + 0.5 * width) * (t + 0.5 * width) / width;
 }
 
-/* Lines interact along the range in which they overlap, measured along the bisector of their directions. Both lines then use the same measure, so that the
-   forces are reciprocal. A force at a point of one line moves the other line over a length of twice the distance between them. Spread evenly over this length,
-   the force causes as much unresolved displacement as a point force does, if the distance is close to the resolved radius. A needle in its own old track
-   counts as at least one radius away from the forces on the shaft's surface, as in line_field_lacks. */
+/* Two lines interact where they overlap, as measured along the bisector of their directions. Because this measure is the same for both lines, the forces are
+   reciprocal. A force at a point of one line displaces the other line over twice the distance between them. When the distance is close to the resolved radius,
+   a force spread evenly over this length causes as much unresolved displacement as the point force. A needle in its own old track counts as at least one radius
+   away from the forces, because these act on the surface of the shaft (see line_field_lacks). */
 static meeting meet(const shaft_steps *steps, int k, const shaft_piece *piece, double radius) {
     vec3 along = steps->at[k].direction, other = piece->direction;
     if (v3_dot(along, other) < 0.0) other = v3_scale(-1.0, other);
@@ -116,7 +116,7 @@ static meeting meet(const shaft_steps *steps, int k, const shaft_piece *piece, d
     double a = v3_dot(place_at(piece, piece->from), between), b = v3_dot(place_at(piece, piece->to), between);
     double centre = 0.5 * (a + b), half_piece = fmax(0.5 * fabs(b - a), LEAST_PIECE);
     vec3 place = v3_axpy((middle - v3_dot(piece->place, between)) / lean, other, piece->place);
-    double halfway = 0.5 * (middle + centre), apart = middle - centre; /* halfway: coordinate at which both lines see the same distance between them */
+    double halfway = 0.5 * (middle + centre), apart = middle - centre; /* halfway: coordinate at which the distance between the lines is the same for both */
     vec3 here = v3_axpy((halfway - middle) / lean, along, steps->at[k].place), there = v3_axpy((halfway - middle) / lean, other, place);
     double width = 2.0 * fmax(v3_norm(v3_sub(there, here)), radius);
     if (fabs(apart) >= half + half_piece + 0.5 * width) return (meeting){.part = 0.0};
@@ -125,9 +125,9 @@ static meeting meet(const shaft_steps *steps, int k, const shaft_piece *piece, d
     return (meeting){common * lean / (4.0 * half * half_piece), place};
 }
 
-/* Returns the displacement at a place that a force per unit length on the other line causes, as far as the mesh does not resolve it: the mean of the estimates
-   from both lines' patches. If the tissue is softer at one line than at the other, both estimates are scaled to the geometric mean of the softnesses, which
-   keeps the compliance matrix of all needles positive definite. */
+/* Returns the displacement at a place per unit force per length on the other line, counting only what the mesh does not resolve. This is the mean of the
+   estimates from the two lines' patches. If the tissue is softer at one line than at the other, both estimates are scaled to the geometric mean of the
+   softnesses; this keeps the compliance matrix of all needles positive definite. */
 static mat3 lacks_between(const needle_pairs *p, const line_field *of, const shaft_steps *steps, int k, const line_field *own, int tet, vec3 place) {
     double weights[4], softer = sqrt(own->softness / of->softness);
     mat3 there = line_field_lacks(of, p->mesh, steps->at[k].tet, steps->at[k].weights, steps->at[k].place, p->radius);
@@ -139,7 +139,7 @@ static mat3 lacks_between(const needle_pairs *p, const line_field *of, const sha
     return mean;
 }
 
-/* Returns the fraction of the unresolved displacement that is added for a load at this depth. It grows from 0 at the surface, because Kelvin's solution is for
+/* Returns how much of the unresolved displacement to add for a load at this depth. The fraction grows from 0 at the surface, because Kelvin's solution is for
    an infinite body. */
 static double embedded_part(const needle_pairs *p, double depth) { return fmin(depth / (EMBEDDING_DEPTH * p->radius), 1.0); }
 
@@ -188,14 +188,15 @@ trocar_status needle_pairs_shift(needle_pairs *p, const shaft_steps *steps, cons
     return TROCAR_OK;
 }
 
-/* Returns the fraction of a shaft's cross-section that is outside another shaft of the same radius, whose axis is at this distance. */
+/* Returns what fraction of a shaft's cross-section is outside another shaft of the same radius, given the distance between their axes. */
 static double outside(double distance, double radius) {
     double t = fmin(0.5 * distance / radius, 1.0);
     return 1.0 - 2.0 / M_PI * (acos(t) - t * sqrt(1.0 - t * t));
 }
 
-/* Returns the fraction that a needle feels of the displacement caused by its own residual loads: the fraction of its cross-section outside the hole in which
-   it exerted them, because inside that hole the piece of shaft that is there now bears the load. Near the surface, it is reduced as in embedded_part. */
+/* Returns how much of the displacement due to its own residual loads a needle feels: the fraction of its cross-section outside the hole in which it exerted
+   them.
+   Inside the hole, the load is now borne by the piece of shaft that is there. Near the surface, less is felt, as in embedded_part. */
 static double residual_part(const needle_pairs *p, const shaft_steps *steps, int k, const shaft_piece *piece) {
     double apart = v3_norm(v3_cross(piece->direction, v3_sub(steps->at[k].place, piece->place)));
     return outside(apart, p->radius) * embedded_part(p, k * steps->step);

@@ -57,8 +57,7 @@ const line_piece *snapshot_piece(const compliance_snapshot *snapshot, int tet) {
     return NULL;
 }
 
-/* Along the line within an element, displacements caused by a line force vary linearly; displacements caused by a force at the point itself vary
-   quadratically. */
+/* Along the line within an element, displacements due to a line force vary linearly, and those due to a force at the point itself quadratically. */
 resolved_field piece_at(const line_piece *piece, vec3 x) {
     const resolved_field *f = piece->at;
     double way = v3_dot(v3_sub(x, piece->start), piece->line.direction);

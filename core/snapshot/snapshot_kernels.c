@@ -24,7 +24,7 @@ mat3 compliance_of_point(const compliance_snapshot *snapshot, const int handles[
 }
 
 vec3 displacement_under(const compliance_snapshot *snapshot, const int handles[4], const double weights[4], int count, const handle_load *loads) {
-    row_matrix sum = {{{0}}}; /* sum of the terms, separately for each component of the loads */
+    row_matrix sum = {{{0}}}; /* each component of the loads is summed in its own lane */
     for (int k = 0; k < count; k++) {
         row_matrix c = rows_to_point(snapshot, handles, weights, loads[k].handle);
         for (int a = 0; a < 3; a++) sum.row[a] += c.row[a] * (simd4){loads[k].force.x, loads[k].force.y, loads[k].force.z, 0.0};

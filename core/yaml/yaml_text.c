@@ -3,7 +3,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* Returns the line (from 1) of a parse error. For bytes that are not valid text, libyaml reports only their offset, so this function counts lines. */
+/* Returns the line of a parse error, counting from 1. If the text is not valid UTF-8 or UTF-16, libyaml gives only the offset, so the lines are counted here.
+   */
 static size_t line_of_problem(const yaml_parser_t *parser, const char *text) {
     if (parser->error != YAML_READER_ERROR) return parser->problem_mark.line + 1;
     size_t line = 1;
@@ -71,7 +72,7 @@ bool yaml_key_repeated(const yaml_value *mapping, int index) {
     return false;
 }
 
-/* Returns the value of a key of `length` characters, or NULL if there is none; *place becomes the key's node. */
+/* Returns the value of a key, which has `length` characters, or NULL if there is none. Points *place at the key's node. */
 static yaml_node_t *find_pair(yaml_document_t *document, const yaml_node_t *node, const char *key, size_t length, const yaml_node_t **place) {
     if (node->type != YAML_MAPPING_NODE) return NULL;
     for (yaml_node_pair_t *pair = node->data.mapping.pairs.start; pair < node->data.mapping.pairs.top; pair++) {
@@ -95,7 +96,7 @@ static yaml_node_t *find_item(yaml_document_t *document, const yaml_node_t *node
 int yaml_line(yaml_text *y, const char *path) {
     yaml_document_t *document = &y->document;
     yaml_node_t *node = yaml_document_get_root_node(document);
-    const yaml_node_t *place = node; /* key or list item that leads to `node` */
+    const yaml_node_t *place = node; /* the key or list item that led to `node` */
     while (node && *path) {
         if (*path == '[') {
             char *end;

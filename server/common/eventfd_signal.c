@@ -7,7 +7,7 @@
 
 void eventfd_signal(int eventfd) {
     uint64_t one = 1;
-    ssize_t written = write(eventfd, &one, sizeof one); /* fails only if the counter is full, and then the reader is awake anyway */
+    ssize_t written = write(eventfd, &one, sizeof one); /* fails only if the counter is full, in which case the reader is awake anyway */
     (void)written;
 }
 

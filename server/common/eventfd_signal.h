@@ -3,6 +3,6 @@
 #define TROCAR_EVENTFD_SIGNAL_H
 
 void eventfd_signal(int eventfd); /* RT */
-void eventfd_wait(int eventfd);   /* blocks until the next signal; returns at once if a signal is already pending */
+void eventfd_wait(int eventfd);   /* blocks until signalled; returns at once if a signal is pending */
 
 #endif

@@ -18,7 +18,7 @@ trocar_status handle_seeds(trocar_sim *sim, int needle, const trocar_command_t *
 }
 
 trocar_status remove_needle(trocar_sim *sim, int needle, trocar_error *why) {
-    static const double AWAY = 10.0; /* m, distance by which a removed needle is moved back along its axis */
+    static const double AWAY = 10.0; /* m, how far a removed needle is moved back along its axis */
     trocar_pose base = trocar_view_base(trocar_sim_view(sim), needle);
     pose at = load_pose(base.position, base.orientation);
     store_vec3(v3_axpy(-AWAY, q_axis(at.orientation), at.position), base.position);

@@ -1,4 +1,4 @@
-/* Executes commands that transfer a needle between hands or drop seeds. Used by the server and by the replay of a server's log. */
+/* Carries out commands that transfer a needle between hands or drop seeds. Used by the server, and when a server's log is replayed. */
 #ifndef TROCAR_HANDOVER_H
 #define TROCAR_HANDOVER_H
 
@@ -8,21 +8,19 @@
 #include "trocar.h"
 #include "trocar_command_t.h"
 
-/* Offset between a hand and the resting needle that it has taken. The needle starts from its resting pose and follows the hand's motion from then
-   on. */
+/* The offset between a hand and the resting needle that it has picked up. The needle starts from where it rested and follows the hand's motion from then on. */
 typedef struct {
-    bool engaged;            /* false: there is no offset, and the needle's base has the same pose as the hand */
-    pose from, to;           /* poses of the hand and of the needle's base at the moment when the hand took the needle */
+    bool engaged;            /* if false, there is no offset: the needle's base has the hand's pose */
+    pose from, to;           /* poses of the hand and of the needle's base when the needle was picked up */
 } hand_clutch;
 
 hand_clutch clutch_engage(pose hand, const trocar_pose *base); /* RT */
-pose clutch_follow(const hand_clutch *clutch, pose hand);      /* Returns the pose of the needle's base for the hand's pose `hand`. RT */
+pose clutch_follow(const hand_clutch *clutch, pose hand);      /* Returns the pose of the needle's base when the hand is at `hand`. RT */
 
-/* Executes the command `m`, a DROP_SEED or UNDO, on this needle of the simulation. Errors as in trocar_sim_drop_seeds. RT, except when it formats the
-   text of a refusal. */
+/* Carries out `m`, a DROP_SEED or UNDO command, on this needle. Errors as in trocar_sim_drop_seeds. RT, except when it formats the reason for a refusal. */
 trocar_status handle_seeds(trocar_sim *sim, int needle, const trocar_command_t *m, trocar_error *why);
 
-/* Removes the needle from the tissue and parks it far away. Errors as in trocar_sim_reset. RT */
+/* Takes the needle out of the tissue and parks it far away. Errors as in trocar_sim_reset. RT */
 trocar_status remove_needle(trocar_sim *sim, int needle, trocar_error *why);
 
 #endif

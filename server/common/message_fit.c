@@ -7,7 +7,7 @@
 
 enum { FINGERPRINT = 8 };
 
-/* Returns the value of the length field at this offset of the message, or -1 if that value is invalid. */
+/* Returns the value of the length field at this offset, or -1 if it is not a valid length. */
 static int64_t length_at(const void *data, size_t size, size_t offset) {
     const unsigned char *b = (const unsigned char *)data + offset;
     if (offset + 4 > size || b[0] > 0x7f) return -1;

@@ -6,8 +6,9 @@
 
 #include "base/error.h"
 
-/* Connects to `url`; if it is NULL or empty, to $LCM_DEFAULT_URL or, if that is not set, to LCM's default. BAD_INPUT for a provider that LCM does not
-   know, and for mpudpm, whose internal messages liblcm decodes without checks; SYSTEM for temporary errors, such as a missing network route. */
+/* Connects to `url`. If that is NULL or empty, connects to $LCM_DEFAULT_URL or, if that is not set either, to LCM's default. BAD_INPUT for a provider unknown
+   to LCM, and for mpudpm, because liblcm decodes its internal messages without checks. SYSTEM for errors that may be temporary, such as a missing network
+   route. */
 trocar_status network_open(const char *url, lcm_t **opened, trocar_error *why);
 
 #endif

@@ -14,7 +14,7 @@
 
 enum { LARGEST_FAULTED_IN = 32 << 20 }; /* bytes; larger mappings are not touched in advance */
 
-/* Touches all pages of code, data, heap and stacks. Skips large buffers, which libraries reserve for other threads: clearing hundreds of megabytes
+/* Touches all pages of code, data, heap and stacks. Skips the large buffers that libraries reserve for other threads, because clearing hundreds of megabytes
    would take half of the start-up time. */
 static void fault_in(void) {
     FILE *maps = fopen("/proc/self/maps", "r");
@@ -28,8 +28,8 @@ static void fault_in(void) {
     if (maps != NULL) fclose(maps);
 }
 
-/* Locks pages when they are first touched. Locking a whole mapping at once would stall a thread for 40 ms each time a library maps 128 MiB at run
-   time. */
+/* Locks each page when it is first touched. If whole mappings were locked at once, a thread would stall for 40 ms each time a library maps 128 MiB at run time.
+   */
 static trocar_status lock_what_is_touched(trocar_error *why) {
     if (mlockall(MCL_CURRENT | MCL_FUTURE | MCL_ONFAULT) == 0) return TROCAR_OK;
     return fail(why, TROCAR_NO_REALTIME,
@@ -83,7 +83,7 @@ void realtime_take_time(void) {
 __attribute__((noinline)) void realtime_touch_stack(void) {
     unsigned char stack[REALTIME_STACK_TOUCHED];
     memset(stack, 0, sizeof stack);
-    __asm__ volatile("" : : "r"(stack) : "memory"); /* the compiler must not drop the writes */
+    __asm__ volatile("" : : "r"(stack) : "memory"); /* keeps the compiler from dropping the writes */
 }
 
 void realtime_flush_denormals(void) { flush_denormals(); }

@@ -7,5 +7,5 @@
 int64_t session_new(void) {
     int64_t session;
     if (getrandom(&session, sizeof session, 0) != sizeof session) session = wall_us();
-    return (session & INT64_MAX) | 1; /* positive, because 0 means that nobody owns the needle */
+    return (session & INT64_MAX) | 1; /* positive: 0 means that nobody owns the needle */
 }

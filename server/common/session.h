@@ -1,4 +1,4 @@
-/* A random number that identifies a client or a server. */
+/* Random numbers that identify clients and servers. */
 #ifndef TROCAR_SESSION_H
 #define TROCAR_SESSION_H
 

@@ -6,9 +6,9 @@
 #include <sys/resource.h>
 #include <time.h>
 
-int64_t allocator_calls(void) __attribute__((weak)); /* defined only if tests/shared/allocator_calls.h is linked or preloaded */
+int64_t allocator_calls(void) __attribute__((weak)); /* only defined if tests/shared/allocator_calls.h is linked in or preloaded */
 
-/* Octave k >= 1 covers [32, 64) << (k - 1) in 32 steps; octave 0 holds the values below 32. */
+/* Octave k >= 1 covers [32, 64) << (k - 1) in 32 steps. Octave 0 holds the values below 32. */
 static int bucket_of(int64_t nanoseconds) {
     if (nanoseconds < HISTOGRAM_OCTAVE) return nanoseconds < 0 ? 0 : (int)nanoseconds;
     int octave = 64 - __builtin_clzll((unsigned long long)nanoseconds) - 5; /* 5 = log2 HISTOGRAM_OCTAVE */
@@ -50,7 +50,7 @@ double histogram_quantile(const histogram *h, double q) {
 
 double histogram_max(const histogram *h) { return 1e-9 * (double)h->max; }
 
-/* Each bucket is assigned to the bin that contains the bucket's upper edge, so the bin boundaries are accurate to one bucket width. */
+/* A bucket is counted in the bin that contains its upper edge, so bin boundaries are accurate to one bucket width. */
 void histogram_bins(const histogram *h, int32_t bins[HISTOGRAM_BINS]) {
     for (int k = 0; k < HISTOGRAM_BINS; k++) bins[k] = 0;
     for (int i = 0; i < HISTOGRAM_BUCKETS; i++) {

@@ -2,20 +2,18 @@
 
 #include "common/coupling_rule.h"
 
-static const double DEFAULT_ROUND_TRIP = 5e-3; /* s, assumed until a round trip has been measured */
-static const double RISE = 0.02, FALL = 0.002; /* filter weights per round trip, chosen so that the estimate stays near the longest of the last ten
-                                                  round trips */
+static const double DEFAULT_ROUND_TRIP = 5e-3; /* s, assumed until one has been measured */
+static const double RISE = 0.02, FALL = 0.002; /* filter weights per round trip. With these, the estimate stays near the longest of the last ten round trips */
 static const double MEAN = 0.02;            /* weight of the newest interval between poses in the running mean */
-static const double ACTIVE_ENERGY = 1e-3;   /* J, energy received by the hand above which the coupling counts as active */
+static const double ACTIVE_ENERGY = 1e-3;   /* J, if the hand has received more energy than this, the coupling counts as active */
 
-enum { SWINGS = 4 };                        /* number of undamped swings after which the coupling is softened */
-static const double STEP = 2.0;             /* ratio between successive levels of caution; each level divides the stiffness by four */
-static const double LONGEST_DELAY = 40e-3;  /* s, the longest delay for which the coupling is designed; with this delay, the coupling is too soft to
-                                               make a hand oscillate */
-static const double PAUSE = 0.5;            /* s without undamped swings after which the oscillation is considered to have ended */
-static const double SETTLE = 1.0;           /* s, time constant with which a decreasing caution factor approaches its level */
-static const double LOADED = 0.1;           /* N: the stability of the loop can be observed only while the hand feels at least this force */
-/* s under load after which the caution level is lowered, and the factor by which this time grows if lowering it proved wrong */
+enum { SWINGS = 4 };                        /* number of undamped swings after which to soften the coupling */
+static const double STEP = 2.0;             /* factor from one level of caution to the next; each level divides the stiffness by four */
+static const double LONGEST_DELAY = 40e-3;  /* s, longest delay to design the coupling for. At this delay, the coupling is too soft to make a hand oscillate */
+static const double PAUSE = 0.5;            /* s without undamped swings after which an oscillation is considered over */
+static const double SETTLE = 1.0;           /* s, time constant with which the caution factor falls to its level */
+static const double LOADED = 0.1;           /* N: only while the hand feels at least this force can one tell whether the loop is stable */
+/* s under load after which to lower the caution level, and the factor by which to extend this time if that was a mistake */
 static const double PATIENCE = 20.0, MORE_PATIENCE = 4.0;
 
 void coupling_engage(virtual_coupling *p, const pose_sample *hand) {
@@ -38,7 +36,8 @@ void coupling_engage(virtual_coupling *p, const pose_sample *hand) {
 
 /* ---- caution -------------------------------------------------------------------------------------------------------- */
 
-/* Raises the caution level because the hand keeps oscillating. At the highest level, the coupling is too soft to be the cause. */
+/* Raises the caution level because the hand keeps oscillating. At the highest level, the coupling is too soft to cause this, so the oscillation is the hand's
+   own. */
 static void raise_caution(coupling_caution *c, double known) {
     if (c->lowered) c->patience *= MORE_PATIENCE;
     c->own |= c->level * known > 0.9 * LONGEST_DELAY;
@@ -47,7 +46,7 @@ static void raise_caution(coupling_caution *c, double known) {
     c->loaded = 0.0;
 }
 
-/* Handles a new pose; `lasting` is the return value of swing_observe. */
+/* Handles a new pose. `lasting`: the result of swing_observe. */
 static void heed_swings(virtual_coupling *p, int lasting) {
     coupling_caution *c = &p->caution;
     if (lasting == 0 || !(p->known > 0.0)) return;
@@ -56,7 +55,8 @@ static void heed_swings(virtual_coupling *p, int lasting) {
     if (lasting % SWINGS == 0) raise_caution(c, p->known);
 }
 
-/* Adds to the time without undamped swings. Swings that the hand makes by itself reveal nothing about the loop's stability. */
+/* Advances the time without undamped swings. Lowers the caution level after enough time under load; without load, calm says nothing about the loop's stability.
+   After an oscillation of the hand's own, returns to the level before it. */
 static void heed_calm(coupling_caution *c, bool loaded, double dt) {
     c->calm += dt;
     if (loaded) c->loaded += dt;
@@ -73,16 +73,16 @@ static void heed_calm(coupling_caution *c, bool loaded, double dt) {
 
 static const coupling_wrench *wrench_of(const virtual_coupling *p, int64_t tick) { return &p->sent[(uint64_t)tick % COUPLING_TICKS]; }
 
-/* Returns the tick of the wrench to which a pose refers. Clients that render no force send -1 and count down from it. */
+/* Returns which tick's wrench a pose responds to. A client that renders no force sends -1 minus the tick. */
 static int64_t tick_named(const pose_sample *hand) { return hand->wrench_tick >= 0 ? hand->wrench_tick : -1 - hand->wrench_tick; }
 
-/* Returns the wrench to which a pose refers, or the last one sent. */
+/* Returns the wrench that a pose responds to or, if that is not stored, the last one sent. */
 static const coupling_wrench *wrench_named(const virtual_coupling *p, int64_t named) {
     const coupling_wrench *w = wrench_of(p, named);
     return named > 0 && w->tick == named ? w : wrench_of(p, p->newest);
 }
 
-/* Returns the wrench that was sent `time` (s) before `w`, or the oldest one stored. */
+/* Returns the wrench sent `time` (s) before `w`, or the oldest one stored. */
 static const coupling_wrench *wrench_before(const virtual_coupling *p, const coupling_wrench *w, double time) {
     int64_t sent = w->computed - (int64_t)(1e9 * time);
     for (int i = 1; i < COUPLING_TICKS && w->computed > sent; i++) {
@@ -125,8 +125,8 @@ int64_t coupling_receive(virtual_coupling *p, const pose_sample *hand) {
 pose coupling_hold(virtual_coupling *p, const trocar_device_limits *limits, pose hand, double dt, double *compliance) {
     *compliance = p->stiffness = p->damping = 0.0;
     if (!p->rendered || isinf(limits->max_stiffness)) return hand;
-    double hold = fmax(p->interval, dt); /* s, time for which a pose is used while waiting for the next one */
-    if (p->age >= 2.0 * hold) p->before = p->stretch; /* the hand has stopped sending poses, so let the damper come to rest */
+    double hold = fmax(p->interval, dt); /* s, how long a pose is used until the next one arrives */
+    if (p->age >= 2.0 * hold) p->before = p->stretch; /* no more poses are coming, so let the damper come to rest */
     p->age += dt;
     heed_calm(&p->caution, v3_norm(wrench_of(p, p->newest)->force) > LOADED, dt);
     p->known = p->delay + hold + limits->delay;

@@ -42,7 +42,7 @@ static change_verdict refuse(needle_command *command, const char *reason) {
 static int is_cancelled(void *context) { return atomic_load_explicit(&((change_intake *)context)->cancelled, memory_order_relaxed); }
 
 static void *build(void *context) {
-    enum { NICE = 10 }; /* nice value of the thread, so that the simulation's worker has precedence */
+    enum { NICE = 10 }; /* nice value of the thread, which gives precedence to the simulation's worker */
     change_intake *in = context;
     setpriority(PRIO_PROCESS, 0, NICE); /* 0: this thread */
     trocar_watch watch = {.cancelled = is_cancelled, .context = in};
@@ -52,7 +52,7 @@ static void *build(void *context) {
     return NULL;
 }
 
-/* Starts the builder thread at normal priority, even if the calling thread has a higher one. */
+/* Starts the builder thread at normal priority, even if the calling thread's is higher. */
 static bool start_builder(change_intake *in) {
     pthread_attr_t attributes;
     in->built = in->cancelled = false;

@@ -6,7 +6,7 @@
 #include "printable.h"
 #include "trocar_status_t.h"
 
-/* ns without a message after which the other server is considered to have stopped; a running server sends ten messages in this time */
+/* ns without a message after which the other server is presumed stopped; a running one sends ten messages in this time */
 static const int64_t ABSENCE = 1000000000;
 
 void other_server_hear(other_server *o, int64_t own, const void *data, size_t size, int64_t now) {

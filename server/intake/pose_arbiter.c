@@ -8,8 +8,8 @@
 #include "common/messages.h"
 #include "trocar_needle_pose_t.h"
 
-static const double OWNER_SILENCE = 2.0;  /* s of silence from the owner after which another session may take over */
-static const double ARRIVAL_JITTER = 5e-3; /* s, longest time by which the network may delay poses that then arrive together */
+static const double OWNER_SILENCE = 2.0;  /* s after which another session may take over if the owner is silent */
+static const double ARRIVAL_JITTER = 5e-3; /* s, longest time by which the network may delay poses, so that they arrive together */
 
 void arbiter_init(pose_arbiter *in, int needle_count, const trocar_device_limits *limits) {
     *in = (pose_arbiter){.limits = *limits, .needle_count = needle_count};
@@ -24,7 +24,7 @@ static void say(pose_arbiter *in, const char *format, ...) {
     va_end(arguments);
 }
 
-/* Decodes a pose. Returns true if decoding consumed exactly the bytes received, a check that works only for types of fixed size. */
+/* Decodes a pose. Returns true if decoding used exactly the bytes received, which is a valid check only for types of fixed size. */
 static bool decode_pose(const void *data, size_t size, trocar_needle_pose_t *m) {
     return size == (size_t)trocar_needle_pose_t_encoded_size(m)
         && trocar_needle_pose_t_decode(data, 0, (int)size, m) == (int)size;
@@ -48,16 +48,16 @@ static bool may_hold(const pose_arbiter *in, int needle, int64_t session, int64_
     return owner == 0 || owner == session || is_silent(in, needle, now);
 }
 
-/* Returns the index of another needle that the session owns, or -1. */
+/* Returns the index of another needle owned by the session, or -1. */
 static int other_needle_of(const pose_arbiter *in, int needle, int64_t session) {
     for (int i = 0; i < in->needle_count; i++)
         if (i != needle && owner_of(in, i) == session) return i;
     return -1;
 }
 
-/* Limits the mean speed of the poses, not the speed between two poses that the network has delivered together: unused travel time is credited, up to
-   ARRIVAL_JITTER. Once the wrench has been ramped to zero for lack of poses, any position is accepted; the safety limits then decide whether the current
-   insertion continues or a new engagement begins. */
+/* Limits the poses' mean speed. Poses that the network has delivered together may seem faster, so unused travel time is credited, up to ARRIVAL_JITTER. After a
+   silence long enough for the wrench to have been ramped to zero, any position is accepted; the safety limits then decide whether to continue the insertion or
+   to begin a new engagement. */
 static bool motion_possible(pose_arbiter *in, int needle, const pose *p, int64_t now) {
     arbiter_needle *n = &in->needles[needle];
     double elapsed = since_last(in, needle, now);
@@ -72,7 +72,7 @@ static bool motion_possible(pose_arbiter *in, int needle, const pose *p, int64_t
     return true;
 }
 
-/* Counts the poses of the owner that were lost. */
+/* Counts how many of the owner's poses were lost. */
 static void count_lost(pose_arbiter *in, const trocar_needle_pose_t *m) {
     arbiter_needle *n = &in->needles[m->needle];
     int64_t owner = owner_of(in, m->needle), gap = sequence_gap(&n->heard, m->seq);
@@ -159,8 +159,7 @@ static pose_verdict judge(pose_arbiter *in, const trocar_needle_pose_t *m, int64
     return verdict;
 }
 
-/* Explains why a message has the wrong size. A message that lacks exactly its last field, `needle`, comes from a client that is older than this
-   server. */
+/* Explains why a message has the wrong size. If it lacks exactly the last field, `needle`, the client is older than this server. */
 static const char *advice(size_t size, int size_now) {
     bool without_needle = size + sizeof(int32_t) == (size_t)size_now;
     return without_needle ? "; it has no `needle`: build its sender with this release's trocar.lcm" : "";
@@ -198,14 +197,14 @@ static command_verdict refuse(pose_arbiter *in, needle_command *command) {
     return COMMAND_SETTLED;
 }
 
-/* Executes a command that its session is allowed to give, or passes it on to the haptic thread; refuses all other commands. */
+/* Carries out a command that the session may give, or passes it on to the haptic thread. Refuses any other command. */
 static command_verdict carry_out(pose_arbiter *in, needle_command *command) {
     const trocar_command_t *m = &command->asked;
     arbiter_needle *n = &in->needles[m->needle];
     command->engagement = n->newest.engagement;
     command->anew = n->begin_anew;
     switch (m->command) {
-    case TROCAR_COMMAND_T_RESET: /* a resting needle is engaged only after the haptic thread has executed the command */
+    case TROCAR_COMMAND_T_RESET: /* a resting needle is engaged only after the haptic thread has carried this out */
         if (!n->rests) n->begin_anew = true;
         return COMMAND_PASS_ON;
     case TROCAR_COMMAND_T_RELEASE:
@@ -223,7 +222,7 @@ static command_verdict carry_out(pose_arbiter *in, needle_command *command) {
     }
 }
 
-/* Accepts a shutdown command if its sender is on this machine or owns a needle. */
+/* Accepts a shutdown if the sender is on this machine or owns a needle. */
 static command_verdict judge_shutdown(pose_arbiter *in, bool distant, needle_command *command) {
     int64_t session = command->asked.session;
     if (!distant || (session != 0 && other_needle_of(in, -1, session) >= 0)) return COMMAND_SHUTDOWN;
@@ -261,8 +260,9 @@ void arbiter_refuse(pose_arbiter *in, const char *reason) {
     say(in, "%s", reason);
 }
 
-/* After LEAVE, the needle has no owner. After TAKE, or the RESET of a resting needle, the next pose begins a new engagement. The RESET of a held needle
-   set `begin_anew` when the command arrived, and a pose may have cleared it since; a refusal therefore restores it only if no new engagement has begun. */
+/* After LEAVE, the needle has no owner. After TAKE, or after RESET of a resting needle, the next pose begins a new engagement. RESET of a held needle set
+   `begin_anew` as soon as it arrived, and a pose may have cleared that since. So if the RESET was refused, `begin_anew` is restored only if no new engagement
+   has begun. */
 void arbiter_settle(pose_arbiter *in, const needle_command *done) {
     const trocar_command_t *m = &done->asked;
     arbiter_needle *n = &in->needles[m->needle];

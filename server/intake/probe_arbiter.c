@@ -7,16 +7,16 @@
 #include "intake/safety_limits.h"
 #include "trocar_probe_pose_t.h"
 
-static const int64_t OWNER_SILENCE = 2000000000; /* ns of silence from the owner after which another session may take over */
+static const int64_t OWNER_SILENCE = 2000000000; /* ns after which another session may take over if the owner is silent */
 
 void probe_arbiter_init(probe_arbiter *in) { *in = (probe_arbiter){.newest = {.seq = -1, .base.orientation.w = 1.0}}; }
 
-/* Decodes a pose of the probe. Because the type has a fixed size, decoding must consume exactly the bytes received. */
+/* Decodes a pose of the probe. The type has a fixed size, so decoding must use exactly the bytes received. */
 static bool decode(const void *data, size_t size, trocar_probe_pose_t *m) {
     return size == (size_t)trocar_probe_pose_t_encoded_size(m) && trocar_probe_pose_t_decode(data, 0, (int)size, m) == (int)size;
 }
 
-/* Returns the reason for refusing the pose, or NULL. */
+/* Returns why the pose is refused, or NULL if it is not. */
 static const char *fault_of(probe_arbiter *in, const trocar_probe_pose_t *m, const pose *base, int64_t now) {
     pose_verdict verdict = safety_check_pose(base);
     if (verdict == POSE_NOT_FINITE) return "not finite";

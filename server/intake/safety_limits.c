@@ -27,8 +27,7 @@ void safety_begin_transfer(safety_limits *g) {
     g->before_torque = g->torque;
 }
 
-/* Starts a new engagement. If the same hand still holds the needle, the last wrench is ramped down to zero; a different hand does not feel that
-   wrench. */
+/* Starts a new engagement. If the same hand goes on holding the needle, its last wrench fades out. A different hand feels nothing of that wrench. */
 static safety_decision engage(safety_limits *g, const pose_sample *newest) {
     if (newest->session == g->session) safety_begin_transfer(g);
     else g->kept = 0.0;
@@ -68,7 +67,7 @@ void safety_timing(safety_limits *g, bool late, double dt) {
     else if (g->good_time >= 1.0) g->overrun = false;
 }
 
-/* Limits the length of `wanted` to `limit`, and then limits its distance from `last` to `step`. */
+/* Shortens `wanted` to `limit` if it is longer, then keeps it within `step` of `last`. */
 static vec3 limited(vec3 wanted, vec3 last, double limit, double step, bool *saturated) {
     double length = v3_norm(wanted);
     if (length > limit) {
@@ -82,7 +81,7 @@ static vec3 limited(vec3 wanted, vec3 last, double limit, double step, bool *sat
     return v3_axpy(step / size, change, last);
 }
 
-/* Advances the gain by one tick toward its target. Returns true while the gain is below 1. */
+/* Moves the gain one tick toward its target. Returns true while it is below 1. */
 static bool ramp(safety_limits *g, const trocar_device_limits *limits, bool wind_down, double dt) {
     bool full = g->engagement != 0 && !(g->released || g->stale || g->overrun || wind_down);
     double before = g->gain, step = dt / limits->ramp_time;
@@ -92,7 +91,7 @@ static bool ramp(safety_limits *g, const trocar_device_limits *limits, bool wind
 
 static vec3 between(vec3 a, vec3 b, double part_of_a) { return v3_axpy(part_of_a, v3_sub(a, b), b); }
 
-/* Advances the bumpless transfer by one tick. Returns true while the transfer is active. */
+/* Advances the bumpless transfer by one tick. Returns true while it is in progress. */
 static bool transfer(safety_limits *g, const trocar_device_limits *limits, double dt, vec3 *force, vec3 *torque) {
     if (g->kept == 0.0) return false;
     g->kept = fmax(0.0, g->kept - dt / limits->ramp_time);

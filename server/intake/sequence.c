@@ -1,9 +1,8 @@
 #include "intake/sequence.h"
 
-static const uint64_t LONGEST_GAP = 100000000; /* maximum gap: 0.1 s for senders that use times in nanoseconds as sequence numbers */
+static const uint64_t LONGEST_GAP = 100000000; /* largest gap accepted: 0.1 s if the sender uses nanoseconds as sequence numbers */
 
-/* Returns how many sequence numbers lie between `newest` and `number`; -1 if `number` is not after `newest` or is too far ahead. The numbers may wrap
-   around. */
+/* Returns how many sequence numbers lie between `newest` and `number`, allowing for wraparound; -1 if `number` is not after `newest` or is too far ahead. */
 static int64_t gap_after(int64_t newest, int64_t number) {
     uint64_t gap = (uint64_t)number - (uint64_t)newest - 1;
     return gap < LONGEST_GAP ? (int64_t)gap : -1;

@@ -7,7 +7,7 @@
 #include "trocar_command_t.h"
 
 static const int64_t SILENCE = 3000000000;      /* ns without a message after which a client is forgotten; clients send four times per second */
-static const uint64_t COOKIE_LIFE = 5000000000; /* ns, time for which a cookie is valid */
+static const uint64_t COOKIE_LIFE = 5000000000; /* ns for which a cookie is valid */
 enum { COOKIE_MAC = WIRE_TOKEN - 8 };
 
 void gate_init(gate *g, const wire_key *secret, const wire_key *cookie_key) { *g = (gate){.secret = *secret, .cookie = *cookie_key}; }
@@ -39,7 +39,7 @@ static gate_client *free_client(gate *g, int64_t now) {
 
 /* ---- the handshake -------------------------------------------------------------------------------------------------------- */
 
-/* Returns the time in a cookie. */
+/* Returns the time stored in a cookie. */
 static uint64_t time_of(const unsigned char *token) { return wire_get_number(token, 8); }
 
 static void make_cookie(const gate *g, const struct sockaddr_in *from, const unsigned char *nonce, uint64_t time, unsigned char token[WIRE_TOKEN]) {
@@ -65,7 +65,7 @@ static gate_verdict answer(gate_result *result, wire_kind kind, const wire_hands
     return GATE_ANSWER;
 }
 
-/* Tells a client that its secret is wrong. This answer is not authenticated, and only a few are sent per second. */
+/* Tells a client that its secret is wrong. The answer is not authenticated, and only a few are sent per second. */
 static gate_verdict refuse_secret(gate *g, const struct sockaddr_in *from, wire_handshake *h, int64_t now, gate_result *result) {
     g->counts.forged++;
     g->wrong = *from;
@@ -88,7 +88,7 @@ static void connect_client(gate *g, gate_client *c, const struct sockaddr_in *fr
     g->counts.connected++;
 }
 
-/* Handles a CONNECT. One that arrives twice gets the same answer twice; one created before the client's current connection is a replay. */
+/* Handles a CONNECT. If the same one arrives twice, it gets the same answer twice. One made before the client's current connection is a replay. */
 static gate_verdict take_connect(gate *g, wire_handshake *h, const struct sockaddr_in *from, int64_t now, const unsigned char *fresh, gate_result *result) {
     if (!is_own_cookie(g, from, h, now)) {
         g->counts.forged++;
@@ -116,15 +116,15 @@ static gate_verdict take_connect(gate *g, wire_handshake *h, const struct sockad
 
 /* ---- messages ------------------------------------------------------------------------------------------------------------- */
 
-/* Offsets in a message, which begins with its fingerprint, utime and session; in a command_t, the number of the command follows. */
+/* Offsets in a message. It begins with fingerprint, utime and session; in a command_t, the command's number comes next. */
 enum { SESSION = 16, COMMAND = SESSION + 8 };
 
 static bool is_shutdown(const wire_message *m) {
     return m->size >= COMMAND + 4 && wire_get_number(m->bytes + COMMAND, 4) == TROCAR_COMMAND_T_SHUTDOWN;
 }
 
-/* Returns the channel on which to publish a message; NULL if clients may not send it. SHUTDOWN is published on a separate channel, so that the server treats it
-   as coming from another machine. The server's arbiters check everything else. */
+/* Returns the channel to publish a message on, or NULL if clients may not send it. SHUTDOWN goes to a channel of its own, so that the server treats it as
+   coming from another machine. Everything else is checked by the server's arbiters. */
 static const char *published(const wire_message *m) {
     static const char *const relayed[] = {"TROCAR_POSE", "TROCAR_COMMAND", "TROCAR_PROBE", "TROCAR_CHANGE"};
     if (m->size < SESSION + 8 || m->size > WIRE_MESSAGE_MOST) return NULL;

@@ -33,8 +33,8 @@ static trocar_status read_secret(int descriptor, const char *file, wire_key *key
     struct stat s;
     char secret[MOST + 3];
     if (fstat(descriptor, &s) != 0 || !S_ISREG(s.st_mode)) return fail(why, TROCAR_BAD_INPUT, "secret file %s: not a regular file", file);
-    mode_t allowed = s.st_uid == 0 && s.st_gid == 0 ? S_IRGRP : 0; /* a systemd credential belongs to root and grants access to the service by an access control
-                                                                      list, which appears as group access */
+    mode_t allowed = s.st_uid == 0 && s.st_gid == 0 ? S_IRGRP : 0; /* a systemd credential belongs to root; an access control list lets the service read it,
+                                                                      which shows up as group access */
     if ((s.st_mode & 077 & ~allowed) != 0)
         return fail(why, TROCAR_BAD_INPUT, "secret file %s: other users have access (mode %03o); run chmod 600 on it", file, (unsigned)s.st_mode & 0777);
     ssize_t size = read(descriptor, secret, sizeof secret);

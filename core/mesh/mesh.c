@@ -5,7 +5,7 @@
 
 #include "base/hash.h"
 
-static const double INSIDE = -1e-12; /* dimensionless: smallest barycentric weight of a point that counts as inside. Rounding tolerance */
+static const double INSIDE = -1e-12; /* a point with no barycentric coordinate below this counts as inside; the value is a rounding tolerance */
 
 /* ---- geometry of one tetrahedron ---- */
 
@@ -66,8 +66,8 @@ vec3 mesh_face_normal(const mesh *m, int tet, int face) {
     return v3_unit(gradients[face]);
 }
 
-/* The barycentric weight of vertex i changes linearly along d and is zero on face i. In this function, weights and rates are multiplied by six times the
-   volume. */
+/* The barycentric coordinate of vertex i changes linearly along d and is zero on face i. In this function, coordinates and their rates are scaled by six
+   times the volume. */
 int mesh_exit(const mesh *m, int tet, vec3 x, vec3 d, double *distance) {
     const int *corners = m->tets[tet];
     vec3 first = m->nodes[corners[0]], to = v3_sub(x, first);
@@ -140,8 +140,8 @@ static int locate_by_search(const mesh *m, vec3 x) {
     return best;
 }
 
-/* Walks from element to element through the face with the most negative barycentric weight. If the walk cycles, or leaves a non-convex body, all
-   tetrahedra are tested. */
+/* Walks from element to element through the face with the most negative barycentric coordinate. If the walk cycles, or leaves a non-convex body, tests all
+   tetrahedra. */
 int mesh_locate(const mesh *m, vec3 x, int start) {
     int tet = start >= 0 ? start : 0;
     int steps = 64 + 8 * (int)cbrt(m->tet_count);
@@ -166,9 +166,9 @@ void mesh_remark(mesh *m, const char *format, ...) {
     va_end(arguments);
 }
 
-static const double LARGEST_BODY = 10.0; /* needle lengths: body size above which a remark warns that the unit may be wrong. Chosen by judgement */
-static const double SMALLEST_BODY = 0.05; /* needle lengths: body size below which a remark warns that the unit may be wrong. Chosen by judgement */
-static const double COARSEST = 50.0; /* needle diameters: element size above which a remark warns that the mesh is coarse. Chosen by judgement */
+static const double LARGEST_BODY = 10.0; /* in needle lengths; for a larger body, a remark warns that the unit may be wrong. Assumed value */
+static const double SMALLEST_BODY = 0.05; /* in needle lengths; for a smaller body, a remark warns that the unit may be wrong. Assumed value */
+static const double COARSEST = 50.0; /* in needle diameters; for larger elements, a remark warns that the mesh is coarse. Assumed value */
 
 void mesh_compare_with_needle(mesh *m, double length, double diameter) {
     double size = v3_norm(v3_sub(m->bvh[0].high, m->bvh[0].low)), least = INFINITY;

@@ -139,7 +139,7 @@ static void multiply_panels(void *context, int index, int member) {
     size_t number = single ? sizeof(float) : sizeof(double);
     void *tile = s->tiles + (size_t)member * PANEL_WIDTH * PANEL_WIDTH * number;
     double beta = 0.0;
-    for (int row = i, end; row < s->t->count; row = end) { /* in each range of panels [row, end), either both factors always have entries, or never both */
+    for (int row = i, end; row < s->t->count; row = end) { /* [row, end): a run of panels where both factors have entries, or a run where not both do */
         bool filled = panels_filled(s->t, row, i) && panels_filled(s->t, row, j);
         for (end = row + 1; end < s->t->count && filled == (panels_filled(s->t, end, i) && panels_filled(s->t, end, j)); end++) continue;
         if (!filled) continue;
@@ -154,7 +154,7 @@ static void multiply_panels(void *context, int index, int member) {
             double block[9];
             bool diagonal = q->first + c == p->first + r;
             for (int k = 0; k < 9; k++) {
-                int row = k / 3, column = k % 3, swapped = diagonal && column > row; /* take both halves from the lower one, for exact symmetry */
+                int row = k / 3, column = k % 3, swapped = diagonal && column > row; /* mirrors the lower triangle, to make the result exactly symmetric */
                 int at = (c + (swapped ? row : column)) * PANEL_WIDTH + r + (swapped ? column : row);
                 block[k] = single ? (double)((const float *)tile)[at] : ((const double *)tile)[at];
             }

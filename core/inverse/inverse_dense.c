@@ -29,7 +29,7 @@ static trocar_status dense_gather(inverse *inv, const inverse_blocks *blocks, tr
     return TROCAR_OK;
 }
 
-/* Reads only the columns of loaded nodes: needles load few nodes, but the whole matrix has hundreds of megabytes. */
+/* Reads only the columns of loaded nodes: needles load few nodes, but the whole matrix is hundreds of megabytes in size. */
 static void dense_apply(inverse *inv, const double *force, double *restrict displacement) {
     size_t n = (size_t)inv->tissue->dof_count;
     memset(displacement, 0, n * sizeof *displacement);

@@ -5,7 +5,7 @@
 
 #include "base/hash.h"
 
-static const double INSIDE = -1e-12; /* a point with no barycentric coordinate below this counts as inside; the value is a rounding tolerance */
+static const double INSIDE = -1e-12; /* dimensionless: smallest barycentric weight of a point that counts as inside. Rounding tolerance */
 
 /* ---- geometry of one tetrahedron ---- */
 
@@ -166,9 +166,9 @@ void mesh_remark(mesh *m, const char *format, ...) {
     va_end(arguments);
 }
 
-static const double LARGEST_BODY = 10.0; /* in needle lengths; for a larger body, a remark warns that the unit may be wrong. Assumed value */
-static const double SMALLEST_BODY = 0.05; /* in needle lengths; for a smaller body, a remark warns that the unit may be wrong. Assumed value */
-static const double COARSEST = 50.0; /* in needle diameters; for larger elements, a remark warns that the mesh is coarse. Assumed value */
+static const double LARGEST_BODY = 10.0; /* needle lengths: body size above which a remark warns that the unit may be wrong. Chosen by judgement */
+static const double SMALLEST_BODY = 0.05; /* needle lengths: body size below which a remark warns that the unit may be wrong. Chosen by judgement */
+static const double COARSEST = 50.0; /* needle diameters: element size above which a remark warns that the mesh is coarse. Chosen by judgement */
 
 void mesh_compare_with_needle(mesh *m, double length, double diameter) {
     double size = v3_norm(v3_sub(m->bvh[0].high, m->bvh[0].low)), least = INFINITY;

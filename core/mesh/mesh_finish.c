@@ -8,8 +8,8 @@
 /* Face i is opposite vertex i. In a tetrahedron of positive volume, the face's nodes are counter-clockwise as seen from outside. */
 static const int FACE[4][3] = {{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}};
 
-static const double FLAT = 1e-9; /* a tetrahedron whose ratio of volume to longest edge^3 is below this counts as degenerate (a regular one has 0.118); the
-                                    value is a rounding tolerance */
+static const double FLAT = 1e-9; /* dimensionless: ratio of volume to longest edge^3 below which a tetrahedron counts as degenerate (0.118 for a regular one).
+                                    Rounding tolerance */
 
 /* ---- checks and orientation ---- */
 

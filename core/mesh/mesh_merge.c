@@ -2,8 +2,8 @@
 
 #include <stdlib.h>
 
-static const double SAME_PLACE = 1e-6; /* nodes closer than this fraction of the body's size coincide; the value is a rounding tolerance for files in single
-                                          precision */
+static const double SAME_PLACE = 1e-6; /* fraction: distance, relative to the size of the body, within which nodes coincide. Rounding tolerance for files
+                                          in single precision */
 static const vec3 ORDER = {0.5773, 0.7211, 0.3834};               /* nodes are sorted along this direction, which is not aligned with a regular mesh's axes */
 static const int FACES[4][3] = {{1, 2, 3}, {0, 2, 3}, {0, 1, 3}, {0, 1, 2}};
 

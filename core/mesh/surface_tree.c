@@ -2,7 +2,7 @@
 
 #include <stdlib.h>
 
-static const double SLACK = 1e-12; /* rounding tolerance for distances, as a fraction of the body's size */
+static const double SLACK = 1e-12; /* fraction: tolerance for distances, relative to the size of the body. Rounding tolerance */
 enum { LEAF_FACES = 4, STACK_SIZE = 64 };   /* each level halves the number of faces, so 64 levels are enough for any mesh */
 
 /* ---- building ---- */

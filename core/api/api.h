@@ -21,7 +21,7 @@ struct trocar_scene {
 struct trocar_model {
     model_parts parts;       /* immutable data, shared by all simulations of the model */
     trocar_log log;          /* the host's log */
-    atomic_int users;        /* reference count: the host, until it frees the model, and everything created from it (simulations, pictures, models) */
+    atomic_int users;        /* reference count: one for the host, until it frees the model, and one for each simulation, picture or model made from it */
     trocar_model *base;      /* model whose mesh, and possibly stiffness and inverse, this one shares; NULL if it has its own */
     trocar_model *next_retired; /* see model_release */
     uint64_t mesh_checksum;  /* checksum of the mesh, which all models derived from this one share */
@@ -135,7 +135,7 @@ static inline moduli moduli_of(trocar_model *model) { return (moduli){model, &mo
 trocar_status model_stiffen(trocar_model *base, const simulation_config *config, const trocar_watch *watch, trocar_model **created, trocar_error *why);
 
 /* model_release drops a reference but never frees memory, so a real-time thread can call it. Models without references are freed by model_free_retired, which
-   any other thread must call from time to time. model_release: RT */
+   a thread that is not real-time must call from time to time. model_release: RT */
 void model_release(trocar_model *model);
 void model_free_retired(void);
 

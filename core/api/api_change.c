@@ -7,7 +7,7 @@
 
 struct trocar_change {
     trocar_model *model;
-    trocar_model *moduli;    /* once the change is prepared, a model with the moduli in `values`; before that, its moduli may differ from those */
+    trocar_model *moduli;    /* once the change is prepared, a model with the moduli in `values`; until then, its moduli may differ */
     change_values values;
 };
 
@@ -78,8 +78,8 @@ trocar_status trocar_sim_change(trocar_sim *sim, const trocar_change *change, do
     bool stiffens = change->moduli != sim->elasticity.to.model;
     if (!trocar_change_prepared(change)) return fail(why, TROCAR_BAD_INPUT, "the change's moduli have no model yet: call trocar_change_prepare first");
     if (!trocar_sim_accepts(sim, change)) return fail(why, TROCAR_BAD_INPUT, "the moduli are still moving to their last values: wait %g s", elasticity_left(&sim->elasticity));
-    trocar_status status = sim->changing ? TROCAR_OK : changing_create(&sim->model->parts, &sim->changing, why); /* allocates memory only in a batch, which does
-                                                                                                                    not run in real time */
+    trocar_status status = sim->changing ? TROCAR_OK : changing_create(&sim->model->parts, &sim->changing, why); /* allocates only in a batch, which is not
+                                                                                                                    real-time */
     if (status != TROCAR_OK) return status;
     if (stiffens) {
         model_release(sim->elasticity.to.model);

@@ -9,7 +9,7 @@
 
 _Static_assert(sizeof(bool) == sizeof(uint8_t) && (int)MESH_MAX_GROUPS == 32, "trocar.h says so");
 
-/* Allocates a model and copies to it the parts of the scene that are not in the simulation's configuration. Fills *config with that configuration. */
+/* Allocates a model and fills *config, the simulation's configuration. Scene values that are not part of the configuration are copied to the model. */
 static trocar_status begin_model(const trocar_scene *scene, trocar_model **model, simulation_config *config, trocar_error *why) {
     trocar_status status = scene_check(&scene->values, why);
     if (status != TROCAR_OK) return status;
@@ -27,7 +27,7 @@ static trocar_status begin_model(const trocar_scene *scene, trocar_model **model
 
 static trocar_status end_model(trocar_model *m, trocar_status status, trocar_model **model) {
     if (m->parts.config.mesh_given) m->parts.config.mesh_path[0] = '\0'; /* no file was read */
-    m->parts.config.mesh_given = NULL; /* belongs to the scene, which may be freed before the model */
+    m->parts.config.mesh_given = NULL; /* belongs to the scene, which the host may free before the model */
     m->parts.config.scene_path = NULL;
     if (status == TROCAR_OK) *model = m;
     else free(m);
@@ -40,7 +40,7 @@ trocar_model_options trocar_default_model_options(void) {
     return (trocar_model_options){.max_substeps = config.insertion.most_steps};
 }
 
-/* Logs what the host would otherwise have to query: which inverse was chosen, and remarks on the mesh. */
+/* Logs which inverse was chosen and any remarks on the mesh, so that the host need not query them. */
 static void log_new_model(const trocar_model *m) {
     if (m->parts.mesh.remarks.text[0]) host_log(&m->log, TROCAR_LOG_WARNING, "%s", m->parts.mesh.remarks.text);
     if (!m->mesh_only) host_log(&m->log, TROCAR_LOG_INFO, "inverse: %s", m->parts.about_inverse.text);
@@ -116,7 +116,7 @@ trocar_status model_stiffen(trocar_model *base, const simulation_config *config,
     simulation_config changed = base->parts.config;
     double *to[MAX_MODULI], *from[MAX_MODULI];
     int count = simulation_moduli(&changed, to);
-    simulation_moduli((simulation_config *)config, from); /* lists pointers to the moduli of `config`, which are only read here */
+    simulation_moduli((simulation_config *)config, from); /* the cast is safe: `from` points into `config`, but is only read */
     for (int i = 0; i < count; i++) *to[i] = *from[i];
     changed.progress = watch ? (inverse_progress){watch->progress, watch->context, watch->cancelled} : (inverse_progress){0};
     changed.keep_inverse = false;
@@ -134,7 +134,7 @@ trocar_status model_stiffen(trocar_model *base, const simulation_config *config,
     return TROCAR_OK;
 }
 
-static _Atomic(trocar_model *) retired; /* models without users, to be freed by model_free_retired; shared by all simulations */
+static _Atomic(trocar_model *) retired; /* list of models without users, waiting for model_free_retired; shared by all simulations */
 
 void model_release(trocar_model *model) {
     if (atomic_fetch_sub_explicit(&model->users, 1, memory_order_acq_rel) > 1) return;

@@ -12,7 +12,7 @@ trocar_status trocar_picture_create(trocar_model *model, trocar_picture **create
     trocar_error ignored, *why = error ? error : &ignored;
     *created = NULL;
     if (model->mesh_only) return fail(why, TROCAR_BAD_INPUT, "this model has only a mesh: create it without mesh_only");
-    trocar_status status = blas_make_room(2, why); /* displacements are computed in parallel with the worker */
+    trocar_status status = blas_make_room(2, why); /* the picture's thread may compute displacements while the worker runs */
     if (status != TROCAR_OK) return status;
     trocar_picture *p = calloc(1, sizeof *p);
     size_t states = (size_t)model->parts.config.needle_count * sizeof *p->states;
@@ -23,7 +23,7 @@ trocar_status trocar_picture_create(trocar_model *model, trocar_picture **create
         free(p);
         return status;
     }
-    memset(p->states, 0, states); /* touches the memory now, so that no page fault occurs later */
+    memset(p->states, 0, states); /* touch the pages now, so that the ticking thread does not fault later */
     p->model = model_share(model);
     p->from = model_share(model);
     p->to = model_share(model);
@@ -64,7 +64,7 @@ static void use_models(trocar_picture *picture, trocar_model *from, trocar_model
     inverse_mix(picture->mixed, from->parts.inverse, to->parts.inverse, weight);
 }
 
-enum { RESTING_AT_ONCE = 2 }; /* maximum number of changed resting needles that one call copies */
+enum { RESTING_AT_ONCE = 2 }; /* copy at most this many changed resting needles per call, to bound its time */
 
 void trocar_sim_take_picture(const trocar_sim *sim, trocar_picture *picture) {
     int room = RESTING_AT_ONCE, first = picture->next_resting;

@@ -97,7 +97,7 @@ int trocar_scene_count(const trocar_scene *scene, const char *list) {
 
 int trocar_key_count(void) { return scene_key_count(); }
 
-/* Prints a key's default. For a key inside a list, this is the value that a new entry of the list gets. */
+/* Prints a key's default; for a key in a list, the value that a new entry starts with. */
 static void print_default(const scene *standard, const char *key, char *text, size_t size) {
     trocar_error ignored;
     char first[128];
@@ -107,7 +107,7 @@ static void print_default(const scene *standard, const char *key, char *text, si
     if (scene_get(standard, first, text, size, &ignored) != TROCAR_OK) text[0] = '\0';
 }
 
-/* The table of keys, created once by the first thread that needs it. */
+/* The table of keys, built once, by the first thread that needs it. */
 static trocar_key key_table[SCENE_KEYS_MOST];
 static pthread_once_t keys_once = PTHREAD_ONCE_INIT;
 static void make_keys(void) {
@@ -134,7 +134,7 @@ trocar_key trocar_key_at(int index) {
 
 /* ---- a mesh in memory ------------------------------------------------------------------------------------------------------ */
 
-/* Copies an array of `count` elements of `size` bytes, which may be NULL. Returns false if memory cannot be allocated. */
+/* Copies an array of `count` elements of `size` bytes each; `from` may be NULL. Returns false if out of memory. */
 static bool copy(const void *from, size_t count, size_t size, const void **to) {
     *to = NULL;
     if (!from || count == 0) return true;

@@ -1,4 +1,4 @@
-/* Implements parts of trocar/sim.h: creation, and steps in lockstep, one or many per call. */
+/* Implements creation and lockstep stepping (trocar/sim.h). */
 #include <stdlib.h>
 #include <string.h>
 
@@ -38,7 +38,7 @@ static trocar_status create_inverse(trocar_sim *sim, trocar_error *why) {
 
 static trocar_status allocate(trocar_sim *sim, trocar_error *why) {
     size_t needles = (size_t)sim->needle_count * sizeof *sim->needles;
-    sim->needles = allocate_on_cache_lines(needles); /* touches the memory now, so that no page fault occurs later */
+    sim->needles = allocate_on_cache_lines(needles); /* also touches the pages, so that the ticking thread does not fault later */
     if (!sim->borrows_workspace) sim->workspace = allocate_on_cache_lines(sizeof *sim->workspace);
     if (!sim->needles || !sim->workspace) return fail(why, TROCAR_NO_MEMORY, "no memory for a simulation");
     trocar_status status = sim_link_create(&sim->link, sim->model->parts.probe_surface >= 0, sim->borrows_workspace, why);
@@ -80,7 +80,7 @@ trocar_status sim_create(trocar_model *model, insertion_workspace *workspace, tr
     for (int i = 0; i < sim->needle_count && status == TROCAR_OK; i++) {
         sim->needles[i].link.since_release = RELEASE_TIME;
         status = trocar_sim_reset(sim, i, &at_origin, why);
-        sim->needles[i].state.tracks = (track_list){.count = 0}; /* creating a simulation inserts no needle, so no track has been cut */
+        sim->needles[i].state.tracks = (track_list){.count = 0}; /* drop any track through the origin: no needle has been inserted yet */
     }
     if (status == TROCAR_OK) *created = sim;
     else trocar_sim_free(sim);
@@ -132,8 +132,8 @@ trocar_status sim_step(trocar_sim *sim, int needle, const trocar_pose *base, dou
     if (status == TROCAR_OK && outdated) status = answer_and_publish(sim, needle, why);
     if (status == TROCAR_OK) {
         const compliance_snapshot *answer = link_answer(&n->link, n->state.request.insertion);
-        finite = run_tick(sim, needle, answer, at, dt, output) == TROCAR_OK; /* if the result was not finite, the insertion has been restarted, and the step
-                                                                                continues normally */
+        finite = run_tick(sim, needle, answer, at, dt, output) == TROCAR_OK; /* if not finite, run_tick has restarted the insertion, and the step goes on as
+                                                                                usual */
         if (after && finite) {
             tick_input tick = tick_of(sim, needle, answer, dt);
             derived = after->call(&tick, &n->state, sim->workspace, after->context, &reason);

@@ -1,4 +1,4 @@
-/* Implements saving and restoring (trocar/sim.h). Called between lockstep steps, where one thread is both the ticking thread and the worker. */
+/* Implements saving and restoring (trocar/sim.h). Runs between lockstep steps, where one thread is both the ticking thread and the worker. */
 #include <stdlib.h>
 #include <string.h>
 
@@ -10,7 +10,7 @@
 #include "base/hash.h"
 #include "saved/saved_state.h"
 
-/* The header of a saved state. It is copied to and from the caller's memory, which need not be aligned. */
+/* The header of a saved state. It is always copied, because the caller's memory need not be aligned. */
 typedef struct {
     char mark[8];            /* MARK, which identifies a saved state */
     uint64_t layout;         /* saved_layout() of the library that saved the state */
@@ -21,14 +21,14 @@ typedef struct {
 
 static const char MARK[8] = {'t', 'r', 'o', 'c', 'a', 'r', '\1', '\2'};
 
-/* Data of a needle that are not in its insertion state. */
+/* What has to be saved of a needle in addition to its insertion state. */
 typedef struct {
     int phase;
     double base_compliance;
     int64_t since_release;
 } saved_needle;
 
-enum { MOST_OTHER = 4096 };  /* bytes, upper bound for the parts of a state that trocar_sim_state_size does not count individually */
+enum { MOST_OTHER = 4096 };  /* bytes, upper bound on the parts of a state that trocar_sim_state_size does not count individually */
 
 size_t trocar_sim_state_size(const trocar_sim *sim) {
     size_t of_needle = sizeof(saved_needle) + sizeof(insertion_state) + sizeof(compliance_snapshot) + sizeof(resting_needle) + (sim->probe ? sizeof(needle_hold) : 0);
@@ -57,7 +57,7 @@ static void save_needle(state_stream *to, const trocar_sim *sim, int index) {
 
 trocar_status trocar_sim_save(const trocar_sim *sim, void *state, size_t size, trocar_error *error) {
     trocar_error ignored, *why = error ? error : &ignored;
-    trocar_sim *s = (trocar_sim *)sim; /* the stream functions take non-const pointers, but an output stream only reads */
+    trocar_sim *s = (trocar_sim *)sim; /* the stream functions take non-const pointers, but an output stream does not write to them */
     state_header header = {.layout = saved_layout(), .model = sim->model->checksum};
     state_stream to = stream_to(state, size);
     STREAM(&to, header);
@@ -114,7 +114,7 @@ static trocar_status check_state(const trocar_sim *sim, const void *state, size_
     return TROCAR_OK;
 }
 
-/* Finds or builds a model with the moduli in `config`, and adds a reference to it. */
+/* Finds or builds a model with the moduli in `config`. The caller owns the returned reference. */
 static trocar_status model_with(trocar_sim *sim, const simulation_config *config, trocar_model **found, trocar_error *why) {
     trocar_model *const known[] = {sim->model, sim->elasticity.to.model, sim->elasticity.from.model};
     for (size_t i = 0; i < sizeof known / sizeof *known; i++) {
@@ -146,7 +146,7 @@ static trocar_status restore_moduli(state_stream *from, trocar_sim *sim, trocar_
     return status;
 }
 
-/* Restores everything of a needle except its remesher, which can be restored only after the resting needles have been attached. */
+/* Restores everything about a needle except its remesher, which has to wait until the resting needles are attached. */
 static trocar_status restore_needle(state_stream *from, trocar_sim *sim, sim_needle *needle, trocar_error *why) {
     saved_needle saved;
     int segments = sim->model->parts.needle.given.segments;
@@ -163,7 +163,7 @@ static trocar_status restore_needle(state_stream *from, trocar_sim *sim, sim_nee
     if (!needle->attached) {
         insertion_add_loads(ticking_model(sim), &needle->state, &needle->loads);
         copy_loads(&needle->loads, &needle->held);
-        link_post_loads(&needle->link, &needle->loads); /* replaces loads posted before the restore */
+        link_post_loads(&needle->link, &needle->loads); /* replaces any loads posted before the restore */
         return TROCAR_OK;
     }
     trocar_status status = make_room_to_rest(sim, needle, why);
@@ -174,7 +174,7 @@ static trocar_status restore_needle(state_stream *from, trocar_sim *sim, sim_nee
     return TROCAR_OK;
 }
 
-/* Work that was pending for the worker when the state was saved is pending again after the restore. */
+/* Any work that was pending when the state was saved is pending again after the restore. */
 trocar_status trocar_sim_restore(trocar_sim *sim, const void *state, size_t size, trocar_error *error) {
     trocar_error ignored, *why = error ? error : &ignored;
     state_header header;
@@ -190,7 +190,7 @@ trocar_status trocar_sim_restore(trocar_sim *sim, const void *state, size_t size
     saved_seeds(&from, sim->needle_count, &sim->seeds);
     for (int i = 0; i < sim->needle_count && status == TROCAR_OK; i++) status = restore_needle(&from, sim, &sim->needles[i], why);
     for (int i = 0; i < sim->needle_count && status == TROCAR_OK; i++)
-        /* in a separate loop, because fill_message_of_left_needle needs the tracks of all needles */
+        /* needs a loop of its own, because fill_message_of_left_needle uses the tracks of all needles */
         if (link_phase(&sim->needles[i].link) == PHASE_LEAVING) fill_message_of_left_needle(sim, i), link_publish_left(&sim->needles[i].link);
     if (status == TROCAR_OK) status = rest_again(sim, why);
     if (status == TROCAR_OK) status = restore_probe(&from, sim, why);

@@ -1,4 +1,4 @@
-/* Implements trocar/view.h, for simulations and for pictures. */
+/* Implements trocar/view.h for both simulations and pictures. */
 #include <string.h>
 
 #include "api/ticking.h"
@@ -88,7 +88,7 @@ trocar_probe trocar_view_probe(const trocar_view *view) {
     return shown ? shown->output : (trocar_probe){.placed = 0};
 }
 
-/* Returns the inverse of the tissue with its current moduli. */
+/* Returns the tissue's inverse with the current moduli. */
 static inverse *inverse_in(const trocar_view *view) {
     if (!view->sim) return view->picture->mixed;
     const elasticity *e = &view->sim->elasticity;

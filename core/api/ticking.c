@@ -21,7 +21,7 @@ trocar_status check_pose(const trocar_pose *p, pose *out, trocar_error *why) {
     for (int i = 0; i < 3; i++) sum += p->position[i];
     if (isfinite(sum) && fabs(sqrt(norm) - 1.0) <= 1e-3) {
         quat q = {p->orientation[0], p->orientation[1], p->orientation[2], p->orientation[3]};
-        bool unit = fabs(norm - 1.0) <= 8 * DBL_EPSILON; /* the quaternion is already normalised: doing so again could change its last bit */
+        bool unit = fabs(norm - 1.0) <= 8 * DBL_EPSILON; /* already normalised; doing it again could change the last bit */
         *out = (pose){v3(p->position[0], p->position[1], p->position[2]), unit ? q : q_unit(q)};
         return TROCAR_OK;
     }
@@ -53,17 +53,17 @@ void adopt_needle(trocar_sim *sim, sim_needle *n) {
     if (link_refuses(&n->link, ON_ADOPT)) return;
     memcpy(&n->state, &link_shown(&n->link)->state, sizeof n->state);
     n->stamp = next_stamp();
-    n->softened = 0; /* makes the next tick call insertion_soften, because the worker may have lagged behind in a change of moduli */
+    n->softened = 0; /* makes the next tick call insertion_soften: the worker may have lagged behind the changing moduli */
     n->given = n->state.needle.base;
     n->loads.count = 0;
     insertion_add_loads(ticking_model(sim), &n->state, &n->loads);
     link_adopt(&n->link, &n->state, &n->loads);
 }
 
-/* Copies the tracks nearest to the tip first, because there may not be room for all of them. */
+/* Copies the tracks nearest the tip first, because there may not be room for all. */
 void fill_message_of_left_needle(trocar_sim *sim, int needle) {
-    static const double DISTANCES[] = {-1.0, 10e-3, 40e-3}; /* m, distances from the tip between which tracks are copied in the first and second pass; a
-                                                               released needle moves by only a few millimetres */
+    static const double DISTANCES[] = {-1.0, 10e-3, 40e-3}; /* m, the first pass copies tracks up to 10 mm from the tip, the second up to 40 mm; a released
+                                                               needle moves only a few millimetres */
     sim_needle *n = &sim->needles[needle];
     left_needle *slot = link_left_slot(&n->link);
     memcpy(&slot->state, &n->state, sizeof slot->state);
@@ -78,7 +78,7 @@ static trocar_status refuse(trocar_error *why, int needle, const char *reason) {
     return TROCAR_BAD_INPUT;
 }
 
-/* Tells the worker that the needle does not support the tissue against the probe until its next tick. RT */
+/* Tells the worker that, until its next tick, the needle does not support the tissue against the probe. RT */
 static void post_no_hold(const trocar_sim *sim, needle_link *link) {
     if (!sim->probe) return;
     link_hold_slot(link)->count = 0;
@@ -133,8 +133,7 @@ trocar_status trocar_sim_reset(trocar_sim *sim, int needle, const trocar_pose *b
     n->stamp = next_stamp();
     n->loads.count = 0;
     post_no_hold(sim, &n->link);
-    if (link_reset(&n->link, n->state.request.serial) || n->link.posted_loads.count > 0) { /* tells the worker, so that the other needles no longer feel this
-                                                                                              one */
+    if (link_reset(&n->link, n->state.request.serial) || n->link.posted_loads.count > 0) { /* tell the worker, so that other needles stop feeling this one */
         link_post_loads(&n->link, &(tissue_loads){.count = 0});
         wake_worker(&sim->link);
     }
@@ -151,7 +150,7 @@ static trocar_output output_of(const tick_output *wrench) {
                            .switches = wrench->switches};
 }
 
-/* True if the needle's forces have changed enough since they were last posted to matter to the other needles. RT */
+/* True if the needle's forces have changed enough since the last post that other needles would notice. RT */
 static bool loads_changed(const sim_needle *needle) {
     static const double NOTICEABLE = 1e-3; /* N */
     const tissue_loads *now = &needle->loads, *then = &needle->link.posted_loads;
@@ -170,8 +169,8 @@ void post_hold(trocar_sim *sim, sim_needle *needle, const compliance_snapshot *s
     link_publish_hold(&needle->link);
 }
 
-/* Posts the needle's forces to the worker, which passes them on to the other needles. If there is only one needle, the worker only needs its track. Resting
-   needles and the probe respond at their own intervals (response_period). RT */
+/* Posts the needle's forces to the worker, which passes them on to the other needles. If there is only one needle, the worker needs only its track. With
+   resting needles or a probe, posts at most once per response_period. RT */
 static void post_loads(trocar_sim *sim, sim_needle *needle, const compliance_snapshot *snapshot, double dt) {
     bool rest = atomic_load_explicit(&sim->link.resting, memory_order_relaxed) > 0 || atomic_load_explicit(&sim->link.probe.placed, memory_order_relaxed);
     const shown_probe *probe = shown_probe_of(sim);
@@ -187,13 +186,12 @@ static void post_loads(trocar_sim *sim, sim_needle *needle, const compliance_sna
     wake_worker(&sim->link);
 }
 
-/* True if the worker needs the needle's forces, either because other bodies feel them or to compute the displacement of the track by the needle's residual
-   loads. RT */
+/* True if the worker needs the needle's forces: other bodies feel them, or the needle's residual loads displace its track. RT */
 static bool is_felt(const trocar_sim *sim, const sim_needle *needle) {
     return sim->needle_count > 1 || sim->probe || needle->state.memory.residual.count > 0;
 }
 
-/* Advances the simulated time for a tick of this needle. Needles that tick one after another share a round, in which the time advances by `dt` only once. RT */
+/* Advances simulated time for a tick of this needle. Needles that tick in turn share a round, in which time advances by `dt` only once. RT */
 static void advance_time(round_clock *rounds, int needle, double dt) {
     uint32_t bit = UINT32_C(1) << needle;
     if (rounds->ticked & bit) rounds->ticked = 0;

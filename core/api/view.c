@@ -30,7 +30,7 @@ static trocar_contact_status status_of(friction_state friction) {
     return friction == STICK ? TROCAR_CONTACT_STICKING : TROCAR_CONTACT_SLIDING;
 }
 
-/* Lists the needle's contacts with guides, of which there are at most MAX_GUIDE_POINTS. Returns their number. */
+/* Lists the needle's contacts with guides (at most MAX_GUIDE_POINTS), and returns how many there are. */
 static int guide_contacts_of(const trocar_model *parent, const insertion_state *s, trocar_contact *contacts) {
     int count = 0;
     for (int i = 0; i < MAX_GUIDE_POINTS; i++) {

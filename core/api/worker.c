@@ -1,4 +1,4 @@
-/* The worker's tasks, both in a thread of its own (trocar_sim_work) and in lockstep. */
+/* The worker's tasks, for a separate worker thread (trocar_sim_work) and for lockstep. */
 #include "api/worker.h"
 
 #include <stdlib.h>
@@ -8,10 +8,9 @@
 #include "api/worker_resting.h"
 #include "base/flush_denormals.h"
 
-enum { MOST_ANSWERS = 4 };             /* maximum number of requests answered in a row before other work gets its turn */
+enum { MOST_ANSWERS = 4 };             /* after answering this many requests in a row, let other work have its turn */
 
-/* Moves the mesh's compliance one step further towards the new moduli, lets resting needles follow, and marks everything computed from the old compliance as
-   outdated. */
+/* Moves the mesh's compliance one step closer to the new moduli, lets resting needles follow, and marks all answers as stale. */
 static trocar_status move_moduli(trocar_sim *sim, double now, trocar_error *why) {
     double *displacement;
     trocar_status status = rest_before_softening(sim, &displacement, why);
@@ -27,7 +26,7 @@ static trocar_status move_moduli(trocar_sim *sim, double now, trocar_error *why)
     return status == TROCAR_OK ? respond_to_loads(sim, false, why) : status;
 }
 
-/* While moduli change, lets the mesh's compliance follow the ticking thread's progress. */
+/* While moduli change, keeps the mesh's compliance in step with the ticking thread. */
 static trocar_status follow_moduli(trocar_sim *sim, trocar_error *why) {
     model_free_retired();
     bool felt = false;
@@ -42,7 +41,7 @@ static trocar_status follow_moduli(trocar_sim *sim, trocar_error *why) {
 
 /* ---- in its own thread ------------------------------------------------------------------------------------------------------ */
 
-/* Copies the newest forces of held needles. Returns true if any have not been read before. */
+/* Copies the newest forces of held needles. Returns true if any of them are new. */
 static bool take_loads(trocar_sim *sim) {
     bool any = false;
     for (int i = 0; i < sim->needle_count; i++) {
@@ -65,7 +64,7 @@ static trocar_status respond_in_turn(trocar_sim *sim, trocar_error *why) {
     return status == TROCAR_OK ? respond_to_loads(sim, false, why) : status;
 }
 
-/* Lets the next resting needle slip. Returns true if more needles have to slip. */
+/* Lets the next resting needle slip. Returns true if more have to. */
 static bool slip_in_turn(trocar_sim *sim, trocar_status *status, trocar_error *why) {
     uint64_t shifts = sim->resting.shifts;
     bool more = slip_some(sim, false);
@@ -73,7 +72,7 @@ static bool slip_in_turn(trocar_sim *sim, trocar_status *status, trocar_error *w
     return more;
 }
 
-/* Does one piece of work per call, so that requests never wait long. Requests have priority, but other work also gets its turn. */
+/* Does a small amount of work per call, so that requests never wait long. Requests have priority, but other work gets a turn, too. */
 trocar_status trocar_sim_work(trocar_sim *sim, trocar_work *done, trocar_error *error) {
     trocar_error ignored, *why = error ? error : &ignored;
     worker_is_awake(&sim->link);

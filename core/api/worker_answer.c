@@ -21,9 +21,9 @@ void mark_stale(trocar_sim *sim, const sim_needle *except) {
 
 /* ---- answers ------------------------------------------------------------------------------------------------------------------ */
 
-static const double AHEAD = 10e-3; /* m, how far the tip may advance until the next answer */
+static const double AHEAD = 10e-3; /* m, how far the tip can advance before the next answer */
 
-/* Divides the needle's track, or the expected track of a needle outside the tissue, into steps. */
+/* Divides the needle's track into steps. For a needle outside the tissue, uses the track it is expected to cut. */
 static void lay_steps(const trocar_sim *sim, int index, const remesh_request *request, shaft_steps *steps) {
     const mesh *m = &sim->model->parts.mesh;
     double finest = sim->model->parts.insertion.settings.contact_spacing;
@@ -45,7 +45,7 @@ static void add_up(unresolved_shift *shift) {
     for (int k = 0; k < shift->count; k++) shift->sum[k + 1] = v3_add(shift->sum[k + 1], shift->sum[k]);
 }
 
-/* Of the displacements caused by other needles and by the needle's own residual loads, finds the part that the mesh is too coarse to resolve. */
+/* Other needles and the needle's own residual loads displace its track. Finds the part of that displacement that the mesh is too coarse to resolve. */
 static trocar_status find_unresolved(const trocar_sim *sim, int index, const remesh_request *request, const other_loads *others, compliance_snapshot *snapshot,
                                      trocar_error *why) {
     shaft_steps steps = {.count = 0};
@@ -64,7 +64,7 @@ static trocar_status find_unresolved(const trocar_sim *sim, int index, const rem
     return status;
 }
 
-/* Fills the free displacements (u_free) in the worker's slot; they are computed for the first answer to a request, and reused for later ones. Worker only. */
+/* Fills the free displacements (u_free) in the worker's slot. Computes them for the first answer to a request, and reuses them for later ones. Worker only. */
 static trocar_status fill_free(trocar_sim *sim, int index, const remesh_request *request, bool first, trocar_error *why) {
     sim_needle *needle = &sim->needles[index];
     compliance_snapshot *snapshot = link_answer_slot(&needle->link);
@@ -87,7 +87,7 @@ static trocar_status fill_free(trocar_sim *sim, int index, const remesh_request 
     return status;
 }
 
-/* Discards rows that are invalid because the inverse has changed. Worker only. */
+/* If the inverse has changed since the last answer, discards the rows computed from it. Worker only. */
 static trocar_status start_anew_if_changed(trocar_sim *sim, sim_needle *needle, trocar_error *why) {
     if (needle->served_changes == attached_changes(sim)) return TROCAR_OK;
     needle->served_changes = attached_changes(sim);

@@ -45,7 +45,7 @@ trocar_status press_probe(trocar_sim *sim, trocar_error *why) {
     if (!p || !sim->probe_posed) return TROCAR_OK;
     uint64_t changes = attached_changes(sim), shifts = attached_shifts(sim);
     list_others(sim, BESIDE_PROBE, &others);
-    bool held = false; /* if no needle is held, there are no ticks, so simulated time does not advance */
+    bool held = false; /* if no needle is held, nothing ticks and simulated time stands still, so `elapsed` is infinite */
     for (int i = 0; i < sim->needle_count; i++) {
         if (sim->needles[i].attached) continue;
         held = true;

@@ -7,13 +7,13 @@
 
 trocar_status create_probe(trocar_sim *sim, trocar_error *why);
 
-/* Reads the newest pose of the probe. Returns true if it has not been read before. */
+/* Reads the probe's newest pose. Returns true if it is new. */
 bool take_probe_pose(trocar_sim *sim);
 
-/* Presses the probe against the tissue at its newest pose. To be called after the probe has moved or other loads have changed. */
+/* Presses the probe against the tissue at its newest pose. Call it after the probe has moved or other loads have changed. */
 trocar_status press_probe(trocar_sim *sim, trocar_error *why);
 
-/* Save and restore the probe. To be called between lockstep steps. */
+/* Save and restore the probe. Call them between lockstep steps. */
 void save_probe(state_stream *to, trocar_sim *sim);
 trocar_status restore_probe(state_stream *from, trocar_sim *sim, trocar_error *why);
 

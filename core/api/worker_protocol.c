@@ -8,7 +8,7 @@
 
 /* ---- phases and events -------------------------------------------------------------------------------------------------------- */
 
-enum { SERIALS_APART = 1 << 20 };      /* gap between the serials issued after a reset and those that the worker knows */
+enum { SERIALS_APART = 1 << 20 };      /* gap left for serials and ids that the worker issues while it has the needle */
 
 typedef struct {
     bool legal;
@@ -97,8 +97,8 @@ static void set_phase(needle_link *link, needle_phase phase) {
 }
 
 const compliance_snapshot *link_answer(const needle_link *link, uint64_t insertion) {
-    compliance_snapshot *answer = (compliance_snapshot *)triple_buffer_read((triple_buffer *)&link->answers, NULL); /* the slot belongs to the reader until the
-                                                                                                                       next call */
+    compliance_snapshot *answer = (compliance_snapshot *)triple_buffer_read((triple_buffer *)&link->answers, NULL); /* until the next read, the slot is the
+                                                                                                                       reader's to modify */
     if (answer->insertion != insertion) snapshot_empty(answer);
     return answer;
 }
@@ -116,7 +116,7 @@ bool link_post_request(needle_link *link, const remesh_request *request, int64_t
     slot->asked = now;
     slot->request = *request;
     triple_buffer_publish(&link->requests);
-    if (serial - link->posted > REQUESTS_REMEMBERED) link->posted = serial - REQUESTS_REMEMBERED; /* after a restore, keeps the loop below short */
+    if (serial - link->posted > REQUESTS_REMEMBERED) link->posted = serial - REQUESTS_REMEMBERED; /* keeps the loop below short after a restore */
     while (link->posted < serial) link->asked[++link->posted % REQUESTS_REMEMBERED] = now;
     return true;
 }
@@ -149,7 +149,7 @@ void link_adopt(needle_link *link, insertion_state *state, tissue_loads *loads) 
     set_phase(link, PHASE_HELD);
 }
 
-/* Changes the phase to HELD. Only then may the caller post empty loads, because the worker does not read the loads of a resting needle. */
+/* Changes the phase to HELD. The caller must not post empty loads before this, because the worker does not read the loads of a resting needle. */
 bool link_reset(needle_link *link, uint64_t serial) {
     bool away = link_phase(link) != PHASE_HELD;
     if (away) {
@@ -161,7 +161,7 @@ bool link_reset(needle_link *link, uint64_t serial) {
 
 int64_t link_waiting(const needle_link *link, int64_t now) {
     if (link->answered >= link->posted || link_phase(link) != PHASE_HELD) return 0;
-    /* the serial of the oldest unanswered request or, if its time is no longer remembered, of the oldest remembered request */
+    /* serial of the oldest unanswered request or, if that one has been forgotten, of the oldest one remembered */
     uint64_t oldest = link->posted - link->answered < REQUESTS_REMEMBERED ? link->answered + 1 : link->posted + 1;
     return now - link->asked[oldest % REQUESTS_REMEMBERED];
 }
@@ -210,7 +210,7 @@ void probe_link_publish(probe_link *link) { triple_buffer_publish(&link->shown);
 
 bool probe_link_waiting(probe_link *link, pose *at) {
     if (!triple_buffer_waits(&link->poses)) return false;
-    memcpy(at, triple_buffer_read(&link->poses, NULL), sizeof *at); /* reads the pose and then posts it again */
+    memcpy(at, triple_buffer_read(&link->poses, NULL), sizeof *at); /* reading the pose consumes it, so post it again */
     memcpy(triple_buffer_slot(&link->poses), at, sizeof *at);
     triple_buffer_publish(&link->poses);
     return true;
@@ -241,7 +241,7 @@ void sim_link_free(sim_link *link) {
 void wake_worker(const sim_link *link) {
     uint64_t one = 1;
     if (link->work_event < 0) return;
-    ssize_t written = write(link->work_event, &one, sizeof one); /* fails only if the counter is full, in which case the worker is awake anyway */
+    ssize_t written = write(link->work_event, &one, sizeof one); /* fails only if the counter is full, and then the worker is awake anyway */
     (void)written;
 }
 

@@ -1,6 +1,6 @@
-/* The messages between the thread that ticks a simulation and its worker, and the ownership of each needle. The two threads exchange data through
-   the links below. Values that change during a run pass through `changing` and `elasticity`, which have their own rules. Every other member of the structs in
-   api.h is constant or belongs to one thread.
+/* The messages between the thread that ticks a simulation and its worker, and which of them owns each needle. The two threads exchange data only through the
+   links below and through `changing` and `elasticity`, which carry values that change during a run and have their own rules. Every other member of the structs
+   in api.h is constant or belongs to one thread.
 
    A needle is in one of five phases:
 
@@ -12,7 +12,7 @@
    | TAKING  | requested back                     | nothing                          | shown and one answer, at the end                         |
    | TAKEN   | returned, to be adopted            | state, by adopting the shown one | answers                                                  |
 
-   These events change the phase (-: refused, with the reason that link_refuses returns):
+   These events change the phase (-: refused; link_refuses returns the reason):
 
    | event      | thread  | HELD    | LEAVING | RESTING | TAKING | TAKEN |
    |------------|---------|---------|---------|---------|--------|-------|
@@ -25,9 +25,9 @@
    | ON_STAYS   | worker  | -       | HELD    | -       | -      | -     |
    | ON_RELEASE | worker  | -       | -       | -       | TAKEN  | -     |
 
-   A reset by the ticking thread may change the phase at any time. A change by the worker takes effect only if the ticking thread has not changed the phase
-   since the worker began (link_seen, link_complete). Only the worker knows whether the needle is attached to the tissue; its task follows from that and from
-   the phase (duty_in). A restore may set any phase: it takes place between lockstep steps, where one thread is both the ticking thread and the worker. */
+   The ticking thread may change the phase at any time, by a reset. The worker's changes take effect only if the ticking thread has not changed the phase since
+   the worker began its task (link_seen, link_complete). Only the worker knows whether a needle is attached to the tissue; its task follows from that and the
+   phase (duty_in). A restore may set any phase: it happens between lockstep steps, where one thread is both the ticking thread and the worker. */
 #ifndef TROCAR_WORKER_PROTOCOL_H
 #define TROCAR_WORKER_PROTOCOL_H
 
@@ -50,14 +50,14 @@ typedef enum {
     NEEDLE_EVENTS
 } needle_event;
 
-/* Returns NULL if the event is legal in this phase; *next, unless NULL, is then the phase after the event. Otherwise returns the reason why the event is
-   refused. RT */
+/* If the event is legal in this phase, returns NULL and sets *next, unless `next` is NULL, to the phase after the event. Otherwise returns the reason for
+   refusing it. RT */
 const char *phase_after(needle_phase phase, needle_event event, needle_phase *next);
 
 /* The worker's task for a needle. */
 typedef enum {
     DUTY_NONE,
-    DUTY_REMOVE,             /* the needle was reset while attached: detach it, so that its forces vanish; then choose the next task */
+    DUTY_REMOVE,             /* the needle was reset while attached: detach it, so that its forces vanish, and then choose the next task */
     DUTY_LAY_DOWN,           /* release the base and attach the needle to the tissue */
     DUTY_RETURN,             /* detach the needle and return it to the ticking thread */
 } needle_duty;
@@ -68,7 +68,7 @@ needle_duty duty_in(needle_phase phase, bool attached);
 
 /* Message from the ticking thread to the worker: a request. */
 typedef struct {
-    int64_t asked;           /* ns on the simulation's clock, time of the request */
+    int64_t asked;           /* time of the request, in ns on the simulation's clock */
     remesh_request request;
 } posted_request;
 
@@ -99,55 +99,55 @@ uint64_t next_stamp(void);
 
 enum { REQUESTS_REMEMBERED = 1024 };
 
-/* ns: time over which the effect of a release on the other needles builds up, about as long as fingers take to open. An assumed value: if the effect came
-   within a single tick, it would be a jolt of up to 0.5 N */
+/* ns. After a needle is released, the other needles come to feel it over this time, about as long as fingers take to open (an assumed value). All at once, it
+   would be a jolt of up to 0.5 N. */
 static const int64_t RELEASE_TIME = 100000000;
 
-/* Returns the interval (s) at which resting needles respond to the forces of held needles. `pressed`: number of points that the probe presses on; the
-   interval is longer if there are any, because the worker's computation then takes longer. RT */
+/* Returns the interval (s) at which resting needles respond to the forces of held needles. `pressed` is the number of points that the probe presses on; if
+   there are any, the worker needs more time, so the interval is longer. RT */
 static inline double response_period(int pressed) { return pressed > 0 ? 0.01 : 0.004; }
 
 typedef struct {
-    atomic_uint phase;       /* a needle_phase plus PHASES times the number of changes made by the ticking thread; that number shows whether a needle was reset
-                                and left again while the worker was attaching it */
+    atomic_uint phase;       /* a needle_phase plus PHASES times the number of changes made by the ticking thread. From that number, the worker can tell if a
+                                needle was reset and left again while it was being attached */
     triple_buffer requests;  /* posted_request: ticking thread -> worker */
     triple_buffer loads;     /* tissue_loads: ticking thread -> worker */
     triple_buffer holds;     /* needle_hold: ticking thread -> worker; only in scenes with a probe */
     triple_buffer left;      /* left_needle: ticking thread -> worker */
     triple_buffer answers;   /* compliance_snapshot: worker -> ticking thread */
     triple_buffer shown;     /* shown_needle: worker -> ticking thread */
-    atomic_bool stale;       /* true if the last answer is no longer valid, so that the ticking thread has to post a new request; set by the worker, cleared by
-                                the ticking thread */
-    atomic_llong since_release; /* ns, simulated time over which this needle has ticked since a needle was last released; increased by the ticking thread, reset
+    atomic_bool stale;       /* true if the last answer is no longer valid and the ticking thread must post a new request; set by the worker, cleared by the
+                                ticking thread */
+    atomic_llong since_release; /* ns, simulated time that this needle has ticked for since a needle was last released; increased by the ticking thread, reset
                                    by the worker */
     /* Used by the ticking thread: */
     uint64_t posted;         /* serial of the last posted request */
     uint64_t answered;       /* serial of the request whose answer the last tick used */
-    int64_t asked[REQUESTS_REMEMBERED]; /* ns, time at which each remembered request was posted, indexed by its serial modulo REQUESTS_REMEMBERED */
+    int64_t asked[REQUESTS_REMEMBERED]; /* ns, when each remembered request was posted; indexed by its serial modulo REQUESTS_REMEMBERED */
     tissue_loads posted_loads; /* the needle's forces as last posted */
 } needle_link;
 
-/* `lockstep`: true if one thread is both the ticking thread and the worker; the buffers are then not prefaulted. */
+/* `lockstep`: true if one thread is both the ticking thread and the worker; then the buffers are not prefaulted. */
 trocar_status link_create(needle_link *link, bool lockstep, trocar_error *why);
 
-/* Creates the buffer for needle_hold. In scenes with a probe, to be called in addition to link_create. */
+/* Creates the buffer for needle_hold. In scenes with a probe, call it after link_create. */
 trocar_status link_create_holds(needle_link *link, trocar_error *why);
 void link_free(needle_link *link);
 
-/* Copies only the entries in use, because the arrays are large. RT */
+/* Copies only the entries in use, because the array is large. RT */
 void copy_loads(const tissue_loads *from, tissue_loads *to);
 
 /* ---- the ticking thread's side. All RT -------------------------------------------------------------------------------------------- */
 
 needle_phase link_phase(const needle_link *link);
 
-/* Returns NULL if the event is legal in the current phase; otherwise the reason why it is not. */
+/* Returns NULL if the event is legal in the current phase; otherwise, the reason for refusing it. */
 const char *link_refuses(const needle_link *link, needle_event event);
 
-/* Returns the newest answer; if it is for an earlier insertion, it is emptied first. Its serial is 0 if there is no answer yet. */
+/* Returns the newest answer, emptied if it was for an earlier insertion. Its serial is 0 if there is no answer yet. */
 const compliance_snapshot *link_answer(const needle_link *link, uint64_t insertion);
 
-/* Returns the needle as last shown by the worker; NULL while the ticking thread's own state is the visible one. */
+/* Returns the needle as last published by the worker; NULL if the ticking thread's own state is the one to show. */
 const shown_needle *link_shown(const needle_link *link);
 
 /* Posts the request if its serial is new or the last answer is stale. Returns true if it was posted. */
@@ -155,39 +155,39 @@ bool link_post_request(needle_link *link, const remesh_request *request, int64_t
 
 void link_post_loads(needle_link *link, const tissue_loads *loads);
 
-/* Returns the slot for a needle_hold, to be filled before link_publish_hold. */
+/* Returns the slot to fill before calling link_publish_hold. */
 needle_hold *link_hold_slot(needle_link *link);
 void link_publish_hold(needle_link *link);
 
-/* Returns the slot for the message about a needle that is being left, to be filled before link_leave. Valid in phase HELD. */
+/* Returns the slot to fill before calling link_leave. Valid in phase HELD. */
 left_needle *link_left_slot(needle_link *link);
 
-/* These functions change the phase. They must not be called in a phase in which link_refuses() rejects their event. */
-void link_leave(needle_link *link, insertion_state *state); /* `state`: the ticking thread's state; its serials and ids are increased, to keep them distinct
-                                                               from those that the worker issues */
+/* These functions change the phase. Do not call them when link_refuses() refuses their event. */
+void link_leave(needle_link *link, insertion_state *state); /* `state`: the ticking thread's state; its next serial and id are increased, so that they differ
+                                                               from any that the worker issues */
 void link_take(needle_link *link);
-void link_adopt(needle_link *link, insertion_state *state, tissue_loads *loads); /* `loads`: the forces in `state`, which the worker already knows, so they need
-                                                                                    not be posted */
+void link_adopt(needle_link *link, insertion_state *state, tissue_loads *loads); /* `loads`: the forces in `state`. The worker already knows them, so they are
+                                                                                    not posted */
 bool link_reset(needle_link *link, uint64_t serial); /* `serial`: serial of the first request after the reset. Returns true if the needle was not held */
 
-/* Returns the age (ns) of the oldest request for which the last tick had no answer; 0 if there is none. `now` is a time on the clock used for
+/* Returns the age (ns) of the oldest request that the last tick had no answer for; 0 if there is none. `now` must be by the same clock as in
    link_post_request. */
 int64_t link_waiting(const needle_link *link, int64_t now);
 
 /* ---- the worker's side ------------------------------------------------------------------------------------------------------------- */
 
-/* Returns the phase together with the number of changes, which the worker reads before it begins a task; phase_seen() extracts the phase. */
+/* Returns the phase and the change count as one number (see needle_link.phase). The worker reads it before starting a task; phase_seen() extracts the phase. */
 unsigned link_seen(const needle_link *link);
 static inline needle_phase phase_seen(unsigned seen) { return (needle_phase)(seen % PHASES); }
 
-/* Applies an event caused by the worker. If the ticking thread has changed the phase since `seen` was read, has no effect and returns false. */
+/* Applies one of the worker's events. If the ticking thread has changed the phase since `seen` was read, does nothing and returns false. */
 bool link_complete(needle_link *link, unsigned seen, needle_event event);
 
-/* Returns the newest request; sets *fresh if it has not been read before. */
+/* Returns the newest request. Sets *fresh, unless `fresh` is NULL, to whether it is new since the last read. */
 const posted_request *link_request(needle_link *link, bool *fresh);
-bool link_request_waits(needle_link *link); /* true if there is a request newer than the one last read */
+bool link_request_waits(needle_link *link); /* true if there is a newer request than the one last read */
 
-/* Returns the newest loads; sets *fresh, unless NULL, if they have not been read before. */
+/* Returns the newest loads. Sets *fresh, unless `fresh` is NULL, to whether they are new since the last read. */
 const tissue_loads *link_loads(needle_link *link, bool *fresh);
 
 /* Returns the newest needle_hold, which is valid until the next call. */
@@ -195,7 +195,7 @@ const needle_hold *link_hold(needle_link *link);
 
 const left_needle *link_left(needle_link *link);
 
-/* Return slots that the worker fills and then publishes. */
+/* The worker fills the returned slot and then publishes it. */
 compliance_snapshot *link_answer_slot(needle_link *link);
 void link_publish_answer(needle_link *link);
 shown_needle *link_shown_slot(needle_link *link);
@@ -206,7 +206,7 @@ void link_mark_stale(needle_link *link);
 /* ---- both at once: after a restore, between lockstep steps -------------------------------------------------------------------------- */
 
 void link_restore(needle_link *link, needle_phase phase, int64_t since_release);
-void link_publish_left(needle_link *link); /* publishes the slot returned by link_left_slot, which must have been filled, for a needle in phase LEAVING */
+void link_publish_left(needle_link *link); /* for a needle in phase LEAVING: publishes the slot from link_left_slot, which must have been filled */
 
 /* ---- the probe ------------------------------------------------------------------------------------------------------------------------ */
 
@@ -219,13 +219,13 @@ typedef struct {
 
 void probe_link_post(probe_link *link, pose at);             /* ticking thread. RT */
 const shown_probe *probe_link_shown(const probe_link *link); /* ticking thread. RT */
-const pose *probe_link_pose(probe_link *link, bool *fresh);  /* called by the worker; returns the newest pose */
+const pose *probe_link_pose(probe_link *link, bool *fresh);  /* worker; returns the newest pose */
 shown_probe *probe_link_slot(probe_link *link);              /* worker */
 void probe_link_publish(probe_link *link);                   /* worker */
 
-/* If a pose is pending for the worker, copies it to `at` and returns true; the pose remains pending. To be called between lockstep steps. */
+/* If a pose is pending for the worker, copies it to `at`, leaves it pending and returns true. Call it between lockstep steps. */
 bool probe_link_waiting(probe_link *link, pose *at);
-/* Discards any pending pose and, unless `waiting` is NULL, makes `waiting` the pending pose. */
+/* Replaces any pending pose with `waiting`, or with none if `waiting` is NULL. */
 void probe_link_restore(probe_link *link, bool placed, const pose *waiting);
 
 /* ---- a simulation -------------------------------------------------------------------------------------------------------------------- */
@@ -239,7 +239,7 @@ typedef struct {
 trocar_status sim_link_create(sim_link *link, bool probe, bool lockstep, trocar_error *why);
 void sim_link_free(sim_link *link);                          /* `link` may be zero-initialised, with work_event = -1 */
 
-void wake_worker(const sim_link *link);                      /* called by the ticking thread. RT, except for one write() */
-void worker_is_awake(const sim_link *link);                  /* called by the worker before it looks for work */
+void wake_worker(const sim_link *link);                      /* ticking thread. RT, except for one write() */
+void worker_is_awake(const sim_link *link);                  /* worker; clears the event before looking for work */
 
 #endif

@@ -9,17 +9,17 @@
 #include "base/cache_line.h"
 #include "base/flush_denormals.h"
 
-enum { MOST_TICKS = 2000 };            /* number of ticks within which a released needle must come to rest: 2 s, enough for the lag of its shaft to decay */
+enum { MOST_TICKS = 2000 };            /* a released needle must come to rest within this many ticks: 2 s, enough for its shaft lag to decay */
 
-/* A needle counts as at rest below these limits on the remaining wrench at its base and on the largest slip of a contact per tick. */
+/* A needle is at rest when the wrench left at its base and the largest slip of any contact per tick are below these limits. */
 typedef struct { double force, torque, slip; } rest_limits; /* N, N m, m */
-static const rest_limits AT_REST = {1e-3, 1e-4, 1e-7}, RELAXING = {20e-3, 2e-3, 2e-6}; /* larger, because relaxing tissue continues to creep for seconds */
+static const rest_limits AT_REST = {1e-3, 1e-4, 1e-7}, RELAXING = {20e-3, 2e-3, 2e-6}; /* wider, because relaxing tissue goes on creeping for seconds */
 
-static const double LARGEST_STEP = 16.0; /* maximum ratio between the base's step and the step that would be taken if nothing slid */
+static const double LARGEST_STEP = 16.0; /* largest step of the base, relative to the step if nothing slid */
 static const double TICK = 1e-3;       /* s */
-static const double SHOWN = 1e-4;      /* N, change in force above which a needle is shown again */
-static const double SHOWN_ALL = 1e-7;  /* N, threshold used instead of SHOWN while all needles are updated */
-enum { SHOWN_AT_ONCE = 4 };            /* maximum number of needles whose shape is computed in one pass of the worker */
+static const double SHOWN = 1e-4;      /* N, change in force above which a needle is published again */
+static const double SHOWN_ALL = 1e-7;  /* N, used instead of SHOWN when all needles are updated */
+enum { SHOWN_AT_ONCE = 4 };            /* the worker computes the shapes of at most this many needles per pass */
 
 /* ---- letting go ----------------------------------------------------------------------------------------------- */
 
@@ -31,17 +31,17 @@ static bool is_at_rest(const insertion_model *model, const insertion_state *stat
     return v3_norm(wrench->force) < limits->force && v3_norm(across) < limits->torque && slip < limits->slip;
 }
 
-/* Releases the base and moves it until its wrench has vanished. Linearises the needle at its final position, ready to be attached. */
+/* Releases the base and moves it until its wrench vanishes. Then linearises the needle where it ended up, ready to be attached. */
 static trocar_status release_base(trocar_sim *sim, int index, const track_list *others, insertion_state *state, trocar_error *why) {
     sim_needle *n = &sim->needles[index];
     resting_scratch *scratch = sim->resting_scratch;
-    const compliance_snapshot *snapshot = link_answer_slot(&n->link); /* not published: the needle is not ticked during the release */
+    const compliance_snapshot *snapshot = link_answer_slot(&n->link); /* serves as scratch: the ticking thread does not tick the needle now */
     tick_output wrench;
     tick_input tick = {.model = worker_model(sim), .snapshot = snapshot, .dt = TICK, .base = {.pose = state->needle.base}, .others = {others}, .other_count = 1};
     state->base_shift = v3(0, 0, 0);
-    insertion_soften(&tick, state, &scratch->workspace); /* the tick may have been ahead of the worker in a change of moduli */
+    insertion_soften(&tick, state, &scratch->workspace); /* if moduli are changing, the ticking thread may have been ahead of the worker */
     trocar_status status = answer_fully(sim, index, &state->request, why);
-    double size = 1.0; /* step size relative to the step without sliding; it grows as long as sliding keeps the wrench from falling */
+    double size = 1.0; /* step relative to the step if nothing slid; grows as long as sliding keeps the wrench from falling */
     vec3 before = v3(0, 0, 0);
     for (int i = 0; i < MOST_TICKS && status == TROCAR_OK; i++) {
         base_motion step;
@@ -70,7 +70,7 @@ static int list_attached(const trocar_sim *sim, resting_needle *list[MAX_NEEDLES
     return count;
 }
 
-/* Attaches all resting needles again. Their forces do not change. */
+/* Reattaches all resting needles. Their forces do not change. */
 static trocar_status attach_all(trocar_sim *sim, trocar_error *why) {
     resting_needle *list[MAX_NEEDLES];
     other_loads held;
@@ -81,13 +81,13 @@ static trocar_status attach_all(trocar_sim *sim, trocar_error *why) {
     return resting_set_change(&sim->resting, count, list, &held, why);
 }
 
-/* Attaches all resting needles again after needles have been added or removed, and then presses the probe. */
+/* Reattaches all resting needles after needles have been added or removed, and then presses the probe. */
 static trocar_status attach_again(trocar_sim *sim, trocar_error *why) {
     trocar_status status = attach_all(sim, why);
     return status == TROCAR_OK ? press_probe(sim, why) : status;
 }
 
-/* Writes the needle's current state to the slot that will be published next. Returns the slot. */
+/* Writes the needle's current state to the slot to be published next, and returns the slot. */
 static const shown_needle *find_shown(trocar_sim *sim, sim_needle *n) {
     shown_needle *slot = link_shown_slot(&n->link);
     resting_show(worker_model(sim), n->resting, &sim->resting_scratch->workspace.response.tangent, &slot->state);
@@ -101,7 +101,7 @@ static void show(trocar_sim *sim, sim_needle *n) {
     link_publish_shown(&n->link);
 }
 
-/* Shows up to `most` needles whose forces differ from the shown ones by more than `difference`. */
+/* Publishes up to `most` needles whose forces differ from the published ones by more than `difference` (N). */
 static void show_changed(trocar_sim *sim, double difference, int most) {
     for (int i = 0; i < sim->needle_count && most > 0; i++) {
         sim_needle *n = &sim->needles[sim->next_shown = (sim->next_shown + 1) % sim->needle_count];
@@ -120,8 +120,8 @@ bool slip_some(trocar_sim *sim, bool all) {
     return more;
 }
 
-/* Returns the fraction of the last release's effect that the other needles do not feel yet. Time is measured in ticks of the needle that has ticked most
-   since the release. */
+/* Returns the fraction of the last release's effect that the other needles do not feel yet. Time runs with the needle that has ticked the longest since the
+   release. */
 static double left_of_release(const trocar_sim *sim) {
     int64_t most = 0;
     for (int i = 0; i < sim->needle_count; i++) {
@@ -155,7 +155,7 @@ trocar_status rest_again(trocar_sim *sim, trocar_error *why) {
     atomic_store(&sim->link.resting, count);
     sim->resting.fading = left_of_release(sim);
     if (count == 0 && sim->resting.count == 0) return TROCAR_OK;
-    for (int i = 0; i < count; i++) list[i]->id = ++sim->last_attached; /* a new id, because another needle in this simulation may have the old one */
+    for (int i = 0; i < count; i++) list[i]->id = ++sim->last_attached; /* another needle in this simulation may have had the saved id */
     trocar_status status = resting_set_attach(&sim->resting, count, list, why);
     for (int i = 0; i < sim->needle_count && status == TROCAR_OK; i++)
         if (sim->needles[i].attached) show(sim, &sim->needles[i]);
@@ -169,7 +169,7 @@ static void hold_loads(const trocar_sim *sim, const insertion_state *state, bool
     else insertion_add_loads(worker_model(sim), state, loads);
 }
 
-/* Recomputes the resting needles' compliances for the current moduli, and attaches the needles with them. Forces do not change. */
+/* Recomputes the resting needles' compliances for the current moduli and reattaches the needles. Their forces do not change. */
 static trocar_status soften_resting(trocar_sim *sim, trocar_error *why) {
     resting_scratch *scratch = sim->resting_scratch;
     other_loads held;
@@ -196,7 +196,7 @@ trocar_status rest_before_softening(trocar_sim *sim, double **displacement, troc
     *displacement = NULL;
     if (count == 0) return TROCAR_OK;
     for (int i = 0; i < count; i++) all_alone = all_alone && list[i]->alone;
-    trocar_status status = respond_to_loads(sim, false, why); /* when the needles are attached again, their forces must match the loads of the held needles */
+    trocar_status status = respond_to_loads(sim, false, why); /* before reattaching, the needles' forces must match the held needles' loads */
     if (status == TROCAR_OK && !all_alone) status = soften_resting(sim, why);
     list_others(sim, BESIDE_RESTING, &held);
     return status == TROCAR_OK ? resting_set_displacement(&sim->resting, &held, displacement, why) : status;
@@ -210,7 +210,7 @@ trocar_status rest_after_softening(trocar_sim *sim, const double *displacement, 
     list_others(sim, BESIDE_RESTING, &held);
     if (status == TROCAR_OK) status = resting_set_follow(&sim->resting, &held, displacement, why);
     int count = list_attached(sim, list);
-    for (int i = 0; i < count && status != TROCAR_OK; i++) list[i]->alone = false; /* so that the next step attaches them anew */
+    for (int i = 0; i < count && status != TROCAR_OK; i++) list[i]->alone = false; /* on failure, makes the next step reattach them */
     mark_stale(sim, NULL);
     return status;
 }
@@ -236,7 +236,7 @@ static trocar_status lay_down(trocar_sim *sim, int index, unsigned seen, trocar_
         if (status == TROCAR_OK) resting_bore(worker_model(sim), &left->state, n->resting);
     }
     if (status == TROCAR_OK) {
-        hold_loads(sim, state, false, &n->held); /* the resting needles respond to all held needles, including this one, before it is attached */
+        hold_loads(sim, state, false, &n->held); /* before it is attached, this needle still counts as held, and the resting needles respond to it */
         status = respond_to_loads(sim, true, why);
     }
     if (status == TROCAR_OK) {
@@ -258,11 +258,11 @@ static trocar_status lay_down(trocar_sim *sim, int index, unsigned seen, trocar_
     for (int i = 0; i < sim->needle_count; i++) atomic_store_explicit(&sim->needles[i].link.since_release, felt ? 0 : RELEASE_TIME, memory_order_relaxed);
     resting_set_fade(&sim->resting, left_of_release(sim));
     free(state);
-    link_complete(&n->link, seen, status == TROCAR_OK ? ON_RESTS : ON_STAYS); /* if the needle was reset in the meantime, it is detached next */
+    link_complete(&n->link, seen, status == TROCAR_OK ? ON_RESTS : ON_STAYS); /* does nothing if the needle was reset meanwhile; it is then detached next */
     return status;
 }
 
-/* Replaces the needle's attachment with equivalent loads; this does not change the equilibrium. */
+/* Replaces the needle's attachment with equivalent loads, so the equilibrium stays the same. */
 static trocar_status detach(trocar_sim *sim, sim_needle *n, trocar_error *why) {
     trocar_status status = respond_to_loads(sim, true, why);
     resting_loads(n->resting, &n->held);
@@ -274,7 +274,7 @@ static trocar_status detach(trocar_sim *sim, sim_needle *n, trocar_error *why) {
 
 static trocar_status return_needle(trocar_sim *sim, int index, unsigned seen, trocar_error *why) {
     sim_needle *n = &sim->needles[index];
-    link_request(&n->link, NULL); /* discards any request posted before the needle was left, which would otherwise be answered later */
+    link_request(&n->link, NULL); /* discards any request posted before the needle was left, so that it is not answered later */
     trocar_status status = detach(sim, n, why);
     const shown_needle *shown = find_shown(sim, n);
     if (status == TROCAR_OK) status = answer_fully(sim, index, &shown->state.request, why);
@@ -287,7 +287,7 @@ static trocar_status return_needle(trocar_sim *sim, int index, unsigned seen, tr
 /* Removes a needle that was reset, so that its forces vanish. */
 static trocar_status remove_needle(trocar_sim *sim, sim_needle *n, trocar_error *why) {
     trocar_status status = detach(sim, n, why);
-    copy_loads(link_loads(&n->link, NULL), &n->held); /* not simply zero, because the reset needle may already have been inserted again */
+    copy_loads(link_loads(&n->link, NULL), &n->held); /* may be nonzero: since the reset, the needle may have been inserted again */
     mark_stale(sim, NULL);
     return status == TROCAR_OK ? respond_to_loads(sim, true, why) : status;
 }

@@ -1,4 +1,4 @@
-/* Memory shared by two threads, aligned to cache lines to prevent false sharing. */
+/* Allocates memory shared by two threads, aligned to cache lines to prevent false sharing. */
 #ifndef TROCAR_CACHE_LINE_H
 #define TROCAR_CACHE_LINE_H
 
@@ -9,7 +9,7 @@
 
 enum { CACHE_LINE = 64 };
 
-/* Allocates zeroed memory and touches every page, so that later accesses cause no page faults. Release it with free(). */
+/* Allocates zeroed memory, touching every page so that later accesses do not fault. Release it with free(). */
 static inline trocar_status allocate_shared(size_t bytes, unsigned char **memory, trocar_error *why) {
     size_t rounded = (bytes + CACHE_LINE - 1) / CACHE_LINE * CACHE_LINE;
     *memory = aligned_alloc(CACHE_LINE, rounded);
@@ -18,8 +18,8 @@ static inline trocar_status allocate_shared(size_t bytes, unsigned char **memory
     return TROCAR_OK;
 }
 
-/* Allocates a zeroed struct that has members aligned to cache lines: malloc() aligns only to 16 bytes, whereas the compiler may rely on the members'
-   alignment. Returns NULL if there is no memory. Release it with free(). */
+/* Allocates a zeroed struct that has cache-line-aligned members. malloc() would not do: it aligns only to 16 bytes, but the compiler may rely on the members'
+   alignment. Returns NULL if out of memory. Release it with free(). */
 static inline void *allocate_on_cache_lines(size_t bytes) {
     trocar_error ignored;
     unsigned char *memory;

@@ -3,7 +3,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 
-/* For the name "C", newlocale returns a static object of the C library, so nothing is allocated and nothing has to be freed. */
+/* newlocale("C") returns a static object of the C library, so nothing is allocated and there is nothing to free. */
 locale_t use_c_locale(void) { return uselocale(newlocale(LC_ALL_MASK, "C", (locale_t)0)); }
 
 void restore_locale(locale_t before) { uselocale(before); }

@@ -1,4 +1,4 @@
-/* Converts numbers to and from text with a decimal point, whatever the locale of the host program. These functions neither allocate nor lock. */
+/* Converts numbers to and from text with a decimal point, whatever the host program's locale. These functions neither allocate nor lock. */
 #ifndef TROCAR_DECIMAL_H
 #define TROCAR_DECIMAL_H
 
@@ -6,7 +6,7 @@
 #include <stdarg.h>
 #include <stddef.h>
 
-/* Switches the calling thread to the C locale until restore_locale is called. For calls into other libraries. RT */
+/* Switches the calling thread to the C locale until restore_locale is called. Use it around calls into other libraries. RT */
 locale_t use_c_locale(void);
 void restore_locale(locale_t before);
 

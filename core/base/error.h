@@ -1,5 +1,5 @@
-/* Error handling: a function returns a status. On failure, it also writes a message into a trocar_error, which says where the error is (file, line, key) and
-   how to correct it. */
+/* Error handling. Functions return a status. On failure, they also write a message to a trocar_error that says where the error is (file, line, key) and how
+   to fix it. */
 #ifndef TROCAR_ERROR_H
 #define TROCAR_ERROR_H
 

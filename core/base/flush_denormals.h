@@ -1,5 +1,5 @@
-/* Makes every thread of the simulation flush denormals to zero: on some processors, operations on denormals are a hundred times slower, and results must
-   not depend on the floating-point mode of the host program. */
+/* Flushes denormals to zero while the simulation computes. On some processors, arithmetic with denormals is a hundred times slower; and results must not
+   depend on the host program's floating-point mode. */
 #ifndef TROCAR_FLUSH_DENORMALS_H
 #define TROCAR_FLUSH_DENORMALS_H
 
@@ -10,7 +10,7 @@
 
 typedef uint64_t floating_mode;
 
-/* Returns the previous mode, for restore_floating_mode. RT */
+/* Turns flushing on in the calling thread. Returns the previous mode, for restore_floating_mode. RT */
 static inline floating_mode flush_denormals(void) {
     floating_mode before = 0;
 #if defined(__SSE2__)

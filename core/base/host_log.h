@@ -1,4 +1,4 @@
-/* Writes messages to the host's log (trocar_log). Not to be used in functions marked RT. */
+/* Writes messages to the host's log (trocar_log). Do not use it in functions marked RT. */
 #ifndef TROCAR_HOST_LOG_H
 #define TROCAR_HOST_LOG_H
 

@@ -1,4 +1,4 @@
-/* Reports progress to the host, and asks it whether to cancel (trocar_watch). Not to be used in functions marked RT. */
+/* Reports progress to the host, and asks it whether to cancel (trocar_watch). Do not use it in functions marked RT. */
 #ifndef TROCAR_HOST_WATCH_H
 #define TROCAR_HOST_WATCH_H
 
@@ -6,7 +6,7 @@
 
 #include "trocar.h"
 
-/* Returns the number of completed ticks (at most `total`) at which the watch's functions are to be called next: at most 64 more than `done`. */
+/* Returns how many of the `total` ticks to complete before calling the watch's functions again: up to 64 more than `done`. */
 static inline int watch_next_look(int done, int total) {
     enum { TICKS_BETWEEN_LOOKS = 64 };
     return total - done < TICKS_BETWEEN_LOOKS ? total : done + TICKS_BETWEEN_LOOKS;

@@ -7,7 +7,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-/* Opens without blocking, because the path may refer to a FIFO; the type is checked on the open file, so that it cannot change in between. */
+/* Opens the file first and then checks its type, so that it cannot be swapped in between. O_NONBLOCK: the path may refer to a FIFO. */
 FILE *input_open(const char *path, const char **why) {
     struct stat status;
     int descriptor = open(path, O_RDONLY | O_NONBLOCK | O_CLOEXEC | O_NOCTTY);

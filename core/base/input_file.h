@@ -4,8 +4,8 @@
 
 #include <stdio.h>
 
-/* Opens a regular file for reading. On failure, returns NULL and sets *why to the reason. Files that are not regular are rejected, because opening a FIFO
-   would block until a writer opens it. */
+/* Opens a regular file for reading. On failure, returns NULL and sets *why to the reason. Other files are rejected: a FIFO, for example, would block until
+   someone writes to it. */
 FILE *input_open(const char *path, const char **why);
 
 #endif

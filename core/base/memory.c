@@ -5,7 +5,7 @@
 #include <stdio.h>
 #include <string.h>
 
-enum { LONGEST = 8192 };     /* bytes, maximum length of a path */
+enum { LONGEST = 8192 };     /* bytes, longest path supported */
 
 /* Reads the file `name` in `folder` and returns the number in the first line that matches `format`, or `otherwise` if no line does. */
 static double read_number(const char *folder, const char *name, const char *format, double otherwise) {
@@ -21,14 +21,14 @@ static double read_number(const char *folder, const char *name, const char *form
 
 /* ---- control groups --------------------------------------------------------------------------------------------------- */
 
-/* Where one version of control groups (cgroups) keeps its data: the folder, relative to the root folder; the names of two files; and the format of a line in
-   memory.stat. */
+/* Where one version of control groups (cgroups) keeps its data: its folder below the root; the files with the limit and the memory in use; and the format of
+   the line in memory.stat that gives inactive file pages. */
 typedef struct { const char *folder, *limit, *used, *inactive; } group_files;
 static const group_files VERSION_1 = {"sys/fs/cgroup/memory", "memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file %lld"};
 static const group_files VERSION_2 = {"sys/fs/cgroup", "memory.max", "memory.current", "inactive_file %lld"};
 
-/* Takes the limit of one group into account; "max" means that it has none. Inactive file pages count as used but are subtracted here, because the kernel
-   reclaims them on demand. */
+/* Lowers `least` to the limits of one group; a limit of "max" means none. The kernel counts inactive file pages as used but reclaims them on demand, so they
+   are subtracted. */
 static void add_group(const group_files *files, const char *folder, memory_limits *least) {
     double limit = read_number(folder, files->limit, "%lld", INFINITY);
     if (!(limit < INFINITY)) return;
@@ -37,7 +37,7 @@ static void add_group(const group_files *files, const char *folder, memory_limit
     least->available = fmin(least->available, fmax(0.0, limit - fmax(0.0, used)));
 }
 
-/* Takes the limits of a group and its ancestors into account. Inside a container, the path may be the one on the host; then only the container's own group is
+/* Lowers `least` to the limits of a group and its ancestors. Inside a container, `path` may be the path on the host; then only the container's own group is
    found. */
 static void add_groups(const group_files *files, const char *root, const char *path, memory_limits *least) {
     char folder[LONGEST];
@@ -78,7 +78,7 @@ memory_limits memory_of_groups(const char *root) {
 
 /* ---- all -------------------------------------------------------------------------------------------------------------- */
 
-/* Reads a value in kilobytes from /proc/meminfo and returns it in bytes. */
+/* Reads a value in kB from /proc/meminfo and returns it in bytes. */
 static double read_meminfo(const char *format) { return 1024.0 * read_number("/proc", "meminfo", format, 8e6); }
 
 double memory_total(void) { return read_meminfo("MemTotal: %lld"); }

@@ -19,7 +19,7 @@ static unsigned char *element_at(const spsc_ring *r, size_t count) {
 }
 
 bool spsc_ring_has_room(const spsc_ring *r) {
-    size_t taken = atomic_load_explicit(&r->taken, memory_order_acquire); /* acquire: the reader has finished with the element that will be overwritten next */
+    size_t taken = atomic_load_explicit(&r->taken, memory_order_acquire); /* acquire: the reader is done with the element that push will overwrite */
     return atomic_load_explicit(&r->written, memory_order_relaxed) - taken < r->capacity;
 }
 

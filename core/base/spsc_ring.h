@@ -1,5 +1,5 @@
-/* Lock-free ring buffer that passes every value, in order, from one thread to another. It has one writer and one reader, neither of which ever waits.
-   Memory is allocated, zeroed and touched at creation. */
+/* A lock-free ring buffer that passes every value, in order, from one writer thread to one reader thread. Neither ever waits. Memory is allocated, zeroed and
+   touched at creation. */
 #ifndef TROCAR_SPSC_RING_H
 #define TROCAR_SPSC_RING_H
 
@@ -11,7 +11,7 @@
 #include "base/cache_line.h"
 
 typedef struct {
-    size_t size, capacity;                     /* size: bytes per element; capacity: number of elements, which is a power of two */
+    size_t size, capacity;                     /* size: bytes per element; capacity: number of elements, a power of two */
     unsigned char *elements;
     alignas(CACHE_LINE) atomic_size_t written; /* number of elements written since creation */
     alignas(CACHE_LINE) atomic_size_t taken;   /* number of elements read since creation */
@@ -21,7 +21,7 @@ typedef struct {
 trocar_status spsc_ring_create(spsc_ring *r, size_t size, size_t capacity, trocar_error *why);
 void spsc_ring_free(spsc_ring *r);
 
-/* Appends an element. If the ring is full, has no effect and returns false. Writer only. RT */
+/* Appends an element. If the ring is full, does nothing and returns false. Writer only. RT */
 bool spsc_ring_push(spsc_ring *r, const void *element);
 /* True if there is room for one more element. Writer only. RT */
 bool spsc_ring_has_room(const spsc_ring *r);

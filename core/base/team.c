@@ -17,12 +17,12 @@ struct team {
     pthread_mutex_t lock;
     pthread_cond_t begun, ended;
     unsigned round;          /* number of parallel loops started so far */
-    int busy;                /* number of members, apart from the calling thread, that have not finished this round */
+    int busy;                /* number of members, not counting the calling thread, that are still working on this round */
     bool over;
     team_work *work;
     void *context;
     int count;
-    atomic_int next;         /* lowest i that no member has started */
+    atomic_int next;         /* lowest i that no member has started yet */
     member others[];         /* members - 1 entries */
 };
 

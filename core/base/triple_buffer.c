@@ -28,7 +28,7 @@ void triple_buffer_free(triple_buffer *n) {
 void *triple_buffer_slot(triple_buffer *n) { return n->slots + n->back * n->size; }
 
 void triple_buffer_publish(triple_buffer *n) {
-    /* Release: the value is written before the swap. Acquire: the reader has finished with the slot that is returned. */
+    /* release: the value is written before the swap. acquire: the reader is done with the slot that comes back */
     n->back = atomic_exchange_explicit(&n->middle, n->back | FRESH, memory_order_acq_rel) & INDEX;
 }
 

@@ -1,4 +1,4 @@
-/* Small vectors, matrices and rotations, passed by value. Right-handed frames, angles in rad. */
+/* Small vectors, matrices and rotations, passed by value. Frames are right-handed, angles in rad. */
 #ifndef TROCAR_VEC_H
 #define TROCAR_VEC_H
 
@@ -10,11 +10,11 @@ typedef struct { double m[3][3]; } mat3;       /* m[row][column] */
 typedef struct { double w, x, y, z; } quat;    /* unit quaternion; rotates from body to world coordinates */
 typedef struct { vec3 position; quat orientation; } pose;
 
-/* Return the larger or smaller number, like fmax and fmin but without a library call; return b if either argument is NaN. */
+/* Like fmax and fmin, but without a library call. If either argument is NaN, they return b. */
 static inline double larger_of(double a, double b) { return a > b ? a : b; }
 static inline double smaller_of(double a, double b) { return a < b ? a : b; }
 
-/* Interpolates linearly; exact at both ends, and between equal values, even infinite ones. RT */
+/* Interpolates linearly. Exact at both ends and between equal values, even infinite ones. RT */
 static inline double value_between(double from, double to, double part) { return from == to ? to : part == 1.0 ? to : from + part * (to - from); }
 
 static inline vec3 v3(double x, double y, double z) { return (vec3){x, y, z}; }
@@ -74,7 +74,7 @@ static inline mat3 m3_inverse(const mat3 *a) {
         }
     return b;
 }
-/* Computes sum += s * block for a 3 x 3 block of a larger matrix. */
+/* Computes sum += s * block, where `block` is a 3 x 3 block of a matrix with row length ld. */
 static inline void m3_add_block(mat3 *sum, double s, const double *block, int ld) {
     for (int i = 0; i < 3; i++)
         for (int j = 0; j < 3; j++) sum->m[i][j] += s * block[i * ld + j];
@@ -86,10 +86,10 @@ static inline mat3 m3_columns(vec3 a, vec3 b, vec3 c) {
     return (mat3){{{a.x, b.x, c.x}, {a.y, b.y, c.y}, {a.z, b.z, c.z}}};
 }
 
-/* Like hypot(), but without its protection against overflow, which would take most of the run time. */
+/* Like hypot(), but without its protection against overflow, which would take most of the time. */
 static inline double length_of(double x, double y) { return sqrt(x * x + y * y); }
 
-/* Returns an orthonormal frame, as the columns of a matrix, whose third axis is the unit vector `direction`. */
+/* Returns a matrix whose columns are an orthonormal frame, with the unit vector `direction` as the third axis. */
 static inline mat3 frame_along(vec3 direction) {
     vec3 aside = fabs(direction.x) < 0.6 ? v3(1, 0, 0) : v3(0, 1, 0), x = v3_unit(v3_cross(aside, direction));
     return m3_columns(x, v3_cross(direction, x), direction);
@@ -115,7 +115,7 @@ static inline vec3 q_axis_x(quat q) { return v3(1.0 - 2.0 * (q.y * q.y + q.z * q
 static inline vec3 q_axis_y(quat q) { return v3(2.0 * (q.x * q.y - q.w * q.z), 1.0 - 2.0 * (q.x * q.x + q.z * q.z), 2.0 * (q.y * q.z + q.w * q.x)); }
 static inline vec3 q_axis(quat q) { return v3(2.0 * (q.x * q.z + q.w * q.y), 2.0 * (q.y * q.z - q.w * q.x), 1.0 - 2.0 * (q.x * q.x + q.y * q.y)); }
 static inline mat3 q_matrix(quat q) { return m3_columns(q_axis_x(q), q_axis_y(q), q_axis(q)); }
-/* Returns the rotation by the vector `r` (axis times angle). For small angles, it uses a series that is accurate to the last digit. */
+/* Returns the rotation for the rotation vector `r` (axis times angle). Small angles use a series that is accurate to the last digit. */
 static inline quat q_exp(vec3 r) {
     double half2 = 0.25 * v3_dot(r, r), s, c;
     if (half2 < 1e-3) {
@@ -139,8 +139,8 @@ static inline vec3 q_log(quat q) {
     return v3(scale * q.x, scale * q.y, scale * q.z);
 }
 
-/* Returns the unit quaternion of a rotation matrix. Each row of `rows` is a multiple of the quaternion; the row with the largest diagonal entry is used,
-   because it is the most accurate. */
+/* Converts a rotation matrix to a unit quaternion. Each row of `rows` is a multiple of the quaternion; the one with the largest diagonal entry is the most
+   accurate. */
 static inline quat q_of_matrix(const mat3 *turn) {
     const double (*m)[3] = turn->m;
     const double rows[4][4] = {{1 + m[0][0] + m[1][1] + m[2][2], m[2][1] - m[1][2], m[0][2] - m[2][0], m[1][0] - m[0][1]},
@@ -159,7 +159,7 @@ static inline double q_roll_between(quat from, quat to) {
     return v3_dot(q_log(q_multiply(to, q_conjugate(from))), q_axis(from));
 }
 
-/* Interpolates between two poses by a translation and a rotation about a fixed axis. */
+/* Interpolates between two poses: positions linearly, orientations by rotating about a fixed axis. */
 static inline pose pose_between(pose from, pose to, double fraction) {
     vec3 turn = q_log(q_multiply(to.orientation, q_conjugate(from.orientation)));
     return (pose){v3_axpy(fraction, v3_sub(to.position, from.position), from.position),

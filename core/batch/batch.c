@@ -36,8 +36,7 @@ void batch_for_rows(trocar_batch *batch, const uint8_t *mask, row_task task, voi
     int count = 0;
     for (int row = 0; row < batch->row_count; row++)
         if (batch_has(mask, row)) batch->listed[count++] = row;
-    if (batch->process != getpid()) { /* after a fork(), the team's threads exist only in the parent process, so a new team is started; the old team's memory is
-                                         not freed */
+    if (batch->process != getpid()) { /* fork() does not copy threads, so a child process needs a new team; the old one's memory is not freed */
         batch->process = getpid();
         batch->team = team_create(batch->threads);
     }
@@ -61,7 +60,7 @@ static int usable_processors(void) {
     return count < 1 ? 1 : count > MAX_THREADS ? MAX_THREADS : count;
 }
 
-/* Replaces the simulation of a row. After a failure, the row is unchanged. */
+/* Replaces a row's simulation. On failure, the row is unchanged. */
 static trocar_status create_row(batch_row *row, trocar_model *model, insertion_workspace *workspace, trocar_error *why) {
     batch_row created;
     trocar_status status = row_create(model, workspace, &created, why);
@@ -88,7 +87,7 @@ static trocar_status check_options(trocar_model *const *models, int rows, const 
     return TROCAR_OK;
 }
 
-/* Starts `wanted` threads, or as many as memory and the system allow, and allocates their workspaces. */
+/* Starts `wanted` threads, or as many as the system and its memory allow, and allocates their workspaces. */
 static trocar_status start_threads(trocar_batch *batch, int wanted, trocar_error *why) {
     trocar_error ignored;
     while (wanted > 1 && blas_make_room(wanted, &ignored) != TROCAR_OK) wanted--;

@@ -9,7 +9,7 @@
 
 typedef struct {
     const trocar_pose *poses;
-    int steps, from, to;     /* steps: number of steps of this call; from, to: the current pass over the rows computes steps `from` to `to` - 1 */
+    int steps, from, to;     /* steps: number of steps in this call; the current pass over the rows computes steps `from` to `to` - 1 */
     double dt;
     int row_count;           /* number of rows in the mask */
     const trocar_watch *watch;
@@ -17,7 +17,7 @@ typedef struct {
     int *done;               /* for each row, number of completed steps */
     bool *failed;            /* for each row, true if a step has failed */
     atomic_bool cancelled;
-    atomic_llong completed;  /* total number of steps completed in all rows */
+    atomic_llong completed;  /* total number of steps completed over all rows */
 } step_call;
 
 /* ---- outputs --------------------------------------------------------------------------------------------------------------------- */

@@ -1,4 +1,4 @@
-/* Records the failure of the row or insertion with the lowest index, whatever the order in which threads report failures. */
+/* Records the failure of the lowest-numbered row or insertion, in whatever order the threads report failures. */
 #ifndef TROCAR_FIRST_FAILURE_H
 #define TROCAR_FIRST_FAILURE_H
 
@@ -8,7 +8,7 @@
 #include "base/error.h"
 
 typedef struct {
-    pthread_mutex_t lock;    /* protects the members below while several threads are running */
+    pthread_mutex_t lock;    /* protects the members below while several threads run */
     int index;               /* index of the failed row or insertion */
     trocar_status status;    /* TROCAR_OK if none has failed */
     trocar_error why;

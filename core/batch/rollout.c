@@ -1,4 +1,4 @@
-/* Implements trocar/rollout.h: many insertions, distributed among threads, each of which runs one at a time. */
+/* Implements trocar/rollout.h. Distributes many insertions among threads; each thread runs one insertion at a time. */
 #include <stdatomic.h>
 #include <stdbool.h>
 #include <stdlib.h>
@@ -20,14 +20,14 @@ typedef struct {
 
 typedef struct {
     const trocar_rollout_options *options;
-    trocar_model *model;     /* model of the insertions that have no model of their own */
+    trocar_model *model;     /* used for all insertions if options->models is NULL */
     const trocar_pose *poses;
     int batch, steps;
     trocar_output *outputs;
     int seat_count;          /* number of threads, including the calling one */
     seat seats[MAX_THREADS];
     atomic_bool cancelled;
-    atomic_llong ticks;      /* steps completed in all insertions */
+    atomic_llong ticks;      /* number of steps completed over all insertions */
     first_failure failure;
 } rollout;
 
@@ -35,7 +35,7 @@ static trocar_model *model_of(const rollout *r, int insertion) { return r->optio
 
 /* ---- simulations ----------------------------------------------------------------------------------------------------------------- */
 
-/* Gives the seat a simulation of this model, unless it already has such a simulation. */
+/* Gives the seat a simulation of this model, unless it already has one. */
 static trocar_status seat_model(seat *s, trocar_model *model, trocar_error *why) {
     if (s->model == model) return TROCAR_OK;
     row_free(&s->row);
@@ -44,7 +44,7 @@ static trocar_status seat_model(seat *s, trocar_model *model, trocar_error *why)
     return status;
 }
 
-/* Allocates simulations for `wanted` threads, or for as many as memory permits. Fails if it does not permit even one. */
+/* Allocates simulations for `wanted` threads, or for as many as fit in memory. Fails if not even one fits. */
 static trocar_status take_seats(rollout *r, int wanted, trocar_error *why) {
     trocar_error ignored;
     trocar_status status = TROCAR_OK;
@@ -58,8 +58,8 @@ static trocar_status take_seats(rollout *r, int wanted, trocar_error *why) {
 
 /* ---- one insertion --------------------------------------------------------------------------------------------------------------- */
 
-/* Restores the insertion's initial state, if one is given; otherwise restores the state in which the simulation was created, and places the needles at their
-   first poses. Thus the results do not depend on what the thread has run before. */
+/* Restores the saved state given for the insertion. If there is none, restores the simulation's state at creation and places the needles at their first
+   poses. Either way, results do not depend on what the thread ran before. */
 static trocar_status begin(const rollout *r, seat *s, int insertion, const trocar_pose *first, trocar_error *why) {
     trocar_status status = seat_model(s, model_of(r, insertion), why);
     if (status != TROCAR_OK) return status;
@@ -68,7 +68,7 @@ static trocar_status begin(const rollout *r, seat *s, int insertion, const troca
     return row_reset(&s->row, o->needles, first, why);
 }
 
-/* Reports progress and checks for cancellation. Called only in the thread that called trocar_rollout. */
+/* Reports progress and checks for cancellation. Called only in the thread that called trocar_rollout (member 0). */
 static void look(void *context) {
     rollout *r = context;
     watch_report(&r->options->watch, "rollout", (double)atomic_load(&r->ticks) / ((double)r->batch * r->steps));

@@ -32,8 +32,7 @@ trocar_status check_driven_needles(const trocar_model *model, int needles, troca
     return fail(why, TROCAR_BAD_INPUT, "%d needles are driven and the model has %d; the scene's \"needles\" says how many", needles, there);
 }
 
-/* True if the needle rests or is about to rest, and is therefore not ticked. A needle that is being taken is ticked, because its step completes the
-   handover. */
+/* True if the needle is resting or about to rest, so it is not ticked. A needle being taken is ticked, because its step completes the handover. */
 static bool rests(const trocar_sim *sim, int needle) {
     trocar_needle_state state = trocar_sim_needle_state(sim, needle);
     return state == TROCAR_NEEDLE_LEAVING || state == TROCAR_NEEDLE_RESTING;
@@ -56,6 +55,6 @@ trocar_status step_needles(trocar_sim *sim, int needles, const trocar_pose *pose
         if (status != TROCAR_OK) return status;
         ticked++;
     }
-    return leaving > 0 && ticked == 0 ? trocar_sim_work(sim, NULL, why) : TROCAR_OK; /* in lockstep, leaving needles are attached during a tick; without one,
-                                                                                        this is done here */
+    return leaving > 0 && ticked == 0 ? trocar_sim_work(sim, NULL, why) : TROCAR_OK; /* in lockstep, a tick attaches leaving needles; if no needle was ticked,
+                                                                                        do it here */
 }

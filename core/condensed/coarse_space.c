@@ -7,24 +7,24 @@
 #include "tissue/blas.h"
 #include "tissue/factor_solve.h"
 
-enum { PART = 64, MODES = 6 }; /* PART: maximum number of nodes in a part; MODES: number of rigid motions of a part */
+enum { PART = 64, MODES = 6 }; /* PART: most nodes in a part; MODES: number of rigid motions of a part */
 
 typedef struct { int node; vec3 at; } place;
 
 struct coarse_space {
     int nodes, parts;
-    place *places;           /* the free nodes (number: first dof / 3), part by part, with their positions relative to the centre of the part, in units of the
-                                part's size */
+    place *places;           /* the free nodes (number: first dof / 3), part by part. Positions are relative to the part's centre, in units of the part's
+                                size */
     int *start;              /* parts + 1: index of each part's first node in `places` */
     cholmod_common common;
     cholmod_factor *factor;  /* factor of Z^T K Z */
-    cholmod_dense *moments;  /* resultant force and moment on each part */
+    cholmod_dense *moments;  /* net force and moment on each part */
     factor_solution motions; /* amplitudes of the rigid motions of all parts */
 };
 
 /* ---- parts ------------------------------------------------------------------------------------------------------------ */
 
-/* Compares coordinates, and breaks ties by node number, so that the parts do not depend on the C library's sorting algorithm. */
+/* Compares coordinates. Ties are broken by node number, so that the parts do not depend on the C library's sorting algorithm. */
 static int compare(double a, double b, int node_a, int node_b) { return a != b ? (a > b) - (a < b) : (node_a > node_b) - (node_a < node_b); }
 
 static int compare_x(const void *a, const void *b) {
@@ -42,7 +42,7 @@ static int compare_z(const void *a, const void *b) {
     return compare(p->at.z, q->at.z, p->node, q->node);
 }
 
-/* Bisects a set of nodes across the longest side of its bounding box, and recursively each half, until the parts have at most PART nodes. */
+/* Bisects a set of nodes across the longest side of its bounding box, recursively, until each part has at most PART nodes. */
 static void divide(coarse_space *c, int first, int count) {
     place *p = c->places + first;
     vec3 low = p->at, high = p->at, sum = v3(0.0, 0.0, 0.0);
@@ -79,7 +79,7 @@ typedef struct {
     int count;
 } columns_of_part;
 
-/* Adds the contribution of a node of this part, from its columns in the lower triangle of K, to the blocks between this part and every part in which these
+/* Adds the contribution of one of the part's nodes, from its columns in the lower triangle of K, to the blocks between this part and every part in which those
    columns have entries. */
 static void add_node(const tissue *t, int part, int node, columns_of_part *c) {
     const int *start = t->stiffness->p, *row = t->stiffness->i;
@@ -96,8 +96,8 @@ static void add_node(const tissue *t, int part, int node, columns_of_part *c) {
                 c->touched[c->count] = in;
                 memset(c->table[c->count++], 0, sizeof *c->table);
             }
-            double factor = in == part && row[k] == 3 * node + a ? 0.5 * value[k] : value[k]; /* halved, because each diagonal block is later added to its
-                                                                                                 transpose */
+            double factor = in == part && row[k] == 3 * node + a ? 0.5 * value[k] : value[k]; /* halve the diagonal: each diagonal block is later added to
+                                                                                                 its transpose */
             for (int i = 0; i < MODES; i++)
                 for (int j = 0; j < MODES; j++) c->table[c->slot[in]][i][j] += factor * there[b][i] * here[a][j];
         }

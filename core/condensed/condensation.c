@@ -31,8 +31,8 @@ static void make_single(panel *p) {
     if (smaller) p->values = smaller;
 }
 
-/* BLAS and LAPACK operations in both precisions: multiply() computes C = alpha A B + beta C, optionally with the transpose of A. For a lower triangular A,
-   multiply_by_corner() replaces B by B A, and invert_corner() replaces A by A^-1. */
+/* BLAS and LAPACK operations in both precisions. multiply() computes C = alpha A B + beta C, optionally with A transposed. For a lower triangular A,
+   multiply_by_corner() replaces B with B A, and invert_corner() replaces A with A^-1. */
 typedef struct { int rows, columns, depth; CBLAS_TRANSPOSE transposed; double alpha, beta; } product_of;
 
 static void multiply(bool single, const product_of *p, const void *a, int lda, const void *b, int ldb, void *c, int ldc) {
@@ -49,8 +49,8 @@ static void multiply_by_corner(bool single, int rows, int n, const void *a, int 
     else cblas_dtrmm(CblasColMajor, CblasRight, CblasLower, CblasNoTrans, CblasNonUnit, rows, n, 1.0, a, lda, b, ldb);
 }
 
-/* Replaces panel J of L by panel J of T = L^-1: T_JJ = L_JJ^-1, T_BJ = -T_BB L_BJ T_JJ, where L_JJ is the diagonal block and L_BJ contains the rows below
-   it. */
+/* The task of replacing panel J of L with panel J of T = L^-1: T_JJ = L_JJ^-1, T_BJ = -T_BB L_BJ T_JJ, where L_JJ is the diagonal block and L_BJ are the rows
+   below it. */
 typedef struct {
     const panels *l;
     int j;
@@ -59,7 +59,7 @@ typedef struct {
     bool *filled;            /* for each panel: true if its rows of T_BJ have nonzero entries */
 } replacement;
 
-/* Computes the rows of T_BJ that belong to one panel. The last panels are processed first, because their products take longest. */
+/* Computes the rows of T_BJ that belong to one panel. The last panels go first, because their products take longest. */
 static void multiply_rows(void *context, int index, int member) {
     (void)member;
     const replacement *r = context;
@@ -93,7 +93,7 @@ static void copy_column(void *context, int column, int member) {
     }
 }
 
-/* Replaces L by T = L^-1, from the last panel to the first. */
+/* Replaces L with T = L^-1, from the last panel to the first. */
 static trocar_status invert_triangle(panels *l, bool single, team *t, inverse_progress progress, trocar_error *why) {
     int n = l->panels[0].rows;
     replacement r = {.l = l, .single = single, .product = malloc((size_t)n * PANEL_WIDTH * (single ? sizeof(float) : sizeof(double)))};
@@ -139,8 +139,7 @@ static void multiply_panels(void *context, int index, int member) {
     size_t number = single ? sizeof(float) : sizeof(double);
     void *tile = s->tiles + (size_t)member * PANEL_WIDTH * PANEL_WIDTH * number;
     double beta = 0.0;
-    for (int row = i, end; row < s->t->count; row = end) { /* each range [row, end) consists of panels in which both factors have entries, or of panels in which
-                                                              they do not */
+    for (int row = i, end; row < s->t->count; row = end) { /* [row, end): a run of panels where both factors have entries, or a run where not both do */
         bool filled = panels_filled(s->t, row, i) && panels_filled(s->t, row, j);
         for (end = row + 1; end < s->t->count && filled == (panels_filled(s->t, end, i) && panels_filled(s->t, end, j)); end++) continue;
         if (!filled) continue;
@@ -155,7 +154,7 @@ static void multiply_panels(void *context, int index, int member) {
             double block[9];
             bool diagonal = q->first + c == p->first + r;
             for (int k = 0; k < 9; k++) {
-                int row = k / 3, column = k % 3, swapped = diagonal && column > row; /* makes the result exactly symmetric */
+                int row = k / 3, column = k % 3, swapped = diagonal && column > row; /* mirrors the lower triangle, to make the result exactly symmetric */
                 int at = (c + (swapped ? row : column)) * PANEL_WIDTH + r + (swapped ? column : row);
                 block[k] = single ? (double)((const float *)tile)[at] : ((const double *)tile)[at];
             }
@@ -168,7 +167,7 @@ static void multiply_panels(void *context, int index, int member) {
     if (inverse_go_on(s->progress, s->why) != TROCAR_OK) atomic_store(&s->cancelled, true);
 }
 
-/* Computes K^-1 = T^T T. An overflow or underflow in single precision is detected on the diagonal. */
+/* Computes K^-1 = T^T T. Detects overflow and underflow in single precision by checking the diagonal. */
 static trocar_status multiply_triangle(const panels *t, symmetric_blocks *inverse, team *team, inverse_progress progress, trocar_error *why) {
     size_t number = inverse->single ? sizeof(float) : sizeof(double);
     square s = {.t = t, .inverse = inverse, .progress = progress, .why = why};
@@ -183,8 +182,8 @@ static trocar_status multiply_triangle(const panels *t, symmetric_blocks *invers
 
 double condensation_bytes(int count) { return 72.0 * count * count; }
 
-/* Returns the peak memory (bytes) of the inversion, which needs the triangle and, at first, a copy of one panel, later the inverse and its tiles. Each
-   allocation is rounded up to whole pages. */
+/* Returns the inversion's peak memory (bytes). Besides the triangle, it first needs a copy of one panel, and later the inverse and its tiles. Allocations are
+   rounded up to whole pages. */
 static double inversion_bytes(int count, bool single, const team *t) {
     double number = single ? sizeof(float) : sizeof(double), share = number / sizeof(double);
     double panel_product = 3.0 * count * PANEL_WIDTH * number, tiles = (double)PANEL_WIDTH * PANEL_WIDTH * number * team_members(t);
@@ -192,7 +191,7 @@ static double inversion_bytes(int count, bool single, const team *t) {
     return rounding + share * panels_bytes(3 * count, 3 * count) + fmax(panel_product, (double)symmetric_blocks_bytes(count, single) + tiles);
 }
 
-/* Checks the memory before the elimination begins, because the kernel may kill a process that runs out of memory without any message. */
+/* Checks the memory before the elimination begins. Otherwise, a process that runs out of memory might be killed by the kernel without any message. */
 static trocar_status check_memory(const substructure *plan, double needed, trocar_error *why) {
     double available = memory_available();
     if (needed <= available) return TROCAR_OK;
@@ -236,8 +235,8 @@ static trocar_status condense_with(team *team, tissue *t, const condensed_region
     return TROCAR_OK;
 }
 
-/* Works with a team of threads, because for matrices as small as most fronts, BLAS threads are slower. The number of BLAS threads applies to the whole
-   process and is not changed here, so that several regions can be condensed at the same time. */
+/* Uses its own team of threads, because BLAS threads are slower for matrices as small as most fronts. Leaves the number of BLAS threads alone: it applies to
+   the whole process, and several regions may be condensed at the same time. */
 trocar_status condense(tissue *t, const condensed_region *region, int *nodes, symmetric_blocks *inverse, double *needed, trocar_error *why) {
     team *team = team_create(region->threads);
     trocar_status status = condense_with(team, t, region, nodes, inverse, needed, why);

@@ -50,8 +50,8 @@ condensed_cache condensed_cache_find(const char *directory, const tissue *t, int
 
 /* ---- layout ----------------------------------------------------------------------------------------------------------- */
 
-/* The file consists of this header, the nodes, zeros up to the next multiple of ALIGNMENT bytes, and the matrix as it is in memory. The byte order
-   is that of the machine that wrote the file; on a machine with another byte order, the magic number does not match. */
+/* The file consists of this header, the nodes, zeros up to the next multiple of ALIGNMENT bytes, and the matrix as it is in memory. It has the byte order of
+   the machine that wrote it; on a machine with another byte order, the magic number does not match. */
 typedef struct {
     uint64_t magic, key, count, single;
     uint64_t checksum;       /* checksum of the members above, the nodes and the matrix */
@@ -74,7 +74,7 @@ static header header_of(uint64_t key, const int *order, const symmetric_blocks *
 
 /* ---- reading ---------------------------------------------------------------------------------------------------------- */
 
-/* Maps a file of exactly `bytes` bytes, and reads all its pages at once, so that later accesses do not wait for the disk. */
+/* Maps a file of exactly `bytes` bytes and reads in all its pages, so that later accesses do not wait for the disk. */
 static bool map_file(const char *path, size_t bytes, file_mapping *mapping) {
     struct stat s;
     int file = open(path, O_RDONLY | O_NONBLOCK | O_CLOEXEC);
@@ -99,7 +99,7 @@ cache_state condensed_cache_map(const condensed_cache *cache, int *order, symmet
         matrix->numbers = NULL;
         return CACHE_DAMAGED;
     }
-    utimensat(AT_FDCWD, cache->path, NULL, 0); /* sets the file's time of last use */
+    utimensat(AT_FDCWD, cache->path, NULL, 0); /* the modification time serves as the time of last use */
     return CACHE_READ;
 }
 
@@ -123,8 +123,8 @@ static bool is_older(const struct timespec *a, const struct timespec *b) {
     return a->tv_sec != b->tv_sec ? a->tv_sec < b->tv_sec : a->tv_nsec < b->tv_nsec;
 }
 
-/* Returns the total size in bytes of the cached inverses in a directory, including those of other versions and abandoned temporary files. `oldest` receives the
-   name of the least recently used file other than `kept`; "" if there is none. */
+/* Returns the total size in bytes of the cached inverses in a directory, including those of other versions and abandoned temporary files. Sets `oldest` to the
+   name of the least recently used file other than `kept`, or to "" if there is none. */
 static double survey(DIR *directory, const char *kept, char oldest[NAME_MAX + 1]) {
     double bytes = 0.0;
     struct stat s;
@@ -169,7 +169,7 @@ trocar_status condensed_cache_check(const condensed_cache *cache, const symmetri
     return fail(why, TROCAR_SYSTEM, "%s cannot be written: it takes %.3g GB, and there is room for %.3g GB", cache->path, 1e-9 * bytes, 1e-9 * left);
 }
 
-/* Removes temporary files older than OLD: they have been abandoned, because on any machine, writing a file takes less time. */
+/* Removes temporary files older than OLD. They must have been abandoned: on any machine, writing a file takes less time. */
 static void remove_halves(const condensed_cache *cache) {
     static const long OLD = 3600; /* s */
     char folder[sizeof cache->path];

@@ -65,11 +65,11 @@ static void find_residual(const split *k, const double *f, const double *u, doub
 /* Vectors of n numbers each. */
 typedef struct { double *residual, *scaled, *direction, *upper, *product; } workspace;
 
-/* Iterates from u until the residual of the transformed system has fallen by the factor `fall`, at most *steps times; subtracts the number of iterations from
-   *steps. Returns false if K turns out not to be positive definite, or if there is no memory. The system is K' u' = f' with K' = (D + L)^-1 K (D + L^T)^-1,
-   preconditioned by D; search directions are z = (D + L^T)^-1 p', with K' p' = z + (D + L)^-1 L^T z. The directions are made conjugate to the coarse space
-   (Saad et al., A deflated version of the conjugate gradient algorithm, SIAM J. Sci. Comput. 21, 2000), which requires K y = D r' + L y for y = (D + L^T)^-1
-   D r'. */
+/* Iterates from u until the residual of the transformed system has fallen by the factor `fall`, at most *steps times, and subtracts the number of iterations
+   from *steps. Returns false if K turns out not to be positive definite, or if out of memory.
+   The transformed system is K' u' = f' with K' = (D + L)^-1 K (D + L^T)^-1, preconditioned by D. The search directions are z = (D + L^T)^-1 p', and K' p' = z +
+   (D + L)^-1 L^T z. They are kept conjugate to the coarse space (Saad et al., A deflated version of the conjugate gradient algorithm, SIAM J. Sci. Comput. 21,
+   2000). This needs K y for y = (D + L^T)^-1 D r', which equals D r' + L y. */
 static bool search(const split *k, coarse_space *coarse, double fall, int *steps, workspace *w, double *u) {
     int n = k->n;
     double *r = w->residual, *s = w->scaled, *z = w->direction, *y = w->upper, *q = w->product, first = 0.0, last = 0.0;
@@ -98,7 +98,7 @@ static bool search(const split *k, coarse_space *coarse, double fall, int *steps
     return true;
 }
 
-/* Corrects u within the coarse space, so that the residual has no component in this space. */
+/* Corrects u within the coarse space, so that the residual has no component left in it. */
 static bool correct(const split *k, coarse_space *coarse, const double *f, workspace *w, double *u) {
     if (!coarse) return true;
     if (!coarse_space_solve(coarse, w->residual, w->upper)) return false;
@@ -113,8 +113,8 @@ static bool has_positive_diagonal(const split *k) {
     return true;
 }
 
-/* Factor by which the residual falls between two coarse corrections. The corrections are repeated because rounding errors reintroduce the components that
-   they remove. */
+/* How far the residual falls between coarse corrections, as a factor. The corrections have to be repeated, because rounding errors bring back what they
+   remove. */
 static const double COARSE_FALL = 1e-5;
 
 bool conjugate_gradients(const cholmod_sparse *matrix, coarse_space *coarse, double tolerance, int steps, const double *f, double *u) {
@@ -132,13 +132,13 @@ bool conjugate_gradients(const cholmod_sparse *matrix, coarse_space *coarse, dou
         left = size;
     }
     bool definite = true;
-    while (definite && steps > 0 && left > wanted && left < before) { /* repeated because the true residual may fall less than that of the transformed system */
+    while (definite && steps > 0 && left > wanted && left < before) { /* loop, because the true residual may fall less than the transformed one */
         before = 0.9 * left;
         definite = correct(&k, coarse, f, &w, u) && search(&k, coarse, fmax(0.5 * wanted / left, coarse ? COARSE_FALL : DBL_EPSILON), &steps, &w, u);
         find_residual(&k, f, u, w.residual);
         left = cblas_dnrm2(k.n, w.residual, 1);
     }
     free(numbers);
-    bool stagnated = steps > 0 && left >= before && !coarse; /* u is as accurate as rounding allows; with a coarse space, this criterion would not be valid */
+    bool stagnated = steps > 0 && left >= before && !coarse; /* u is as accurate as rounding allows; with a coarse space, stagnation does not show that */
     return definite && isfinite(left) && (left <= wanted || stagnated);
 }

@@ -14,7 +14,7 @@ static const char *const precisions[PRECISIONS] = {"auto", "double", "single"};
 const char *inverse_precision_name(inverse_precision precision) { return precisions[precision]; }
 
 bool inverse_is_single(inverse_precision given, int nodes) {
-    static const double MUCH = 0.5e9; /* bytes, size in double precision above which `auto` selects single precision */
+    static const double MUCH = 0.5e9; /* bytes; if double precision would take more, `auto` selects single precision */
     return given == PRECISION_SINGLE || (given == PRECISION_AUTO && (double)symmetric_blocks_bytes(nodes, false) > MUCH);
 }
 
@@ -30,10 +30,10 @@ static inverse_choice choose(trocar_error *about, inverse_choice choice, const c
 }
 
 inverse_choice inverse_choose(const inverse_facts *facts, trocar_error *about) {
-    static const double LITTLE = 1.0;      /* GB, maximum size of a dense inverse */
-    static const double MUCH = 4.0;        /* GB, maximum size of a condensed inverse */
-    static const double SHARE = 0.25;      /* maximum fraction of the machine's memory that the inverse may use */
-    static const double BRIEF_SHARE = 0.5; /* maximum fraction of the machine's memory that the computation of a condensed inverse may use */
+    static const double LITTLE = 1.0;      /* GB, largest dense inverse */
+    static const double MUCH = 4.0;        /* GB, largest condensed inverse */
+    static const double SHARE = 0.25;      /* fraction of the machine's memory that the inverse may take */
+    static const double BRIEF_SHARE = 0.5; /* fraction of the machine's memory that computing a condensed inverse may take */
     int nodes = facts->node_count, roi = facts->roi_count;
     double dense = 8e-9 * facts->dof_count * facts->dof_count, share = SHARE * 1e-9 * facts->memory;
     double condensed = 1e-9 * (double)symmetric_blocks_bytes(roi, inverse_is_single(facts->precision, roi));

@@ -7,7 +7,7 @@
 #include "base/error.h"
 
 typedef enum {
-    INVERSE_AUTO,            /* chosen by size and memory; see inverse_choose */
+    INVERSE_AUTO,            /* let inverse_choose decide by size and memory */
     INVERSE_DENSE,
     INVERSE_SPARSE,
     INVERSE_CONDENSED,
@@ -18,7 +18,7 @@ const char *inverse_choice_name(inverse_choice choice);
 
 /* Precision of a condensed inverse. */
 typedef enum {
-    PRECISION_AUTO,          /* double precision up to 0.5 GB */
+    PRECISION_AUTO,          /* double precision if that takes at most 0.5 GB, otherwise single */
     PRECISION_DOUBLE,
     PRECISION_SINGLE,
     PRECISIONS,
@@ -39,9 +39,9 @@ typedef struct {
     double memory;           /* bytes, the machine's memory */
 } inverse_facts;
 
-/* Returns the scene's choice (facts->given) unless that is auto. For auto, returns dense if a dense inverse would be small; otherwise condensed, if the
-   scene defines a region of interest and both the inverse and its computation fit into memory (even if it is cached, so that the choice is always the
-   same); otherwise sparse. `about` receives the name of the choice and the reason. Never returns INVERSE_AUTO. */
+/* Returns the scene's choice (facts->given) unless that is auto. For auto, returns dense if a dense inverse would be small; otherwise condensed, if the scene
+   defines a region of interest and both the inverse and its computation fit into memory; otherwise sparse. Whether the inverse is cached makes no difference,
+   so that the choice is always the same. `about` receives the name of the choice and the reason. Never returns INVERSE_AUTO. */
 inverse_choice inverse_choose(const inverse_facts *facts, trocar_error *about);
 
 #endif

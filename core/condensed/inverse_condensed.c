@@ -14,28 +14,28 @@
 #include "condensed/conjugate_gradients.h"
 #include "inverse/inverse_owner.h"
 
-/* The dense inverse K^-1_RR between the nodes of a region of interest. Displacement fields are computed by conjugate gradients, which need far less
-   memory than a factor of K. Blocks of other nodes come from a sparse inverse that is created on first use, so that a start from the cache requires
-   neither K nor its factorisation. */
+/* The dense inverse K^-1_RR between the nodes of a region of interest. Displacement fields are computed by conjugate gradients, which need far less memory
+   than a factor of K. Blocks of other nodes come from a sparse inverse that is created on first use. Thus, if the dense inverse comes from the cache, neither
+   K nor its factor is needed to start. */
 typedef struct {
     inverse shared;
     int *nodes;              /* matrix.count free nodes of the region, in the order of the matrix */
     int *place;              /* [node_count]: index of each mesh node in `nodes`, or -1 */
     symmetric_blocks matrix; /* m/N */
-    file_mapping mapping;    /* mapping of the cache file with the matrix; empty if the matrix is allocated */
-    pthread_mutex_t assembling;        /* protects K until it is assembled, because the worker, the display and inverse_prepare may need it at the same time */
+    file_mapping mapping;    /* the mapped cache file that holds the matrix; empty if the matrix is allocated */
+    pthread_mutex_t assembling;        /* protects K until it is assembled: the worker, the display and inverse_prepare may all need it first */
     pthread_mutex_t factoring;         /* protects the next three members and the factor; may be held for minutes, but displacement fields do not need it */
-    _Atomic(inverse *) rest; /* sparse inverse for other nodes; NULL if it has not been needed yet, or if its creation failed */
+    _Atomic(inverse *) rest; /* sparse inverse for other nodes; NULL if not needed yet, or if it could not be created */
     trocar_status rest_status;
-    trocar_error no_rest;    /* reason why the creation of `rest` failed */
-    coarse_space *coarse;    /* coarse space for conjugate gradients; NULL if it has not been needed yet, has been discarded, or could not be created */
+    trocar_error no_rest;    /* why `rest` could not be created */
+    coarse_space *coarse;    /* coarse space for conjugate gradients; NULL if not needed yet, discarded, or if it could not be created */
     bool coarse_sought;
     int given_count, *given; /* the region's nodes in the caller's order */
 } condensed_inverse;
 
 /* ---- the rest of the body --------------------------------------------------------------------------------------------- */
 
-/* Assembles K once; afterwards, other threads may read it. */
+/* Assembles K once. After that, other threads may read it. */
 static trocar_status assemble(condensed_inverse *c, trocar_error *why) {
     tissue *t = c->shared.tissue;
     if (atomic_load(&t->assembled)) return TROCAR_OK;
@@ -45,19 +45,19 @@ static trocar_status assemble(condensed_inverse *c, trocar_error *why) {
     return status;
 }
 
-/* True if the creation of the sparse inverse failed and is not to be tried again, because each attempt would take minutes. If there was too little
-   memory to begin, it is tried again once enough memory is available. */
+/* True if the sparse inverse could not be created and we should not try again, because each attempt may take minutes. If there was too little memory to start,
+   we try again once there is enough. */
 static bool is_final(const condensed_inverse *c) {
     double refused = c->shared.tissue->refused;
     return c->rest_status != TROCAR_OK && !(c->rest_status == TROCAR_NO_MEMORY && refused > 0.0 && refused <= memory_available());
 }
 
-/* Returns the sparse inverse for other nodes, and creates it in the first call. */
+/* Returns the sparse inverse for other nodes, creating it on first use. */
 static trocar_status rest_of(condensed_inverse *c, inverse **rest, trocar_error *why) {
     pthread_mutex_lock(&c->factoring);
     inverse *created = c->rest;
     if (!created && !is_final(c)) {
-        c->rest_status = assemble(c, &c->no_rest); /* a separate step before factorising, so that displacement fields need not wait for the factor */
+        c->rest_status = assemble(c, &c->no_rest); /* assemble K first, so that displacement fields need not wait for the factor */
         if (c->rest_status == TROCAR_OK) c->rest_status = tissue_factor(c->shared.tissue, c->given_count, c->given, &c->no_rest);
         if (c->rest_status == TROCAR_OK) c->rest_status = inverse_create_sparse(c->shared.tissue, SPARSE_CACHE, &created, &c->no_rest);
         c->rest = created;
@@ -85,10 +85,10 @@ static void look_up(const condensed_inverse *c, int row, int column, double *out
         symmetric_blocks_get(&c->matrix, c->place[row], c->place[column], out, ld);
         return;
     }
-    for (int a = 0; a < 3; a++) memset(out + (size_t)a * (size_t)ld, 0, 3 * sizeof *out); /* a node that is in the region but not in the matrix is fixed */
+    for (int a = 0; a < 3; a++) memset(out + (size_t)a * (size_t)ld, 0, 3 * sizeof *out); /* nodes in the region but not in the matrix are fixed */
 }
 
-/* Copies the blocks if all nodes are in the region; otherwise requests them from the sparse inverse. */
+/* Copies the blocks if all nodes are in the region; otherwise gets them from the sparse inverse. */
 static trocar_status condensed_gather(inverse *inv, const inverse_blocks *blocks, trocar_error *why) {
     condensed_inverse *c = (condensed_inverse *)inv;
     if (!is_inside(c, blocks->row_count, blocks->rows) || !is_inside(c, blocks->column_count, blocks->columns)) {
@@ -103,12 +103,12 @@ static trocar_status condensed_gather(inverse *inv, const inverse_blocks *blocks
 }
 
 static const double FIELD_TOLERANCE = 1e-10; /* norm of the residual relative to that of the force */
-enum { COARSE_STEPS = 1000 };                /* iteration limit with a coarse space; 45 iterations suffice for 20 000 as well as for 45 000 nodes */
-enum { FIELD_STEPS = 20000 };                /* iteration limit without a coarse space; 3000 iterations suffice for 4985 nodes, nu = 0.499 and a gland 2000
-                                                times stiffer than its surroundings */
+enum { COARSE_STEPS = 1000 };                /* iteration limit with a coarse space; 45 iterations are enough for 20 000 as well as for 45 000 nodes */
+enum { FIELD_STEPS = 20000 };                /* iteration limit without one; 3000 iterations are enough for 4985 nodes, nu = 0.499 and a gland 2000 times as
+                                                stiff as its surroundings */
 
-/* Solves by conjugate gradients. If they do not converge with the coarse space but do without it, discards the coarse space (for example, with nu =
-   0.499 and a gland 2000 times stiffer than its surroundings). */
+/* Solves by conjugate gradients. If they converge only without the coarse space, discards it. This happens, for example, with nu = 0.499 and a gland 2000
+   times as stiff as its surroundings. */
 static bool search(condensed_inverse *c, const double *force, double *displacement) {
     const tissue *t = c->shared.tissue;
     if (!c->coarse_sought) c->coarse = coarse_space_create(t);
@@ -120,7 +120,7 @@ static bool search(condensed_inverse *c, const double *force, double *displaceme
     return true;
 }
 
-/* The iteration starts from the displacement of the last call, because consecutive fields differ little. */
+/* Starts iterating from the last call's displacements, because consecutive fields differ little. */
 static void condensed_apply(inverse *inv, const double *force, double *displacement) {
     condensed_inverse *c = (condensed_inverse *)inv;
     tissue *t = inv->tissue;
@@ -156,7 +156,7 @@ static const inverse_owner condensed_owner = {"condensed", condensed_gather, con
 
 /* ---- creation --------------------------------------------------------------------------------------------------------- */
 
-/* Maps the matrix from the cache; if it is not cached, computes it and saves it there. */
+/* Maps the matrix from the cache or, if it is not cached, computes it and saves it there. */
 static trocar_status fill(condensed_inverse *c, const condensed_region *region, trocar_error *notice, trocar_error *why) {
     const tissue *t = c->shared.tissue;
     int count = c->matrix.count;
@@ -179,7 +179,7 @@ static trocar_status fill(condensed_inverse *c, const condensed_region *region, 
         size_t used = strlen(why->text);
         snprintf(why->text + used, sizeof why->text - used, "; a file made on another machine is used if it is copied to %.600s", cache.path);
     }
-    if (status == TROCAR_NO_MEMORY && needed > memory_most()) return TROCAR_BAD_INPUT; /* another attempt would fail as well */
+    if (status == TROCAR_NO_MEMORY && needed > memory_most()) return TROCAR_BAD_INPUT; /* can never succeed on this machine */
     if (status != TROCAR_OK) return status;
     snprintf(notice->text, sizeof notice->text, "%d nodes, %s %.900s", count,
              found == CACHE_ABSENT ? "written to" : "damaged, rewritten to", cache.path);

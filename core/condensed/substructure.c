@@ -7,18 +7,18 @@
 
 #include "tissue/node_order.h"
 
-/* Number of rows and columns in a tile, a multiple of the block size 3. The contributions of fronts are subtracted from the region's triangle tile by tile. */
+/* Rows and columns of a tile, a multiple of the block size 3. The fronts' contributions are subtracted from the region's triangle tile by tile. */
 enum { TILE = 288 };
 
-/* Response of a part of the body to a load: |load|^2, and the energy |L^-1 load|^2 = load^T K^-1 load while the rest of the body is fixed. */
+/* How part of the body responds to a load: |load|^2, and the energy |L^-1 load|^2 = load^T K^-1 load with the rest of the body fixed. */
 typedef struct { double squares, energy; } response;
 
 /* ---- plan ------------------------------------------------------------------------------------------------------------- */
 
-/* Rows of a front, counted in nodes: the pivots, followed by nodes that are eliminated later, followed by nodes of the region. */
+/* The rows of a front, counted in nodes: first the pivots, then nodes that are eliminated later, then nodes of the region. */
 typedef struct {
     const int *rows;         /* positions of the rows' nodes in the elimination order, ascending */
-    int pivots, columns, count; /* columns: number of pivots and of nodes eliminated later; count: number of all rows */
+    int pivots, columns, count; /* columns: pivots and nodes eliminated later; count: all rows */
 } extent;
 
 static extent extent_of(const substructure *s, int front) {
@@ -31,7 +31,7 @@ static extent extent_of(const substructure *s, int front) {
     return e;
 }
 
-/* Returns the memory (bytes) that a front occupies after its pivots have been eliminated, until its parent takes over the remaining columns. */
+/* Returns the memory (bytes) that a front takes after its pivots have been eliminated, until its parent takes over the remaining columns. */
 static double rest_bytes(const extent *e) { return panels_bytes(3 * (e->count - e->pivots), 3 * (e->columns - e->pivots)); }
 
 static double operations_of(const extent *e) {
@@ -40,10 +40,10 @@ static double operations_of(const extent *e) {
     return sum;
 }
 
-/* Bytes: peak memory of a subtree's elimination, and memory that remains allocated afterwards. */
+/* Bytes: peak memory while a subtree is eliminated, and memory still allocated afterwards. */
 typedef struct { double peak, rest; } memory_estimate;
 
-/* Inserts a child into the list of its siblings, which is in elimination order: in descending order of peak memory minus remaining memory (Liu 1986). */
+/* Inserts a child into the list of its siblings. The list is in elimination order: descending peak memory minus remaining memory (Liu 1986). */
 static void insert_child(substructure *s, const memory_estimate *estimates, int *list, int child) {
     double key = estimates[child].peak - estimates[child].rest;
     while (*list >= 0 && estimates[*list].peak - estimates[*list].rest >= key) list = &s->next[*list];
@@ -51,7 +51,7 @@ static void insert_child(substructure *s, const memory_estimate *estimates, int 
     *list = child;
 }
 
-/* Returns the memory (bytes) of a front's later columns that remains after its parent has taken over the columns before the parent's row `end`. */
+/* Returns the memory (bytes) still taken by a front's later columns once its parent has taken over those before the parent's row `end`. */
 static double left_bytes(const extent *e, const int *local, int end) {
     enum { WIDTH = PANEL_WIDTH / 3 };
     double numbers = 0.0;
@@ -62,7 +62,7 @@ static double left_bytes(const extent *e, const int *local, int end) {
     return sizeof(double) * numbers;
 }
 
-/* Returns the peak memory (bytes) during the elimination of a front, whose panels are created one by one and take over the columns of its children. */
+/* Returns the peak memory (bytes) while a front is eliminated. Its panels are created one by one, and take over its children's columns. */
 static double front_peak(const substructure *s, const extent *e, int first_child, const int *local) {
     double here = 0.0, peak = 0.0;
     panels own;
@@ -80,7 +80,7 @@ static double front_peak(const substructure *s, const extent *e, int first_child
     return peak;
 }
 
-/* Returns the peak memory (bytes) of a list of subtrees that are eliminated one after another. */
+/* Returns the peak memory (bytes) while a list of subtrees is eliminated, one after another. */
 static double list_peak(const substructure *s, const memory_estimate *estimates, int first) {
     double before = 0.0, peak = 0.0;
     for (int c = first; c >= 0; c = s->next[c]) {
@@ -90,7 +90,7 @@ static double list_peak(const substructure *s, const memory_estimate *estimates,
     return peak;
 }
 
-/* Finds the elimination sequence of the fronts: children before parents, and siblings in the order of their list. Fills the sequence from the end, using a
+/* Finds the order in which to eliminate the fronts: children before parents, and siblings in the order of their list. Fills the sequence from the end, using a
    stack. */
 static bool find_sequence(substructure *s, int root) {
     int count = (int)s->symbolic->nsuper, depth = 0, end = count;
@@ -108,7 +108,7 @@ static bool find_sequence(substructure *s, int root) {
 
 enum { PANEL_NODES = PANEL_WIDTH / 3 };
 
-/* Finds the blocks of the region's triangle that have entries, and adds the number of operations needed to factorise it. */
+/* Finds the blocks of the region's triangle that have entries, and adds the operations needed to factorise it to the total. */
 static bool find_filled(substructure *s) {
     const int *super = s->symbolic->super, *pi = s->symbolic->pi, *rows = s->symbolic->s;
     int count = (s->region_count + PANEL_NODES - 1) / PANEL_NODES;
@@ -163,7 +163,7 @@ static int compare_places(const void *a, const void *b) {
     return left->place != right->place ? (left->place > right->place) - (left->place < right->place) : (left->node > right->node) - (left->node < right->node);
 }
 
-/* Sorts nodes by their first neighbour among the `placed` nodes already in `order`, and appends them to `order`. */
+/* Appends nodes to `order`, sorted by their first neighbour among the `placed` nodes already there. */
 static bool sort_by_neighbours(const cholmod_sparse *graph, int placed, int count, const int *nodes, int *order) {
     const int *start = graph->p, *row = graph->i;
     int all = (int)graph->nrow;
@@ -186,8 +186,8 @@ static bool sort_by_neighbours(const cholmod_sparse *graph, int placed, int coun
     return done;
 }
 
-/* Orders the nodes outside the region first, then the region's nodes without neighbours outside, then those on its border. Eliminating the nodes outside
-   couples only border nodes, so many blocks of the region's triangle stay empty. The border nodes are sorted so that the filled blocks are contiguous. */
+/* Puts the nodes outside the region first, then the region's nodes without neighbours outside, then those on its border. Eliminating the outside nodes couples
+   only border nodes, so many blocks of the region's triangle stay empty. The border nodes are sorted so that the filled blocks are contiguous. */
 static bool order_nodes(const substructure *s, const cholmod_sparse *graph, const bool *last, int *order) {
     enum { OUTSIDE, INNER, BORDER, GROUPS };
     const int *start = graph->p, *row = graph->i;
@@ -240,13 +240,13 @@ static bool plan(substructure *s, const bool *last) {
     for (size_t i = 0; i < fronts; i++) s->first_child[i] = s->next[i] = -1;
     double matrix = matrix_bytes(s->tissue), tiles = (double)TILE * TILE * team_members(s->team) * sizeof(double);
     s->bytes = matrix + tiles + panels_bytes(3 * s->region_count, 3 * s->region_count);
-    s->bytes += (double)nodes * (2.0 * sizeof(int) + sizeof(response)); /* scratch of the elimination for each node */
+    s->bytes += (double)nodes * (2.0 * sizeof(int) + sizeof(response)); /* the elimination's scratch per node */
     if (!find_filled(s) || !find_tree(s)) return false;
     s->bytes = fmax(s->bytes, 2.0 * matrix); /* reordering K needs two copies of it */
     return true;
 }
 
-/* Lists the region's free nodes in the order of the triangle's rows. */
+/* Lists the region's free nodes in the row order of the triangle. */
 static bool list_nodes(const substructure *s, int count, const int *region, int *nodes) {
     const tissue *t = s->tissue;
     const int *order = s->symbolic->Perm;
@@ -289,32 +289,32 @@ typedef struct {
     int pivot_panels;
     double *load;            /* load on the front's rows, 3 size.count entries */
     response below;          /* response of the pivots of this front and of all its descendants in the tree */
-    int taken, taken_panels; /* number of columns (in nodes) and of panels that have been eliminated or taken over by the parent */
+    int taken, taken_panels; /* number of columns (in nodes) and panels eliminated or taken over by the parent so far */
 } front;
 
 typedef struct {
     const substructure *plan;
     cholmod_sparse *k;       /* lower triangle of K in elimination order */
-    front **fronts;          /* front of each supernode; NULL if it has not been started, or has been taken over by its parent */
+    front **fronts;          /* front of each supernode; NULL before it is started and after its parent has taken it over */
     panels *corner;
     int *local;              /* row of each node in the current front; plan->nodes entries */
     double *load;            /* load on the region, 3 region_count entries */
     double *tiles;           /* scratch: a TILE x TILE matrix for each team member */
-    int *piece;              /* union-find forest of connected components, plan->nodes entries: for each node, another node of its component; the representative
-                                refers to itself */
+    int *piece;              /* union-find forest of connected components, plan->nodes entries: each node's parent, which is in the same component; the
+                                representative's parent is itself */
     response *of_piece;      /* response of each connected component, at the index of its representative; plan->nodes entries */
-    double norm;             /* largest column sum of K, which is an upper bound on its largest eigenvalue */
+    double norm;             /* largest column sum of K, an upper bound on its largest eigenvalue */
     inverse_progress progress;
     trocar_error *why;
-    double done;             /* number of completed operations */
-    int shown;               /* progress last reported, in per cent */
+    double done;             /* number of operations completed */
+    int shown;               /* last progress reported, in per cent */
 } elimination;
 
 static void show(inverse_progress progress, double fraction) {
     if (progress.show) progress.show("eliminating the tissue outside the region", fraction, progress.context);
 }
 
-/* Reports progress: the completed operations of all previous fronts, plus `here` operations of this one. CANCELLED. */
+/* Reports progress: the operations completed in all previous fronts, plus `here` in this one. CANCELLED. */
 static trocar_status show_done(elimination *e, double here) {
     int percent = (int)(100.0 * (e->done + here) / e->plan->operations);
     if (percent <= e->shown || percent >= 100) return TROCAR_OK;
@@ -346,10 +346,10 @@ static front *front_create(const extent *e) {
 
 static double load_at(const substructure *s, int row) { return tissue_test_load(3 * ((const int *)s->symbolic->Perm)[row / 3] + row % 3); }
 
-/* Returns a column of the whole matrix that is in this panel; its rows start at p->first. */
+/* Returns a column of the matrix, numbered in the whole matrix, from the panel that contains it. Its rows start at p->first. */
 static double *column_at(const panel *p, int column) { return (double *)p->values + (size_t)(column - p->first) * (size_t)p->rows; }
 
-/* Adds the columns of K, and the loads, of the pivots in this panel to the front. */
+/* Adds the columns of K and the loads for the pivots in this panel to the front. */
 static void add_stiffness(const elimination *e, front *f, panel *p) {
     const int *start = e->k->p, *row = e->k->i;
     const double *value = e->k->x;
@@ -363,7 +363,7 @@ static void add_stiffness(const elimination *e, front *f, panel *p) {
     }
 }
 
-/* The addition of a child's nodes [child->taken, end) to a panel, in groups of nodes. */
+/* The task of adding a child's nodes [child->taken, end) to a panel, in groups of nodes. */
 typedef struct {
     const elimination *elimination;
     const front *child;
@@ -371,7 +371,7 @@ typedef struct {
     int end;
 } addition;
 
-enum { GROUP = 16 };         /* number of nodes of a child that a thread adds at a time */
+enum { GROUP = 16 };         /* a thread adds this many of a child's nodes at a time */
 
 static void add_columns(void *context, int i, int member) {
     (void)member;
@@ -391,7 +391,7 @@ static void add_columns(void *context, int i, int member) {
     }
 }
 
-/* Adds a child's columns to this panel, and frees the panels of the child that have been added completely. */
+/* Adds a child's columns to this panel, and frees those of the child's panels that have been added completely. */
 static void add_child(const elimination *e, front *child, panel *p) {
     const extent *c = &child->size;
     addition a = {e, child, p, child->taken};
@@ -407,7 +407,7 @@ static void add_child(const elimination *e, front *child, panel *p) {
     }
 }
 
-/* The contribution of a front's pivots to the region, computed tile by tile in the lower triangle. */
+/* The task of subtracting a front's contribution from the region, tile by tile in the lower triangle. */
 typedef struct {
     const elimination *elimination;
     const front *front;
@@ -444,20 +444,19 @@ static int piece_of(const elimination *e, int place) {
     return place;
 }
 
-/* Adds the energy of one node, given its part y of L^-1 load, to that of its connected component. Returns the node's energy. */
+/* Adds one node's energy to that of its connected component, and returns it. `y`: the node's part of L^-1 load. */
 static double add_energy(elimination *e, int place, const double y[3]) {
     double energy = y[0] * y[0] + y[1] * y[1] + y[2] * y[2];
     e->of_piece[piece_of(e, place)].energy += energy;
     return energy;
 }
 
-/* True if a part of the body is sufficiently constrained. The ratio of |load|^2 to the energy is an upper bound on the part's smallest eigenvalue, and close to
-   it if the part is barely constrained. While the rest of the body is fixed, no part has a smaller eigenvalue than the whole body (interlacing). Testing only
+/* True if a part of the body is sufficiently constrained. The ratio of |load|^2 to the energy is an upper bound on the part's smallest eigenvalue, and close
+   to it if the part is barely constrained. With the rest of the body fixed, no part has a smaller eigenvalue than the whole body (interlacing). Testing only
    the whole body would miss a small, barely constrained part next to a large one. */
 static bool is_constrained(const elimination *e, const response *part) { return part->squares >= LOOSE_BODY * e->norm * part->energy; }
 
-/* Solves L y = load for the pivots. Adds what remains of the load on the region's nodes to the load on the region; the parent takes over the rest
-   (take_loads). */
+/* Solves L y = load for the pivots. Adds the remaining load on the region's nodes to the load on the region; the parent takes over the rest (take_loads). */
 static void pass_load(elimination *e, front *f) {
     panels_forward(&f->matrix, f->pivot_panels, f->load);
     for (int row = 0; row < f->size.pivots; row++) f->below.energy += add_energy(e, f->size.rows[row], f->load + 3 * row);
@@ -539,7 +538,7 @@ static bool begin_corner(elimination *e) {
     return created;
 }
 
-/* Finds the connected components of the body, and adds up the squares of their loads. */
+/* Finds the connected components of the body, and sums the squared loads of each. */
 static void find_pieces(elimination *e) {
     const int *start = e->k->p, *row = e->k->i;
     for (int place = 0; place < e->plan->nodes; place++) e->piece[place] = place;

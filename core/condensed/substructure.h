@@ -1,7 +1,7 @@
-/* The factor of a region's stiffness after the elimination of all other nodes: L_RR L_RR^T = K_RR - K_RI K_II^-1 K_IR (Schur complement). The method is
+/* Eliminates all nodes outside a region and factorises the remaining stiffness (Schur complement): L_RR L_RR^T = K_RR - K_RI K_II^-1 K_IR. The method is
    multifrontal (Duff and Reid, ACM TOMS 9, 1983; Liu, SIAM Review 34, 1992). CHOLMOD's ordering and supernodes are computed for the graph of nodes rather
-   than of dofs, so that its 32-bit indices suffice for 250 000 nodes. Columns of the factor outside the region are freed as soon as they have been
-   applied: their contribution to the region is subtracted immediately instead of being passed from front to front. */
+   than dofs, so that 32-bit indices are enough for 250 000 nodes. To save memory, columns of the factor outside the region are freed as soon as they have
+   been applied: their contribution to the region is subtracted at once, instead of being passed from front to front. */
 #ifndef TROCAR_SUBSTRUCTURE_H
 #define TROCAR_SUBSTRUCTURE_H
 
@@ -14,7 +14,7 @@ typedef struct {
     cholmod_factor *symbolic; /* symbolic factor of the graph of nodes */
     int nodes;               /* number of free nodes */
     int region_count;        /* number of free nodes in the region */
-    int *region;             /* for each position in the elimination order: index of the node in the region's triangle, or -1 */
+    int *region;             /* for each position in the elimination order: the node's index in the region's triangle, or -1 */
     bool *filled;            /* for each block of the region's triangle: true if it has entries; see `panels` */
     int *first_child, *next; /* tree of fronts, indexed by supernode: first child, and next sibling in elimination order; -1 if there is none */
     int *sequence;           /* fronts in elimination order */
@@ -22,13 +22,13 @@ typedef struct {
     double operations;
 } substructure;
 
-/* Plans the elimination: its order, and its cost with this team. K must be assembled. Writes the region's free nodes to `nodes`, in the order of the
-   triangle's rows. NO_MEMORY; BAD_INPUT if the mesh is too large for CHOLMOD's indices. */
+/* Plans the elimination: finds the order, and estimates the cost with this team. K must be assembled. Writes the region's free nodes to `nodes`, in the row
+   order of the triangle. NO_MEMORY; BAD_INPUT if the mesh is too large for CHOLMOD's indices. */
 trocar_status substructure_plan(tissue *t, team *team, int count, const int *region, int *nodes, substructure *s, trocar_error *why);
 void substructure_free(substructure *s);
 
-/* Computes `corner` = L_RR, which is bitwise identical for any team. BLAS must use one thread. NO_MEMORY; BAD_INPUT if the fixed nodes do not constrain the
-   body. */
+/* Computes `corner` = L_RR. The result is bitwise identical for any team. BLAS must use one thread. NO_MEMORY; BAD_INPUT if the fixed nodes do not constrain
+   the body. */
 trocar_status substructure_eliminate(const substructure *s, panels *corner, inverse_progress progress, trocar_error *why);
 
 #endif

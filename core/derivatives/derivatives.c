@@ -1,4 +1,4 @@
-/* Implements trocar/derivatives.h: a step with derivatives. */
+/* Implements trocar/derivatives.h. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -9,7 +9,7 @@
 #include "refinement/refined_field.h"
 #include "tissue/region_forces.h"
 
-static const double SAME_TIME = 1e-6; /* rounding tolerance, as a fraction of a step: a tick that is longer than one step by less than this is not divided */
+static const double SAME_TIME = 1e-6; /* rounding tolerance: a tick that exceeds one step by less than this fraction of a step is not divided */
 
 _Static_assert(TROCAR_BASE_VARIABLES == (int)BASE_VARIABLES && TROCAR_MAX_PARAMETERS == MAX_VARIABLES - BASE_VARIABLES, "limits differ from the header's");
 _Static_assert(TROCAR_CUTTING_FORCE == (int)CUTTING_FORCE && TROCAR_YOUNGS_MODULUS == (int)YOUNGS_MODULUS, "the order differs from the header's");
@@ -21,7 +21,7 @@ typedef struct {
     const int *elements;     /* [T], tetrahedron of each target */
 } derivative_call;
 
-/* Interpolates a nodal field at a point in a tetrahedron, given by its barycentric weights. */
+/* Interpolates a nodal field at a point in a tetrahedron. `weights` are the point's barycentric coordinates. */
 static vec3 field_at(const mesh *m, int tet, const double weights[4], const vec3 *field) {
     vec3 sum = v3(0, 0, 0);
     for (int c = 0; c < 4; c++) sum = v3_axpy(weights[c], field[m->tets[tet][c]], sum);
@@ -37,8 +37,8 @@ typedef struct {
     vec3 *force, *displacement, *scratch;                /* N and m, at the nodes of the mesh; `scratch` is for refined_displacement */
 } refined_scratch;
 
-/* Computes the derivatives of one target. By reciprocity, the target's displacement along an axis equals the work of the needle's forces in the displacement
-   field of a unit force along that axis at the target. */
+/* Computes the derivatives of one target's position. By reciprocity, the target's displacement along an axis equals the work done by the needle's forces on
+   the displacements that a unit force at the target along that axis would cause. */
 static void differentiate_target(const derivative_call *call, const insertion_state *state, int guided, const tick_derivatives *derivatives, int target,
                                  refined_scratch *scratch) {
     const model_parts *parts = call->sim->elasticity.to.parts;
@@ -84,8 +84,8 @@ static trocar_status differentiate_targets(const derivative_call *call, const in
 
 /* ---- moduli ------------------------------------------------------------------------------------------------------------------ */
 
-/* Computes `change`, the derivatives (m/Pa, node_count entries) of the displacements u with respect to a region's modulus E, under the current forces:
-   -K^-1 dK/dE u, where dK/dE is the region's part of K divided by E. `scratch`: node_count entries. */
+/* Computes `change`, the derivative (m/Pa, node_count entries) of the displacements u with respect to a region's modulus E at constant forces: -K^-1 dK/dE u,
+   where dK/dE is the region's part of K divided by E. `scratch` has node_count entries. */
 static trocar_status soften(const derivative_call *call, int region, const vec3 *u, vec3 *scratch, vec3 *change, trocar_error *why) {
     const model_parts *parts = call->sim->elasticity.to.parts;
     trocar_status status = region_forces(&parts->tissue, region, u, scratch, why);
@@ -106,8 +106,8 @@ static int moduli_in(const tick_derivatives *derivatives) {
     return sum;
 }
 
-/* Fills derivatives->moved. `fields` receives, for each parameter that is a modulus, in order, the field of displacement derivatives; to be freed by the
-   caller. */
+/* Fills derivatives->moved. `fields` receives one field of displacement derivatives for each parameter that is a modulus, in the order of the parameters; the
+   caller must free it. */
 static trocar_status differentiate_mesh(const derivative_call *call, const insertion_state *state, int guided, tick_derivatives *derivatives, vec3 **fields, trocar_error *why) {
     const model_parts *parts = call->sim->elasticity.to.parts;
     size_t nodes = (size_t)parts->mesh.node_count, moduli = (size_t)moduli_in(derivatives);
@@ -131,7 +131,7 @@ static trocar_status differentiate_mesh(const derivative_call *call, const inser
     return status;
 }
 
-/* Adds the part of the targets' derivatives that changing moduli cause under constant forces. */
+/* Adds to the targets' derivatives the direct effect of the moduli, at constant forces. */
 static void add_fields(const derivative_call *call, const tick_derivatives *derivatives, const vec3 *fields) {
     const mesh *m = &call->sim->model->parts.mesh;
     for (int i = 0, modulus = 0; i < derivatives->count - BASE_VARIABLES; i++) {

@@ -1,4 +1,4 @@
-/* Implements the doses and dose rates of trocar/dose.h, on a grid or at arbitrary points. */
+/* Implements the doses and dose rates in trocar/dose.h, on a grid or at arbitrary points. */
 #include <stdbool.h>
 #include <stdint.h>
 #include <stdlib.h>
@@ -7,7 +7,7 @@
 #include "base/flush_denormals.h"
 #include "dose/tg43.h"
 
-static const double FARTHEST = 1000.0; /* m, maximum magnitude of a coordinate, and maximum spacing */
+static const double FARTHEST = 1000.0; /* m, limit on coordinates and on the spacing */
 static const double MAX_STRENGTH = 1000.0; /* U, maximum air-kerma strength of a seed */
 static const int64_t MAX_POINTS_OF_DOSE = INT64_C(1) << 28;
 
@@ -16,14 +16,14 @@ typedef struct {
     trocar_dose_seed given;
 } listed_seed;
 
-/* There are at most 4095 seeds, with at most 2^51 quanta each, so sums are below 2^63. */
+/* With at most 4095 seeds of at most 2^51 quanta each, sums stay below 2^63. */
 struct trocar_dose {
     const trocar_dose_source *source;
     int64_t count;           /* number of points */
-    trocar_dose_grid grid;   /* the grid; used if `points` is NULL */
-    double *points;          /* [count][3], m, positions at rest; NULL if the grid is used */
+    trocar_dose_grid grid;   /* used if `points` is NULL */
+    double *points;          /* [count][3], m, rest positions; NULL for a grid */
     double *moved;           /* [count][3], m, displaced positions; NULL before the first displacement */
-    bool displaced;          /* true if `moved` is used in place of `points` */
+    bool displaced;          /* true if the points are at `moved` instead of their rest positions */
     int64_t *quanta;         /* [count], dose in multiples of TROCAR_DOSE_QUANTUM */
     listed_seed *seeds;      /* array of `room` entries, of which seed_count are used */
     int seed_count, room;
@@ -114,9 +114,9 @@ static seed_place place_of(const trocar_dose_seed *seed) {
 
 static int block_size(int64_t first, int64_t count) { return count - first < TG43_BLOCK ? (int)(count - first) : TG43_BLOCK; }
 
-/* Adds a seed's dose to that of all points (`sign` 1), or subtracts exactly the same numbers (`sign` -1). */
+/* Adds a seed's dose at all points (`sign` 1), or subtracts exactly the same numbers again (`sign` -1). */
 static void accumulate(trocar_dose *d, const trocar_dose_seed *seed, int64_t sign) {
-    const double round = 0x1.8p52; /* adding this to a number below 2^51 rounds it to an integer, which is then in the last bits of the sum */
+    const double round = 0x1.8p52; /* adding this to a number below 2^51 rounds it to an integer, found in the last bits of the sum */
     int64_t round_bits;
     memcpy(&round_bits, &round, sizeof round_bits);
     seed_place place = place_of(seed);

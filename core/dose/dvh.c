@@ -1,4 +1,4 @@
-/* Implements the dose-volume histograms of trocar/dose.h. */
+/* Implements the dose-volume histograms in trocar/dose.h. */
 #include <math.h>
 #include <stdlib.h>
 
@@ -18,7 +18,7 @@ trocar_status trocar_dvh_sort(double *doses, int64_t count, trocar_error *error)
     return TROCAR_OK;
 }
 
-/* Each voxel stands for the fraction 1 / count of the volume, and its dose is the dose at the middle of this fraction. */
+/* Each voxel covers a fraction 1 / count of the volume; its dose is taken to apply at the middle of that fraction. */
 double trocar_dvh_dose(const double *doses, int64_t count, double fraction) {
     double last = (double)(count - 1), at = fraction * (double)count - 0.5;
     at = at > 0.0 ? at < last ? at : last : 0.0;

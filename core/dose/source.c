@@ -69,7 +69,7 @@ static bool read_name(const reader *r, const yaml_value *value, char name[SOURCE
     return true;
 }
 
-/* Reads a row: a list of `count` numbers, the first of which is the row's radius or angle. */
+/* Reads a row, a list of `count` numbers that starts with the row's radius or angle. */
 static bool read_row(const reader *r, const char *place, const yaml_value *row, int count, const range *first, const range *rest, double *numbers) {
     if (row->kind != YAML_LIST || row->count != count)
         return refuse(r, place, "expected a list of %d numbers%s%s", count, row->kind == YAML_LIST && row->count < count ? ": fill the gap" : "",
@@ -83,7 +83,7 @@ static bool read_row(const reader *r, const char *place, const yaml_value *row, 
     return true;
 }
 
-/* Checks that radii or angles increase from row to row, by enough to keep rounding errors out of the interpolation. */
+/* Checks that radii or angles increase from row to row, by enough that rounding errors do not matter in the interpolation. */
 static bool grows(const reader *r, const char *place, const char *what, const double *values, int index) {
     if (index == 0 || values[index] >= values[index - 1] + 0.001) return true;
     return refuse(r, place, "the %s %g is not above the one before, %g, by 0.001 or more: sort by %s and remove repetitions", what, values[index], values[index - 1], what);
@@ -117,14 +117,14 @@ static bool read_radial(const reader *r, const yaml_value *list, seed_table *t) 
     return true;
 }
 
-/* Returns the index of the interval between ascending numbers that contains x or, if none does, of the closest interval. */
+/* Returns the index of the interval between ascending numbers that contains x, or of the nearest interval if none does. */
 static int interval_of(const double *numbers, int count, double x) {
     int i = 0;
     while (i + 2 < count && x >= numbers[i + 1]) i++;
     return i;
 }
 
-/* Computes the coefficients in log g = intercept + slope r that are valid at this radius. */
+/* Computes the coefficients of log g = intercept + slope r for the interval that contains this radius. */
 static void log_g_at(const seed_table *t, double radius, double *intercept, double *slope) {
     int i = interval_of(t->g_radius, t->g_count, radius);
     double from = t->g_radius[i];
@@ -197,7 +197,7 @@ static void mirror(seed_table *t) {
 
 /* ---- pieces and cells -------------------------------------------------------------------------------------------------------------- */
 
-/* Computes the coefficients in F = a + b angle at radius number k, between the angles of rows i and i + 1. */
+/* Computes the coefficients of F = a + b angle at radius number k, between the angles of rows i and i + 1. */
 static void along_angle(const seed_table *t, int k, int i, double *a, double *b) {
     *b = (t->f[k][i + 1] - t->f[k][i]) / (t->angle[i + 1] - t->angle[i]);
     *a = t->f[k][i] - *b * t->angle[i];
@@ -221,7 +221,7 @@ static anisotropy_cell make_cell(const seed_table *t, double radius, int i) {
     return cell;
 }
 
-/* Merges the radii of both tables (g and F) into the starts of the pieces. */
+/* Merges the radii of both tables (g and F) into one list: the starts of the pieces. */
 static void make_starts(const seed_table *t, trocar_dose_source *s) {
     s->start[0] = 0.0;
     s->piece_count = 1;
@@ -247,7 +247,7 @@ static bool make_pieces(const seed_table *t, trocar_dose_source *s) {
 
 /* ---- document ---------------------------------------------------------------------------------------------------------------------- */
 
-/* Finds the values of these keys in a mapping. Fails if a key is unknown, repeated or missing. */
+/* Looks up the values of these keys in a mapping. Fails if a key is unknown, repeated or missing. */
 static bool read_keys(const reader *r, const char *place, const yaml_value *mapping, const char *const *keys, int count, yaml_value *values) {
     if (mapping->kind != YAML_MAPPING) return refuse(r, place, "expected keys and values");
     bool found[16] = {false};

@@ -1,4 +1,4 @@
-/* Implements the structures of trocar/dose.h: the voxels inside an organ. */
+/* Implements structures, the voxels inside an organ (trocar/dose.h). */
 #include <math.h>
 #include <stdbool.h>
 #include <stdint.h>
@@ -9,9 +9,9 @@
 #include "base/vec.h"
 
 static const double MAX_VOXELS = 0x1p28;
-static const double FARTHEST = 1000.0; /* m, maximum magnitude of a coordinate, and maximum spacing */
+static const double FARTHEST = 1000.0; /* m, limit on coordinates and on the spacing */
 
-/* Position of a voxel's centre inside a tetrahedron. */
+/* Where a voxel's centre lies in its tetrahedron: the corner nodes and their barycentric coordinates. */
 typedef struct {
     int32_t node[4];
     double weight[4];
@@ -24,7 +24,7 @@ struct trocar_structure {
     tet_place *places;       /* [count]; NULL if the structure was made from a surface */
 };
 
-/* The voxels of a box around an organ; their centres are at (first + index + 1/2) spacing along each axis. */
+/* The voxels in a box around an organ. Their centres are at (first + index + 1/2) spacing along each axis. */
 typedef struct {
     double spacing;
     int64_t first[3], counts[3], total;
@@ -37,7 +37,7 @@ static vec3 node_of(const trocar_mesh *mesh, int32_t index) {
 
 static double coordinate(vec3 p, int axis) { return axis == 0 ? p.x : axis == 1 ? p.y : p.z; }
 
-/* Returns the index of the first voxel along this axis whose centre is not below x, counted from the first voxel of the lattice. The voxel may be outside the
+/* Returns the index, counted from the start of the lattice, of the first voxel along this axis whose centre is at x or beyond. The voxel may be outside the
    lattice. */
 static int64_t voxel_from(const lattice *l, int axis, double x) { return (int64_t)ceil(x / l->spacing - 0.5) - l->first[axis]; }
 static double centre_of(const lattice *l, int axis, int64_t index) { return l->spacing * ((double)(l->first[axis] + index) + 0.5); }
@@ -50,7 +50,7 @@ static trocar_status check_node(const trocar_mesh *mesh, const char *what, int e
     return fail(why, TROCAR_BAD_INPUT, "node %d is at (%g, %g, %g): expected finite numbers, at most 1000 m", node, p.x, p.y, p.z);
 }
 
-/* Finds the lattice around those elements, with `corners` nodes each, whose entry in `group` is `chosen`; around all elements if `group` is NULL. */
+/* Finds the lattice around the elements whose entry in `group` is `chosen`, or around all elements if `group` is NULL. `corners`: nodes per element. */
 static trocar_status find_lattice(const trocar_mesh *mesh, const char *what, const int32_t *elements, int count, int corners, const int32_t *group, int chosen,
                                   double spacing, lattice *l, trocar_error *why) {
     double low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY};
@@ -128,7 +128,7 @@ static void weights_of(const tet_frame *frame, vec3 p, double weight[4]) {
     weight[3] = w.z;
 }
 
-/* The tolerance makes a centre on a face count as inside both adjacent tetrahedra, so that rounding errors leave no gap between them. */
+/* With the tolerance, a centre on a face is inside both adjacent tetrahedra, so rounding errors leave no gap between them. */
 static bool is_inside(const double w[4]) {
     const double tolerance = -1e-12;
     return w[0] >= tolerance && w[1] >= tolerance && w[2] >= tolerance && w[3] >= tolerance;
@@ -138,7 +138,7 @@ static void corners_of(const trocar_mesh *mesh, int32_t tet, vec3 corner[4]) {
     for (int c = 0; c < 4; c++) corner[c] = node_of(mesh, mesh->tets[4 * (int64_t)tet + c]);
 }
 
-/* Sets the owner of those voxels inside a tetrahedron that have none yet to the tetrahedron's number plus 1. Returns their number. */
+/* Claims the voxels inside a tetrahedron that have no owner yet: sets their owner to the tetrahedron's number plus 1. Returns how many were claimed. */
 static int64_t claim(const trocar_mesh *mesh, int32_t tet, const lattice *l, int32_t *owner) {
     vec3 corner[4];
     int64_t from[3], to[3], claimed = 0;
@@ -234,8 +234,8 @@ static trocar_status check_closed(const trocar_mesh *mesh, int surface, trocar_e
     return status;
 }
 
-/* Computes y and z of the point where an edge crosses the plane with this x; returns false if it does not cross it. For both triangles at an edge, the numbers
-   are exactly the same. */
+/* Computes y and z of the point where an edge crosses the plane at this x; returns false if it does not. Both triangles at an edge get exactly the same
+   numbers. */
 static bool cross_edge(const trocar_mesh *mesh, int32_t a, int32_t b, double x, double at[2]) {
     vec3 p = node_of(mesh, a < b ? a : b), q = node_of(mesh, a < b ? b : a);
     if ((p.x <= x) == (q.x <= x)) return false;
@@ -245,9 +245,9 @@ static bool cross_edge(const trocar_mesh *mesh, int32_t a, int32_t b, double x, 
     return true;
 }
 
-/* In each column of voxels along z, toggles the mark of the first voxel above the triangle; a voxel is inside if an odd number of marks are at or below
-   it. In each plane of constant x, the sections of the triangles form closed polygons, which a line of constant y crosses an even number of times, even
-   if it passes through corners. */
+/* In each column of voxels along z, toggles the mark of the first voxel above the triangle. Once this is done for all triangles, a voxel is inside if the
+   number of marks at or below it is odd. A plane of constant x cuts the triangles in closed polygons, and a line of constant y in that plane crosses these an
+   even number of times, even if it passes through corners. */
 static void mark_triangle(const trocar_mesh *mesh, const int32_t node[3], const lattice *l, uint8_t *marks) {
     vec3 a = node_of(mesh, node[0]), b = node_of(mesh, node[1]), c = node_of(mesh, node[2]);
     int64_t to = voxel_from(l, 0, fmax(a.x, fmax(b.x, c.x)));
@@ -267,7 +267,7 @@ static void mark_triangle(const trocar_mesh *mesh, const int32_t node[3], const 
     }
 }
 
-/* Replaces the marks by 1 for voxels inside and 0 for all others. Returns the number of voxels inside. */
+/* Replaces the marks with 1 for voxels inside and 0 for all others. Returns the number of voxels inside. */
 static int64_t fill(const lattice *l, uint8_t *marks) {
     int64_t count = 0;
     for (int64_t column = 0; column < l->total; column += l->counts[2]) {

@@ -1,9 +1,9 @@
 /* D(r, theta) = S_K Lambda G(r, theta) / G(1 cm, 90 degrees) g(r) F(r, theta), with G = beta / (L r sin theta): AAPM TG-43U1 (Rivard et al., Med. Phys. 31,
    2004), equations 1 and 4. Interpolation and extrapolation follow TG-43U1S1 (Rivard et al., Med. Phys. 34, 2007): log g is linear in r, even beyond the last
-   radius, and constant before the first one; F is bilinear, and outside the table it has its value at the nearest tabulated radius. A grid of a million points
-   should take a few tens of milliseconds, although the formula is evaluated at each point. Therefore, points are processed in blocks, in loops without
-   branches or calls, which compilers vectorise, and arctangent and exponential are approximated by polynomials. Only table cells are looked up point by point;
-   this is fast because neighbouring points are mostly in the same cell. */
+   radius, and constant below the first; F is bilinear, and outside the table it takes the value at the nearest tabulated radius.
+   To evaluate the formula at a million grid points in a few tens of milliseconds, points are processed in blocks, in loops without branches or calls that
+   compilers can vectorise, and arctangent and exponential are approximated by polynomials. Only the table lookup goes point by point; it is fast because
+   neighbouring points are mostly in the same cell. */
 #include "dose/tg43.h"
 
 #include <stdint.h>
@@ -11,7 +11,7 @@
 
 #define PI 3.14159265358979323846
 
-/* Returns atan(t) / t for 0 <= t <= 1, from a polynomial in t^2 found by Chebyshev interpolation; relative error 3e-13. */
+/* Returns atan(t) / t for 0 <= t <= 1, using a polynomial in t^2 from Chebyshev interpolation; relative error 3e-13. */
 static inline double atan_over(double t) {
     static const double c[] = {0.99999999999970868, -0.33333333320218178, 0.19999999010798106, -0.14285684590526901, 0.11110639811092729,
                                -0.090863525638637088, 0.076631340347004584, -0.065360715956921916, 0.054578423928493672, -0.042317565110958334,
@@ -23,7 +23,7 @@ static inline double atan_over(double t) {
 
 /* Returns exp(x) for -700 <= x <= 700: 2^n times the Taylor series of exp(x - n ln 2); relative error 1e-14. */
 static inline double exponential(double x) {
-    const double round = 0x1.8p52; /* adding this rounds a number to an integer, which is then in the last bits of the sum */
+    const double round = 0x1.8p52; /* adding this rounds a number to an integer, found in the last bits of the sum */
     double shifted = x * 1.44269504088896340736 + round, n = shifted - round;
     double rest = (x - n * 0x1.62e42fefa38p-1) - n * 0x1.ef35793c7673p-45; /* ln 2, split into two parts */
     double sum = 1.0 / 39916800.0;
@@ -37,7 +37,7 @@ static inline double exponential(double x) {
     return sum * power;
 }
 
-/* Returns the index i, 0 <= i < count, of the interval start[i] <= x < start[i + 1], searching from the given i. */
+/* Returns the index i, 0 <= i < count, of the interval start[i] <= x < start[i + 1]. The search starts at the given i. */
 static inline int walk(const double *start, int count, int i, double x) {
     while (i + 1 < count && x >= start[i + 1]) i++;
     while (i > 0 && x < start[i]) i--;
@@ -51,8 +51,8 @@ static inline double angle_of(double x, double y) {
     return x < 0.0 ? PI - a : a;
 }
 
-/* Returns beta / (L rho) for a line source of length L on the axis, at distance `radius` from its centre and rho from the axis, where beta = atan2(L rho,
-   radius^2 - L^2 / 4). Finite on the axis beyond the line's ends. */
+/* Returns beta / (L rho) at a point `radius` from the centre and rho from the axis of a line source of length L, where beta = atan2(L rho,
+   radius^2 - L^2 / 4). Finite on the axis beyond the ends of the source. */
 static inline double geometry(double length, double rho, double radius_squared) {
     double y = length * rho, x = radius_squared - 0.25 * length * length, across = fabs(x);
     double low = y < across ? y : across, high = y < across ? across : y, q = atan_over(low / high), a = low / high * q;

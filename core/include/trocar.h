@@ -1,7 +1,7 @@
 /* trocar: a flexible needle in soft tissue, for haptic servers, planners and batches.
 
-   A scene describes what to simulate. A model is built from it once, is immutable, and is shared by any number of simulations in any number of
-   threads. A simulation holds everything that changes, and takes up a few MB.
+   A scene describes what to simulate. A model is built from it once and never changes, so any number of simulations in any number of threads can
+   share it. A simulation holds everything that does change, and takes a few MB.
 
        trocar_scene *scene;  trocar_model *model;  trocar_sim *sim;  trocar_error why;  trocar_output out;
        trocar_scene_load("scene.yaml", &scene, &why);
@@ -10,21 +10,21 @@
        trocar_sim_reset(sim, 0, &base, &why);
        trocar_sim_step(sim, 0, &base, 0.001, &out, &why);        out.force is what the hand feels
 
-   Units are SI: m, N, N m, Pa, s, rad. The world frame is the mesh's. Quaternions have the order w, x, y, z and unit length. The needle's axis is its
-   local +z, from base to tip; its bevel faces local +y. Numbers in text have a decimal point in any locale.
+   Units are SI: m, N, N m, Pa, s, rad. The world frame is the mesh's frame. Quaternions are unit quaternions, stored w, x, y, z. The needle's axis is
+   its local +z, from base to tip; its bevel faces local +y. Numbers in text always use a decimal point, whatever the locale.
 
-   Functions that can fail return a status and write one message into `error`, which may be NULL; it says where the error is and how to correct it. No
+   Functions that can fail return a status and write a message to `error`, which may be NULL. The message says where the error is and how to fix it. No
    function prints, exits or changes signal handlers. *_free accepts NULL.
 
-   Each function has a mark that says which threads may call it, and whether it suits a real-time thread.
+   The mark on each function says which threads may call it, and whether a real-time thread may.
 
        [any]        any thread, at any time
        [one]        one thread at a time for each object
        [tick]       the thread that ticks the simulation; the worker thread may work at the same time
-       [work]       the worker thread of the simulation; the ticking thread may tick at the same time
+       [work]       the simulation's worker thread; the ticking thread may tick at the same time
        [alone]      while no other thread uses the simulation
        RT           does not allocate, lock, wait or make system calls
-       RT, wakes    as RT, except for one write() to an eventfd if the worker has something to do
+       RT, wakes    like RT, except for one write() to an eventfd if there is work for the worker
        allocates    allocates memory */
 #ifndef TROCAR_H
 #define TROCAR_H

@@ -7,7 +7,7 @@ enum { ALL = BLOCK_CACHE_NODES };
 
 bool block_cache_create(block_cache *c, int node_count) {
     c->known = calloc((size_t)ALL * ALL, sizeof *c->known);
-    c->blocks = calloc((size_t)9 * ALL * ALL, sizeof *c->blocks); /* calloc does not touch the pages of such a large array, so unused pages take up no memory */
+    c->blocks = calloc((size_t)9 * ALL * ALL, sizeof *c->blocks); /* calloc does not touch an array this large, so unused pages take up no memory */
     return lru_create(&c->nodes, (size_t)node_count, ALL) && c->known && c->blocks;
 }
 
@@ -25,8 +25,8 @@ static void claim(block_cache *c, int node) {
 
 static size_t place(const block_cache *c, int node) { return (size_t)c->nodes.slot[node]; }
 
-/* Assigns slots to those nodes that are (`there` true) or are not (`there` false) in the cache already. Nodes in the cache must come first, so that adding
-   the others does not evict them. */
+/* Assigns slots to those of the nodes that are (`there` true) or are not (`there` false) in the cache already. Do this for the cached nodes first, so that
+   adding the others does not evict them. */
 static void claim_all(block_cache *c, int count, const int *nodes, bool there) {
     for (int i = 0; i < count; i++)
         if ((c->nodes.slot[nodes[i]] >= 0) == there) claim(c, nodes[i]);
@@ -79,7 +79,7 @@ static trocar_status gather_afresh(const block_source *s, const inverse_blocks *
     return status;
 }
 
-/* Lists those of `nodes` whose blocks with `others` are not all cached. Returns their number. */
+/* Lists those of `nodes` for which some block with `others` is not cached. Returns how many there are. */
 static int list_missing(const block_cache *c, int count, const int *nodes, int other_count, const int *others, int *missing) {
     int found = 0;
     for (int i = 0; i < count; i++) {

@@ -1,7 +1,7 @@
-/* Let M = G + C for all attachments, L L^T = M, c_i = P^T K^-1 e_i (displacements of the rows under unit forces on node i), y_i = L^-1 c_i, and V = L^-1
-   R with the orthonormal basis Q = V T^-1, T^T T = V^T V. Then inverse(i, j) = K^-1(i, j) - z_i^T z_j, where z_i = y_i - Q Q^T y_i. The response to
-   displacements d of the rows is df = -L^-T z and q = T^-1 Q^T y, where y = L^-1 d and z = y - Q Q^T y. c_i, z_i, Q^T y_i and the blocks are cached for
-   the most recently used nodes. */
+/* Let M = G + C for all attachments, and L L^T = M. Let c_i = P^T K^-1 e_i be the displacements of the rows under unit forces on node i, and y_i = L^-1 c_i.
+   Let V = L^-1 R, with the orthonormal basis Q = V T^-1, where T^T T = V^T V. Then inverse(i, j) = K^-1(i, j) - z_i^T z_j, where z_i = y_i - Q Q^T y_i. The
+   response to displacements d of the rows is df = -L^-T z and q = T^-1 Q^T y, where y = L^-1 d and z = y - Q Q^T y. For the most recently used nodes, c_i, z_i,
+   Q^T y_i and the blocks are cached. */
 #include "inverse/inverse_attached.h"
 
 #include <cblas.h>
@@ -12,7 +12,7 @@
 #include "inverse/block_cache.h"
 #include "inverse/inverse_owner.h"
 
-enum { BATCH = 32, TILE = 64 };                     /* maximum number of nodes; BATCH: in one solve; TILE: as rows, and as columns, of one product */
+enum { BATCH = 32, TILE = 64 };                     /* most nodes: BATCH, in one solve; TILE, as rows or as columns of one product */
 static const double CACHE = 96e6;                   /* bytes, size of the cache for c_i, z_i and Q^T y_i */
 enum { LEAST_NODES = 2 * TILE, MOST_NODES = 1024 }; /* minimum and maximum number of cached nodes */
 
@@ -31,9 +31,9 @@ typedef struct {
     double *basis;           /* the matrix Q, row_count x motion_count */
     double *triangle;        /* the upper triangular matrix T, motion_count x motion_count */
     lru slots;
-    double *kept;            /* for each slot: c, z and Q^T y, in 3 columns each */
+    double *kept;            /* for each slot: c, z and Q^T y, with 3 columns each */
     block_cache blocks;
-    double *batch, *columns; /* scratch; batch: blocks between BATCH nodes and all of `nodes`; columns: 3 BATCH columns with one entry per row and per
+    double *batch, *columns; /* scratch; batch: blocks between BATCH nodes and all of `nodes`; columns: 3 BATCH columns, each with one entry per row and
                                 motion */
     double *left, *right, *tile; /* scratch; left and right: 3 TILE columns each, with one entry per row; tile: a 3 TILE x 3 TILE matrix */
     double *moved, *sum;     /* scratch for apply; moved: one entry per row and per motion; sum: dof_count entries */
@@ -46,7 +46,7 @@ static double *moved_of(const attached_inverse *a, int node) { return slot_of(a,
 
 /* ---- what is kept of nodes ------------------------------------------------------------------------------------------------ */
 
-/* Computes c of up to BATCH nodes. Writes 3 columns per node, with one entry per row, to `out`. */
+/* Computes c for up to BATCH nodes. Writes 3 columns per node, with one entry per row, to `out`. */
 static trocar_status find_c(attached_inverse *a, int count, const int *nodes, double *out, trocar_error *why) {
     int ld = 3 * a->node_count;
     trocar_status status = inverse_gather(a->base, &(inverse_blocks){count, nodes, a->node_count, a->nodes, a->batch, ld}, why);
@@ -66,7 +66,7 @@ static trocar_status find_c(attached_inverse *a, int count, const int *nodes, do
     return TROCAR_OK;
 }
 
-/* For `count` columns, replaces y by z in place, and writes Q^T y to `moved`. */
+/* For `count` columns, replaces y with z in place, and writes Q^T y to `moved`. */
 static void project(const attached_inverse *a, int count, double *y, double *moved) {
     int n = a->row_count, m = a->motion_count;
     if (m == 0) return;
@@ -92,7 +92,7 @@ static trocar_status keep(attached_inverse *a, int count, const int *nodes, troc
     return TROCAR_OK;
 }
 
-/* Ensures that all these nodes, at most LEAST_NODES, are cached. */
+/* Makes sure that all these nodes, at most LEAST_NODES, are cached. */
 static trocar_status keep_all(attached_inverse *a, int count, const int *nodes, trocar_error *why) {
     int missing[BATCH], found = 0;
     trocar_status status = TROCAR_OK;
@@ -168,7 +168,7 @@ static bool attached_prefetches(const inverse *inv) {
 
 /* Each node takes three solves with L. */
 static int attached_slice(const inverse *inv) {
-    const double AT_ONCE = 1.5e7; /* number of multiplications that can be done in about 2 ms */
+    const double AT_ONCE = 1.5e7; /* number of multiplications that take about 2 ms */
     const attached_inverse *a = (const attached_inverse *)inv;
     int beneath = inverse_slice(a->base);
     double nodes = AT_ONCE / (3.0 * (double)a->row_count * (double)a->row_count);
@@ -216,7 +216,7 @@ trocar_status inverse_create_attached(inverse *base, inverse **created, trocar_e
     return status;
 }
 
-/* Copies the attachments' descriptions, and lists the nodes of their tetrahedra. Returns false if there is no memory. */
+/* Copies the attachments' descriptions, and lists the nodes of their tetrahedra. Returns false if out of memory. */
 static bool place_all(attached_inverse *a, int count, const attachment *things) {
     const mesh *m = a->shared.tissue->mesh;
     int *place = malloc((size_t)m->node_count * sizeof *place);
@@ -284,7 +284,7 @@ static void copy_between(attached_inverse *a, const attached_inverse *before) {
         }
 }
 
-/* Computes the entries of C between a new attachment and all attachments, from the c of the nodes of its rows. */
+/* Computes the entries of C between a new attachment and all attachments, from c for the nodes of its rows. */
 static trocar_status find_between(attached_inverse *a, const placed *thing, trocar_error *why) {
     size_t n = (size_t)a->row_count;
     bool *own = calloc((size_t)a->node_count + 1, sizeof *own);
@@ -362,7 +362,7 @@ trocar_status inverse_attach(inverse *inv, int count, const attachment *things, 
 int inverse_attached_rows(const inverse *inv) { return ((const attached_inverse *)inv)->row_count; }
 int inverse_attached_motions(const inverse *inv) { return ((const attached_inverse *)inv)->motion_count; }
 
-/* For `count` columns, replaces z by df and Q^T y by q, in place. */
+/* For `count` columns, replaces z with df and Q^T y with q, in place. */
 static void respond(const attached_inverse *a, int count, double *force, double *motion) {
     int n = a->row_count, q = a->motion_count;
     if (count == 1) { /* reads L directly, without copying it */

@@ -1,5 +1,5 @@
-/* The inverse of the stiffness of tissue with attachments, such as resting needles: a low-rank correction to a base inverse, which remains
-   unchanged. See docs/mechanics.md, "Resting needles". Not thread-safe. */
+/* The inverse for tissue with attachments, such as resting needles: a low-rank correction to a base inverse, which stays unchanged. See docs/mechanics.md,
+   "Resting needles". Not thread-safe. */
 #ifndef TROCAR_INVERSE_ATTACHED_H
 #define TROCAR_INVERSE_ATTACHED_H
 
@@ -8,23 +8,23 @@
 /* A row of an attachment: one component of the force on the tissue at a point. */
 typedef struct {
     int tet;                 /* tetrahedron of the nominal mesh that contains the point; -1 if the force does not act on the tissue */
-    double weights[4];       /* barycentric weights of the point */
+    double weights[4];       /* barycentric coordinates of the point */
     vec3 direction;          /* unit vector along the component */
 } attached_row;
 
-/* One attachment. When other loads displace its rows by d, its forces change by df such that all gaps close, and its free motions, if it has any, change
-   by q such that it stays in equilibrium: (G + C) df = R q - d, R^T df = 0. C is the compliance of the tissue between the rows of all attachments. */
+/* One attachment. When other loads displace its rows by d, its forces change by df to close all gaps, and its free motions, if it has any, change by q to keep
+   it in equilibrium: (G + C) df = R q - d, R^T df = 0. C is the compliance of the tissue between the rows of all attachments. */
 typedef struct {
-    uint64_t id;             /* if an attachment with this id was attached before, its rows must not have changed */
+    uint64_t id;             /* an attachment that keeps its id must not change its rows */
     int row_count;
     const attached_row *rows;
     const double *compliance; /* m/N, the lower triangle of G, row_count square: [i * ld + j], j <= i. G is positive semidefinite, and G + C positive definite;
                                  G = 0 for a rigid attachment */
     int ld;
-    const double *mutual;    /* m/N, the part of the compliance between its rows and those of all earlier attachments, in order, that the mesh is too coarse to
-                                resolve: [i * mutual_ld + j]; NULL if there is none. Positive semidefinite together with the compliances of all attachments */
+    const double *mutual;    /* m/N, compliance between its rows and those of all earlier attachments, in order, as far as the mesh is too coarse to resolve it:
+                                [i * mutual_ld + j]; NULL if there is none. Positive semidefinite together with the compliances of all attachments */
     int mutual_ld;
-    int motion_count;        /* number of independent motions of the attachment that nothing but its rows resists */
+    int motion_count;        /* number of independent motions that only the attachment's rows resist */
     const double *motions;   /* R, the displacement of each row in each motion: [motion * motion_ld + row] */
     int motion_ld;
 } attachment;
@@ -32,8 +32,8 @@ typedef struct {
 /* Creates an inverse without attachments, equal to `base`, which must outlive it. */
 trocar_status inverse_create_attached(inverse *base, inverse **created, trocar_error *why);
 
-/* Replaces all attachments with these, in this order; their descriptions are copied. This takes one dense factorisation whose size is the total number of
-   rows, plus blocks of the base inverse for new attachments. After a failure, nothing is attached. Allocates. */
+/* Replaces all attachments with these, in this order, and copies their descriptions. Costs one dense factorisation of the size of the total number of rows,
+   plus blocks of the base inverse for new attachments. On failure, nothing is attached. Allocates. */
 trocar_status inverse_attach(inverse *inv, int count, const attachment *things, trocar_error *why);
 
 int inverse_attached_rows(const inverse *inv);    /* total number of rows of all attachments */
@@ -49,14 +49,14 @@ typedef struct {
 /* Computes the response of the attachments to these forces: the changes in the forces at all rows (N), and all motions. */
 trocar_status inverse_attached_response(inverse *inv, const nodal_forces *loads, double *force, double *motion, trocar_error *why);
 
-/* Computes the response to a unit displacement of each of the `count` given rows in turn: force[k * rows + i] and motion[k * motions + i], where rows and
-   motions are the total numbers. */
+/* Computes the response to a unit displacement of each of the `count` given rows in turn. Writes it to force[k * rows + i] and motion[k * motions + i], where
+   rows and motions are the total numbers. */
 void inverse_attached_columns(inverse *inv, int count, const int *rows, double *force, double *motion);
 
 /* Computes the response to displacements (m) of all rows. */
 void inverse_attached_displaced(inverse *inv, const double *displacement, double *force, double *motion);
 
-/* Computes (G + C) force: the displacements (m) of all rows under forces (N) at all rows, due to the compliance of tissue and attachments. */
+/* Computes (G + C) force: how far (m) all rows yield under forces (N) at all rows, given the compliance of tissue and attachments. */
 void inverse_attached_yield(const inverse *inv, const double *force, double *displacement);
 
 /* Adds to `displacement` the displacements (m) of all rows that forces on nodes would cause if nothing were attached. */

@@ -29,7 +29,7 @@ static trocar_status dense_gather(inverse *inv, const inverse_blocks *blocks, tr
     return TROCAR_OK;
 }
 
-/* Reads only the columns of loaded nodes: needles load few nodes, and the whole matrix takes up hundreds of megabytes. */
+/* Reads only the columns of loaded nodes: needles load few nodes, but the whole matrix is hundreds of megabytes in size. */
 static void dense_apply(inverse *inv, const double *force, double *restrict displacement) {
     size_t n = (size_t)inv->tissue->dof_count;
     memset(displacement, 0, n * sizeof *displacement);
@@ -66,7 +66,7 @@ static trocar_status dense_fill(tissue *t, double *dense, inverse_progress progr
     return solved ? status : fail(why, TROCAR_NO_MEMORY, "no memory to invert the stiffness matrix");
 }
 
-/* Makes the matrix exactly symmetric, because rounding errors above and below the diagonal differ. */
+/* Makes the matrix exactly symmetric. Without this, entries above and below the diagonal would differ by rounding errors. */
 static void symmetrise(double *a, size_t n) {
     for (size_t j = 0; j < n; j++)
         for (size_t i = 0; i < j; i++) a[j * n + i] = a[i * n + j] = 0.5 * (a[j * n + i] + a[i * n + j]);

@@ -5,13 +5,13 @@
 
 #include "inverse/inverse_owner.h"
 
-enum { TILE = 32 };          /* maximum number of rows and of columns of blocks that are added at a time */
+enum { TILE = 32 };          /* add at most this many rows and columns of blocks at a time */
 
 typedef struct {
     inverse shared;
     inverse *of[2];          /* the two inverses; the same one twice while no moduli change */
-    double weight;           /* from 0 to 1, weight of of[1]; of[0] has the weight 1 - weight */
-    tissue tissue;           /* the tissue of of[0], but with the materials of the mixture */
+    double weight;           /* weight of of[1], from 0 to 1; of[0] has weight 1 - weight */
+    tissue tissue;           /* the tissue of of[0], but with the mixture's materials */
     region_material materials[MESH_MAX_GROUPS];
     double *tile;            /* scratch, a 3 TILE x 3 TILE matrix */
     double *sum;             /* scratch for mixed_apply, dof_count entries */

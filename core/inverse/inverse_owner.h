@@ -1,4 +1,4 @@
-/* The interface that every implementation of K^-1 provides; included only by the implementations. */
+/* The interface that every implementation of K^-1 provides. Only the implementations include this. */
 #ifndef TROCAR_INVERSE_OWNER_H
 #define TROCAR_INVERSE_OWNER_H
 
@@ -15,12 +15,12 @@ typedef struct {
     void (*apply)(inverse *inv, const double *force, double *displacement); /* vectors of dof_count entries each */
     trocar_status (*prepare)(inverse *inv, trocar_error *why);                    /* NULL if no work is ever deferred */
     void (*release)(inverse *inv);                                          /* frees everything except the common part, struct inverse */
-    bool (*prefetches)(const inverse *inv);                                 /* see inverse_prefetches; NULL is equivalent to false */
-    bool (*holds)(const inverse *inv, int node);                            /* see inverse_holds; NULL is equivalent to true */
-    int (*slice)(const inverse *inv);                                       /* see inverse_slice; NULL is equivalent to INT_MAX */
+    bool (*prefetches)(const inverse *inv);                                 /* see inverse_prefetches; NULL means false */
+    bool (*holds)(const inverse *inv, int node);                            /* see inverse_holds; NULL means true */
+    int (*slice)(const inverse *inv);                                       /* see inverse_slice; NULL means INT_MAX */
 } inverse_owner;
 
-/* Common part of all implementations; the first member of each implementation's struct. */
+/* The part common to all implementations; it must be the first member of each implementation's struct. */
 struct inverse {
     const inverse_owner *owner;
     tissue *tissue;
@@ -28,7 +28,7 @@ struct inverse {
     double *force, *displacement; /* [dof_count]: scratch memory of inverse_apply */
 };
 
-/* Computes displacement = K^-1 force, with dof_count entries each, with an inverse that other threads may use at the same time. */
+/* Computes displacement = K^-1 force, with dof_count entries each. Other threads may use the inverse at the same time. */
 void inverse_apply_locked(inverse *inv, const double *force, double *displacement);
 
 trocar_status inverse_init(inverse *inv, const inverse_owner *owner, tissue *t, trocar_error *why);

@@ -16,12 +16,12 @@ typedef struct {
     factor_solution solution;
 } solver;
 
-/* The sparse inverse: half-solves are computed on demand; they and the resulting blocks are kept in LRU caches. */
+/* The sparse inverse. Half-solves are computed on demand; LRU caches keep them and the resulting blocks. */
 typedef struct {
     inverse shared;
     sparse_columns *half;
     lru slots;               /* cache slots of the nodes' half-solves */
-    size_t slot_size;        /* number of entries in the longest half-solve */
+    size_t slot_size;        /* number of entries in a slot: those of the longest half-solve */
     double *halves;          /* slots.slot_count x slot_size */
     pthread_mutex_t gather_lock;       /* protects all members except `shared` and `field_solver` */
     double *block, *tile;    /* scratch for gathering: 3 PRODUCT_BLOCK x 3 PRODUCT_BLOCK matrices */
@@ -42,8 +42,8 @@ static void solve_halves(sparse_inverse *s, int count, const int *nodes) {
     sparse_columns_half_solve(s->half, count, dofs, y);
 }
 
-/* Computes those half-solves of the given free nodes that are not cached. Cached ones are marked as used first, so that up to LEAST_SLOTS nodes can be in the
-   cache together. */
+/* Computes the half-solves of these free nodes that are not cached yet. Marks the cached ones as used first, so that they are not evicted; with up to
+   LEAST_SLOTS nodes, all are then cached. */
 static void solve_missing(sparse_inverse *s, int count, const int *nodes) {
     int missing[HALF_BLOCK], found = 0;
     for (int i = 0; i < count; i++) lru_touch(&s->slots, nodes[i]);
@@ -56,7 +56,7 @@ static void solve_missing(sparse_inverse *s, int count, const int *nodes) {
     if (found > 0) solve_halves(s, found, missing);
 }
 
-/* The rows or columns of a product: the free nodes among those given. */
+/* The rows or columns of a product: those of the given nodes that are free. */
 typedef struct {
     int count, node[PRODUCT_BLOCK], dof[PRODUCT_BLOCK], place[PRODUCT_BLOCK];
     const double *y[PRODUCT_BLOCK];
@@ -109,12 +109,12 @@ static trocar_status sparse_gather(inverse *inv, const inverse_blocks *blocks, t
     return status;
 }
 
-/* Solves K x = right. Returns the solution, which belongs to the solver; NULL if there is no memory. Only the first call allocates. */
+/* Solves K x = right. Returns the solution, which belongs to the solver; NULL if out of memory. Only the first call allocates. */
 static const double *solver_run(solver *w, const tissue *t) {
     return factor_solve(t->factor, w->right, &w->solution, &w->common) ? w->solution.x->x : NULL;
 }
 
-/* Solves once, so that all memory has been allocated when this function returns. */
+/* Solves once, because the first solve allocates memory. */
 static bool solver_create(solver *w, const tissue *t) {
     cholmod_start(&w->common);
     w->common.print = 0;

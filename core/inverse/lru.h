@@ -1,4 +1,4 @@
-/* Assigns a limited number of slots to many keys; a new key gets the least recently used slot. */
+/* Assigns a limited number of slots to keys; a new key gets the least recently used slot. */
 #ifndef TROCAR_LRU_H
 #define TROCAR_LRU_H
 
@@ -14,7 +14,7 @@ typedef struct {
     uint64_t time;
 } lru;
 
-bool lru_create(lru *c, size_t key_count, size_t slot_count); /* returns false if there is no memory; lru_free must be called in either case */
+bool lru_create(lru *c, size_t key_count, size_t slot_count); /* returns false if out of memory; call lru_free in either case */
 void lru_free(lru *c);
 
 /* Marks a key as most recently used. Returns false if it has no slot. */

@@ -4,17 +4,17 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { WIDTH = 3 * HALF_BLOCK, SIDE = 3 * PRODUCT_BLOCK, PANEL = 512 /* maximum number of rows of Y packed at once */ };
+enum { WIDTH = 3 * HALF_BLOCK, SIDE = 3 * PRODUCT_BLOCK, PANEL = 512 /* most rows of Y packed at once */ };
 
-/* A supernode is a set of consecutive columns of L with the same sparsity pattern, stored as a dense block whose top part is a triangle. In CHOLMOD's
-   arrays, `super` is the first column, `pi` the index in `s` of the first row number, and `px` the index in `x` of the first value. Supernodes are in
-   postorder: the subtree of a supernode is a range of supernodes that ends with it. */
+/* A supernode is a set of consecutive columns of L with the same sparsity pattern, stored as a dense block with a triangle at the top. In CHOLMOD's arrays,
+   `super` is the first column, `pi` the index in `s` of the first row number, and `px` the index in `x` of the first value. Supernodes are in postorder, so a
+   supernode's subtree is a range of supernodes that ends with it. */
 struct sparse_columns {
     const tissue *tissue;
     const int *super, *pi, *px, *rows;
     const double *values;
     int supernodes;
-    int *supernode;          /* [dof_count]: supernode of each column */
+    int *supernode;          /* [dof_count]: supernode that contains each column */
     int *parent;             /* for each supernode: parent in the elimination tree, or -1 */
     int *lowest;             /* for each supernode: first supernode of its subtree */
     int *height;             /* for each supernode: number of columns on the path from its first column to the root */
@@ -67,7 +67,7 @@ static void touch(sparse_columns *h, int s, int column) {
     if (h->start[s] < 0 || column < h->start[s]) h->start[s] = column;
 }
 
-/* Forward substitution in the columns of a supernode, from h->start[s] on, followed by the update of later rows. */
+/* Does forward substitution in the columns of a supernode, from h->start[s] on, and then updates later rows. */
 static void eliminate(sparse_columns *h, int s, int right_sides) {
     int n = h->tissue->dof_count, ld = h->pi[s + 1] - h->pi[s], skipped = h->start[s] - h->super[s], below = count_below(h, s);
     int columns = width(h, s) - skipped;
@@ -115,7 +115,7 @@ void sparse_columns_half_solve(sparse_columns *h, int count, const int *dofs, do
 
 /* ---- products --------------------------------------------------------------------------------------------------------- */
 
-/* The nodes that contribute to a product, as rows or as columns, within one supernode. */
+/* The rows or columns of a product to which one supernode contributes. */
 typedef struct {
     int count, place[PRODUCT_BLOCK]; /* number and indices of the nodes whose path contains the supernode */
 } side;
@@ -132,7 +132,7 @@ typedef struct {
     int supernode, from, rows;
 } panel;
 
-/* Packs the rows of panel `p` from each Y, with zeros above the start of a path. The result is column-major with the leading dimension PANEL. */
+/* Packs the rows of panel `p` from each Y, with zeros above the start of a path. The result is column-major with leading dimension PANEL. */
 static void pack(const sparse_columns *h, panel p, const side *of, const half_solved *solved, double *packed) {
     for (int i = 0; i < of->count; i++) {
         int dof = solved->dofs[of->place[i]], length = sparse_columns_length(h, dof), at = length - h->height[p.supernode] + p.from;
@@ -151,7 +151,7 @@ static void add_product(const sparse_columns *h, const side *rows, const side *c
             out[(size_t)(3 * rows->place[i / 3] + i % 3) * (size_t)ld + (size_t)(3 * columns->place[j / 3] + j % 3)] += h->product[j * SIDE + i];
 }
 
-/* Lists the supernodes on the paths of all these nodes, without duplicates. Returns their number. */
+/* Lists the supernodes on the paths of these nodes, each once. Returns how many there are. */
 static int collect_ways(sparse_columns *h, int count, const int *dofs) {
     int found = 0;
     for (int i = 0; i < count; i++)

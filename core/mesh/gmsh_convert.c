@@ -13,7 +13,7 @@
 
 static const char LIBRARY[] = "libgmsh.so.4.8"; /* the version in Debian 12; later versions have a different gmshInitialize */
 
-/* The functions of Gmsh's C interface (gmshc.h) that are used here; after a failure, *error is not 0. */
+/* The functions from Gmsh's C interface (gmshc.h) used here. On failure, they set *error to a nonzero value. */
 typedef struct {
     void (*start)(int argc, char **argv, int read_config, int *error);
     void (*finish)(int *error);
@@ -35,7 +35,7 @@ static bool find(void *library, const char *name, void *function) {
     return symbol;
 }
 
-/* Loads Gmsh and finds its functions. The library is never unloaded, because it and its dependencies keep global state. */
+/* Loads Gmsh and looks up its functions. The library is never unloaded, because it and its dependencies keep global state. */
 static bool load(gmsh_functions *g) {
     void *library = dlopen(LIBRARY, RTLD_NOW | RTLD_LOCAL);
     return library && find(library, "gmshInitialize", &g->start) && find(library, "gmshFinalize", &g->finish) && find(library, "gmshMerge", &g->merge) &&
@@ -58,14 +58,14 @@ static trocar_status cannot_read(const gmsh_functions *g, const char *path, troc
     return TROCAR_BAD_INPUT;
 }
 
-/* Gmsh options for the conversion: keep all elements, not only those in physical groups, and leave the coordinates unchanged. */
+/* Gmsh options for the conversion: keep all elements, not just those in physical groups, and leave the coordinates unchanged. */
 static const struct { const char *name; double value; } OPTIONS[] = {
     {"General.Terminal", 0}, {"Mesh.MshFileVersion", 4.1}, {"Mesh.Binary", 1}, {"Mesh.SaveAll", 1}, {"Mesh.SaveParametric", 0}, {"Mesh.ScalingFactor", 1},
     {"Mesh.PartitionSplitMeshFiles", 0},
 };
 enum { OPTION_COUNT = sizeof OPTIONS / sizeof *OPTIONS };
 
-/* Reads `path` into a new Gmsh model and writes it to `converted`. *added becomes true if the model was created. */
+/* Reads `path` into a new Gmsh model and writes it to `converted`. Sets *added once the model exists and must be removed. */
 static trocar_status convert(const gmsh_functions *g, const char *path, const char *converted, bool *added, trocar_error *why) {
     double before[OPTION_COUNT];
     int error = 0, ignored = 0;
@@ -87,7 +87,7 @@ static trocar_status convert(const gmsh_functions *g, const char *path, const ch
 
 /* ---- session ---- */
 
-/* Starts Gmsh. Gmsh sets the locale of the whole process, so the host program's locale is restored immediately. */
+/* Starts Gmsh. Gmsh sets the locale of the whole process, so the host's locale is restored right away. */
 static void start(const gmsh_functions *g, int *error) {
     const char *now = setlocale(LC_ALL, NULL);
     char *before = now ? strdup(now) : NULL;
@@ -96,7 +96,8 @@ static void start(const gmsh_functions *g, int *error) {
     free(before);
 }
 
-/* Starts Gmsh for the conversion. If the host program already uses Gmsh, works in a separate model instead, which is removed afterwards. */
+/* Starts Gmsh, converts the file and ends Gmsh. If the host already uses Gmsh, leaves its session running and works in a separate model, which is removed
+   afterwards. */
 static trocar_status convert_in_session(const gmsh_functions *g, const char *path, const char *converted, trocar_error *why) {
     int error = 0;
     double terminal = -1.0; /* keeps this value if Gmsh has not been initialised */
@@ -121,7 +122,8 @@ static trocar_status convert_in_session(const gmsh_functions *g, const char *pat
 
 static pthread_mutex_t session_lock = PTHREAD_MUTEX_INITIALIZER;
 
-/* A fork waits until other threads have read their meshes. Otherwise the child would inherit a half-initialised Gmsh and a lock that is never released. */
+/* Makes fork() wait until other threads are done reading meshes. Otherwise, the child would inherit a half-initialised Gmsh and a lock that is never
+   released. */
 static pthread_once_t forks_watched = PTHREAD_ONCE_INIT;
 static void begin_fork(void) { pthread_mutex_lock(&session_lock); }
 static void end_fork(void) { pthread_mutex_unlock(&session_lock); }

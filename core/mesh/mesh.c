@@ -66,8 +66,8 @@ vec3 mesh_face_normal(const mesh *m, int tet, int face) {
     return v3_unit(gradients[face]);
 }
 
-/* The barycentric weight of vertex i changes linearly along d and is zero on face i. In this function, weights and rates are multiplied by six times the
-   volume. */
+/* The barycentric coordinate of vertex i changes linearly along d and is zero on face i. In this function, coordinates and their rates are scaled by six
+   times the volume. */
 int mesh_exit(const mesh *m, int tet, vec3 x, vec3 d, double *distance) {
     const int *corners = m->tets[tet];
     vec3 first = m->nodes[corners[0]], to = v3_sub(x, first);
@@ -140,8 +140,8 @@ static int locate_by_search(const mesh *m, vec3 x) {
     return best;
 }
 
-/* Walks from element to element through the face with the most negative barycentric weight. If the walk cycles, or leaves a non-convex body, all
-   tetrahedra are tested. */
+/* Walks from element to element through the face with the most negative barycentric coordinate. If the walk cycles, or leaves a non-convex body, tests all
+   tetrahedra. */
 int mesh_locate(const mesh *m, vec3 x, int start) {
     int tet = start >= 0 ? start : 0;
     int steps = 64 + 8 * (int)cbrt(m->tet_count);

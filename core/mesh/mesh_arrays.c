@@ -44,7 +44,7 @@ static trocar_status name_group(mesh *m, const char *name, int dimension, trocar
     return TROCAR_OK;
 }
 
-/* Collects the nodes of one group in ascending order. */
+/* Collects the nodes of a group in ascending order. */
 static trocar_status collect_nodes(mesh *m, const trocar_mesh *g, int index, trocar_error *why) {
     mesh_group *group = &m->groups[index];
     bool *marked = calloc((size_t)m->node_count, sizeof *marked);
@@ -67,7 +67,7 @@ static trocar_status collect_nodes(mesh *m, const trocar_mesh *g, int index, tro
                                  : fail(why, TROCAR_BAD_INPUT, "mesh: \"%s\" has no %s", group->name, surface < 0 ? "tetrahedra" : "triangles");
 }
 
-/* Returns the group index of each triangle's surface; NULL if memory runs out. */
+/* Returns the group index of each triangle's surface; NULL if out of memory. */
 static int *triangle_groups(const trocar_mesh *g) {
     int *groups = malloc(((size_t)g->triangle_count + 1) * sizeof *groups);
     for (int t = 0; groups && t < g->triangle_count; t++) groups[t] = g->region_count + g->triangle_surface[t];

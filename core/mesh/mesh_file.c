@@ -1,4 +1,4 @@
-/* Creates a mesh from the contents of a file: tetrahedra, the nodes that they use, and physical groups. */
+/* Creates a mesh from the contents of a file: its tetrahedra, the nodes they use, and its physical groups. */
 #include <errno.h>
 #include <inttypes.h>
 #include <limits.h>
@@ -10,7 +10,7 @@
 #include "mesh/mesh_merge.h"
 #include "mesh/msh_reader.h"
 
-/* The groups of the mesh that contain a model entity: bit g is set for group g. */
+/* The groups that contain a model entity: bit g is set for group g of the mesh. */
 typedef struct { int dimension, entity; uint32_t groups; } entity_groups;
 
 typedef struct {
@@ -19,11 +19,11 @@ typedef struct {
     mesh *mesh;
     trocar_error *why;
     msh_contents file;
-    int *index;              /* [file.node_count]: index in the mesh of each node of the file; -1 if no tetrahedron uses the node */
+    int *index;              /* [file.node_count]: mesh index of each node in the file; -1 if no tetrahedron uses the node */
     int tags[MESH_MAX_GROUPS]; /* tags of the groups in the file */
     entity_groups *entities; /* [entity_count]: entities that belong to a group, sorted by dimension and tag */
     size_t entity_count;
-    int (*triangles)[3];     /* node indices of the triangles of all named surfaces */
+    int (*triangles)[3];     /* node indices of the triangles on all named surfaces */
     int *triangle_group;
     int triangle_count;
 } mesh_maker;
@@ -58,7 +58,7 @@ static trocar_status read_file(mesh_maker *r) {
 
 /* Returns the index in file.nodes of the node with this tag, or -1. */
 static int find_node(const mesh_maker *r, uint64_t tag) {
-    uint64_t place = tag - r->file.nodes[0].tag; /* the index, if tags have no gaps; wraps around for tags below the first one */
+    uint64_t place = tag - r->file.nodes[0].tag; /* the index, if there are no gaps in the tags; wraps around for tags below the first */
     if (place < r->file.node_count && r->file.nodes[place].tag == tag) return (int)place;
     size_t low = 0, high = r->file.node_count;
     while (low < high) {
@@ -110,7 +110,7 @@ static int group_of_tag(const mesh_maker *r, int dimension, int tag) {
     return -1;
 }
 
-/* Returns the next group after (dimension, tag), in the order of dimension and tag; NULL if there is none. */
+/* Returns the group that follows (dimension, tag) when groups are sorted by dimension and tag; NULL if there is none. */
 static const msh_membership *next_group(const mesh_maker *r, int dimension, int tag) {
     const msh_membership *next = NULL;
     for (size_t i = 0; i < r->file.membership_count; i++) {
@@ -122,7 +122,7 @@ static const msh_membership *next_group(const mesh_maker *r, int dimension, int 
     return next;
 }
 
-/* Creates the groups, in the order of dimension and tag, without their nodes. If no volume is in a physical group, all tetrahedra form the region "tissue". */
+/* Creates the groups, sorted by dimension and tag, but without their nodes. If no volume is in a physical group, all tetrahedra form the region "tissue". */
 static trocar_status make_groups(mesh_maker *r) {
     trocar_status status = TROCAR_OK;
     bool has_volume = false;
@@ -178,7 +178,8 @@ static trocar_status find_region(const mesh_maker *r, const msh_element *e, int 
     return TROCAR_OK;
 }
 
-/* Reads the tetrahedra, ordered by entity. `mesh->tets` receives indices into file.nodes, and `index` becomes 0 for each node that is used. */
+/* Takes the tetrahedra from the file, in the order of their entities. At first, `mesh->tets` holds indices into file.nodes, and `index` is 0 for each node
+   used. */
 static trocar_status take_tets(mesh_maker *r) {
     mesh *m = r->mesh;
     size_t first = 0, count = r->file.element_count;
@@ -207,7 +208,7 @@ static trocar_status take_tets(mesh_maker *r) {
     return TROCAR_OK;
 }
 
-/* Removes unused nodes; the others keep their order. */
+/* Copies the nodes that are used to the mesh, in the same order. */
 static trocar_status take_nodes(mesh_maker *r) {
     mesh *m = r->mesh;
     m->nodes = malloc(r->file.node_count * sizeof *m->nodes);

@@ -1,4 +1,4 @@
-/* Completes a mesh of nodes and elements: orientation, neighbours, named surfaces, outer surface. Rejects invalid meshes. */
+/* Completes a mesh of nodes and elements: finds its orientation, neighbours, named surfaces and outer surface. Rejects invalid meshes. */
 #include <stdlib.h>
 #include <string.h>
 
@@ -73,7 +73,7 @@ static trocar_status measure_nodes(mesh *m, const char *name, trocar_error *why)
 
 typedef struct {
     int key[3];              /* nodes, ascending */
-    bool odd;                /* true if the outward order of the nodes is an odd permutation of the key */
+    bool odd;                /* true if the nodes, in outward order, are an odd permutation of the key */
     int tet, face;
 } face_record;
 
@@ -95,7 +95,7 @@ static int compare_keys(const int a[3], const int b[3]) {
     return 0;
 }
 
-/* Ties are broken by tetrahedron index, so that the order of records and boundary faces does not depend on the sorting algorithm. */
+/* Ties are broken by tetrahedron index, so that the order of records and boundary faces does not depend on the C library's sorting algorithm. */
 static int compare_records(const void *left, const void *right) {
     const face_record *a = left, *b = right;
     int order = compare_keys(a->key, b->key);
@@ -117,7 +117,7 @@ static face_record *sorted_faces(const mesh *m) {
     return faces;
 }
 
-/* Sets the neighbours. Two tetrahedra that share a face are on opposite sides of it, so they must list the face's nodes in opposite orientations. */
+/* Sets the neighbours. Two tetrahedra that share a face lie on opposite sides of it, so they must list its nodes in opposite orientations. */
 static trocar_status join_neighbours(mesh *m, const face_record *faces, const char *name, trocar_error *why) {
     size_t count = 4 * (size_t)m->tet_count, next;
     for (size_t i = 0; i < count; i = next) {

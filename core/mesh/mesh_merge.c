@@ -4,12 +4,12 @@
 
 static const double SAME_PLACE = 1e-6; /* fraction: distance, relative to the size of the body, within which nodes coincide. Rounding tolerance for files
                                           in single precision */
-static const vec3 ORDER = {0.5773, 0.7211, 0.3834};               /* direction along which nodes are sorted, not aligned with the axes of regular meshes */
+static const vec3 ORDER = {0.5773, 0.7211, 0.3834};               /* nodes are sorted along this direction, which is not aligned with a regular mesh's axes */
 static const int FACES[4][3] = {{1, 2, 3}, {0, 2, 3}, {0, 1, 3}, {0, 1, 2}};
 
 typedef struct { double along; int node; } placed_node;
-typedef struct { int place[3], nodes[3]; } placed_face;            /* place: lowest node index at each corner's position, ascending; nodes: the nodes of the
-                                                                      face itself */
+typedef struct { int place[3], nodes[3]; } placed_face;            /* place: the lowest node index at the position of each corner, ascending; nodes: the
+                                                                      face's own nodes */
 
 static int compare_placed(const void *left, const void *right) {
     const placed_node *a = left, *b = right;
@@ -33,7 +33,7 @@ static double body_size(const mesh *m) {
     return v3_norm(v3_sub(high, low));
 }
 
-/* Sets place[n] to the lowest-numbered node at the position of n. Returns the number of pairs of coincident nodes. */
+/* Sets place[n] to the lowest-numbered node at the position of node n. Returns the number of pairs of coincident nodes. */
 static int find_places(const mesh *m, placed_node *order, int *place) {
     double near = SAME_PLACE * body_size(m);
     int shared = 0;

@@ -38,8 +38,7 @@ static void *grown(reader *r, void *array, size_t count, size_t *room, size_t it
 
 /* ---- element types ---- */
 
-/* Gmsh's element types 1 to 31 (reference manual, "Node ordering"). Later types, of higher order, are omitted: a mesh of linear tetrahedra does not
-   contain them. */
+/* Gmsh's element types 1 to 31 (reference manual, "Node ordering"). Later types have a higher order and do not occur in a mesh of linear tetrahedra. */
 static const struct { const char *shape; int dimension, nodes; } ELEMENT_TYPES[] = {
     {0}, {"Line", 1, 2}, {"Triangle", 2, 3}, {"Quadrilateral", 2, 4}, {"Tetrahedron", 3, 4}, {"Hexahedron", 3, 8}, {"Prism", 3, 6}, {"Pyramid", 3, 5},
     {"Line", 1, 3}, {"Triangle", 2, 6}, {"Quadrilateral", 2, 9}, {"Tetrahedron", 3, 10}, {"Hexahedron", 3, 27}, {"Prism", 3, 18}, {"Pyramid", 3, 14},
@@ -79,7 +78,7 @@ static bool name_is_taken(const msh_contents *c, int dimension, const char *text
     return false;
 }
 
-/* In version 2.2, a name belongs to the first group that has it; later groups of the same dimension with that name are unnamed. */
+/* In version 2.2, if several groups of one dimension have the same name, the first keeps it and the others become unnamed. */
 static void read_names(reader *r) {
     msh_contents *c = r->contents;
     int64_t count = msh_text_int_line(&r->in);
@@ -98,7 +97,7 @@ static void read_names(reader *r) {
 
 /* ---- nodes ---- */
 
-/* Makes room for `count` nodes. In the file, each of them takes at least 4 numbers (text) or `bytes` bytes (binary). */
+/* Makes room for `count` nodes, each of which takes at least 4 numbers (text) or `bytes` bytes (binary) in the file. */
 static void begin_nodes(reader *r, uint64_t count, int bytes) {
     if (r->has_nodes) msh_fail(&r->in, "a second section with nodes: export the mesh again");
     r->has_nodes = true;
@@ -161,7 +160,7 @@ static void begin_elements(reader *r, uint64_t count, int numbers, int bytes) {
     if (going_on(r) && !(r->contents->elements = malloc(r->element_room * sizeof *r->contents->elements))) out_of_memory(r);
 }
 
-/* Reads the nodes of an element and stores the element, for which there must be room. */
+/* Reads an element's nodes and stores the element. There must be room for it. */
 static void read_corners(reader *r, msh_element element) {
     msh_contents *c = r->contents;
     element.first = c->corner_count;
@@ -173,8 +172,8 @@ static void read_corners(reader *r, msh_element element) {
     if (going_on(r)) c->elements[c->element_count++] = element;
 }
 
-/* Reads an element with its tags: the first is its physical group or 0, the second is its entity, and the others concern partitions. Skips elements of
-   negative entities, as Gmsh does. */
+/* Reads an element with its tags. The first tag is its physical group or 0, the second its entity; the others concern partitions. Like Gmsh, skips elements
+   with a negative entity. */
 static void read_element_2(reader *r, int64_t number, int type, int tags) {
     int physical = 0, entity = 0;
     for (int i = 0; i < tags && going_on(r); i++) {
@@ -309,7 +308,7 @@ static int compare_elements(const void *left, const void *right) {
     return (a->number > b->number) - (a->number < b->number);
 }
 
-/* Removes duplicates: an element in several physical groups may occur once for each group, always with the same number. */
+/* Removes duplicates: an element in several physical groups may occur once per group, always with the same number. */
 static void unite_elements(reader *r) {
     msh_contents *c = r->contents;
     size_t kept = 0;
@@ -346,8 +345,8 @@ static void sort_memberships(msh_contents *c) {
 
 /* ---- the whole file ---- */
 
-/* Reads $MeshFormat up to and including its three numbers: the version, the file type (0: text, 1: binary) and the size of a size_t in bytes. Sections before
-   it are ignored as comments. */
+/* Reads $MeshFormat up to and including its three numbers: the version, the file type (0: text, 1: binary) and the size of a size_t in bytes. Earlier
+   sections are taken as comments and skipped. */
 static bool read_format(reader *r, int64_t *binary, int64_t *size) {
     do {
         if (!msh_next_section(&r->in)) return false;
@@ -384,7 +383,7 @@ bool msh_is_readable(FILE *file) {
     if (fread(first, 1, sizeof first - 1, file) < sizeof first - 1) return false;
     if (strncmp(first, "$MeshForm", 9) != 0 && strncmp(first, "$Comments", 9) != 0) return false;
     rewind(file);
-    return !read_format(&r, &binary, &size) || r.version == 2.2 || r.version == 4.1; /* true if the header is damaged: msh_read then reports it */
+    return !read_format(&r, &binary, &size) || r.version == 2.2 || r.version == 4.1; /* also true for a damaged header, so that msh_read reports it */
 }
 
 trocar_status msh_read(FILE *file, const char *path, bool converted, msh_contents *contents, trocar_error *why) {

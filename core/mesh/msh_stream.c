@@ -39,7 +39,7 @@ static void put_back(msh_stream *s, int c) {
     ungetc(c, s->file);
 }
 
-/* Reads the next word, up to but not including the blank after it. The word is "" after a failure; the end of the file counts as a failure. */
+/* Reads the next word, up to but not including the blank after it. On failure, which includes the end of the file, the word is "". */
 static void read_word(msh_stream *s, char word[MSH_WORD]) {
     int c = ' ', length = 0;
     while (s->status == TROCAR_OK && is_blank(c)) c = next_character(s);

@@ -28,7 +28,7 @@ static trocar_status mark_given(const mesh *m, const roi_config *given, bool *in
 
 typedef struct { vec3 point, direction; } line;
 
-/* Returns the line through the centroid of an outer surface, pointing inward; its direction is zero if there is no such surface or it is closed. */
+/* Returns the inward normal through the centroid of an outer surface. Its direction is zero if there is no such surface, or if it is closed. */
 static line line_into(const mesh *m, int surface) {
     double area = 0.0;
     vec3 middle = v3(0, 0, 0), outwards = v3(0, 0, 0);

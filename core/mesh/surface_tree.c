@@ -3,7 +3,7 @@
 #include <stdlib.h>
 
 static const double SLACK = 1e-12; /* fraction: tolerance for distances, relative to the size of the body. Rounding tolerance */
-enum { LEAF_FACES = 4, STACK_SIZE = 64 };   /* each level halves the number of faces, so 64 levels suffice for any mesh */
+enum { LEAF_FACES = 4, STACK_SIZE = 64 };   /* each level halves the number of faces, so 64 levels are enough for any mesh */
 
 /* ---- building ---- */
 
@@ -90,8 +90,8 @@ static bool meets_box(const segment *ray, const bvh_node *box, double limit) {
         && clip_axis(ray->from.z, ray->along.z, box->low.z - slack, box->high.z + slack, &enter, &leave);
 }
 
-/* True if the line passes to the left of the edge p -> q, as seen against the direction `along`. The rounding error of the triple product is below 1e-14
-   times the product of the lengths. Within this tolerance, both triangles at an edge accept the line, so that it cannot pass between them. */
+/* True if the line passes to the left of the edge p -> q, as seen looking against `along`. The rounding error of the triple product is below 1e-14 times the
+   product of the lengths. Within this tolerance, both triangles at an edge accept the line, so it cannot slip between them. */
 static bool left_of_edge(vec3 along, vec3 p, vec3 q) {
     return v3_dot(along, v3_cross(p, q)) <= 1e-14 * v3_norm(along) * v3_norm(p) * v3_norm(q);
 }

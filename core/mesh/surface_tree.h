@@ -4,7 +4,7 @@
 
 #include "mesh/mesh.h"
 
-/* Builds the tree, `bvh` and `bvh_order`, over `boundary`. Returns false if memory runs out. */
+/* Builds the tree (`bvh` and `bvh_order`) over `boundary`. Returns false if out of memory. */
 bool surface_tree_build(mesh *m);
 
 #endif

@@ -11,7 +11,7 @@
 #include "snapshot/free_displacement.h"
 #include "tissue/blas.h"
 
-/* Lists the names of the mesh's groups of one dimension for messages, as "name1, name2, ...". */
+/* Lists the names of the mesh groups of one dimension as "name1, name2, ...", for messages. */
 static const char *list_groups(const mesh *m, int dimension, char *text, size_t size) {
     size_t used = 0;
     text[0] = '\0';
@@ -60,7 +60,7 @@ static trocar_status bind_membranes(model_parts *s, trocar_error *why) {
 
 enum { PLACE_ROOM = 600 };
 
-/* Returns "FILE:LINE: ", or an empty string if the key does not come from a file. */
+/* Returns "FILE:LINE: ", or "" if the key does not come from a file. */
 static const char *place_in_scene(const model_parts *s, int line, char place[PLACE_ROOM]) {
     place[0] = '\0';
     if (line > 0 && s->config.scene_path) snprintf(place, PLACE_ROOM, "%.500s:%d: ", s->config.scene_path, line);
@@ -118,7 +118,7 @@ static trocar_status bind_to_mesh(model_parts *s, trocar_error *why) {
     return status == TROCAR_OK ? bind_probe(s, why) : status;
 }
 
-/* Fails if all nodes of the probe's surface are fixed, because the surface could then not yield. The tissue must have been created. */
+/* Fails if all nodes of the probe's surface are fixed, because then the surface cannot yield. Call it after creating the tissue. */
 static trocar_status check_probe_surface(const model_parts *s, trocar_error *why) {
     char place[PLACE_ROOM];
     if (s->probe_surface < 0) return TROCAR_OK;
@@ -150,8 +150,8 @@ static trocar_status build_tissue(model_parts *s, trocar_error *why) {
 
 /* ---- kind of the inverse ---------------------------------------------------------------------------------------------- */
 
-/* BLAS uses one thread, except to factorise or invert the whole matrix of a large mesh, where several threads save minutes. Condensation has its own
-   threads. */
+/* BLAS uses one thread, except to factorise or invert the whole matrix of a large mesh, where more threads save minutes. Condensation has threads of its
+   own. */
 enum { SEVERAL_THREADS = 30000 }; /* number of unknowns above which BLAS uses several threads */
 
 static bool is_large(const model_parts *s) { return s->tissue.dof_count > SEVERAL_THREADS; }
@@ -176,7 +176,7 @@ static trocar_status build_owner(model_parts *s, int roi_count, const int *roi, 
     const simulation_config *config = &s->config;
     inverse_facts facts = {.given = config->inverse, .precision = config->precision, .node_count = s->mesh.node_count,
                            .dof_count = s->tissue.dof_count, .roi_given = roi_given(&config->roi), .roi_count = roi_count,
-                           .memory = memory_total()}; /* total rather than free memory, so that the same scene always gets the same kind of inverse */
+                           .memory = memory_total()}; /* total rather than free memory, so that a scene always gets the same kind of inverse on a machine */
     inverse_choice choice = inverse_choose(&facts, &s->about_inverse);
     int threads = is_large(s) ? blas_own_threads() : 1;
     trocar_status status = blas_make_room(threads, why);
@@ -192,7 +192,7 @@ static trocar_status build_owner(model_parts *s, int roi_count, const int *roi, 
     return (is_large(s) ? build_large : build_whole)(s, choice == INVERSE_SPARSE, roi_count, roi, why);
 }
 
-/* Adds the nodes that a probe can press to the region of interest, if there is one. */
+/* If there are a probe and a region of interest, adds the nodes that the probe can press to the region. */
 static trocar_status add_probe_nodes(const model_parts *s, int **nodes, int *count, trocar_error *why) {
     if (s->probe_surface < 0 || *count == 0) return TROCAR_OK;
     const mesh_group *surface = &s->mesh.groups[s->probe_surface];
@@ -265,7 +265,7 @@ static bool same_names(int count, const char (*a)[MESH_NAME], const char (*b)[ME
     return true;
 }
 
-/* Returns the first region key that differs between the configurations, or NULL. `text` is a buffer for the key. */
+/* Returns the first region key in which the configurations differ, or NULL. `text` is a buffer for the key. */
 static const char *region_key_that_differs(const simulation_config *a, const simulation_config *b, char *text, size_t size) {
     if (a->region_count != b->region_count) return "regions";
     for (int i = 0; i < a->region_count; i++) {
@@ -284,7 +284,7 @@ static const membrane_config *stiff_membrane(const simulation_config *c, const c
     return NULL;
 }
 
-/* Like region_key_that_differs, for the membranes of `a` that have a stiffness. The order of the membranes does not matter. */
+/* Like region_key_that_differs, but for the membranes of `a` that have a stiffness. Ignores the order of the membranes. */
 static const char *membrane_key_that_differs(const simulation_config *a, const simulation_config *b, char *text, size_t size) {
     for (int i = 0; i < a->membrane_count; i++) {
         const char *name = a->membranes[i].name;
@@ -305,9 +305,9 @@ static bool same_roi(const roi_config *a, const roi_config *b) {
 
 static const char *first_membrane(const simulation_config *c) { return c->membrane_count > 0 ? c->membranes[0].name : ""; }
 
-/* Returns the first differing key among those that affect the mesh, stiffness or inverse; NULL if none differs. `text` is a buffer for the key. The inverse
-   depends on the probe's surface and the first membrane: a condensed inverse covers that surface and, unless the scene specifies a region of interest, the
-   nodes near that membrane. */
+/* Returns the first key that differs and affects the mesh, stiffness or inverse; NULL if there is none. `text` is a buffer for the key. The probe's surface and
+   the first membrane affect the inverse, because a condensed inverse covers that surface and, unless the scene specifies a region of interest, the nodes near
+   that membrane. */
 static const char *stiffness_key_that_differs(const simulation_config *a, const simulation_config *b, char *text, size_t size) {
     const char *of_material = region_key_that_differs(a, b, text, size);
     if (!of_material) of_material = membrane_key_that_differs(a, b, text, size);

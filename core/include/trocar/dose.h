@@ -1,6 +1,6 @@
-/* Dose of brachytherapy seeds by the line-source formula of AAPM TG-43U1 (Rivard et al., Med. Phys. 31, 2004), as if the patient were water and seeds
-   did not shield each other; docs/dose.md has the formula. Doses are in Gy, dose rates in Gy/h, air-kerma strengths in U (1 U = 1 cGy cm^2/h).
-   Nothing here needs a scene or a model. Included by trocar.h. */
+/* Dose of brachytherapy seeds, from the line-source formula of AAPM TG-43U1 (Rivard et al., Med. Phys. 31, 2004; see docs/dose.md). The formula treats the
+   patient as water and ignores shielding between seeds. Doses are in Gy, dose rates in Gy/h, air-kerma strengths in U (1 U = 1 cGy cm^2/h). Nothing here
+   needs a scene or a model. Included by trocar.h. */
 #ifndef TROCAR_PUBLIC_DOSE_H
 #define TROCAR_PUBLIC_DOSE_H
 
@@ -12,15 +12,15 @@ extern "C" {
 
 /* ---- sources ---- */
 
-/* The TG-43 data of one type of seed. Immutable. */
+/* The TG-43 data for one type of seed. Immutable. */
 typedef struct trocar_dose_source trocar_dose_source;
 
-/* Loads consensus data of TG-43U1 by name: "I-125 6711" or "Pd-103 200". BAD_INPUT for another name; NO_MEMORY. [any, allocates] */
+/* Loads the TG-43U1 consensus data for "I-125 6711" or "Pd-103 200". BAD_INPUT for any other name; NO_MEMORY. [any, allocates] */
 TROCAR_API trocar_status trocar_dose_source_create(const char *name, trocar_dose_source **source, trocar_error *error);
 
-/* Loads a table in YAML, whose keys are listed in docs/dose.md. BAD_INPUT with file, line and remedy; NO_MEMORY. [any, allocates] */
+/* Loads TG-43 data from a YAML file; docs/dose.md lists its keys. BAD_INPUT, naming file, line and remedy; NO_MEMORY. [any, allocates] */
 TROCAR_API trocar_status trocar_dose_source_load(const char *path, trocar_dose_source **source, trocar_error *error);
-TROCAR_API void trocar_dose_source_free(trocar_dose_source *source); /* to be called after all doses that use the source have been freed. [any] */
+TROCAR_API void trocar_dose_source_free(trocar_dose_source *source); /* call it only after freeing all doses that use the source. [any] */
 
 typedef struct trocar_dose_source_data {
     char name[64];
@@ -31,8 +31,8 @@ typedef struct trocar_dose_source_data {
 } trocar_dose_source_data;
 TROCAR_API trocar_dose_source_data trocar_dose_source_get(const trocar_dose_source *source); /* [any, RT] */
 
-/* Returns the dose over the first `hours` of decay divided by the initial dose rate, in h. For INFINITY (a permanent implant), this is the half-life
-   divided by ln 2; for a negative number, NAN. [any, RT] */
+/* Returns the ratio, in h, of the dose delivered in the first `hours` to the initial dose rate. If `hours` is INFINITY (a permanent implant), this is the
+   half-life divided by ln 2; if negative, NAN. [any, RT] */
 TROCAR_API double trocar_dose_hours(const trocar_dose_source *source, double hours);
 
 typedef struct trocar_dose_seed {
@@ -41,15 +41,15 @@ typedef struct trocar_dose_seed {
     double strength;             /* U, air-kerma strength at the time of implantation; above 0 and at most 1000 */
 } trocar_dose_seed;
 
-/* Computes the dose rates (Gy/h) of `seed_count` seeds at `count` points [count][3] (m), which takes 25 ns per point and seed. BAD_INPUT, without
-   writing, if a seed or point is not finite or has a coordinate beyond 1000 m, or if a strength or direction is invalid. [any, RT] */
+/* Computes the total dose rate (Gy/h) from `seed_count` seeds at each of `count` points [count][3] (m). Takes 25 ns per point and seed. BAD_INPUT, writing
+   nothing, if a seed or point is not finite or has a coordinate beyond 1000 m, or if a strength or direction is invalid. [any, RT] */
 TROCAR_API trocar_status trocar_dose_rates(const trocar_dose_source *source, const trocar_dose_seed *seeds, int seed_count, const double *points,
                                            int64_t count, double *rates, trocar_error *error);
 
 /* ---- dose of an implant ---- */
 
-/* The dose of a permanent implant at many points. Doses are integer multiples of TROCAR_DOSE_QUANTUM, so that sums are exact and do not depend on the
-   order in which seeds are added and removed. */
+/* The dose of a permanent implant at many points. Doses are integer multiples of TROCAR_DOSE_QUANTUM, so sums are exact and don't depend on the order in
+   which seeds are added and removed. */
 typedef struct trocar_dose trocar_dose;
 #define TROCAR_DOSE_QUANTUM 5.8207660913467407e-11 /* Gy: 2^-34 */
 #define TROCAR_MAX_SEED_DOSE 131072.0                  /* Gy, largest dose that one seed contributes to a point: 2^17 */
@@ -62,23 +62,23 @@ typedef struct trocar_dose_grid {
     int32_t counts[3];           /* voxel counts along x, y and z; each is at least 1, and their product is at most 2^28 */
 } trocar_dose_grid;
 
-/* Creates a dose of zero, either on a grid (8 bytes per voxel) or at up to 2^28 points [count][3] (m; 32 bytes per point). The source must outlive the
-   dose. BAD_INPUT for an invalid grid or point; NO_MEMORY. [any, allocates] */
+/* Create a dose that is initially zero, on a grid (8 bytes per voxel) or at up to 2^28 points [count][3] (m; 32 bytes per point). The source must outlive
+   the dose. BAD_INPUT for an invalid grid or point; NO_MEMORY. [any, allocates] */
 TROCAR_API trocar_status trocar_dose_create(const trocar_dose_source *source, const trocar_dose_grid *grid, trocar_dose **dose, trocar_error *error);
 TROCAR_API trocar_status trocar_dose_create_points(const trocar_dose_source *source, const double *points, int64_t count, trocar_dose **dose,
                                                    trocar_error *error);
 TROCAR_API void trocar_dose_free(trocar_dose *dose); /* [one] */
 
-/* Adds a seed, which takes 25 ns per point. `id` (may be NULL) receives a number that identifies the seed and is never reused. BAD_INPUT, without effect, for
-   an invalid seed or for more than TROCAR_MAX_DOSE_SEEDS seeds; NO_MEMORY. [one, allocates] */
+/* Adds a seed. Takes 25 ns per point. `id` (may be NULL) receives a number that identifies the seed and is never reused. BAD_INPUT, changing nothing, if the
+   seed is invalid or there are already TROCAR_MAX_DOSE_SEEDS seeds; NO_MEMORY. [one, allocates] */
 TROCAR_API trocar_status trocar_dose_add(trocar_dose *dose, const trocar_dose_seed *seed, int32_t *id, trocar_error *error);
 
-/* Remove a seed, or change its position, direction and strength. BAD_INPUT, without effect, for an unknown id or an invalid seed. [one, RT] */
+/* Remove a seed, or change its position, direction and strength. BAD_INPUT, changing nothing, for an unknown id or an invalid seed. [one, RT] */
 TROCAR_API trocar_status trocar_dose_remove(trocar_dose *dose, int32_t id, trocar_error *error);
 TROCAR_API trocar_status trocar_dose_move(trocar_dose *dose, int32_t id, const trocar_dose_seed *seed, trocar_error *error);
 
-/* Moves every point to its rest position plus its displacement [count][3] (m); NULL moves all points back to their rest positions. Seeds do not move.
-   BAD_INPUT, without effect, if a displacement is not finite or would move a point beyond 1000 m; NO_MEMORY. [one, allocates] */
+/* Moves every point to its rest position plus its displacement [count][3] (m), or back to its rest position if `displacements` is NULL. Seeds do not move.
+   BAD_INPUT, changing nothing, if a displacement is not finite or would move a point beyond 1000 m; NO_MEMORY. [one, allocates] */
 TROCAR_API trocar_status trocar_dose_displace(trocar_dose *dose, const double *displacements, trocar_error *error);
 
 TROCAR_API int64_t trocar_dose_point_count(const trocar_dose *dose);         /* [one, RT] */
@@ -87,7 +87,7 @@ TROCAR_API void trocar_dose_values(const trocar_dose *dose, double *values); /* 
 
 /* ---- structures ---- */
 
-/* The voxels whose centres are inside an organ at rest. The centres have coordinates (n + 1/2) spacing, for integers n. Immutable. */
+/* The voxels whose centres are inside an organ at rest. The coordinates of the centres are (n + 1/2) spacing for integer n. Immutable. */
 typedef struct trocar_structure trocar_structure;
 
 /* Finds the voxels inside surface number `surface`, or inside all triangles if the mesh has no triangle_surface. `spacing` in m. BAD_INPUT if the surface
@@ -105,22 +105,21 @@ TROCAR_API int64_t trocar_structure_count(const trocar_structure *structure);   
 TROCAR_API const double *trocar_structure_points(const trocar_structure *structure);  /* [count][3], m, voxel centres. [any, RT] */
 TROCAR_API double trocar_structure_voxel(const trocar_structure *structure);          /* m^3, volume of a voxel. [any, RT] */
 
-/* Interpolates the displacements [count][3] of the voxel centres from those of the nodes (trocar_view_displacements), for trocar_dose_displace.
-   BAD_INPUT for a structure made from a surface. [any, RT] */
+/* Interpolates nodal displacements (from trocar_view_displacements) to the voxel centres, giving the `displacements` [count][3] that trocar_dose_displace
+   needs. BAD_INPUT for a structure made from a surface. [any, RT] */
 TROCAR_API trocar_status trocar_structure_displacements(const trocar_structure *structure, const double *nodal, double *displacements,
                                                         trocar_error *error);
 
 /* ---- dose-volume histograms ---- */
 
-/* Sorts the doses of voxels of equal size in place, in descending order, as the functions below require. BAD_INPUT if there are none or one is not
-   finite. [any, RT] */
+/* Sorts the doses of equal-sized voxels in place, in descending order, as the functions below require. BAD_INPUT if there are none or one is not finite.
+   [any, RT] */
 TROCAR_API trocar_status trocar_dvh_sort(double *doses, int64_t count, trocar_error *error);
 
-/* Returns the dose (Gy) that at least this fraction (0 to 1) of the volume receives, by linear interpolation; for example, 0.9 gives D90. [any, RT] */
+/* Returns the largest dose (Gy) that at least this fraction (0 to 1) of the volume receives, interpolated linearly. A fraction of 0.9 gives D90. [any, RT] */
 TROCAR_API double trocar_dvh_dose(const double *doses, int64_t count, double fraction);
 
-/* Returns the fraction of the volume that receives at least `dose` (Gy); for example, the prescribed dose gives V100, and 1.5 times that dose gives V150.
-   [any, RT] */
+/* Returns the fraction of the volume that receives at least `dose` (Gy). The prescribed dose gives V100; 1.5 times that dose gives V150. [any, RT] */
 TROCAR_API double trocar_dvh_volume(const double *doses, int64_t count, double dose);
 
 typedef struct trocar_dvh_summary {

@@ -7,7 +7,7 @@
 /* ---- contacts ---- */
 
 enum { TROCAR_MAX_CONTACTS = 64, TROCAR_MAX_JOINTS = 65 };
-enum { TROCAR_MAX_POINTS = 2 * TROCAR_MAX_GUIDES + TROCAR_MAX_CONTACTS + 1 }; /* maximum number of active contacts of all kinds */
+enum { TROCAR_MAX_POINTS = 2 * TROCAR_MAX_GUIDES + TROCAR_MAX_CONTACTS + 1 }; /* most contacts, of all kinds, that can be active at once */
 
 typedef enum trocar_contact_kind {
     TROCAR_CONTACT_TISSUE = 0,
@@ -18,7 +18,7 @@ typedef enum trocar_contact_kind {
 /* Status of a contact. A tissue contact is first planned, then adding, then sticking or sliding until it is removed. */
 typedef enum trocar_contact_status {
     TROCAR_CONTACT_PLANNED = 0,  /* ahead of the tip; bears no force */
-    TROCAR_CONTACT_ADDING = 1,   /* passed by the tip, but the worker has not answered yet; bears no force */
+    TROCAR_CONTACT_ADDING = 1,   /* passed by the tip, waiting for the worker's answer; bears no force */
     TROCAR_CONTACT_STICKING = 2,
     TROCAR_CONTACT_SLIDING = 3,  /* the direction is in trocar_contact.state */
     TROCAR_CONTACT_DETACHED = 4  /* no longer used: a buckling needle stays in contact */
@@ -28,13 +28,13 @@ typedef enum trocar_contact_status {
 typedef struct trocar_contact {
     int32_t kind;            /* trocar_contact_kind; more kinds may be added in future versions */
     int32_t state;           /* 0 sticks, 1 slides forward, -1 slides backward */
-    double arc;              /* m, arc length from the base to the point where the force acts; for the tip contact, this is at the needle's end or behind it */
+    double arc;              /* m, arc length from the base to the point where the force acts; for the tip contact, at the needle's end or just behind it */
     double depth;            /* m along the track, measured from the skin; 0 for a guide */
     double position[3];      /* m, on the deformed needle, world frame */
     double force[3];         /* N, on the tissue or guide, world frame */
-    uint64_t id;             /* tissue contact: constant from its addition to its removal, and never reused for this needle; other contacts: 0 */
+    uint64_t id;             /* tissue contact: stays the same until the contact is removed, and is never reused for this needle; other contacts: 0 */
     int32_t status;          /* trocar_contact_status */
-    int32_t slot;            /* tissue contact: 0 to TROCAR_MAX_CONTACTS - 1, constant like the id, but reused later; guide: index of the guide; tip: -1 */
+    int32_t slot;            /* tissue contact: 0 to TROCAR_MAX_CONTACTS - 1, like `id` but reused after removal; guide: index of the guide; tip: -1 */
 } trocar_contact;
 
 /* Return values of trocar_view_hole for a needle that is in no hole. */
@@ -45,13 +45,13 @@ enum {
 
 /* ---- tracks ---- */
 
-enum { TROCAR_MAX_TRACKS = 128, TROCAR_MAX_TRACK_POINTS = 1024 }; /* maximum counts per needle; enough for 4 m of tracks */
+enum { TROCAR_MAX_TRACKS = 128, TROCAR_MAX_TRACK_POINTS = 1024 }; /* limits per needle; enough for 4 m of tracks */
 
-/* A point of a track, which is a path that a needle has cut since its last reset. Tissue stays cut, so any needle meets less resistance along a track. */
+/* A point on a track: a path that a needle has cut since its last reset. Tissue stays cut, so any needle meets less resistance along a track. */
 typedef struct trocar_track_point {
     double position[3];      /* m, in the tissue at rest */
     int32_t tet;             /* tetrahedron of the model's mesh that contains the point */
-    int32_t track;           /* number of the track, counted from 0 for the oldest; the points of a track are ordered from skin to tip, at most 4 mm apart */
+    int32_t track;           /* number of the track; 0 is the oldest. The points of a track run from skin to tip, at most 4 mm apart */
     int32_t membrane;        /* index in the scene of the membrane punctured at this point; -1 if none */
     int32_t reserved;        /* 0 */
 } trocar_track_point;

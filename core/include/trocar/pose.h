@@ -4,7 +4,7 @@
 
 typedef struct trocar_pose {
     double position[3];      /* m */
-    double orientation[4];   /* w x y z, of unit length: rotates from the needle's frame to the world frame */
+    double orientation[4];   /* unit quaternion, w x y z: rotates from the needle's frame to the world frame */
 } trocar_pose;
 
 #endif

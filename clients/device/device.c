@@ -25,7 +25,7 @@ typedef struct {
     int seed;                /* -1 if not given; likewise the members below */
     double image_error, splay, speed_spread;
     profile_settings check;  /* settings for checking a device profile instead of playing; check.profile is NULL if no check was requested */
-    const char *check_option, *play_option; /* an option given that only makes sense for this check, and one that makes none; NULL if none */
+    const char *check_option, *play_option; /* options given that only make sense for this check, or that make no sense for it; NULL if none */
 } options;
 
 enum { OPTION_SPEED = 256, OPTION_REPORT, OPTION_CSV, OPTION_LOG, OPTION_URL, OPTION_START, OPTION_HAND, OPTION_REALTIME,

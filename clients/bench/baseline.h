@@ -6,8 +6,7 @@
 
 enum { BASELINE_ORDER = 256 };
 
-/* Times the product of two square matrices of order BASELINE_ORDER many times (cblas_dgemm, one thread). Limits OpenBLAS to one thread for the whole process.
-   */
+/* Times the product of two square matrices of order BASELINE_ORDER many times (cblas_dgemm, one thread). Limits OpenBLAS to one thread in the whole process. */
 void baseline_measure(histogram *time);
 
 /* Returns the median of `time` divided by the median of the baseline. */

@@ -25,7 +25,7 @@ static const int64_t PATIENCE = 2000000000;  /* ns after which a request expires
 
 /* What a browser wants to see. */
 typedef struct {
-    double place[SLICES];    /* m, position of the axial image on the z axis and of the sagittal one on the x axis; unused if there is a probe, where the images then lie */
+    double place[SLICES];    /* m, of the axial image on the z axis and the sagittal one on the x axis; unused with a probe, which then determines them */
     double depth;            /* m; 0 for deep enough to cover the gland */
     bool sagittal;
 } wish;

@@ -15,7 +15,7 @@ const VERTEX = `
 
 const FAN = `
   uniform vec2 probe; uniform vec2 reach; uniform float spread;
-  // Returns 1 inside the probe's fan, with soft edges. With LINEAR, the probe lies along the slice, and the fan is a rectangle.
+  // 1 inside the probe's fan, with soft edges; with LINEAR, inside a rectangle beside a probe that lies along the slice
   float fan(vec2 at) {
     #ifdef LINEAR
       vec2 aside = abs(at - probe - vec2(0.0, 0.5 * (reach.x + reach.y)));
@@ -28,7 +28,7 @@ const FAN = `
 // Draws isodose lines of the seeds at their current positions.
 const DOSE = `
   precision highp sampler3D;
-  uniform sampler3D dose; uniform vec3 doseOrigin, doseSize; uniform float doseTop; // doseTop: 0 without a dose
+  uniform sampler3D dose; uniform vec3 doseOrigin, doseSize; uniform float doseTop; // doseTop is 0 if there is no dose
   vec4 isoline(vec4 under, float level, float at, float slope, vec3 colour) {
     return mix(under, vec4(colour, under.a), slope > 0.0 ? 1.0 - smoothstep(0.7, 1.5, abs(at - level) / slope) : 0.0);
   }
@@ -70,7 +70,7 @@ const FLASH = `
   varying vec2 place;
   uniform vec2 needle; uniform float visible;
   ${FAN}
-  // Draws the echo of the needle, and reverberations behind it.
+  // echo of the needle and reverberations behind it
   void main() {
     vec2 away = normalize(needle - probe), from = place - needle;
     float along = dot(from, away), across = dot(from, vec2(away.y, -away.x));

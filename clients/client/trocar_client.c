@@ -299,7 +299,7 @@ static void os_close(os_part *os) {
 static void wake(os_part *os) { SetEvent(os->wake); }
 static bool set_readable(os_part *os, socket_handle s) { return WSAEventSelect(s, os->readable, FD_READ) == 0; }
 
-/* Waits up to `most` ms for `wake` or a datagram; if `most` is negative, waits without a time limit. */
+/* Waits for `wake` or a datagram for up to `most` ms, or without limit if `most` is negative. */
 static void wait_for_work(os_part *os, socket_handle s, int most) {
     HANDLE events[2];
     WSANETWORKEVENTS what;
@@ -400,7 +400,7 @@ static bool set_readable(os_part *os, socket_handle s) {
     return never_waits(s);
 }
 
-/* Waits up to `most` ms for `wake` or a datagram; if `most` is negative, waits without a time limit. */
+/* Waits for `wake` or a datagram for up to `most` ms, or without limit if `most` is negative. */
 static void wait_for_work(os_part *os, socket_handle s, int most) {
     struct pollfd events[2] = {{os->wake[0], POLLIN, 0}, {s, POLLIN, 0}};
     char bytes[64];
@@ -496,7 +496,7 @@ typedef struct {
 
 /* Limits the force or the torque that is rendered. */
 typedef struct {
-    double most, rate;       /* magnitude limit in N or N m; rate limit in N/s or N m/s */
+    double most, rate;       /* limits on the magnitude, in N or N m, and on its rate of change, in N/s or N m/s */
     double last[3];
 } limiter;
 
@@ -543,12 +543,12 @@ typedef struct {
 } unicast_link;
 
 struct trocar_client {
-    /* from the device's loop to the client's thread */
+    /* passed from the device's loop to the client's thread */
     slots pose_slots;
     sent_pose poses[3];
     slots command_slots;
     sent_command commands[3];
-    /* from the client's thread to the device's loop */
+    /* passed from the client's thread to the device's loop */
     slots wrench_slots;
     received_wrench wrenches[3];
     slots reply_slots;
@@ -569,11 +569,11 @@ struct trocar_client {
     /* used only by the client's thread */
     lcm_address address;
     unicast_link link;
-    socket_handle sender, receiver; /* the same socket if the client uses unicast */
+    socket_handle sender, receiver; /* the same socket when using unicast */
     uint32_t packets;        /* number of datagrams sent */
     int64_t session, seq;
     int needle;
-    bool echoed;             /* the client's first message has come back from the network */
+    bool echoed;             /* true once the client's first message has come back from the network */
     int64_t server;          /* ID of the server that this client follows */
     double heard;            /* s, when that server's last message arrived; 0 before the first */
     int64_t newest_tick;     /* newest tick of any wrench received from that server */
@@ -716,7 +716,7 @@ static bool follows(trocar_client *c, int64_t server, double time) {
     return true;
 }
 
-/* True if a newer wrench that is still valid has already arrived. */
+/* True if a newer wrench has already arrived and is still valid. */
 static bool is_overtaken(const trocar_client *c, int64_t tick, double time) {
     return c->newest_at != 0 && tick < c->newest_tick && time - c->newest_at < c->watchdog;
 }
@@ -992,7 +992,7 @@ static bool is_own(struct in_addr address) {
 static bool is_welcome(trocar_client *c, const struct sockaddr_in *from) {
     double time = now();
     uint32_t address = ntohl(from->sin_addr.s_addr);
-    if (c->address.ttl > 0 || address == INADDR_ANY || address >> 24 == 127) return true; /* INADDR_ANY: only the loopback interface is up */
+    if (c->address.ttl > 0 || address == INADDR_ANY || address >> 24 == 127) return true; /* INADDR_ANY is the source if only the loopback interface is up */
     if (c->known_sender.address.s_addr != from->sin_addr.s_addr || time >= c->known_sender.until) {
         c->known_sender.address = from->sin_addr;
         c->known_sender.here = is_own(from->sin_addr);

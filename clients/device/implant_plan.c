@@ -26,8 +26,8 @@ static trocar_status add_needle(implant_plan *plan, const trocar_guide *guide, c
     return TROCAR_OK;
 }
 
-/* Finds or adds the needle for the next seed, which must be the plan's last: the table lists seeds needle by needle. Compares holes by position, because a hole
-   may have two names, such as C3 and C3.0. */
+/* Finds or adds the needle for the next seed. Fails unless it is the plan's last needle, because the table must list all seeds of a hole together. Compares
+   holes by position, because a hole may have two names, such as C3 and C3.0. */
 static trocar_status choose_needle(implant_plan *plan, const trocar_guide *guide, const char *hole, const char *where, trocar_error *why) {
     int column, row;
     find_hole(guide, hole, &column, &row);

@@ -13,12 +13,12 @@ typedef struct {
     int delay;               /* periods between taking a sample and first applying the force computed from it, 0 to LOOP_MAX_DELAY */
 } haptic_loop;
 
-/* Returns the smallest damping (N s/m) of the device at which device and coupling are passive, and therefore stable with every passive hand:
+/* Returns the smallest damping b (N s/m) of the device that makes device and coupling passive, and therefore stable with every passive hand:
 
        b > sup over w of  (T / 2) / (1 - cos wT)  Re{ (1 - exp(-jwT)) H(exp(jwT)) },  0 < w <= pi / T,
 
-   with H(z) = z^-d (K + B (1 - 1/z) / T) (Colgate and Schenkel 1997, J. Robotic Systems 14(1):37-47); without delay this is K T / 2 + B. Stores the
-   frequency (Hz) of the supremum. */
+   with H(z) = z^-d (K + B (1 - 1/z) / T) (Colgate and Schenkel 1997, J. Robotic Systems 14(1):37-47); without delay this is K T / 2 + B. Writes the
+   frequency (Hz) at which the supremum occurs. */
 double loop_required_damping(const haptic_loop *loop, double *frequency);
 
 /* Returns the gain margin: the smallest factor by which coupling_stiffness and coupling_damping can be multiplied for the loop with this hand to oscillate. By

@@ -4,7 +4,7 @@
 
 #include "shared/patient.h"
 
-/* Writes the name that clinicians give to a guide's hole, such as C3.5: a letter for the column, from A, and a number for the row, from 1, in steps of 0.5.
+/* Writes the name that clinicians use for a guide's hole, such as C3.5: a letter for the column, from A, and a number for the row, from 1, in steps of 0.5.
    After Z come AA, AB and so on. */
 void hole_name(const trocar_guide *guide, int hole, char name[16]);
 

@@ -36,7 +36,8 @@ const motion *motion_at(int index);
    so sideways legs and turns become slower in a deeper script, and faster in a shallower one. */
 motion motion_to_depth(const motion *script, double depth);
 
-/* Returns how much of a leg is complete at time t, from 0 before `from` to 1 after `to`. Minimum jerk: 10 x^3 - 15 x^4 + 6 x^5 (Flash and Hogan 1985). */
+/* Returns how much of a leg is complete at time t: 0 before `from`, 1 after `to`, with minimum jerk in between, 10 x^3 - 15 x^4 + 6 x^5 (Flash and Hogan
+   1985). */
 double motion_fraction(double from, double to, double t);
 
 /* Returns the pose at time `t` (s) of a script that starts at `start`. The needle rests before t = 0, and the script repeats after its period. */

@@ -1,4 +1,4 @@
-/* trocar-view: shows a live scene or a recorded log in browsers, and renders pictures of a log. */
+/* trocar-view: shows a live scene or a recorded log in browsers, and saves pictures of a log. */
 #define _GNU_SOURCE
 #include <errno.h>
 #include <math.h>

@@ -38,7 +38,7 @@ export class PictureAge {
   /** Call it when the picture is on the screen, or when it looks the same as the one on the screen. */
   show(picture) { this.picture = picture }
 
-  /** Returns how old (s) what the screen shows is at `now` (ms), including the round trip of a command to trocar-view. */
+  /** Returns the age (s) of what the screen shows at `now` (ms), including the round trip of a command to trocar-view. */
   at(now) {
     if (!this.picture?.came) return this.travel
     const unanswered = (now - Math.min(now, ...this.sent.values())) / 1000 - STATUSES

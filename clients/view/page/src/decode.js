@@ -44,7 +44,7 @@ function decodeScene(message, start, length) {
   return scene
 }
 
-/** Returns `needles`, by index, with a hole for a needle that has not been held yet; `probe`, null if there is none; and `displacement`, in units of
+/** Returns `needles`, by index, where a needle that has not been held yet is missing; `probe`, null if there is none; and `displacement`, in units of
  * `scale` (m). */
 function decodePicture(message, at, length) {
   const body = message.slice(at, at + length), head = new DataView(body), needles = [], probe = head.getUint32(28, true) ? decodeProbe(body, 32) : null

@@ -64,7 +64,7 @@ export class Link {
   lookAt(z, x, depth, both) { this.send(LOOK, [z, x, depth, both ? 1 : 0]) }
   /** Start and end a trainee's task and its recording. */
   startTask() { this.send(START) }
-  /** `language`: of the report, such as "de". */
+  /** `language`: language of the report, such as "de". */
   finishTask(language) { this.send(FINISH, [], null, language.charCodeAt(0) | language.charCodeAt(1) << 8) }
   /** Changes the tissue over `seconds`. `values` are lines of "key: value". The status with the server's reply returns `number`. */
   change(values, seconds, number) { this.send(CHANGE, [seconds], new TextEncoder().encode(values), number) }

@@ -12,8 +12,8 @@ typedef struct {
     vec3 velocity;           /* m/s */
 } hand;
 
-/* Advances the hand by dt (s). `target` (m) and `force` (N, exerted on the hand) are constant during the step. Uses the exact solution of m a + c v + k (x -
-   target) = force, which is stable for any dt. */
+/* Advances the hand by dt (s), with constant `target` (m) and `force` (N, exerted on the hand). Uses the exact solution of
+   m a + c v + k (x - target) = force, which is stable for any dt. */
 void hand_step(hand *h, vec3 target, vec3 force, double dt);
 
 #endif

@@ -13,13 +13,14 @@
 #include <time.h>
 #include <unistd.h>
 
-/* Packet format, big-endian. Whole message: magic, sequence number (4 each), channel name with terminating zero, message. Fragment: magic, sequence
-   number, size of the message, offset in the message (4 each), number of this fragment, number of fragments (2 each), in fragment 0 the channel
-   name with terminating zero, then the fragment's part of the message. */
+/* Packet formats; numbers are big-endian, with their sizes in bytes in parentheses.
+   Whole message: magic (4), sequence number (4), NUL-terminated channel name, message.
+   Fragment: magic (4), sequence number (4), size of the message (4), offset in the message (4), index of this fragment (2), number of fragments (2), in
+   fragment 0 the NUL-terminated channel name, then this fragment's part of the message. */
 enum { WHOLE_HEADER = 8, FRAGMENT_HEADER = 20, CHANNEL_MAX = 63, PAYLOAD_MAX = 65507 };
 static const uint32_t MAGIC_WHOLE = 0x4c433032, MAGIC_FRAGMENT = 0x4c433033; /* LC02, LC03 */
-static const uint32_t MESSAGE_MAX = 1 << 24; /* bytes, liblcm's limit for a partially received message; enough for 1.4 million nodes */
-static const char *const SELF_TEST = "LCM_SELF_TEST"; /* sent by liblcm to itself when it starts to receive */
+static const uint32_t MESSAGE_MAX = 1 << 24; /* bytes, liblcm's limit for a fragmented message; enough for 1.4 million nodes */
+static const char *const SELF_TEST = "LCM_SELF_TEST"; /* liblcm sends this to itself when it starts receiving */
 
 static uint32_t big_endian_32(const unsigned char *b) {
     return (uint32_t)b[0] << 24 | (uint32_t)b[1] << 16 | (uint32_t)b[2] << 8 | b[3];
@@ -34,8 +35,7 @@ static bool wants(const packet_wishes *wishes, const char *channel) {
     return false;
 }
 
-/* Returns the number of bytes of the channel name at the start of `text`, with its terminating zero; 0 if the name is too long or does not end within
-   `size`. */
+/* Returns the length of the channel name at the start of `text`, including its NUL, or 0 if the name is too long or not terminated within `size` bytes. */
 static size_t channel_bytes(const char *text, size_t size) {
     size_t length = strnlen(text, size);
     return length < size && length <= CHANNEL_MAX ? length + 1 : 0;
@@ -47,8 +47,8 @@ static packet_verdict judge_whole(const unsigned char *packet, size_t size, cons
     return wants(wishes, channel) ? PACKET_GOOD : PACKET_UNWANTED;
 }
 
-/* Checks the conditions under which liblcm stays within its buffers when it copies this fragment. No state is needed here, because liblcm
-   starts over when the size of the message changes between fragments. */
+/* Accepts a fragment only if liblcm will stay within its buffers when it copies it. Each fragment can be checked by itself, because liblcm starts over when
+   the message size changes between fragments. */
 static packet_verdict judge_fragment(const unsigned char *packet, size_t size, const packet_wishes *wishes) {
     if (size < FRAGMENT_HEADER) return PACKET_MALFORMED;
     uint32_t message = big_endian_32(packet + 8), offset = big_endian_32(packet + 12);
@@ -84,8 +84,8 @@ int64_t lcm_filter_dropped(void) { return atomic_load_explicit(&dropped, memory_
 /* ---- this machine, or another one ---------------------------------------------------------------------------------------- */
 
 static atomic_int_least64_t distant;
-static atomic_uint_least32_t newest_distant; /* sender's address, in network order */
-static atomic_uchar kept_local[65536];       /* by port: 1 if only this machine's datagrams are accepted */
+static atomic_uint_least32_t newest_distant; /* address of the last sender, in network byte order */
+static atomic_uchar kept_local[65536];       /* indexed by port: 1 if only datagrams from this machine are accepted */
 
 int64_t lcm_filter_distant(char *newest, size_t size) {
     int64_t count = atomic_load_explicit(&distant, memory_order_relaxed);
@@ -95,7 +95,7 @@ int64_t lcm_filter_distant(char *newest, size_t size) {
     return count;
 }
 
-/* Parses a URL as liblcm does: udpm://GROUP:PORT?KEY=VALUE&KEY=VALUE. Numbers may be hexadecimal, and the ttl has 8 bits. */
+/* Parses udpm://GROUP:PORT?KEY=VALUE&KEY=VALUE the way liblcm does: numbers may be hexadecimal, and the ttl is truncated to 8 bits. */
 bool lcm_filter_is_local(const char *url, uint16_t *port) {
     static const char *const UDPM = "udpm://", *const STANDARD = "udpm://239.255.76.67:7667?ttl=0";
     if (!url || !*url) url = getenv("LCM_DEFAULT_URL");
@@ -117,7 +117,7 @@ lcm_t *lcm_filter_create(const char *url) {
     return lcm_create(url);
 }
 
-/* True if one of the machine's interfaces has this address. `socket` may be any socket. */
+/* True if one of this machine's interfaces has this address. Any socket will do for `socket`. */
 static bool has_interface(int socket, in_addr_t address) {
     struct ifconf all = {0};
     bool found = false;
@@ -132,8 +132,8 @@ static bool has_interface(int socket, in_addr_t address) {
     return found;
 }
 
-/* True if a datagram was sent by this machine. The last result is cached for a second, because most datagrams come from the same sender, while
-   interfaces may come and go. */
+/* True if `address` is one of this machine's. Most datagrams come from the same sender, so the last result is cached, but only for a second, because
+   interfaces come and go. */
 static bool sent_here(int socket, in_addr_t address) {
     static _Thread_local struct {
         in_addr_t address;
@@ -156,7 +156,7 @@ static uint16_t port_of(int socket) {
     return getsockname(socket, (struct sockaddr *)&own, &size) == 0 && own.sin_family == AF_INET ? ntohs(own.sin_port) : 0;
 }
 
-/* True if another machine sent the datagram. LCM uses IPv4 sockets only. */
+/* True if the datagram came from another machine. Only IPv4 matters: LCM uses nothing else. */
 static bool came_from_afar(int socket, const struct msghdr *message) {
     struct sockaddr_in from;
     if (!message->msg_name || message->msg_namelen < sizeof from) return false;
@@ -171,7 +171,7 @@ static void note_distant(const struct msghdr *message) {
     atomic_fetch_add_explicit(&distant, 1, memory_order_relaxed);
 }
 
-/* Renames the channel of an unfragmented message from another machine to the channel for distant messages. */
+/* If the packet is a whole message on the channel `origin->channel`, renames the channel to `origin->distant`. */
 static void mark_distant(void *packet, size_t size, const packet_origin *origin) {
     if (!origin->channel || size < WHOLE_HEADER || big_endian_32(packet) != MAGIC_WHOLE) return;
     char *channel = (char *)packet + WHOLE_HEADER;
@@ -186,7 +186,7 @@ static bool is_udp(int socket) {
     return getsockopt(socket, SOL_SOCKET, SO_PROTOCOL, &protocol, &size) == 0 && protocol == IPPROTO_UDP;
 }
 
-/* Applies the filter to one datagram and returns its size, or 0 to drop it. Each datagram is judged on its own. */
+/* Applies the filter to one datagram. Returns the datagram's size, or 0 to drop it. */
 static ssize_t filtered(int socket, struct msghdr *message, size_t size) {
     void *packet = message->msg_iov->iov_base;
     const packet_wishes *wishes = atomic_load(&current);
@@ -202,7 +202,7 @@ static ssize_t filtered(int socket, struct msghdr *message, size_t size) {
     return (ssize_t)size;
 }
 
-/* Replaces libc's function. */
+/* Overrides libc's recvmsg, through which liblcm receives. */
 ssize_t recvmsg(int socket, struct msghdr *message, int flags) {
     ssize_t size = syscall(SYS_recvmsg, socket, message, flags);
     if (size <= 0 || message->msg_iovlen != 1 || (size_t)size > message->msg_iov->iov_len || (flags & MSG_PEEK) || !is_udp(socket))

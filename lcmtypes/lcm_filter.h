@@ -1,14 +1,14 @@
 /* Keeps malformed packets, and packets from other machines, away from liblcm.
 
-   liblcm 1.3.1 (Debian 12) trusts the headers it receives: one crafted fragment makes it write outside its buffer, and a packet whose
-   channel name has no end makes it report a message of 4 GB. It also binds its socket to every address of the machine: a URL with ttl=0
-   keeps sent datagrams on the machine, but lets other machines' datagrams in.
+   liblcm 1.3.1 (Debian 12) trusts the headers it receives. A single crafted fragment makes it write outside its buffer, and a packet whose
+   channel name is not terminated makes it report a 4 GB message. It also binds its socket to all of the machine's addresses, so that with
+   ttl=0 in the URL, sent datagrams stay on the machine, but datagrams from other machines still get in.
 
-   Every program linked with trocar::types gets its own recvmsg, defined in lcm_filter.c, which replaces libc's for liblcm too. It
-   forwards the call, and turns an unwanted datagram into an empty one, which liblcm discards. Wanted datagrams, and those of all other
-   sockets, pass unchanged.
+   Every program linked with trocar::types therefore gets a recvmsg of its own, from lcm_filter.c, which overrides libc's for liblcm too. It
+   calls the system's and turns an unwanted datagram into an empty one, which liblcm discards. Wanted datagrams, and those of all sockets
+   other than UDP, pass unchanged.
 
-   This works in executables, but not in plugins that a program loads at run time. */
+   The override works in executables, but not in plugins loaded at run time. */
 #ifndef TROCAR_LCM_FILTER_H
 #define TROCAR_LCM_FILTER_H
 
@@ -23,39 +23,39 @@ typedef enum {
     PACKET_MALFORMED,
 } packet_verdict;
 
-/* A channel whose messages are told apart by origin: those sent by other machines are delivered on the channel `distant` instead, whose name has the
-   same length. */
+/* A channel on which local messages must be told apart from others: messages sent by other machines are delivered on the channel `distant` instead. Both
+   names have the same length. */
 typedef struct {
     const char *channel, *distant;
 } packet_origin;
 
 /* The packets that a program wants to receive. */
 typedef struct {
-    const char *const *channels; /* NULL-terminated; NULL: all channels, whose names liblcm then stores and never frees */
-    bool whole_only;             /* accept no fragments, because every wanted message fits in one packet */
-    packet_origin origin;        /* both pointers are NULL if there is no such channel */
+    const char *const *channels; /* NULL-terminated. NULL accepts all channels, but liblcm stores the name of each and never frees it */
+    bool whole_only;             /* reject fragments, because every wanted message fits in one packet */
+    packet_origin origin;        /* both NULL if there is no such channel */
 } packet_wishes;
 
-/* Judges a UDP payload. A payload without LCM's magic number is also GOOD, because liblcm itself discards it. */
+/* Classifies a UDP payload. A payload without LCM's magic number counts as GOOD, because liblcm discards it itself. */
 packet_verdict lcm_filter_judge(const void *packet, size_t size, const packet_wishes *wishes);
 
-/* Restricts the packets that this process receives; `wishes` must outlive it. Call it before subscribing. Initially, any well-formed packet is
-   received. */
+/* Makes this process receive only the packets in `wishes`, which must stay valid until the process exits. Call it before subscribing. Without it, the
+   process receives every well-formed packet. */
 void lcm_filter_restrict(const packet_wishes *wishes);
 
-/* Calls lcm_create. If the ttl of `url` is 0, as in LCM's default, this process then accepts only this machine's datagrams on the URL's port: those
-   whose source is an address of one of its interfaces. (The kernel drops datagrams from outside with such a source.) */
+/* Calls lcm_create. If the URL's ttl is 0, as in LCM's default, the process from then on accepts datagrams on that port only if their source is an address
+   of this machine. (The kernel drops datagrams from outside that claim such a source.) */
 lcm_t *lcm_filter_create(const char *url);
 
-/* True if the ttl of this URL is 0, so that LCM is meant for this machine only; `port` receives the URL's port. NULL or "": $LCM_DEFAULT_URL, else
-   LCM's default. False and port 0 for providers other than udpm. */
+/* True if the URL's ttl is 0, that is, if LCM is confined to this machine. Writes the URL's port to `port`. A `url` of NULL or "" means
+   $LCM_DEFAULT_URL or, if that is not set, LCM's default. For providers other than udpm, returns false and sets `port` to 0. */
 bool lcm_filter_is_local(const char *url, uint16_t *port);
 
-/* Returns the number of malformed packets dropped since the start of the process. */
+/* Returns how many malformed packets have been dropped since the process started. */
 int64_t lcm_filter_dropped(void);
 
-/* Returns the number of packets from other machines dropped since the start of the process. `newest`, of `size` bytes, receives the address of the
-   last sender, or "". */
+/* Returns how many packets from other machines have been dropped since the process started. Writes the address of the last sender, or "", to `newest`,
+   which has `size` bytes. */
 int64_t lcm_filter_distant(char *newest, size_t size);
 
 #endif

@@ -1,7 +1,7 @@
 #!/usr/bin/python3
-"""Reads trocar.lcm, whose constants and comments are the only definition of the flags and events.
+"""Parses trocar.lcm, which is the only place where the flags and events are defined and described.
 
-As a program, it writes the C header with their names: message_types.py trocar.lcm message_words.h
+Run as a program, it writes the C header with their names: message_types.py trocar.lcm message_words.h
 """
 import re
 import sys
@@ -9,10 +9,10 @@ from typing import NamedTuple
 
 
 class Line(NamedTuple):
-    """A field or, with a value, a constant."""
+    """A field, or a constant if it has a value."""
 
     type: str
-    name: str     # for an array, includes the dimensions
+    name: str     # including the dimensions of an array
     value: int | None
     doc: str
 
@@ -30,14 +30,14 @@ class Struct(NamedTuple):
 
 
 def read(path):
-    """Returns (the comment at the head of the file, its structs)."""
+    """Returns the comment at the top of the file, and the list of its structs."""
     head, structs, comment, inside = None, [], [], False
     with open(path, encoding="utf-8") as file:
         for text in file:
             code, _, doc = (part.strip() for part in text.partition("//"))
             if code in ("{", "}"):
                 inside = code == "{"
-            elif not code and doc and inside:   # continues the comment of the line above
+            elif not code and doc and inside:   # continues the comment on the line above
                 structs[-1].lines[-1] = structs[-1].lines[-1]._replace(doc=f"{structs[-1].lines[-1].doc} {doc}")
             elif not code and doc:
                 comment.append(doc)
@@ -56,7 +56,7 @@ def read(path):
 
 
 def flags_and_events(structs):
-    """Returns the flags and the events, each as {bit: name in lower case}."""
+    """Returns two dictionaries from bit to lower-case name: the flags and the events."""
     constants = next(s for s in structs if s.name == "needle_wrench_t").constants()
     events = {c.value: c.name[6:].lower() for c in constants if c.name.startswith("EVENT_")}
     flags = {c.value: c.name.lower() for c in constants if not c.name.startswith("EVENT_")}

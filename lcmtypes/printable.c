@@ -3,13 +3,14 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-/* Returns the length in bytes of the UTF-8 character at `c`, and its code point in `number`; 1 and UINT32_MAX if it is incomplete or overlong. */
+/* Decodes the UTF-8 character at `c`: returns its length in bytes and writes its code point to `number`. For an invalid, incomplete or overlong
+   character, returns 1 and writes UINT32_MAX. */
 static int read_character(const unsigned char *c, uint32_t *number) {
     static const uint32_t least[] = {0, 0, 0x80, 0x800, 0x10000};
     int length = *c < 0x80 ? 1 : *c >> 5 == 6 ? 2 : *c >> 4 == 14 ? 3 : *c >> 3 == 30 ? 4 : 0;
     *number = length == 1 ? *c : length ? *c & (0xffu >> (length + 1)) : UINT32_MAX;
     for (int i = 1; i < length; i++) {
-        if (c[i] >> 6 != 2) length = 0; /* also true of the terminating zero */
+        if (c[i] >> 6 != 2) length = 0; /* also rejects the terminating NUL */
         else *number = *number << 6 | (c[i] & 0x3fu);
     }
     if (length && *number >= least[length]) return length;

@@ -1,4 +1,4 @@
-/* A baseline for benchmarks: the time of a matrix product on the same machine, measured in the same run. */
+/* A baseline for benchmarks: the time that a matrix product takes on the same machine in the same run. */
 #ifndef TROCAR_BASELINE_H
 #define TROCAR_BASELINE_H
 
@@ -6,11 +6,10 @@
 
 enum { BASELINE_ORDER = 256 };
 
-/* Repeatedly times the product of two square matrices of order BASELINE_ORDER (cblas_dgemm, one thread). Sets OpenBLAS to one
-   thread for the whole process. */
+/* Times the product of two square matrices of order BASELINE_ORDER many times (cblas_dgemm, one thread). Limits OpenBLAS to one thread in the whole process. */
 void baseline_measure(histogram *time);
 
-/* Returns the ratio of the median of `time` to the median of the baseline. */
+/* Returns the median of `time` divided by the median of the baseline. */
 double per_baseline(const histogram *baseline, const histogram *time);
 
 #endif

@@ -20,7 +20,7 @@ typedef struct {
     trocar_dose_source *source;
     trocar_dose *dose;
     int64_t voxels;
-    double *plain;           /* a plain array with as many elements as the grid has voxels, for comparison */
+    double *plain;           /* a plain array, one element per voxel, for comparison */
     histogram baseline, pass, add, remove;
     output json_file;
 } bench;
@@ -68,7 +68,8 @@ static trocar_status prepare(bench *b, trocar_error *why) {
     return b->plain ? TROCAR_OK : fail(why, TROCAR_NO_MEMORY, "no memory for %lld doubles", (long long)b->voxels);
 }
 
-/* Measures processor time rather than elapsed time, because adding a seed takes longer than the scheduler's time slices on a busy machine. */
+/* Times a pass over an array as large as the dose grid, in CPU time: on a busy machine, adding a seed takes longer than one of the scheduler's time slices, so
+   wall-clock time would mislead. */
 static void measure_pass(bench *b) {
     for (int repeat = 0; repeat < 100; repeat++) {
         int64_t start = processor_ns();

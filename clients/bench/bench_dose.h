@@ -4,8 +4,8 @@
 
 #include "base/error.h"
 
-/* Parses the options, runs the measurement, prints a table and, if requested, writes JSON. BAD_INPUT or SYSTEM for a file that cannot be written;
-   argp exits on bad options. */
+/* Parses the options, runs the measurement, prints a table and, if asked to, writes JSON. Returns BAD_INPUT or SYSTEM if a file cannot be written. If an option
+   is invalid, argp exits. */
 trocar_status bench_dose(int count, char **arguments, trocar_error *why);
 
 #endif

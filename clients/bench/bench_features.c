@@ -10,17 +10,17 @@
 #include "shared/output.h"
 #include "shared/patient.h"
 
-static const double TURN_RATE = 6.0;                        /* rad/s, rate at which the base turns */
+static const double TURN_RATE = 6.0;                        /* rad/s, how fast the base turns */
 static const double SERIES[][2] = {{0.25, 0.15}, {0.15, 2.5}, {0.1, 30.0}}; /* weight and time constant (s) of each relaxation term */
-static const double GUIDE_END = 0.01;                       /* m, initial distance from the guide to the tip */
-static const double GUIDE_THICKNESS = 0.01;                 /* m, thickness of the guide's plate */
-enum { PLAIN, WHOLE, VARIANTS, ROUNDS = 10 };               /* rounds of the two variants alternate, so that changes in machine load affect both */
+static const double GUIDE_END = 0.01;                       /* m, distance from the guide to the tip at the start */
+static const double GUIDE_THICKNESS = 0.01;                 /* m, of the guide plate */
+enum { PLAIN, WHOLE, VARIANTS, ROUNDS = 10 };               /* ROUNDS: how often each variant is measured, alternating so that machine load affects both */
 static const char *const NAMES[VARIANTS] = {"without", "with"};
 
 typedef struct {
     const char *scene_path, *json_path;
     int contacts, ticks;
-    double spacing;          /* m, overrides the scene's contact node spacing if positive */
+    double spacing;          /* m, spacing of the contact nodes; if 0, the scene's */
 } options;
 
 typedef struct {
@@ -88,7 +88,7 @@ static trocar_status add_relaxation(trocar_scene *scene, trocar_error *why) {
     return status;
 }
 
-/* Adds a guide with a single hole around the needle's axis. */
+/* Adds a guide with a single hole, centred on the needle's axis. */
 static trocar_status add_guide(trocar_scene *scene, pose start, trocar_error *why) {
     double length, diameter;
     vec3 axis = q_axis(start.orientation);

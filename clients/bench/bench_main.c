@@ -38,7 +38,7 @@ int bench_main(int count, char **arguments, const benchmark *benchmarks, int ben
     const struct argp parser = {NULL, parse_option, "BENCHMARK [OPTION...]", doc, NULL, NULL, NULL};
     choice c = {.benchmarks = benchmarks, .count = benchmark_count};
     argp_parse(&parser, count, arguments, ARGP_IN_ORDER, NULL, &c);
-    realtime_flush_denormals();   /* every thread of the server does this, so the benchmark must do it too for comparable times */
+    realtime_flush_denormals();   /* as every thread of the server does, so that the times are comparable */
 
     trocar_error why;
     arguments[c.first] = (char *)c.chosen->name;

@@ -15,10 +15,10 @@ enum { MAX_COUNTS = TROCAR_MAX_CONTACTS };
 
 typedef struct {
     const char *scene_path, *json_path;
-    int counts[MAX_COUNTS], count_count;   /* contact counts to measure, and how many of them there are */
+    int counts[MAX_COUNTS], count_count;   /* numbers of contacts for which to measure, and how many of these there are */
     int ticks;
-    double spacing;                        /* m, overrides the scene's contact node spacing if positive */
-    vec3 start;                            /* m, or mm in patient coordinates; x is NAN if the start position is taken from the scene */
+    double spacing;                        /* m, spacing of the contact nodes; if 0, the scene's */
+    vec3 start;                            /* m, or mm in patient coordinates; x is NAN to use the scene's start */
     bool patient;
 } options;
 
@@ -27,7 +27,7 @@ typedef struct {
     trocar_scene *scene;
     trocar_model *model;
     trocar_sim *sim;
-    double spacing;          /* m, distance between contact nodes */
+    double spacing;          /* m, spacing of the contact nodes */
     pose start;              /* pose of the needle's base at the start */
     histogram baseline;
     tick_timing rows[MAX_COUNTS][TIMED_MOTIONS];

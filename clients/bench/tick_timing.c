@@ -7,16 +7,16 @@
 #include "common/messages.h"
 
 static const double PUSH_SPEED = 0.1;      /* m/s, speed of the insertion */
-enum { LEAP = 100 };                       /* maximum duration, in ticks, of the jump that follows a puncture */
+enum { LEAP = 100 };                       /* ticks to wait for the jump after a puncture to end */
 static const double ADVANCE_SPEED = 0.02;  /* m/s, speed along the axis in TIMED_ADVANCE */
 static const double SWEEP_SPEED = 0.03;    /* m/s, sideways speed in TIMED_SWEEP */
 
 typedef struct {
     trocar_sim *sim;
-    trocar_output output;    /* output of the last simulated tick */
+    trocar_output output;    /* of the last tick */
     const timing_case *wanted;
-    double length;           /* m, length of the needle */
-    double spacing;          /* m, distance between contact nodes */
+    double length;           /* m, needle length */
+    double spacing;          /* m, spacing of the contact nodes */
     char mesh[1024];         /* path of the mesh file */
 } timing_run;
 
@@ -27,18 +27,18 @@ static pose displaced(pose base, vec3 by) {
     return base;
 }
 
-/* Returns the value at time t (s) of a triangle wave with period 1 s and slope +-1 that rises from 0 at t = 0. */
+/* Returns a triangle wave at time t (s): period 1 s, slope +-1, rising from 0 at t = 0. */
 static double to_and_fro(double t) {
     double phase = t - floor(t);
     return phase < 0.25 ? phase : phase < 0.75 ? 0.5 - phase : phase - 1.0;
 }
 
-/* Returns the displacement of the base in the needle's frame, m. */
+/* Returns how far the base has moved after t seconds, in m in the needle's frame. */
 static vec3 way_after(timed_motion motion, double t) {
     return motion == TIMED_ADVANCE ? v3(0, 0, ADVANCE_SPEED * t) : v3(0, SWEEP_SPEED * to_and_fro(t), 0);
 }
 
-/* Runs one tick and stores its duration, in ns, in `time`; then does the worker's part, which is not timed. */
+/* Runs one tick and writes how long it took, in ns, to `time`. Then does the worker's part, untimed. */
 static trocar_status timed_step(timing_run *run, pose base, int64_t *time, trocar_error *why) {
     struct pollfd request = {.fd = trocar_sim_work_descriptor(run->sim), .events = POLLIN};
     trocar_pose at = library_pose(base);
@@ -68,8 +68,8 @@ static trocar_status push_in(timing_run *run, pose *base, trocar_error *why) {
                 "lower the spacing of %g mm", run->mesh, most, wanted->contacts, 1e3 * run->spacing);
 }
 
-/* Lets the needle settle after it has jumped through a membrane and passed several contact nodes at once: waits for the end of the jump, and then
-   retracts the base until the surplus contacts have been removed. */
+/* Lets the needle settle: it may have jumped through a membrane and passed several contact nodes at once. Waits until the jump is over, then retracts the base
+   until the surplus contacts have gone. */
 static trocar_status settle(timing_run *run, pose *base, trocar_error *why) {
     const timing_case *wanted = run->wanted;
     int most = (int)(run->length / (PUSH_SPEED * wanted->dt));
@@ -93,8 +93,8 @@ static void record(const timing_run *run, int64_t time, tick_timing *result) {
     result->unstable += (output->events & TROCAR_EVENT_UNSTABLE) != 0;
 }
 
-/* Times ticks until the number of contacts changes, because the time per tick grows with that number, and the needle reaches the next contact sooner in
-   a finer mesh. */
+/* Times ticks until the number of contacts changes. It must not change, because the time per tick grows with it, and in a finer mesh the next contact comes
+   sooner. */
 static trocar_status time_motion(timing_run *run, pose from, tick_timing *result, trocar_error *why) {
     const timing_case *wanted = run->wanted;
     result->contacts = run->output.contacts;
@@ -110,7 +110,7 @@ static trocar_status time_motion(timing_run *run, pose from, tick_timing *result
     return TROCAR_OK;
 }
 
-/* Resets needle and tissue, inserts the needle again and times the motion. */
+/* Resets the needle and the tissue, inserts the needle again and times the motion. */
 static trocar_status time_again(timing_run *run, tick_timing *result, trocar_error *why) {
     pose base;
     int64_t before = result->time.count;

@@ -12,11 +12,11 @@
 //         }
 //     }
 //
-// It offers the functions of clients/client/trocar_client.h, with the same watchdog, limits and commands. It is not suitable for real time: garbage collection
-// may stop its threads for milliseconds. For a device that renders force at 1 kHz, use the C library.
+// It offers the same functions as the C library (see trocar_client.h), with the same watchdog, limits and commands. It is not suitable for real time,
+// because garbage collection may stop its threads for milliseconds. For a device that renders force at 1 kHz, use the C library.
 //
-// Frames: the scene's world frame, in metres. Quaternions are w, x, y, z. The needle's axis is its local +z, from base to tip, and its bevel
-// faces local +y. TrocarNeedle.cs converts from Unity's left-handed frame.
+// Frames: poses and wrenches are in the scene's world frame, in metres. Quaternions are w, x, y, z. The needle's axis is its local +z, from base to
+// tip, and its bevel faces local +y. TrocarNeedle.cs converts from Unity's left-handed frame.
 using System;
 using System.Diagnostics;
 using System.Globalization;
@@ -51,27 +51,27 @@ internal enum TrocarStatus : int {
 [Flags]
 public enum TrocarFlags : int {
     None = 0,
-    /// <summary>no recent pose: the wrench is held, then ramped to zero</summary>
+    /// <summary>no pose has arrived recently: the wrench is held, then ramped to zero</summary>
     Stale = 1,
-    /// <summary>force or torque is limited in magnitude or rate</summary>
+    /// <summary>the force or torque was limited in magnitude or rate</summary>
     Saturated = 2,
-    /// <summary>the server runs without SCHED_FIFO or without locked memory</summary>
+    /// <summary>the server is running without SCHED_FIFO or without locked memory</summary>
     NotRealtime = 4,
-    /// <summary>the wrench is ramped while engaging, while releasing or after a fault</summary>
+    /// <summary>the wrench is being ramped: the needle is engaging or releasing, or there was a fault</summary>
     Ramping = 8,
-    /// <summary>the compliance around the tip has not been computed yet; the last snapshot or an estimate is used</summary>
+    /// <summary>the worker has not yet computed the compliance around the tip; an older one or an estimate is used</summary>
     LateWorker = 16,
-    /// <summary>a value is not finite: the insertion restarts</summary>
+    /// <summary>a computed value was not finite: the insertion restarts</summary>
     Unstable = 32,
-    /// <summary>too many consecutive periods were missed: the wrench is ramped to zero</summary>
+    /// <summary>too many periods in a row were missed: the wrench is ramped to zero</summary>
     Overrun = 64,
-    /// <summary>the hand received more energy than it supplied (see energy in status_t), or it oscillated and the coupling has been softened</summary>
+    /// <summary>the hand got more energy than it put in (energy in status_t), or it oscillated and the coupling was softened</summary>
     Active = 128,
-    /// <summary>the needle passes a guide outside its holes and is not guided</summary>
+    /// <summary>the needle has passed a guide outside its holes and is not guided</summary>
     MissedGuide = 256,
-    /// <summary>the shaft is pushed into a body from the side, for which the model computes no force: do not trust the wrench</summary>
+    /// <summary>the shaft is pressed sideways into a body, which the model does not cover: do not trust the wrench</summary>
     OutsideModel = 512,
-    /// <summary>the tissue stops the ultrasound probe short of the commanded pose: see probe_wrench_t</summary>
+    /// <summary>tissue stops the ultrasound probe short of its commanded pose: see probe_wrench_t</summary>
     ProbeStopped = 1024,
 }
 
@@ -89,25 +89,25 @@ public enum TrocarEvents : int {
     Removed = 8,
     /// <summary>the tip left the tissue on the far side</summary>
     Exited = 16,
-    /// <summary>the tip came back into the tissue after EXITED</summary>
+    /// <summary>the tip went back into the tissue after EXITED</summary>
     Reentered = 32,
     /// <summary>the needle left the tissue where it had entered</summary>
     Withdrawn = 64,
-    /// <summary>same meaning as the flag LATE_WORKER; set in every tick while the condition holds</summary>
+    /// <summary>same as the LATE_WORKER flag; set in every tick while the condition holds</summary>
     Late = 128,
-    /// <summary>no free contact slot was left, or the track has more than 256 layers</summary>
+    /// <summary>there was no free contact slot, or the track has more than 256 layers</summary>
     Full = 256,
-    /// <summary>same meaning as the flag UNSTABLE</summary>
+    /// <summary>same as the UNSTABLE flag</summary>
     Unstable = 512,
     /// <summary>obsolete, never set</summary>
     Kept = 1024,
-    /// <summary>same meaning as the flag MISSED_GUIDE; set in every tick while the condition holds</summary>
+    /// <summary>same as the MISSED_GUIDE flag; set in every tick while the condition holds</summary>
     MissedGuide = 2048,
-    /// <summary>same meaning as the flag OUTSIDE_MODEL; set in every tick while the condition holds</summary>
+    /// <summary>same as the OUTSIDE_MODEL flag; set in every tick while the condition holds</summary>
     OutsideModel = 4096,
-    /// <summary>there was no room for more tracks: the needle's oldest track has been dropped</summary>
+    /// <summary>the needle's oldest track was dropped to make room for a new one</summary>
     TrackDropped = 8192,
-    /// <summary>the solver did not reach its tolerance: the error in the wrench may be larger</summary>
+    /// <summary>the solver did not reach its tolerance, so the wrench may be less accurate</summary>
     Inexact = 16384,
 }
 
@@ -266,13 +266,13 @@ public enum TrocarAnswer {
     Done,
     /// <summary>The server refused the command and changed nothing.</summary>
     Refused,
-    /// <summary>No reply for three seconds: there is no server, or the network has lost the command or the reply.</summary>
+    /// <summary>No reply within three seconds: there is no server, or the command or the reply was lost.</summary>
     Unanswered,
 }
 
-/// <summary>The wrench to render. All zero while no wrenches arrive.</summary>
+/// <summary>The wrench to render. While no wrenches arrive, all members are zero, except Membrane, which is -1.</summary>
 public sealed class TrocarWrench {
-    /// <summary>N, world frame: force that the needle's base exerts on the hand.</summary>
+    /// <summary>N, world frame: force exerted on the hand by the needle's base.</summary>
     public readonly double[] Force = new double[3];
     /// <summary>N m, world frame: torque about the base point.</summary>
     public readonly double[] Torque = new double[3];
@@ -286,7 +286,7 @@ public sealed class TrocarWrench {
     public TrocarEvents Events;
     /// <summary>Index of the membrane punctured in that tick; -1 if none.</summary>
     public int Membrane = -1;
-    /// <summary>Flags of the server; Saturated is also set when the client has limited the wrench.</summary>
+    /// <summary>The server's flags; Saturated is also set if the client has limited the wrench.</summary>
     public TrocarFlags Flags;
 
     internal void Clear() {
@@ -324,13 +324,14 @@ public sealed class TrocarWrench {
 }
 
 public sealed class TrocarOptions {
-    /// <summary>LCM URL of UDP multicast, or udp://HOST:PORT of a server with --listen; null: $LCM_DEFAULT_URL, or else LCM's default.</summary>
+    /// <summary>LCM multicast URL, or udp://HOST:PORT of a server run with --listen. If null: $LCM_DEFAULT_URL or, if that is not set, LCM's
+    /// default.</summary>
     public string Url;
-    /// <summary>File with the secret of a server with --listen; null: $TROCAR_SECRET_FILE, or else no secret.</summary>
+    /// <summary>File with the secret of a server run with --listen. If null: $TROCAR_SECRET_FILE or, if that is not set, no secret.</summary>
     public string SecretFile;
     /// <summary>Index of the device's needle in the scene, from 0.</summary>
     public int Needle;
-    /// <summary>s without a wrench after which the force is zero.</summary>
+    /// <summary>s without a wrench before the force is set to zero.</summary>
     public double Watchdog = 0.02;
     /// <summary>N, maximum force to render.</summary>
     public double MaxForce = 20;
@@ -340,17 +341,18 @@ public sealed class TrocarOptions {
     public double MaxForceRate = 2000;
     /// <summary>N m/s, maximum rate of change of the torque.</summary>
     public double MaxTorqueRate = 100;
-    /// <summary>True if the client renders no force, like a mouse or a tracker; the needle then follows its poses rigidly.</summary>
+    /// <summary>True if the device renders no force, such as a mouse or a tracker; the needle then follows its poses rigidly.</summary>
     public bool WithoutForce;
 }
 
-/// <summary>Holds one needle of a scene. For several needles, open a client for each. Call its methods from one thread.</summary>
+/// <summary>A client that holds one needle of the scene. For several needles, open several clients. Call the methods from one thread
+/// only.</summary>
 public sealed class TrocarClient : IDisposable {
-    const double Ramp = 0.1;           // s, duration of the ramp after an outage
-    const double Patience = 0.1;       // s of silence after which the client follows another server
-    const double LongestPeriod = 0.01; // s; a longer period of the device's loop counts as this long when the rates are limited
+    const double Ramp = 0.1;           // s, how long the force is ramped up after an outage
+    const double Patience = 0.1;       // s of silence before the client switches to another server
+    const double LongestPeriod = 0.01; // s, longest device period that the rate limits allow for
     const double LongestReply = 3;     // s to wait for a reply
-    const double LongestEcho = 10;     // s within which the client's first message must come back from the network
+    const double LongestEcho = 10;     // s to wait for the client's first message to come back from the network
 
     readonly TrocarOptions options;
     readonly INetwork network;
@@ -362,15 +364,15 @@ public sealed class TrocarClient : IDisposable {
     long asked, feltTick;
     bool disposed;
 
-    // Shared by both threads and protected by `guard`, which is held only while a few numbers are copied.
+    // Shared by both threads. `guard` protects them; it is held only while a few numbers are copied.
     readonly object guard = new object();
     readonly TrocarWrench newest = new TrocarWrench();
-    double newestAt; // s, arrival time; 0 before the first
-    long replied;    // number of the command that the reply answers
+    double newestAt; // s, when the newest wrench arrived; 0 before the first
+    long replied;    // number of the command that was answered last
     bool done;
     string why = "";
 
-    // Used only by the thread that handles the network.
+    // Used only by the network thread.
     readonly Thread thread;
     readonly NeedleWrenchMessage receivedWrench = new NeedleWrenchMessage();
     readonly CommandReplyMessage receivedReply = new CommandReplyMessage();
@@ -379,8 +381,8 @@ public sealed class TrocarClient : IDisposable {
     bool echoed;
     volatile bool ends;
 
-    /// <summary>Connects. Waits for the network, but not for a server, which may start later. On failure, the message of the
-    /// InvalidOperationException says what to do.</summary>
+    /// <summary>Connects to the network. Waits for the network, but not for a server, which may be started later. On failure, throws an
+    /// InvalidOperationException whose message says what to do.</summary>
     public TrocarClient(TrocarOptions given = null) {
         options = given ?? new TrocarOptions();
         if (!(options.Watchdog > 0 && options.MaxForce > 0 && options.MaxTorque > 0 && options.MaxForceRate > 0 && options.MaxTorqueRate > 0))
@@ -394,7 +396,7 @@ public sealed class TrocarClient : IDisposable {
         thread.Start();
     }
 
-    /// <summary>Releases the needle, so that another device can take it at once, and disconnects.</summary>
+    /// <summary>Releases the needle, so that another device can take it at once, then disconnects.</summary>
     public void Dispose() {
         if (disposed) return;
         disposed = true;
@@ -404,8 +406,8 @@ public sealed class TrocarClient : IDisposable {
         network.Dispose();
     }
 
-    /// <summary>Sends this pose of the needle's base: three numbers in m, and w, x, y, z. Returns false and sends nothing if a number
-    /// is not finite.</summary>
+    /// <summary>Sends a pose of the needle's base: its position in m, and its orientation as w, x, y, z. Returns false, and sends nothing, if a
+    /// number is not finite.</summary>
     public bool Publish(double[] position, double[] orientation) {
         if (!AllFinite(position) || !AllFinite(orientation)) return false;
         Array.Copy(position, pose.Position, 3);
@@ -420,9 +422,9 @@ public sealed class TrocarClient : IDisposable {
         return true;
     }
 
-    /// <summary>Gets the newest wrench; wrenches that arrive out of order are dropped. Returns false, and a zero wrench, if the watchdog has
-    /// expired, because there is no server, the needle belongs to another device, or the scene has no such needle (trocar-top shows the
-    /// reason).</summary>
+    /// <summary>Gets the newest wrench; wrenches that arrive out of order are dropped. Returns false, and sets the wrench to zero, if the
+    /// watchdog has expired. That happens if there is no server, the needle belongs to another device, or the scene has no such needle;
+    /// trocar-top shows which.</summary>
     public bool Newest(TrocarWrench wrench) {
         double now = Clock.Now();
         bool answered;
@@ -447,28 +449,28 @@ public sealed class TrocarClient : IDisposable {
         return true;
     }
 
-    // Commands for the client's needle. Each is sent at once; the server's reply arrives later: see Reply. Only one command may be pending: the
-    // functions return false, and do nothing, while the previous command waits for its reply.
+    // Commands for the client's needle. A command is sent at once, and the server's reply arrives later: see Reply. Only one command may be pending:
+    // while the previous one is waiting for its reply, the methods do nothing and return false.
 
     /// <summary>Removes the needle and relaxes the tissue; the next pose engages the needle again.</summary>
     public bool Reset() { return Ask(TrocarCommand.Reset, 0, 0); }
 
-    /// <summary>Leaves the needle to rest in tissue and template. Stop publishing poses, and close the client or take the needle
-    /// again.</summary>
+    /// <summary>Lets go of the needle, which stays in the tissue and template. Stop publishing poses; later, take the needle again or dispose
+    /// of the client.</summary>
     public bool Leave() { return Ask(TrocarCommand.Leave, 0, 0); }
 
-    /// <summary>Holds a resting needle again where it rests: the first pose after the reply corresponds to its resting pose, and the
-    /// needle follows the hand's motion from there.</summary>
+    /// <summary>Takes hold of a resting needle. The first pose after the reply is mapped to the pose at which the needle rests; from there,
+    /// the needle follows the hand's motion.</summary>
     public bool Take() { return Ask(TrocarCommand.Take, 0, 0); }
 
-    /// <summary>Drops 1 to 16 seeds, which stay in the tissue as the needle is drawn back; the first has its distal end at the tip. <c>spacing</c> is
-    /// their centre-to-centre spacing in m; 0 selects the scene's value.</summary>
+    /// <summary>Drops 1 to 16 seeds, which stay in the tissue as the needle is drawn back. The first seed's distal end is at the tip.
+    /// <c>spacing</c> is the centre-to-centre spacing in m; 0 selects the scene's value.</summary>
     public bool DropSeeds(int count, double spacing = 0) { return Ask(TrocarCommand.DropSeed, count, spacing); }
 
-    /// <summary>Cancels the seeds that are still in the needle; if there are none, removes the last seed that the needle left.</summary>
+    /// <summary>Cancels the seeds that are still in the needle or, if there are none, removes the last seed that the needle left.</summary>
     public bool Undo() { return Ask(TrocarCommand.Undo, 0, 0); }
 
-    /// <summary>Returns the answer to the last command and, unless it is Done, the reason.</summary>
+    /// <summary>Returns the result of the last command. If it is not Done, <c>reason</c> says why.</summary>
     public TrocarAnswer Reply(out string reason) {
         reason = "";
         if (asked == 0) return TrocarAnswer.None;
@@ -482,7 +484,7 @@ public sealed class TrocarClient : IDisposable {
         return Clock.Now() - askedAt < LongestReply ? TrocarAnswer.Waiting : TrocarAnswer.Unanswered;
     }
 
-    /// <summary>Returns the answer to the last command.</summary>
+    /// <summary>Returns the result of the last command.</summary>
     public TrocarAnswer Reply() {
         string reason;
         return Reply(out reason);
@@ -510,7 +512,7 @@ public sealed class TrocarClient : IDisposable {
     static long RandomSession() {
         var bytes = new byte[8];
         using (var source = RandomNumberGenerator.Create()) source.GetBytes(bytes);
-        return (BitConverter.ToInt64(bytes, 0) & long.MaxValue) | 1; // never 0, which means that nobody owns the needle
+        return (BitConverter.ToInt64(bytes, 0) & long.MaxValue) | 1; // never 0, which would mean no owner
     }
 
     static bool AllFinite(double[] numbers) {
@@ -557,7 +559,7 @@ public sealed class TrocarClient : IDisposable {
             try {
                 network.Receive();
             } catch (SocketException) {
-                Thread.Sleep(10); // while the network is down, every call may fail immediately
+                Thread.Sleep(10); // while the network is down, every call may fail at once; do not spin
             }
         }
     }
@@ -574,7 +576,7 @@ public sealed class TrocarClient : IDisposable {
         }
     }
 
-    // True if a message is for this client, and from the server that it follows: the first one heard, until that one falls silent.
+    // True if the message is for this client and comes from the server it follows, which is the first one heard until that one falls silent.
     bool IsOurs(long forSession, int needle, long from, double now) {
         if (forSession != session || needle != options.Needle || (from != server && now - heard <= Patience)) return false;
         if (from != server)
@@ -605,7 +607,7 @@ public sealed class TrocarClient : IDisposable {
     }
 }
 
-// Limits on one rendered vector, and its last value.
+// Limits the force or the torque that is rendered.
 internal sealed class Limiter {
     readonly double most, rate; // magnitude limit in N or N m; rate limit in N/s or N m/s
     readonly double[] last = new double[3];
@@ -617,8 +619,8 @@ internal sealed class Limiter {
 
     internal void Clear() { Array.Clear(last, 0, 3); }
 
-    // Limits the length of `gain` times `wanted`, and then its change since the last value to what the rate allows within `period` (s). Returns true if
-    // either limit took effect.
+    // Scales `wanted` by `gain`, limits its magnitude, then limits its change since the last call to what the rate limit allows in `period` (s). Returns
+    // true if either limit took effect.
     internal bool Limit(double[] wanted, double gain, double period) {
         double length = gain * Length(wanted[0], wanted[1], wanted[2]), scale = gain * (length > most ? most / length : 1);
         double x = scale * wanted[0] - last[0], y = scale * wanted[1] - last[1], z = scale * wanted[2] - last[2];
@@ -653,7 +655,7 @@ internal sealed class BigEndianWriter {
         Name(value);
     }
 
-    // Writes a string in ASCII with a terminating zero.
+    // Writes an ASCII string and a terminating NUL.
     internal void Name(string value) {
         foreach (char letter in value) Bytes[Size++] = (byte)letter;
         Bytes[Size++] = 0;
@@ -664,9 +666,9 @@ internal sealed class BigEndianWriter {
     }
 }
 
-// Reads numbers from part of a buffer. A missing number is read as 0, and IsWhole becomes false.
+// Reads numbers from part of a buffer. Reading past the end yields 0 and makes IsWhole false.
 internal sealed class BigEndianReader {
-    const int TextMost = 255; // longest text that is kept, in characters
+    const int TextMost = 255; // characters kept of a string
     byte[] bytes;
     int at, end;
     bool failed;
@@ -689,7 +691,7 @@ internal sealed class BigEndianReader {
     internal int UInt16() { return (int)Number(2); }
     internal double Double() { return BitConverter.Int64BitsToDouble(Int64()); }
 
-    // Reads a text and replaces all but printable ASCII characters by '?', because it may be printed on a terminal.
+    // Reads a string. It may end up on a terminal, so everything but printable ASCII is replaced with '?'.
     internal string Text() {
         long length = UInt32();
         failed |= length == 0 || length > end - at || bytes[at + length - 1] != 0;
@@ -700,7 +702,7 @@ internal sealed class BigEndianReader {
         return kept.ToString();
     }
 
-    // Reads a channel name and its terminating zero. Returns "" for a channel that is not in `Channels`, and null if the name does not end.
+    // Reads a NUL-terminated channel name. Returns "" for a channel that is not in `Channels`, and null if the NUL is missing.
     internal string Name() {
         int zero = Array.IndexOf(bytes, (byte)0, at, Math.Min(end - at, 64));
         if (zero < 0) return null;
@@ -713,7 +715,7 @@ internal sealed class BigEndianReader {
         return "";
     }
 
-    // Names are compared with this list instead of being copied, so that nothing is allocated for other channels.
+    // A name is looked up here instead of being copied, so that other channels cause no allocations.
     static readonly string[] Channels = { "TROCAR_WRENCH", "TROCAR_REPLY", "LCM_SELF_TEST" };
 
     bool Is(string name, int length) {
@@ -732,11 +734,11 @@ internal sealed class BigEndianReader {
     }
 }
 
-// A connection that sends one message at a time, which is written between Begin and Send, and receives in another thread.
+// A connection. To send a message, call Begin, write the message to the result and call Send. Another thread calls Receive.
 internal interface INetwork : IDisposable {
     BigEndianWriter Begin(string channel, ulong fingerprint);
     void Send(bool mustPass = false);
-    void Receive(); // waits for a datagram for at most 50 ms
+    void Receive(); // waits up to 50 ms for a datagram and handles it
 }
 
 internal sealed class Lcm : INetwork {
@@ -752,12 +754,12 @@ internal sealed class Lcm : INetwork {
     EndPoint from = new IPEndPoint(IPAddress.Any, 0);
     int packets;
 
-    // The last sender's address, and whether it is this machine.
+    // The last sender's address, and whether it belongs to this machine.
     IPAddress known;
     bool knownHere;
     double knownUntil;
 
-    // A message of which some fragments have arrived.
+    // A message that is being reassembled from fragments.
     readonly byte[] whole = new byte[MessageMost];
     readonly bool[] here = new bool[FragmentsMost];
     IPEndPoint wholeSender;
@@ -778,7 +780,7 @@ internal sealed class Lcm : INetwork {
             sender.SetSocketOption(SocketOptionLevel.IP, SocketOptionName.MulticastTimeToLive, ttl);
             receiver.SetSocketOption(SocketOptionLevel.Socket, SocketOptionName.ReuseAddress, true);
             if (buffer > 0) receiver.ReceiveBufferSize = buffer;
-            // on systems other than Windows, a socket can be bound to the multicast group and then receives no other datagrams
+            // Windows cannot bind to the multicast group, which elsewhere keeps out other datagrams
             bool windows = Environment.OSVersion.Platform == PlatformID.Win32NT;
             receiver.Bind(new IPEndPoint(windows ? IPAddress.Any : group.Address, group.Port));
             receiver.SetSocketOption(SocketOptionLevel.IP, SocketOptionName.AddMembership, new MulticastOption(group.Address));
@@ -794,7 +796,7 @@ internal sealed class Lcm : INetwork {
         receiver.Close();
     }
 
-    // Parses udpm://GROUP:PORT?KEY=VALUE&KEY=VALUE, in which everything after udpm:// is optional.
+    // Parses udpm://GROUP:PORT?KEY=VALUE&KEY=VALUE, where everything after udpm:// is optional. Returns false if the URL is invalid.
     static bool Read(string url, out IPEndPoint group, out int ttl, out int buffer) {
         group = null;
         ttl = buffer = 0;
@@ -815,7 +817,7 @@ internal sealed class Lcm : INetwork {
 
     static bool Number(string text, out int value) { return int.TryParse(text, NumberStyles.None, CultureInfo.InvariantCulture, out value); }
 
-    // Starts a packet. The caller then writes the message and calls Send.
+    // Starts a packet without a fingerprint.
     internal BigEndianWriter Begin(string channel) {
         packet.Size = 0;
         packet.Int32(0x4c433032);
@@ -829,7 +831,7 @@ internal sealed class Lcm : INetwork {
         return packet;
     }
 
-    // Sends the packet. If the send fails, a pose is lost (the server counts it as lost); the next one follows soon.
+    // Sends the packet. Unless `mustPass` is set, a failed send is ignored: the next pose follows soon, and the server counts the lost one.
     public void Send(bool mustPass = false) {
         try {
             sender.SendTo(packet.Bytes, 0, packet.Size, SocketFlags.None, group);
@@ -852,7 +854,7 @@ internal sealed class Lcm : INetwork {
         if (!string.IsNullOrEmpty(channel)) take(channel, reader);
     }
 
-    // True if datagrams from this address are accepted. With ttl=0, LCM is meant for this machine only, but its socket also gets other machines' datagrams.
+    // True if datagrams from this address are accepted. With ttl=0, LCM is meant for this machine only, but its socket also gets datagrams from others.
     bool IsWelcome(IPAddress address) {
         if (ttl > 0 || IPAddress.IsLoopback(address) || address.Equals(IPAddress.Any)) return true;
         double now = Clock.Now();
@@ -864,7 +866,7 @@ internal sealed class Lcm : INetwork {
         return knownHere;
     }
 
-    // True if this address belongs to this machine. Only then does the system choose it as the source address of packets sent to it.
+    // True if this address belongs to this machine: only then does the system choose it as the source of packets sent to it.
     static bool IsOwn(IPAddress address) {
         using (var probe = new Socket(AddressFamily.InterNetwork, SocketType.Dgram, ProtocolType.Udp)) {
             try {
@@ -876,7 +878,7 @@ internal sealed class Lcm : INetwork {
         }
     }
 
-    // Assembles fragmented messages, one at a time. Fragment 0 of a message must come first; the others may come in any order.
+    // Reassembles fragmented messages, one at a time. Fragment 0 must arrive first; the others may come in any order.
     void TakeFragment(IPEndPoint origin, int size) {
         uint sequence = reader.UInt32(), total = reader.UInt32(), offset = reader.UInt32();
         int number = reader.UInt16(), count = reader.UInt16();
@@ -909,12 +911,12 @@ internal sealed class Lcm : INetwork {
 
 // ---- unicast: see docs/connect-a-device.md for the protocol ---------------------------------------------------------------
 
-// A connection to one server, which is renewed when the server falls silent.
+// A connection to one server. Reconnects if the server falls silent.
 internal sealed class Unicast : INetwork {
     enum Kind : byte { Hello = 1, Cookie, Connect, Welcome, Refused, ToServer, ToClient }
     const byte WrongSecret = 1, Full = 2; // reasons for a refusal
     const int Head = 4, Nonce = 16, Token = 24, Tag = 32, Handshake = Head + Nonce + Token + Tag;
-    // s: interval between attempts to connect, keep-alive interval, silence after which the client reconnects, wait for a server in the constructor
+    // s: between attempts to connect; between keep-alive messages; silence before reconnecting; wait for the server in the constructor
     const double Retry = 0.2, KeepAlive = 0.25, Silence = 1, LongestHandshake = 2;
 
     readonly Socket socket;
@@ -925,9 +927,9 @@ internal sealed class Unicast : INetwork {
     readonly BigEndianReader reader = new BigEndianReader();
     double askedAt = double.NegativeInfinity, keptAt = double.NegativeInfinity, heardAt;
     byte refused;
-    ulong newest, seen; // largest counter received; bit i of `seen`: newest - i has been received
+    ulong newest, seen; // anti-replay window: the largest counter received; bit i of `seen` is set if newest - i was received
 
-    // Shared by both threads and protected by `guard`.
+    // Shared by both threads; `guard` protects them.
     readonly object guard = new object();
     HMACSHA256 toServer, toClient; // null while there is no connection
     long sent;
@@ -972,7 +974,7 @@ internal sealed class Unicast : INetwork {
         using (var protocol = new HMACSHA256(Encoding.ASCII.GetBytes("trocar unicast 1"))) return protocol.ComputeHash(bytes, 0, size);
     }
 
-    // Receives during the handshake, when the server's port may not be open yet and the call may fail.
+    // Receives during the handshake. The call may fail if the server has not opened its port yet.
     void Try() {
         try {
             Receive();
@@ -995,7 +997,7 @@ internal sealed class Unicast : INetwork {
 
     public BigEndianWriter Begin(string channel, ulong fingerprint) {
         Begin(packet, Kind.ToServer);
-        packet.Int64(0); // the counter, which Send sets
+        packet.Int64(0); // room for the counter, which Send sets
         packet.Name(channel);
         packet.UInt64(fingerprint);
         return packet;
@@ -1003,7 +1005,7 @@ internal sealed class Unicast : INetwork {
 
     public void Send(bool mustPass = false) { SendMessage(packet); }
 
-    // Sends a message; it is lost while there is no connection.
+    // Sends a message. Does nothing while there is no connection.
     void SendMessage(BigEndianWriter message) {
         lock (guard) {
             if (toServer == null) return;
@@ -1020,7 +1022,7 @@ internal sealed class Unicast : INetwork {
         Put(message, key.ComputeHash(message.Bytes, 0, message.Size), 0, Tag);
         try {
             socket.Send(message.Bytes, 0, message.Size, SocketFlags.None);
-        } catch (SocketException) { // lost
+        } catch (SocketException) { // the message is lost
         }
     }
 
@@ -1033,7 +1035,7 @@ internal sealed class Unicast : INetwork {
 
     // ---- receiving
 
-    // Discards the connection and chooses a new nonce for the next attempt to connect.
+    // Drops the connection and chooses a nonce for the next attempt.
     void Disconnect() {
         lock (guard) {
             toServer = toClient = null;
@@ -1043,7 +1045,7 @@ internal sealed class Unicast : INetwork {
         using (var source = RandomNumberGenerator.Create()) source.GetBytes(nonce);
     }
 
-    // Connects, sends keep-alive messages, and reconnects if the server falls silent.
+    // Keeps the connection alive: connects, sends keep-alive messages, and reconnects if the server falls silent.
     void Tend() {
         double now = Clock.Now();
         if (toServer != null && now - heardAt > Silence) Disconnect();
@@ -1069,7 +1071,7 @@ internal sealed class Unicast : INetwork {
         else if (size == Handshake && toServer == null && Is(nonce, Head, Nonce)) TakeHandshake((Kind)datagram[3]);
     }
 
-    // True if the datagram contains these bytes from the offset `at` on. Compares in constant time.
+    // True if the datagram contains the first `count` of these bytes at offset `at`. Compares in constant time.
     bool Is(byte[] bytes, int at, int count) {
         int difference = 0;
         for (int i = 0; i < count; i++) difference |= bytes[i] ^ datagram[at + i];
@@ -1087,7 +1089,7 @@ internal sealed class Unicast : INetwork {
 
     void TakeHandshake(Kind kind) {
         byte reason = datagram[Head + Nonce];
-        if (kind == Kind.Refused && reason == WrongSecret) refused = reason; // this reply cannot be authenticated, because the keys differ
+        if (kind == Kind.Refused && reason == WrongSecret) refused = reason; // cannot be authenticated, because the keys differ
         if (!IsAuthentic(secret, Handshake)) return;
         if (kind == Kind.Refused) refused = reason;
         if (kind == Kind.Cookie) SendHandshake(Kind.Connect, datagram, Head + Nonce);
@@ -1109,7 +1111,7 @@ internal sealed class Unicast : INetwork {
         if (channel != "") take(channel, reader);
     }
 
-    // True if no message with this counter has been received. A message may be overtaken by up to 63 others.
+    // Anti-replay check: true if no message with this counter has been received yet. Up to 63 later messages may overtake one.
     bool IsNewCounter(ulong counter) {
         if (counter > newest) {
             ulong ahead = counter - newest;

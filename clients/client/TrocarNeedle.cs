@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: MIT
 // SPDX-FileCopyrightText: 2026 trocar developers
 //
-// A needle in Unity: put this component, with TrocarClient.cs, on the object that shows the needle. The object's pose is the pose of the needle's
-// base. The needle points along its blue axis (forward), and its bevel faces the green axis (up). One unit is one metre.
+// A needle in Unity. Add this file and TrocarClient.cs to your project, and put the component on the object that shows the needle. The object's
+// pose is that of the needle's base; its blue axis (forward) is the needle's axis, and the bevel faces its green axis (up). One unit is one metre.
 //
-// The scene of trocar-server is right-handed, while Unity is left-handed: x is mirrored.
+// trocar-server's scene is right-handed and Unity is left-handed, so x is mirrored.
 using System;
 using System.Threading;
 using UnityEngine;
@@ -26,24 +26,24 @@ public sealed class TrocarNeedle : MonoBehaviour {
     [Tooltip("N")]
     public double maxForce = 20;
 
-    /// <summary>True while a server answers.</summary>
+    /// <summary>True while wrenches arrive from a server.</summary>
     public bool Answered { get; private set; }
-    /// <summary>N, in Unity's frame: force that the needle's base exerts on the hand.</summary>
+    /// <summary>N, in Unity's frame: force exerted on the hand by the needle's base.</summary>
     public Vector3 Force { get; private set; }
     /// <summary>N m, in Unity's frame: torque about the base point.</summary>
     public Vector3 Torque { get; private set; }
     /// <summary>m, length of the needle's track in the tissue.</summary>
     public double Depth { get; private set; }
     public TrocarFlags Flags { get; private set; }
-    /// <summary>Events of all ticks since this component's last frame.</summary>
+    /// <summary>Events of the wrenches received since this component's last update.</summary>
     public TrocarEvents Events { get; private set; }
-    /// <summary>Result of the last command; unless it is Done, Reason says why.</summary>
+    /// <summary>Result of the last command. If it is not Done, Reason says why.</summary>
     public TrocarAnswer Answer { get; private set; }
     public string Reason { get; private set; }
 
-    // Poses are sent a thousand times a second, because the server ramps the force to zero if none arrives for more than 10 ms. Between frames the
-    // needle's pose is interpolated, so it is one frame behind the object.
-    readonly object guard = new object(); // protects all members below
+    // The server ramps the force to zero if no pose arrives for more than 10 ms, so a thread sends poses at about 1 kHz. It interpolates them between
+    // frames, which makes the needle lag the object by one frame.
+    readonly object guard = new object(); // protects the members below
     readonly double[] from = new double[7], to = new double[7];
     double begin, duration; // s
     readonly TrocarWrench seen = new TrocarWrench();
@@ -54,8 +54,8 @@ public sealed class TrocarNeedle : MonoBehaviour {
     string seenReason = "", fault;
     Thread thread;
 
-    /// <summary>Queues a command, such as <c>Ask(client => client.Reset())</c>; see Answer for the result. Returns false while the
-    /// previous command has not been sent.</summary>
+    /// <summary>Queues a command, such as <c>Ask(client => client.Reset())</c>. Answer holds the result. Returns false if the previous
+    /// command has not been sent yet.</summary>
     public bool Ask(Func<TrocarClient, bool> given) {
         lock (guard) {
             if (command != null) return false;
@@ -105,7 +105,7 @@ public sealed class TrocarNeedle : MonoBehaviour {
         enabled = false;
     }
 
-    // Reads the object's pose in the scene's frame: x is mirrored, and so is the sense of rotations about y and z.
+    // Reads the object's pose in the scene's frame. Mirroring x also reverses rotations about y and z.
     void Read(double[] pose) {
         Vector3 p = scene == null ? transform.position : scene.InverseTransformPoint(transform.position);
         Quaternion q = scene == null ? transform.rotation : Quaternion.Inverse(scene.rotation) * transform.rotation;
@@ -123,7 +123,7 @@ public sealed class TrocarNeedle : MonoBehaviour {
         return scene == null ? own : scene.rotation * own;
     }
 
-    // Interpolates between the poses of the last two frames; the quaternion keeps unit length.
+    // Interpolates between the poses of the last two frames and normalizes the quaternion.
     void Interpolate(double now, double[] pose) {
         double part = duration > 0 ? Math.Min(1, (now - begin) / duration) : 1, product = 0, norm = 0;
         for (int i = 3; i < 7; i++) product += from[i] * to[i];
@@ -135,7 +135,7 @@ public sealed class TrocarNeedle : MonoBehaviour {
         for (int i = 3; i < 7; i++) pose[i] /= Math.Sqrt(norm);
     }
 
-    // Body of the thread: sends poses and receives wrenches until the component is disabled.
+    // Main function of the thread: sends poses and receives wrenches until the component is disabled.
     void Exchange(TrocarOptions options) {
         double[] pose = new double[7], position = new double[3], orientation = new double[4];
         var wrench = new TrocarWrench();
@@ -175,7 +175,7 @@ public sealed class TrocarNeedle : MonoBehaviour {
         }
     }
 
-    // Sets the timer resolution; without it, Thread.Sleep(1) takes up to 16 ms on Windows.
+    // Raises the timer resolution on Windows, where Thread.Sleep(1) would otherwise take up to 16 ms.
 #if UNITY_STANDALONE_WIN || UNITY_EDITOR_WIN
     [System.Runtime.InteropServices.DllImport("winmm.dll")]
     static extern uint timeBeginPeriod(uint milliseconds);

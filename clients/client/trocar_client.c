@@ -3,24 +3,24 @@
 
    See trocar_client.h. This file needs only C99 and the operating system: Linux, Windows or macOS (untested).
 
-   It implements LCM's protocol over UDP multicast. All numbers are big-endian. A datagram is a whole message,
+   It implements LCM's protocol over UDP multicast. Numbers are big-endian; their sizes in bytes are in parentheses. A datagram holds either a whole
+   message,
 
-       LC02 | sequence number (4 bytes) | channel name with terminating zero | message
+       LC02 | sequence number (4) | NUL-terminated channel name | message
 
-   or a fragment of a larger message,
+   or a fragment of a larger one,
 
-       LC03 | sequence number (4) | size of the message (4) | offset in the message (4) | number of this fragment (2) | number of fragments
-       (2) |
-            in fragment 0 the channel name with terminating zero | part of the message
+       LC03 | sequence number (4) | size of the message (4) | offset in the message (4) | index of this fragment (2) | number of fragments (2) |
+            in fragment 0, the NUL-terminated channel name | part of the message
 
-   A message is the fingerprint of its type (8 bytes), then its fields. A text is encoded as its length including the terminating zero (4),
-   its characters and the zero.
+   A message consists of the fingerprint of its type (8) and its fields. A string is encoded as its length including the NUL (4), its characters
+   and the NUL.
 
-   With TROCAR_CLIENT_UNICAST, the client also connects to udp://HOST:PORT. A datagram begins with "TU1" and its kind (1), and ends with a tag (32),
-   the HMAC-SHA256 of the bytes before it:
+   With TROCAR_CLIENT_UNICAST, the client can also connect to udp://HOST:PORT. These datagrams begin with "TU1" and a byte for the kind, and end with a
+   tag (32), the HMAC-SHA256 of everything before it:
 
-       handshake   kind | client's nonce (16) | token (24) | tag
-       message     kind | counter (8) | channel name with terminating zero | message | tag
+       handshake   "TU1" | kind (1) | client's nonce (16) | token (24) | tag
+       message     "TU1" | kind (1) | counter (8) | NUL-terminated channel name | message | tag
 
    docs/connect-a-device.md describes the handshake. */
 #ifdef _WIN32
@@ -66,33 +66,32 @@
 
 #include "trocar_client.h"
 
-static const double WATCHDOG = 0.02;       /* s, default of the option `watchdog` */
-static const double RAMP = 0.1;            /* s, duration of the ramp after an outage */
-static const double PATIENCE = 0.1;        /* s of silence after which the client follows another server */
-static const double LONGEST_PERIOD = 0.01; /* s; a longer period of the device's loop counts as this long when the rates are limited */
-static const double MAX_FORCE = 20.0, MAX_TORQUE = 1.0;                 /* N, N m: default limits, as in a scene without `device` keys */
-static const double MAX_FORCE_RATE = 2000.0, MAX_TORQUE_RATE = 100.0;   /* N/s, N m/s: default limits of the rates of change */
-static const double LONGEST_REPLY = 3.0;   /* s to wait for a reply; a server needs 0.1 s for the slowest command, leave, with 25 other needles at rest */
-static const double LONGEST_ECHO = 10.0;   /* s within which the client's first message must come back from the network */
+static const double WATCHDOG = 0.02;       /* s, default for the `watchdog` option */
+static const double RAMP = 0.1;            /* s, how long the force is ramped up after an outage */
+static const double PATIENCE = 0.1;        /* s of silence before the client switches to another server */
+static const double LONGEST_PERIOD = 0.01; /* s, longest device period that the rate limits allow for */
+static const double MAX_FORCE = 20.0, MAX_TORQUE = 1.0;                 /* N, N m: default limits, the same as in a scene without `device` keys */
+static const double MAX_FORCE_RATE = 2000.0, MAX_TORQUE_RATE = 100.0;   /* N/s, N m/s: default limits on the rates of change */
+static const double LONGEST_REPLY = 3.0;   /* s to wait for a reply; the slowest command, leave, takes 0.1 s with 25 other needles at rest */
+static const double LONGEST_ECHO = 10.0;   /* s to wait for the client's first message to come back from the network */
 
 enum {
-    CHANNEL_MOST = 63,       /* bytes, length of the longest channel name */
+    CHANNEL_MOST = 63,       /* bytes, longest channel name */
     DATAGRAM_MOST = 65536,
-    MESSAGE_MOST = 1 << 17,  /* bytes, length of the longest message that is assembled from fragments; the longest message that the client uses
-                                currently has 0.5 kB */
+    MESSAGE_MOST = 1 << 17,  /* bytes, longest message that is reassembled from fragments; the client currently needs 0.5 kB */
     FRAGMENTS_MOST = 256,
-    SENT_MOST = 512,         /* bytes, length of the longest datagram that this client sends */
-    LINK_PERIOD = 50,        /* ms, largest interval between checks of a unicast connection */
-    RUN_MOST = 64,           /* maximum number of datagrams received before a pending pose is sent */
-    APART = 64,              /* bytes, padding of the size of a cache line, against false sharing */
+    SENT_MOST = 512,         /* bytes, longest datagram that the client sends */
+    LINK_PERIOD = 50,        /* ms, longest time between checks of a unicast connection */
+    RUN_MOST = 64,           /* most datagrams received in a row before a pending pose is sent */
+    APART = 64,              /* bytes, padding of one cache line against false sharing */
 };
 
 /* ---- messages ----------------------------------------------------------------------------------------------------------- */
 
-/* A field of a message: `count` numbers of `width` bytes each; or, if the width is 1, a string, of which `count` - 1 bytes are kept. */
+/* A field of a message: `count` numbers of `width` bytes each. Width 1 means a string, of which at most `count` - 1 bytes are kept. */
 typedef struct {
     int width, count;
-    size_t offset;           /* offset of the field in the struct */
+    size_t offset;           /* of the field in the struct */
 } message_field;
 
 typedef struct {
@@ -216,7 +215,7 @@ static uint64_t get_number(const unsigned char *from, int width) {
     return number;
 }
 
-/* Reads a number and converts it from big-endian to the machine's byte order; `store` does the reverse. */
+/* Reads a number of `width` bytes, 4 or 8, from a struct, in the machine's byte order; `store` writes one. */
 static uint64_t load(const void *from, int width) {
     uint32_t narrow;
     uint64_t wide;
@@ -229,7 +228,7 @@ static void store(void *to, uint64_t number, int width) {
     memcpy(to, width == 4 ? (const void *)&narrow : &number, (size_t)width);
 }
 
-/* Encodes a message without strings; returns its size. */
+/* Encodes a message, which must not contain strings, and returns its size. */
 static size_t encode(const message_type *type, const void *message, unsigned char *to) {
     unsigned char *at = to + 8;
     put_number(to, type->fingerprint, 8);
@@ -239,7 +238,7 @@ static size_t encode(const message_type *type, const void *message, unsigned cha
     return (size_t)(at - to);
 }
 
-/* Decodes a string into a buffer of `room` bytes. Returns the number of bytes read, or 0 if the string is incomplete. */
+/* Decodes a string into a buffer of `room` bytes, cutting it if it is too long. Returns the number of bytes read, or 0 if the string is malformed. */
 static size_t decode_text(const unsigned char *from, size_t size, char *text, size_t room) {
     uint64_t length = size < 4 ? 0 : get_number(from, 4);
     if (length == 0 || length > size - 4 || from[4 + length - 1] != 0) return 0;
@@ -249,7 +248,7 @@ static size_t decode_text(const unsigned char *from, size_t size, char *text, si
     return 4 + (size_t)length;
 }
 
-/* True if these bytes are exactly one message of this type; in that case, `message` receives its fields. */
+/* Decodes a message into `message`. Returns false if the bytes are not exactly one message of this type. */
 static bool decode(const message_type *type, const unsigned char *from, size_t size, void *message) {
     if (size < 8 || get_number(from, 8) != type->fingerprint) return false;
     from += 8, size -= 8;
@@ -278,7 +277,7 @@ static void close_socket(socket_handle s) { closesocket(s); }
 static bool would_block(void) { return WSAGetLastError() == WSAEWOULDBLOCK; }
 static void network_error(char *text, size_t size) { snprintf(text, size, "Winsock error %d", WSAGetLastError()); }
 
-/* The events for which the client's thread waits. */
+/* The client's thread, and the events it waits for. */
 typedef struct {
     HANDLE wake, readable, thread;
 } os_part;
@@ -300,7 +299,7 @@ static void os_close(os_part *os) {
 static void wake(os_part *os) { SetEvent(os->wake); }
 static bool set_readable(os_part *os, socket_handle s) { return WSAEventSelect(s, os->readable, FD_READ) == 0; }
 
-/* Waits up to `most` ms for `wake` or a datagram; if `most` is negative, waits without a time limit. */
+/* Waits for `wake` or a datagram for up to `most` ms, or without limit if `most` is negative. */
 static void wait_for_work(os_part *os, socket_handle s, int most) {
     HANDLE events[2];
     WSANETWORKEVENTS what;
@@ -332,7 +331,7 @@ static bool random_number(int64_t *number) {
 }
 
 #ifdef TROCAR_CLIENT_UNICAST
-/* Computes the HMAC-SHA256. If the system cannot compute it, fills the tag with random bytes, which match no valid tag. */
+/* Computes the HMAC-SHA256. If the system fails to, fills the tag with random bytes, which match no valid tag. */
 static void hmac(const unsigned char *key, size_t key_size, const unsigned char *data, size_t size, unsigned char tag[32]) {
     BCRYPT_ALG_HANDLE algorithm = NULL;
     BCRYPT_HASH_HANDLE hash = NULL;
@@ -373,7 +372,7 @@ static bool would_block(void) { return errno == EAGAIN || errno == EWOULDBLOCK; 
 static void network_error(char *text, size_t size) { snprintf(text, size, "%s", strerror(errno)); }
 
 typedef struct {
-    int wake[2];             /* a pipe; a byte in it means that a pose, a command or the end of the thread is pending */
+    int wake[2];             /* a pipe; a byte in it tells the thread to send a pose or command, or to exit */
     pthread_t thread;
 } os_part;
 
@@ -391,7 +390,7 @@ static void os_close(os_part *os) {
         if (os->wake[i] >= 0) close(os->wake[i]);
 }
 
-/* Wakes the thread. If the pipe is full, the thread will wake up in any case. */
+/* Wakes the thread. A failed write does no harm: if the pipe is full, the thread wakes up anyway. */
 static void wake(os_part *os) {
     if (write(os->wake[1], "", 1) < 0) return;
 }
@@ -401,7 +400,7 @@ static bool set_readable(os_part *os, socket_handle s) {
     return never_waits(s);
 }
 
-/* Waits up to `most` ms for `wake` or a datagram; if `most` is negative, waits without a time limit. */
+/* Waits for `wake` or a datagram for up to `most` ms, or without limit if `most` is negative. */
 static void wait_for_work(os_part *os, socket_handle s, int most) {
     struct pollfd events[2] = {{os->wake[0], POLLIN, 0}, {s, POLLIN, 0}};
     char bytes[64];
@@ -475,37 +474,37 @@ static void join_thread(os_part *os) { pthread_join(os->thread, NULL); }
 
 typedef struct {
     double position[3], orientation[4];
-    int64_t wrench_tick;     /* tick of the wrench that the hand feels */
+    int64_t wrench_tick;     /* tick of the wrench that the hand is feeling */
 } sent_pose;
 
 typedef struct {
-    double arrival;          /* s, monotonic: arrival time; 0 before the first */
+    double arrival;          /* s, monotonic arrival time; 0 before the first wrench */
     trocar_client_wrench wrench;
 } received_wrench;
 
 typedef struct {
-    int64_t number;          /* number of the command, counted from 1, which the reply repeats */
+    int64_t number;          /* counts the commands from 1; the reply repeats it */
     int32_t what, seeds;
     double spacing;          /* m */
 } sent_command;
 
 typedef struct {
-    int64_t number;          /* number of the command that was answered; 0 before the first */
+    int64_t number;          /* number of the command that this answers; 0 before the first reply */
     bool done;
     char why[256];
 } received_reply;
 
-/* Limits on one rendered vector, and its last value. */
+/* Limits the force or the torque that is rendered. */
 typedef struct {
-    double most, rate;       /* magnitude limit in N or N m; rate limit in N/s or N m/s */
+    double most, rate;       /* limits on the magnitude, in N or N m, and on its rate of change, in N/s or N m/s */
     double last[3];
 } limiter;
 
-/* A triple buffer, which passes the newest value from one thread to another. The writer fills its own slot and swaps it with the middle one; the reader
-   swaps its own slot with the middle one if that is fresh. */
+/* A triple buffer that passes the newest value from one thread to another. The writer fills its own slot and swaps it with the middle one. The reader
+   swaps its slot with the middle one if that holds a value not yet read. */
 enum { FRESH = 4u, INDEX = 3u };
 typedef struct {
-    shared_word middle;      /* index of the middle slot, with the bit FRESH set until the value is read */
+    shared_word middle;      /* index of the middle slot; the FRESH bit is set until its value is read */
     char apart_from_middle[APART];
     unsigned back;           /* index of the writer's slot */
     char apart_from_back[APART];
@@ -513,11 +512,11 @@ typedef struct {
     char apart_from_front[APART];
 } slots;
 
-/* A message of which only some fragments have arrived. */
+/* A message that is being reassembled from fragments. */
 typedef struct {
     struct sockaddr_in sender;
     uint32_t sequence, size, filled;
-    unsigned count, missing; /* number of fragments, and number of those that have not arrived; if no fragment is missing, no message is being assembled */
+    unsigned count, missing; /* fragments in all, and those yet to arrive; if `missing` is 0, no message is being reassembled */
     bool here[FRAGMENTS_MOST];
     char channel[CHANNEL_MOST + 1];
     unsigned char bytes[MESSAGE_MOST];
@@ -526,30 +525,30 @@ typedef struct {
 /* An LCM address of the form udpm://GROUP:PORT?ttl=TTL */
 typedef struct {
     struct sockaddr_in group;
-    int ttl;                 /* time to live of the datagrams; 0 keeps them on this machine */
+    int ttl;                 /* of the datagrams sent; 0 keeps them on this machine */
     int buffer;              /* bytes, size of the socket's receive buffer; 0 selects the system's default */
 } lcm_address;
 
 /* A connection to one server at udp://HOST:PORT. */
 enum { KEY = 32, TAG = 32, NONCE = 16, TOKEN = 24, HANDSHAKE = 4 + NONCE + TOKEN + TAG };
 typedef struct {
-    bool used;               /* false if the client uses multicast; the following members are then unused */
+    bool used;               /* false if the client uses multicast; the other members are then unused */
     unsigned char secret[KEY], to_server[KEY], to_client[KEY];
     unsigned char nonce[NONCE];
     bool connected;
-    int refused;             /* reason why the server refuses this client; 0 if it does not */
+    int refused;             /* why the server refuses this client; 0 if it does not */
     uint64_t sent;           /* counter of the last message sent */
-    uint64_t newest, seen;   /* largest counter received; bit i of `seen`: newest - i has been received */
-    double asked_at, sent_at, heard_at, kept_at; /* s, times of the last attempt to connect, message sent, message received, and keep-alive */
+    uint64_t newest, seen;   /* anti-replay window: the largest counter received; bit i of `seen` is set if newest - i was received */
+    double asked_at, sent_at, heard_at, kept_at; /* s, when the client last tried to connect, sent, received, and sent a keep-alive */
 } unicast_link;
 
 struct trocar_client {
-    /* from the device's loop to the client's thread */
+    /* passed from the device's loop to the client's thread */
     slots pose_slots;
     sent_pose poses[3];
     slots command_slots;
     sent_command commands[3];
-    /* from the client's thread to the device's loop */
+    /* passed from the client's thread to the device's loop */
     slots wrench_slots;
     received_wrench wrenches[3];
     slots reply_slots;
@@ -557,32 +556,32 @@ struct trocar_client {
     shared_word ends;
     os_part os;
 
-    /* the following members are used only by the device's loop */
-    double watchdog;         /* s, `watchdog` of the options or its default */
-    double alive_since;      /* s, time at which wrenches started to arrive; 0 while none arrive */
+    /* used only by the device's loop */
+    double watchdog;         /* s, from the options, or the default */
+    double alive_since;      /* s, when wrenches started to arrive; 0 while none arrive */
     limiter force, torque;
-    double rendered_at;      /* s, time at which the last wrench was rendered */
+    double rendered_at;      /* s, when the last wrench was rendered */
     int64_t felt_tick;
     bool without_force;
-    int64_t asked;           /* number of the last command; 0 before the first */
-    double asked_at;         /* s, time at which the last command was given */
+    int64_t asked;           /* number of the last command; 0 before the first one */
+    double asked_at;         /* s, when the last command was given */
 
-    /* the following members are used only by the client's thread */
+    /* used only by the client's thread */
     lcm_address address;
     unicast_link link;
-    socket_handle sender, receiver; /* the same socket if the client uses unicast */
+    socket_handle sender, receiver; /* the same socket when using unicast */
     uint32_t packets;        /* number of datagrams sent */
     int64_t session, seq;
     int needle;
-    bool echoed;             /* the client's first message has come back from the network */
+    bool echoed;             /* true once the client's first message has come back from the network */
     int64_t server;          /* ID of the server that this client follows */
-    double heard;            /* s, arrival time of the followed server's last message; 0 before the first */
-    int64_t newest_tick;     /* newest tick among the wrenches received from the followed server */
-    double newest_at;        /* s, arrival time of the wrench with the newest tick; 0 before the first */
+    double heard;            /* s, when that server's last message arrived; 0 before the first */
+    int64_t newest_tick;     /* newest tick of any wrench received from that server */
+    double newest_at;        /* s, when the wrench with that tick arrived; 0 before the first */
     struct {
         struct in_addr address;
         bool here;
-        double until;        /* s, time until which `here` is used without asking the system again */
+        double until;        /* s, when to ask the system again */
     } known_sender;
     assembly assembly;
     unsigned char datagram[DATAGRAM_MOST];
@@ -597,7 +596,7 @@ static void slots_init(slots *s) {
 /* Publishes the value in the writer's slot. */
 static void slots_publish(slots *s) { s->back = swap_word(&s->middle, s->back | FRESH) & INDEX; }
 
-/* Moves the reader's slot to the newest value; returns false if there is no new value. */
+/* Makes the newest value available in the reader's slot. Returns false if there is none newer. */
 static bool slots_renew(slots *s) {
     if (!(peek_word(&s->middle) & FRESH)) return false;
     s->front = swap_word(&s->middle, s->front) & INDEX;
@@ -625,7 +624,7 @@ int trocar_client_publish(trocar_client *c, const double position[3], const doub
 
 static double length_of(const double a[3]) { return sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2]); }
 
-/* Limits the length of `wanted`, and then its change since the last value to what the rate allows within `period` (s). Returns true if either limit took
+/* Limits the magnitude of `wanted`, then its change since the last call to what the rate limit allows in `period` (s). Returns true if either limit took
    effect. */
 static bool limit(limiter *l, double period, double wanted[3]) {
     double length = length_of(wanted), scale = length > l->most ? l->most / length : 1.0, change[3];
@@ -671,7 +670,7 @@ int trocar_client_newest(trocar_client *c, trocar_client_wrench *wrench) {
     return 1;
 }
 
-/* Copies as much of the text as fits into `size` bytes, including the terminating zero. */
+/* Copies as much of the text as fits into `size` bytes with its terminating NUL. */
 static void copy_text(char *to, size_t size, const char *text) {
     size_t length = strlen(text);
     if (size == 0) return;
@@ -708,7 +707,7 @@ int trocar_client_drop_seeds(trocar_client *c, int count, double spacing) { retu
 
 /* ---- what comes from the network ------------------------------------------------------------------------------------------ */
 
-/* True if this client uses messages from this server. It follows the first server that it hears until that server falls silent. */
+/* True if the client accepts messages from this server. It follows the first server it hears until that one falls silent. */
 static bool follows(trocar_client *c, int64_t server, double time) {
     if (server != c->server && c->heard != 0 && time - c->heard <= PATIENCE) return false;
     if (server != c->server) c->newest_at = 0;
@@ -717,7 +716,7 @@ static bool follows(trocar_client *c, int64_t server, double time) {
     return true;
 }
 
-/* True if a newer wrench that is still valid has already arrived. */
+/* True if a newer wrench has already arrived and is still valid. */
 static bool is_overtaken(const trocar_client *c, int64_t tick, double time) {
     return c->newest_at != 0 && tick < c->newest_tick && time - c->newest_at < c->watchdog;
 }
@@ -743,7 +742,7 @@ static void take_wrench(trocar_client *c, const unsigned char *bytes, size_t siz
     slots_publish(&c->wrench_slots);
 }
 
-/* Replaces all but printable ASCII characters by '?', because text from the network may be printed on a terminal. */
+/* Text from the network may end up on a terminal, so replaces everything but printable ASCII with '?'. */
 static void make_printable(char *text) {
     for (; *text != '\0'; text++)
         if (*text < ' ' || *text > '~') *text = '?';
@@ -762,7 +761,7 @@ static void take_reply(trocar_client *c, const unsigned char *bytes, size_t size
 }
 
 static const char WRENCHES[] = "TROCAR_WRENCH", REPLIES[] = "TROCAR_REPLY", POSES[] = "TROCAR_POSE", COMMANDS[] = "TROCAR_COMMAND";
-static const char ECHO_CHANNEL[] = "LCM_SELF_TEST"; /* the channel on which liblcm also sends messages to itself */
+static const char ECHO_CHANNEL[] = "LCM_SELF_TEST"; /* liblcm uses it for the same purpose */
 
 static void take_message(trocar_client *c, const char *channel, const unsigned char *bytes, size_t size) {
     if (strcmp(channel, WRENCHES) == 0) take_wrench(c, bytes, size);
@@ -770,8 +769,8 @@ static void take_message(trocar_client *c, const char *channel, const unsigned c
     else if (strcmp(channel, ECHO_CHANNEL) == 0) c->echoed |= size == 8 && (int64_t)get_number(bytes, 8) == c->session;
 }
 
-/* Returns the length of the channel name at the start of `text`, including its terminating zero; returns 0 if the name is too long or does not end
-   within `size` bytes. */
+/* Returns the length of the channel name at the start of `text`, including its NUL, or 0 if the name is too long or not terminated within `size`
+   bytes. */
 static size_t channel_bytes(const unsigned char *text, size_t size) {
     const unsigned char *end = memchr(text, 0, size < CHANNEL_MOST + 1 ? size : CHANNEL_MOST + 1);
     return end == NULL ? 0 : (size_t)(end - text) + 1;
@@ -781,8 +780,8 @@ static bool is_same_address(const struct sockaddr_in *a, const struct sockaddr_i
     return a->sin_addr.s_addr == b->sin_addr.s_addr && a->sin_port == b->sin_port;
 }
 
-/* Assembles fragmented messages, one at a time. Fragment 0 of a message must come first; the others may come in any order. A new message replaces an
-   incomplete one, whose missing fragments have been lost. */
+/* Reassembles fragmented messages, one at a time. Fragment 0 must arrive first; the others may come in any order. A new message replaces one that is
+   still incomplete, because its missing fragments must have been lost. */
 static void take_fragment(trocar_client *c, const unsigned char *packet, size_t size, const struct sockaddr_in *from) {
     enum { HEADER = 20 };
     assembly *a = &c->assembly;
@@ -835,11 +834,11 @@ enum { HELLO = 1, COOKIE, CONNECT, WELCOME, REFUSED, TO_SERVER, TO_CLIENT }; /* 
 enum { WRONG_SECRET = 1, FULL = 2 };                                         /* reasons for a refusal */
 enum { SECRET_LEAST = 32, SECRET_MOST = 1024 };                              /* bytes */
 static const double RETRY = 0.2;              /* s between attempts to connect */
-static const double KEEP_ALIVE = 0.25;        /* s between keep-alive messages if nothing is sent or nothing is received */
-static const double SILENCE = 1.0;            /* s without a message after which the client reconnects */
-static const double LONGEST_HANDSHAKE = 2.0;  /* s, maximum wait for a server when a client is opened */
+static const double KEEP_ALIVE = 0.25;        /* s between keep-alive messages while nothing is sent or nothing is received */
+static const double SILENCE = 1.0;            /* s without a message before the client reconnects */
+static const double LONGEST_HANDSHAKE = 2.0;  /* s to wait for the server when a client is opened */
 
-/* Appends the tag to a datagram of `size` bytes and sends it; returns false if the send fails. */
+/* Appends the tag to a datagram of `size` bytes and sends it. Returns false if the send fails. */
 static bool send_tagged(trocar_client *c, const unsigned char key[KEY], unsigned char *datagram, size_t size) {
     hmac(key, KEY, datagram, size, datagram + size);
     return send(c->sender, (const char *)datagram, (int)(size + TAG), 0) == (int)(size + TAG);
@@ -858,7 +857,7 @@ static void send_handshake(trocar_client *c, int kind, const unsigned char token
     send_tagged(c, c->link.secret, datagram, HANDSHAKE - TAG);
 }
 
-/* Sends a message; returns false if the client is not connected or the send fails. */
+/* Sends a message. Returns false if the client is not connected or the send fails. */
 static bool send_unicast(trocar_client *c, const char *channel, const unsigned char *message, size_t size) {
     unsigned char datagram[SENT_MOST + TAG];
     size_t name = strlen(channel) + 1;
@@ -871,7 +870,7 @@ static bool send_unicast(trocar_client *c, const char *channel, const unsigned c
     return send_tagged(c, c->link.to_server, datagram, 12 + name + size);
 }
 
-/* Discards the connection and chooses a new nonce for the next attempt to connect; false if the system has no random numbers. */
+/* Drops the connection and chooses a nonce for the next attempt. Returns false if the system provides no random numbers. */
 static bool disconnect(unicast_link *l) {
     int64_t halves[2];
     l->connected = false;
@@ -881,7 +880,7 @@ static bool disconnect(unicast_link *l) {
     return random;
 }
 
-/* Connects, sends keep-alive messages, and reconnects if the server falls silent. */
+/* Keeps the connection alive: connects, sends keep-alive messages, and reconnects if the server falls silent. */
 static void tend_link(trocar_client *c) {
     static const unsigned char none[TOKEN] = {0};
     unicast_link *l = &c->link;
@@ -897,7 +896,7 @@ static void tend_link(trocar_client *c) {
     }
 }
 
-/* True if the tag is correct. Compares in constant time. */
+/* True if the datagram's tag is correct. Compares in constant time. */
 static bool is_authentic(const unsigned char key[KEY], const unsigned char *datagram, size_t size) {
     unsigned char tag[TAG];
     volatile unsigned char difference = 0;
@@ -919,7 +918,7 @@ static void take_handshake(trocar_client *c, const unsigned char *datagram) {
     const unsigned char *token = datagram + 4 + NONCE;
     if (l->connected || memcmp(datagram + 4, l->nonce, NONCE) != 0) return;
     int kind = datagram[3];
-    if (kind == REFUSED && token[0] == WRONG_SECRET) l->refused = WRONG_SECRET; /* this reply cannot be authenticated, because the keys differ */
+    if (kind == REFUSED && token[0] == WRONG_SECRET) l->refused = WRONG_SECRET; /* cannot be authenticated, because the keys differ */
     if (!is_authentic(l->secret, datagram, HANDSHAKE)) return;
     if (kind == COOKIE) send_handshake(c, CONNECT, token);
     if (kind == REFUSED) l->refused = token[0];
@@ -931,7 +930,7 @@ static void take_handshake(trocar_client *c, const unsigned char *datagram) {
     }
 }
 
-/* True if no message with this counter has been received. A message may be overtaken by up to 63 others. */
+/* Anti-replay check: true if no message with this counter has been received yet. Up to 63 later messages may overtake one. */
 static bool is_new_counter(unicast_link *l, uint64_t counter) {
     if (counter > l->newest) {
         uint64_t ahead = counter - l->newest;
@@ -973,13 +972,13 @@ static bool send_unicast(trocar_client *c, const char *channel, const unsigned c
 
 /* ---- the socket ---------------------------------------------------------------------------------------------------------- */
 
-/* True if this address belongs to this machine. Only then does the system choose it as the source address of packets sent to it. */
+/* True if this address belongs to this machine: only then does the system choose it as the source of packets sent to it. */
 static bool is_own(struct in_addr address) {
     struct sockaddr_in to = {0}, from = {0};
     socklen_t length = sizeof from;
     socket_handle s = socket(AF_INET, SOCK_DGRAM, 0);
     to.sin_family = AF_INET;
-    to.sin_port = htons(1); /* the port does not matter, because nothing is sent */
+    to.sin_port = htons(1); /* any port will do, because nothing is sent */
     to.sin_addr = address;
     bool own = s != NO_SOCKET && connect(s, (struct sockaddr *)&to, sizeof to) == 0 && getsockname(s, (struct sockaddr *)&from, &length) == 0 &&
                from.sin_addr.s_addr == address.s_addr;
@@ -987,13 +986,13 @@ static bool is_own(struct in_addr address) {
     return own;
 }
 
-/* True if datagrams from this address are accepted. With ttl=0, LCM is meant for this machine only, but its socket also receives datagrams from other
-   machines. The result is reused for one second, because most datagrams have the same sender, but network interfaces may come and go. (The kernel
-   drops datagrams from outside that claim to come from this machine.) */
+/* True if datagrams from this address are accepted. With ttl=0, LCM is meant for this machine only, but its socket also gets datagrams from other
+   machines. (The kernel drops those that claim to come from this one.) Most datagrams have the same sender, so the result is cached, but only for
+   a second, because network interfaces come and go. */
 static bool is_welcome(trocar_client *c, const struct sockaddr_in *from) {
     double time = now();
     uint32_t address = ntohl(from->sin_addr.s_addr);
-    if (c->address.ttl > 0 || address == INADDR_ANY || address >> 24 == 127) return true; /* INADDR_ANY: only the loopback interface is up */
+    if (c->address.ttl > 0 || address == INADDR_ANY || address >> 24 == 127) return true; /* INADDR_ANY is the source if only the loopback interface is up */
     if (c->known_sender.address.s_addr != from->sin_addr.s_addr || time >= c->known_sender.until) {
         c->known_sender.address = from->sin_addr;
         c->known_sender.here = is_own(from->sin_addr);
@@ -1008,7 +1007,7 @@ static void receive(trocar_client *c) {
         socklen_t length = sizeof from;
         int size = (int)recvfrom(c->receiver, (char *)c->datagram, sizeof c->datagram, 0, (struct sockaddr *)&from, &length);
         if (size < 0) {
-            if (!would_block()) pause_shortly(); /* avoids a busy loop: while the network is down, every call may fail immediately */
+            if (!would_block()) pause_shortly(); /* while the network is down, every call may fail at once; do not spin */
             return;
         }
         if (c->link.used) take_unicast(c, c->datagram, (size_t)size);
@@ -1018,7 +1017,7 @@ static void receive(trocar_client *c) {
 
 /* ---- what goes to the network ------------------------------------------------------------------------------------------ */
 
-/* Sends a message of `size` bytes; returns false if the send fails. */
+/* Sends a message of `size` bytes. Returns false if the send fails. */
 static bool send_packet(trocar_client *c, const char *channel, const unsigned char *message, size_t size) {
     if (c->link.used) return send_unicast(c, channel, message, size);
     unsigned char packet[SENT_MOST];
@@ -1035,7 +1034,7 @@ static bool send_message(trocar_client *c, const char *channel, const message_ty
     return send_packet(c, channel, bytes, encode(type, message, bytes));
 }
 
-/* Sends the pending pose. If the send fails, the pose is lost, and the server counts it as lost; the next pose follows soon. */
+/* Sends the pending pose. A failed send is ignored: the next pose follows soon, and the server counts the lost one. */
 static void send_pose(trocar_client *c) {
     const sent_pose *p = &c->poses[c->pose_slots.front];
     needle_pose m = {.utime = wall_clock(), .session = c->session, .seq = c->seq++, .wrench_tick = p->wrench_tick, .needle = c->needle};
@@ -1066,14 +1065,14 @@ static void exchange_until_end(trocar_client *c) {
 
 /* ---- opening and closing --------------------------------------------------------------------------------------------------- */
 
-/* Returns the number that follows `key` in the URL's options, or `standard` if the key is missing. */
+/* Returns the value of `key` in the URL's options, or `standard` if the key is missing. */
 static long option_of(const char *url, const char *key, long standard) {
     for (const char *at = url + strcspn(url, "?"); *at != '\0'; at += strcspn(at, "?&"))
         if (strncmp(++at, key, strlen(key)) == 0 && at[strlen(key)] == '=') return strtol(at + strlen(key) + 1, NULL, 0);
     return standard;
 }
 
-/* Parses a URL of the form udpm://GROUP:PORT?KEY=VALUE&KEY=VALUE, in which everything after udpm:// is optional. */
+/* Parses udpm://GROUP:PORT?KEY=VALUE&KEY=VALUE, where everything after udpm:// is optional. Returns false if the URL is invalid. */
 static bool read_url(const char *url, lcm_address *a) {
     static const char provider[] = "udpm://";
     char group[] = "239.255.76.67\0";
@@ -1112,7 +1111,7 @@ static bool open_receiver(trocar_client *c) {
     struct sockaddr_in own = c->address.group;
     struct ip_mreq membership;
 #ifdef _WIN32
-    own.sin_addr.s_addr = htonl(INADDR_ANY); /* Windows cannot bind to a multicast group; on other systems, that keeps other datagrams out */
+    own.sin_addr.s_addr = htonl(INADDR_ANY); /* Windows cannot bind to the multicast group, which elsewhere keeps out other datagrams */
 #endif
     memset(&membership, 0, sizeof membership);
     membership.imr_multiaddr = c->address.group.sin_addr;
@@ -1126,7 +1125,7 @@ static bool open_receiver(trocar_client *c) {
            set_option(c->receiver, IPPROTO_IP, IP_ADD_MEMBERSHIP, &membership, sizeof membership);
 }
 
-/* Sends a message repeatedly until one copy comes back from the network. */
+/* Checks that multicast works: sends a message repeatedly until a copy comes back. Returns false if none does. */
 static bool hears_itself(trocar_client *c) {
     unsigned char message[8];
     put_number(message, (uint64_t)c->session, 8);
@@ -1156,7 +1155,7 @@ static void free_client(trocar_client *c) {
 static trocar_client *create_client(const trocar_client_options *o) {
     trocar_client *c = malloc(sizeof *c);
     if (c == NULL) return NULL;
-    memset(c, 0, sizeof *c); /* this also touches the pages, so that the device's loop causes no page faults */
+    memset(c, 0, sizeof *c); /* also touches the pages, so that the device's loop causes no page faults */
     slots_init(&c->pose_slots);
     slots_init(&c->wrench_slots);
     slots_init(&c->command_slots);
@@ -1170,7 +1169,7 @@ static trocar_client *create_client(const trocar_client_options *o) {
     c->without_force = o->without_force != 0;
     c->sender = c->receiver = NO_SOCKET;
     if (!random_number(&c->session)) c->session = wall_clock();
-    c->session = (c->session & INT64_MAX) | 1; /* never 0, which means that nobody owns the needle */
+    c->session = (c->session & INT64_MAX) | 1; /* never 0, which would mean no owner */
     return c;
 }
 
@@ -1194,7 +1193,7 @@ static bool read_secret(const char *path, unsigned char key[KEY], char *why, siz
     return true;
 }
 
-/* Parses udp://HOST:PORT and connects the socket to this address. */
+/* Parses udp://HOST:PORT and connects a socket to that address. */
 static bool open_unicast(trocar_client *c, const char *url, char *why, size_t size) {
     char host[256], reason[128];
     const char *from = url + strlen("udp://"), *colon = strrchr(from, ':');
@@ -1220,7 +1219,8 @@ static bool open_unicast(trocar_client *c, const char *url, char *why, size_t si
     return opened;
 }
 
-/* Opens the connection and waits briefly for a server, which may also be started later. False if that fails, or if the server refuses this client. */
+/* Opens the connection and waits briefly for the server; it is no error if none answers, as one may be started later. Returns false if the URL or the
+   secret is unusable, or if the server refuses this client. */
 static bool connect_unicast(trocar_client *c, const char *url, const char *secret_file, char *why, size_t size) {
     unicast_link *l = &c->link;
     l->used = true;

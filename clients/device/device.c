@@ -18,15 +18,14 @@ typedef struct {
     play_settings play;
     const char *report_path, *csv_path, *log_path, *scene_path, *plan_path;
     bool start_given, patient;
-    const char *script_option; /* name of an option that applies only to scripts; NULL if none was given */
-    const char *plan_option, *image_option; /* names of options that apply only to plans, or only to an operator who follows the image; NULL if none was
-                                               given */
+    const char *script_option; /* an option given that only makes sense with a script; NULL if none */
+    const char *plan_option, *image_option; /* options given that only make sense with a plan, or only with the image operator; NULL if none */
     const char *errors_path, *stabilise;
     bool follows_image;
-    int seed;                /* -1 if not given; the same applies to the following members */
+    int seed;                /* -1 if not given; likewise the members below */
     double image_error, splay, speed_spread;
-    profile_settings check;  /* for checking a device profile instead of playing; check.profile is NULL if not given */
-    const char *check_option, *play_option; /* name of an option that applies only to this check, and of one that does not apply to it; NULL if none was given */
+    profile_settings check;  /* settings for checking a device profile instead of playing; check.profile is NULL if no check was requested */
+    const char *check_option, *play_option; /* options given that only make sense for this check, or that make no sense for it; NULL if none */
 } options;
 
 enum { OPTION_SPEED = 256, OPTION_REPORT, OPTION_CSV, OPTION_LOG, OPTION_URL, OPTION_START, OPTION_HAND, OPTION_REALTIME,
@@ -97,7 +96,7 @@ static hand parse_hand(const struct argp_state *state, const char *text) {
     return (hand){.mass = n[0], .damping = n[1], .stiffness = n[2]};
 }
 
-/* Returns the option's name if the option applies only to scripts, or NULL if it can also be used with --plan. */
+/* Returns the name of an option that only makes sense with a script. NULL for any other, which may be used with --plan. */
 static const char *script_option(int key) {
     switch (key) {
     case 's': return "--script";
@@ -112,7 +111,7 @@ static const char *script_option(int key) {
     }
 }
 
-/* Returns the option's name if the option applies only to plans, or NULL. */
+/* Returns the name of an option that only makes sense with a plan; NULL for any other. */
 static const char *plan_option(int key) {
     switch (key) {
     case OPTION_OPERATOR: return "--operator";
@@ -122,7 +121,7 @@ static const char *plan_option(int key) {
     }
 }
 
-/* Returns the option's name if the option applies only to the operator who follows the image, or NULL. */
+/* Returns the name of an option that only makes sense with --operator image; NULL for any other. */
 static const char *image_option(int key) {
     switch (key) {
     case OPTION_SEED: return "--seed";
@@ -133,10 +132,10 @@ static const char *image_option(int key) {
     }
 }
 
-/* Returns the option's name if the option applies only to the check of a profile, or NULL. */
+/* Returns the name of an option that only makes sense when checking a profile; NULL for any other. */
 static const char *check_option(int key) { return key == OPTION_DEVICE_DELAY ? "--device-delay" : key == OPTION_ROUND_TRIP ? "--round-trip" : NULL; }
 
-/* Returns the option's name if the option does not apply to the check of a profile, or NULL. */
+/* Returns the name of an option that makes no sense when checking a profile; NULL for any other. */
 static const char *play_option(int key) {
     switch (key) {
     case OPTION_HAND:
@@ -224,7 +223,7 @@ static const struct argp parser = {
     NULL, NULL, NULL};
 
 static trocar_status write_poses(const play_settings *s, lcm_eventlog_t *log, const char *path, trocar_error *why) {
-    static const int64_t epoch = INT64_C(1000000000000000);  /* us, time of the first pose; fixed, so that logs are reproducible */
+    static const int64_t epoch = INT64_C(1000000000000000);  /* us, timestamp of the first pose; fixed, so that logs are reproducible */
     static const int64_t session = 1;
     int64_t count = (int64_t)floor(s->duration * s->rate + 1e-9) + 1;
     for (int64_t k = 0; k < count; k++) {
@@ -261,7 +260,7 @@ static trocar_status play_and_report(const options *o, const patient_frame *pati
     return status == TROCAR_OK ? output_commit(csv_file, why) : status;
 }
 
-/* Opens the output files first, so that a bad path is reported before the run. */
+/* Opens the output files before anything else, so that a bad path is reported at once. */
 static trocar_status run_live(const options *o, const patient_frame *patient, trocar_error *why) {
     output report_file = {0}, csv_file = {0};
     recording r = {0};
@@ -347,7 +346,7 @@ static trocar_status run_implant(const options *o, trocar_error *why) {
     return status;
 }
 
-/* Takes start pose, depth and patient frame from the scene, if one was given. */
+/* Takes the start pose, the depth and the patient frame from the scene, if there is one. */
 static trocar_status choose_start(options *o, patient_frame *patient, trocar_error *why) {
     static motion script;
     trocar_scene *scene;
@@ -368,7 +367,7 @@ static trocar_status choose_start(options *o, patient_frame *patient, trocar_err
     return status;
 }
 
-/* Checks a device profile and prints the result. SYSTEM if the profile is not suitable. */
+/* Checks a device profile and prints the result. Returns SYSTEM if the profile is unsuitable. */
 static trocar_status check_profile(options *o, trocar_error *why) {
     static profile_result result;
     output report_file = {0};

@@ -1,6 +1,6 @@
 #include "device/hand.h"
 
-/* Computes cos(w t) and sin(w t)/w for the damped frequency w, or their hyperbolic counterparts if w^2 is negative (overdamped). */
+/* Computes cos(w t) and sin(w t)/w for the damped frequency w or, if w^2 is negative (overdamped), cosh and sinh instead. */
 static void oscillation(double squared_frequency, double t, double *cosine, double *sine) {
     double w = sqrt(fabs(squared_frequency));
     if (w * t < 1e-6) {

@@ -1,5 +1,4 @@
-/* Model of a hand on the needle's handle: a mass that is pulled towards its target position by a spring, damped relative to the ground, and pushed by
-   the needle. */
+/* A model of a hand on the needle's handle: a mass that a spring pulls towards its target position, with damping to ground, and that the needle pushes. */
 #ifndef TROCAR_HAND_H
 #define TROCAR_HAND_H
 
@@ -13,8 +12,8 @@ typedef struct {
     vec3 velocity;           /* m/s */
 } hand;
 
-/* Advances the hand by dt (s) towards `target` (m) under `force` (N, exerted on the hand), both constant during the step. Uses the exact solution of
-   m a + c v + k (x - target) = force, which is stable for every dt. */
+/* Advances the hand by dt (s), with constant `target` (m) and `force` (N, exerted on the hand). Uses the exact solution of
+   m a + c v + k (x - target) = force, which is stable for any dt. */
 void hand_step(hand *h, vec3 target, vec3 force, double dt);
 
 #endif

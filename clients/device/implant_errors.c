@@ -6,7 +6,7 @@
 
 static const char *const NAMES[ERROR_PARTS] = {"total", "tissue", "image", "splay", "remainder"};
 
-/* Returns the index, from `from` on, of a needle's next seed in the list reported by the server; -1 if there is none. */
+/* Searches the seeds reported by the server, from index `from` on, for the next one left by this needle. Returns its index, or -1 if there is none. */
 static int next_seed(const implant_watch *watch, int needle, int from) {
     for (int i = from; i < watch->seed_count; i++)
         if (watch->seed_needles[i] == needle) return i;

@@ -1,4 +1,4 @@
-/* The placement errors of an implant's seeds, split into the components tissue, image, splay and remainder. */
+/* The placement error of each seed of an implant, and the contributions of tissue, image and splay to it; the rest is the remainder. */
 #ifndef TROCAR_IMPLANT_ERRORS_H
 #define TROCAR_IMPLANT_ERRORS_H
 
@@ -11,8 +11,8 @@ enum { ERROR_TOTAL, ERROR_TISSUE, ERROR_IMAGE, ERROR_SPLAY, ERROR_REMAINDER, ERR
 
 typedef struct {
     trocar_operator_seed seed;
-    vec3 axis;               /* unit vector along the axis of the hole */
-    vec3 parts[ERROR_PARTS]; /* m, vectors in the tissue at rest */
+    vec3 axis;               /* unit vector along the hole */
+    vec3 parts[ERROR_PARTS]; /* m, in the undeformed tissue */
 } seed_error;
 
 typedef struct {
@@ -20,14 +20,14 @@ typedef struct {
     seed_error seeds[TROCAR_MAX_SEEDS];
 } implant_errors;
 
-/* Compares the seeds that the server has reported with those that the operator dropped; the seeds of a needle are in the same order in both. */
+/* Compares the seeds that the server has reported with those that the operator dropped. For each needle, both must be in the same order. */
 void implant_errors_find(const implant_plan *plan, const trocar_operator *op, const implant_watch *watch, implant_errors *errors);
 
-/* Prints, for each component, the means over all seeds of the error along the needle (positive: too deep), of its magnitude, and of the magnitude of the
-   error across the needle. */
+/* Prints three means over all seeds for the total error and each contribution: its component along the needle (positive if too deep), the magnitude of that
+   component, and the magnitude across the needle. */
 void implant_errors_print(const implant_errors *errors, FILE *file);
 
-/* Writes a row for each seed. */
+/* Writes one row per seed. */
 void implant_errors_write_csv(const implant_errors *errors, const implant_plan *plan, FILE *file);
 
 #endif

@@ -7,9 +7,9 @@
 #include "common/messages.h"
 #include "shared/template_holes.h"
 
-static const double ROUNDING = 1e-5;  /* m, rounding error allowed for positions in the table */
+static const double ROUNDING = 1e-5;  /* m, rounding error to allow for in the table's positions */
 
-/* Returns the index of the needle in a hole, or the number of needles if there is none. */
+/* Returns the index of the needle in this hole, or the number of needles if there is none. */
 static int needle_in(const implant_plan *plan, int column, int row) {
     int i = 0;
     while (i < plan->needle_count && (plan->needles[i].column != column || plan->needles[i].row != row)) i++;
@@ -26,7 +26,8 @@ static trocar_status add_needle(implant_plan *plan, const trocar_guide *guide, c
     return TROCAR_OK;
 }
 
-/* Makes the needle in the next seed's hole the last one in the plan, adding a new needle if necessary. A hole may have two names, such as C3 and C3.0. */
+/* Finds or adds the needle for the next seed. Fails unless it is the plan's last needle, because the table must list all seeds of a hole together. Compares
+   holes by position, because a hole may have two names, such as C3 and C3.0. */
 static trocar_status choose_needle(implant_plan *plan, const trocar_guide *guide, const char *hole, const char *where, trocar_error *why) {
     int column, row;
     find_hole(guide, hole, &column, &row);

@@ -11,8 +11,8 @@
 #include "shared/motion.h"
 #include "trocar_client.h"
 
-static const double PATIENCE_TO_SEE = 1.0; /* s without messages after which the player gives up; the server sends each kind of message 30 times per second */
-/* substring of the server's refusal while a seed is still in the needle: see api_seeds.c */
+static const double PATIENCE_TO_SEE = 1.0; /* s without messages before the player gives up; the server sends each kind 30 times a second */
+/* part of the message with which the server refuses a seed while the previous one is still in the needle; see api_seeds.c */
 static const char *const PENDING = "still holds";
 
 typedef struct {
@@ -21,16 +21,16 @@ typedef struct {
     const implant_play *play;
     implant_summary *summary;
     trocar_error *why;
-    trocar_client *client;   /* client of the needle in the hand, because a client can hold only one needle; NULL before the first */
+    trocar_client *client;   /* client for the needle in hand, because a client can hold only one; NULL before the first */
     trocar_client_wrench wrench;
     int needle;
-    int priority;            /* priority of the client's thread; 0 keeps that of the calling thread */
-    const char *stage;       /* stage of the implant, for the table: "in" or "out" */
+    int priority;            /* of the client's thread; 0 keeps the caller's scheduling */
+    const char *stage;       /* for the table: "in" while inserting, "out" while drawing back */
     double began, due;       /* s */
-    double heard;            /* s, arrival time of the newest wrench */
-    double tip;              /* m, length of the needle beyond the template's face */
+    double heard;            /* s, when the newest wrench arrived */
+    double tip;              /* m, how far the needle extends beyond the template's face */
     implant_watch *watch;
-    double left_at[TROCAR_MAX_NEEDLES]; /* m, value of `tip` when each needle was left */
+    double left_at[TROCAR_MAX_NEEDLES]; /* m, `tip` of each needle when it was left */
 } player;
 
 static const planned_needle *planned(const player *p) { return &p->plan->needles[p->needle]; }
@@ -39,7 +39,7 @@ static trocar_status fail_needle(player *p, const char *what, const char *reason
     return fail(p->why, TROCAR_SYSTEM, "needle %d in hole %s %s%s%s", p->needle, planned(p)->hole, what, reason ? ": " : "", reason ? reason : "");
 }
 
-/* Sleeps until the next period begins, and then receives messages. Missed periods are skipped. */
+/* Sleeps until the next period and receives messages. Skips missed periods. */
 static trocar_status next_period(player *p) {
     double period = 1.0 / p->play->rate;
     p->due = fmax(p->due + period, playing_now());
@@ -62,7 +62,7 @@ static void note_force(player *p) {
     p->summary->greatest_force_needle = p->needle;
 }
 
-/* Runs one period in which the hand holds the needle at `tip`. */
+/* Holds the needle at `tip` for one period. */
 static trocar_status hold_period(player *p) {
     trocar_status status = next_period(p);
     if (status != TROCAR_OK) return status;
@@ -83,7 +83,7 @@ static trocar_status hold(player *p, double seconds) {
     return status;
 }
 
-/* Keeps holding the needle until the server answers, and a little longer while the force ramps up. */
+/* Holds the needle until the server answers, and a little longer while the force ramps up. */
 static trocar_status engage(player *p) {
     double asked = p->heard = playing_now();
     trocar_status status;
@@ -92,7 +92,7 @@ static trocar_status engage(player *p) {
     return status == TROCAR_OK ? hold(p, p->play->settle) : status;
 }
 
-/* Reads the depth marks of a needle for which no poses are being sent, from a message that arrives after this call. */
+/* Reads the depth marks of a needle that nobody is holding, from a message that arrives after this call. */
 static trocar_status read_depth(player *p) {
     double asked = playing_now();
     trocar_status status = TROCAR_OK;
@@ -121,8 +121,7 @@ static trocar_status move(player *p, double to, double duration, double pause) {
     return status == TROCAR_OK ? hold(p, pause) : status;
 }
 
-/* Waits for the reply to the last command. If `holding` is true, continues to send poses while waiting; a resting needle must not receive poses,
-   because it has no owner. */
+/* Waits for the reply to the last command. If `holding` is true, keeps sending poses meanwhile. A resting needle must not get any, because nobody owns it. */
 static trocar_status await_reply(player *p, bool holding, trocar_client_answer *answer, char reason[256]) {
     trocar_status status = TROCAR_OK;
     while (status == TROCAR_OK && (*answer = trocar_client_reply(p->client, reason, 256)) == TROCAR_CLIENT_WAITING)
@@ -137,7 +136,7 @@ static trocar_status await_done(player *p, const char *what) {
     return status != TROCAR_OK || answer == TROCAR_CLIENT_DONE ? status : fail_needle(p, what, reason);
 }
 
-/* Opens a client for a needle and closes the previous needle's client. */
+/* Closes the previous needle's client and opens one for this needle. */
 static trocar_status pick_up(player *p, int needle, const char *stage) {
     trocar_client_options options = {.url = p->play->lcm_url, .needle = needle, .priority = p->priority, .without_force = 1};
     char reason[512];
@@ -171,8 +170,8 @@ static trocar_status take(player *p, int needle) {
     return status == TROCAR_OK ? engage(p) : status;
 }
 
-/* Drops a seed. If the tissue has followed the needle while it was drawn back, the previous seed is still in the needle, and the server refuses. `refused`
-   is then set, for the operator. Any other refusal ends the implant. */
+/* Drops a seed. If the tissue moved with the needle as it was drawn back, the previous seed is still inside and the server refuses; `refused` is then set, for
+   the operator to see. Any other refusal ends the implant. */
 static trocar_status drop(player *p, bool *refused) {
     char reason[256];
     trocar_client_answer answer = TROCAR_CLIENT_NONE;
@@ -197,7 +196,7 @@ static trocar_status perform(player *p, const trocar_operator_action *action, bo
     }
 }
 
-/* Performs the operator's actions until the implant is finished. */
+/* Does what the operator decides until the implant is finished. */
 static trocar_status carry_out(player *p) {
     trocar_operator_action action = {.act = TROCAR_OPERATOR_START};
     bool refused = false;
@@ -209,7 +208,7 @@ static trocar_status carry_out(player *p) {
     }
 }
 
-/* Waits until the server has reported all seeds, but no longer than PATIENCE_TO_SEE. */
+/* Waits up to PATIENCE_TO_SEE for the server to report all seeds. */
 static trocar_status see_seeds(player *p) {
     double began = playing_now();
     trocar_status status = TROCAR_OK;
@@ -224,8 +223,7 @@ trocar_status implant_carry_out(const implant_plan *plan, trocar_operator *op, c
     if (play->csv) fputs("t [s],needle,hole,stage,tip [m],fx [N],fy [N],fz [N],against [N],depth [m],flags\n", play->csv);
 
     *summary = (implant_summary){0};
-    if (play->realtime && playing_use_realtime()) p.priority = PRIORITY_DEVICE - 1; /* the client's thread runs at the priority just below this
-                                                                                       thread's */
+    if (play->realtime && playing_use_realtime()) p.priority = PRIORITY_DEVICE - 1; /* just below this thread */
     trocar_status status = carry_out(&p);
     if (p.client) trocar_client_close(p.client);
     summary->duration = playing_now() - p.began;

@@ -1,4 +1,4 @@
-/* Carries out a planned implant over LCM, performing the actions chosen by a virtual operator (trocar/operator.h). */
+/* Carries out a planned implant over LCM: does what a virtual operator (trocar/operator.h) decides. */
 #ifndef TROCAR_IMPLANT_PLAYER_H
 #define TROCAR_IMPLANT_PLAYER_H
 
@@ -12,23 +12,23 @@ typedef struct {
     const char *lcm_url;     /* LCM URL; NULL selects $LCM_DEFAULT_URL or, if that is not set, LCM's default */
     double rate;             /* Hz */
     double patience;         /* s to wait for the server */
-    double settle;           /* s, pause before each needle moves, while the server ramps the force up */
+    double settle;           /* s to wait before each needle moves, while the server ramps the force up */
     bool realtime;           /* request SCHED_FIFO */
-    FILE *csv;               /* file that receives one row per period; NULL if no table is written */
+    FILE *csv;               /* one row per period is written here; NULL for none */
 } implant_play;
 
 typedef struct {
-    int needles, seeds;      /* number of needles inserted, and of seeds dropped */
-    int repeats;             /* number of times a drop command was repeated because the previous seed was still in the needle */
-    double greatest_drag;    /* m, largest change in a resting needle's depth after it was left */
-    int greatest_drag_needle; /* index of the needle with the largest change */
+    int needles, seeds;      /* needles inserted, seeds dropped */
+    int repeats;             /* how often a drop had to be repeated because the previous seed was still in the needle */
+    double greatest_drag;    /* m, farthest that a resting needle was dragged along its axis after it was left */
+    int greatest_drag_needle; /* needle that was dragged the farthest */
     double duration;         /* s */
     double greatest_force;   /* N */
-    int greatest_force_needle; /* index of the needle that felt the greatest force */
+    int greatest_force_needle; /* needle that felt the greatest force */
 } implant_summary;
 
-/* Carries out the plan with this operator. At the end, `watch` contains the seeds. SYSTEM if the server refuses a command or falls silent
-   (the message gives the needle's hole and the reason), and after SIGINT or SIGTERM. In these cases, the needles stay where they are. */
+/* Carries out the plan with this operator and leaves the seeds in `watch`. Returns SYSTEM if the server refuses a command or falls silent (the message names
+   the hole and the reason), or after SIGINT or SIGTERM; the needles then stay where they are. */
 trocar_status implant_carry_out(const implant_plan *plan, trocar_operator *op, const implant_play *play, implant_watch *watch, implant_summary *summary,
                                 trocar_error *why);
 

@@ -10,7 +10,7 @@
 #include "trocar_deformation_t.h"
 #include "trocar_seeds_t.h"
 
-static const double PATIENCE = 0.5; /* s of silence after which the watch starts to follow another server */
+static const double PATIENCE = 0.5; /* s of silence before the watch switches to another server */
 
 static void on_contacts(const lcm_recv_buf_t *received, const char *channel, void *context) {
     (void)channel;

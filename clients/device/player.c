@@ -1,5 +1,5 @@
-/* One thread handles two events: the timer, when the next pose is due, and LCM's socket, when a wrench has arrived. Deadlines are absolute, so that
-   the rate does not drift; missed periods are skipped and counted. */
+/* A single thread waits for two events: the timer, when the next pose is due, and LCM's socket, when a wrench arrives. Deadlines are absolute, so the rate does
+   not drift; missed periods are skipped and counted. */
 #include "device/player.h"
 
 #include <errno.h>
@@ -19,7 +19,7 @@
 #include "shared/server_choice.h"
 #include "trocar_command_t.h"
 
-static const double last_answers = 0.008; /* s, time to listen after the last pose; shorter than the server's hold time */
+static const double last_answers = 0.008; /* s to keep listening after the last pose; shorter than the server's hold time */
 
 typedef struct {
     const play_settings *settings;
@@ -30,8 +30,8 @@ typedef struct {
     double period;           /* s */
     hand hand;
     vec3 force;              /* N, newest force on the hand */
-    int64_t wrench_tick;     /* server tick of that force */
-    trocar_status status;    /* status of the first failure in a callback */
+    int64_t wrench_tick;     /* server tick of `force` */
+    trocar_status status;    /* of the first failure in a callback */
     trocar_error *why;
 } player;
 
@@ -56,7 +56,7 @@ static void on_wrench(const lcm_recv_buf_t *buffer, const char *channel, void *u
     if (p->status == TROCAR_OK) p->status = status;
 }
 
-/* Returns the base pose t seconds after the start of the script: the script's pose or, with a simulated hand, the pose of the hand that follows the script. */
+/* Returns the pose of the base t seconds after the script starts: the script's or, with a simulated hand, that of the hand as it follows the script. */
 static pose next_pose(player *p, double t) {
     pose wanted = motion_pose(p->settings->script, p->settings->start, t * p->settings->speed);
     if (!p->settings->closed_loop) return wanted;
@@ -76,7 +76,7 @@ static trocar_status send_pose(player *p, double t) {
     return fail(p->why, TROCAR_SYSTEM, "LCM cannot publish on %s: is there a multicast route (docs/troubleshooting.md)?", POSE_CHANNEL);
 }
 
-/* Waits for a wrench or the timer. Returns the number of periods elapsed, 0 after a wrench, or -1 if interrupted. */
+/* Waits for a wrench or the timer. Returns how many periods have elapsed, 0 after a wrench, or -1 if interrupted. */
 static int wait_event(player *p) {
     struct pollfd events[2] = {{.fd = p->timer, .events = POLLIN}, {.fd = lcm_get_fileno(p->lcm), .events = POLLIN}};
     if (poll(events, 2, -1) < 0 || playing_interrupted()) return -1;
@@ -86,7 +86,7 @@ static int wait_event(player *p) {
     return (int)expired;
 }
 
-/* Sends the start pose until the server first answers. */
+/* Keeps sending the start pose until the server first answers. */
 static trocar_status await_server(player *p) {
     double deadline = playing_now() + p->settings->patience;
     while (p->record->received_count == 0) {
@@ -103,7 +103,7 @@ static trocar_status await_server(player *p) {
     return TROCAR_OK;
 }
 
-/* Waits at the start for the time `settle`, plays the script, and then listens for a short time. */
+/* Waits at the start for `settle` seconds, plays the script, then listens a little longer. */
 static trocar_status play_script(player *p) {
     double start = playing_now() + p->settings->settle, t = 0;
     p->record->start = start;
@@ -153,7 +153,7 @@ trocar_status play(const play_settings *settings, recording *r, trocar_error *wh
     p.hand.velocity = v3(0, 0, 0);
 
     playing_heed_signals();
-    if (settings->realtime) playing_use_realtime(); /* must precede the creation of LCM, whose reader thread inherits the priority */
+    if (settings->realtime) playing_use_realtime(); /* before LCM is created, so that its reader thread inherits the priority */
 
     trocar_status status = open_links(&p);
     if (status == TROCAR_OK) status = await_server(&p);

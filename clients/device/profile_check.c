@@ -8,7 +8,7 @@
 
 static const double HAND_DAMPING = 2.0, HAND_STIFFNESS = 500.0; /* N s/m and N/m: the hand of tests/stability/stability_map.c */
 static const double RESOLUTION = 0.05e-3;    /* m, resolution of the device, as in stability_map.c */
-static const double LEAST_MARGIN = 2.0;      /* below this stability margin, the check prints advice */
+static const double LEAST_MARGIN = 2.0;      /* stability margin below which the check gives advice */
 
 /* ---- the profile ----------------------------------------------------------------------------------------------------- */
 
@@ -59,7 +59,7 @@ static trocar_status read_travel(const char *path, profile_result *r, trocar_err
 
 static double hand_travel(const profile_result *r) { return r->travel / r->scale; }
 
-/* Chooses the simulated device, and the coupling that the server would use. */
+/* Sets up the simulated device, and the coupling that the server would choose for it. */
 static void set_up_loop(const profile_settings *s, profile_result *r) {
     haptic_loop *l = &r->loop;
     double period = 1.0 / s->rate, to_hand = r->scale * r->force_scale;
@@ -72,7 +72,7 @@ static void set_up_loop(const profile_settings *s, profile_result *r) {
     l->damping = s->damping >= 0.0 ? s->damping : HAND_DAMPING;
     l->stiffness = s->stiffness > 0.0 ? s->stiffness : HAND_STIFFNESS;
     l->period = period;
-    l->delay = (int)ceil((s->round_trip + r->device_delay) / period - 1e-9); /* excludes the period during which a force is held constant */
+    l->delay = (int)ceil((s->round_trip + r->device_delay) / period - 1e-9); /* not counting the period during which a force is held */
 }
 
 static void judge_loop(profile_result *r) {

@@ -8,7 +8,7 @@
 #include "shared/json.h"
 #include "trocar.h"
 
-/* Makes room for one more element of a growing array. */
+/* Makes room for one more element in a growing array. */
 static trocar_status grow(void **array, int count, int *room, size_t size, trocar_error *why) {
     if (count < *room) return TROCAR_OK;
     int wider = *room ? 2 * *room : 4096;
@@ -51,7 +51,7 @@ static int ascending(const void *a, const void *b) {
     return (x > y) - (x < y);
 }
 
-/* Returns the nearest-rank percentile of sorted values; NaN if there are none. */
+/* Returns the nearest-rank percentile of sorted values, or NaN if there are none. */
 static double percentile(const double *sorted, int count, double fraction) {
     return count ? sorted[(int)fmax(ceil(fraction * count) - 1, 0)] : NAN;
 }
@@ -83,7 +83,7 @@ static void widen(const double value[3], double least[3], double greatest[3]) {
     }
 }
 
-/* Returns the raw force's component along the needle (N), positive towards the tip. */
+/* Returns the component of the raw force along the needle (N), positive towards the tip. */
 static double axial_force(const recording *r, const trocar_needle_wrench_t *w) {
     return v3_dot(q_axis(r->sent[w->pose_seq].base.orientation), v3(w->raw_force[0], w->raw_force[1], w->raw_force[2]));
 }
@@ -218,7 +218,7 @@ static void csv_numbers(const double *numbers, int count, FILE *out) {
     for (int i = 0; i < count; i++) fprintf(out, "%.9g,", numbers[i]);
 }
 
-/* Writes a force or torque, converted to the patient's axes if `patient` is not NULL. */
+/* Writes a force or torque, in the patient's axes unless `patient` is NULL. */
 static void csv_vector(const patient_frame *patient, const double v[3], FILE *out) {
     vec3 shown = axes_to_patient(patient, v3(v[0], v[1], v[2]));
     csv_numbers(&shown.x, 3, out);

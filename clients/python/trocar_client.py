@@ -87,17 +87,17 @@ _STATUS_DONE, _STATUS_REFUSED, _STATUS_PENDING = 0, 1, 2
 class Flags(enum.IntFlag):
     """Bits of `flags` in a wrench."""
 
-    STALE = 1  # no recent pose: the wrench is held, then ramped to zero
-    SATURATED = 2  # force or torque is limited in magnitude or rate
-    NOT_REALTIME = 4  # the server runs without SCHED_FIFO or without locked memory
-    RAMPING = 8  # the wrench is ramped while engaging, while releasing or after a fault
-    LATE_WORKER = 16  # the compliance around the tip has not been computed yet; the last snapshot or an estimate is used
-    UNSTABLE = 32  # a value is not finite: the insertion restarts
-    OVERRUN = 64  # too many consecutive periods were missed: the wrench is ramped to zero
-    ACTIVE = 128  # the hand received more energy than it supplied (see energy in status_t), or it oscillated and the coupling has been softened
-    MISSED_GUIDE = 256  # the needle passes a guide outside its holes and is not guided
-    OUTSIDE_MODEL = 512  # the shaft is pushed into a body from the side, for which the model computes no force: do not trust the wrench
-    PROBE_STOPPED = 1024  # the tissue stops the ultrasound probe short of the commanded pose: see probe_wrench_t
+    STALE = 1  # no pose has arrived recently: the wrench is held, then ramped to zero
+    SATURATED = 2  # the force or torque was limited in magnitude or rate
+    NOT_REALTIME = 4  # the server is running without SCHED_FIFO or without locked memory
+    RAMPING = 8  # the wrench is being ramped: the needle is engaging or releasing, or there was a fault
+    LATE_WORKER = 16  # the worker has not yet computed the compliance around the tip; an older one or an estimate is used
+    UNSTABLE = 32  # a computed value was not finite: the insertion restarts
+    OVERRUN = 64  # too many periods in a row were missed: the wrench is ramped to zero
+    ACTIVE = 128  # the hand got more energy than it put in (energy in status_t), or it oscillated and the coupling was softened
+    MISSED_GUIDE = 256  # the needle has passed a guide outside its holes and is not guided
+    OUTSIDE_MODEL = 512  # the shaft is pressed sideways into a body, which the model does not cover: do not trust the wrench
+    PROBE_STOPPED = 1024  # tissue stops the ultrasound probe short of its commanded pose: see probe_wrench_t
 
 
 class Events(enum.IntFlag):
@@ -108,16 +108,16 @@ class Events(enum.IntFlag):
     ADDED = 4  # a contact became active
     REMOVED = 8  # a contact slipped off the tip
     EXITED = 16  # the tip left the tissue on the far side
-    REENTERED = 32  # the tip came back into the tissue after EXITED
+    REENTERED = 32  # the tip went back into the tissue after EXITED
     WITHDRAWN = 64  # the needle left the tissue where it had entered
-    LATE = 128  # same meaning as the flag LATE_WORKER; set in every tick while the condition holds
-    FULL = 256  # no free contact slot was left, or the track has more than 256 layers
-    UNSTABLE = 512  # same meaning as the flag UNSTABLE
+    LATE = 128  # same as the LATE_WORKER flag; set in every tick while the condition holds
+    FULL = 256  # there was no free contact slot, or the track has more than 256 layers
+    UNSTABLE = 512  # same as the UNSTABLE flag
     KEPT = 1024  # obsolete, never set
-    MISSED_GUIDE = 2048  # same meaning as the flag MISSED_GUIDE; set in every tick while the condition holds
-    OUTSIDE_MODEL = 4096  # same meaning as the flag OUTSIDE_MODEL; set in every tick while the condition holds
-    TRACK_DROPPED = 8192  # there was no room for more tracks: the needle's oldest track has been dropped
-    INEXACT = 16384  # the solver did not reach its tolerance: the error in the wrench may be larger
+    MISSED_GUIDE = 2048  # same as the MISSED_GUIDE flag; set in every tick while the condition holds
+    OUTSIDE_MODEL = 4096  # same as the OUTSIDE_MODEL flag; set in every tick while the condition holds
+    TRACK_DROPPED = 8192  # the needle's oldest track was dropped to make room for a new one
+    INEXACT = 16384  # the solver did not reach its tolerance, so the wrench may be less accurate
 
 
 _NEEDLE_POSE = _Message(0xc03690dc1196e46f, ">qqq3d4dqi",

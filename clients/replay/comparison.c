@@ -17,7 +17,7 @@ static double component_of(const trocar_needle_wrench_t *w, int component) {
 
 /* ---- the golden log ----------------------------------------------------------------------------------------------------- */
 
-/* Reads the next wrench to compare. It must belong to the session, and come from the same server as the session's first wrench. */
+/* Reads the next golden wrench to compare, skipping those of other sessions, and of servers other than the one that sent the session's first. */
 static trocar_status read_golden(comparison *c, trocar_error *why) {
     for (;;) {
         trocar_status status = wrench_stream_next(c->stream, &c->golden, &c->ended, why);
@@ -30,7 +30,7 @@ static trocar_status read_golden(comparison *c, trocar_error *why) {
     }
 }
 
-/* Reads all golden wrenches before the replay begins, to find the peaks and to check the order. */
+/* Reads all golden wrenches before the replay begins, to find the peaks and check the order. */
 static trocar_status look_through(comparison *c, trocar_error *why) {
     int64_t last = -1, server = 0;
     bool begun = false, ended = false;
@@ -70,7 +70,7 @@ void comparison_free(comparison *c) {
 
 /* ---- comparing ---------------------------------------------------------------------------------------------------------- */
 
-/* Returns the distance between `value` and the range of the replayed values in the window; 0 inside the range. */
+/* Returns how far `value` lies outside the range of the replayed values in the window (0 if inside). */
 static double distance(double value, const comparison *c, int component, bool before, bool after) {
     double least = component_of(&c->window[1], component), greatest = least;
     if (isnan(least)) return INFINITY;
@@ -93,7 +93,7 @@ static deviation worst_component(const comparison *c, bool before, bool after) {
     return worst;
 }
 
-/* Compares the golden wrenches that answer poses up to the one in the middle of the window. */
+/* Compares the golden wrenches that answer the pose in the middle of the window, and skips those that answer earlier poses. */
 static trocar_status compare_middle(comparison *c, bool before, bool after, trocar_error *why) {
     trocar_status status = TROCAR_OK;
     for (; status == TROCAR_OK && !c->ended && c->golden.pose_seq <= c->window[1].pose_seq; status = read_golden(c, why)) {

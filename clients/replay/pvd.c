@@ -15,7 +15,7 @@ trocar_status pvd_open(pvd_series *p, const char *prefix, trocar_error *why) {
     return TROCAR_OK;
 }
 
-/* Adds a state to the list. Its file names are relative to the list's folder. */
+/* Adds a state to the list. File names in it are relative to its folder. */
 static void list_state(pvd_series *p, bool probe, bool membranes, double time) {
     static const char *const parts[] = {"tissue", "needle", "probe", "membranes"};
     const bool written[] = {true, true, probe, membranes};

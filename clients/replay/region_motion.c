@@ -15,7 +15,7 @@ static void add_outer_product(mat3 *sum, vec3 a, vec3 b) {
         for (int j = 0; j < 3; j++) sum->m[i][j] += left[i] * right[j];
 }
 
-/* Computes the orthogonal factor of a matrix with positive determinant by X <- (X + X^-T) / 2. */
+/* Computes the orthogonal polar factor of a matrix with positive determinant, by iterating X <- (X + X^-T) / 2. */
 static mat3 polar_factor(mat3 x) {
     double scale = cbrt(m3_determinant(&x));
     for (int i = 0; i < 3; i++)
@@ -56,7 +56,7 @@ rigid_motion rigid_motion_fit(int count, const vec3 *from, const vec3 *displacem
     return motion;
 }
 
-/* Lists the nodes of the tetrahedra in the region and its parts. */
+/* Lists the nodes of all tetrahedra in the region and its parts. */
 static trocar_status find_nodes(const trocar_model *model, int region, region_motion *motion, trocar_error *why) {
     int node_count = trocar_model_node_count(model), tet_count = trocar_model_tet_count(model);
     bool *inside = calloc((size_t)node_count, sizeof *inside);

@@ -1,6 +1,6 @@
-/* trocar-replay: simulates a recorded pose log in lockstep, one tick per pose, without a network or a clock. Only one needle is
-   replayed. Whatever its index, it becomes needle 0 of the simulation, because all needles have the same properties. With --all, every
-   needle in the log is replayed, with the commands that leave, take and reset needles. */
+/* trocar-replay: simulates a recorded pose log in lockstep, one tick per pose, without a network or a clock. By default it replays a single needle, which
+   becomes needle 0 of the simulation whatever its index, because all needles have the same properties. With --all, it replays every needle in the log, with the
+   commands that leave, take and reset needles. */
 #include <inttypes.h>
 #include <math.h>
 #include <stdbool.h>
@@ -30,18 +30,18 @@ error_t argp_err_exit_status = EXIT_BAD_INPUT;
 
 typedef struct {
     const char *scene_path, *pose_path, *log_path, *csv_path, *json_path, *vtu_prefix, *pvd_prefix, *golden_path, *shift_path, *region, *seeds_path;
-    double at;               /* s after the first pose; NaN selects the last pose */
-    double tolerance;        /* tolerance as a fraction of the component's peak */
-    int needle;              /* index of the replayed needle; -1 selects the needle of the first pose */
-    int every;               /* N if only every Nth wrench is logged */
+    double at;               /* s after the first pose; NaN for the last pose */
+    double tolerance;        /* as a fraction of the component's peak */
+    int needle;              /* needle to replay; -1 for that of the first pose */
+    int every;               /* log only every Nth wrench; 0 logs all */
     bool quiet, patient, all;
 } options;
 
-/* A needle of a log that is replayed with --all. */
+/* A needle replayed with --all. */
 typedef struct {
-    bool begun;              /* true once the needle has been reset at a pose of `session` */
+    bool begun;              /* true once a pose of `session` has reset the needle */
     bool taken;              /* true if the next pose continues the insertion from where the needle rested */
-    int64_t session, utime;  /* session and utime of the needle's last pose */
+    int64_t session, utime;  /* of the needle's last pose */
     hand_clutch clutch;      /* offset between the needle and the hand that has taken it */
     waiting_drop waiting;
 } replayed_needle;
@@ -50,29 +50,29 @@ typedef struct {
     const options *options;
     trocar_scene *scene;
     patient_frame frame;     /* for --patient */
-    const patient_frame *patient; /* coordinates used in the output files: `frame`, or NULL for mesh coordinates */
-    pose_log poses;          /* counts and commands of the log */
-    pose_stream *stream;     /* the poses of the log, read one after another */
+    const patient_frame *patient; /* coordinates of the output files: &frame, or NULL for mesh coordinates */
+    pose_log poses;          /* counts and commands in the log */
+    pose_stream *stream;     /* the poses in the log, read one after another */
     pose_step now;
     int64_t before;          /* utime of the previous pose */
     trocar_model *model;
     trocar_sim *sim;
-    trocar_output result;              /* output of the last tick */
+    trocar_output result;              /* of the last tick */
     trocar_picture *picture;           /* snapshot of the state, for --vtu and --pvd */
-    double *displacements;             /* displacements for --shift, 3 per node of the mesh, m; otherwise NULL */
+    double *displacements;             /* m, 3 per node of the mesh, for --shift; otherwise NULL */
     output log_file, csv_file, json_file, shift_file, seeds_file;
     region_motion motion;
     comparison comparison;
     pvd_series series;
-    bool dumped;             /* true once --vtu has written the state at --at */
-    int64_t logged;          /* number of events written to log_file */
-    bool has_probe;          /* the scene has a probe */
-    int commands_done;       /* number of commands from the log that have been handled */
-    int refused, refused_before; /* number of commands refused in this replay, and number that the server had already refused */
-    trocar_error refusal;    /* reason for the first refusal in this replay */
+    bool dumped;             /* true once --vtu has written its state */
+    int64_t logged;          /* events written to log_file so far */
+    bool has_probe;          /* true if the scene has a probe */
+    int commands_done;       /* commands in the log that have been handled */
+    int refused, refused_before; /* commands refused in this replay, and those that the server had already refused */
+    trocar_error refusal;    /* why the first command was refused in this replay */
     replayed_needle needles[TROCAR_MAX_NEEDLES];
     waiting_change change;
-    int gaps;                /* number of gaps longer than POSE_LOG_GAP */
+    int gaps;                /* gaps longer than POSE_LOG_GAP */
 } replay;
 
 /* ---- command line ------------------------------------------------------------------------------------------------ */
@@ -149,7 +149,7 @@ static const struct argp parser = {
 
 /* ---- set-up ------------------------------------------------------------------------------------------------------ */
 
-/* Returns the time of the pose, in s since the first pose. */
+/* Returns the time of the current pose, in s since the first. */
 static double time_of(const replay *r, const trocar_needle_pose_t *pose) { return 1e-6 * (double)(pose->utime - r->poses.first.utime); }
 
 static trocar_status check_dump_time(const replay *r, trocar_error *why) {
@@ -158,7 +158,7 @@ static trocar_status check_dump_time(const replay *r, trocar_error *why) {
     return fail(why, TROCAR_BAD_INPUT, "%s: --at %g s is after the last pose at %g s", r->options->pose_path, r->options->at, end);
 }
 
-/* True if --vtu must write the state now: after the first tick at or after --at that moves a needle. */
+/* True if --vtu must write the state now: after the first tick at or after --at in which a needle moves. */
 static bool dump_is_due(const replay *r, int tick) {
     if (!r->options->vtu_prefix || r->dumped) return false;
     return isnan(r->options->at) ? tick == r->poses.count - 1 : time_of(r, &r->now.pose) >= r->options->at;
@@ -178,7 +178,7 @@ static trocar_status open_outputs(replay *r, trocar_error *why) {
     return status;
 }
 
-/* Prepares to track the motion of the chosen region, by default the scene's first. */
+/* Prepares to track the motion of the chosen region, which by default is the scene's first. */
 static trocar_status prepare_shift(replay *r, trocar_error *why) {
     char region[256];
     r->displacements = malloc(3 * (size_t)trocar_model_node_count(r->model) * sizeof *r->displacements);
@@ -264,8 +264,8 @@ static trocar_status log_tick(replay *r, int tick, const trocar_needle_wrench_t 
     return status;
 }
 
-/* Starts the log with a status that names the scene and the type of inverse. Messages in the log refer to the needle by its index in the recording,
-   which may exceed the number of needles in the scene. */
+/* Starts the log with a status that names the scene and the type of inverse. In the log, a needle has its index from the recording, which may not exist in the
+   scene. */
 static trocar_status log_origin(replay *r, trocar_error *why) {
     int needles = trocar_model_needles(r->model), needle = r->poses.needle;
     lcm_eventlog_t log = log_at(r);
@@ -276,7 +276,7 @@ static trocar_status log_origin(replay *r, trocar_error *why) {
     return log_write_status(&log, &m, r->options->log_path, why);
 }
 
-/* Returns the needle's index in the simulation. */
+/* Returns the index that the current pose's needle has in the simulation. */
 static int needle_of(const replay *r) { return r->options->all ? r->now.pose.needle : 0; }
 
 static void add_probe(const replay *r, tick_row *row) {
@@ -308,7 +308,7 @@ static void write_row(const replay *r) {
     if (r->json_file.file) tick_row_json(&row, r->json_file.file);
 }
 
-/* Writes the motion of the region. Rotations in the sagittal, coronal and axial planes are rotations about the normals of these planes. */
+/* Writes the motion of the region. A rotation in the sagittal, coronal or axial plane is one about that plane's normal. */
 static trocar_status shift_tick(replay *r, trocar_error *why) {
     trocar_status status = trocar_view_displacements(trocar_sim_view(r->sim), r->displacements, why);
     if (status != TROCAR_OK) return status;
@@ -349,7 +349,7 @@ static trocar_status carry_out(replay *r, const logged_command *logged, trocar_e
     case TROCAR_COMMAND_T_LEAVE:
         status = trocar_sim_leave(r->sim, needle, why);
         if (status == TROCAR_OK) status = trocar_sim_work(r->sim, NULL, why);
-        if (status == TROCAR_OK) n->begun = false; /* no hand holds the needle any more */
+        if (status == TROCAR_OK) n->begun = false; /* nobody holds the needle now */
         return status;
     case TROCAR_COMMAND_T_TAKE:
         status = trocar_sim_take(r->sim, needle, why);
@@ -370,7 +370,7 @@ static void note_refusal(replay *r, const trocar_error *reason) {
     if (r->refused++ == 0) r->refusal = *reason;
 }
 
-/* Executes a needle's pending drop if possible, and otherwise counts it as refused; `next` is the needle's next command, or NULL. */
+/* Executes a needle's pending drop if that is possible now; otherwise counts it as refused. `next`: the needle's next command, or NULL. */
 static void end_waiting(replay *r, int needle, const logged_command *next) {
     waiting_drop *w = &r->needles[needle].waiting;
     if (!end_waiting_drop(w, r->sim, needle, next)) note_refusal(r, &w->reason);
@@ -406,7 +406,7 @@ static trocar_status run_command(replay *r, const logged_command *logged, trocar
     return r->log_file.file && !r->options->every ? log_command(r, logged, why) : TROCAR_OK;
 }
 
-/* Executes the commands that came before this pose. */
+/* Executes the commands that arrived before this pose. */
 static trocar_status run_commands(replay *r, int pose, trocar_error *why) {
     trocar_status status = TROCAR_OK;
     for (; status == TROCAR_OK && r->commands_done < r->poses.command_count && r->poses.commands[r->commands_done].next_pose <= pose; r->commands_done++)
@@ -414,7 +414,7 @@ static trocar_status run_commands(replay *r, int pose, trocar_error *why) {
     return status;
 }
 
-/* Decides, as the server does, whether to use a pose: skips it (*dt = 0) if the needle rests or is held by another session. A session that is silent for
+/* Decides, as the server does, whether to use a pose. Skips it (*dt = 0) if the needle is resting, or if another session holds it. A session that is silent for
    too long loses the needle. */
 static trocar_status follow_needle(replay *r, trocar_pose *base, double *dt, trocar_error *why) {
     static const int64_t SILENCE = 2000000; /* us */
@@ -442,7 +442,7 @@ static trocar_status follow_needle(replay *r, trocar_pose *base, double *dt, tro
     return trocar_sim_reset(r->sim, m->needle, base, why);
 }
 
-/* Moves the probe to its newest pose before this needle pose, and logs all probe poses since the previous needle pose. */
+/* Moves the probe to its newest pose before this needle pose, and logs all probe poses since the previous one. */
 static trocar_status follow_probe(replay *r, trocar_error *why) {
     trocar_status status = TROCAR_OK;
     int count = r->now.probe_count;
@@ -461,7 +461,7 @@ static trocar_status check_needles(const replay *r, trocar_error *why) {
     int needles = trocar_model_needles(r->model);
     if (r->poses.most_needle >= needles)
         return fail(why, TROCAR_BAD_INPUT, "%s: a pose or a command of needle %d: the scene's \"needles\" is %d", r->options->pose_path, r->poses.most_needle, needles);
-    for (int i = 0; i < needles; i++) { /* each needle waits outside the tissue until its first pose */
+    for (int i = 0; i < needles; i++) { /* until its first pose, each needle waits outside the tissue */
         trocar_pose away = {{0, 0, -10.0}, {1, 0, 0, 0}};
         trocar_status status = trocar_sim_reset(r->sim, i, &away, why);
         if (status != TROCAR_OK) return status;
@@ -474,7 +474,7 @@ static trocar_status dump(replay *r, trocar_error *why) {
     return export_state(r, why);
 }
 
-/* Returns the length of a tick, as pose_log_interval does. */
+/* Returns the length of a tick in s, as pose_log_interval does. */
 static double interval_of(replay *r, int tick) {
     double dt = tick == 0 ? 1.0 / trocar_model_rate(r->model) : 1e-6 * (double)(r->now.pose.utime - r->before);
     if (tick == 0 || dt <= POSE_LOG_GAP) return dt;
@@ -525,7 +525,7 @@ static trocar_status run_all(replay *r, trocar_error *why) {
     for (int i = 0; i < trocar_model_needles(r->model); i++) end_waiting(r, i, NULL);
     if (status == TROCAR_OK) status = pose_stream_next(r->stream, &r->now, why);
     if (status == TROCAR_OK) status = follow_probe(r, why);
-    if (status == TROCAR_OK && r->options->vtu_prefix && !r->dumped) status = dump(r, why); /* no pose at or after --at has moved a needle */
+    if (status == TROCAR_OK && r->options->vtu_prefix && !r->dumped) status = dump(r, why); /* no pose at or after --at moved a needle */
     if (status == TROCAR_OK && r->seeds_file.file) status = seed_table_write(r->seeds_file.file, r->scene, r->model, r->sim, r->patient, why);
     if (status == TROCAR_OK) status = output_commit(&r->seeds_file, why);
     if (status == TROCAR_OK) status = output_commit(&r->log_file, why);
@@ -556,8 +556,7 @@ static void summarise(const replay *r) {
         fprintf(stderr, "%" PRId64 " commands for seeds skipped: of other needles or sessions, or before the first pose\n", r->poses.skipped_commands);
 }
 
-/* Reports that the golden log was recorded with another type of inverse. Printed even with --quiet, because it explains why the results are not
-   bit-identical. */
+/* Reports that the golden log was recorded with another type of inverse. Not silenced by --quiet, because it explains why the results are not bit-identical. */
 static void name_other_owner(const replay *r) {
     const char *golden = r->comparison.inverse, *here = trocar_model_inverse(r->model);
     if (golden[0] == '\0' || strcmp(golden, here) == 0) return;

@@ -19,12 +19,12 @@ void tick_row_csv(const tick_row *r, FILE *out) {
         f = r->probe_force, t = r->probe_torque;
         fprintf(out, ",%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%d,", f.x, f.y, f.z, t.x, t.y, t.z, r->probe_contacts);
         if (r->probe_placed) fprintf(out, "%.17g,%.17g,%.17g", r->probe_base.x, r->probe_base.y, r->probe_base.z);
-        else fprintf(out, ",,"); /* a probe that has not been placed yet has no position */
+        else fprintf(out, ",,"); /* a probe that has not been placed has no position */
     }
     fputc('\n', out);
 }
 
-/* Writes a position whose column name ends with its unit, as in "base_m". */
+/* Writes a position under a name that ends with its unit, such as "base_m". */
 static void json_position(json *j, const char *name, const tick_row *r, vec3 position) {
     char full[32];
     snprintf(full, sizeof full, "%s_%s", name, r->unit);

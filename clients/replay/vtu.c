@@ -15,7 +15,7 @@ static void begin_array(const char *type, const char *name, int components, FILE
 
 static void end_array(FILE *out) { fprintf(out, "</DataArray>\n"); }
 
-/* Conversion of one type of quantity: mesh_to_patient for positions, lengths_to_patient or axes_to_patient for vectors. */
+/* Converts one kind of quantity to patient coordinates: mesh_to_patient for positions, lengths_to_patient or axes_to_patient for vectors. */
 typedef vec3 (*conversion)(const patient_frame *patient, vec3 v);
 
 static void write_vector(const double v[3], const patient_frame *patient, conversion convert, FILE *out) {
@@ -83,7 +83,7 @@ static void write_tissue_cells(const trocar_model *model, const trocar_refined_m
     begin_array("Float64", "poisson_ratio", 1, out);
     for (int e = 0; e < m->tet_count; e++) fprintf(out, "%.17g\n", trocar_model_material(model, regions[m->parents[e]]).poisson_ratio);
     end_array(out);
-    if (trocar_model_averages_strain(model)) { /* the nodes over which each cell's volumetric strain is averaged */
+    if (trocar_model_averages_strain(model)) { /* the nodes over which the volumetric strain of each cell is averaged */
         begin_array("Int32", "volumetric_nodes", 4, out);
         for (int e = 0; e < m->tet_count; e++) {
             const int32_t *corners = trocar_model_tets(model) + 4 * m->parents[e];
@@ -100,7 +100,7 @@ static void write_tissue_cells(const trocar_model *model, const trocar_refined_m
     fprintf(out, "</CellData>\n");
 }
 
-/* Writes the names of the regions, with '-' replaced by '_', because XML does not allow "--" in comments. */
+/* Writes the names of the regions as a comment, with '-' replaced with '_', because an XML comment may not contain "--". */
 static void write_region_names(const trocar_model *model, FILE *out) {
     fprintf(out, "<!-- regions:");
     for (int g = 0; g < trocar_model_region_count(model); g++) {
@@ -111,8 +111,7 @@ static void write_region_names(const trocar_model *model, FILE *out) {
     fprintf(out, " -->\n");
 }
 
-/* Writes the tissue. The applied forces include the force of the damper at the tip, which slows down tissue that springs back and does not act on the
-   needle. */
+/* Writes the tissue. The applied forces include the damper at the tip, which slows down tissue that springs back and does not act on the needle. */
 static void write_tissue(const trocar_model *model, const trocar_refined_mesh *m, const patient_frame *patient, FILE *out) {
     fprintf(out, "<?xml version=\"1.0\"?>\n<VTKFile type=\"UnstructuredGrid\" version=\"0.1\" byte_order=\"LittleEndian\">\n<UnstructuredGrid>\n<FieldData>\n");
     write_field_vector("tip_damping", m->damping, patient, axes_to_patient, out);
@@ -127,7 +126,7 @@ static void write_tissue(const trocar_model *model, const trocar_refined_mesh *m
 
 /* ---- membranes --------------------------------------------------------------------------------------------------- */
 
-/* Returns the first surface, from `from` on, that is a membrane with a stiffness; -1 if there is none. */
+/* Returns the first surface, from index `from` on, that is a stiff membrane; -1 if there is none. */
 static int stiff_surface(const trocar_model *model, int from) {
     for (int g = from; g < trocar_model_region_count(model); g++)
         if (trocar_model_membrane(model, g).stiffness > 0.0) return g;
@@ -138,7 +137,7 @@ bool vtu_has_membranes(const trocar_model *model) { return stiff_surface(model, 
 
 /* A triangle of a membrane. */
 typedef struct {
-    int place, surface;      /* place: 4 x tetrahedron + face, for the adjacent tetrahedron with the smaller index; -1 if there are no more triangles */
+    int place, surface;      /* place: 4 x tetrahedron + face, for the adjacent tetrahedron with the smaller index; -1 after the last triangle */
 } membrane_triangle;
 
 static bool has_triangle(const trocar_model *model, membrane_triangle t) {
@@ -146,7 +145,7 @@ static bool has_triangle(const trocar_model *model, membrane_triangle t) {
     return (neighbour < 0 || t.place / 4 < neighbour) && trocar_model_face_surfaces(model)[t.place] >> t.surface & 1;
 }
 
-/* Returns the triangle after `t`; {-1, stiff_surface(model, 0)} precedes the first. */
+/* Returns the triangle after `t`. Start with {-1, stiff_surface(model, 0)}. */
 static membrane_triangle next_triangle(const trocar_model *model, membrane_triangle t) {
     for (; t.surface >= 0; t = (membrane_triangle){-1, stiff_surface(model, t.surface + 1)})
         for (t.place++; t.place < 4 * trocar_model_tet_count(model); t.place++)
@@ -158,7 +157,7 @@ static membrane_triangle first_triangle(const trocar_model *model) { return next
 
 #define EACH_TRIANGLE(t) (membrane_triangle t = first_triangle(model); t.place >= 0; t = next_triangle(model, t))
 
-/* Writes the rest of the cells after the triangles' connectivity: offsets and types. */
+/* Writes what follows the triangles' connectivity: offsets and types. */
 static void end_triangles(int count, FILE *out) {
     begin_array("Int32", "offsets", 1, out);
     for (int i = 1; i <= count; i++) fprintf(out, "%d\n", 3 * i);
@@ -238,7 +237,7 @@ enum { MAX_CENTRELINE = TROCAR_MAX_JOINTS + TROCAR_MAX_POINTS };
 
 typedef struct {
     int count;
-    double position[MAX_CENTRELINE][3], force[MAX_CENTRELINE][3]; /* position, m: points of the centreline; force, N: force on the needle at each point */
+    double position[MAX_CENTRELINE][3], force[MAX_CENTRELINE][3]; /* m, points of the centreline; N, force on the needle at each point */
     double arc[MAX_CENTRELINE];
 } centreline;
 
@@ -251,8 +250,7 @@ static void append(centreline *c, double arc, const double position[3], const do
     c->count++;
 }
 
-/* Collects joints and contact points, merged in order of arc length. A contact at the tip is represented by the last joint if it lies at the end of
-   the needle. */
+/* Collects joints and contact points in order of arc length. If the contact at the tip is at the needle's end, the last joint stands for it. */
 static void trace_needle(const trocar_model *model, const trocar_picture *picture, centreline *c) {
     static const double none[3] = {-0.0, -0.0, -0.0}, no_tip[3] = {0};
     const trocar_view *view = trocar_picture_view(picture);
@@ -286,7 +284,7 @@ static void write_line(int count, FILE *out) {
     fprintf(out, "</Cells>\n");
 }
 
-/* Writes the needle. VTK requires field data before the piece. */
+/* Writes the needle. The field data come first, because VTK wants them before the piece. */
 static void write_needle(const centreline *c, const double base[3], const trocar_output *given, const patient_frame *patient, FILE *out) {
     fprintf(out, "<?xml version=\"1.0\"?>\n<VTKFile type=\"UnstructuredGrid\" version=\"0.1\" byte_order=\"LittleEndian\">\n"
                  "<UnstructuredGrid>\n<FieldData>\n");
@@ -320,8 +318,7 @@ trocar_status vtu_write_needle(const trocar_model *model, const trocar_picture *
 
 /* ---- probe ------------------------------------------------------------------------------------------------------- */
 
-/* number of points around the probe, and of rings along it: one ring is at the base, the others are along the
-   rounding of the tip */
+/* points around the probe, and rings along it: the first ring is at the base, the others are along the rounded edge of the tip */
 enum { AROUND = 48, ALONG = 16 };
 
 /* Computes the radius and the axial position of a ring (m). The last ring is the edge of the flat part of the tip. */
@@ -342,7 +339,7 @@ static void write_probe_points(const trocar_probe_shape *s, pose base, const pat
     write_points(points[0], AROUND * ALONG + 1, patient, out);
 }
 
-/* Writes two triangles for each quadrilateral between adjacent rings, and a fan of triangles from the last ring to the centre of the tip. */
+/* Writes two triangles for each quadrilateral between neighbouring rings, and a fan of triangles that closes the tip. */
 static void write_probe_triangles(bool placed, FILE *out) {
     int rings = placed ? ALONG - 1 : 0, count = placed ? (2 * rings + 1) * AROUND : 0;
     fprintf(out, "<Cells>\n");

@@ -6,7 +6,7 @@ static bool is_undo(const logged_command *logged) { return logged->command.comma
 
 trocar_status replay_seed_command(waiting_drop *w, trocar_sim *sim, int needle, const logged_command *logged, trocar_error *why) {
     if (logged->answer == ANSWER_REFUSED) return TROCAR_OK;
-    if (w->drop && is_undo(logged)) { /* the server had executed the drop and then cancelled it */
+    if (w->drop && is_undo(logged)) { /* the server executed the drop and then cancelled it */
         w->drop = NULL;
         return TROCAR_OK;
     }

@@ -6,7 +6,7 @@
 #include "message_words.h"
 #include "trocar_needle_wrench_t.h"
 
-/* Writes the names of the bits, joined by a separator. The membrane's name follows a puncture if it is not NULL. */
+/* Writes the names of the bits that are set, separated by `separator`. After "puncture" comes the membrane's name, unless it is NULL. */
 static void words_text(const message_word *words, size_t count, unsigned bits, const char *membrane, const char *separator, char *text,
                        size_t size) {
     size_t used = 0;

@@ -3,7 +3,7 @@
 #include <stddef.h>
 #include <string.h>
 
-/* At MOTION_START, the tip of a needle 200 mm long is 1 mm in front of the skin of the supplied scenes, which lies at z = 0. */
+/* At MOTION_START, a 200 mm needle has its tip 1 mm in front of the skin, which is at z = 0 in the supplied scenes. */
 static const motion scripts[] = {
     {"figure8", "push in, move the base up, pull back: figure 8 of the paper", 2.4, 2.8, 4,
      {{0.0, 1.3, {0, 0, 0.066}, {0, 0, 0}},
@@ -69,7 +69,7 @@ double motion_fraction(double from, double to, double t) {
 
 pose motion_pose(const motion *script, pose start, double t) {
     if (t > script->period) t = fmod(t, script->period);
-    pose p = start;      /* shifts are measured along the needle's axes at the start */
+    pose p = start;      /* shifts are along the needle's initial axes */
     for (int i = 0; i < script->leg_count; i++) {
         const motion_leg *leg = &script->legs[i];
         double fraction = motion_fraction(leg->from, leg->to, t);

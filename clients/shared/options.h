@@ -1,4 +1,4 @@
-/* Parses numbers and addresses from the command line, for use in argp parsers. */
+/* Parses numbers and addresses on the command line, for use in argp parsers. On bad input, the functions exit through argp_error. */
 #ifndef TROCAR_OPTIONS_H
 #define TROCAR_OPTIONS_H
 
@@ -9,7 +9,7 @@
 
 enum { EXIT_BAD_INPUT = 2 };
 
-/* Parses `count` finite numbers separated by commas in `text`; if that fails, exits through argp_error. */
+/* Parses `count` finite numbers in `text`, separated by commas. */
 void parse_numbers(const struct argp_state *state, const char *option, const char *text, int count, double *numbers);
 
 /* Parses three finite numbers. */
@@ -24,7 +24,7 @@ double parse_number(const struct argp_state *state, const char *option, const ch
 /* Parses one whole number in [least, greatest]. */
 int parse_whole(const struct argp_state *state, const char *option, const char *text, int least, int greatest);
 
-/* Returns a parsed number as an int if it is whole and in [least, greatest]; otherwise exits. */
+/* Converts a parsed number to an int. It must be whole and in [least, greatest]. */
 int whole_number(const struct argp_state *state, const char *option, double number, int least, int greatest);
 
 #endif

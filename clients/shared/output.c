@@ -6,7 +6,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-/* True for devices and pipes, such as /dev/null, which are written in place: renaming a file to their path would replace them. */
+/* True for devices and pipes, such as /dev/null. They are written in place, because renaming a file to their path would replace them. */
 static bool is_special(const char *path) {
     struct stat status;
     return stat(path, &status) == 0 && !S_ISREG(status.st_mode) && !S_ISDIR(status.st_mode);

@@ -12,10 +12,10 @@ typedef struct {
 /* Opens the temporary file. BAD_INPUT if it cannot be created. */
 trocar_status output_open(output *o, const char *path, trocar_error *why);
 
-/* Closes the file and renames it. SYSTEM if it could not be written completely; in that case, no file remains. */
+/* Closes the file and gives it its final name. Returns SYSTEM, and leaves no file, if it could not be written completely. */
 trocar_status output_commit(output *o, trocar_error *why);
 
-/* Removes the temporary file; does nothing after a commit or without an open file. */
+/* Removes the temporary file. Does nothing if no file is open, for example after a commit. */
 void output_abandon(output *o);
 
 #endif

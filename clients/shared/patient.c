@@ -42,12 +42,12 @@ bool find_start(const trocar_scene *scene, const patient_frame *frame, const vec
     return known || given;
 }
 
-/* Reads a key's list of `count` numbers; false if one of them is missing. */
+/* Reads the `count` numbers of a key's list. Returns false if any is missing. */
 static bool read_numbers(const trocar_scene *scene, const char *key, int count, double *numbers) {
     char text[256], *rest = text;
     if (trocar_scene_get(scene, key, text, sizeof text, NULL) != TROCAR_OK) return false;
     for (int i = 0; i < count; i++) {
-        char *begin = rest + 1, *end; /* after the opening bracket or a comma */
+        char *begin = rest + 1, *end; /* after '[' or ',' */
         numbers[i] = strtod(begin, &end);
         if (end == begin || !isfinite(numbers[i])) return false;
         rest = end;

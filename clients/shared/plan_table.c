@@ -10,15 +10,15 @@
 #include "common/messages.h"
 #include "shared/template_holes.h"
 
-static const double BESIDE = 0.5e-3;  /* m: a seed farther away from the axis of its hole was planned for another template */
-static const char HEADER[] = "hole,seed,x [m],y [m],z [m]"; /* more columns may follow, which contain the same values in patient coordinates */
+static const double BESIDE = 0.5e-3;  /* m: a seed farther than this from its hole's axis was planned for another template */
+static const char HEADER[] = "hole,seed,x [m],y [m],z [m]"; /* further columns may give the same values in patient coordinates */
 static const char REMEDY[] = "write this table with python3 -m trocar.brachy.plan show PLAN --scene SCENE --out FILE";
 
-/* Parses a line such as "C3.5,1,0.02,..."; returns false if the line does not describe a seed. */
+/* Parses a line such as "C3.5,1,0.02,...". Returns false if it does not describe a seed. */
 static bool read_seed(const char *line, planned_seed *s) {
     double *x = s->position;
     if (sscanf(line, "%7[A-Za-z0-9.],%*d,%lf,%lf,%lf", s->hole, &x[0], &x[1], &x[2]) != 4) return false;
-    return fabs(x[0]) < 1e3 && fabs(x[1]) < 1e3 && fabs(x[2]) < 1e3; /* this condition is also false for NaN */
+    return fabs(x[0]) < 1e3 && fabs(x[1]) < 1e3 && fabs(x[2]) < 1e3; /* also false for NaN */
 }
 
 static trocar_status read_lines(FILE *file, const char *path, plan_table *plan, trocar_error *why) {

@@ -15,14 +15,14 @@
 #include "intake/safety_limits.h"
 #include "trocar_command_reply_t.h"
 
-/* LCM's own reader trusts the lengths in the file, prints to stderr and resumes at the next magic number, so that it would treat a damaged log as a
-   shorter one. This reader checks everything instead. An event on disk is big-endian: magic, event number (8), timestamp (8), two lengths (4 each),
-   channel, data. */
+/* LCM's own reader trusts the lengths in the file, prints to stderr, and after an error resumes at the next magic number, so that a damaged log merely looks
+   shorter. This reader checks everything instead. An event in the file is big-endian: magic (4), event number (8), timestamp (8), length of the channel name
+   (4), length of the data (4), channel name, data. */
 enum { EVENT_HEADER = 28, EVENT_CHANNEL_LENGTH = 20, EVENT_DATA_LENGTH = 24, CHANNEL_MAX = 63, DATA_MAX = 512, CHANGE_MAX = 4096, STATUS_MAX = 4096 };
 static const unsigned char event_magic[4] = {0xED, 0xA1, 0xDA, 0x01};
 
-/* A message type of an older release, without the last fields: in poses, `needle`; in wrenches, `needle` or both `server` and `needle`; in a status,
-   `state` or the last five fields. */
+/* An older release's version of a message type, which lacks the last fields: `needle` in poses; `needle`, or `server` and `needle`, in wrenches; `state`, or
+   the last five fields, in a status. */
 typedef struct {
     uint64_t fingerprint;
     int missing;             /* bytes */
@@ -32,27 +32,27 @@ static const older_type older_poses[] = {{0xbe3af96bc721e5ea, 4}, {0}};
 static const older_type older_wrenches[] = {{0x558602e319c11faf, 4}, {0x9bb829ef4984e48c, 8 + 4}, {0}};
 static const older_type older_statuses[] = {{0xe428bcd4a42ff814, 4}, {0xbcbe6819f8e2446a, 3 * 4 + 8 + 4}, {0}};
 
-/* State of the pose readers: the log, the last accepted poses, and the server code that decides whether to accept the probe's poses. */
+/* State of the pose readers: the log, the last accepted poses, and the server's own code for accepting poses of the probe. */
 typedef struct {
     pose_log *poses;
-    bool keeps;              /* true if the poses are stored in `poses`; false if only counted */
+    bool keeps;              /* true if poses are stored in `poses`, false if they are only counted */
     trocar_needle_pose_t newest[TROCAR_MAX_NEEDLES]; /* last accepted pose of each needle */
-    bool begun[TROCAR_MAX_NEEDLES]; /* true if a pose of the needle has been accepted */
+    bool begun[TROCAR_MAX_NEEDLES]; /* true once a pose of the needle has been accepted */
     probe_arbiter probe;
-    trocar_probe_pose_t *passed; /* poses of the probe since the last needle pose; unused if all poses are kept */
+    trocar_probe_pose_t *passed; /* probe poses since the last needle pose; unused if all poses are kept */
     int passed_count, passed_room;
     trocar_needle_pose_t pose; /* the last accepted pose */
     bool accepted;           /* true if the last event was accepted */
 } reading;
 
-/* A log that is being read. */
+/* A log being read. */
 typedef struct {
     const char *path;
     FILE *file;
     int64_t size, offset;    /* bytes */
-    int64_t event;           /* number of the current event in the log */
+    int64_t event;           /* of the current event */
     bool cut;                /* true if the file ends within the current event */
-    bool found;              /* true if the log contains an event of the first wanted channel */
+    bool found;              /* true if the log has an event on the first wanted channel */
 } reader;
 
 typedef struct {
@@ -102,7 +102,7 @@ static trocar_status read_header(reader *r, event_header *h, trocar_error *why) 
     return fread(h->channel, 1, length, r->file) == length ? TROCAR_OK : bad_event(r, "cannot be read", why);
 }
 
-/* Moves the file position to the next event. */
+/* Moves on to the next event. */
 static trocar_status skip_event(reader *r, const event_header *h, trocar_error *why) {
     r->offset += EVENT_HEADER + h->channel_length + h->data_length;
     r->event++;
@@ -114,7 +114,7 @@ static trocar_status read_data(const reader *r, const event_header *h, unsigned 
     return fread(data, 1, length, r->file) == length ? TROCAR_OK : bad_event(r, "cannot be read", why);
 }
 
-/* Checks that the data start with their type's fingerprint. */
+/* Checks that the data start with the fingerprint of their type. */
 static trocar_status check_type(const reader *r, const unsigned char *data, const char *type, int64_t fingerprint, trocar_error *why) {
     int64_t found = big_endian_64(data);
     if (found == fingerprint) return TROCAR_OK;
@@ -124,8 +124,8 @@ static trocar_status check_type(const reader *r, const unsigned char *data, cons
                 r->path, r->event, r->offset, type, (uint64_t)found, (uint64_t)fingerprint);
 }
 
-/* Converts a message of an older type to the current type: sets the current fingerprint and appends the missing fields as zeros. Returns the new
-   length. `data` must have room for the new length, and must contain zeros after the message. */
+/* Converts a message of an older type to the current one: replaces the fingerprint and appends the missing fields as zeros. Returns the new length. `data` must
+   have room for it and contain zeros after the message. */
 static int64_t complete(unsigned char *data, int64_t length, const older_type *older, int64_t fingerprint) {
     uint64_t found = (uint64_t)big_endian_64(data);
     while (older->missing && older->fingerprint != found) older++;
@@ -165,7 +165,7 @@ static bool is_finite(const trocar_needle_wrench_t *w) {
     return true;
 }
 
-/* Makes room for one more element in an array of `count` elements, whose capacity doubles whenever the count reaches a power of two. */
+/* Makes room for one more element in an array of `count`. The capacity doubles whenever the count reaches a power of two. */
 static trocar_status make_room(void **array, int count, size_t size, trocar_error *why) {
     if (count & (count - 1)) return TROCAR_OK;
     size_t room = count ? 2 * (size_t)count : 1;
@@ -221,7 +221,7 @@ static trocar_status take_pose(const reader *r, const event_header *h, void *con
 typedef struct {
     trocar_needle_wrench_t wrench; /* the last accepted wrench */
     bool accepted;           /* true if the last event was accepted */
-    int64_t skipped;         /* number of wrenches skipped because they are not finite */
+    int64_t skipped;         /* wrenches skipped because they are not finite */
     char inverse[16];
 } wrench_reading;
 
@@ -250,7 +250,7 @@ static trocar_status decode_command(const reader *r, const event_header *h, cons
     return bad_event(r, "not the length of a trocar.command_t: the log is damaged", why);
 }
 
-/* Records a seed command; commands of older message types, which have no seeds, are ignored. */
+/* Records a seed command. Ignores commands of older message types, which have no seeds. */
 static trocar_status note_command(const reader *r, const event_header *h, void *context, trocar_error *why) {
     pose_log *log = ((reading *)context)->poses;
     unsigned char data[DATA_MAX] = {0};
@@ -267,7 +267,7 @@ static trocar_status note_command(const reader *r, const event_header *h, void *
     return add_command(&m, log, why);
 }
 
-/* Records a change, whoever sent it, because it affects all needles. */
+/* Records a change. Its sender does not matter, because a change affects all needles. */
 static trocar_status note_change(const reader *r, const event_header *h, void *context, trocar_error *why) {
     pose_log *log = ((reading *)context)->poses;
     unsigned char data[CHANGE_MAX] = {0};
@@ -282,15 +282,15 @@ static trocar_status note_change(const reader *r, const event_header *h, void *c
         logged_command *added = &log->commands[log->command_count - 1];
         added->change_time = m.time;
         added->change = m.values;
-        m.values = NULL; /* belongs to the log now */
+        m.values = NULL; /* now belongs to the log */
     }
     free(m.values);
     return status;
 }
 
-enum { MOST_UNANSWERED = 1024 }; /* maximum number of unanswered commands; a server has fewer pending */
+enum { MOST_UNANSWERED = 1024 }; /* most commands that may await an answer; a server has fewer pending */
 
-/* A change takes effect when the server replies, because moduli may need minutes of preparation. */
+/* Moves a change to the end of the commands. It takes effect only when the server replies, because new moduli may need minutes of preparation. */
 static void move_to_end(pose_log *log, logged_command *change) {
     logged_command moved = *change, *last = log->commands + log->command_count - 1;
     memmove(change, change + 1, (size_t)(last - change) * sizeof *change);
@@ -298,7 +298,7 @@ static void move_to_end(pose_log *log, logged_command *change) {
     *last = moved;
 }
 
-/* Records the result of a command; replies of another message type are ignored. */
+/* Records the server's answer to a command. Ignores replies of another message type. */
 static trocar_status note_reply(const reader *r, const event_header *h, void *context, trocar_error *why) {
     pose_log *log = ((reading *)context)->poses;
     unsigned char data[DATA_MAX] = {0};
@@ -306,7 +306,7 @@ static trocar_status note_reply(const reader *r, const event_header *h, void *co
     trocar_status status = read_data(r, h, data, DATA_MAX, why);
     if (status != TROCAR_OK || h->data_length > DATA_MAX || !reply_fits(data, (size_t)h->data_length)) return status;
     if (trocar_command_reply_t_decode(data, 0, (int)h->data_length, &m) < 0) return TROCAR_OK;
-    logged_command *asked = NULL; /* the oldest command without an answer, because a sender may reuse a number */
+    logged_command *asked = NULL; /* the oldest unanswered one, because a sender may reuse a number */
     for (int i = log->command_count - 1; i >= 0 && log->command_count - i <= MOST_UNANSWERED; i--) {
         const trocar_command_t *c = &log->commands[i].command;
         bool same = c->session == m.session && c->seq == m.seq && c->needle == m.needle && c->command == m.command;
@@ -320,7 +320,7 @@ static trocar_status note_reply(const reader *r, const event_header *h, void *co
     return TROCAR_OK;
 }
 
-/* Stores the type of inverse named in a status; statuses of another message type are ignored. */
+/* Notes the type of inverse that a status names. Ignores statuses of another message type. */
 static trocar_status take_status(const reader *r, const event_header *h, void *context, trocar_error *why) {
     wrench_reading *in = context;
     unsigned char data[STATUS_MAX] = {0};
@@ -342,7 +342,7 @@ static trocar_status keep_probe(const trocar_probe_pose_t *m, pose_log *log, tro
     return status;
 }
 
-/* Keeps a pose of the probe until the next pose of a needle. */
+/* Keeps a probe pose until the next needle pose. */
 static trocar_status pass_probe(const trocar_probe_pose_t *m, reading *in, trocar_error *why) {
     in->poses->probe_count++;
     if (in->accepted) in->passed_count = 0;
@@ -358,7 +358,7 @@ static trocar_status pass_probe(const trocar_probe_pose_t *m, reading *in, troca
     return TROCAR_OK;
 }
 
-/* Accepts or refuses a pose of the probe by the server's own rules, with the poses' timestamps as the clock. */
+/* Accepts or refuses a probe pose by the server's own rules, with the poses' timestamps as the clock. */
 static trocar_status note_probe(const reader *r, const event_header *h, void *context, trocar_error *why) {
     reading *in = context;
     pose_log *log = in->poses;
@@ -378,14 +378,14 @@ static trocar_status note_probe(const reader *r, const event_header *h, void *co
     return in->keeps ? keep_probe(&m, log, why) : pass_probe(&m, in, why);
 }
 
-/* A channel to read. `take` handles its events, with the file positioned at the event's data. */
+/* A channel to read. `take` handles each event; the file is then positioned at the event's data. */
 typedef struct {
     const char *channel;
     trocar_status (*take)(const reader *r, const event_header *h, void *log, trocar_error *why);
 } wanted_channel;
 
-/* Reads an event, or skips it if its channel is not wanted; the last entry of `wanted` is empty. If `cut` is not NULL, a log that is truncated
-   within an event counts as ending before that event, and `cut` receives a message about it. */
+/* Reads an event, or skips it if its channel is not wanted. The last entry of `wanted` is empty. If the log is cut off within this event and `cut` is not NULL,
+   treats the log as ending before the event, and writes a message about it to `cut`. */
 static trocar_status read_event(reader *r, const wanted_channel *wanted, void *context, trocar_error *cut, trocar_error *why) {
     event_header h;
     trocar_status status = read_header(r, &h, why);
@@ -401,7 +401,7 @@ static trocar_status read_event(reader *r, const wanted_channel *wanted, void *c
     return status == TROCAR_OK ? skip_event(r, &h, why) : status;
 }
 
-/* Fails if the log has no event of the first wanted channel. */
+/* Fails if the log has no event on the first wanted channel. */
 static trocar_status check_found(const reader *r, const wanted_channel *wanted, trocar_error *why) {
     if (r->found) return TROCAR_OK;
     return fail(why, TROCAR_BAD_INPUT, "%s: nothing on channel %s in %" PRId64 " events", r->path, wanted->channel, r->event);
@@ -417,7 +417,7 @@ static trocar_status read_log(const char *path, const wanted_channel *wanted, vo
     return status == TROCAR_OK ? check_found(&r, wanted, why) : status;
 }
 
-/* Accepts poses of all needles, provided that each is later than the previous pose of the same needle and session. */
+/* Accepts poses of all needles, as long as each is later than the previous pose of its needle and session. */
 static trocar_status take_any_pose(const reader *r, const event_header *h, void *context, trocar_error *why) {
     reading *in = context;
     trocar_needle_pose_t p = {0};
@@ -454,7 +454,7 @@ static void begin_reading(reading *in, pose_log *log, int needle, bool keeps) {
     probe_arbiter_init(&in->probe);
 }
 
-/* Reads the poses of this needle; -1 selects the needle of the first pose. */
+/* Reads the poses of this needle, or of the first pose's needle if `needle` is -1. */
 static trocar_status read_poses(const char *path, int needle, bool all, bool keeps, pose_log *log, trocar_error *cut, trocar_error *why) {
     reading *in = malloc(sizeof *in);
     if (!in) return fail(why, TROCAR_NO_MEMORY, "%s: no memory to read it", path);
@@ -491,7 +491,7 @@ struct pose_stream {
     reader file;
     const wanted_channel *wanted;
     reading in;
-    pose_log log;            /* the log, read a second time for counts and commands */
+    pose_log log;            /* the log, which is read a second time for counts and commands */
 };
 
 trocar_status pose_stream_open(const char *path, int needle, bool all, pose_stream **opened, trocar_error *why) {

@@ -9,15 +9,15 @@ void rate_control_begin(rate_control_state *d, pose home, pose base) { *d = (rat
 
 static double share(double asked) { return isfinite(asked) ? fmax(-1, fmin(1, asked)) : 0; }
 
-/* Changes `value` towards `wanted` by at most `step`. */
+/* Moves `value` towards `wanted`, by at most `step`. */
 static double approach(double value, double wanted, double step) { return value + fmax(-step, fmin(step, wanted - value)); }
 
 static vec3 approach_vector(vec3 value, vec3 wanted, vec3 step) {
     return v3(approach(value.x, wanted.x, step.x), approach(value.y, wanted.y, step.y), approach(value.z, wanted.z, step.z));
 }
 
-/* Advances a coordinate; the speed becomes zero at the limits `low` and `high`. A coordinate that is outside the limits can only move back towards
-   them. */
+/* Advances a coordinate. If that would take it beyond `low` or `high`, leaves it and sets the speed to zero. A coordinate that is already outside can still
+   move back. */
 static double move(double from, double *speed, double dt, double low, double high) {
     double to = from + *speed * dt;
     bool leaves = *speed > 0 ? to > high : to < low;
@@ -26,7 +26,7 @@ static double move(double from, double *speed, double dt, double low, double hig
     return from;
 }
 
-/* Advances the position along `axis` (of the home pose's frame); the speed becomes zero if a coordinate would leave its limits. */
+/* Advances the position along `axis`, in the home pose's frame. If any coordinate would leave its limits, leaves the position and sets the speed to zero. */
 static vec3 move_along(vec3 x, vec3 axis, double *speed, double dt, const rate_control_limits *l) {
     vec3 asked = v3_scale(*speed, axis), v = asked;
     vec3 moved = v3(move(x.x, &v.x, dt, -l->max_sideways, l->max_sideways), move(x.y, &v.y, dt, -l->max_sideways, l->max_sideways),
@@ -36,7 +36,7 @@ static vec3 move_along(vec3 x, vec3 axis, double *speed, double dt, const rate_c
     return x;
 }
 
-/* Returns the next position of the base. The limits apply in the frame of the home pose, whose origin is the home position. */
+/* Returns the next position of the base. The limits apply in the frame of the home pose, with the home position as origin. */
 static vec3 move_base(rate_control_state *d, const rate_control_limits *l, double dt) {
     quat home = d->home.orientation;
     vec3 axis = l->along_needle ? q_rotate(q_conjugate(home), q_axis(d->base.orientation)) : v3(0, 0, 1);
@@ -44,7 +44,7 @@ static vec3 move_base(rate_control_state *d, const rate_control_limits *l, doubl
     vec3 moved = v3(move(x.x, &d->velocity.x, dt, -l->max_sideways, l->max_sideways),
                     move(x.y, &d->velocity.y, dt, -l->max_sideways, l->max_sideways), x.z);
     moved = move_along(moved, axis, &d->velocity.z, dt, l);
-    return v3_add(d->base.position, q_rotate(home, v3_sub(moved, x))); /* leaves the position exactly unchanged at rest */
+    return v3_add(d->base.position, q_rotate(home, v3_sub(moved, x))); /* if nothing moves, the position stays exactly the same */
 }
 
 static double tilt_of(quat q, quat home) {
@@ -52,8 +52,7 @@ static double tilt_of(quat q, quat home) {
     return acos(fmax(-1, fmin(1, along)));
 }
 
-/* Tilts the base in the frame of the home pose, and rolls it in the needle's frame. A tilt beyond the limit is rejected unless it reduces the amount
-   by which the limit is exceeded. */
+/* Tilts the base in the frame of the home pose, and rolls it in the needle's. Rejects a tilt beyond the limit, unless the needle was tilted even farther. */
 static quat turn_base(rate_control_state *d, const rate_control_limits *l, double dt) {
     quat q = d->base.orientation, home = d->home.orientation;
     quat tilted = q_multiply(q_exp(q_rotate(home, v3(d->turn.x * dt, d->turn.y * dt, 0))), q);

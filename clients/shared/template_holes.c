@@ -27,7 +27,7 @@ bool find_hole(const trocar_guide *guide, const char *name, int *column, int *ro
     return *column < guide->columns && *row >= 0 && *row < guide->rows;
 }
 
-/* Returns the rotation that turns z to `axis` and x to `along`, which are perpendicular unit vectors. */
+/* Returns the rotation that takes z to `axis` and x to `along`, which must be perpendicular unit vectors. */
 static quat frame_of(vec3 axis, vec3 along) {
     vec3 z = v3(0, 0, 1), turn = v3_cross(z, axis);
     double sine = v3_norm(turn), angle = atan2(sine, v3_dot(z, axis));

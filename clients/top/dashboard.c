@@ -10,9 +10,9 @@
 #include "shared/events.h"
 #include "trocar_needle_wrench_t.h"
 
-static const double silence = 1.0;  /* s without a message after which the display shows an alarm */
+static const double silence = 1.0;  /* s without a message before the display shows an alarm */
 
-/* True if the message comes from the server that is being displayed. */
+/* True if the message comes from the server being displayed. */
 static bool follows(dashboard *d, int64_t server, double now) {
     d->servers.patience = silence;
     return server_choice_follows(&d->servers, server, now);
@@ -20,7 +20,7 @@ static bool follows(dashboard *d, int64_t server, double now) {
 
 void dashboard_take_timing(dashboard *d, const trocar_loop_timing_t *timing, double now) {
     if (!follows(d, timing->server, now)) return;
-    /* this is the first message, or one from a restarted or different server */
+    /* the first message, or one from a restarted or another server */
     if (!d->heard || timing->ticks < d->timing.ticks || timing->server != d->timing.server) d->first_misses = timing->misses;
     d->heard = true;
     d->heard_at = now;
@@ -82,12 +82,12 @@ static duration duration_text(double s) {
     return d;
 }
 
-/* Returns the number of needles to show: one until the first status has arrived. */
+/* Returns how many needles to show: one until the first status arrives. */
 static int shown_needles(const dashboard *d) { return d->needle_count > 0 ? d->needle_count : 1; }
 
 typedef struct { char text[24]; } label;
 
-/* Returns `word`, followed by the needle's number if there are several needles. */
+/* Returns `word`, followed by the needle's number if there is more than one. */
 static label needle_label(const dashboard *d, const char *word, int needle) {
     label l;
     if (d->needle_count > 1) snprintf(l.text, sizeof l.text, "%s %d", word, needle);
@@ -129,7 +129,7 @@ static void add_stages(page *p, const trocar_loop_timing_t *t) {
         1e6 * max[4], 1e6 * max[5]);
 }
 
-/* Adds up the counters of all needles, and takes the largest `pose_age`. The fields about the server are the same in every needle's status. */
+/* Adds up the counters of all needles and takes the largest `pose_age`. The fields that describe the server are the same in every needle's status. */
 static trocar_status_t total_of(const dashboard *d) {
     trocar_status_t total = d->needles[0];
     for (int i = 1; i < d->needle_count; i++) {
@@ -173,7 +173,7 @@ static void add_counters(page *p, const dashboard *d) {
 
 /* ---- histograms -------------------------------------------------------------------------------------------------- */
 
-/* Returns the height of a column, 0..1, on a logarithmic scale, so that one late tick is visible next to 100 000 good ones. */
+/* Returns the height of a column, 0 to 1. The scale is logarithmic, so that one late tick is visible next to 100 000 good ones. */
 static double column(double count, double most) { return count > 0 ? (1 + log10(count)) / (1 + log10(most)) : 0; }
 
 static double most_of(const dashboard *d) {

@@ -1,4 +1,4 @@
-/* trocar-top: shows the timing, poses, faults and wrenches of a running trocar-server live in a terminal. */
+/* trocar-top: a live view of a running trocar-server in the terminal: timing, poses, faults and wrenches. */
 #include <curses.h>
 #include <lcm/lcm.h>
 #include <math.h>
@@ -22,9 +22,9 @@ error_t argp_err_exit_status = EXIT_BAD_INPUT;
 typedef struct {
     const char *lcm_url;     /* NULL selects $LCM_DEFAULT_URL or, if that is not set, LCM's default */
     bool plain, once;
-    double wait;             /* s, time to wait for a server's first message with --once */
-    const char *udp;         /* HOST:PORT to which datagrams are sent; NULL if none are sent */
-    double udp_rate;         /* Hz; 0 sends every wrench; NaN if the option was not given */
+    double wait;             /* s to wait for a server's first message with --once */
+    const char *udp;         /* HOST:PORT to send datagrams to; NULL for none */
+    double udp_rate;         /* Hz; 0 sends every wrench; NaN if not given */
 } options;
 
 enum { OPTION_ONCE = 256, OPTION_WAIT, OPTION_UDP, OPTION_UDP_RATE };
@@ -141,7 +141,7 @@ static void interrupt(int signal) {
     interrupted = 1;
 }
 
-/* Receives messages until the given time. If `keys` is true, also ends when a key is pressed or the window size changes. */
+/* Receives messages until the given time. If `keys` is true, also returns when a key is pressed or the window is resized. */
 static void receive_until(lcm_t *lcm, double end, bool keys) {
     struct pollfd events[2] = {{.fd = lcm_get_fileno(lcm), .events = POLLIN}, {.fd = STDIN_FILENO, .events = POLLIN}};
     for (double left; (left = end - now()) > 0 && !interrupted;) {
@@ -153,7 +153,7 @@ static void receive_until(lcm_t *lcm, double end, bool keys) {
 
 /* ---- screens ----------------------------------------------------------------------------------------------------- */
 
-/* Writes the lines of the dashboard and, with --udp-json, a line about the datagrams; returns their number. */
+/* Writes the dashboard and, with --udp-json, a line about the datagrams. Returns the number of lines. */
 static int draw_lines(const monitor *m, int height, dashboard_line lines[DASHBOARD_LINES + 1]) {
     int count = dashboard_draw(&m->shown, now(), m->sends ? height - 1 : height, lines);
     if (!m->sends) return count;
@@ -175,12 +175,12 @@ static void print_lines(const monitor *m) {
 static int print_once(const options *o, lcm_t *lcm, monitor *m) {
     double end = now() + o->wait;
     while (!m->shown.heard && now() < end && !interrupted) receive_until(lcm, now() + 0.1, false);
-    if (m->shown.heard) receive_until(lcm, now() + 0.3, false);  /* wait for the status */
+    if (m->shown.heard) receive_until(lcm, now() + 0.3, false);  /* lets the status arrive */
     print_lines(m);
     return m->shown.heard ? EXIT_SUCCESS : EXIT_FAILURE;
 }
 
-/* Sends datagrams without showing a display. Reports on stderr when a server starts or stops being heard, and when the state of the datagrams changes. */
+/* Sends datagrams without a display. Reports on stderr when a server appears or falls silent, and when the datagrams start or stop getting through. */
 static int send_only(lcm_t *lcm, const monitor *m) {
     static const double silence = 1.0; /* s */
     bool heard = true;
@@ -234,7 +234,7 @@ static int show(lcm_t *lcm, monitor *m) {
     return EXIT_SUCCESS;
 }
 
-/* Opens the screen if input and output are a terminal with cursor control; otherwise returns false. */
+/* Opens the screen. Returns false if input and output are not a terminal with cursor control. */
 static bool open_screen(const options *o) {
     if (o->plain || o->once || !isatty(STDIN_FILENO) || !isatty(STDOUT_FILENO)) return false;
     if (!newterm(NULL, stdout, stdin)) return false;

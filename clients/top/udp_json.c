@@ -13,8 +13,8 @@
 
 /* ---- the destination -------------------------------------------------------------------------------------------------- */
 
-/* Connects to the first address that works. Names such as localhost may have both IPv4 and IPv6 addresses; IPv4 is tried first because PlotJuggler
-   listens on it by default, and a sender cannot find out which of them is in use. */
+/* Connects to the first address that works. A name such as localhost may have both IPv4 and IPv6 addresses. Tries IPv4 first, because PlotJuggler listens on it
+   by default and a sender cannot tell which one is in use. */
 static int connect_any(const struct addrinfo *found, bool version_4) {
     for (const struct addrinfo *a = found; a; a = a->ai_next) {
         if ((a->ai_family == AF_INET) != version_4) continue;
@@ -76,8 +76,8 @@ static void begin_needle(datagram *d, int needle) {
     json_open(&d->j, name, '{');
 }
 
-/* Records a failure, which remains in effect for one second: if no program listens, the system reports an error for only every second datagram, as
-   the result of the previous one. */
+/* Records a failure, which stands for one second: if no program listens, the system reports an error only for every second datagram, as the result of the one
+   before. */
 static void note(udp_json *u, int error) {
     int64_t now = monotonic_ns();
     u->count += error == 0;
@@ -104,7 +104,7 @@ void udp_json_pose(udp_json *u, const trocar_needle_pose_t *m) {
     memcpy(n->position, m->position, sizeof n->position);
 }
 
-/* Sends a wrench, or only collects its events if none is due. One counts as due 0.1 ms early, because wrenches do not arrive at exact intervals. */
+/* Sends a wrench if one is due; otherwise only collects its events. Wrenches do not arrive at exact intervals, so one counts as due 0.1 ms early. */
 void udp_json_wrench(udp_json *u, const trocar_needle_wrench_t *m) {
     if (!exists(m->needle)) return;
     udp_needle *n = &u->needles[m->needle];

@@ -1,4 +1,4 @@
-/* trocar-view: shows a live scene or a recorded log in browsers, and renders pictures of a log. */
+/* trocar-view: shows a live scene or a recorded log in browsers, and saves pictures of a log. */
 #define _GNU_SOURCE
 #include <errno.h>
 #include <math.h>
@@ -27,15 +27,15 @@
 #include "view/web/chromium.h"
 #include "view_options.h"
 
-static const int64_t PICTURE_PATIENCE = 60000000000; /* ns, time limit for a picture */
+static const int64_t PICTURE_PATIENCE = 60000000000; /* ns to wait for a picture */
 
 typedef struct {
     const view_options *options;
     trocar_scene *scene;
-    trocar_model *model;     /* for the mesh only; it is not simulated */
+    trocar_model *model;     /* used only for its mesh; nothing is simulated */
     double needle_length;    /* m */
-    int needle_count;        /* number of needles of a live scene; a log shows one */
-    pose parking_poses[TROCAR_MAX_NEEDLES]; /* each needle's waiting pose outside the tissue */
+    int needle_count;        /* needles of a live scene; a log shows one */
+    pose parking_poses[TROCAR_MAX_NEEDLES]; /* where each needle waits outside the tissue */
     timeline timeline;
     byte_buffer encoded_scene;
     char page[4096];         /* folder with the page */
@@ -58,7 +58,7 @@ typedef struct {
 
 /* ---- callbacks of the web server ---- */
 
-/* Writes the status of a needle, as members of a JSON object. */
+/* Writes the status of a needle as members of a JSON object. */
 static void write_needle(const view *v, int needle, json *j) {
     static const char *const states[] = {"held", "leaving", "resting", "taking"};
     const trocar_status_t *s = v->feed.needles[needle].status;
@@ -85,7 +85,7 @@ static void write_needles(const view *v, json *j) {
     json_close(j, ']');
 }
 
-/* Writes the probe's owner, force and contacts. The owner "elsewhere" is another client that has moved the probe, and may be silent now. */
+/* Writes the probe's owner, force and contacts. The owner "elsewhere" means another client, which may be silent by now. */
 static void write_probe(const view *v, json *j) {
     const trocar_probe *p = &v->feed.probe;
     json_open(j, "probe", '{');
@@ -95,7 +95,7 @@ static void write_probe(const view *v, json *j) {
     json_close(j, '}');
 }
 
-/* Writes the values that can be changed during the run, and the reply to the last change. */
+/* Writes the values that can be changed while the server runs, and the reply to the last change. */
 static void write_values(const view *v, json *j) {
     const trocar_values_t *values = v->feed.values;
     const trocar_command_reply_t *reply = v->feed.change_reply;
@@ -112,7 +112,7 @@ static void write_values(const view *v, json *j) {
     json_close(j, '}');
 }
 
-/* Writes the number of servers followed so far, the reason why a browser has lost the needle, and the hole to which the driven needle was sent. */
+/* Writes how many servers have been followed so far, why a browser has lost the needle, and the hole that the driven needle was sent to. */
 static void write_pilot(view *v, json *j) {
     pilot *p = &v->pilot;
     json_integer(j, "server", v->feed.servers);
@@ -145,7 +145,7 @@ static char *describe(void *context, const web_page *page) {
     json_integer(&j, "pages", page->count);
     json_integer(&j, "driver", page->driver);
     json_integer(&j, "steered", page->steered);
-    json_integer(&j, "needle", v->pilot.needle); /* written even while the server is silent, because the page may still drive the needle */
+    json_integer(&j, "needle", v->pilot.needle); /* written even if the server is silent, because the page may still be driving the needle */
     write_pilot(v, &j);
     if (alive) {
         json_number(&j, "rate", v->feed.timing.rate_hz);
@@ -161,7 +161,7 @@ static char *describe(void *context, const web_page *page) {
     return text;
 }
 
-/* Starts the next ultrasound images once the last ones have been computed and sent to a browser. Computing more images than are shown would slow down the
+/* Starts on the next ultrasound images once the last ones have been computed and sent to a browser. Images that nobody sees would only slow down the
    browser. */
 static void scan(view *v) {
     if (v->scanner && !scanner_busy(v->scanner) && web_delivered(v->web, &v->ultrasound)) scanner_tell(v->scanner, &v->feed);
@@ -196,7 +196,7 @@ static void receive(view *v) {
     scan(v);
 }
 
-/* True if a browser may drive this needle; handles pending messages first. */
+/* True if a browser may drive this needle. First handles the messages that have arrived. */
 static bool may_drive(void *context, uint32_t needle) {
     view *v = context;
     if (!v->lcm || needle >= (uint32_t)v->needle_count) return false;
@@ -259,7 +259,7 @@ static trocar_status watch_signals(view *v, trocar_error *why) {
 
 /* ---- set-up ---- */
 
-/* Returns the folder with the page: the program's build folder, or share/trocar if the program is installed. */
+/* Finds the folder with the page: in the build folder or, if the program is installed, in share/trocar. */
 static const char *page_folder(const view_options *o, char *place, size_t size) {
     static const char beside[] = "/page", installed[] = "/../share/trocar/page";
     if (o->web.page) return o->web.page;
@@ -349,7 +349,7 @@ static trocar_status prepare(view *v, trocar_error *why) {
 }
 
 static void clean_up(view *v) {
-    if (v->web) web_free(v->web); /* freed first, because a driving browser releases the needle when its connection closes */
+    if (v->web) web_free(v->web); /* freed first, because closing a driving browser's connection releases the needle */
     pilot_close(&v->pilot);
     if (v->scanner) scanner_free(v->scanner);
     bytes_free(&v->ultrasound.bytes);
@@ -380,7 +380,7 @@ static void serve(view *v) {
     while (!v->stop) web_round(v->web);
 }
 
-/* Writes the URL of the page with the parameters of the picture: see pose in page/src/main.js. */
+/* Writes the page's URL with the parameters of the picture: see pose in page/src/main.js. */
 static void picture_url(const view *v, size_t size, char *url) {
     const picture *p = &v->options->picture;
     int length = snprintf(url, size, "http://127.0.0.1:%d/?picture&width=%d&height=%d&view=%d&theme=%s", web_port(v->web), p->width, p->height,
@@ -389,7 +389,7 @@ static void picture_url(const view *v, size_t size, char *url) {
     if (p->cut && !isnan(p->place)) snprintf(url + length, size - (size_t)length, "&place=%.9g", p->place);
 }
 
-/* Takes a picture: the page renders it and sends it back. */
+/* Takes a picture, which the page renders and sends back. */
 static trocar_status take_picture(view *v, trocar_error *why) {
     char url[256];
     picture_url(v, sizeof url, url);
@@ -397,7 +397,7 @@ static trocar_status take_picture(view *v, trocar_error *why) {
     trocar_status status = chromium_start(&browser, url, why);
     int64_t deadline = monotonic_ns() + PICTURE_PATIENCE;
     while (status == TROCAR_OK && !v->stop) {
-        web_round(v->web); /* returns at least every 0.1 s because of its timer */
+        web_round(v->web); /* its timer makes it return at least every 0.1 s */
         if (chromium_ended(&browser))
             status = fail(why, TROCAR_SYSTEM, "chromium exited without a picture: is Debian's package chromium installed?");
         else if (monotonic_ns() > deadline) status = fail(why, TROCAR_SYSTEM, "no picture from chromium in %d s", (int)(PICTURE_PATIENCE / 1000000000));

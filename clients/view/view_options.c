@@ -45,7 +45,7 @@ static const struct argp_option option_list[] = {
     {0},
 };
 
-/* Returns the index of `text` in `names`; exits through argp_error if it is missing. */
+/* Returns the index of `text` in `names`. Exits through argp_error if it is missing. */
 static int parse_name(struct argp_state *state, const char *option, const char *text, const char *const *names, int count) {
     int place = 0;
     while (place < count && strcmp(text, names[place]) != 0) place++;

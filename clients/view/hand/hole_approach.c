@@ -2,9 +2,9 @@
 
 #include "common/messages.h"
 
-static const double CLEARANCE = 0.003; /* m, distance between the tip and the template when the needle waits in front of it */
-static const double HERE = 1e-9;       /* m and rad: smaller distances and angles are treated as zero */
-static const double IN_LINE = 0.5e-3;  /* m, largest distance of base and tip from the hole axis at which the needle counts as aligned with the hole */
+static const double CLEARANCE = 0.003; /* m, gap between the tip and the template while the needle waits */
+static const double HERE = 1e-9;       /* m and rad, below which distances and angles count as zero */
+static const double IN_LINE = 0.5e-3;  /* m, farthest that base and tip may be from the hole's axis for the needle to count as aligned with it */
 
 pose hole_home(const trocar_guide *guide, double column, double row, double needle_length) {
     pose home = hole_entry(guide, column, row);
@@ -25,7 +25,7 @@ bool in_line_with_hole(pose home, pose base, double needle_length) {
     return hypot(from.x, from.y) < IN_LINE && hypot(tip.x, tip.y) < IN_LINE;
 }
 
-/* Returns the fraction of `rest` that remains after a step no longer than `most`. */
+/* Returns the fraction of the distance `rest` that remains after a step of at most `most`. */
 static double left_of(double rest, double most) { return rest > most ? (rest - most) / rest : 0.0; }
 
 bool approach_step(rate_control_state *d, const rate_control_limits *limits, double dt) {

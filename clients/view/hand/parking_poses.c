@@ -5,7 +5,7 @@
 #include "shared/patient.h"
 #include "view/hand/hole_approach.h"
 
-static const double MARGIN = 0.002; /* m, distance between tip and surface */
+static const double MARGIN = 0.002; /* m, gap between tip and surface */
 
 void find_mesh_box(const trocar_model *model, vec3 *low, vec3 *high) {
     const double *nodes = trocar_model_nodes(model);
@@ -33,7 +33,7 @@ void find_parking_poses(const trocar_scene *scene, const trocar_model *model, do
     int template = find_template(model);
     find_mesh_box(model, &low, &high);
     for (int needle = 0; needle < count; needle++) {
-        double aside = (needle % 2 ? 0.01 : -0.01) * ((needle + 1) / 2 % 3); /* m, sideways distance, on alternating sides */
+        double aside = (needle % 2 ? 0.01 : -0.01) * ((needle + 1) / 2 % 3); /* m, sideways offset, on alternating sides */
         if (given) {
             parking_poses[needle] = (pose){v3_add(start.position, q_rotate(start.orientation, v3(aside, 0, 0))), start.orientation};
         } else if (template >= 0) {

@@ -9,8 +9,8 @@
 #include "view/hand/hole_approach.h"
 #include "view/hand/parking_poses.h"
 
-static const int64_t RECENT = 500000000; /* ns, largest age of a wrench that counts as recent */
-static const double FAR = 0.5; /* m: if a needle's base is farther from its home than this, the needle has been removed */
+static const int64_t RECENT = 500000000; /* ns, how long a wrench counts as recent */
+static const double FAR = 0.5; /* m; a needle whose base is farther than this from its home has been removed */
 
 static const trocar_status_t *status_of(const pilot *p, int needle) { return p->feed->needles[needle].status; }
 
@@ -19,7 +19,7 @@ static bool rests(const pilot *p, int needle) {
     return status && status->state == TROCAR_STATUS_T_RESTING;
 }
 
-/* True if the needle rests or has no owner. */
+/* True if the needle is resting or has no owner. */
 static bool may_remove(const pilot *p, int needle) {
     const trocar_status_t *status = status_of(p, needle);
     return rests(p, needle) || (status && status->state == TROCAR_STATUS_T_HELD && subscriber_owner(p->feed, needle) == 0);
@@ -30,8 +30,8 @@ static void begin_handover(pilot *p, handover what) {
     p->handing_since = monotonic_ns();
 }
 
-/* True if the needle's last wrench shows that the needle is in the tissue, provided that the wrench is at most half a second old. There are no
-   wrenches for a needle that rests or has not been held. */
+/* True if the needle's last wrench is at most half a second old and shows the needle in the tissue. There are no wrenches for a needle that is resting or has
+   never been held. */
 static bool is_in_tissue(const pilot *p, int needle) {
     const needle_feed *n = &p->feed->needles[needle];
     return n->wrench.depth > 0.0 && monotonic_ns() - n->heard < RECENT;
@@ -39,8 +39,8 @@ static bool is_in_tissue(const pilot *p, int needle) {
 
 /* ---- orders ---- */
 
-/* Orders the needle to a hole that the browser has chosen. Returns false if there is no such hole, or if the needle is not known to be outside the
-   tissue: the last wrench of a needle that has just been taken may be from before it rested. */
+/* Sends the needle to a hole that the browser has chosen. Returns false if there is no such hole, or if the needle is not known to be outside the tissue: if it
+   has only just been taken, its last wrench may be from before it came to rest. */
 static bool order_hole(pilot *p, const float *asked, publisher_order *order) {
     int index = (int)fmaxf(-1, fminf(asked[0], 1000));
     trocar_guide guide = trocar_model_guide(p->model, index);
@@ -56,8 +56,8 @@ static bool order_hole(pilot *p, const float *asked, publisher_order *order) {
     return true;
 }
 
-/* Takes a needle. If the needle is in the tissue and nobody holds it, simply holding it would straighten it and reset the tissue; therefore it is
-   first left to rest and then taken. */
+/* Takes a needle. Simply holding one that is in the tissue without an owner would straighten it and reset the tissue. Such a needle is first left to rest, then
+   taken. */
 static publisher_order order_take(pilot *p, int needle) {
     pose home = p->parking_poses[needle], base;
     publisher_order order = {.kind = ORDER_TAKE, .needle = needle, .rests = rests(p, needle), .home = home, .base = home};
@@ -73,7 +73,7 @@ static publisher_order order_take(pilot *p, int needle) {
     return order;
 }
 
-/* Orders the release of the needle because the browser has asked for it. */
+/* Releases the needle at the browser's request. */
 static publisher_order order_release(pilot *p) {
     bool holds = p->driving && p->handing == HANDING_NOTHING && subscriber_owner(p->feed, p->needle) == p->publisher.session;
     bool drops = p->lies_down && holds && !rests(p, p->needle) && is_in_tissue(p, p->needle);
@@ -127,8 +127,8 @@ void pilot_let_go(pilot *p, const char *why) {
 
 static void tell(pilot *p, order_kind kind) { publisher_tell(&p->publisher, &(publisher_order){.kind = kind}); }
 
-/* Handles the server's reply to a command to leave the driven needle at rest. Marks the needle as resting at once, because until its next status arrives,
-   it would seem that the needle could be driven without being taken. */
+/* Handles the server's reply to the command to leave the driven needle. Marks the needle as resting without waiting for its next status; until then, it would
+   seem possible to drive it without taking it. */
 static void heed_left(pilot *p, bool done) {
     handover was = p->handing;
     trocar_status_t *status = p->feed->needles[p->needle].status;
@@ -142,7 +142,7 @@ static void heed_left(pilot *p, bool done) {
     else tell(p, ORDER_GO_ON);
 }
 
-/* Handles the server's answer to a command that hands over the driven needle. */
+/* Handles the server's reply to a command that hands over the driven needle. */
 static void heed_reply(pilot *p) {
     const trocar_command_reply_t *reply = p->feed->reply;
     bool is_new = p->feed->replies_heard != p->replies_heeded;
@@ -151,11 +151,11 @@ static void heed_reply(pilot *p) {
     bool done = reply->status == TROCAR_COMMAND_REPLY_T_DONE;
     if (reply->command == TROCAR_COMMAND_T_LEAVE && p->handing != HANDING_TAKEN) heed_left(p, done);
     else if (reply->command != TROCAR_COMMAND_T_TAKE || p->handing != HANDING_TAKEN) return;
-    else if (done) tell(p, ORDER_GO_ON); /* the needle's next status will show that the needle has been taken */
+    else if (done) tell(p, ORDER_GO_ON); /* the needle's next status will show it as held */
     else web_let_go(p->web);
 }
 
-/* Ends a hand-over once the needle has been taken, or if the server has not answered in time. */
+/* Ends a hand-over once the needle has been taken, or once the server has taken too long to answer. */
 static void watch_handover(pilot *p) {
     const trocar_status_t *status = status_of(p, p->needle);
     bool taken = p->handing == HANDING_TAKEN && status && status->state == TROCAR_STATUS_T_HELD;
@@ -185,7 +185,7 @@ const char *pilot_trouble(const pilot *p, int needle) {
 bool pilot_has(const pilot *p, int needle) { return pilot_trouble(p, needle) == NULL; }
 
 bool pilot_may_take(const pilot *p, int needle) {
-    if (!p->driving && p->handing == HANDING_DROPPED) return false; /* not until the released needle rests */
+    if (!p->driving && p->handing == HANDING_DROPPED) return false; /* wait until the released needle rests */
     return pilot_has(p, needle) || (!p->driving && subscriber_alive(p->feed) && rests(p, needle));
 }
 

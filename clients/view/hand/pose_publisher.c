@@ -17,13 +17,13 @@
 enum { ORDERS = 256 };
 
 static const int64_t PERIOD = 1000000;         /* ns */
-static const int64_t PROBE_PERIOD = 10000000;  /* ns between two poses of the probe; the server accepts 100 per second */
+static const int64_t PROBE_PERIOD = 10000000;  /* ns between probe poses; the server accepts 100 per second */
 static const double LONGEST_STEP = 0.01;       /* s, longest time step of the motion */
 static const double AT_HOME = 1e-6;            /* m, tolerance for rounding errors */
-static const int64_t SILENCE = 250000000;      /* ns without an order after which the needle stops */
-static const int64_t SERVER_SILENCE = 100000000; /* ns without a wrench after which the publisher stops sending poses */
+static const int64_t SILENCE = 250000000;      /* ns without an order before the needle stops */
+static const int64_t SERVER_SILENCE = 100000000; /* ns without a wrench before the publisher stops sending poses */
 
-/* Limits for the probe, relative to its pose at the beginning of the motion. */
+/* Limits for the probe, relative to its pose when the motion began. */
 static const rate_control_limits PROBE_LIMITS = {.max_speed = 0.02, .max_turn_rate = 0.3, .ramp = 0.15, .max_sideways = 0.05, .max_back = 0.1, .max_forward = 0.1,
                                                  .max_tilt = 0.35};
 
@@ -52,7 +52,7 @@ static void publish_command(pose_publisher *p, int32_t what, int needle, int see
     trocar_command_t_publish(p->lcm, "TROCAR_COMMAND", &m);
 }
 
-/* Sends a command for the needle that the thread holds. */
+/* Sends a command for the needle that this thread holds. */
 static void publish_own(pose_publisher *p, int32_t what, int seeds) {
     if (p->holding) publish_command(p, what, p->needle, seeds);
 }
@@ -86,14 +86,13 @@ static bool is_still(const rate_control_command *c) {
     return c->right == 0 && c->up == 0 && c->forward == 0 && c->pitch == 0 && c->yaw == 0 && c->roll == 0;
 }
 
-/* True if a command contains no motion or only forward motion; such commands do not interrupt the approach to a hole. */
+/* True if the command contains no motion but forward motion, which does not interrupt the approach to a hole. */
 static bool is_still_or_forward(rate_control_command c) {
     c.forward = fmin(c.forward, 0);
     return is_still(&c);
 }
 
-/* Starts to move the probe from the pose that the server reports. This pose is used only at the beginning of a motion, because the server's reports
-   lag behind during the motion. */
+/* Starts to move the probe from the pose that the server reports. Later reports are ignored during the motion, because they lag behind it. */
 static void steer_probe(pose_publisher *p, const publisher_order *order, int64_t now) {
     if (!p->probing && is_still(&order->command)) return;
     if (!p->probing) rate_control_begin(&p->probe, order->base, order->base);
@@ -167,7 +166,7 @@ static void publish_probe(pose_publisher *p, int64_t now) {
 
 static bool is_at_rest(const rate_control_state *d) { return v3_norm(d->velocity) == 0.0 && v3_norm(d->turn) == 0.0; }
 
-/* Moves the probe. Sends its pose at regular intervals, and also the pose in which it comes to rest. */
+/* Moves the probe. Sends its pose at regular intervals, and once more when it comes to rest. */
 static void move_probe(pose_publisher *p, int64_t now, double dt) {
     if (!p->probing) return;
     if (now - p->probe_ordered > SILENCE) p->probe_command = (rate_control_command){0};
@@ -176,11 +175,11 @@ static void move_probe(pose_publisher *p, int64_t now, double dt) {
     if (!p->probing || now - p->probe_sent >= PROBE_PERIOD) publish_probe(p, now);
 }
 
-/* Returns the distance (m) of the base ahead of its home, along the home pose's axis. */
+/* Returns how far the base is ahead of its home, in m along the home pose's axis. */
 static double ahead_of_home(const pose_publisher *p) { return v3_dot(v3_sub(p->drive.base.position, p->home.position), q_axis(p->home.orientation)); }
 
-/* Returns the current limits. A needle that has been ordered to a hole must stop in front of the template until it is aligned with that hole;
-   otherwise it would enter another hole. */
+/* Returns the current limits. A needle sent to a hole must stop in front of the template until it is aligned with that hole; otherwise it would enter
+   another. */
 static rate_control_limits limits_now(const pose_publisher *p) {
     rate_control_limits limits = p->limits;
     if (p->has_hole && ahead_of_home(p) <= AT_HOME && !in_line_with_hole(p->home, p->drive.base, p->needle_length)) limits.max_forward = 0;
@@ -189,7 +188,7 @@ static rate_control_limits limits_now(const pose_publisher *p) {
 
 bool publisher_round(pose_publisher *p, int64_t now, double dt) {
     bool goes_on = true;
-    int64_t heard = atomic_load_explicit(&p->heard, memory_order_acquire); /* this must be read before the orders: see publisher_hear */
+    int64_t heard = atomic_load_explicit(&p->heard, memory_order_acquire); /* read before the orders: see publisher_hear */
     for (publisher_order order; goes_on && spsc_ring_pop(&p->orders, &order);) goes_on = obey(p, &order, now);
     bool alive = now - heard <= SERVER_SILENCE;
     p->probing &= alive;
@@ -209,7 +208,7 @@ bool publisher_round(pose_publisher *p, int64_t now, double dt) {
     return true;
 }
 
-/* Requests real-time scheduling, because browsers on the same machine may keep the processors busy. */
+/* Requests real-time scheduling, because browsers on the same machine may keep the CPUs busy. */
 static void ask_realtime(void) {
     realtime_use_fifo(PRIORITY_DEVICE);
 }

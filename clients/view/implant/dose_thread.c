@@ -23,26 +23,26 @@
 
 enum {
     ORGANS = 3,
-    VOXELS = 1500000,        /* maximum number of voxels in the dose grid */
+    VOXELS = 1500000,        /* most voxels in the dose grid */
     NICENESS = 15,
 };
 
 static const double GRID_SPACING = 1e-3;  /* m */
-static const double MARGIN = 0.02;        /* m, margin of the dose grid around the target */
-static const double NOTICED = 1e-4;       /* m, smallest displacement that causes the dose to be recomputed */
-static const int64_t PAUSE = 500000000;   /* ns, shortest interval between two computations that are caused only by motion */
+static const double MARGIN = 0.02;        /* m, how far the dose grid extends beyond the target */
+static const double NOTICED = 1e-4;       /* m, smallest displacement after which the dose is recomputed */
+static const int64_t PAUSE = 500000000;   /* ns, shortest time between two computations triggered by motion alone */
 
 /* A seed whose dose is in the grid. */
 typedef struct {
-    trocar_dose_seed rest, now; /* the seed's position at rest, which identifies the seed, and its position in the grid */
+    trocar_dose_seed rest, now; /* position in the undeformed tissue, which identifies the seed, and position in the grid */
     int32_t id;
 } counted_seed;
 
 /* Input of the thread. */
 typedef struct {
     int count;
-    trocar_dose_seed rest[TROCAR_MAX_SEEDS], now[TROCAR_MAX_SEEDS]; /* positions of the seeds in the tissue at rest, and in the displaced tissue */
-    double nodal[];          /* displacements [nodes][3], m */
+    trocar_dose_seed rest[TROCAR_MAX_SEEDS], now[TROCAR_MAX_SEEDS]; /* in the undeformed and in the deformed tissue */
+    double nodal[];          /* m, displacements [nodes][3] */
 } told_state;
 
 struct dose_thread {
@@ -50,20 +50,19 @@ struct dose_thread {
     trocar_dose_source *source;
     organ organs[ORGANS];
     int organ_count, node_count;
-    shrinkage shrunk;        /* shrinkage of the target, organs[0], if there is one */
+    shrinkage shrunk;        /* of the target, organs[0], if there is one */
     trocar_dose_grid grid;
     trocar_dose *dose;
     double *values;
     unsigned char *levels;
     counted_seed counted[TROCAR_MAX_SEEDS];
     int count;
-    told_state *done;        /* input of the last computation */
+    told_state *done;        /* what was computed last */
 
     pthread_t thread;
     bool started;
-    triple_buffer told;      /* triple buffer of told_state. The threads do not share a lock, because this thread, which has low priority, could hold
-                                it for a long time */
-    int news;                /* eventfd that signals new input for the thread */
+    triple_buffer told;      /* passes a told_state. Not a lock, because this thread has low priority and could hold the lock for a long time */
+    int news;                /* eventfd, signalled when there is new input */
     atomic_bool stop;
     section_box result;
 };
@@ -72,7 +71,7 @@ struct dose_thread {
 
 static const char *const WORDS[ORGANS][2] = {{"prostate", "gland"}, {"urethra", NULL}, {"rectum", NULL}};
 
-/* Returns the model's first region that is not a part of another and whose name contains one of the words, or -1. */
+/* Returns the model's first region that is not part of another and whose name contains one of the words; -1 if there is none. */
 static int find_organ(const trocar_model *m, const char *const words[2]) {
     for (int r = 0; r < trocar_model_region_count(m); r++)
         for (int w = 0; w < 2 && words[w]; w++)
@@ -80,14 +79,14 @@ static int find_organ(const trocar_model *m, const char *const words[2]) {
     return -1;
 }
 
-/* Returns the model's mesh with its organs as regions: a region and its parts have the region's number. The caller provides `organ_of_tet`. */
+/* Returns the model's mesh with its organs as regions: the parts of a region get the region's own number. The caller provides the memory, `organ_of_tet`. */
 static trocar_mesh mesh_of_organs(const trocar_model *m, int32_t *organ_of_tet) {
     for (int t = 0; t < trocar_model_tet_count(m); t++) organ_of_tet[t] = trocar_model_part_of(m, trocar_model_tet_regions(m)[t]);
     return (trocar_mesh){.node_count = trocar_model_node_count(m), .tet_count = trocar_model_tet_count(m), .nodes = trocar_model_nodes(m),
                          .tets = trocar_model_tets(m), .tet_region = organ_of_tet};
 }
 
-/* Returns a dose grid for the bounding box of the target, or of the whole tissue if there is no target. */
+/* Returns a dose grid that covers the bounding box of the target or, if there is none, of the whole tissue. */
 static trocar_dose_grid choose_grid(const trocar_mesh *mesh, int target) {
     double low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY}, voxels = 1.0;
     for (int i = 0; i < 4 * mesh->tet_count; i++) {
@@ -107,7 +106,7 @@ static trocar_dose_grid choose_grid(const trocar_mesh *mesh, int target) {
     return grid;
 }
 
-/* Finds the organs, the shrinkage of the target, and the dose grid. */
+/* Finds the organs, how the target shrinks, and the dose grid. */
 static trocar_status prepare_organs(dose_thread *t, const trocar_model *m, trocar_error *why) {
     int32_t *organ_of_tet = malloc((size_t)trocar_model_tet_count(m) * sizeof *organ_of_tet);
     if (!organ_of_tet) return fail(why, TROCAR_NO_MEMORY, "no memory for the dose");
@@ -119,7 +118,7 @@ static trocar_status prepare_organs(dose_thread *t, const trocar_model *m, troca
         organ *o = &t->organs[t->organ_count++];
         status = organ_create(o, m, &mesh, region, why);
         o->is_target = i == 0;
-        o->shrinks = i < 2; /* the urethra, which runs through the gland, also shrinks */
+        o->shrinks = i < 2; /* the urethra runs through the gland and shrinks with it */
     }
     t->shrunk.scale = t->organ_count > 0 && t->organs[0].is_target ? 1.0 / cbrt(t->settings->swelling) : 1.0;
     if (status == TROCAR_OK && t->organ_count > 0) organ_centre(&t->organs[0], t->shrunk.centre);
@@ -151,14 +150,14 @@ static trocar_status prepare(dose_thread *t, const trocar_model *m, trocar_error
 
 /* ---- seeds -------------------------------------------------------------------------------------------------------------- */
 
-/* Returns the largest difference (m) in a coordinate between two positions of a seed. */
+/* Returns how far apart two positions of a seed are (m), as the largest difference in a coordinate. */
 static double distance(const trocar_dose_seed *a, const trocar_dose_seed *b) {
     double most = 0.0;
     for (int k = 0; k < 3; k++) most = fmax(most, fabs(a->position[k] - b->position[k]));
     return most;
 }
 
-/* Adds a seed to the grid. Skips seeds beyond the grid's capacity; no server sends that many. */
+/* Adds a seed to the grid. Skips seeds for which the grid has no room; no server sends that many. */
 static void add_seed(dose_thread *t, const trocar_dose_seed *rest, const trocar_dose_seed *now) {
     counted_seed *s = &t->counted[t->count];
     *s = (counted_seed){.rest = *rest, .now = *now};
@@ -177,7 +176,7 @@ static void move_seed(dose_thread *t, counted_seed *s, const trocar_dose_seed *n
     if (distance(&s->now, now) > NOTICED && trocar_dose_move(t->dose, s->id, now, &ignored) == TROCAR_OK) s->now = *now;
 }
 
-/* Updates the grid. Seeds are identified by their positions at rest. */
+/* Brings the seeds in the grid up to date. A seed is identified by its position in the undeformed tissue. */
 static void count_seeds(dose_thread *t, const told_state *state) {
     bool found[TROCAR_MAX_SEEDS] = {false};
     for (int k = t->count - 1; k >= 0; k--) {
@@ -194,7 +193,7 @@ static void count_seeds(dose_thread *t, const told_state *state) {
         if (!found[i]) add_seed(t, &state->rest[i], &state->now[i]);
 }
 
-/* Computes the seeds' positions after the target has shrunk; seeds inside it move with it. */
+/* Computes where the seeds are after the target has shrunk; those inside move with it. */
 static void shrink_seeds(const dose_thread *t, const told_state *state, trocar_dose_seed *shrunk) {
     for (int i = 0; i < state->count; i++) {
         shrunk[i] = state->rest[i];
@@ -267,7 +266,7 @@ static void find_levels(dose_thread *t) {
     for (int64_t i = 0; i < count; i++) t->levels[i] = (unsigned char)fmin(UINT8_MAX, 0.5 + scale * t->values[i]);
 }
 
-/* Encodes JSON and the grid's levels; the result is empty if memory runs out. */
+/* Encodes the JSON and the grid's levels. The result is empty if out of memory. */
 static byte_buffer encode(dose_thread *t) {
     byte_buffer section = {0};
     char *text = NULL;
@@ -289,7 +288,7 @@ static bool has_other_seeds(const told_state *now, const told_state *before) {
     return now->count != before->count || memcmp(now->rest, before->rest, (size_t)now->count * sizeof *now->rest) != 0;
 }
 
-/* True if a seed or a node of the mesh has moved by more than NOTICED; false if there are no seeds. */
+/* True if a seed or a node of the mesh has moved by more than NOTICED. False if there are no seeds. */
 static bool has_moved(const dose_thread *t, const told_state *now, const told_state *before) {
     if (now->count == 0) return false;
     for (int i = 0; i < now->count; i++)
@@ -299,18 +298,18 @@ static bool has_moved(const dose_thread *t, const told_state *now, const told_st
     return false;
 }
 
-/* Waits for new input, up to this many ns; if the number is negative, waits without a time limit. */
+/* Waits for new input for up to `patience` ns, or without limit if that is negative. */
 static void wait_for_news(const dose_thread *t, int64_t patience) {
     const struct timespec limit = {.tv_sec = patience / 1000000000, .tv_nsec = patience % 1000000000};
     uint64_t count;
     if (ppoll(&(struct pollfd){.fd = t->news, .events = POLLIN}, 1, patience < 0 ? NULL : &limit, NULL) > 0 && read(t->news, &count, sizeof count) < 0) return;
 }
 
-/* Computes the dose for each new input. While the tissue moves, the thread works at most half of the time. */
+/* Computes the dose for each new input. While the tissue is moving, works at most half of the time. */
 static void *run(void *context) {
     dose_thread *t = context;
-    setpriority(PRIO_PROCESS, (id_t)gettid(), NICENESS); /* this affects only the calling thread */
-    int64_t rested = 0; /* ns, monotonic: until this time, motion alone does not cause a computation */
+    setpriority(PRIO_PROCESS, (id_t)gettid(), NICENESS); /* on Linux, this affects only the calling thread */
+    int64_t rested = 0; /* ns, monotonic; before this time, motion alone does not trigger a computation */
     for (bool first = true; !atomic_load(&t->stop);) {
         const told_state *state = triple_buffer_read(&t->told, NULL);
         int64_t began = monotonic_ns();
@@ -330,7 +329,7 @@ static void *run(void *context) {
     return NULL;
 }
 
-/* Computes the dose that the plan gives to the organs. */
+/* Computes the dose that the planned seeds give to the organs. */
 static trocar_status note_plan(dose_thread *t, const plan_table *plan, const double direction[3], trocar_error *why) {
     trocar_dose_seed *seeds = calloc((size_t)plan->count + 1, sizeof *seeds);
     if (!seeds) return fail(why, TROCAR_NO_MEMORY, "no memory for the dose");

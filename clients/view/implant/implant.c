@@ -7,7 +7,7 @@
 #include "trocar_command_t.h"
 #include "view/hand/hole_approach.h"
 
-/* Replaces a section with the JSON that `write` produces. If there is not enough memory, the section remains unchanged. */
+/* Replaces a section with the JSON that `write` produces. If out of memory, leaves it as it is. */
 static void set_json(web_section *s, section_kind kind, void (*write)(json *, const void *), const void *what) {
     char *text = NULL;
     size_t length = 0;
@@ -82,7 +82,7 @@ static void take_seeds(implant *i, const trocar_seeds_t *seeds, const trocar_def
 void implant_hear(implant *i, const subscriber *feed) {
     if (feed->seeds_heard != i->seeds_heard) take_seeds(i, feed->seeds, feed->deformation);
     if (feed->replies_heard != i->replies_heard && feed->reply) set_json(&i->sections[IMPLANT_REPLY], SECTION_REPLY, write_reply, feed->reply);
-    else if (feed->replies_heard != i->replies_heard) bytes_clear(&i->sections[IMPLANT_REPLY].bytes); /* these replies came from the previous server */
+    else if (feed->replies_heard != i->replies_heard) bytes_clear(&i->sections[IMPLANT_REPLY].bytes); /* drop the previous server's reply */
     i->seeds_heard = feed->seeds_heard;
     i->replies_heard = feed->replies_heard;
 }

@@ -4,7 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-static const double SPACING = 1e-3; /* m, spacing of the voxels */
+static const double SPACING = 1e-3; /* m, voxel spacing */
 
 trocar_status organ_create(organ *o, const trocar_model *m, const trocar_mesh *mesh, int region, trocar_error *why) {
     *o = (organ){.name = trocar_model_region_name(m, region)};
@@ -43,7 +43,7 @@ void shrink(const shrinkage *s, const double from[3], double to[3]) {
     for (int a = 0; a < 3; a++) to[a] = s->centre[a] + s->scale * (from[a] - s->centre[a]);
 }
 
-/* Moves the voxels' centres to their positions in this state. */
+/* Moves the voxel centres to where they are in this state. */
 static void place_voxels(organ *o, dose_state state, const double *nodal, const shrinkage *shrunk) {
     const double *rest = trocar_structure_points(o->structure);
     int64_t count = trocar_structure_count(o->structure);

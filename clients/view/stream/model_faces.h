@@ -1,4 +1,4 @@
-/* Faces of a model's tetrahedra. */
+/* The faces of a model's tetrahedra. */
 #ifndef TROCAR_MODEL_FACES_H
 #define TROCAR_MODEL_FACES_H
 
@@ -9,7 +9,7 @@
 /* Corners of the face opposite each corner of a tetrahedron, counter-clockwise as seen from outside. */
 static const int FACE_CORNERS[4][3] = {{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}};
 
-/* True if there is a different region, or no tissue, on the other side of the face. */
+/* True if the other side of the face is a different region, or no tissue. */
 static inline bool face_bounds_region(const trocar_model *model, int tet, int face) {
     const int32_t *regions = trocar_model_tet_regions(model);
     int neighbour = trocar_model_neighbours(model)[4 * tet + face];

@@ -17,11 +17,11 @@ typedef struct {
     trocar_model *model;
     trocar_sim *sim;
     viewer_messages messages;
-    int probes_done, commands_done; /* number of probe poses and commands handled so far */
+    int probes_done, commands_done; /* probe poses and commands handled so far */
     waiting_drop waiting;
     waiting_change change;
-    int refused;             /* number of commands that are refused here although the server had not refused them */
-    trocar_error refusal;    /* reason for the first refusal */
+    int refused;             /* commands refused here, although the server had not refused them */
+    trocar_error refusal;    /* why the first of them was refused */
     int gaps;
 } playback;
 
@@ -47,7 +47,7 @@ static void note_refusal(playback *p, const trocar_error *reason) {
     if (p->refused++ == 0) p->refusal = *reason;
 }
 
-/* Executes the changes and seed commands that came before this pose. As in the server, a refused command changes nothing. */
+/* Executes the changes and seed commands that arrived before this pose. As in the server, a refused command changes nothing. */
 static void run_commands(playback *p, int pose) {
     trocar_error reason;
     if (!try_waiting_drop(&p->waiting, p->sim, 0)) note_refusal(p, &p->waiting.reason);
@@ -80,7 +80,7 @@ static trocar_status play_tick(playback *p, int tick, plot_sample *sample, troca
     return TROCAR_OK;
 }
 
-/* Adds a picture of the last tick. */
+/* Adds a picture of the state after the last tick. */
 static trocar_status add_picture(playback *p, int tick, timeline *t, trocar_error *why) {
     trocar_sim_take_picture(p->sim, p->messages.picture);
     viewer_messages_make_needle(&p->messages, 0, tick, p->poses.poses[tick].utime);
@@ -112,7 +112,7 @@ trocar_status playback_run(const trocar_scene *scene, const char *path, timeline
     return status;
 }
 
-/* Returns the index of the last pose at or before `at`, or -1 if the log ends before `at`. */
+/* Returns the index of the last pose at or before `at`, or -1 if the log ends earlier. */
 static int tick_at(const pose_log *poses, double at) {
     int tick = poses->count - 1;
     if (isfinite(at) && pose_log_time(poses, tick) < at - CLOCK) return -1;

@@ -14,10 +14,10 @@
 
 enum { QUEUE = 512 * TROCAR_MAX_NEEDLES }; /* half a second of wrenches */
 
-static const int64_t SILENCE = 500000000; /* ns without a wrench after which the server is considered to have stopped */
-static const int64_t STALL = 150000000;   /* ns; a longer gap between two checks counts as a pause of this program; the viewer checks every 0.1 s */
-static const double OWNER_SILENCE = 2.0;  /* s of silence after which an owner may lose the needle; same value as in the server */
-static const int64_t NEWS = 150000000; /* ns for which a needle's last wrench is a more reliable source of the needle's owner than the last status */
+static const int64_t SILENCE = 500000000; /* ns without a wrench before the server counts as stopped */
+static const int64_t STALL = 150000000;   /* ns; a longer gap between two checks means that this program was paused. The viewer checks every 0.1 s */
+static const double OWNER_SILENCE = 2.0;  /* s of silence before an owner may lose the needle; the same as in the server */
+static const int64_t NEWS = 150000000; /* ns for which a needle's last wrench names its owner more reliably than its last status */
 
 /* ---- the channels ---- */
 
@@ -55,7 +55,7 @@ static void forget_seeds(subscriber *f) {
     f->replies_heard++;
 }
 
-/* Discards the previous server's data when the subscriber follows another server. */
+/* Discards the previous server's data when the subscriber switches to another. */
 static void note_server(subscriber *f, const trocar_needle_wrench_t *w) {
     if (f->heard != 0 && w->server == f->server) return;
     f->servers++;
@@ -66,7 +66,7 @@ static void note_server(subscriber *f, const trocar_needle_wrench_t *w) {
     f->probe = (trocar_probe){.placed = 0};
 }
 
-/* Returns the record of this needle of the followed server; NULL for another server, and for a needle that the scene does not have. */
+/* Returns the record of this needle. NULL if the message is not from the followed server, or if the scene has no such needle. */
 static needle_feed *find_needle(subscriber *f, int64_t server, int32_t needle) {
     return server == f->choice.followed && needle >= 0 && needle < f->needle_count ? &f->needles[needle] : NULL;
 }
@@ -95,7 +95,7 @@ static void on_wrench(const lcm_recv_buf_t *received, const char *channel, void 
     s.compute_p99 = (float)f->timing.compute_p99;
     s.compute_max = (float)f->timing.compute_max;
     trocar_error why;
-    timeline_add_sample(f->timeline, &s, &why); /* cannot fail in live mode, because the ring is preallocated */
+    timeline_add_sample(f->timeline, &s, &why); /* cannot fail in live mode, where the ring is preallocated */
 }
 
 static void on_timing(const lcm_recv_buf_t *received, const char *channel, void *context) {
@@ -226,13 +226,13 @@ static void on_probe(const lcm_recv_buf_t *received, const char *channel, void *
     f->probe_owner = m.session;
 }
 
-/* Returns the time of a tick, also for pictures that arrive later than the wrench of their tick. */
+/* Returns the time of a tick. Also works for pictures that arrive after their tick's wrench. */
 static double time_of_tick(const subscriber *f, int64_t tick) {
     return 1e-9 * (double)(f->heard - f->started) - (double)(f->tick - tick) * f->period;
 }
 
-/* Completes a picture: the deformation of a tick arrives after the contacts of all needles that have been held. If no needle has been held, a placed probe
-   is enough. */
+/* Completes a picture. The deformation of a tick arrives last, after the contacts of all needles that have been held. If there are none, a placed probe is
+   enough. */
 static void on_deformation(const lcm_recv_buf_t *received, const char *channel, void *context) {
     (void)channel;
     subscriber *f = context;
@@ -242,7 +242,7 @@ static void on_deformation(const lcm_recv_buf_t *received, const char *channel, 
         f->refused++;
         return;
     }
-    trocar_error why; /* if memory is exhausted, a picture is skipped */
+    trocar_error why; /* if out of memory, a picture is skipped */
     needle_shown needles[TROCAR_MAX_NEEDLES];
     bool complete = false, known = false;
     for (int i = 0; i < f->needle_count; i++) {
@@ -265,7 +265,7 @@ trocar_status subscriber_open(subscriber *f, lcm_t *lcm, const trocar_model *mod
     static const char *const channels[] = {"TROCAR_WRENCH", "TROCAR_TIMING", "TROCAR_STATUS", "TROCAR_CONTACTS", "TROCAR_TRACKS", "TROCAR_DEFORMATION", "TROCAR_SEEDS",
                                            "TROCAR_REPLY", "TROCAR_PROBE_WRENCH", "TROCAR_VALUES", NULL};
     static const lcm_msg_handler_t handlers[] = {on_wrench, on_timing, on_status, on_contacts, on_tracks, on_deformation, on_seeds, on_reply, on_probe, on_values};
-    static const packet_wishes wishes = {.channels = channels}; /* accepts fragments, because the deformation of a large mesh arrives in several */
+    static const packet_wishes wishes = {.channels = channels}; /* accept fragments, because the deformation of a large mesh arrives in several */
     lcm_filter_restrict(&wishes);
     *f = (subscriber){.node_count = trocar_model_node_count(model), .needle_count = trocar_model_needles(model), .timeline = t,
                       .started = monotonic_ns(), .period = 1.0 / trocar_model_rate(model), .choice.patience = 1e-9 * (double)SILENCE};

@@ -20,7 +20,7 @@ void timeline_free(timeline *t) {
     *t = (timeline){0};
 }
 
-/* Makes room for an entry: the arrays of a log grow; in live mode, the oldest entry is overwritten. */
+/* Makes room for an entry. A log's arrays grow; in live mode, the oldest entry is overwritten. */
 static trocar_status make_room(const timeline *t, int64_t count, void **array, size_t *room, size_t size, trocar_error *why) {
     if (t->live || (size_t)count < *room) return TROCAR_OK;
     void *wider = realloc(*array, 2 * *room * size);
@@ -50,7 +50,7 @@ trocar_status timeline_add_sample(timeline *t, const plot_sample *s, trocar_erro
     gathered->events = events;
     gathered->membrane = membrane;
     if (s->time < t->slot_end[s->needle]) return TROCAR_OK;
-    t->slot_end[s->needle] = s->time + 0.99 * SAMPLE_SLOT; /* slightly less than a slot, so that a tick at the slot's end starts the next one */
+    t->slot_end[s->needle] = s->time + 0.99 * SAMPLE_SLOT; /* slightly less than a slot, so that a tick at the end of a slot starts the next one */
     return close_slot(t, s->needle, why);
 }
 
@@ -67,7 +67,7 @@ static void thin_out(timeline *t) {
     t->picture_stride *= 2;
 }
 
-/* Returns the slot for the next picture. In a log, this replaces the newest picture unless that picture must be kept. */
+/* Returns the slot for the next picture. In a log, that is the newest picture's slot, unless that picture must be kept. */
 static byte_buffer *next_place(timeline *t) {
     if (!t->live && t->picture_end > 0 && (t->pictures_given - 1) % t->picture_stride != 0) t->picture_end--;
     if (!t->live && t->picture_bytes > t->picture_bytes_most && t->picture_end > 2) thin_out(t);
@@ -103,7 +103,7 @@ bool timeline_has_news(const timeline *t, const timeline_cursor *cursor) {
 
 static int64_t oldest_kept(int64_t end, size_t room) { return end > (int64_t)room ? end - (int64_t)room : 0; }
 
-/* Copies samples up to the end of the ring; the next call copies the rest. */
+/* Copies samples up to the end of the ring. The next call copies the rest. */
 static void read_samples(const timeline *t, timeline_cursor *cursor, byte_buffer *out) {
     int64_t oldest = oldest_kept(t->sample_end, t->sample_room);
     if (cursor->sample < oldest) cursor->sample = oldest;

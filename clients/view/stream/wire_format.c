@@ -61,7 +61,7 @@ static double number_of(const trocar_scene *s, const char *key) {
     return value;
 }
 
-/* One entry of a list in the scene: its name, its group in the mesh, and whether it is impenetrable. */
+/* An entry of one of the scene's lists: its name, its group in the mesh, and whether it is impenetrable. */
 typedef struct {
     char name[64];
     int group;
@@ -137,7 +137,7 @@ static void write_guides(json *j, const trocar_model *m) {
     json_close(j, ']');
 }
 
-/* Writes the probe's shape; nothing for a scene without a probe. */
+/* Writes the probe's shape, or nothing if the scene has no probe. */
 static void write_probe(json *j, const trocar_model *m) {
     trocar_probe_shape shape;
     if (!trocar_model_probe(m, &shape)) return;
@@ -205,8 +205,8 @@ static void append_tets(byte_buffer *b, const trocar_model *m) {
     }
 }
 
-/* Appends three nodes (counter-clockwise as seen from outside `tet`), the groups of the regions on its inside and outside, and
-   the bits of named surfaces. */
+/* Appends a triangle: three nodes (counter-clockwise as seen from outside `tet`), the groups of the regions inside and outside, and the bits of named
+   surfaces. */
 static void append_triangle(byte_buffer *b, const trocar_model *m, int tet, int face, int neighbour) {
     const int32_t *regions = trocar_model_tet_regions(m);
     uint32_t triangle[6];
@@ -222,7 +222,7 @@ static void append_triangles(byte_buffer *b, const trocar_model *m) {
         for (int f = 0; f < 4; f++) {
             int n = trocar_model_neighbours(m)[4 * t + f];
             bool shown = face_bounds_region(m, t, f) || trocar_model_face_surfaces(m)[4 * t + f] != 0;
-            if (shown && n < t) append_triangle(b, m, t, f, n);   /* an interior triangle is sent once, with the later of its tetrahedra */
+            if (shown && n < t) append_triangle(b, m, t, f, n);   /* send an interior triangle once, with the later of its two tetrahedra */
         }
 }
 
@@ -237,7 +237,7 @@ void encode_scene(byte_buffer *out, const trocar_scene *scene, const trocar_mode
 
 /* ---- pictures ---- */
 
-/* A picture consists of its head, the probe if there is one, a head for each needle with its joints, contacts and tracks, and the displacements. */
+/* A picture is its head, the probe if there is one, for each needle a head with its joints, contacts and tracks, and the displacements. */
 typedef struct {
     double time, tick;
     float scale;
@@ -272,7 +272,7 @@ static void append_probe(byte_buffer *b, const trocar_probe *p) {
     bytes_append(b, &sent, sizeof sent);
 }
 
-/* Returns the displacement (m) that one count represents. */
+/* Returns the displacement (m) that one count stands for. */
 static float displacement_scale(const trocar_deformation_t *d) {
     float largest = 0;
     for (int n = 0; n < d->node_count; n++)
@@ -280,7 +280,7 @@ static float displacement_scale(const trocar_deformation_t *d) {
     return largest / INT16_MAX;
 }
 
-/* A point of a track: its position in the tissue at rest and the tetrahedron that contains it, its track, and the membrane punctured there or -1. */
+/* A point of a track: its position in the undeformed tissue and the tetrahedron that contains it, its track, and the membrane punctured there or -1. */
 typedef struct {
     float position[3];
     int32_t tet, track, membrane;
@@ -357,8 +357,7 @@ void encode_json_and_bytes(byte_buffer *out, section_kind kind, const char *json
 
 /* ---- seeds ---- */
 
-/* A seed: position and direction in the displaced tissue, position and direction at rest; indices of needle, guide and hole, and index within its
-   strand. */
+/* A seed: position and direction in the deformed tissue, then in the undeformed tissue; needle, guide, hole, and index in its strand. */
 typedef struct {
     float places[4][3];
     int32_t numbers[4];

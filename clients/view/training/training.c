@@ -18,11 +18,11 @@
 #include "lcm_filter.h"
 
 #define CHANNELS "TROCAR_(POSE|WRENCH|COMMAND|CHANGE|REPLY|DEFORMATION|CONTACTS|TRACKS|SEEDS)"
-enum { QUEUE = 16384 /* messages; about five seconds */, ARGUMENTS = 16, NOT_STARTED = 127, CRITERIA_NOT_MET = 1 };
+enum { QUEUE = 16384 /* messages, about five seconds */, ARGUMENTS = 16, NOT_STARTED = 127, CRITERIA_NOT_MET = 1 };
 
 /* ---- trocar-score ---- */
 
-/* Starts trocar-score from this program's folder with these arguments, NULL-terminated; `said` receives the descriptor of an in-memory file for its
+/* Starts trocar-score from this program's folder with these NULL-terminated arguments. Writes to `said` the descriptor of an in-memory file that collects its
    output. Returns the process ID, or -1. */
 static pid_t start_scorer(const char *const *arguments, int *said) {
     char program[PATH_MAX] = "";
@@ -36,7 +36,7 @@ static pid_t start_scorer(const char *const *arguments, int *said) {
     if (*said < 0) return -1;
     pid_t process = fork();
     if (process == 0) {
-        setsid(); /* Linux divides processor time among sessions, so that a browser that renders in software does not starve it */
+        setsid(); /* Linux shares CPU time between sessions, so a browser that renders in software cannot starve it */
         dup2(*said, STDOUT_FILENO);
         dup2(*said, STDERR_FILENO);
         execv(program, (char *const *)all);
@@ -46,7 +46,7 @@ static pid_t start_scorer(const char *const *arguments, int *said) {
     return process;
 }
 
-/* Reads what trocar-score has printed, up to the size of `text`, and closes the file. */
+/* Reads what trocar-score has printed, as far as it fits into `text`, and closes the file. */
 static void read_said(int said, char *text, size_t size) {
     ssize_t length = pread(said, text, size - 1, 0);
     text[length > 0 ? length : 0] = '\0';
@@ -57,7 +57,7 @@ static int exit_status(int status) { return WIFEXITED(status) ? WEXITSTATUS(stat
 
 /* ---- preparing ---- */
 
-/* Copies the rest of a line after the key into `value`. Returns false if the line has another key. */
+/* Copies what follows the key on this line into `value`. Returns false if the line has another key. */
 static bool read_key(const char *line, const char *key, char *value, size_t size) {
     size_t length = strlen(key);
     if (strncmp(line, key, length) != 0 || line[length] != ' ') return false;
@@ -96,7 +96,7 @@ trocar_status training_prepare(training *t, const char *task, const char *runs, 
     *t = (training){.task = task};
     trocar_status chosen = choose_folder(t, runs, why);
     if (chosen != TROCAR_OK) return chosen;
-    snprintf(t->prepared, sizeof t->prepared, "%.*s/.viewer", TRAINING_PATH - 16, t->runs); /* no task has this name */
+    snprintf(t->prepared, sizeof t->prepared, "%.*s/.viewer", TRAINING_PATH - 16, t->runs); /* no task can have this name */
     pid_t process = start_scorer((const char *[]){"--task", task, "--prepare", t->prepared, NULL}, &t->said);
     if (process < 0 || waitpid(process, &status, 0) != process) return fail(why, TROCAR_SYSTEM, "cannot start trocar-score: %s", strerror(errno));
     read_said(t->said, said, sizeof said);
@@ -118,7 +118,7 @@ static void on_message(const lcm_recv_buf_t *received, const char *channel, void
 trocar_status training_open(training *t, lcm_t *lcm, trocar_error *why) {
     static const char *const channels[] = {"TROCAR_WRENCH", "TROCAR_TIMING", "TROCAR_STATUS", "TROCAR_CONTACTS", "TROCAR_TRACKS", "TROCAR_DEFORMATION", "TROCAR_SEEDS",
                                            "TROCAR_REPLY", "TROCAR_PROBE_WRENCH", "TROCAR_VALUES", "TROCAR_POSE", "TROCAR_COMMAND", "TROCAR_CHANGE", NULL};
-    static const packet_wishes wishes = {.channels = channels}; /* the channels of the subscriber, and those that trocar-replay needs */
+    static const packet_wishes wishes = {.channels = channels}; /* the subscriber's channels, and those that trocar-replay needs */
     if (!t->task) return TROCAR_OK;
     lcm_filter_restrict(&wishes);
     t->lcm = lcm;
@@ -141,7 +141,7 @@ void training_close(training *t) {
 
 /* ---- running ---- */
 
-/* Stores the reason for a refusal, which the page shows; returns false. */
+/* Stores the reason for a refusal, which the page shows. Returns false. */
 static bool refuse(training *t, const char *words) {
     snprintf(t->message, sizeof t->message, "%.500s", words);
     return false;

@@ -6,8 +6,8 @@
 
 const acoustics BONE = {-20, 15, 6.5}, STEEL = {-60, 0, 45.7}, TITANIUM = {-60, 0, 27.1};
 
-/* The first entry whose word is part of a region's name is used. The backscatter only reproduces the textbook ranking of the organs (hyperechoic,
-   hypoechoic, anechoic). */
+/* The first entry whose word occurs in a region's name applies. The backscatter merely reproduces the textbook ranking of the organs (hyperechoic, hypoechoic,
+   anechoic). */
 static const struct {
     const char *word;
     acoustics is;

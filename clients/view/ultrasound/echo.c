@@ -5,21 +5,21 @@
 
 #include "view/ultrasound/scatterers.h"
 
-enum { WIDEST_KERNEL = 24 }; /* largest number of rows or lines on each side of a kernel's middle */
+enum { WIDEST_KERNEL = 24 }; /* most rows or lines on each side of a kernel's middle */
 
 static const double ROWS_PER_SIGMA = 1.3;    /* rows per standard deviation of the pulse */
-static const double LINES_PER_SIGMA = 1.3;   /* lines per standard deviation of the beam where it is narrowest */
-static const double MIRROR = 45;             /* dB, echo of a perfect mirror relative to the prostate's speckle: an assumption */
-static const double COMPENSATED = 0.5;       /* dB/(cm MHz), attenuation for which the scanner compensates */
+static const double LINES_PER_SIGMA = 1.3;   /* lines per standard deviation of the beam at its narrowest */
+static const double MIRROR = 45;             /* dB, echo of a perfect mirror relative to the prostate's speckle; an assumption */
+static const double COMPENSATED = 0.5;       /* dB/(cm MHz), attenuation that the scanner compensates for */
 static const double SHARPEST = 0.3;          /* smallest standard deviation of a kernel, in rows or lines */
 
-/* A Gaussian kernel: its weights at offsets of -half to half rows or lines. */
+/* A Gaussian kernel: weights for offsets from -half to half rows or lines. */
 typedef struct {
     int half;
     float weights[2 * WIDEST_KERNEL + 1];
 } kernel;
 
-/* A pixel: the nearest point of the envelope above and to the left, and the pixel's fractional position between it and the next points. */
+/* Where a pixel lies in the envelope: the index of the point above and to the left of it, and the fraction of the way to the next points. */
 typedef struct {
     int32_t at;              /* -1 outside the field */
     float down, right;
@@ -33,7 +33,7 @@ struct echo {
     scatterers scatterers;
     image_point *nodes;
     echo_grid grid;
-    kernel pulse, *widths;   /* kernel of the pulse, and [rows] kernels of the beam's width */
+    kernel pulse, *widths;   /* `widths`: [rows], kernels for the beam's width */
     float *mixed, *loss, *factor; /* [2 * lines], [lines], [lines] */
     float *envelope;         /* [rows][lines] */
     image_raster raster;
@@ -74,7 +74,7 @@ void echo_free(echo *e) {
 
 /* ---- what the image covers ---- */
 
-/* Returns a Gaussian kernel. Distributing an echo linearly over neighbouring points already widens it by a variance of 1/6, so the kernel is narrower. */
+/* Returns a Gaussian kernel. It is narrower than `sigma`, because distributing an echo linearly over neighbouring points already adds a variance of 1/6. */
 static kernel kernel_of(double sigma) {
     kernel k = {.half = 0};
     double own = fmax(SHARPEST, sqrt(fmax(0, sigma * sigma - 1.0 / 6)));
@@ -83,8 +83,8 @@ static kernel kernel_of(double sigma) {
     return k;
 }
 
-/* Returns the mean energy of the kernel applied to a linearly distributed echo: the integral of the product of two triangles is 2/3 at distance 0, and 1/6 at
-   distance 1. */
+/* Returns the mean energy of the kernel applied to a linearly distributed echo. The integral of the product of two triangle functions is 2/3 at distance 0 and
+   1/6 at distance 1. */
 static double energy_of(const kernel *k) {
     double sum = 0;
     for (int i = 0; i <= 2 * k->half; i++) sum += k->weights[i] * (2 * k->weights[i] + (i < 2 * k->half ? k->weights[i + 1] : 0)) / 3;
@@ -97,7 +97,7 @@ static double sum_of(const kernel *k) {
     return sum;
 }
 
-/* Computes the kernel of a row, scaled so that the mean intensity of the speckle in the prostate is 1 at all depths, as a scanner's depth gain does. */
+/* Computes a row's kernel. Its scale makes the mean intensity of the prostate's speckle 1 at all depths, as a scanner's depth gain does. */
 static void prepare_row(echo *e, int row) {
     echo_grid *g = &e->grid;
     double depth = fmax(0, (row - PAD) * g->step), apart = grid_line_distance(g, fmax(row, PAD));
@@ -186,7 +186,7 @@ static void clear(echo *e) {
     for (int l = 0; l < g->lines; l++) g->first_event[l] = INFINITY, g->first_loss[l] = (float)COMPENSATED;
 }
 
-/* Attenuates the signal row by row, relative to the attenuation for which the scanner compensates. */
+/* Attenuates the signal row by row, by what exceeds the attenuation that the scanner compensates for. */
 static void attenuate(echo *e) {
     echo_grid *g = &e->grid;
     for (int l = 0; l < g->lines; l++) {
@@ -210,7 +210,7 @@ static void attenuate(echo *e) {
 
 /* ---- the beam ---- */
 
-/* Convolves with the pulse and with the width of the beam; PAD rows and lines at the edges are incomplete. */
+/* Convolves the signal with the pulse and the beam width. Within PAD rows and lines of the edges, the result is incomplete. */
 static void form_beam(echo *e) {
     const echo_grid *g = &e->grid;
     int wide = 2 * g->lines;
@@ -238,7 +238,7 @@ static void form_beam(echo *e) {
 
 /* ---- pixels ---- */
 
-/* Returns an amplitude in decibels, from its exponent and a polynomial for the logarithm of the mantissa; error below 0.05 dB. */
+/* Converts an amplitude to decibels, using its exponent and a polynomial for the logarithm of the mantissa. The error is below 0.05 dB. */
 static inline float decibels(float x) {
     uint32_t bits;
     memcpy(&bits, &x, sizeof bits);
@@ -248,7 +248,7 @@ static inline float decibels(float x) {
     return 6.0206f * (exponent - 2.1536207f + m * (3.0478842f + m * (-1.0518750f + 0.1582488f * m)));
 }
 
-/* Averages three rows, because pixels are larger than rows, then interpolates and takes the logarithm. */
+/* Averages over three rows, because pixels are larger than rows, then interpolates and takes the logarithm. */
 static void convert(const echo *e, unsigned char *levels) {
     const int lines = e->grid.lines;
     const size_t count = (size_t)e->raster.width * (size_t)e->raster.height;

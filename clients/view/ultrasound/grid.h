@@ -1,5 +1,5 @@
-/* The echo signal before beamforming: complex baseband amplitudes along scan lines, and the events that change the sound on its way along a line. Internal to
-   the folder. */
+/* The echo signal before beamforming: complex baseband amplitudes along scan lines, and the events that change the sound as it travels along a line. Only for
+   this folder. */
 #ifndef TROCAR_ULTRASOUND_GRID_H
 #define TROCAR_ULTRASOUND_GRID_H
 
@@ -7,39 +7,39 @@
 #include "view/ultrasound/planes.h"
 
 enum {
-    GRID_LINES = 1024, GRID_ROWS = 4096, /* maximum numbers; a wider field has a coarser line spacing, and an image ends at a depth of about 0.25 m */
-    PAD = 8                  /* rows and lines around the image, so that echoes from outside spread into it */
+    GRID_LINES = 1024, GRID_ROWS = 4096, /* upper limits: a wider field gets a coarser line spacing, and an image ends at a depth of about 0.25 m */
+    PAD = 8                  /* rows and lines around the image, for echoes that spread into it */
 };
 
-#define THICKNESS_CUT 2.2    /* standard deviations of the beam's thickness beyond which nothing is seen */
+#define THICKNESS_CUT 2.2    /* nothing is seen beyond this many standard deviations of the beam's thickness */
 
 typedef struct {
     int next;                /* next event in the same row, or -1 */
     int line;
-    float once, each;        /* amplitude factors: at this row, and at each row from here on */
+    float once, each;        /* amplitude factors: at this row, and at every row from here on */
 } sound_event;
 
 typedef struct {
     image_field field;
-    int rows, lines;         /* numbers of rows and lines, including PAD on each side */
-    double step;             /* m, distance between rows */
-    double spacing;          /* distance between lines: rad in a sector, otherwise m */
+    int rows, lines;         /* including PAD on each side */
+    double step;             /* m, between rows */
+    double spacing;          /* between lines: rad in a sector, otherwise m */
     double first_row;        /* m, distance of row 0 from the origin */
     double first_line;       /* position of line 0: rad in a sector, otherwise m */
     double wavelength;       /* m */
-    float edge_cosine, edge_sine, edge_margin; /* outward normal (across, away) of the last line, and distance (m) beyond it from which echoes still spread into the image */
+    float edge_cosine, edge_sine, edge_margin; /* outward normal (across, away) of the last line, and m beyond it from which echoes still reach the image */
     float *signal;           /* [rows][lines][2] */
     float *thickness;        /* [rows], m, standard deviation of the beam through the plane */
-    float *mirror;           /* [rows], amplitude on each line of the echo of a perfect mirror perpendicular to the beam */
+    float *mirror;           /* [rows], amplitude on each line of an echo from a perfect mirror perpendicular to the beam */
 
     sound_event *events;
     int event_count, event_room;
     int *event_head;         /* [rows], first event of each row, or -1 */
-    float *first_event;      /* [lines], row of the first boundary on the line */
+    float *first_event;      /* [lines], row of the line's first boundary */
     float *first_loss;       /* [lines], dB/(cm MHz), attenuation in front of that boundary */
 } echo_grid;
 
-/* A node or point relative to the image, m: across, away from the probe, out of the plane. */
+/* A point relative to the image, in m: across, away from the probe, out of the plane. */
 typedef struct {
     float u, v, w;
 } image_point;
@@ -49,28 +49,28 @@ static inline image_point image_point_of(const image_plane *p, vec3 x) {
     return (image_point){(float)v3_dot(from, p->axes[0]), (float)v3_dot(from, p->axes[1]), (float)v3_dot(from, p->axes[2])};
 }
 
-/* These functions return the row and the line of a point in the plane, which may be fractional. */
+/* Return the row and the line of a point in the plane, as fractional numbers. */
 static inline double grid_row(const echo_grid *g, double u, double v) {
     return ((g->field.sector ? hypot(u, v) : v) - g->first_row) / g->step;
 }
 static inline double grid_line(const echo_grid *g, double u, double v) {
     return ((g->field.sector ? atan2(u, v) : u) - g->first_line) / g->spacing;
 }
-/* Returns the distance between neighbouring lines at a row, m. */
+/* Returns the distance (m) between neighbouring lines at a row. */
 static inline double grid_line_distance(const echo_grid *g, double row) {
     return g->field.sector ? g->spacing * (g->first_row + row * g->step) : g->spacing;
 }
-/* Computes the unit vector (across, away) of the sound's direction on a line. */
+/* Computes the direction in which sound travels along a line, as a unit vector (across, away). */
 static inline void grid_beam(const echo_grid *g, double line, double *across, double *away) {
     double angle = g->field.sector ? g->first_line + line * g->spacing : 0;
     *across = sin(angle);
     *away = cos(angle);
 }
 
-/* Adds a real amplitude to a line at a row that may be fractional. */
+/* Adds a real amplitude to a line. `row` may be fractional. */
 void grid_add(echo_grid *g, int line, double row, double amplitude);
 
-/* Changes the amplitude of everything from this row on: see sound_event. Does nothing if there is no room; the image then lacks a shadow. */
+/* Changes the amplitude of everything from this row on: see sound_event. If there is no room, does nothing, and the image lacks a shadow. */
 void grid_event(echo_grid *g, int line, double row, double once, double each);
 
 #endif

@@ -3,10 +3,10 @@
 
 #include <string.h>
 
-/* The same values as in page/src/ultrasound_view.js. */
-static const double MARGIN = 0.014;     /* m, margin around the region of interest */
-static const double BELOW = 0.016;      /* m, distance from the region of interest to the probe's axis if the scene has no probe */
-static const double NEAR[SLICES] = {0.010, 0.006}; /* m, smallest depth shown in each image */
+/* the same values as in page/src/ultrasound_view.js */
+static const double MARGIN = 0.014;     /* m, around the region of interest */
+static const double BELOW = 0.016;      /* m, from the region of interest to the probe's axis in a scene without a probe */
+static const double NEAR[SLICES] = {0.010, 0.006}; /* m, where each image begins */
 static const double WIDEST = 1.0;       /* rad, half of the widest sector angle */
 
 int host_of(const trocar_model *model) {
@@ -57,7 +57,7 @@ image_planner image_planner_of(const trocar_model *model) {
     return p;
 }
 
-/* The probe's x axis points across the image, y in the viewing direction, and z along the probe. */
+/* The probe's x axis points across the image, y in the viewing direction, z along the probe. */
 static image_plane place(slice_kind kind, vec3 origin, quat turn) {
     vec3 x = q_rotate(turn, v3(1, 0, 0)), y = q_rotate(turn, v3(0, 1, 0)), z = q_axis(turn);
     return kind == SLICE_AXIAL ? (image_plane){origin, {x, y, z}} : (image_plane){origin, {z, y, v3_scale(-1, x)}};

@@ -6,25 +6,25 @@
 
 #include "view/stream/model_faces.h"
 
-/* Standard deviation of the slopes of a surface's facets, and the part of the echo that does not depend on direction; both are assumptions. */
+/* Standard deviation of the facet slopes of a surface, and the part of the echo that does not depend on direction. Both are assumptions. */
 typedef struct {
     double slope, diffuse;
 } roughness;
 static const roughness ORGAN = {0.35, 0.15}, METAL = {0.15, 0.03}, HARD = {0.6, 0.3};
 
 static const double STEEL_SPEED = 5790;  /* m/s, longitudinal, stainless steel (CRC Handbook of Chemistry and Physics) */
-static const double TISSUE = 1.63;       /* MRayl, impedance of the tissue around needles and seeds */
-static const double FINEST = 1.5e-4;     /* m, length of the pieces of a needle's axis */
-static const double FAINT = 1e-3;        /* reverberation ends at this fraction of its first echo */
+static const double TISSUE = 1.63;       /* MRayl, of the tissue around needles and seeds */
+static const double FINEST = 1.5e-4;     /* m, length of the pieces into which a needle's axis is divided */
+static const double FAINT = 1e-3;        /* reverberation stops at this fraction of its first echo */
 static const double DARKEST = 0.02;      /* smallest fraction of the sound that gets past a body */
-enum { STRIPS = 5 };                     /* number of strips across a needle's surface */
+enum { STRIPS = 5 };                     /* strips across a needle's surface */
 
 double sound_left(double attenuation, double frequency, double length) {
     return pow(10, -attenuation * 1e-6 * frequency * 100 * 2 * length / 20);
 }
 
-/* Returns the echo of a rough surface relative to that at normal incidence: facets with Gaussian slopes (Beckmann and Spizzichino 1963), and a diffuse part.
-   `cosine`: cosine of the angle of incidence. */
+/* Returns the echo of a rough surface relative to that at normal incidence. Models facets with Gaussian slopes (Beckmann and Spizzichino 1963), plus a diffuse
+   part. `cosine`: cosine of the angle of incidence. */
 static double glint(roughness r, double cosine) {
     double c = fmax(cosine * cosine, 1e-6), tangent = (1 - c) / c;
     return r.diffuse + (1 - r.diffuse) * exp(-0.5 * tangent / (r.slope * r.slope));
@@ -47,7 +47,7 @@ static unsigned bones_of(const trocar_model *m, const trocar_scene *scene) {
     return bits;
 }
 
-/* Lists each face between two volumes once, from the tetrahedron with the smaller index, and each face on the outside. */
+/* Lists each face on the outside, and each face between two volumes once: from the tetrahedron with the smaller index. */
 static trocar_status find_boundaries(reflectors *r, const trocar_model *m, unsigned bones, trocar_error *why) {
     const int32_t *tets = trocar_model_tets(m), *neighbours = trocar_model_neighbours(m), *regions = trocar_model_tet_regions(m);
     for (int pass = 0; pass < 2; pass++) {
@@ -73,7 +73,7 @@ static vec3 node_at(const trocar_model *m, int node) {
     return v3(x[0], x[1], x[2]);
 }
 
-/* Finds the tetrahedron that contains a point of the tissue at rest, and the point's weights in it. False if there is none. */
+/* Finds the tetrahedron that contains a point of the undeformed tissue, and the point's barycentric weights. Returns false if there is none. */
 static bool find_stone(const trocar_model *m, vec3 centre, stone *s) {
     for (int t = 0; t < trocar_model_tet_count(m); t++) {
         memcpy(s->nodes, trocar_model_tets(m) + 4 * t, sizeof s->nodes);
@@ -125,7 +125,7 @@ typedef struct {
     double u, v;
 } flat_point;
 
-/* Intersects the triangle with the image plane. */
+/* Intersects the triangle with the image plane. Returns false if they do not meet. */
 static bool cut(const image_point corner[3], flat_point ends[2]) {
     int found = 0;
     for (int i = 0; i < 3 && found < 2; i++) {
@@ -137,13 +137,14 @@ static bool cut(const image_point corner[3], flat_point ends[2]) {
     return found == 2;
 }
 
-/* Returns the unit normal of the triangle, in the image's axes. */
+/* Returns the triangle's unit normal in the image's axes. */
 static vec3 normal_of(const image_point c[3]) {
     vec3 n = v3_cross(v3((double)c[1].u - c[0].u, (double)c[1].v - c[0].v, (double)c[1].w - c[0].w), v3((double)c[2].u - c[0].u, (double)c[2].v - c[0].v, (double)c[2].w - c[0].w));
     return v3_scale(1 / fmax(v3_norm(n), 1e-30), n);
 }
 
-/* Returns the row at which a line crosses the segment between two points; if rounding makes the line miss the segment, the row of the nearer end. */
+/* Returns the row at which a line crosses the segment between two points. If the line misses the segment because of rounding, returns the row of the nearer
+   end. */
 static double cross(const echo_grid *g, int line, flat_point p, flat_point q) {
     double across, away, place = g->first_line + line * g->spacing, du = q.u - p.u, dv = q.v - p.v, part;
     grid_beam(g, line, &across, &away);
@@ -153,7 +154,7 @@ static double cross(const echo_grid *g, int line, flat_point p, flat_point q) {
     return grid_row(g, p.u + part * du, p.v + part * dv);
 }
 
-/* Adds the echo of a boundary that the sound crosses, and its effect on the sound behind it. */
+/* Adds the echo of a boundary that the sound crosses, and the boundary's effect on the sound behind it. */
 static void pass(const reflectors *r, const boundary *b, double cosine, double frequency, int line, double row, echo_grid *g) {
     int from = cosine > 0 ? b->in : b->out, to = cosine > 0 ? b->out : b->in;
     double from_loss = from < 0 ? 0 : r->volumes[from].attenuation, to_loss = to < 0 ? 0 : r->volumes[to].attenuation;
@@ -180,7 +181,7 @@ static void add_boundary(const reflectors *r, const boundary *b, const image_poi
 
 /* ---- calcifications ---- */
 
-/* Returns the fraction of the beam's thickness that is hidden by a body that extends from `low` to `high` (m) out of the plane. */
+/* Returns the fraction of the beam's thickness that a body hides if it extends from `low` to `high` (m) out of the plane. */
 static double hidden(const echo_grid *g, double row, double low, double high) {
     double s = sqrt(2.0) * g->thickness[(int)fmin(fmax(row, 0), g->rows - 1)];
     return 0.5 * (erf(high / s) - erf(low / s));
@@ -210,13 +211,12 @@ void reflectors_add(const reflectors *r, const image_point *nodes, double freque
 
 /* ---- needles and seeds ---- */
 
-/* A body as each line sees it: its echo, the row of its surface, and the part of the beam that the body hides. `row` is a sum weighted
-   by the hidden parts. */
+/* A body as each line sees it: its echo, the row of its surface, and the part of the beam it hides. `row` is a sum weighted with the hidden parts. */
 typedef struct {
     double echo[GRID_LINES], row[GRID_LINES], hides[GRID_LINES];
 } silhouette;
 
-/* Adds a strip of the surface, of this area (m^2), to the two lines around it. */
+/* Adds a strip of the surface with this area (m^2) to the two lines on either side of it. */
 static void add_strip(silhouette *s, const echo_grid *g, double u, double v, double w, double area, double directed) {
     double row = grid_row(g, u, v), line = grid_line(g, u, v);
     if (!(row > 0 && row < g->rows - 1 && line > 0 && line < g->lines - 1)) return;
@@ -232,12 +232,12 @@ static void add_strip(silhouette *s, const echo_grid *g, double u, double v, dou
     }
 }
 
-/* Adds a piece of the axis. The strips lie side by side on the front of the cylinder, in the direction perpendicular to the sound and the axis. */
+/* Adds a piece of the axis. Its strips lie side by side on the front of the cylinder, perpendicular to the sound and the axis. */
 static void add_piece(silhouette *s, const echo_grid *g, vec3 at, vec3 along, double length, double radius) {
     double across, away;
     grid_beam(g, grid_line(g, at.x, at.y), &across, &away);
     vec3 sound = v3(across, away, 0), side = v3_cross(along, sound);
-    double cosine = v3_norm(side); /* cosine of the angle between the sound and the plane perpendicular to the axis */
+    double cosine = v3_norm(side); /* of the angle between the sound and the plane perpendicular to the axis */
     if (cosine < 1e-3) return;
     side = v3_scale(1 / cosine, side);
     for (int k = 0; k < STRIPS; k++) {
@@ -247,8 +247,8 @@ static void add_piece(silhouette *s, const echo_grid *g, vec3 at, vec3 along, do
     }
 }
 
-/* Adds reverberation: sound inside the body bounces between its front and back, and a part leaves towards the probe each time. In the image, these echoes lie
-   one behind the other. */
+/* Adds reverberation: sound bounces back and forth inside the body, and part of it leaves towards the probe each time. In the image, these echoes line up
+   behind the body. */
 static void add_reverberation(echo_grid *g, int line, double row, double echo, double mirrored, double diameter) {
     double pitch = diameter * SOUND_SPEED / STEEL_SPEED / g->step, size = echo * (1 - mirrored * mirrored) * mirrored;
     for (double part = 1; part > FAINT; part *= mirrored * mirrored, size *= mirrored * mirrored) grid_add(g, line, row += pitch, size);

@@ -1,4 +1,4 @@
-/* The reflectors: boundaries between volumes, needles and seeds, and calcifications. Each adds its echo and changes the sound behind it. */
+/* The reflectors: boundaries between volumes, needles, seeds and calcifications. Each adds an echo and changes the sound behind it. */
 #ifndef TROCAR_REFLECTORS_H
 #define TROCAR_REFLECTORS_H
 
@@ -8,11 +8,11 @@
 /* A face between two volumes, or on the outside. */
 typedef struct {
     int32_t nodes[3];        /* counter-clockwise as seen from the volume `out` */
-    int8_t in, out;          /* volumes on both sides; -1 if there is none */
-    int8_t bone;             /* 1 if the face is on the surface of a bone that the mesh does not contain */
+    int8_t in, out;          /* volumes on either side; -1 for none */
+    int8_t bone;             /* 1 if it is on the surface of a bone that the mesh does not contain */
 } boundary;
 
-/* A calcification: a ball that is fixed in the tissue. */
+/* A calcification: a ball that moves with the tissue. */
 typedef struct {
     int32_t nodes[4];
     double weights[4], radius; /* m */
@@ -34,17 +34,16 @@ typedef struct {
     const acoustics *is;
 } echo_body;
 
-/* Finds the boundaries and the calcifications of a scene. BAD_INPUT for an invalid calcification; NO_MEMORY. */
+/* Finds the boundaries and calcifications of a scene. Returns BAD_INPUT if a calcification is invalid, or NO_MEMORY. */
 trocar_status reflectors_create(reflectors *r, const trocar_scene *scene, const trocar_model *model, trocar_error *why);
 void reflectors_free(reflectors *r);
 
-/* Adds the boundaries and the calcifications; `nodes` are the mesh's nodes. `frequency` in Hz. */
+/* Adds the boundaries and calcifications. `nodes` are the mesh's nodes; `frequency` is in Hz. */
 void reflectors_add(const reflectors *r, const image_point *nodes, double frequency, echo_grid *g);
 
 void reflectors_add_body(const image_plane *plane, const echo_body *body, echo_grid *g);
 
-/* Returns the fraction of the sound's amplitude that is left after `length` (m), travelled there and back, in a material with this attenuation,
-   dB/(cm MHz). */
+/* Returns the fraction of the sound's amplitude that is left after travelling `length` (m) and back in a material with this attenuation, dB/(cm MHz). */
 double sound_left(double attenuation, double frequency, double length);
 
 #endif

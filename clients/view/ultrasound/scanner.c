@@ -20,13 +20,13 @@
 #include "view/ultrasound/echo.h"
 
 static const double PIXEL = 0.25e-3;         /* m, size of a pixel */
-static const double SHALLOWEST = 0.02, DEEPEST = 0.15; /* m, limits of the depth that a browser can request */
-static const int64_t PATIENCE = 2000000000;  /* ns for which a request is valid */
+static const double SHALLOWEST = 0.02, DEEPEST = 0.15; /* m, range of depths that a browser can request */
+static const int64_t PATIENCE = 2000000000;  /* ns after which a request expires */
 
-/* The images that a browser requests. */
+/* What a browser wants to see. */
 typedef struct {
-    double place[SLICES];    /* m, position of the axial image on the z axis, and of the sagittal one on the x axis; with a probe, they lie at the probe instead */
-    double depth;            /* m; 0: deep enough to cover the gland */
+    double place[SLICES];    /* m, of the axial image on the z axis and the sagittal one on the x axis; unused with a probe, which then determines them */
+    double depth;            /* m; 0 for deep enough to cover the gland */
     bool sagittal;
 } wish;
 
@@ -39,7 +39,7 @@ typedef struct {
     double nodes[];          /* [nodes][3], m */
 } told_state;
 
-/* Identifies the data from which the thread's last input was made. */
+/* Identifies the data of the thread's last input. */
 typedef struct {
     wish wish;
     int64_t deformation, seeds;
@@ -50,24 +50,24 @@ struct scanner {
     const trocar_model *model;
     image_planner planner;
     double needle_radius;    /* m */
-    bool starts;             /* true if the scene defines the probe's initial pose */
+    bool starts;             /* true if the scene gives the probe an initial pose */
     pose start;
     wish wish;
-    int64_t wished[SLICES];  /* ns, monotonic: time of the last request; 0: none */
+    int64_t wished[SLICES];  /* ns, monotonic, when it was last requested; 0 if never */
     told_key told_key;
 
     echo *echoes[SLICES];    /* from here on, used by the thread */
     image_raster rasters[SLICES];
-    image_field fields[SLICES]; /* fields that cover the gland */
-    double depths[SLICES];   /* m, depths for which the images are prepared, as in `wish` */
+    image_field fields[SLICES]; /* they cover the gland */
+    double depths[SLICES];   /* m, depths that the images are prepared for, as in `wish` */
     unsigned char *levels;
     size_t level_room;
 
     pthread_t thread;
     bool started;
     triple_buffer told;
-    int news;                /* eventfd that signals new input for the thread */
-    atomic_bool stop, busy;  /* busy: the thread has not finished the images of its last input */
+    int news;                /* eventfd, signalled when there is new input */
+    atomic_bool stop, busy;  /* busy: the images of the last input are not finished */
     section_box result;
 };
 
@@ -90,7 +90,7 @@ static void write_plane(json *j, slice_kind kind, const image_plane *plane, cons
 
 static size_t pixels_of(const image_raster *r) { return (size_t)r->width * (size_t)r->height; }
 
-/* Encodes the images; the result is empty if memory runs out. */
+/* Encodes the images. The result is empty if out of memory. */
 static byte_buffer encode(const scanner *s, const image_plane planes[SLICES], int count, double milliseconds) {
     byte_buffer section = {0};
     char *text = NULL;
@@ -117,8 +117,8 @@ static byte_buffer encode(const scanner *s, const image_plane planes[SLICES], in
     return section;
 }
 
-/* Prepares an image for the requested depth. Otherwise, its field stays that of the first plane, so that the image's size does not change while the plane
-   moves. */
+/* Prepares an image for the requested depth. Apart from that, the field stays as it was for the first plane, so that the image does not change size while the
+   plane moves. */
 static trocar_status frame(scanner *s, slice_kind kind, const image_plane *plane, double depth, trocar_error *why) {
     if (s->fields[kind].far == 0) s->fields[kind] = image_field_of(&s->planner, kind, plane, 0);
     else if (depth == s->depths[kind]) return TROCAR_OK;
@@ -129,7 +129,7 @@ static trocar_status frame(scanner *s, slice_kind kind, const image_plane *plane
     return echo_frame(s->echoes[kind], &field, &s->rasters[kind], why);
 }
 
-/* Computes the images. Returns false if memory runs out. */
+/* Computes the images. Returns false if out of memory. */
 static bool scan(scanner *s, const told_state *state, image_plane planes[SLICES], int count) {
     static _Thread_local echo_body bodies[BODIES];
     trocar_error why;
@@ -236,7 +236,7 @@ void scanner_tell(scanner *s, const subscriber *feed) {
     int64_t now = monotonic_ns();
     const trocar_deformation_t *d = feed->deformation;
     if (!is_wanted(s, SLICE_AXIAL, now)) {
-        s->told_key = (told_key){.deformation = -2}; /* the next browser gets an image even if nothing moves */
+        s->told_key = (told_key){.deformation = -2}; /* so that the next browser gets an image even if nothing moves */
         return;
     }
     s->wish.sagittal = is_wanted(s, SLICE_SAGITTAL, now);

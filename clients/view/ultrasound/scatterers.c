@@ -18,11 +18,11 @@ static void swap_larger(double *a, double *b) {
     *b = larger;
 }
 
-/* Fills the table: three barycentric coordinates, and the phase of the echo in turns, which represents the position within a wavelength and the sign of
-   the scatterer. The points of a Kronecker sequence fill the unit cube evenly; sorting their coordinates folds the cube onto a tetrahedron, whose barycentric
-   coordinates are the gaps between the sorted numbers. */
+/* Fills the table with the scatterers' barycentric coordinates and the phases of their echoes. The phase, in turns, stands for the position within a
+   wavelength and the sign of the scatterer. The points of a Kronecker sequence fill the unit cube evenly; sorting the coordinates of each folds the cube onto
+   a tetrahedron, in which the gaps between the sorted numbers are barycentric coordinates. */
 static void fill_table(float *table) {
-    static const double root = 1.2207440846057594759; /* root of x^4 = x + 1, with which the sequence fills three dimensions evenly (Roberts 2018) */
+    static const double root = 1.2207440846057594759; /* root of x^4 = x + 1; makes the sequence fill three dimensions evenly (Roberts 2018) */
     for (uint32_t i = 0; i < TABLE; i++) {
         double x = fraction(0.5 + i / root), y = fraction(0.5 + i / (root * root)), z = fraction(0.5 + i / (root * root * root));
         swap_larger(&x, &y);
@@ -66,7 +66,7 @@ static inline float more(float a, float b) { return a > b ? a : b; }
 static inline float least(const float x[4]) { return less(less(x[0], x[1]), less(x[2], x[3])); }
 static inline float most(const float x[4]) { return more(more(x[0], x[1]), more(x[2], x[3])); }
 
-/* Returns the largest distance from the plane at which the tetrahedron's scatterers are seen; 0 if none is. */
+/* Returns the largest distance from the plane at which this tetrahedron's scatterers are seen, or 0 if none of them is. */
 static float reach_of(const echo_grid *g, const image_point corner[4]) {
     float v[4], w[4], distance[4], right[4], left[4];
     for (int i = 0; i < 4; i++) {
@@ -78,7 +78,7 @@ static float reach_of(const echo_grid *g, const image_point corner[4]) {
     }
     float far = (most(distance) - (float)g->first_row) / (float)g->step, near = (least(v) - (float)g->first_row) / (float)g->step, last = (float)g->rows - 1;
     if (far < 0 || near > last || most(v) < 0 || least(right) > 0 || least(left) > 0) return 0;
-    /* the beam is thickest at one end of the tetrahedron's range of rows */
+    /* over the rows of the tetrahedron, the beam is thickest at one end */
     float reach = (float)THICKNESS_CUT * more(g->thickness[(int)more(near, 0)], g->thickness[(int)less(far, last)]);
     return least(w) > reach || most(w) < -reach ? 0 : reach;
 }
@@ -90,28 +90,29 @@ typedef struct {
     float row[CHUNK], line[CHUNK], real[CHUNK], imaginary[CHUNK];
 } chunk;
 
-/* Computes the cosine and sine of an angle in turns, 0 to 1: Taylor series about half a turn up to the 12th and 11th power; errors below 6e-5 and 5e-4. */
+/* Computes the cosine and sine of an angle of 0 to 1 turns by Taylor series about half a turn, to the 12th and 11th power. The errors are below 6e-5 and
+   5e-4. */
 static inline void turn(float turns, float *cosine, float *sine) {
     float x = 6.2831853f * (turns - 0.5f), s = x * x;
     *cosine = -(1 + s * (-0.5f + s * (1 / 24.f + s * (-1 / 720.f + s * (1 / 40320.f + s * (-1 / 3628800.f + s / 479001600.f))))));
     *sine = -x * (1 + s * (-1 / 6.f + s * (1 / 120.f + s * (-1 / 5040.f + s * (1 / 362880.f - s / 39916800.f)))));
 }
 
-/* Returns exp(-q) for q from 0 to half of the square of THICKNESS_CUT: Taylor series about the middle; error below 3e-4. */
+/* Returns exp(-q) for q from 0 to THICKNESS_CUT^2 / 2, by a Taylor series about the middle. The error is below 3e-4. */
 static inline float fading(float q) {
     float x = 1.21f - q;
     return 0.29819727f * (1 + x * (1 + x * (1 / 2.f + x * (1 / 6.f + x * (1 / 24.f + x * (1 / 120.f + x / 720.f))))));
 }
 
-/* Returns the angle in a sector from the tangent of half the angle, up to 0.75: polynomial approximation of the arc tangent by Abramowitz and Stegun
-   (4.4.49); error 4e-8 for |x| <= 1. */
+/* Returns the angle in a sector, given the tangent of half the angle, up to 0.75. Uses the polynomial approximation of the arc tangent by Abramowitz and
+   Stegun (4.4.49), whose error is 4e-8 for |x| <= 1. */
 static inline float twice_arctan(float x) {
     float s = x * x;
     return 2 * x * (1 + s * (-0.3333314528f + s * (0.1999355085f + s * (-0.1420889944f + s * (0.1065626393f + s * (-0.0752896400f + s * (0.0429096138f
                  + s * (-0.0161657367f + s * 0.0028662257f))))))));
 }
 
-/* Computes where the scatterers of the chunk are in the grid, and their echoes; those that are not seen get the amplitude 0. */
+/* Computes where the scatterers of the chunk lie in the grid, and their echoes. Scatterers that are not seen get amplitude 0. */
 static inline void place_echoes(const echo_grid *g, chunk *c, int count, float amplitude, bool sector) {
     const float first_row = (float)g->first_row, per_step = (float)(1 / g->step), first_line = (float)g->first_line, per_line = (float)(1 / g->spacing);
     const float last_row = (float)(g->rows - 2), last_line = (float)(g->lines - 2), turns = (float)(2 / g->wavelength), q_most = (float)(0.5 * THICKNESS_CUT * THICKNESS_CUT);
@@ -142,7 +143,7 @@ static void splat(echo_grid *g, const chunk *c, int count) {
     }
 }
 
-/* Adds `count` scatterers that are spread evenly in a tetrahedron; `from`: index at which it starts to read the table. */
+/* Adds `count` scatterers, spread evenly over a tetrahedron. `from` is where it starts to read the table. */
 static void add_leaf(const scatterers *s, const image_point corner[4], float reach, int count, float amplitude, uint32_t from, echo_grid *g) {
     const float *restrict b1 = s->table, *restrict b2 = b1 + TABLE, *restrict b3 = b2 + TABLE, *restrict phase = b3 + TABLE;
     const image_point o = corner[0], e1 = {corner[1].u - o.u, corner[1].v - o.v, corner[1].w - o.w}, e2 = {corner[2].u - o.u, corner[2].v - o.v, corner[2].w - o.w},
@@ -165,8 +166,8 @@ static void add_leaf(const scatterers *s, const image_point corner[4], float rea
 
 static image_point middle(image_point a, image_point b) { return (image_point){0.5f * (a.u + b.u), 0.5f * (a.v + b.v), 0.5f * (a.w + b.w)}; }
 
-/* Divides a tetrahedron into eight of equal volume until few scatterers are left in each, so that few are outside the beam. The set of scatterers
-   depends on `expected` and `seed` alone, not on the beam. */
+/* Divides a tetrahedron into eight of equal volume, again and again until each contains few scatterers, so that few of those processed are outside the beam.
+   Which scatterers there are depends only on `expected` and `seed`, not on the beam. */
 static void add_part(const scatterers *s, const image_point x[4], float expected, float amplitude, uint32_t seed, echo_grid *g) {
     float reach = reach_of(g, x);
     if (!(reach > 0)) return;

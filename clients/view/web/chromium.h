@@ -1,4 +1,4 @@
-/* A headless Chromium that shows one page, with a temporary profile. */
+/* A headless Chromium with a temporary profile that shows one page. */
 #ifndef TROCAR_CHROMIUM_H
 #define TROCAR_CHROMIUM_H
 
@@ -12,7 +12,7 @@ typedef struct {
     char profile[64];        /* folder of the profile */
 } chromium;
 
-/* Starts the browser. SYSTEM if the process cannot be created. Use chromium_ended to check whether it runs. */
+/* Starts the browser. Returns SYSTEM if the process cannot be created. Use chromium_ended to check that it is still running. */
 trocar_status chromium_start(chromium *c, const char *url, trocar_error *why);
 bool chromium_ended(chromium *c);
 void chromium_stop(chromium *c);

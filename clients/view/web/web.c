@@ -8,9 +8,9 @@
 #include <unistd.h>
 
 enum {
-    IN_FLIGHT = 2,           /* maximum number of unacknowledged updates per browser */
+    IN_FLIGHT = 2,           /* most unacknowledged updates per browser */
     UPDATE_BYTES = 1 << 18,  /* bytes, approximate size of an update */
-    PNG_BYTES = 64 << 20,    /* bytes, size of the largest accepted picture */
+    PNG_BYTES = 64 << 20,    /* bytes, largest picture accepted */
     WATCHES = 4,
     HANDSHAKE_PATIENCE = 5,  /* s, timeout of a request */
     TRY_AGAIN_LATER = 1013,  /* WebSocket close code, IANA registry (RFC 6455) */
@@ -25,12 +25,12 @@ typedef struct browser {
     int number;              /* see web_page */
     timeline_cursor cursor;
     bool has_scene, wants_status;
-    int64_t versions[WEB_SECTIONS]; /* versions of the sections that the browser has received */
-    bool refused;            /* the browser receives the reason and is disconnected; it is not in `browsers` */
+    int64_t versions[WEB_SECTIONS]; /* of the sections that the browser has */
+    bool refused;            /* the browser gets the reason and is disconnected; it is not in `browsers` */
     int in_flight;
-    int silent;              /* number of statuses sent since the browser's last message */
-    uint32_t steered;        /* number of the browser's last move command */
-    byte_buffer received;    /* the part of a message received so far */
+    int silent;              /* statuses sent since the browser's last message */
+    uint32_t steered;        /* number of its last move command */
+    byte_buffer received;    /* part of a message received so far */
 } browser;
 
 typedef struct {
@@ -43,17 +43,17 @@ struct web {
     struct lws_vhost *host;
     lws_sorted_usec_list_t timer;
     browser *browsers;
-    browser *driver;         /* the driving browser, or NULL */
-    uint32_t needle;         /* index of the needle that the driver drives */
+    browser *driver;         /* the browser that drives a needle, or NULL */
+    uint32_t needle;         /* the needle that it drives */
     int browser_count;
     watch watches[WATCHES];
     int watch_count;
-    byte_buffer update;      /* the update that is being sent, after LWS_PRE bytes */
+    byte_buffer update;      /* the update being sent, after LWS_PRE bytes */
 };
 
 /* ---- access control ---- */
 
-/* True if `given`, "name:port" or "[v6]:port", names the host `name`. */
+/* True if the host in `given`, which is "name:port" or "[v6]:port", is `name`. */
 static bool is_host(const char *given, const char *name) {
     size_t length = strlen(name);
     bool v6 = strchr(name, ':') != NULL;
@@ -73,13 +73,14 @@ bool web_origin_allowed(const char *origin, const char *host, const char *addres
     return web_host_allowed(host, address, name);
 }
 
-/* Answers 403 with the reason and returns -1. */
+/* Answers 403 with the reason. Returns -1. */
 static int forbid(struct lws *wsi, const char *reason) {
     lws_return_http_status(wsi, HTTP_STATUS_FORBIDDEN, reason);
     return -1;
 }
 
-/* Checks whether a request for a file of the page (`socket` false) or for a WebSocket is allowed. If not, answers it with an error and returns -1. */
+/* Checks whether a request is allowed: for a WebSocket if `socket` is true, otherwise for a file of the page. If it is not, answers with an error and returns
+   -1. */
 static int filter(const web *w, struct lws *wsi, bool socket) {
     const web_settings *s = &w->settings;
     char origin[256] = "", host[256] = "";
@@ -113,7 +114,7 @@ static void append_sections(web *w, browser *b) {
     }
 }
 
-/* Sends the reason for a refusal. Returns -1 to close the connection. */
+/* Sends the browser the reason why it is refused. Returns -1 to close the connection. */
 static int send_refusal(const browser *b) {
     char reason[100];
     int length = snprintf(reason, sizeof reason, "%d browsers are connected already: close one of them.", WEB_BROWSERS);
@@ -176,9 +177,8 @@ static bool may_drive(const web *w, uint32_t needle) {
     return !w->settings.may_drive || w->settings.may_drive(w->settings.context, needle);
 }
 
-/* Sends the status to all browsers and disconnects those that no longer answer, so that a page that hangs keeps neither the needle
-   nor a connection; it reconnects when it runs again. The timer counts unanswered statuses instead of time, so that pausing this
-   program disconnects no browser. */
+/* Sends the status to all browsers and disconnects those that no longer answer, so that a hanging page keeps neither the needle nor a connection. The page
+   reconnects when it runs again. The timer counts unanswered statuses instead of time, so that pausing this program disconnects nobody. */
 static void on_timer(lws_sorted_usec_list_t *timer) {
     web *w = lws_container_of(timer, web, timer);
     for (browser *b = w->browsers; b; b = b->next) {
@@ -194,7 +194,7 @@ static void on_timer(lws_sorted_usec_list_t *timer) {
 
 /* ---- receiving ---- */
 
-/* Handles an action. The first browser that requests a needle gets it; requests of others are ignored. */
+/* Handles an action. The first browser to ask for a needle gets it; requests from others are ignored. */
 static void take_action(web *w, browser *b, const web_action *action) {
     switch (action->kind) {
     case ACTION_ACKNOWLEDGE:
@@ -397,7 +397,7 @@ int web_port(const web *w) { return lws_get_vhost_listen_port(w->host); }
 
 trocar_status web_watch(web *w, int descriptor, void (*readable)(void *context), trocar_error *why) {
     if (w->watch_count == WATCHES) return fail(why, TROCAR_SYSTEM, "cannot watch more than %d descriptors", WATCHES);
-    int own = dup(descriptor); /* libwebsockets closes the descriptors that it adopts */
+    int own = dup(descriptor); /* libwebsockets closes descriptors that it adopts */
     watch *added = &w->watches[w->watch_count];
     *added = (watch){readable};
     lws_adopt_desc_t adopted = {.vh = w->host, .type = LWS_ADOPT_RAW_FILE_DESC, .fd.filefd = own,

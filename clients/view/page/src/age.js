@@ -1,43 +1,41 @@
-// Measures how old the picture on the screen is, and limits the speed of the needle accordingly. Uses only this page's clock, so that it also works
-// when the browser runs on another machine.
+// Measures how old the picture on the screen is, and limits the speed of the needle accordingly. Uses only this page's clock, so it also works if the
+// browser runs on another machine.
 
 import { t } from './words/words.js'
 
-// m by which the needle may be ahead of the picture while pictures arrive regularly; if they stop arriving, the needle moves up to 18 mm further: see
-// speedAt
+// m by which the needle may be ahead of the picture while pictures arrive regularly. If they stop, it moves up to 18 mm farther: see speedAt
 export const FARTHEST = 0.008
-export const OLDEST = 2       // s: if the picture is older than this, the needle does not move
-export const LATE = 1         // s: if the picture is older than this, the badge says that it is late
-const FASTEST = 0.04          // m/s, speed of a driven needle: max_speed in rate_control.c
-const KEPT = 200              // number of commands whose sending time is stored
-const STATUSES = 0.15         // s, slightly more than the interval of 0.1 s at which trocar-view sends a status
+export const OLDEST = 2       // s, age of the picture beyond which the needle stops
+export const LATE = 1         // s, age of the picture beyond which the badge says that it is late
+const FASTEST = 0.04          // m/s, full speed: max_speed in rate_control.c
+const KEPT = 200              // how many commands' sending times are kept
+const STATUSES = 0.15         // s, a little more than the 0.1 s between two statuses of trocar-view
 
 export class PictureAge {
   constructor() {
-    this.sent = new Map() // maps the number of each move command to the time (ms) at which it was sent
+    this.sent = new Map() // number of a move command -> when it was sent, ms
     this.number = 0
-    this.travel = 0       // s, time between sending a command and receiving the status that acknowledges it
+    this.travel = 0       // s, from sending a command to receiving the status that acknowledges it
     this.picture = null   // the picture on the screen
   }
 
-  /** Returns the sequence number of a move command that is sent at `now` (ms), and records that time. */
+  /** Returns the number for a move command that is sent at `now` (ms), and records when it was sent. */
   count(now) {
     this.sent.set(++this.number, now)
     this.sent.delete(this.number - KEPT)
     return this.number
   }
 
-  /** Handles a status that arrived at `now` (ms) and names the last command that trocar-view had received when it wrote the status. */
+  /** Handles a status that arrived at `now` (ms). `number` is the last command that trocar-view had received when it wrote the status. */
   hear(number, now) {
     if (this.sent.has(number)) this.travel = (now - this.sent.get(number)) / 1000
     for (const older of [...this.sent.keys()]) if (older <= number) this.sent.delete(older)
   }
 
-  /** Handles a picture that arrived at `now` (ms). Its `age` (s), measured by trocar-view's clock since the picture's tick, does not include the time
-     in transit. */
+  /** Handles a picture that arrived at `now` (ms). `age` (s) is the time since the picture's tick by trocar-view's clock, not counting the time in transit. */
   receive(picture, age, now) { picture.came = { now, age: Math.max(age, 0) } }
 
-  /** Must be called when the picture is on the screen, or if it looks the same as the picture on the screen. */
+  /** Call it when the picture is on the screen, or when it looks the same as the one on the screen. */
   show(picture) { this.picture = picture }
 
   /** Returns the age (s) of what the screen shows at `now` (ms), including the round trip of a command to trocar-view. */
@@ -48,11 +46,11 @@ export class PictureAge {
   }
 }
 
-/** Returns the fraction of full speed that is allowed when the picture has this age (s). If the age is constant, the needle is at most FARTHEST ahead of
- * the picture. If no more pictures arrive, the age grows from 0.2 s to OLDEST, and the needle moves a further FARTHEST ln(OLDEST / 0.2 s). */
+/** Returns the fraction of full speed to allow when the picture has this age (s). At a constant age, the needle gets at most FARTHEST ahead of the
+ * picture. If no more pictures arrive, the age grows from 0.2 s to OLDEST, and meanwhile the needle moves a further FARTHEST ln(OLDEST / 0.2 s). */
 export const speedAt = (age) => (age > OLDEST ? 0 : Math.min(1, FARTHEST / (FASTEST * Math.max(age, 1e-3))))
 
-/** Returns the speed limit in words; '' at full speed. */
+/** Returns the speed limit in words, or '' at full speed. */
 export function wordsAt(age) {
   const speed = speedAt(age)
   if (speed === 1) return ''

@@ -1,4 +1,4 @@
-// Draws the tissue with three.js: translucent body, inner structures, cut surface, and shape at rest.
+// Draws the tissue with three.js: the translucent body, structures inside it, the cut surface, and the undeformed shape.
 import * as THREE from 'three'
 import { Filled, show } from './buffers.js'
 import { ramp, regionColour } from './colours.js'
@@ -20,8 +20,7 @@ const VERTEX = `
     #include <clipping_planes_vertex>
   }`
 
-// Glass-like material: more opaque at grazing angles and where the tissue is displaced. With FACETS, normals are flat and there are no specular
-// highlights.
+// A material like glass, more opaque at grazing angles and where the tissue is displaced. With FACETS, it is flat-shaded without specular highlights.
 const FRAGMENT = `
   uniform vec3 colour; uniform float opacity, slant, shown, range; uniform sampler2D ramp;
   varying vec3 place; varying vec3 outward; varying float displaced;
@@ -60,7 +59,7 @@ function glass(ramp, colour, look) {
   })
 }
 
-/** Returns the unique edges of the triangles, as pairs of nodes. */
+/** Returns the edges of the triangles as pairs of nodes, each edge once. */
 function edgesOf(triangles) {
   const seen = new Set(), edges = []
   for (let t = 0; t < triangles.length; t += 3)
@@ -81,11 +80,11 @@ export function hostOf({ triangles }) {
   return [...faces].sort((a, b) => b[1] - a[1])[0]?.[0]
 }
 
-/** Returns the bit mask of the surfaces that cannot be punctured. */
+/** Returns a bit mask of the surfaces that cannot be punctured. */
 export const bitsOfBone = ({ membranes }) => membranes.filter(({ bone }) => bone).reduce((bits, { group }) => bits | 1 << group, 0)
 
 export class Anatomy {
-  /** `ramp`: texture with the colours of the displacement; `slicer` fills the cut; `planes`: active clipping planes of three.js. */
+  /** `ramp`: texture with the displacement colours; `slicer`: fills the cut; `planes`: active clipping planes of three.js. */
   constructor(scene, ramp, slicer, planes) {
     this.scene = scene
     this.slicer = slicer
@@ -97,7 +96,7 @@ export class Anatomy {
     this.planes = planes
     this.layers = new Map() // name -> objects
     this.smooth = []        // geometries whose normals are recomputed when the nodes move
-    this.range = 1e-3       // m, displacement that corresponds to the full scale of the colours
+    this.range = 1e-3       // m, displacement at the top of the colour scale
     this.host = hostOf(scene)
     this.addBody()
     scene.regions.forEach((region, i) => { if (region.group !== this.host) this.addRegion(region, i) })
@@ -105,7 +104,7 @@ export class Anatomy {
     this.addCut()
   }
 
-  /** Returns the node triples of the triangles for which `wanted(inside, outside, bits)` is not 0; flipped if it is -1. */
+  /** Returns three nodes for each triangle for which `wanted(inside, outside, bits)` is not 0; if it is -1, the triangle is flipped. */
   pick(wanted) {
     const { triangles } = this.scene, picked = []
     for (let t = 0; t < triangles.length; t += 6) {
@@ -167,7 +166,7 @@ export class Anatomy {
     if (!solid) this.addRest(region, surface)
   }
 
-  /** Adds the outline of a region at rest, as faint lines. */
+  /** Adds the outline of an undeformed region as faint lines. */
   addRest(region, surface) {
     const geometry = new THREE.BufferGeometry()
     geometry.setAttribute('position', new THREE.BufferAttribute(new Float32Array(this.scene.nodes), 3))
@@ -203,7 +202,7 @@ export class Anatomy {
     this.add('cut', edge, 6)
   }
 
-  /** Applies a picture's displacements; returns the largest one, m. */
+  /** Applies a picture's displacements. Returns the largest one (m). */
   deform(picture) {
     const { nodes } = this.scene, place = this.place.array, moved = this.moved.array
     let largest = 0
@@ -219,13 +218,13 @@ export class Anatomy {
     return largest
   }
 
-  /** Computes the normals of surfaces that have moved since the last rendering; not every picture is rendered. */
+  /** Recomputes the normals of surfaces that have moved since the last rendering. Done only then, because not every picture is rendered. */
   smoothen() {
     if (this.bent) for (const geometry of this.smooth) geometry.computeVertexNormals()
     this.bent = false
   }
 
-  /** Cuts at normal . x = offset; no cut if `normal` is null. */
+  /** Cuts at normal . x = offset. If `normal` is null, there is no cut. */
   cut(normal, offset) {
     for (const object of this.layers.get('cut')) object.visible = normal !== null
     if (!normal) return
@@ -239,7 +238,7 @@ export class Anatomy {
     show(this.cutEdge, 'position', slicer.outline(this.place.array, normal, offset, this.surfaces), 3)
   }
 
-  /** Returns the colour of a vertex of the cut: the region's colour, blended with that of the displacement. */
+  /** Returns the colour of a vertex of the cut: the region's colour blended with the displacement's. */
   colourOfCut(v) {
     const { place, nominal, region } = this.slicer, i = 3 * v
     const moved = Math.hypot(place.array[i] - nominal.array[i], place.array[i + 1] - nominal.array[i + 1], place.array[i + 2] - nominal.array[i + 2])
@@ -248,7 +247,7 @@ export class Anatomy {
     return mixed.copy(this.cutColours.get(region.array[v]) ?? colour).lerp(colour, 0.75 * Math.min(part / 0.25, 1))
   }
 
-  /** Sets the full scale of the displacement's colours, m. */
+  /** Sets the displacement (m) at the top of the colour scale. */
   setRange(range) {
     this.range = range
     for (const mesh of this.group.children) if (mesh.material.uniforms) mesh.material.uniforms.range.value = range

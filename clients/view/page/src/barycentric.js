@@ -1,10 +1,10 @@
-// Points in tetrahedra, which move with the corners of their tetrahedron.
+// Points in tetrahedra, which move with the tetrahedron's corners.
 import * as THREE from 'three'
 
 const a = new THREE.Vector3(), b = new THREE.Vector3(), c = new THREE.Vector3(), normal = new THREE.Vector3(), point = new THREE.Vector3()
 
-/** Returns the barycentric weights of a position [x, y, z] in a tetrahedron: the weight of a corner is the ratio of the position's distance
- * from the opposite face to the corner's distance from it. */
+/** Returns the barycentric weights of a position [x, y, z] in a tetrahedron. A corner's weight is the position's distance from the opposite face
+ * divided by the corner's own. */
 export function weightsIn({ nodes, tets }, tet, place) {
   const corners = tets.subarray(5 * tet + 1, 5 * tet + 5)
   return [0, 1, 2, 3].map((k) => {

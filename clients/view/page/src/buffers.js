@@ -1,9 +1,9 @@
-// Growing buffers for vertex data that changes with every picture, and a function that releases graphics resources.
+// Growing buffers for vertex data that changes with every picture, and a function that frees graphics resources.
 import * as THREE from 'three'
 
 /** A growing array that is refilled each time: set `count` to 0, reserve space, and write. */
 export class Filled {
-  constructor() { this.array = new Float32Array(3 << 13); this.count = 0 } // the size is a multiple of 3
+  constructor() { this.array = new Float32Array(3 << 13); this.count = 0 } // the size must be a multiple of 3
   reserve(more) {
     if (this.count + more <= this.array.length) return
     const wider = new Float32Array(2 * (this.count + more))
@@ -12,7 +12,7 @@ export class Filled {
   }
 }
 
-/** Sets `filled` as attribute `name` of a geometry, with `size` numbers per vertex, and its draw range. */
+/** Makes `filled` the attribute `name` of a geometry, with `size` numbers per vertex, and sets the draw range. */
 export function show(geometry, name, filled, size) {
   if (geometry.getAttribute(name)?.array !== filled.array) {
     geometry.dispose() // frees its GPU buffers

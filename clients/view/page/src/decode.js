@@ -2,11 +2,11 @@
 
 const SCENE = 1, PICTURE = 2, SAMPLES = 3, STATUS = 4, SEEDS = 5, REPLY = 6, DOSE = 7, PLAN = 8, ULTRASOUND = 9
 const SAMPLE_BYTES = 64
-const NEEDLE_BYTES = 48 // number of bytes in a needle's record before its joints
+const NEEDLE_BYTES = 48 // bytes in a needle's record before its joints
 const PROBE_BYTES = 64
 export const CONTACT_NUMBERS = 9 // numbers per contact
 export const TRACK_NUMBERS = 6 // numbers per point of a track
-export const TIP = 1, GUIDE = 2 // values of a contact's kind
+export const TIP = 1, GUIDE = 2 // kinds of contact
 const names = { [SCENE]: 'scene', [PICTURE]: 'picture', [SAMPLES]: 'samples', [STATUS]: 'status', [SEEDS]: 'seeds', [REPLY]: 'reply', [DOSE]: 'dose', [PLAN]: 'plan', [ULTRASOUND]: 'ultrasound' }
 const decoders = { [SCENE]: decodeScene, [PICTURE]: decodePicture, [SAMPLES]: decodeSamples, [STATUS]: decodeText,
                    [SEEDS]: decodeSeeds, [REPLY]: decodeText, [DOSE]: decodeDose, [PLAN]: decodeText, [ULTRASOUND]: decodeUltrasound }
@@ -44,7 +44,8 @@ function decodeScene(message, start, length) {
   return scene
 }
 
-/** Returns `needles`: by index, empty for a needle that has not been held yet; `probe`: null if there is none; `displacement`: in units of `scale` m. */
+/** Returns `needles`, by index, where a needle that has not been held yet is missing; `probe`, null if there is none; and `displacement`, in units of
+ * `scale` (m). */
 function decodePicture(message, at, length) {
   const body = message.slice(at, at + length), head = new DataView(body), needles = [], probe = head.getUint32(28, true) ? decodeProbe(body, 32) : null
   let place = 32 + (probe ? PROBE_BYTES : 0)
@@ -61,15 +62,15 @@ function decodePicture(message, at, length) {
   }
 }
 
-/** Returns the probe: pose of its base (m; w x y z), force (N) on the hand that holds it, and `stopped`: true if the tissue stopped it short of its
-    last pose. */
+/** Returns the probe: the pose of its base (m; w x y z), the force (N) on the hand that holds it, and `stopped`, which is true if the tissue stopped it
+ * short of its last pose. */
 function decodeProbe(body, at) {
   const numbers = new Float32Array(body, at, 13), counts = new DataView(body)
   return { position: numbers.slice(0, 3), orientation: numbers.slice(3, 7), force: numbers.slice(7, 10), torque: numbers.slice(10, 13), contacts: counts.getUint32(at + 52, true), stopped: counts.getUint32(at + 56, true) !== 0 }
 }
 
-/** Returns `joints`: 3 numbers per joint (m); `contacts`: CONTACT_NUMBERS per contact: position, force on tissue or guide (N), arc length (m), state,
-    kind; `tipLead`: the tip's roll minus the base's, rad. */
+/** Returns `joints`: 3 numbers per joint (m); `contacts`: CONTACT_NUMBERS per contact, which are position (m), force on tissue or guide (N), arc length
+ * (m), state and kind; `tipLead`: roll of the tip minus roll of the base (rad). */
 function decodeNeedle(body, at, joints, contacts) {
   const head = new DataView(body, at, NEEDLE_BYTES)
   return {
@@ -80,9 +81,8 @@ function decodeNeedle(body, at, joints, contacts) {
   }
 }
 
-/** Returns the points of tracks, TRACK_NUMBERS per point. In `places`, the first three numbers of a point are its position at rest (m).
-    `kinds` is a view of the same memory as integers: the fourth to sixth number of a point are its tetrahedron, its track, and the membrane
-    punctured there or -1. */
+/** Returns the points of tracks, TRACK_NUMBERS per point. In `places`, the first three numbers of a point are its undeformed position (m). `kinds`
+ * views the same memory as integers: numbers four to six of a point are its tetrahedron, its track, and the membrane punctured there or -1. */
 function decodeTracks(body, at, points) {
   return { places: new Float32Array(body, at, TRACK_NUMBERS * points), kinds: new Int32Array(body, at, TRACK_NUMBERS * points) }
 }
@@ -100,8 +100,8 @@ function decodeSamples(message, at, length) {
   return samples
 }
 
-/** Returns `pending`: for each needle, the number of seeds that are still in it; `seeds`: for each seed, its centre and the unit direction to its
-   distal end, displaced and at rest (m), the needle that left it, its guide and hole (-1 if none), and its index within the strand. */
+/** Returns `pending`, the number of seeds still in each needle, and `seeds`. A seed has its centre (m) and the unit direction to its distal end, both
+ * in the deformed and in the undeformed tissue; the needle that left it; its guide and hole (-1 if none); and its index in the strand. */
 function decodeSeeds(message, at) {
   const head = new DataView(message, at), needles = head.getInt32(0, true), count = head.getInt32(4, true)
   const pending = Array.from({ length: needles }, (_, i) => head.getInt32(8 + 4 * i, true))
@@ -113,13 +113,13 @@ function decodeSeeds(message, at) {
   return { pending, seeds }
 }
 
-/** Returns the dose statistics, and `levels`: one byte per voxel (z varies fastest); 255 means `top` times the prescription, or more. */
+/** Returns the dose statistics and `levels`, one byte per voxel (z varies fastest). 255 means `top` times the prescription, or more. */
 function decodeDose(message, at, length) {
   const text = new DataView(message).getUint32(at, true), start = at + 8 + padded(text)
   return { ...decodeText(message, at + 8, text), levels: new Uint8Array(message.slice(start, at + length)) }
 }
 
-/** Returns ultrasound images, each with its plane (unit vectors, m), its raster and `levels`: one byte per pixel, row by row away from the probe. */
+/** Returns ultrasound images. Each has its plane (unit vectors, m), its raster and `levels`, one byte per pixel, row by row away from the probe. */
 function decodeUltrasound(message, at, length) {
   const text = new DataView(message).getUint32(at, true), { images, ...scale } = decodeText(message, at + 8, text)
   let start = at + 8 + padded(text)

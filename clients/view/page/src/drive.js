@@ -6,19 +6,19 @@ const PERIOD = 30 // ms between commands
 const SLOW = 0.25
 const KEYS = { KeyW: [2, 1], KeyS: [2, -1], ArrowRight: [0, -1], ArrowLeft: [0, 1], ArrowUp: [1, 1], ArrowDown: [1, -1],
                KeyI: [3, -1], KeyK: [3, 1], KeyJ: [4, 1], KeyL: [4, -1], KeyD: [5, 1], KeyA: [5, -1] }
-const DEAD = 0.12 // dead zone of a gamepad's stick, as a fraction
+const DEAD = 0.12 // dead zone of a gamepad stick, as a fraction
 export const TOUCH = matchMedia('(pointer: coarse)').matches // a phone or tablet, without keys
 const HELP = t(TOUCH ? 'drive.help.touch' : 'drive.help')
-const HOLD = 800 // ms for which a button must be held down; the same value is in style.css
+const HOLD = 800 // ms for which a button must be held down; keep equal to the value in style.css
 
-/** Returns the code of a key that is a command. Letters are identified by what is printed on the key, so that Z and Y are not swapped on a German keyboard;
- * steering keys are identified by their position on the keyboard. */
+/** Returns the code of a command key. A letter goes by what is printed on the key, so that Z and Y are not swapped on a German keyboard; the steering
+ * keys go by their position. */
 export const actionOf = ({ key, code }) => (/^[a-z]$/i.test(key) ? `Key${key.toUpperCase()}` : code)
 
-/** Takes the focus from a button that was clicked with a pointer, so that the space bar does not press it again. With the keyboard, the focus stays. */
+/** Takes the focus off a button clicked with a pointer, so that the space bar does not press it again. Used with the keyboard, a button keeps the focus. */
 export const leave = ({ detail, currentTarget }) => { if (detail > 0) currentTarget.blur() }
 
-/** A self-centring pad: `value` is [x, y] from -1 to 1, with y up. */
+/** A self-centring pad. `value` is [x, y] from -1 to 1, with y up. */
 class Spring {
   constructor(element, horizontal, vertical) {
     this.element = element
@@ -46,7 +46,7 @@ class Spring {
   }
 }
 
-/** A button that acts only after it has been held down for the time HOLD. */
+/** A button that acts only after being held down for HOLD. */
 class Hold {
   constructor(button, act) {
     Object.assign(this, { button, act, timer: null })
@@ -73,15 +73,15 @@ export class Drive {
   constructor(link, age, elements) {
     this.link = link
     this.elements = elements
-    this.send = (command, number) => link.steer(command, number) // the probe has its own function for sending: see probe.js
-    this.age = age        // measures the age of the picture
-    this.limit = () => 1  // function that returns the allowed fraction of the forward speed; replaced by procedure mode
-    this.letGo = () => link.release() // function that lets go of the needle; replaced by procedure mode
-    this.needle = 0       // index of the needle that the button "Drive" takes
+    this.send = (command, number) => link.steer(command, number) // replaced by the probe: see probe.js
+    this.age = age        // age of the picture
+    this.limit = () => 1  // allowed fraction of the forward speed; replaced by procedure mode
+    this.letGo = () => link.release() // lets go of the needle; replaced by procedure mode
+    this.needle = 0       // the needle that the "Drive" button takes
     this.pressed = new Set()
     this.driving = false  // true while this page holds the needle
     this.steering = false // true while this page can move the needle
-    this.lost = ''        // reason why the needle was released without this page having asked for it
+    this.lost = ''        // why this page lost the needle without releasing it
     this.reset = new Hold(elements.reset, () => link.reset())
     this.lever = new Spring(elements.lever, false, true)
     this.pad = new Spring(elements.pad, true, true)
@@ -91,7 +91,7 @@ export class Drive {
     setInterval(() => { if (this.driving) this.send(this.command(), this.age.count(performance.now())) }, PERIOD)
   }
 
-  /** Handles a key; returns whether the key steers the needle. Key releases are processed even if this page no longer holds the needle. */
+  /** Handles a key. Returns true if it steers the needle. Also handles key releases after this page has let go of the needle. */
   key(event, down) {
     this.slow = event.shiftKey
     if (!down) this.pressed.delete(event.code)
@@ -101,7 +101,7 @@ export class Drive {
       return this.steering
     }
     if (!(event.code in KEYS) || !this.steering) return false
-    if (down && !event.repeat) this.pressed.add(event.code) // a key that was already down before the needle was taken must be pressed again
+    if (down && !event.repeat) this.pressed.add(event.code) // a key already down before the needle was taken must be pressed again
     return true
   }
 
@@ -151,8 +151,8 @@ export class Drive {
     this.link.take(this.needle)
   }
 
-  /** Shows the controls; `status` comes from trocar-view, `state` from stateOf. The needle moves only while the live picture is shown:
-   * not while the page shows the past or receives no data. */
+  /** Shows the controls. `status` comes from trocar-view, `state` from stateOf. The needle moves only while the live picture is shown, not while the
+   * page shows the past or receives no data. */
   show(status, state) {
     const { take, note, controls } = this.elements, rests = status.state === 'resting', past = state.name === 'past', driving = status.drives && status.alive
     if (this.driving && !driving && !this.asked) this.lost = t('drive.lost')
@@ -170,7 +170,7 @@ export class Drive {
     note.textContent = this.driving ? (past ? t('drive.past') : !this.steering ? t('drive.still') : wordsAt(this.age.at(performance.now())) || HELP) : this.lost ? `${this.lost}${rests ? ` ${t('drive.rests')}` : ''}` : this.reason(status, state)
   }
 
-  /** Returns the reason why the needle cannot be taken. */
+  /** Returns why the needle cannot be taken. */
   reason(status, { name, kind }) {
     if (name === 'past' && kind === 'past') return t('drive.goLive')
     if (name !== 'live') return ''

@@ -1,10 +1,10 @@
 // Draws guides: plates with holes through which needles pass.
 import * as THREE from 'three'
 
-const SEGMENTS = 24  // segments of a hole's edge
-const THINNEST = 2e-4 // m, thickness drawn for a plate without thickness
+const SEGMENTS = 24  // segments in the edge of a hole
+const THINNEST = 2e-4 // m, thickness at which to draw a plate that has none
 
-/** Returns a plate that extends one spacing beyond its outer holes. The outline is only an illustration, because the server knows only the holes. */
+/** Returns a plate that extends one hole spacing beyond the outer holes. Its outline is only illustrative: the server knows nothing but the holes. */
 function plate(guide) {
   const half = (count) => (0.5 * (count - 1) + 1) * guide.spacing, width = half(guide.columns), height = half(guide.rows)
   const shape = new THREE.Shape([[-1, -1], [1, -1], [1, 1], [-1, 1]].map(([x, y]) => new THREE.Vector2(x * width, y * height)))

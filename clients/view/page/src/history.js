@@ -1,13 +1,13 @@
-// Stores the received data, with separate samples for each needle: from a live server the last minute, from a log everything that trocar-view sends.
-// The total size is limited.
+// Stores the received data, with separate samples for each needle: the last minute from a live server, or everything that trocar-view sends from a
+// log. The total size is limited.
 import { t } from './words/words.js'
 
 const SPAN = 60 // s, live
-const PICTURE_BYTES = 256e6 // maximum total size of live pictures; trocar-view limits the pictures of a log to the same size
-export const GAP = 0.1 // s: a longer time between two samples (normally 10 ms) is shown as a gap
+const PICTURE_BYTES = 256e6 // limit for live pictures; for a log, trocar-view applies the same limit
+export const GAP = 0.1 // s; a longer time between two samples (normally 10 ms) is shown as a gap
 const COLUMNS = 12 // time, force (3), torque (3), depth, p99 and maximum of lateness and of compute time
 
-/** One needle's samples and events. */
+/** The samples and events of one needle. */
 class Track {
   constructor() {
     this.room = 16384
@@ -19,7 +19,7 @@ class Track {
 
 export const PUNCTURE = 1 << 1
 
-/** Bits of insertion_event in core/insertion/state/tick_data.h. Events with `quiet` are drawn small and without a label. */
+/** Bits of insertion_event in core/insertion/state/tick_data.h. An event marked `quiet` is drawn small and without a label. */
 export const EVENTS = [
   { bit: 1 << 0, name: t('event.touched'), quiet: true }, { bit: PUNCTURE, name: t('event.puncture') }, { bit: 1 << 2, name: t('event.contactAdded'), quiet: true },
   { bit: 1 << 3, name: t('event.contactRemoved'), quiet: true }, { bit: 1 << 4, name: t('event.exit') }, { bit: 1 << 5, name: t('event.reentry') },
@@ -33,7 +33,7 @@ export class History {
   constructor(live, needles = 1) {
     this.live = live
     this.tracks = Array.from({ length: needles }, () => new Track())
-    this.needle = 0 // index of the needle that is plotted
+    this.needle = 0 // the needle that is plotted
     this.pictures = []
     this.bytes = 0
   }
@@ -57,7 +57,7 @@ export class History {
     if (this.live) this.forget(this.end - SPAN)
   }
 
-  /** Makes room for more data: live data lose their older half; the arrays of a log grow. */
+  /** Makes room for more data: live data lose their older half, a log's arrays grow. */
   makeRoom(track) {
     const columns = track.columns
     const keep = this.live ? track.room >> 1 : track.count
@@ -96,7 +96,7 @@ export class History {
       if (track.marks[0]?.time < before) track.marks = track.marks.filter((mark) => mark.until >= before) // the first mark may extend into the kept time
   }
 
-  /** Returns the index of the newest picture at or before `time`; 0 if there is none. */
+  /** Returns the index of the newest picture at or before `time`, or 0 if there is none. */
   pictureIndex(time) {
     let low = 0, high = this.pictures.length - 1
     while (low < high) {
@@ -117,7 +117,7 @@ export class History {
     return Math.min(low, this.count - 1)
   }
 
-  /** Returns the index of the sample at `time`; -1 before the first sample and in gaps. */
+  /** Returns the index of the sample at `time`, or -1 before the first sample and in gaps. */
   sampleNear(time) {
     const after = this.sampleIndex(time), near = (i) => i >= 0 && Math.abs(this.columns[0][i] - time) <= GAP
     return near(after) ? after : near(after - 1) ? after - 1 : -1

@@ -1,13 +1,13 @@
-// The WebSocket connection to trocar-view. It reconnects automatically and acknowledges each update, which requests the next one.
+// The WebSocket connection to trocar-view. Reconnects by itself, and acknowledges each update, which requests the next one.
 import { sections } from './decode.js'
 
 const ACKNOWLEDGE = 1, TAKE = 2, STEER = 3, RESET = 4, RELEASE = 5, PICTURE = 6, HOLE = 7, DROP = 8, UNDO = 9, LEAVE = 10, REMOVE = 11, PROBE = 12, START = 13, FINISH = 14, LOOK = 15, CHANGE = 16
 const RETRY = 500, RETRY_REFUSED = 2000 // ms
-const TRY_AGAIN_LATER = 1013 // close code: trocar-view refused this page and gave a reason
+const TRY_AGAIN_LATER = 1013 // close code; trocar-view refused this page and gave a reason
 
 export class Link {
-  /** `handlers` are scene, picture, samples, status, seeds, reply, dose, plan and ultrasound (called with the decoded content), received (after each message), open,
-   * and closed (with the reason if trocar-view refused this page, else ''). */
+  /** `handlers`: scene, picture, samples, status, seeds, reply, dose, plan and ultrasound are called with the decoded content; received after each
+   * message; open; closed with the reason if trocar-view refused this page, otherwise with ''. */
   constructor(handlers) {
     this.handlers = handlers
     this.connect()
@@ -46,28 +46,27 @@ export class Link {
   take(needle) { this.send(TAKE, [], null, needle) }
   release() { this.send(RELEASE) }
   reset() { this.send(RESET) }
-  /** Steers the needle: right, up, forward, pitch, yaw and roll, as fractions (-1 to 1) of the maximum speed. The next status returns the command's
-     number. */
+  /** Steers the needle: right, up, forward, pitch, yaw and roll, each as a fraction (-1 to 1) of its maximum speed. The next status returns `number`. */
   steer(command, number) { this.send(STEER, command, null, number) }
-  /** Moves the driven needle to the waiting pose in front of this hole, unless the needle is in the tissue. */
+  /** Moves the driven needle to its waiting pose in front of this hole, unless it is in the tissue. */
   goToHole(guide, column, row) { this.send(HOLE, [guide, column, row]) }
-  /** Drops one seed, or a strand of several seeds. */
+  /** Drops one seed, or a strand of several. */
   drop(seeds) { this.send(DROP, [seeds]) }
   undo() { this.send(UNDO) }
-  /** Leaves the driven needle to rest. In a scene with a template, a needle that is released in the tissue also rests. */
+  /** Leaves the driven needle to rest. (In a scene with a template, a needle that is released in the tissue also comes to rest.) */
   leave() { this.send(LEAVE) }
-  /** Pulls out a needle that rests or that nobody holds. */
+  /** Pulls out a needle that is resting or that nobody holds. */
   remove(needle) { this.send(REMOVE, [], null, needle) }
-  /** Steers the probe; the arguments are the same as those of `steer`. */
+  /** Steers the probe, with the same arguments as `steer`. */
   moveProbe(command, number) { this.send(PROBE, command, null, number) }
-  /** Requests computed ultrasound images, which arrive for about two seconds: the axial image in the plane z (m) and, if `both` is true, the sagittal
-     image in the plane x; with a probe, the images are at the probe. `depth`: m; 0: deep enough to cover the gland. */
+  /** Requests computed ultrasound images, which then arrive for about two seconds: the axial image in the plane z (m) and, if `both` is true, the
+   * sagittal image in the plane x. If there is a probe, the images are at the probe. `depth` is in m; 0 means deep enough to cover the gland. */
   lookAt(z, x, depth, both) { this.send(LOOK, [z, x, depth, both ? 1 : 0]) }
-  /** Starts and ends a trainee's task and its recording. */
+  /** Start and end a trainee's task and its recording. */
   startTask() { this.send(START) }
   /** `language`: language of the report, such as "de". */
   finishTask(language) { this.send(FINISH, [], null, language.charCodeAt(0) | language.charCodeAt(1) << 8) }
-  /** Changes the tissue within `seconds`: `values` are lines of "key: value". The status with the server's reply returns the number. */
+  /** Changes the tissue over `seconds`. `values` are lines of "key: value". The status with the server's reply returns `number`. */
   change(values, seconds, number) { this.send(CHANGE, [seconds], new TextEncoder().encode(values), number) }
   sendPicture(png) { this.send(PICTURE, [], png) }
 }

@@ -31,13 +31,13 @@ if (!document.createElement('canvas').getContext('webgl2')) {
 }
 
 const stage = new Stage(element('view')), echo = new Echo(element('echo'), element('echo-marks')), plots = new Plots(element('plots'))
-const PLOT_PERIOD = stage.slow ? 200 : 66 // ms between two updates of the plots
+const PLOT_PERIOD = stage.slow ? 200 : 66 // ms between plot updates
 const strip = new Strip(element('timeline'), seek)
 
 let scene = null, history = new History(true), status = { now: 0, alive: false }
-let shown = null                 // displayed picture
-let chosen = 0                   // index of the needle to which readouts, plots and controls apply
-let clock = { following: true, playing: true, time: 0, at: 0 } // `time` is used only when the clock does not follow the live data
+let shown = null                 // the picture on display
+let chosen = 0                   // the needle that readouts, plots and controls refer to
+let clock = { following: true, playing: true, time: 0, at: 0 } // `time` is used only while not following the live data
 let connected = false, refusal = '', silence = new Silence(), pictureSilence = new Silence(), checked = 0, statusAt = 0
 let state = { name: 'unconnected' }
 let latency = [], drawing = null, age = new PictureAge(), servers = 0, restarted = 0, plotsDrawn = 0, range = 1e-3
@@ -62,7 +62,7 @@ const link = new Link({
   },
   seeds(seeds) {
     procedure.hearSeeds(seeds)
-    if (!scene.live && history.pictures.length) history.pictures.at(-1).seeds = seeds // in a log, the seeds follow their picture
+    if (!scene.live && history.pictures.length) history.pictures.at(-1).seeds = seeds // in a log, the seeds come after their picture
   },
   reply(reply) { procedure.hearReply(reply) },
   dose(dose) { procedure.hearDose(dose) },
@@ -109,7 +109,7 @@ function takeScene(received) {
   setTheme(document.documentElement.dataset.theme)
 }
 
-/** Clears the numbers and the seeds that belong to the previous server. */
+/** Clears the numbers and seeds that came from a previous server. */
 function noteServer() {
   if (!status.server || status.server === servers) return
   if (servers) {
@@ -119,14 +119,14 @@ function noteServer() {
   servers = status.server
 }
 
-/** Returns trocar-view's time, s, extrapolated to now. */
+/** Returns trocar-view's current time (s), extrapolated from the last status. */
 function liveTime() { return status.now + (performance.now() - statusAt) / 1000 }
 
 function showState() {
   const now = performance.now(), dt = (now - checked) / 1000
   checked = now
   silence.pass(dt)
-  if (status.alive && !status.shown) pictureSilence.end() // the server sends no pictures before a hand first engages a needle
+  if (status.alive && !status.shown) pictureSilence.end() // the server sends no pictures until a hand first engages a needle
   else pictureSilence.pass(dt)
   if (!scene && !refusal) return // connecting
   const live = scene?.live ?? true
@@ -143,7 +143,7 @@ function showState() {
   element('notice').textContent = element('notice').title = noticeOf(status)
 }
 
-/** If several pages are connected to one trocar-view, shows this page's number in the header and in the title. */
+/** Shows this page's number in the header and the title if several pages are connected to the same trocar-view. */
 function showPage() {
   const several = status.pages > 1, name = scene ? scene.path.split('/').pop() : '', badge = element('page-number')
   badge.hidden = !several
@@ -153,9 +153,9 @@ function showPage() {
 }
 
 function noticeOf({ state: hand, flags = [], scene: served = '', message = '' }) {
-  const unheld = ['leaving', 'resting', 'taking'].includes(hand) // nobody sends poses for such a needle
+  const unheld = ['leaving', 'resting', 'taking'].includes(hand) // nobody sends poses for it, so that is normal
   const words = flags.filter((flag) => flag !== 'ramping' && !(flag === 'stale' && unheld)).map((flag) => (hasText(`flag.${flag}`) ? t(`flag.${flag}`) : flag.replaceAll('_', ' ')))
-  // procedure mode shows the answers to commands itself
+  // procedure mode itself shows the answers to commands
   if (message && !(procedure.active && /^command \d+ of/.test(message))) words.push(scene?.live ? t('notice.server', { message: said(message) }) : said(message))
   if (served && served.split('/').pop() !== scene.path.split('/').pop()) words.unshift(t('notice.scene', { scene: served }))
   return words.join(' · ')
@@ -211,8 +211,8 @@ function frame(now) {
   }
 }
 
-/** Draws the 3D view only after the GPU has finished its previous frame, because frames that wait in a queue would be outdated when they are displayed. The slices do
- * not wait for it. */
+/** Draws the 3D view only once the GPU has finished the previous frame; queued frames would be outdated by the time they appear. The slices do not wait
+ * for this. */
 function draw(now) {
   const finished = stage.finished()
   if (finished) noteLatency()
@@ -245,7 +245,7 @@ function showPicture() {
   if (element('follow').checked) followTip()
 }
 
-/** Clears the picture of the previous server and shows the needles at their waiting poses. */
+/** Clears a previous server's picture and shows the needles at their waiting poses. */
 function showHome() {
   if (!shown) return
   shown = null
@@ -255,7 +255,7 @@ function showHome() {
   if (element('follow').checked) followTip()
 }
 
-/** True for identical pictures, such as those of needles at rest. Tracks may arrive later, so they are compared as well. */
+/** True if two pictures look the same, as when needles rest. Tracks are compared as well, because they may arrive later. */
 function looksSame(a, b) {
   const equal = (x, y) => x.length === y.length && x.every((value, i) => value === y[i])
   const alike = (x, y) => x === y || Boolean(x && y) && equal(x.joints, y.joints) && equal(x.contacts, y.contacts) && equal(x.orientation, y.orientation)
@@ -263,7 +263,7 @@ function looksSame(a, b) {
   return a.scale === b.scale && scene.parkingPoses.every((home, i) => alike(a.needles[i], b.needles[i])) && equal(a.displacement, b.displacement)
 }
 
-/** Sets the full scale of the colours to one of the values 0.2, 0.5, 1, 2, 5, ... mm. */
+/** Sets the top of the colour scale to one of the values 0.2, 0.5, 1, 2, 5, ... mm. */
 function setRange(largest) {
   const wanted = Math.max(largest, 2e-4), decade = 10 ** Math.floor(Math.log10(wanted))
   range = [1, 2, 5, 10].map((k) => k * decade).find((v) => v >= wanted * 0.999)
@@ -271,8 +271,7 @@ function setRange(largest) {
   element('colour-range').textContent = `0 – ${+(1e3 * range).toPrecision(2)} mm`
 }
 
-/** Measures the latency from the device's pose to the finished picture, over the last pictures. The result is valid only if all programs run on the
-   same machine. */
+/** Measures the latency from the device's pose to the finished picture, over the last pictures. Only meaningful if all programs run on the same machine. */
 function noteLatency() {
   const poseTime = drawing?.needles[chosen]?.poseTime
   if (poseTime) latency.push(performance.timeOrigin + performance.now() - poseTime)
@@ -299,8 +298,8 @@ function drawPlots() {
 function showNumbers() {
   showScale()
   if (history.count === 0) return
-  const rests = clock.following && status.state === 'resting' // no hand feels the force on a resting needle.
-  // `gone`: the newest sample is from an earlier server, or is too old, for example because the needle was left at rest
+  const rests = clock.following && status.state === 'resting' // no hand feels the force on a resting needle. `gone`: the newest sample is from an
+                                                              // earlier server or too old, for example because the needle was left at rest
   const newest = history.count - 1, gone = history.end <= restarted || scene.live && status.alive && liveTime() - history.end > FRESH
   const at = rests || clock.following && gone ? -1 : clock.following ? newest : history.sampleNear(timeShown()), value = (column) => history.columns[column][at]
   element('depth').textContent = at < 0 ? '–' : `${(1e3 * value(7)).toFixed(1)} mm`
@@ -313,7 +312,7 @@ function showNumbers() {
   element('latency').textContent = status.alive && latency.length ? `${median(latency).toFixed(0)} ms` : '–'
 }
 
-/** Shows a scale bar, about 100 pixels wide, whose length is a round number. */
+/** Shows a scale bar of about 100 pixels whose length is a round number. */
 function showScale() {
   const most = 110 * stage.metresPerPixel(), decade = 10 ** Math.floor(Math.log10(most)), length = [5, 2, 1].map((k) => k * decade).find((v) => v <= most)
   element('scale-bar').style.width = `${length / stage.metresPerPixel()}px`
@@ -363,7 +362,7 @@ function setCut(axis, part = Number(element('cut-place').value)) {
 
 /* ---- several needles ---- */
 
-/** Fills the menu of needles, which is hidden if the scene has only one needle. */
+/** Fills the menu of needles, which is hidden if the scene has only one. */
 function listNeedles() {
   const chooser = element('needle')
   chooser.replaceChildren(...scene.parkingPoses.map((home, i) => new Option(t('needle.number', { needle: i }), i)))
@@ -380,7 +379,7 @@ function choose(needle) {
   if (shown && element('follow').checked) followTip()
 }
 
-/** Merges the chosen needle's status into `status`. While this page drives a needle, that needle is the chosen one. */
+/** Merges the chosen needle's status into `status`. A needle that this page drives is always the chosen one. */
 function chooseOfStatus() {
   if (status.drives && status.needle !== chosen) choose(status.needle)
   status = { ...status, ...status.needles?.[chosen] }
@@ -392,7 +391,7 @@ function chooseOfStatus() {
 function setTheme(theme) {
   document.documentElement.dataset.theme = theme
   element('theme').textContent = t(theme === 'light' ? 'theme.dark' : 'theme.light')
-  try { localStorage.setItem('theme', theme) } catch { /* in a private window, the theme cannot be stored */ }
+  try { localStorage.setItem('theme', theme) } catch { /* a private window has no storage */ }
   if (scene) stage.setTheme(theme !== 'light')
   plots.restyle()
 }
@@ -405,9 +404,9 @@ const toggleLayer = (name) => element('layer-list').querySelector(`input[name="$
 
 const ACTIONS = { Space: togglePlay, Comma: () => step(-1), Period: () => step(1), Home: goLive, KeyC: nextCut, KeyM: () => toggleLayer('mesh'), KeyN: toggleTheme, KeyO: () => sound.toggle(), KeyP: savePicture,
                   KeyT: () => drive.toggle(), KeyV: () => tissue.open(), Digit1: () => stage.look(1), Digit2: () => stage.look(2), Digit3: () => stage.look(3), Digit4: () => stage.look(4),
-                  ArrowLeft: () => step(-1), ArrowRight: () => step(1) } // used only if these keys do not move the needle
+                  ArrowLeft: () => step(-1), ArrowRight: () => step(1) } // only if these keys do not move the needle
 
-const STEPS = ['Comma', 'Period', 'ArrowLeft', 'ArrowRight'] // these keys repeat while they are held down
+const STEPS = ['Comma', 'Period', 'ArrowLeft', 'ArrowRight'] // keys that repeat while held down
 
 addEventListener('keydown', (event) => {
   if (event.ctrlKey || event.metaKey || event.altKey || element('keys').open || element('task').open || element('tissue').open || event.target.matches('input[type=text]')
@@ -452,8 +451,8 @@ requestAnimationFrame(frame)
 
 /* ---- for trocar-view --png, and for tests ---- */
 
-/** Applies the options of trocar-view --png; `cut` is the axis, and `place` the position of the cut on this axis in metres; by default, the cut is at
-   the tip if the tip is inside the tissue. */
+/** Applies the options of trocar-view --png. `cut` is the axis of the cut and `place` its position on that axis in metres; without `place`, the cut is
+ * at the tip if that is in the tissue. */
 async function pose() {
   const number = (name, otherwise) => Number(asked.get(name) ?? otherwise), plan = arrange({ width: number('width', SIZE.width), height: number('height', SIZE.height) })
   setTheme(asked.get('theme') ?? 'light')

@@ -1,17 +1,17 @@
-// Draws a needle as it is bent, with its hub and its contacts.
+// Draws a bent needle with its hub and its contacts.
 import * as THREE from 'three'
 import { CONTACT, GUIDED } from './colours.js'
 import { CONTACT_NUMBERS, GUIDE, TIP } from './decode.js'
 
 const RINGS = 180, SIDES = 14
-const BEVEL = 4          // length of the tip's bevel, in multiples of the needle's diameter
-const MARK = 0.01        // m, spacing of the depth marks on the shaft
+const BEVEL = 4          // length of the bevel, in needle diameters
+const MARK = 0.01        // m, between depth marks on the shaft
 const MAX_CONTACTS = 81 // TROCAR_MAX_POINTS
 const ARROW_HEAD = 0.003 // m
 
 export const FORCE_SCALE = 0.04 // m, length of a force arrow per N
 
-/** Returns interpolated points and tangents at equal steps along the centreline. */
+/** Returns points and tangents at equal steps along the centreline, by interpolation. */
 function trace(joints, count) {
   const points = []
   for (let j = 0; j < joints.length; j += 3) points.push(new THREE.Vector3(joints[j], joints[j + 1], joints[j + 2]))
@@ -34,7 +34,7 @@ function instances(geometry) {
 }
 
 export class Needle {
-  /** `hub` is the hub's colour. */
+  /** `hub`: colour of the hub. */
   constructor(scene, hub) {
     this.length = scene.needle.length
     this.radius = scene.needle.diameter / 2
@@ -72,7 +72,7 @@ export class Needle {
 
   addHub(colour) {
     const body = new THREE.CylinderGeometry(0.0045, 0.0022, 0.022, 24).rotateX(-Math.PI / 2).translate(0, 0, -0.011)
-    const mark = new THREE.BoxGeometry(0.0016, 0.0022, 0.02).translate(0, 0.0042, -0.011) // marks the side of the hub on which the bevel is
+    const mark = new THREE.BoxGeometry(0.0016, 0.0022, 0.02).translate(0, 0.0042, -0.011) // marks the bevel's side of the hub
     this.hub = new THREE.Group()
     this.hub.add(new THREE.Mesh(body, new THREE.MeshPhongMaterial({ color: colour, specular: '#88bbee', shininess: 40 })))
     this.hub.add(new THREE.Mesh(mark, new THREE.MeshPhongMaterial({ color: '#f4d35e' })))
@@ -87,7 +87,7 @@ export class Needle {
     this.group.add(this.dots, this.arrows)
   }
 
-  /** Draws `shape`, a needle of a picture, or hides the needle if `shape` is undefined. Sets `line` to the points and tangents from base to tip. */
+  /** Draws `shape`, a needle from a picture, or hides the needle if `shape` is undefined. Sets `line` to the points and tangents from base to tip. */
   show(shape) {
     this.group.visible = Boolean(shape)
     this.line = this.tip = null
@@ -101,7 +101,7 @@ export class Needle {
     this.tip = this.line.places.at(-1)
   }
 
-  /** Places rings around the centreline in a twist-free frame; the tip is bevelled. */
+  /** Places rings around the centreline, in a frame that does not twist. The tip is bevelled. */
   bend({ places, tangents }, base) {
     const up = new THREE.Vector3(0, 1, 0).applyQuaternion(base), side = new THREE.Vector3(), out = new THREE.Vector3(), { radius } = this
     const place = this.place.array, normal = this.normal.array
@@ -122,7 +122,7 @@ export class Needle {
     this.place.needsUpdate = this.normal.needsUpdate = true
   }
 
-  /** Draws a dot for each contact and an arrow for its force on tissue or guide. */
+  /** Draws a dot for each contact, and an arrow for the force on the tissue or guide. */
   touch(contacts) {
     const count = contacts.length / CONTACT_NUMBERS, matrix = new THREE.Matrix4(), turn = new THREE.Quaternion(), up = new THREE.Vector3(0, 1, 0)
     const place = new THREE.Vector3(), force = new THREE.Vector3(), size = new THREE.Vector3(), colour = new THREE.Color()

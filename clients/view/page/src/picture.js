@@ -4,14 +4,14 @@ import { CONTACT_NUMBERS } from './decode.js'
 import { FORCE_SCALE } from './needle.js'
 import { t } from './words/words.js'
 
-const FINE = 2          // supersampling factor used for anti-aliasing
+const FINE = 2          // supersampling factor for anti-aliasing
 const MOST = 8192       // pixels per side that most GPUs support
 export const SIZE = { width: 1600, height: 1000 }
 
 const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim()
 
-/** Returns the layout of a picture of `width` x `height`: slice and legend are in a column on the right, or in a row below if the picture is in portrait
-    format. */
+/** Returns the layout of a picture of `width` x `height`. Slice and legend are in a column on the right or, if the picture is taller than wide, in a
+ * row below. */
 export function arrange({ width, height }) {
   const beside = width >= 1.1 * height, side = Math.round(beside ? Math.min(0.45 * height, 0.34 * width) : Math.min(0.36 * height, 0.48 * width))
   const margin = Math.round(0.05 * side), band = side + 2 * margin
@@ -21,15 +21,15 @@ export function arrange({ width, height }) {
            legend: beside ? { left: width - side - margin, top: band + margin } : { left: margin, top: height - side - margin } }
 }
 
-/** Returns a layout like that of `arrange`, but with the on-screen aspect ratio of the 3D view. */
+/** Returns a layout like that of `arrange`, but with the 3D view's on-screen aspect ratio. */
 export function arrangeLike({ clientWidth, clientHeight }) {
   const { height } = SIZE, plan = arrange(SIZE), stage = { width: Math.round(height * clientWidth / clientHeight), height }, width = stage.width + SIZE.width - plan.stage.width
   const shift = ({ left, top }) => ({ left: left + width - SIZE.width, top })
   return { ...plan, width, stage, slice: shift(plan.slice), legend: shift(plan.legend) }
 }
 
-/** Renders a PNG with the sizes in `plan`, independent of the screen. `shown`: the needle whose values are shown; `label`: its index if there are
-    several needles. */
+/** Renders a PNG with the sizes in `plan`, whatever the size of the screen. `shown`: the needle whose values are shown; `label`: its index if there are
+ * several. */
 export function compose(plan, { stage, echo, shown, history, time, range, label }) {
   const canvas = document.createElement('canvas'), ink = canvas.getContext('2d'), { width, height, side, slice } = plan
   Object.assign(canvas, { width, height })

@@ -1,12 +1,12 @@
-// Plots of force, torque, depth and timing with markers at events, and the timeline strip.
+// Plots of force, torque, depth and timing, with markers at events; and the timeline strip.
 import uPlot from 'uplot'
 import 'uplot/dist/uPlot.min.css'
 import { AXES, TIMING } from './colours.js'
 import { GAP } from './history.js'
 import { t } from './words/words.js'
 
-const SLOT = 0.01 // s, period of the samples
-const CLOSE = 90 // px: in a plot lower than this, the labels of all decades would touch
+const SLOT = 0.01 // s, between samples
+const CLOSE = 90 // px; in a lower plot, the labels of all decades would touch
 const MICRO = 1e6, MILLI = 1e3
 const PLOTS = [
   { title: t('plot.force'), unit: 'N', columns: [1, 2, 3], names: ['x', 'y', 'z'], colours: AXES, scale: 1, least: 0.2 },
@@ -16,10 +16,10 @@ const PLOTS = [
     dashes: [[], [3, 3], [], [3, 3]], scale: MICRO, logarithmic: true },
 ]
 
-/** Formats a number without a negative zero. */
+/** Formats a number, never as negative zero. */
 const fixed = (value, digits) => value.toFixed(digits).replace(/^-(0(\.0*)?)$/, '$1')
 
-/** Tells uPlot in which pixel ranges there are no data, so that no line is drawn there. */
+/** Tells uPlot which pixel ranges have no data, so that it draws no line there. */
 function gaps(u, series, first, last, missing) {
   const times = u.data[0]
   for (let i = Math.max(first, 1); i <= last; i++)
@@ -34,7 +34,7 @@ export class Plots {
     this.container = container
     this.history = null
     this.budget = 1e-3 // s
-    this.time = null   // s, time of the displayed picture; null at the end
+    this.time = null   // s, time of the picture on display; null at the end
     this.plots = []
     this.plots = PLOTS.map((plot) => this.build(plot))
     new ResizeObserver(() => this.resize()).observe(container)
@@ -77,7 +77,7 @@ export class Plots {
     return [plot.fromZero ? 0 : Math.min(low - margin, -plot.least / plot.scale), Math.max(high + margin, plot.least / plot.scale)]
   }
 
-  /** Divides the available height among the plots; the last visible plot has the time axis. */
+  /** Divides the available height among the plots. The last visible one has the time axis. */
   resize() {
     const shown = this.plots.filter(({ holder }) => holder.clientHeight > 0), last = shown.at(-1)
     for (const plot of shown) plot.holder.classList.toggle('last', plot === last)
@@ -87,7 +87,7 @@ export class Plots {
     }
   }
 
-  /** Shows the interval from `from` to `to` (s); `time` is the time of the displayed picture, null at the end. */
+  /** Shows the interval from `from` to `to` (s). `time` is that of the picture on display, or null at the end. */
   show(history, from, to, time) {
     this.history = history
     this.time = time
@@ -112,7 +112,7 @@ export class Plots {
     ink.rect(left, top, width, height)
     ink.clip()
     ink.textAlign = 'left'
-    let free = left // left end of the space for the next label
+    let free = left // where the space for the next label begins
     for (const mark of this.history.marks) {
       if (mark.until < u.scales.x.min || mark.time > u.scales.x.max) continue
       const x = u.valToPos(mark.time, 'x', true)
@@ -122,7 +122,7 @@ export class Plots {
       this.line(ink, x, top, x, top + height, [2 * ratio, 3 * ratio], ratio)
       if (plot === PLOTS[0]) {
         ink.font = `${10 * ratio}px system-ui, sans-serif`
-        // near the right edge, the label is to the left of its line
+        // near the right edge, put the label to the left of its line
         const room = ink.measureText(mark.name).width + 5 * ratio, start = x + room > left + width ? x - room : x + 3 * ratio
         if (start < free) continue
         this.label(ink, mark.name, start, top + 10 * ratio, ratio)
@@ -144,7 +144,7 @@ export class Plots {
     ink.restore()
   }
 
-  /** Draws text with a background, so that it is readable on top of curves. */
+  /** Draws text on a background, so that it is readable over curves. */
   label(ink, text, x, y, ratio) {
     ink.save()
     ink.strokeStyle = css('--panel')
@@ -169,7 +169,7 @@ export class Plots {
   restyle() { for (const { chart } of this.plots) chart.redraw() }
 }
 
-/** Overview of the last minute or the whole log: depth as a filled curve, marks, and the time of the displayed picture. */
+/** Overview of the last minute or the whole log: depth as a filled curve, marks, and the time of the picture on display. */
 export class Strip {
   constructor(canvas, onSeek) {
     this.canvas = canvas

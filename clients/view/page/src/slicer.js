@@ -1,7 +1,7 @@
 // Computes cross-sections of the deformed tetrahedra: filled triangles, and outlines of surfaces.
 import { Filled } from './buffers.js'
 
-// For each set of corners below the plane (as a bit mask): the edges that cross the plane, in order around the cross-section. Each edge is a pair of corners.
+// For each set of corners below the plane (a bit mask): the edges that the plane cuts, in order around the cross-section. An edge is a pair of corners.
 const CASES = Array.from({ length: 16 }, (_, mask) => {
   const below = [0, 1, 2, 3].filter((i) => mask & (1 << i)), above = [0, 1, 2, 3].filter((i) => !(mask & (1 << i)))
   if (below.length === 0 || above.length === 0) return []
@@ -11,7 +11,7 @@ const CASES = Array.from({ length: 16 }, (_, mask) => {
 })
 
 export class Slicer {
-  /** `scene` as decoded; `cut` and `outline` accept any deformation of its nodes. */
+  /** `scene`: as decoded. `cut` and `outline` accept any deformation of its nodes. */
   constructor(scene) {
     this.scene = scene
     this.distance = new Float32Array(scene.nodes.length / 3)
@@ -27,7 +27,7 @@ export class Slicer {
       this.distance[n] = (a * nodes[i] + b * nodes[i + 1] + c * nodes[i + 2] - offset) || 1e-12 // a node on the plane counts as above it
   }
 
-  /** Computes the triangles of the cross-section with the plane normal . x = offset; fills place, nominal and region. Returns the number of vertices. */
+  /** Computes the triangles of the cross-section with the plane normal . x = offset, and fills place, nominal and region. Returns the number of vertices. */
   cut(nodes, normal, offset) {
     const { tets, nodes: rest } = this.scene, { distance, place, nominal, region } = this
     this.measure(nodes, normal, offset)
@@ -60,7 +60,7 @@ export class Slicer {
     return new Uint32Array(corners)
   }
 
-  /** Fills `edges` with the intersections of the plane with these triangles: see select. */
+  /** Fills `edges` with the lines in which the plane cuts these triangles: see select. */
   outline(nodes, normal, offset, corners) {
     const { distance, edges } = this
     this.measure(nodes, normal, offset)

@@ -1,4 +1,4 @@
-// Short sounds for punctures and seeds, made with Web Audio. They are off until the user turns them on, which also permits the browser to play them.
+// Short sounds for punctures and seeds, made with Web Audio. They are off until the user turns them on, which also lets the browser play them.
 import { PUNCTURE } from './history.js'
 
 const SOUNDS = { puncture: { wave: 'triangle', from: 520, to: 170, seconds: 0.09 }, seed: { wave: 'sine', from: 880, to: 1320, seconds: 0.16 } } // Hz
@@ -31,7 +31,7 @@ export class Sound {
   play(name) {
     if (!this.box.checked) return
     this.context ??= new AudioContext()
-    this.context.resume().catch(() => {}) // the browser allows sounds only after the user has touched the page
+    this.context.resume().catch(() => {}) // the browser allows sound only after the user has interacted with the page
     const { wave, from, to, seconds } = SOUNDS[name], { context } = this, start = context.currentTime, tone = context.createOscillator(), volume = context.createGain()
     tone.type = wave
     tone.frequency.setValueAtTime(from, start)

@@ -1,10 +1,10 @@
-// State of the display: whether it is live and, if not, the reason and the age of the data.
+// The state of the display: whether it is live and, if not, why not and how old the data are.
 import { t } from './words/words.js'
 
-export const FRESH = 0.5 // s, maximum age of data that count as live
-const STALL = 0.15       // s: if the page itself was paused, for example while messages waited in its queue, at most this much of the pause counts as silence
+export const FRESH = 0.5 // s, age up to which data count as live
+const STALL = 0.15       // s; if the page itself was paused, for example while messages were queuing, no more than this counts as silence
 
-/** Measures the time since the last arrival, counting only time in which the page runs. */
+/** Measures the time since something last arrived, counting only time in which the page is running. */
 export class Silence {
   constructor() { this.seconds = Infinity }
   end() { this.seconds = 0 }
@@ -13,11 +13,9 @@ export class Silence {
 
 const seconds = (s) => (s < 10 ? `${s.toFixed(1)} s` : s < 120 ? `${s.toFixed(0)} s` : `${(s / 60).toFixed(0)} min`)
 
-/**`link`: connected, refusal (text, empty: none), silence (s since the last message), pictures (s since the last picture);
- * `status` as sent by trocar-view; `age`: s since the last sample; `behind`: s by which the displayed time lags behind now,
- * null: live. Returns name, badge and its kind; if the display is not live, also title and text of the banner, and `age` (s)
- * if the text ends with it.
- */
+/** `link`: connected, refusal (text, empty: none), silence (s since the last message), pictures (s since the last picture). `status`: as sent by
+ * trocar-view. `age`: s since the last sample. `behind`: s by which the displayed time lags behind, null if live. Returns name, badge and the badge's
+ * kind. If the display is not live, also returns title and text of the banner, and `age` (s) if the text ends with it. */
 export function stateOf({ live, link, status, age, behind }) {
   const state = linkState(live, link, status, age)
   if (behind === null || !live) return state
@@ -37,7 +35,7 @@ function linkState(live, { connected, refusal, silence, pictures }, status, age)
   return { name: 'live', badge: t('state.live'), kind: 'good' }
 }
 
-/** Fills the banner, which is hidden if there is no problem. The age is a separate element, so that screen readers do not repeat it. */
+/** Fills the banner, which is hidden if all is well. The age is an element of its own, so that screen readers do not keep repeating it. */
 export function showBanner(banner, state) {
   banner.hidden = !state.title
   const [title, text, age, back] = banner.children

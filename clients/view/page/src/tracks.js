@@ -1,4 +1,4 @@
-// Draws the tracks that the needles have cut in the deformed tissue: a line for each track, and a dot at each puncture.
+// Draws the tracks that needles have cut in the deformed tissue: a line for each track, and a dot at each puncture.
 import * as THREE from 'three'
 import { interpolate, weightsIn } from './barycentric.js'
 import { Filled, show } from './buffers.js'
@@ -25,7 +25,7 @@ export class Tracks {
 
   get empty() { return this.ends.count === 0 && this.holes.count === 0 }
 
-  /** Draws the tracks of a picture's `needles`; `moved` are the displaced nodes. Called only for pictures that differ from the previous one. */
+  /** Draws the tracks of a picture's `needles`. `moved` are the displaced nodes. Called only if the picture differs from the one before. */
   show(needles, moved) {
     const { ends, holes } = this
     ends.count = holes.count = 0

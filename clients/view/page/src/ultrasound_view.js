@@ -1,5 +1,5 @@
-// An axial or sagittal slice: the ultrasound image that trocar-view computes (clients/view/ultrasound), with outlines. For past data, logs, and
-// planes that trocar-view does not compute, the page draws an illustration in the style of ultrasound instead.
+// An axial or sagittal slice: the ultrasound image that trocar-view computes (clients/view/ultrasound), with outlines. For past data, logs, and planes
+// that trocar-view does not compute, draws an illustration in the style of ultrasound instead.
 import * as THREE from 'three'
 import { bitsOfBone, hostOf, OUTSIDE } from './anatomy.js'
 import { discard, Filled, show } from './buffers.js'
@@ -40,7 +40,7 @@ const DOSE = `
     return isoline(isoline(isoline(under, 1.0, level, slope, ISO100), 1.5, level, slope, ISO150), 2.0, level, slope, ISO200);
   }`
 
-// Draws speckle of three grain sizes that is fixed to the tissue, elongated across the beam and attenuated with depth.
+// Draws speckle of three grain sizes. It is fixed to the tissue, elongated across the beam, and fades with depth.
 const FRAGMENT = `
   precision highp float;
   varying vec3 seed, here; varying float level; varying vec2 place;
@@ -82,30 +82,29 @@ const FLASH = `
 const SIMPLE_VERTEX = 'varying vec2 place; void main() { place = position.xy; gl_Position = projectionMatrix * modelViewMatrix * vec4(position, 1.0); }'
 const GREY = { bone: 0.95, gland: 0.42, host: 0.66, other: 0.55 }
 
-const FEW = 4 // if there are more needles than this, only those in the slice are drawn, because drawing a needle takes as long as drawing the image
-const MOVING = 0.5 // factor on the resolution with software rendering
+const FEW = 4 // with more needles than this, draw only those in the slice, because a needle takes as long to draw as the image
+const MOVING = 0.5 // resolution factor with software rendering
 
-/** Plane of a slice: the axis normal to it and the axis to the left; y is up. `letters`: the patient's sides at the left, right, upper and lower
-    edges. */
+/** Plane of a slice: the axis normal to it and the axis that points left; y is up. `letters`: the patient's sides at the left, right, upper and lower edges. */
 export const AXIAL = { name: t('slice.axial'), normal: 'z', across: 'x', seen: t('slice.along'), letters: 'RLAP' }
 export const SAGITTAL = { name: t('slice.sagittal'), normal: 'x', across: 'z', seen: '', letters: 'SIAP' }
 const INDEX = { x: 0, y: 1, z: 2 }
-const SAME_PLANE = 0.002, NEARBY = 0.01 // m, largest distance from the chosen plane at which a computed image is shown; NEARBY: for a new image
-const SOON = 60 // ms that the page waits for the image that belongs to a new picture
-const NEW = 1000 // ms for which an image counts as new; while the plane is being moved, its image lags behind
-const FRAMES = 600 // number of drawing times kept for tests
+const SAME_PLANE = 0.002, NEARBY = 0.01 // m, farthest that a computed image may be from the chosen plane to be shown; NEARBY applies while it is new
+const SOON = 60 // ms to wait for the image that belongs to a new picture
+const NEW = 1000 // ms for which an image counts as new; while the plane is being moved, images lag behind
+const FRAMES = 600 // how many drawing times are kept, for tests
 
 const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 const shaded = (colour) => `vec3(${new THREE.Color(colour).convertLinearToSRGB().toArray().map((part) => part.toFixed(4))})`
 
 export class Echo {
-  /** `canvas` shows the tissue; `marks` is an overlay for outlines and scales. */
+  /** `canvas`: shows the tissue; `marks`: an overlay for outlines and scales. */
   constructor(canvas, marks, plane = AXIAL) {
     this.plane = plane
     this.direction = [0, 1, 2].map((i) => (i === INDEX[plane.normal] ? 1 : 0))
-    this.overlays = [] // functions that draw on the `marks` canvas, called with this object and its 2D context
+    this.overlays = [] // functions that draw on `marks`, called with this object and its 2D context
     this.doses = { dose: { value: null }, doseOrigin: { value: new THREE.Vector3() }, doseSize: { value: new THREE.Vector3(1, 1, 1) }, doseTop: { value: 0 } }
-    this.focus = () => true // selects the regions that the image must contain
+    this.focus = () => true // selects regions that the image must contain
     this.canvas = canvas
     this.marks = marks
     this.renderer = new THREE.WebGLRenderer({ canvas, alpha: true })
@@ -113,12 +112,12 @@ export class Echo {
     this.camera = new THREE.OrthographicCamera(-1, 1, 1, -1, -1, 1)
     this.place = 0
     this.image = null       // the newest computed image
-    this.live = false       // true while the page shows live data, for which there are computed images
+    this.live = false       // true while the page shows live data, for which images are computed
     this.look = { gain: 0, range: 60 } // dB
-    this.marked = true      // true if outlines, needles and seeds are drawn over the image
+    this.marked = true      // true to draw outlines, needles and seeds over the image
     this.pixels = document.createElement('canvas') // the computed image, at its own resolution
     this.isolines = new Isolines()
-    this.frames = []        // ms, times at which computed images were first drawn
+    this.frames = []        // ms, when computed images were first drawn
     this.dirty = true
   }
 
@@ -130,7 +129,7 @@ export class Echo {
     this.dirty = true
   }
 
-  /** True if the newest computed image has just arrived. */
+  /** True if the newest computed image has only just arrived. */
   get isRecent() { return performance.now() - this.heard < NEW }
 
   /** True if the computed image should be shown. */
@@ -139,8 +138,8 @@ export class Echo {
     return Math.abs(this.image.origin[INDEX[this.plane.normal]] - this.place) < (this.isRecent ? NEARBY : SAME_PLANE)
   }
 
-  /** Returns the plane that is shown: a point in it, unit vectors, and the coordinates of the point in the image, where x runs across the image as if it were
-   * not tilted, and y is up. */
+  /** Returns the plane that is shown: a point in it, unit vectors, and the point's image coordinates `at`. These run across the image (as if it were
+   * not tilted) and up. */
   get frame() {
     const { across, normal } = this.plane
     if (this.simulated) return { ...this.image, at: [this.image.origin[INDEX[across]], this.image.origin[1]] }
@@ -149,13 +148,13 @@ export class Echo {
     return { origin, across: unit(across), up: [0, 1, 0], normal: unit(normal), at: [0, 0] }
   }
 
-  /** Projects a point of the mesh's frame (x, y, z; m) onto the shown plane. Returns its coordinates in the image and its distance from the plane, m. */
+  /** Projects a point in the mesh's frame (x, y, z; m) onto the plane that is shown. Returns its image coordinates and its distance from the plane (m). */
   project({ x, y, z }, { origin, across, up, normal, at } = this.frame) {
     const from = [x - origin[0], y - origin[1], z - origin[2]]
     return { x: at[0] + dot(from, across), y: at[1] + dot(from, up), off: dot(from, normal) }
   }
 
-  /** Returns the point of the shown plane at these coordinates of the image. */
+  /** Returns the point in the plane that is shown, given its image coordinates. */
   unproject(x, y) {
     const { origin, across, up, at } = this.frame
     return [0, 1, 2].map((i) => origin[i] + (x - at[0]) * across[i] + (y - at[1]) * up[i])
@@ -193,7 +192,7 @@ export class Echo {
     this.view = { x: middle.x, y: (low + high) / 2, size: Math.max(width, high - low) }
   }
 
-  /** Places the image of a slice along the probe. */
+  /** Places the image of a slice that runs along the probe. */
   frameRectangle(middle, size, box) {
     this.probe = new THREE.Vector2(middle.z, box.min.y - 0.016)
     this.reach = new THREE.Vector2(0.006, size.y + 0.030)
@@ -226,8 +225,8 @@ export class Echo {
     this.world.add(this.tissue, ...this.flashes)
   }
 
-  /** Draws the computed image and its isodose lines on a 2D canvas. Without a graphics card, this is much faster than a WebGL texture, because a browser copies
-      what WebGL has drawn. */
+  /** Draws the computed image and its isodose lines on a 2D canvas. Without a graphics card, this is much faster than a WebGL texture, because the
+   * browser copies whatever WebGL has drawn. */
   drawImage(ink) {
     const { image, look } = this, { width, height, pixel } = image, { at } = this.frame, from = [at[0] + image.left - pixel / 2, at[1] + image.near - pixel / 2]
     if (this.isNew) this.noteImage()
@@ -247,7 +246,7 @@ export class Echo {
     if (this.frames.length > FRAMES) this.frames.shift()
   }
 
-  /** Converts the image's levels to grey pixels. Levels from 1 are linear in decibels; level 0 is outside the image. */
+  /** Converts the image's levels to grey pixels. Levels from 1 up are linear in decibels; level 0 is outside the image. */
   paint(look) {
     const { width, height, levels, floor, step, white } = this.image, { pixels } = this, ink = pixels.getContext('2d')
     this.painted = look
@@ -264,7 +263,7 @@ export class Echo {
     ink.putImageData(this.bitmap, 0, 0)
   }
 
-  /** Shows deformed nodes (`nodes`); `lines` are the points of each needle from base to tip, null if it is not shown. */
+  /** Shows the nodes at `nodes`. `lines` has the points of each needle from base to tip, or null for a needle that is not shown. */
   show(nodes, lines) {
     this.nodes = nodes
     this.lines = lines
@@ -282,7 +281,7 @@ export class Echo {
     this.setSize(clientWidth, clientHeight, devicePixelRatio)
   }
 
-  /** `ratio`: canvas pixels of the marks per pixel of the size; `unit`: scale of text and line widths. */
+  /** `ratio`: pixels of the overlay canvas per pixel of the requested size; `unit`: scale of text and line widths. */
   setSize(width, height, ratio, unit = 1) {
     Object.assign(this, { width, height, unit: ratio * unit, dirty: true })
     this.renderer.setSize(width, height, false)
@@ -290,14 +289,14 @@ export class Echo {
     this.marks.height = height * ratio
   }
 
-  /** Renders at a given size; returns the canvases from bottom to top, valid until this task ends. */
+  /** Renders at a given size. Returns the canvases from bottom to top, which are valid until this task ends. */
   drawAt(width, height, ratio, unit) {
     this.setSize(width, height, ratio, unit)
     this.render(2)
     return this.simulated ? [this.marks] : [this.canvas, this.marks]
   }
 
-  /** Returns the intersection of a needle with the slice, or null. Here and below, `x` is the axis across the image. */
+  /** Returns where a needle crosses the slice, or null. Here and below, `x` runs across the image. */
   crossing(line) {
     const points = line?.places ?? [], frame = this.frame
     for (let i = points.length - 1; i > 0; i--) {
@@ -310,7 +309,8 @@ export class Echo {
     return null
   }
 
-  /** Draws if something has changed, or if the last drawing was coarse and `coarse` is false. A new picture waits for its computed image, so that both are drawn at once. */
+  /** Draws if something has changed, or if the last drawing was coarse and `coarse` is false. A new picture waits for its computed image, so that both
+   * are drawn at once. */
   draw(coarse) {
     const now = performance.now(), simulated = this.simulated
     if (!this.dirty && (this.coarse === coarse || simulated) || !this.scene || !this.width) return
@@ -399,7 +399,7 @@ export class Echo {
     for (const draw of this.overlays) draw(this, ink)
   }
 
-  /** Describes the tilt of the shown plane; '' if there is none. */
+  /** Describes the tilt of the plane that is shown, or returns '' if there is none. */
   tilt() {
     const degrees = Math.acos(Math.min(1, Math.abs(this.frame.normal[INDEX[this.plane.normal]]))) * 180 / Math.PI
     return degrees > 0.5 ? t('slice.tilted', { angle: degrees.toFixed(0) }) : ''

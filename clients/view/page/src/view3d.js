@@ -9,9 +9,9 @@ import { Needle } from './needle.js'
 import { Tracks } from './tracks.js'
 import { Slicer } from './slicer.js'
 
-const MOVING = 0.5, STILL = 1.5 // resolution factors with software rendering, during motion and at rest
-const REST = 1000 // ms without a change after which the view is considered to be at rest; longer than the interval between two pictures on a busy machine
-const PACE = 66, PACE_BESIDE_IMAGES = 150 // ms, shortest time between two drawings with software rendering; computed ultrasound images need processor time as well
+const MOVING = 0.5, STILL = 1.5 // resolution factors with software rendering, in motion and at rest
+const REST = 1000 // ms without a change before the view counts as at rest; longer than the interval between pictures on a busy machine
+const PACE = 66, PACE_BESIDE_IMAGES = 150 // ms, shortest time between drawings with software rendering; computed ultrasound images need CPU time as well
 const VIEWS = { 1: [-0.78, 0.42, -0.46], 2: [-1, 0, 0], 3: [-0.001, 1, 0], 4: [0, 0.3, -1] } // directions of the camera from the centre
 const AXIS = { x: new THREE.Vector3(1, 0, 0), y: new THREE.Vector3(0, 1, 0), z: new THREE.Vector3(0, 0, 1) }
 
@@ -25,7 +25,7 @@ function rampTexture() {
   return texture
 }
 
-/** Returns the factor by which to multiply the camera's distance for this aspect ratio, so that the same width is visible. */
+/** Returns the factor by which to multiply the camera's distance for this aspect ratio, to keep the same width visible. */
 const room = (aspect) => Math.max(1, 1.25 / aspect)
 
 function drawsInSoftware() {
@@ -33,9 +33,9 @@ function drawsInSoftware() {
   return Boolean(info) && /swiftshader|llvmpipe|software/i.test(graphics.getParameter(info.UNMASKED_RENDERER_WEBGL))
 }
 
-const WAITING = 4 // if at most this many needles are waiting, show all of them; otherwise, show only the first
+const WAITING = 4 // show all waiting needles if there are no more than this, otherwise only the first
 
-/** Returns a picture with the needles at their home poses and the tissue at rest. */
+/** Returns a picture with the needles at their waiting poses and undeformed tissue. */
 function pictureAtHome({ parkingPoses, needle: { length }, nodes }) {
   const needles = parkingPoses.slice(0, parkingPoses.length > WAITING ? 1 : WAITING).map(({ position, orientation: [w, x, y, z] }) => {
     const tip = new THREE.Vector3(0, 0, length).applyQuaternion(new THREE.Quaternion(x, y, z, w)).add(new THREE.Vector3(...position))
@@ -44,7 +44,7 @@ function pictureAtHome({ parkingPoses, needle: { length }, nodes }) {
   return { scale: 0, needles, displacement: new Int16Array(nodes.length) }
 }
 
-/** A rectangular frame that is normal to an axis and can be dragged along it. */
+/** A rectangular frame normal to an axis, which can be dragged along that axis. */
 class Plane {
   constructor(axis, colour, box) {
     this.axis = axis
@@ -57,7 +57,7 @@ class Plane {
     this.set(0.5)
   }
 
-  /** `part`: fraction (0 to 1) of the body's extent along the axis. */
+  /** `part`: position as a fraction (0 to 1) of the body's extent along the axis. */
   set(part) {
     this.part = Math.min(Math.max(part, 0), 1)
     this.place = this.box.min[this.axis] + this.part * (this.box.max[this.axis] - this.box.min[this.axis])
@@ -83,10 +83,10 @@ export class Stage {
     this.addLights()
     this.addDragging()
     this.dirty = true   // true if something has changed since the last rendering
-    this.end = null     // GPU fence that signals the end of the last rendering
+    this.end = null     // GPU fence at the end of the last rendering
     this.coarse = false // true if the last rendering was at low resolution
-    this.changed = 0    // ms, performance.now() at the last change
-    this.drawn = -PACE_BESIDE_IMAGES // ms, performance.now() at the last rendering
+    this.changed = 0    // ms, by performance.now(), when something last changed
+    this.drawn = -PACE_BESIDE_IMAGES // ms, by performance.now(), when last rendered
     this.onSlice = () => {}
     this.onCut = () => {}
   }
@@ -126,7 +126,7 @@ export class Stage {
     this.dirty = true
   }
 
-  /** Cuts the body normal to `axis` and removes the part on the viewer's side; '' for no cut. */
+  /** Cuts the body normal to `axis` and removes the part on the viewer's side. '' means no cut. */
   setCut(axis, part = 0.5) {
     if (this.cutPlane) discard(this.cutPlane.frame.removeFromParent())
     this.cutPlane = axis ? new Plane(axis, '#ffb454', this.box) : null
@@ -148,7 +148,7 @@ export class Stage {
     this.dirty = true
   }
 
-  /** Shows a picture received from trocar-view; returns the largest displacement, m. */
+  /** Shows a picture received from trocar-view. Returns the largest displacement (m). */
   show(picture) {
     this.picture = picture
     this.needles.forEach((needle, i) => needle.show(picture.needles[i]))
@@ -159,7 +159,7 @@ export class Stage {
     return largest
   }
 
-  /** Sets the full scale of the displacement's colours, m, and recolours the cut. */
+  /** Sets the displacement (m) at the top of the colour scale, and recolours the cut. */
   setRange(range) {
     this.anatomy.setRange(range)
     if (this.cutPlane) this.recut()
@@ -198,7 +198,7 @@ export class Stage {
     this.dirty = true
   }
 
-  /** Renders at a given size; returns the canvas, valid until this task ends. */
+  /** Renders at a given size. Returns the canvas, which is valid until this task ends. */
   drawAt(width, height, ratio) {
     this.setSize(width, height)
     this.controls.update()
@@ -206,7 +206,8 @@ export class Stage {
     return this.canvas
   }
 
-  /** Renders if something has changed, and at full resolution once the view is at rest; returns whether it rendered. `besideImages`: computed images are arriving. */
+  /** Renders if something has changed, and at full resolution once the view is at rest. `besideImages`: computed images are arriving. Returns whether
+   * it rendered. */
   draw(now, besideImages) {
     this.controls.update()
     if (!this.scene) return false
@@ -218,7 +219,7 @@ export class Stage {
     return true
   }
 
-  /** `coarse`: at low resolution; `ratio`: rendered pixels per pixel of the size. */
+  /** `coarse`: at low resolution; `ratio`: rendered pixels per pixel of the requested size. */
   render(coarse, ratio = coarse ? MOVING : this.slow ? STILL : Math.min(devicePixelRatio, 2)) {
     if (this.cutPlane && this.cutSide !== (Math.sign(this.camera.position[this.cutPlane.axis] - this.cutPlane.place) || 1)) this.recut()
     if (this.renderer.getPixelRatio() !== ratio) this.renderer.setPixelRatio(ratio)

@@ -4,10 +4,10 @@ import { actionOf, leave } from '../drive.js'
 import { t } from '../words/words.js'
 
 const FREE = '#8fa6bd', PRESSING = '#e8a33d', STOPPED = '#e05252'
-const MOVED = 1e-5 // m: the image planes follow the probe only when it has moved by more than this
+const MOVED = 1e-5 // m; the image planes ignore smaller motions of the probe
 const STILL = [0, 0, 0, 0, 0, 0]
 
-/** Returns a cylinder with a rounded end along +z, from its base at 0. */
+/** Returns a cylinder with a rounded end along +z, its base at 0. */
 function body({ radius, tipRadius, length }) {
   const profile = [[0, 0], [radius, 0]]
   for (let i = 0; i <= 16; i++) {
@@ -27,7 +27,7 @@ function describe({ contacts, force, stopped }) {
 }
 
 export class Probe {
-  /** `setSlice` moves the axial image to a given z. */
+  /** `setSlice`: moves the axial image to a given z. */
   constructor({ stage, echo, procedure, drive, link, setSlice }) {
     Object.assign(this, { stage, echo, procedure, drive, link, setSlice, moving: false, shape: null })
     this.button = Object.assign(document.createElement('button'), { id: 'move-probe', textContent: t('probe.move'), title: t('probe.move.title'), hidden: true })
@@ -57,7 +57,7 @@ export class Probe {
     this.words.textContent = t('probe.none')
   }
 
-  /** Draws the probe's outline: a circle in the axial image; its sides and end in the sagittal image. */
+  /** Draws the probe's outline: a circle in the axial image, its sides and end in the sagittal image. */
   outline(image, ink) {
     if (!this.last) return
     const { radius, length, tipRadius } = this.shape, { x, y } = image.project(this.place(this.last)), unit = image.unit
@@ -77,7 +77,7 @@ export class Probe {
     ink.stroke()
   }
 
-  /** Selects whether the controls move the probe. The needle or probe that they moved before stops, and a key that is down must be pressed again. */
+  /** Chooses whether the controls move the probe or the needle. What they moved before stops, and a key that is down must be pressed again. */
   setMoving(moving) {
     if (moving !== this.moving) this.drive.rest()
     if (this.moving && !moving) this.link.moveProbe(STILL)
@@ -88,14 +88,14 @@ export class Probe {
 
   toggle() { if (this.shape && this.drive.steering) this.setMoving(!this.moving) }
 
-  /** Handles a key; returns whether the key controls the probe. */
+  /** Handles a key. Returns true if it controls the probe. */
   key(event) {
     if (actionOf(event) !== 'KeyB' || !this.shape || event.repeat) return false
     this.toggle()
     return true
   }
 
-  /** Called in each frame with the probe of the displayed picture. */
+  /** Called in each frame with the picture on display. */
   show(picture) {
     const probe = picture?.probe
     if (!this.drive.driving) this.setMoving(false)
@@ -113,11 +113,11 @@ export class Probe {
 
   turn({ orientation: [w, x, y, z] }) { return new THREE.Quaternion(x, y, z, w) }
 
-  /** Returns the point through which both images pass: on the probe's axis, where the rounded end begins. */
+  /** Returns the point that both images pass through: on the probe's axis, where the rounded end begins. */
   place(probe) { return new THREE.Vector3(0, 0, this.shape.length - this.shape.tipRadius).applyQuaternion(this.turn(probe)).add(new THREE.Vector3().fromArray(probe.position)) }
 
-  /** Moves the image planes with the probe. Illustrations stay parallel to the mesh's planes; computed images tilt with the probe. In a log, the planes
-      stay where they are when the probe first appears. */
+  /** Moves the image planes with the probe. Illustrations stay parallel to the mesh's planes, while computed images tilt with the probe. In a log, the
+   * planes stay put when the probe first appears. */
   aim(probe, first) {
     const { x, y, z } = this.place(probe), inside = (slice, place) => Math.min(Math.max(place, slice.range.from), slice.range.to)
     const slices = [[this.echo, x, 'follow'], ...(this.procedure.available ? [[this.procedure.sagittal, z, 'sagittal-follow']] : [])]

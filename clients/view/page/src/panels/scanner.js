@@ -1,13 +1,13 @@
 // The computed ultrasound images: requests them from trocar-view, and shows the scanner's controls.
 import { t } from '../words/words.js'
 
-const RENEWED = 1000 // ms between two identical requests; trocar-view stops computing two seconds after the last one
+const RENEWED = 1000 // ms between identical requests; trocar-view stops computing two seconds after the last one
 const PERIOD = 40 // ms, shortest time between two requests
-const DEPTHS = [0, 0.03, 0.04, 0.05, 0.06, 0.08, 0.1] // m; 0: deep enough to cover the gland
+const DEPTHS = [0, 0.03, 0.04, 0.05, 0.06, 0.08, 0.1] // m; 0 for deep enough to cover the gland
 const element = (id) => document.getElementById(id)
 
 export class Scanner {
-  /** `slices`: the axial and the sagittal Echo; `both`: function that tells whether the sagittal image is visible. */
+  /** `slices`: the axial and the sagittal Echo; `both`: returns whether the sagittal image is visible. */
   constructor({ link, slices, both }) {
     Object.assign(this, { link, slices, both, depth: 0, asked: '', askedAt: -Infinity })
     for (const depth of DEPTHS) element('scan-depth').append(new Option(depth ? `${(1e3 * depth).toFixed(0)} mm` : t('scan.auto'), depth))

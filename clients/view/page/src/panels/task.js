@@ -18,13 +18,13 @@ export class Task {
     this.report = element('task-report').attachShadow({ mode: 'open' })
   }
 
-  /** Called when a scene has been loaded: the targets of the task are shown in place of planned seeds. */
+  /** Called when a scene has been loaded. Shows the task's targets in place of planned seeds. */
   load(scene) {
     this.scene = scene
     this.showTargets()
   }
 
-  /** Called with the member "task" of each status; undefined without a task. */
+  /** Called with the member "task" of each status, which is undefined if there is no task. */
   hear(status) {
     if (!status) return
     element('task-button').hidden = false
@@ -36,7 +36,7 @@ export class Task {
     set(element('task-start'), t(state === 'ready' ? 'task.start' : 'task.again'))
     element('task-finish').hidden = !running
     set(element('task-message'), said(message) || (state === 'scoring' ? t('task.scoring') : running ? t('task.running', { time: clock(elapsed) }) : ''))
-    if (running && this.state !== 'running' && this.state) element('task').close() // the trainee has started the task, and needs the images
+    if (running && this.state !== 'running' && this.state) element('task').close() // the task has started, and the trainee needs the images
     this.state = state
     if (report !== this.shown) this.showReport(report)
   }
@@ -56,11 +56,11 @@ export class Task {
     if (this.state === 'ready') element('task').showModal()
   }
 
-  /** Shows the targets as planned seeds, placed so that the tip reaches a target when it is at the seed's distal end. */
+  /** Shows the targets as planned seeds. Each is placed so that the tip is at the target when it is at the seed's distal end. */
   showTargets() {
     const { procedure, scene, description } = this
     if (!scene || !description?.targets.length || !procedure.available) return
-    procedure.seedless = true // the tip has to reach the targets, and no seeds are left there
+    procedure.seedless = true // the tip only has to reach the targets; no seeds are left
     const back = procedure.template.normal.clone().multiplyScalar(-scene.seedLength / 2)
     procedure.hearPlan(description.targets.filter(({ hole }) => hole).map(({ hole, position }) => ({ hole, position: new THREE.Vector3(...position).add(back).toArray() })))
   }

@@ -25,7 +25,7 @@ export class Tissue {
     element('tissue').showModal()
   }
 
-  /** Called with each status. Fields that the user has changed keep what was typed. */
+  /** Called with each status. A field that the user has edited keeps what was typed. */
   hear({ values, changed }) {
     element('tissue-button').hidden = !values
     if (!values) {
@@ -46,7 +46,7 @@ export class Tissue {
     element('tissue-answer').classList.toggle('refused', !changed.done)
   }
 
-  /** Makes one group of fields for each region, membrane, calcification and guide. */
+  /** Makes a group of fields for each region, membrane, calcification and guide. */
   list(keys) {
     this.inputs.clear()
     const groups = new Map()

@@ -4,7 +4,7 @@ import { DOSES, ISODOSE, OTHER_ORGANS } from '../colours.js'
 import { t } from '../words/words.js'
 
 const WIDTH = 300, HEIGHT = 118, LEFT = 42, RIGHT = 6, TOP = 6, BOTTOM = 27
-const STATES = [ // states shown side by side
+const STATES = [ // the states shown side by side
   { key: 'planned', name: t('dose.plan'), title: t('dose.plan.title'), colour: DOSES.planned, dash: '2 3' },
   { key: 'now', name: t('dose.now'), title: t('dose.now.title'), colour: DOSES.now, dash: '' },
   { key: 'out', name: t('dose.out'), title: t('dose.out.title'), colour: DOSES.out, dash: '7 3' },
@@ -28,7 +28,7 @@ export function shadeSlices(slices, dose) {
 
 const swatch = (colour, dash = '') => `<svg class="swatch" viewBox="0 0 18 3"><line y1="1.5" x2="18" y2="1.5" stroke="${colour}" stroke-width="3" stroke-dasharray="${dash}"/></svg>`
 
-/** Returns the curves of the target in each state, and the current curves of the other organs. */
+/** Returns the target's curve in each state, and the current curves of the other organs. */
 function curvesOf(organs) {
   const target = organs.find((organ) => organ.target), others = organs.filter((organ) => !organ.target)
   return [...(target ? STATES.filter(({ key }) => target[key]).map(({ key, name, colour, dash }) => ({ values: target[key].curve, name: `${target.name}, ${name}`, colour, dash })) : []),
@@ -64,7 +64,7 @@ function figures({ organs, prescription }) {
   return `<table class="figures"><thead><tr><td></td>${heads}<th scope="col">${t('dose.aim')}</th></tr></thead><tbody>${rows.join('')}</tbody></table>`
 }
 
-/** Returns HTML that contains the histogram, the legend and the statistics. */
+/** Returns HTML with the histogram, the legend and the statistics. */
 export function describeDose(dose) {
   if (!dose) return `<p class="quiet">${t('dose.computing')}</p>`
   const { seeds, strength, source, prescription, organs, swelling } = dose, plain = (text) => text.replace(/[&<>]/g, '')

@@ -1,13 +1,13 @@
-// Draws isodose lines on a computed ultrasound image: marching squares over the dose on a grid in the image's plane.
+// Draws isodose lines on a computed ultrasound image, by marching squares over the dose on a grid in the image's plane.
 import { ISODOSE } from '../colours.js'
 
-const STEP = 1e-3 // m between samples, as in the grid of the dose
+const STEP = 1e-3 // m between samples, as in the dose grid
 const WIDTH = 1.5 // px
 
 export class Isolines {
   constructor() { this.samples = new Float32Array(0) }
 
-  /** `slice`: the Echo whose dose is drawn; the image begins at `from` and extends by `size`, as coordinates across and up in the slice, m. */
+  /** `slice`: the Echo whose dose is drawn. The image begins at `from` and extends by `size`, both in m across and up in the slice. */
   draw(ink, slice, from, size) {
     const { doses } = slice
     if (!doses.doseTop.value) return
@@ -22,7 +22,7 @@ export class Isolines {
     }
   }
 
-  /** Computes the dose at the points of the grid, as multiples of the prescription. */
+  /** Computes the dose at the grid points, as multiples of the prescription. */
   sample(slice, from, columns, rows) {
     const { dose, doseOrigin, doseSize, doseTop } = slice.doses, { data, width: depth, height, depth: width } = dose.value.image, counts = [width, height, depth]
     const corner = slice.unproject(...from), { across, up } = slice.frame, origin = doseOrigin.value.toArray(), spacing = doseSize.value.toArray().map((length, a) => length / counts[a])
@@ -31,7 +31,7 @@ export class Isolines {
       for (let column = 0; column < columns; column++) {
         let at = 0, sum = 0
         const cell = [0, 0, 0], part = [0, 0, 0]
-        for (let a = 0; a < 3; a++) { // the centre of a voxel is half a voxel from its corner
+        for (let a = 0; a < 3; a++) { // a voxel's centre is half a voxel from its corner
           const place = (corner[a] + STEP * (column * across[a] + row * up[a]) - origin[a]) / spacing[a] - 0.5
           cell[a] = Math.floor(place)
           part[a] = place - cell[a]
@@ -45,7 +45,7 @@ export class Isolines {
       }
   }
 
-  /** Calls `point(x, y, begins)` for both ends of each piece of the line where the samples equal `level`; x and y in samples. */
+  /** Calls `point(x, y, begins)` for both ends of each piece of the line on which the samples equal `level`. x and y count samples. */
   trace(level, columns, rows, point) {
     const { samples } = this
     for (let y = 0; y + 1 < rows; y++)

@@ -4,8 +4,7 @@ import { interpolate, weightsIn } from '../barycentric.js'
 
 const EDGE = -1e-6 // tolerance for rounding errors in a barycentric weight
 
-/** Returns the tetrahedron that contains a position [x, y, z] when the nodes are at `nodes`, or -1 outside the tissue. `guess` is a tetrahedron that
-    may contain it, and is tried first. */
+/** Returns the tetrahedron that contains a position [x, y, z] when the nodes are at `nodes`, or -1 outside the tissue. Tries `guess` first. */
 export function tetAt(scene, nodes, place, guess = -1) {
   const moved = { nodes, tets: scene.tets }, isIn = (tet) => Math.min(...weightsIn(moved, tet, place)) > EDGE
   if (guess >= 0 && isIn(guess)) return guess
@@ -13,11 +12,11 @@ export function tetAt(scene, nodes, place, guess = -1) {
   return -1
 }
 
-/** Returns the name of a tetrahedron's organ: its region, or the organ of which that region is a part; '' outside the tissue. */
+/** Returns the name of a tetrahedron's organ, which is its region or, if that is part of an organ, the organ; '' outside the tissue. */
 export const organOf = (scene, tet) => (tet >= 0 ? scene.regions.find(({ group }) => group === scene.tets[5 * tet])?.organ ?? '' : '')
 
 export class MaterialPoint {
-  /** `rest` is the position in the tissue at rest, m. A point outside the tissue does not move. */
+  /** `rest`: position in the undeformed tissue (m). A point outside the tissue does not move. */
   constructor(scene, rest) {
     this.scene = scene
     this.rest = rest

@@ -11,25 +11,25 @@ import { SliceMarks } from './slice_marks.js'
 import { Template } from './template.js'
 import { hasText, said, t } from '../words/words.js'
 
-const ORGANS = /prostate|gland|urethra/i // names of organs on which the images are centred; the images show the rectum's wall below them
+const ORGANS = /prostate|gland|urethra/i // organs on which to centre the images; the rectal wall is then visible below them
 const TARGET = /prostate|gland/i // organs in which seeds belong
-const ASK_AGAIN = 500 // ms after which a hole is sent again if trocar-view has not acknowledged it
+const ASK_AGAIN = 500 // ms to wait for trocar-view to acknowledge a hole before sending it again
 const PUSH = t(TOUCH ? 'push.touch' : 'push'), PULL = t(TOUCH ? 'pull.touch' : 'pull')
-const IN_LINE = 5e-4 // m, largest distance of the tip from the hole's axis at which the needle counts as aligned with the hole
+const IN_LINE = 5e-4 // m, farthest that the tip may be from the hole's axis for the needle to count as aligned with it
 const AT_TARGET = 1e-3 // m
 const STEP = 1e-3 // m by which a key moves the target
-const THROUGH = 0.01 // m: if the tip is outside the tissue while at least this length of the needle is inside, the tip has come out on the far side
+const THROUGH = 0.01 // m; if at least this much of the needle is inside, but the tip is outside the tissue, it has come out on the far side
 const NONE = { pending: [], seeds: [] }
-const STRAND = 16 // maximum number of seeds in a strand
+const STRAND = 16 // most seeds in a strand
 
 const element = (id) => document.getElementById(id)
 const mm = (length) => (1e3 * length).toFixed(1)
 const set = (node, text) => { if (node.textContent !== text) node.textContent = text }
 
-/** Returns what this browser tab has stored for a scene: the chosen hole, the target's depth (m) at rest, and whether the target belongs to a planned
-   seed. */
+/** Returns what this browser tab has stored for a scene: the chosen hole, the target's depth (m) in the undeformed tissue, and whether the target
+ * belongs to a planned seed. */
 function remembered(path) {
-  try { return JSON.parse(sessionStorage.getItem(`procedure ${path}`)) ?? {} } catch { return {} } // storage is not available in some private windows
+  try { return JSON.parse(sessionStorage.getItem(`procedure ${path}`)) ?? {} } catch { return {} } // some private windows have no storage
 }
 
 function remember(path, choice) {
@@ -54,7 +54,7 @@ export class Procedure {
 
   load(scene) {
     const index = scene.live ? scene.guides.findIndex(({ columns, rows }) => columns * rows > 1) : -1
-    const before = remembered(scene.path) // if there is a stored choice, the page was disconnected or reloaded
+    const before = remembered(scene.path) // if present, the page was disconnected or reloaded
     this.reset()
     this.seeds = NONE
     this.scene = scene
@@ -95,7 +95,7 @@ export class Procedure {
     view.x = (this.template.origin.z - forward * 0.005 + probe.x + forward * spread) / 2
   }
 
-  /** Shows either the four panes of procedure mode, or the ordinary page. */
+  /** Shows either the four panes of procedure mode or the ordinary page. */
   setActive(active) {
     this.active = active
     document.body.classList.toggle('procedure', active)
@@ -135,7 +135,7 @@ export class Procedure {
     element('dose').innerHTML = describeDose(dose)
   }
 
-  /** Forgets the seeds and needles of the previous server when another server has replaced it. */
+  /** Forgets the previous server's seeds and needles when another server has replaced it. */
   hearRestart() {
     const lost = Math.max(this.seeds.seeds.length, this.left ?? 0)
     this.seeds = NONE
@@ -143,9 +143,9 @@ export class Procedure {
     this.say(t(lost ? 'restart.seeds' : 'restart', { count: lost }), true)
   }
 
-  /** Handles the server's answer to a command. */
+  /** Handles the server's reply to a command. */
   hearReply({ number, command, done, message, needle }) {
-    const old = number === this.answered || this.answered === undefined && this.connecting // the reply is to a command sent before the page was reloaded
+    const old = number === this.answered || this.answered === undefined && this.connecting // replies to a command sent before the page was reloaded
     this.answered = number
     if (old) return
     if (done && command === 'drop') this.dropped = { needle, depth: null, seeds: Math.max(1, this.seeds.pending[needle] ?? 1) }
@@ -156,7 +156,7 @@ export class Procedure {
     this.say(words, !done || Boolean(astray))
   }
 
-  /** Returns a warning about a seed outside the gland; '' if the seed is inside, or if the scene has no such region. */
+  /** Returns a warning about a seed outside the gland, or '' if it is inside or the scene has no such region. */
   outOfTarget(tet) {
     const target = this.scene.regions.find(({ organ }) => TARGET.test(organ))?.organ, organ = organOf(this.scene, tet)
     return !target || TARGET.test(organ) ? '' : ` ${t(organ ? 'astray.organ' : 'astray.outside', { target, organ })}`
@@ -192,7 +192,7 @@ export class Procedure {
     new ResizeObserver(() => this.sagittal.resize()).observe(element('sagittal'))
   }
 
-  /** Handles a key; returns whether the key belongs to procedure mode. */
+  /** Handles a key. Returns true if it belongs to procedure mode. */
   key(event) {
     const action = { KeyX: () => this.drop(), KeyU: () => this.undo(), KeyH: () => element('hole').select(), KeyE: () => this.leave(), KeyF: () => this.takeNew(),
                      KeyQ: () => this.chooseNext(), KeyZ: () => this.remove(this.drive.needle) }[actionOf(event)] ?? this.aimKey(event)
@@ -201,13 +201,13 @@ export class Procedure {
     return true
   }
 
-  /** Returns the action of the keys + and -, which move the target deeper and shallower; undefined for other keys. */
+  /** Returns the action of + and -, which move the target deeper and shallower; undefined for other keys. */
   aimKey({ key }) {
     const by = { '+': STEP, '=': STEP, '-': -STEP }[key]
     return by && this.target && (() => this.setTarget(this.template.depthOf(this.target.rest) + by))
   }
 
-  /** Returns the point of a slice that is under the pointer, as coordinates across and up, m. */
+  /** Returns the point of a slice under the pointer, in m across and up. */
   pointAt(slice, event) {
     const box = slice.canvas.getBoundingClientRect()
     return { across: slice.view.x - (2 * (event.clientX - box.left) / box.width - 1) * slice.halfWidth, up: slice.view.y - (2 * (event.clientY - box.top) / box.height - 1) * slice.halfHeight }
@@ -239,7 +239,7 @@ export class Procedure {
     if (taken >= 0 && taken !== this.drive.needle) return this.say(t('hole.taken', { needle: taken, hole: this.template.name(hole) }), true)
     this.hole = { column: hole.column, row: hole.row }
     this.asked = null
-    this.again = true // also if the hole is the same, because the needle may have been steered away from it
+    this.again = true // even for the same hole, because the needle may have been steered away from it
     element('hole').value = this.template.name(hole)
     this.say('')
     this.aimAtPlan() || this.setTarget(this.template.depthOf(this.middle()))
@@ -249,12 +249,12 @@ export class Procedure {
   /** Returns the middle of the organs. */
   middle() { return new THREE.Vector3(this.echo.view.x, this.echo.view.y, this.sagittal.probe.x) }
 
-  /** Aims at the hole's deepest planned seed that has not been placed yet: the tip must reach the seed's distal end. */
+  /** Aims at the deepest planned seed of the hole that has not been placed yet. The tip must reach that seed's distal end. */
   aimAtPlan() {
     const name = this.template.name(this.hole), holeNumber = this.template.number(this.hole)
     const planned = this.plan.filter(({ hole }) => hole === name).map(({ point }) => this.template.depthOf(point.rest)).sort((a, b) => b - a)
     const placed = this.seeds.seeds.filter(({ guide, hole }) => guide === this.template.index && hole === holeNumber).length
-    this.planned = planned.length > placed // the target is the planned position of the next seed
+    this.planned = planned.length > placed // the target is where the next seed is planned
     if (!this.planned) return false
     this.setTarget(planned[placed] + this.seedLength / 2)
     return true
@@ -285,13 +285,13 @@ export class Procedure {
     })
   }
 
-  /** True if a needle rests, is held, or is in the template. */
+  /** True if a needle is resting, held, or in the template. */
   isInUse(needle) {
     const { state, owned } = this.states[needle] ?? {}
     return Boolean(state) && (state !== 'held' || owned !== 'nobody' || Boolean(this.template.holeOf(this.needles[needle].line)))
   }
 
-  /** True if a needle rests, or if nobody holds it. */
+  /** True if a needle is resting, or if nobody holds it. */
   isFree(needle) {
     const { state, owned } = this.states[needle] ?? {}
     return state === 'resting' || state === 'held' && owned === 'nobody'
@@ -299,11 +299,11 @@ export class Procedure {
 
   leave() {
     if (!this.drive.steering) return this.say(t('drive.first'), true)
-    this.drive.asked = true // the needle will be released at this page's own request
+    this.drive.asked = true // this page itself asks for the release
     this.link.leave()
   }
 
-  /** Takes the first needle that is not in use. The chosen hole is kept if it is free. */
+  /** Takes the first needle that is not in use. Keeps the chosen hole if that is free. */
   takeNew() {
     if (this.drive.driving) return this.say(t(this.drive.lies ? 'leave.first' : 'release.first'), true)
     const needle = this.needles.findIndex((_, i) => this.states[i]?.state === 'held' && !this.isInUse(i))
@@ -335,7 +335,7 @@ export class Procedure {
     remember(this.scene.path, null)
   }
 
-  /** Reads the buttons A and B of a gamepad. */
+  /** Reads the A and B buttons of a gamepad. */
   readGamepad() {
     const pad = navigator.getGamepads?.().find((p) => p), pressed = [0, 1].map((i) => Boolean(pad?.buttons[i]?.pressed)), before = this.pressed ?? [false, false]
     this.pressed = pressed
@@ -350,7 +350,7 @@ export class Procedure {
   get then() { return this.seedless ? '' : t('next.then') }
   get seedLength() { return this.scene.seedLength }
 
-  /** Called in each frame: `picture` is the displayed picture; `following`: it is live. */
+  /** Called in each frame. `picture` is on display; `following` says whether it is live. */
   show(picture, following, chosen) {
     if (!this.scene) return
     const { seeds } = following && this.scene.live ? this.seeds : picture?.seeds ?? NONE
@@ -371,7 +371,7 @@ export class Procedure {
     if (element('sagittal-follow').checked) this.follow(tip)
   }
 
-  /** Draws only the seeds; used for the page with plots. */
+  /** Draws only the seeds, for the page with plots. */
   showSeeds(seeds) {
     if (seeds === this.shown) return
     this.shown = seeds
@@ -387,7 +387,7 @@ export class Procedure {
     element('sagittal-slice').value = (this.sagittal.place - from) / (to - from)
   }
 
-  /** Returns the direction in which the bevel faces: the base's y axis, turned by the roll of the tip. */
+  /** Returns the direction that the bevel faces: the base's y axis, turned by the roll of the tip. */
   bevelOf(shape) {
     if (!shape) return null
     const [w, x, y, z] = shape.orientation, base = new THREE.Quaternion(x, y, z, w)
@@ -398,7 +398,7 @@ export class Procedure {
 
   /* ---- words ---- */
 
-  /** Called several times per second: describes the current state and the next step in words. */
+  /** Called several times per second. Describes the current state and the next step in words. */
   describe(status, state, history, chosen) {
     this.drive.lies = false
     if (!this.active) return
@@ -415,23 +415,22 @@ export class Procedure {
     set(element('next'), step)
     const pending = this.seeds.pending[chosen] > 0
     element('drop').disabled = !this.drive.steering || pending
-    // if the chosen needle is not in use, it can serve as the new one
+    // the chosen needle can itself be the new one unless it is in use
     element('fresh').disabled = state.name !== 'live' || Boolean(status.driven) || !this.isInUse(chosen)
     element('undo').disabled = !this.drive.steering || !(pending || this.seeds.seeds.some(({ needle }) => needle === chosen))
   }
 
-  /** True if the needle is in front of the template. The depth in the newest sample may date from before the needle was removed, or come from
-     another server. */
+  /** True if the needle is in front of the template. The newest sample cannot tell: its depth may be from before the needle was removed, or from
+   * another server. */
   isOut({ tip, line }) { return Boolean(tip) && this.template.depthOf(tip) <= 0 && !this.template.holeOf(line) }
 
-  /** Chooses the hole in which the driven needle is, if no hole has been chosen. */
+  /** If no hole has been chosen, chooses the one that the driven needle is in. */
   adoptHole(chosen) {
     const hole = !this.hole && this.drive.driving && this.template.holeOf(this.needles[chosen].line)
     if (hole) this.choose(hole)
   }
 
-  /** Sends the driven needle to the chosen hole once it is outside the tissue. Forward commands are not sent until trocar-view has acknowledged the
-      hole. */
+  /** Sends the driven needle to the chosen hole once it is outside the tissue. Until trocar-view has acknowledged the hole, no forward commands are sent. */
   goToHole(status, depth) {
     const { state, owned } = this.states[this.drive.needle] ?? {}, { guide, column, row, approaching } = status.hole ?? {}
     this.approaching = Boolean(approaching)
@@ -446,7 +445,7 @@ export class Procedure {
     this.link.goToHole(this.template.index, this.hole.column, this.hole.row)
   }
 
-  /** Finds the tetrahedron that contains the tip in the displaced tissue, and whether the tip has come out on the far side. */
+  /** Finds the tetrahedron that contains the tip in the deformed tissue, and whether the tip has come out on the far side. */
   noteTip(tip, depth) {
     this.tipTet = tip && depth > 0 ? tetAt(this.scene, this.stage.anatomy.place.array, tip.toArray(), this.tipTet) : -1
     const entered = this.template.guide.thickness ?? 0
@@ -456,7 +455,7 @@ export class Procedure {
   /** Reports when seeds have been left in the tissue. */
   noteSeeds(chosen, depth) {
     const { seeds, pending } = this.seeds
-    if (this.left === null) return // no seeds have been received yet
+    if (this.left === null) return // no seeds message has arrived yet
     if (pending[chosen] > 0) this.dropped ??= { needle: chosen, depth: null, seeds: pending[chosen] }
     if (this.dropped?.needle === chosen && pending[chosen] > 0) {
       this.dropped.depth ??= depth
@@ -471,14 +470,14 @@ export class Procedure {
     set(element('seed-count'), this.countSeeds(seeds.length, pending, chosen))
   }
 
-  /** Reports `left`, the number of seeds that have been left in the tissue since the last report. */
+  /** Reports `left`, the seeds that have been left in the tissue since the last report. */
   sayLeft(left) {
     const count = this.seeds.seeds.length, astray = left.map(({ restPosition }) => this.outOfTarget(new MaterialPoint(this.scene, new THREE.Vector3(...restPosition)).tet ?? -1)).find(Boolean)
     this.say(`${t('seed.left', { count })}${astray ?? ''}`, Boolean(astray))
     this.onSeed()
   }
 
-  /** Returns in words how many seeds are in the tissue and in the needle. */
+  /** Says how many seeds are in the tissue and in the needle. */
   countSeeds(count, pending, chosen) {
     const tissue = t('seeds.tissue', { count })
     if (count === 0 && !pending.some(Boolean)) return t('seeds.none')
@@ -501,7 +500,7 @@ export class Procedure {
     if (focus) [...body.querySelectorAll('button')].find((button) => button.getAttribute('aria-label') === focus)?.focus()
   }
 
-  /** Returns in words whether a needle is free, held or at rest. */
+  /** Says whether a needle is free, held or resting. */
   stateOf(needle) {
     const { state, owned } = this.states[needle] ?? {}, key = state && state !== 'held' ? `needle.${state}` : `owner.${owned}`
     return hasText(key) ? t(key) : '–'
@@ -525,7 +524,7 @@ export class Procedure {
     return row
   }
 
-  /** Returns the distances (m) from the tip to the target: along the needle, and across it. */
+  /** Returns how far (m) the tip is from the target along the needle and across it. */
   tipError(tip) {
     const off = this.targetNow.clone().sub(tip), along = off.dot(this.template.normal)
     return { along, aside: off.addScaledVector(this.template.normal, -along).length() }

@@ -1,4 +1,4 @@
-// Draws seeds, the plan's seeds and the target in the 3D view.
+// Draws seeds, planned seeds and the target in the 3D view.
 import * as THREE from 'three'
 import { PLANNED, SEED, TARGET } from '../colours.js'
 
@@ -22,7 +22,7 @@ function place(mesh, items) {
 
 export class Seeds3D {
   constructor(length) {
-    const grain = () => new THREE.CylinderGeometry(0.0008, 0.0008, length, 10) // drawn twice as thick as a real seed, so that it is visible
+    const grain = () => new THREE.CylinderGeometry(0.0008, 0.0008, length, 10) // twice as thick as a real seed, to be visible
     this.seeds = shapes(grain(), SEED, 1)
     this.planned = shapes(grain(), PLANNED, 0.45)
     this.target = shapes(new THREE.TorusGeometry(0.0022, 0.0003, 8, 32).rotateX(Math.PI / 2), TARGET, 0.9)

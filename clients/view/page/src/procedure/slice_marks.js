@@ -4,13 +4,12 @@ import { BEVEL, CHOSEN, hubColour, PLANNED, SEED, TARGET } from '../colours.js'
 import { columnName } from './template.js'
 import { t } from '../words/words.js'
 
-const NEAR = { x: 0.0025, z: 0.003 } // m: seeds closer to the slice than this are drawn as lying in it
+const NEAR = { x: 0.0025, z: 0.003 } // m; a seed closer to the slice than this is drawn as lying in it
 const GRID = '#9fd8ff', HALO = 'rgba(4, 8, 12, 0.85)'
 const LETTERS = [['L', 'R'], ['P', 'A'], ['S', 'I']]
 const AXES = { x: [1, 0, 0], y: [0, 1, 0], z: [0, 0, 1] }
 
-/** Returns the patient's side to which an axis of the mesh points. If the scene does not define the sides, +x, +y and +z are assumed to point to the right,
-    front and head. */
+/** Returns the side of the patient to which an axis of the mesh points. If the scene does not say, assumes that +x, +y and +z are right, front and head. */
 function sideOf(scene, axis, sign) {
   const matrix = scene.patientToMesh ?? [-1, 0, 0, 0, 0, -1, 0, 0, 0, 0, 1, 0]
   const patient = [0, 1, 2].map((column) => sign * [0, 1, 2].reduce((sum, row) => sum + matrix[4 * row + column] * AXES[axis][row], 0))
@@ -38,7 +37,7 @@ function ring(ink, [x, y], radius, colour, width = 1.5, fill = false) {
 }
 
 export class SliceMarks {
-  /** `model` is the procedure, whose scene, template, hole, target and needles are drawn. */
+  /** `model`: the procedure, whose scene, template, hole, target and needles are drawn. */
   constructor(model, slice) {
     this.model = model
     this.slice = slice
@@ -157,7 +156,7 @@ export class SliceMarks {
     })
   }
 
-  /** Draws a seed: a solid mark in this slice, a faint one elsewhere. */
+  /** Draws a seed: solid if it is in this slice, faint otherwise. */
   drawSeed(ink, { position, direction }) {
     const centre = new THREE.Vector3(...position), half = new THREE.Vector3(...direction).multiplyScalar(this.model.seedLength / 2)
     ink.globalAlpha = this.isNear(centre) ? 1 : 0.3

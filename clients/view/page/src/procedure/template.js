@@ -8,19 +8,19 @@ export function columnName(column) {
 export const rowName = (row) => `${1 + (row >> 1)}${row % 2 ? '.5' : ''}`
 
 export class Template {
-  /** `index`: index of the guide in the scene; `guide`: the guide as decoded. */
+  /** `index`: of the guide in the scene; `guide`: the guide as decoded. */
   constructor(guide, index) {
     Object.assign(this, { guide, index, columns: guide.columns, rows: guide.rows })
     for (const [name, vector] of [['origin', guide.origin], ['normal', guide.normal], ['along', guide.alongColumns], ['up', guide.alongRows]])
       this[name] = new THREE.Vector3(...vector)
   }
 
-  /** Returns the hole's index as used in messages. */
+  /** Returns the hole's index, as in messages. */
   number({ column, row }) { return column + this.columns * row }
 
   name({ column, row }) { return columnName(column) + rowName(row) }
 
-  /** Returns the hole with this name, such as "c3.5" or "C 3,5"; null if there is none. */
+  /** Returns the hole with this name, such as "c3.5" or "C 3,5", or null if there is none. */
   find(text) {
     const match = /^([A-Z]{1,2})([1-9]\d?)([.]([05]))?$/.exec(text.toUpperCase().replace(/\s/g, '').replace(',', '.'))
     if (!match) return null
@@ -31,19 +31,19 @@ export class Template {
   /** Returns the names of the last column and row. */
   get last() { return { column: columnName(this.columns - 1), row: rowName(this.rows - 1) } }
 
-  /** Returns the centre of a hole on the face through which needles enter. */
+  /** Returns the centre of a hole in the face at which needles enter. */
   place({ column, row }) {
     const { spacing } = this.guide
     return this.origin.clone().addScaledVector(this.along, (column - (this.columns - 1) / 2) * spacing).addScaledVector(this.up, (row - (this.rows - 1) / 2) * spacing)
   }
 
-  /** Returns the corners of a rectangle that extends somewhat beyond the outer holes. */
+  /** Returns the corners of a rectangle that extends a little beyond the outer holes. */
   corners() {
     const { spacing } = this.guide
     return [[0, 0, -1], [this.columns - 1, this.rows - 1, 1]].map(([column, row, side]) => this.place({ column, row }).addScaledVector(this.along, 1.6 * side * spacing).addScaledVector(this.up, 2.6 * side * spacing))
   }
 
-  /** Returns the hole in line with a point, and the point's distance from the hole's axis (m); null if the point is beside the template. */
+  /** Returns the hole in line with a point, and the point's distance (m) from the hole's axis; null if the point is beside the template. */
   nearest(point) {
     const { spacing } = this.guide, from = point.clone().sub(this.origin)
     const column = Math.round(from.dot(this.along) / spacing + (this.columns - 1) / 2), row = Math.round(from.dot(this.up) / spacing + (this.rows - 1) / 2)
@@ -57,12 +57,12 @@ export class Template {
     return from.addScaledVector(this.normal, -from.dot(this.normal))
   }
 
-  /** Returns the point on the hole's axis that is `depth` (m) beyond the face where needles enter. */
+  /** Returns the point on the hole's axis `depth` (m) beyond the face at which needles enter. */
   onAxis(hole, depth) { return this.place(hole).addScaledVector(this.normal, depth) }
 
   depthOf(point) { return point.clone().sub(this.origin).dot(this.normal) }
 
-  /** Returns the hole in which a needle is, given the points of its shape; null if it has not entered the plate. */
+  /** Returns the hole that a needle is in, given the points of its shape; null if it has not entered the plate. */
   holeOf(line) {
     const points = line?.places ?? [], at = points.findIndex((point) => this.depthOf(point) > 0)
     if (at < 1) return null

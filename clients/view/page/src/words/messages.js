@@ -1,6 +1,6 @@
 // UI strings for one language, falling back to English where a translation is missing.
 
-/** Returns the first of the `wanted` languages (such as "de-AT") for which `available` has a file (such as "de"); "en" if there is none. */
+/** Returns the first of the `wanted` languages (such as "de-AT") for which `available` has a file (such as "de"), or "en" if there is none. */
 export function chooseLanguage(wanted, available) {
   for (const language of wanted) {
     const found = [language.toLowerCase(), language.toLowerCase().split('-')[0]].find((code) => available.includes(code))
@@ -10,8 +10,8 @@ export function chooseLanguage(wanted, available) {
 }
 
 export class Messages {
-  /** `own` and `english`: texts by key. A text is a string with placeholders such as {count}, or, where it depends on the number `count`, an object with a
-   * string for each plural category of the language (Unicode CLDR: one, few, many, other, ...). */
+  /** `own` and `english` map keys to texts. A text is a string with placeholders such as {count}. If it depends on the number `count`, it is an object
+   * with a string for each plural category of the language (Unicode CLDR: one, few, many, other, ...). */
   constructor(language, own, english) {
     Object.assign(this, { language, own, english })
     this.plural = new Intl.PluralRules(language)
@@ -20,8 +20,8 @@ export class Messages {
 
   has(key) { return key in this.own || key in this.english }
 
-  /** Translates a message from trocar-view or the server if one of the texts said.* is its English form; otherwise, returns the message unchanged. A message
-   * may contain another one, such as the reason for a refusal. The first text that matches is used. */
+  /** Translates a message from trocar-view or the server if it matches the English form of one of the texts said.*; otherwise returns it unchanged. A
+   * message may contain another one, such as the reason for a refusal. The first matching text is used. */
   said(message) {
     for (const [key, english] of Object.entries(this.english)) {
       if (!key.startsWith('said.')) continue
@@ -31,7 +31,7 @@ export class Messages {
     return message
   }
 
-  /** Returns the text with this key, in which {name} is replaced by `values.name`; the key itself if neither language has it. */
+  /** Returns the text with this key, with {name} replaced with `values.name`. If neither language has the text, returns the key. */
   text(key, values = {}) {
     const mine = key in this.own, found = mine ? this.own[key] : this.english[key] ?? key
     const plural = mine ? this.plural : this.englishPlural

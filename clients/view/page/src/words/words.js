@@ -1,5 +1,5 @@
-// The page's texts in the user's language. All texts are in en.json and the other files of this folder; a file that is added, such as fr.json, is found
-// when the page is built. Names of organs, texts of a task, and the server's messages to its operator are shown untranslated.
+// The page's texts in the user's language. All of them are in en.json and the other files of this folder; the build picks up any file that is added,
+// such as fr.json. Organ names, the texts of a task, and the server's messages to its operator are not translated.
 import english from './en.json'
 import { chooseLanguage, Messages } from './messages.js'
 
@@ -33,7 +33,8 @@ export const t = (key, values) => messages.text(key, values)
 export const said = (message) => messages.said(message)
 export const hasText = (key) => messages.has(key)
 
-/** Puts the texts into the elements of the page: data-t names the text, data-t-title and data-t-label those of the attributes title and aria-label. */
+/** Puts the texts into the page's elements. data-t is the key of an element's text; data-t-title and data-t-label are the keys of its title and
+ * aria-label attributes. */
 export function fill(root) {
   document.documentElement.lang = messages.language
   for (const node of root.querySelectorAll('[data-t]')) node.textContent = t(node.dataset.t)
@@ -41,12 +42,12 @@ export function fill(root) {
   for (const node of root.querySelectorAll('[data-t-label]')) node.setAttribute('aria-label', t(node.dataset.tLabel))
 }
 
-/** Fills the menu of languages, each with its name in that language. The page is loaded again in the chosen one. */
+/** Fills the menu of languages, each under its own name for itself. Choosing one reloads the page. */
 export async function listLanguages(menu) {
   const names = await Promise.all(codes.map(async (code) => (code === 'en' ? english : await files[`./${code}.json`]().catch(() => ({}))).language ?? code))
   menu.replaceChildren(...codes.map((code, i) => Object.assign(new Option(names[i], code, false, code === messages.language), { lang: code })))
   menu.addEventListener('change', () => {
-    try { localStorage.setItem('language', menu.value) } catch { /* in a private window, the language is kept only in the address */ }
+    try { localStorage.setItem('language', menu.value) } catch { /* in a private window, the language lasts only in the address */ }
     const address = new URL(location.href)
     address.searchParams.set('language', menu.value)
     location.replace(address)

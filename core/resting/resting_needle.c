@@ -6,6 +6,7 @@
 
 #include "insertion/guide/guides.h"
 #include "insertion/laws/creep.h"
+#include "insertion/laws/stiffening.h"
 #include "insertion/step/tick.h"
 
 static const double STEP_SHIFT = 0.3e-3; /* m: how far the base may shift per 1 ms step while a released needle moves to its resting position. Chosen: 0.3 m/s,
@@ -160,6 +161,7 @@ static void uncouple(resting_needle *r, int u) {
     for (int v = u + 1; v < r->unknown_count; v++) r->compliance[v][u] = 0.0;
     r->compliance[u][u] = 1.0;
     r->rows[u].tet = -1;
+    r->offset[u] = 0.0;
     for (int k = 0; k < r->motion_count; k++) r->motions[k][u] = 0.0;
 }
 
@@ -169,9 +171,17 @@ static bool is_open(const insertion_workspace *w, const resting_needle *r, int u
     return axial >= 0 && r->upper[axial] <= 0.0 && r->lower[axial] >= 0.0;
 }
 
-/* Copies the compliance, then decouples the rows whose forces stay zero. */
-static trocar_status take_coupled(const mesh *m, const insertion_state *state, const insertion_workspace *w, inverse *inv, resting_needle *r, trocar_error *why) {
+/* Sets r->offset to the offsets of the linearised stiffening laws. Overwrites the problem's gaps. */
+static void take_offset(const insertion_state *state, insertion_workspace *w, resting_needle *r) {
+    memset(w->problem.gap, 0, sizeof w->problem.gap);
+    stiffening_shift_gaps(state, &w->points, &w->tissue, &w->stiffening, &w->problem);
+    for (int u = 0; u < r->unknown_count; u++) r->offset[u] = -w->problem.gap[u];
+}
+
+/* Copies the compliance and the offsets, then decouples the rows whose forces stay zero. */
+static trocar_status take_coupled(const mesh *m, const insertion_state *state, insertion_workspace *w, inverse *inv, resting_needle *r, trocar_error *why) {
     trocar_status status = take_compliance(m, state, w, inv, r, why);
+    take_offset(state, w, r);
     for (int u = 0; u < r->unknown_count && status == TROCAR_OK; u++)
         if (is_open(w, r, u)) uncouple(r, u);
     return status;
@@ -292,6 +302,33 @@ static bool is_definite(const resting_needle *r, resting_scratch *scratch) {
     return LAPACKE_dpotrf(LAPACK_COL_MAJOR, 'L', r->unknown_count, scratch->matrix[0], MAX_UNKNOWNS) == 0;
 }
 
+/* Copies forces and slips back into the insertion's state. */
+static void put_back(const resting_needle *r, insertion_state *state) {
+    int count = r->point_count;
+    for (int i = 0; i < count; i++) {
+        const contact_point *p = &r->points[i];
+        const double *f = r->force;
+        int face = unknown(count, i, 2);
+        bool tip = p->kind == POINT_TIP;
+        double along = f[face] + (tip ? f[face + 1] : 0.0), length = p->share.to - p->share.from;
+        point_set_force(state, p, m3_apply(&p->at.frame, v3(f[2 * i], f[2 * i + 1], along)));
+        if (p->kind == POINT_GUIDE) {
+            state->guides[p->guide].faces[p->face].slip += r->slip[i];
+        } else if (tip) {
+            state->tip.solved.end_force = f[face];
+            state->tip.shaft.traction = f[face + 1] / length;
+            state->tip.solved.slip += r->slip[i];
+            state->tip.shaft.slip += r->slip[i + 1];
+            state->tip.shaft.slid += r->slid[i + 1];
+        } else {
+            shaft_contact *contact = &state->contacts[p->handle];
+            contact->shaft.traction = along / length;
+            contact->shaft.slip += r->slip[i];
+            contact->shaft.slid += r->slid[i];
+        }
+    }
+}
+
 trocar_status resting_soften(const tick_input *given, inverse *inv, resting_scratch *scratch, resting_needle *r, trocar_error *why) {
     tick_input tick = *given;
     insertion_workspace *w = &scratch->workspace;
@@ -299,12 +336,13 @@ trocar_status resting_soften(const tick_input *given, inverse *inv, resting_scra
     tick.base = (mount){.pose = r->anchor.needle.base};
     insertion_soften(&tick, &r->anchor, w);
     scratch->state = r->anchor;
+    put_back(r, &scratch->state);
     if (!insertion_linearise(&tick, &scratch->state, w, &ignored, r->loaded) || w->problem.count != r->point_count)
         return fail(why, TROCAR_NUMERIC, "a resting needle has lost contacts");
     r->alone = true;
     r->anchor.request.residual_loads = r->anchor.memory.residual;
     take_memory(tick.model, &r->anchor, w->points.guided, r);
-    trocar_status status = take_coupled(tick.model->mesh, &r->anchor, w, inv, r, why);
+    trocar_status status = take_coupled(tick.model->mesh, &scratch->state, w, inv, r, why);
     if (status != TROCAR_OK || !r->loaded || is_definite(r, scratch)) return status;
     r->loaded = false; /* see resting_linearise */
     return resting_soften(given, inv, scratch, r, why);
@@ -377,33 +415,6 @@ static double weakened(const insertion_model *model, const resting_needle *r, in
 
 double resting_upper(const insertion_model *model, const resting_needle *r, int i) { return r->upper[i] * weakened(model, r, i); }
 double resting_lower(const insertion_model *model, const resting_needle *r, int i) { return r->lower[i] * weakened(model, r, i); }
-
-/* Copies forces and slips back into the insertion's state. */
-static void put_back(const resting_needle *r, insertion_state *state) {
-    int count = r->point_count;
-    for (int i = 0; i < count; i++) {
-        const contact_point *p = &r->points[i];
-        const double *f = r->force;
-        int face = unknown(count, i, 2);
-        bool tip = p->kind == POINT_TIP;
-        double along = f[face] + (tip ? f[face + 1] : 0.0), length = p->share.to - p->share.from;
-        point_set_force(state, p, m3_apply(&p->at.frame, v3(f[2 * i], f[2 * i + 1], along)));
-        if (p->kind == POINT_GUIDE) {
-            state->guides[p->guide].faces[p->face].slip += r->slip[i];
-        } else if (tip) {
-            state->tip.solved.end_force = f[face];
-            state->tip.shaft.traction = f[face + 1] / length;
-            state->tip.solved.slip += r->slip[i];
-            state->tip.shaft.slip += r->slip[i + 1];
-            state->tip.shaft.slid += r->slid[i + 1];
-        } else {
-            shaft_contact *contact = &state->contacts[p->handle];
-            contact->shaft.traction = along / length;
-            contact->shaft.slip += r->slip[i];
-            contact->shaft.slid += r->slid[i];
-        }
-    }
-}
 
 static bool has_changed(const resting_needle *r) {
     bool changed = memcmp(r->force, r->anchor_force, (size_t)r->unknown_count * sizeof *r->force) != 0;

@@ -25,6 +25,8 @@ typedef struct {
     shaft_steps steps;                             /* the needle's track, in short steps */
     double compliance[MAX_UNKNOWNS][MAX_UNKNOWNS]; /* m/N, lower triangle: compliance of the needle clamped at its base, of the guides, and of the tissue around
                                                       the shaft */
+    double offset[MAX_UNKNOWNS];                   /* m, what must be added to `compliance` times the forces: the tangents of stiffening tissue do not pass through
+                                                      the origin */
     int motion_count;
     double motions[MAX_MOTIONS][MAX_UNKNOWNS];     /* how far each row moves under each motion of the base */
     base_motion twists[MAX_MOTIONS];                     /* the motion of the base that belongs to each row of `motions` */
@@ -52,7 +54,7 @@ typedef struct {
 trocar_status resting_linearise(const tick_input *tick, const insertion_state *state, inverse *inv, resting_scratch *scratch, resting_needle *r,
                                 trocar_error *why);
 
-/* Recomputes `compliance` about the anchor after a change in moduli. tick->snapshot must hold the needle's rows of `inv`, and nothing may be attached to `inv`.
+/* Recomputes `compliance` and `offset` for the current forces after a change in moduli. tick->snapshot must hold the needle's rows of `inv`, and nothing may be attached to `inv`.
    */
 trocar_status resting_soften(const tick_input *tick, inverse *inv, resting_scratch *scratch, resting_needle *r, trocar_error *why);
 

@@ -218,7 +218,7 @@ static void add_response(resting_set *s, const double *force, const double *move
 
 /* ---- changes in the tissue's compliance ------------------------------------------------------------------------------------- */
 
-/* Computes the displacements of the rows, (G + C) f + C m + B h. f: the needles' forces. m: the loads from the tissue's memory. h: the loads of held needles
+/* Computes the displacements of the rows, (G + C) f + g + C m + B h. f: the needles' forces. g: the offsets of G f in stiffening tissue. m: the loads from the tissue's memory. h: the loads of held needles
    and the probe. G and C: compliance of the needles and of the tissue between the rows. B: the tissue's compliance between h and the rows. There is no term G
    m, because the corresponding local displacements do not change. */
 static trocar_status find_displacement(resting_set *s, const other_loads *held, double *displacement, trocar_error *why) {
@@ -231,6 +231,7 @@ static trocar_status find_displacement(resting_set *s, const other_loads *held, 
     inverse_attached_yield(s->inverse, s->force, displacement);
     for (int i = 0; i < s->count; i++) {
         const resting_needle *r = s->needles[i];
+        for (int u = 0; u < r->unknown_count; u++) displacement[s->row[i] + u] += r->offset[u];
         for (int u = 0; u < r->unknown_count; u++)
             for (int v = 0; v < r->unknown_count; v++) displacement[s->row[i] + u] -= r->compliance[u > v ? u : v][u > v ? v : u] * r->beside[v];
     }

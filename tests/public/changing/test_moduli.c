@@ -229,6 +229,92 @@ static void a_state_with_a_resting_needle_is_restored_during_a_change(void **sta
     trocar_model_free(built);
 }
 
+/* ---- resting needles beside a pressing probe ------------------------------------------------------------------------------------ */
+
+typedef struct {
+    trocar_output held;
+    trocar_probe probe;
+    double largest_jump;     /* N, largest change per tick in the probe's force during the change */
+    int count;
+    trocar_contact resting[TROCAR_MAX_POINTS];
+} beside_probe;
+
+static trocar_output step_through(trocar_sim *sim, int needle, double x, double tip) {
+    trocar_pose base = {{x, 0, tip - LENGTH}, {1, 0, 0, 0}};
+    trocar_output out;
+    OK(trocar_sim_step(sim, needle, &base, DT, &out, &why));
+    return out;
+}
+
+/* Presses the probe on the rectum, lets one needle rest in the gland, and holds a second one there. Then changes the values of `lines`, waits until the change is
+   complete and the resting needle has followed it, and returns the forces. */
+static beside_probe with_probe(trocar_model *of, const char *lines) {
+    beside_probe found = {.count = 0};
+    trocar_sim *sim;
+    OK(trocar_sim_create(of, &sim, &why));
+    trocar_pose probe;
+    assert_int_equal(trocar_model_probe_start(of, &probe), 1);
+    for (int i = 0; i < 2; i++) {
+        trocar_pose start = {{0.01 * i, 0, -0.03 - LENGTH}, {1, 0, 0, 0}};
+        OK(trocar_sim_reset(sim, i, &start, &why));
+        if (i == 0) {
+            for (int t = 0; t < 40; t++) {
+                probe.position[1] += 1e-4; /* by 4 mm in all; the first millimetre is free */
+                OK(trocar_sim_set_probe(sim, &probe, &why));
+                step_through(sim, 0, 0.0, -0.03);
+            }
+        }
+        for (int t = 0; t <= 900; t++) step_through(sim, i, 0.01 * i, -0.03 + 1e-4 * t);
+        for (int t = 0; t < 2000; t++) step_through(sim, i, 0.01 * i, 0.06);
+        if (i == 0) let_go(sim);
+    }
+    double before[3] = {0};
+    change(sim, lines, 0.3);
+    for (int t = 0; trocar_sim_changing(sim) > 0.0 || t < 3000; t++) {
+        found.held = step_through(sim, 1, 0.01, 0.06);
+        found.probe = trocar_view_probe(trocar_sim_view(sim));
+        if (t > 0) found.largest_jump = fmax(found.largest_jump, distance(found.probe.force, before));
+        memcpy(before, found.probe.force, sizeof before);
+        assert_true(t < 10000);
+    }
+    found.count = trocar_view_contacts(trocar_sim_view(sim), 0, found.resting, TROCAR_MAX_POINTS);
+    trocar_sim_free(sim);
+    return found;
+}
+
+static double ratio(const double a[3], const double b[3]) { return (a[0] * b[0] + a[1] * b[1] + a[2] * b[2]) / (b[0] * b[0] + b[1] * b[1] + b[2] * b[2]); }
+
+/* If all moduli fall to half, so do all forces on the probe, the held needle and the shaft of the resting one, compared with tissue that keeps its moduli
+   around a needle and guides that are twice as stiff: elastic forces scale with the moduli as long as nothing slides. */
+static void needles_beside_a_pressing_probe_follow_the_moduli(void **state) {
+    (void)state;
+    trocar_scene *other;
+    trocar_model *built, *stiff;
+    OK(trocar_scene_load(MESHES "/trus.yaml", &other, &why));
+    OK(trocar_model_create(other, NULL, &built, &why));
+    OK(trocar_scene_set(other, "needle.youngs_modulus", "4e11", &why));
+    OK(trocar_scene_set(other, "guides[template].stiffness", "100e3", &why));
+    OK(trocar_model_create(other, NULL, &stiff, &why));
+    beside_probe unchanged = with_probe(stiff, "regions[prostate].friction.viscous: 101");
+    beside_probe softer = with_probe(built, "regions[prostate].youngs_modulus: 17.5e3\nregions[surrounding].youngs_modulus: 12.5e3\n"
+                                            "regions[perineum].youngs_modulus: 150e3\nregions[muscle].youngs_modulus: 25e3");
+    double largest = 0.0, worst = 0.0;
+    assert_true(softer.count == unchanged.count && softer.count > 5);
+    for (int i = 0; i < softer.count; i++) {
+        const double *b = unchanged.resting[i].force, half[3] = {0.5 * b[0], 0.5 * b[1], 0.5 * b[2]};
+        largest = fmax(largest, distance(half, (double[3]){0}));
+        worst = fmax(worst, distance(softer.resting[i].force, half));
+    }
+    double held = ratio(softer.held.force, unchanged.held.force), probe = ratio(softer.probe.force, unchanged.probe.force);
+    printf("half the moduli: probe %.4f of %.3f N, held needle %.4f of %.3f N, resting needle within %.5f of %.4f N; the probe's force changes by %.4f N per tick\n",
+           probe, distance(unchanged.probe.force, (double[3]){0}), held, unchanged.held.force[2], worst, largest, softer.largest_jump);
+    assert_true(unchanged.probe.contacts > 5 && fabs(probe - 0.5) < 5e-3 && fabs(held - 0.5) < 5e-3);
+    assert_true(worst < 0.02 * largest && largest > 0.02);
+    trocar_model_free(built);
+    trocar_model_free(stiff);
+    trocar_scene_free(other);
+}
+
 /* ---- refusals and saved states -------------------------------------------------------------------------------------------------- */
 
 static void bad_changes_are_refused_without_effect(void **state) {
@@ -325,6 +411,7 @@ int main(void) {
         cmocka_unit_test(a_resting_needle_follows_the_moduli),
         cmocka_unit_test(a_needle_that_rests_in_relaxed_tissue_follows_the_moduli),
         cmocka_unit_test(a_state_with_a_resting_needle_is_restored_during_a_change),
+        cmocka_unit_test(needles_beside_a_pressing_probe_follow_the_moduli),
     };
     return cmocka_run_group_tests(tests, build_figure8, discard);
 }

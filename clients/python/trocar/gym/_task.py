@@ -53,8 +53,8 @@ class Episode:
     region_nodes: npt.NDArray[np.int32]   # nodes of the region that contains the target
     obstacle_nodes: npt.NDArray[np.int32] # (4,) corners of the tetrahedron that contains the obstacle's centre
     obstacle_weights: Array               # (4,) barycentric weights of the obstacle's centre
-    obstacle: Array                       # (3,) m, centre of the sphere in the tissue at rest
-    radius: float                         # m, radius of the sphere; 0 if the task has no obstacle
+    obstacle: Array                       # (3,) m, centre of the obstacle, a sphere, in the tissue at rest
+    radius: float                         # m, radius of the obstacle; 0 if the task has none
 
 
 @dataclass

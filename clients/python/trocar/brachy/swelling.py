@@ -26,7 +26,7 @@ __all__ = ["SOURCE", "Swelling", "Swollen", "delivered"]
 SOURCE = ("40 patients with I-125 seeds in serial MR images: 1.18 ± 0.14 times the volume on the day of the implant, 1.01 ± 0.15 after 30 days, linear in between "
           "(Brachytherapy 2010, PubMed 20116344, abstract)")
 STAGES = 8      # number of Gauss-Legendre points; doubling it changes D90 by less than 0.01 % (tests/python/test_dosimetry.py)
-RAY = 5e-4      # m, distance from the outermost voxel centre on a ray to the gland's surface: half a voxel of 1 mm
+RAY = 5e-4      # m, from the outermost voxel centre on a ray to the gland's surface: half a 1 mm voxel
 CELLS = 24      # the distance from the gland's centre to its surface is tabulated for this many polar intervals and twice as many azimuthal ones
 
 

@@ -80,8 +80,8 @@ class Operator(_Motion):
         return chosen
 
     def needles(self) -> list[plans.Needle]:
-        """Returns the plan's needles, then the stabilising needles, which go as deep as the deepest needle in the plan. Raises BadPlan if a stabilising needle's
-        hole does not exist or is already used."""
+        """Returns the plan's needles, then the stabilising needles, which go as deep as the deepest needle in the plan. Raises BadPlan if the hole of a
+        stabilising needle does not exist or is already used."""
         deepest, needles = max(needle.depth for needle in self.plan.needles), list(self.plan.needles)
         for hole in self.stabilise:
             at = plans.hole_number(hole)

@@ -29,7 +29,7 @@ class Fitted:
 
     estimates: list[Estimate]
     correlations: Array         # (p, p) correlations of the estimates
-    chi2: float                 # sum of squares of the data's residuals, each divided by its standard deviation
+    chi2: float                 # sum over the data of (residual / standard deviation)^2
     freedom: int                # number of data points minus number of parameters
     converged: bool
     simulations: int            # how many times the full set of recordings was simulated

@@ -21,7 +21,7 @@ JUMP = 10.0           # to cross a jump, the search accepts an increase in chi s
 MOST_RISES = 5        # maximum number of such increases
 SMALL = 0.02          # a step is not worth taking if it should lower chi squared by less than this (a seventh of a standard error)
 WORTH = 0.25          # decrease in chi squared that counts as progress: half a standard error
-IDLE = 5              # number of steps without progress after which the search ends, because the residuals jump and no Jacobian describes them
+IDLE = 5              # give up after this many steps without progress: the residuals jump, and no Jacobian describes them
 MOST_STEPS = 60
 
 

@@ -51,15 +51,15 @@ class Problem:
 
     path: str
     study: Study                          # the scene, its settings and the samples
-    hand: Implant                         # speed and rests with which the needles are moved
+    hand: Implant                         # gives the speed and pauses with which needles are moved
     targets: list[tuple[str, Array]] = field(default_factory=list)    # target names, and positions (3,) m in the tissue at rest
-    plan: Plan | None = None              # a plan whose seeds should end at their planned places; None if there are `targets`
+    plan: Plan | None = None              # a plan whose seeds should end up at their planned positions; None if there are `targets`
     area: Area | None = None
     template: str = ""                    # name of the template; empty if needles enter through `area`
     holes: list[str] = field(default_factory=list)    # template holes that may be used
     tilt: float = 0.0                     # rad, maximum tilt about each of the two axes
     roll: float | None = None             # rad; None: the planner may choose it
-    turn: bool = False                    # true if the needle may be turned by half a turn during the insertion
+    turn: bool = False                    # true if the needle may be given half a turn during the insertion
     tolerance: float = 0.3e-3             # m
     obstacles: list[Obstacle] = field(default_factory=list)
     objective: str = "nominal"

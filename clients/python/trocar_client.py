@@ -32,7 +32,7 @@ from typing import NamedTuple, Tuple
 __all__ = ["Answer", "Client", "Events", "Flags", "Wrench"]
 
 _RAMP = 0.1             # s, duration of the ramp after an outage
-_PATIENCE = 0.1         # s of silence after which the client follows another server
+_PATIENCE = 0.1         # s, after this much silence, the client follows another server
 _LONGEST_PERIOD = 0.01  # s, the rate limits never allow more change than for a loop period of this length
 _LONGEST_REPLY = 3.0    # s
 _LONGEST_ECHO = 10.0    # s, how long to wait for the client's own first message to come back from the network
@@ -415,8 +415,8 @@ class Client:
         return True
 
     def newest(self):
-        """Returns the newest wrench, limited for rendering. If the watchdog has expired, the wrench is zero and `answered` is False: there is no server, another
-        device holds the needle, or the scene has no such needle (trocar-top shows which). Wrenches that arrive out of order are dropped."""
+        """Returns the newest wrench, limited for rendering. If the watchdog has expired, the wrench is zero and `answered` is False: there is no server,
+        another device holds the needle, or the scene has no such needle (trocar-top shows which). Wrenches that arrive out of order are dropped."""
         newest, now = self._newest, time.monotonic()
         if newest is None or now - newest[0] >= self._watchdog:
             self._force.last = self._torque.last = (0.0, 0.0, 0.0)

@@ -1,5 +1,5 @@
-/* Encodes and decodes OpenIGTLink messages with the C functions of Debian's library (1.11). That library knows only version 1 of the header; what version 2 adds
-   (github.com/openigtlink/OpenIGTLink, Documents/Protocol/header.md) is implemented here. */
+/* Encodes and decodes OpenIGTLink messages with the C functions of Debian's library (1.11). That library knows only version 1 of the header; what version 2
+   adds (github.com/openigtlink/OpenIGTLink, Documents/Protocol/header.md) is implemented here. */
 #ifndef TROCAR_IGTL_H
 #define TROCAR_IGTL_H
 

@@ -1,5 +1,5 @@
-/* The two images that clients get. They show either ultrasound (view/ultrasound/echo.h) or the number of the volume at each pixel. A separate thread draws them,
-   so that they do not delay the needles' poses. */
+/* The two images that clients get. They show either ultrasound (view/ultrasound/echo.h) or the number of the volume at each pixel. A separate thread draws
+   them, so that they do not delay the needles' poses. */
 #ifndef TROCAR_SLICES_H
 #define TROCAR_SLICES_H
 

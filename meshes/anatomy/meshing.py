@@ -544,7 +544,7 @@ def search(domain, nodes, path):
         work += count
         # where regions share surfaces, most nodes are on these, so their number scales more like area than volume
         centre = fine * (count / nodes) ** (1 / 2 if domain.regions else 1 / 3)
-        if rank[1]:      # part of a surface is missing, so this mesh is used only if no other attempt succeeds
+        if rank[1]:      # part of a surface is missing: a last resort
             failures += 1
             if failures == limit and best_rank[1]:
                 break

@@ -279,8 +279,8 @@ def missing(section, piece, found, tolerance):
 
 
 def section_of(image, numbers, cluster, edge, radii, balls):
-    """Cuts out a cluster's section of the image. Anything attached to the cluster's outside counts as outside, and anything attached to one of its pieces counts
-    as part of that piece. radii, balls: for all pieces of the image."""
+    """Cuts out a cluster's section of the image. Anything attached to the cluster's outside counts as outside, and anything attached to one of its pieces
+    counts as part of that piece. radii, balls: for all pieces of the image."""
     place = np.zeros(int(numbers.max()) + 1, np.uint16)
     for number, stands in cluster.stands.items():
         place[number] = 0 if stands == cluster.outer else 1 + cluster.inner.index(stands)
@@ -401,7 +401,7 @@ def groups_of(pieces):
 
 
 def wanted_volumes(pieces, found, volumes, lost, step):
-    """Returns the volumes to give to groups of extracted pieces, [(pieces, volume)]. volumes: volumes of the parts, None if not to be restored. Voids keep the
+    """Returns the volume that each extracted piece must have, [([piece], volume)]. volumes: volumes of the parts, None if not to be restored. Voids keep the
     volume of their voxels, of size `step`. lost: see image_of."""
     voxels = pieces.voxels()
     wanted = [([piece], voxels[piece] * step ** 3) for piece, region in enumerate(pieces.regions) if region == OUTSIDE and piece in found.cells]

@@ -134,7 +134,8 @@ def read_nifti(path, unit, names):
 
 
 def names_in(image):
-    """Returns label -> name from a header extension written by Connectome Workbench or TotalSegmentator. It is XML; TotalSegmentator writes the names as CDATA."""
+    """Returns label -> name from a header extension written by Connectome Workbench or TotalSegmentator. It is XML, with the names as CDATA in files by
+    TotalSegmentator."""
     found = {}
     for extension in getattr(image.header, "extensions", []):
         content = extension.get_content()
@@ -230,8 +231,8 @@ def nrrd_axes(fields, sizes):
 
 
 def nrrd_start(fields, sizes):
-    """Returns the index of the first voxel along each spatial axis, and remarks. It is not always 0, because 3D Slicer before 4.7 stored the position of voxel 0
-    instead of the first voxel's."""
+    """Returns the index of the first voxel along each spatial axis, and remarks. It is not always 0, because 3D Slicer before 4.7 stored the position of
+    voxel 0 instead of the first voxel's."""
     extent = fields.get("Segmentation_Extent")
     if extent is None or "Segmentation_ReferenceImageExtentOffset" in fields:
         return np.zeros(3), []
@@ -509,7 +510,7 @@ class Outlined:
     notes: list
     border: Border = None
     gone: list = dataclasses.field(default_factory=list)     # (volume, position) of parts that have no surface, in mm^3 and DICOM mm
-    joined: list = dataclasses.field(default_factory=list)   # (volumes of parts that share one surface, centre of that surface), in the same units
+    joined: list = dataclasses.field(default_factory=list)   # (volumes of the parts that share a surface, centre of that surface), in the same units
 
 
 def signed_distance(mask, spacing):

@@ -142,9 +142,9 @@ class Seed(NamedTuple):
 
 class Guide(NamedTuple):
     """A needle guide. The axis of hole (column, row), both counted from 0, meets the front face at
-    origin + (column - (columns - 1) / 2) * spacing * across[0] + (row - (rows - 1) / 2) * spacing * across[1].
+    `origin + (column - (columns - 1) / 2) * spacing * across[0] + (row - (rows - 1) / 2) * spacing * across[1]`.
 
-    origin (3,) m; normal (3,): unit vector in which needles pass through the plate; across (2, 3): unit vectors in which columns and rows are counted.
+    origin (3,) m; normal (3,): unit vector along which needles pass through the plate; across (2, 3): unit vectors along which columns and rows are counted.
     """
 
     name: str

@@ -1,11 +1,11 @@
 #!/usr/bin/python3
 """Makes labels and a mesh of a male pelvis with Gmsh (Debian: python3-numpy, and for the mesh python3-gmsh, python3-vtk9).
 
-The shapes are simple, and have the sizes of an adult's organs; PARAMETERS.md states the source of each size. Nothing was measured on a patient, and nothing is
-random: the same options give the same files. OUTPUT.msh contains the mesh in metres. OUTPUT.seg.nrrd contains the same regions as labels on a grid, in
-patient coordinates, which scripts/anatomy and 3D Slicer read.
+The shapes are simple, with the sizes of an adult's organs; PARAMETERS.md gives the source of each size. Nothing was measured on a patient, and nothing is
+random: the same options give the same files. OUTPUT.msh is the mesh, in metres. OUTPUT.seg.nrrd holds the same regions as a label map in patient
+coordinates, for scripts/anatomy and 3D Slicer.
 
-Frame, mm: x to the patient's right, y to the front, z from the perineum (z = 0) to the head. The axis of the template's middle hole is x = y = 0.
+Frame (mm): x points to the patient's right, y to the front and z from the perineum (z = 0) to the head. The template's middle hole is at x = y = 0.
 """
 import argparse
 import math
@@ -14,25 +14,25 @@ import numpy as np
 
 from anatomy.trials.nrrd import write_nrrd
 
-SIDE, BACK, FRONT = 60.0, -80.0, 60.0      # half the distance between the bony side walls; y of the sacrum; y of the front
+SIDE, BACK, FRONT = 60.0, -80.0, 60.0      # half the distance between the bony side walls; y of the sacrum; y of the front face
 ABOVE = 25.0                     # thickness of the tissue above the bladder
 SKIN = 6.0                       # thickness of the skin and the tissue bonded to it
-MIDDLE, HALF = (0.0, 0.0, 55.0), (24.0, 17.0, 20.0)                # of the gland
+MIDDLE, HALF = (0.0, 0.0, 55.0), (24.0, 17.0, 20.0)                # centre and half axes of the gland
 RECTUM = (0.0, -32.5), 7.0, 4.0  # axis, radius of the content, thickness of the wall
 WITH_PROBE = (0.0, -35.5), 10.5, 3.5
 NECK = 70.5                      # z of the bladder's lowest point
-# for each filling of the bladder in ml: half axes of its content, thickness of its wall, and y of its centre
+# for each bladder filling (ml): half axes of the content, wall thickness, and y of the centre
 BLADDER = {60: ((30.0, 24.0, 20.0), 4.5, 8.0), 150: ((36.0, 30.0, 33.2), 3.5, 14.0), 300: ((39.0, 30.0, 61.3), 3.0, 14.0)}
-SEAM = 1.0                       # rad; seams of adjacent round surfaces are rotated apart by this angle, because small elements would lie between close seams
+SEAM = 1.0                       # rad; rotates the seams of adjacent round surfaces apart, because seams close together would force small elements
 HOLLOW = "pubis", "lumen"        # regions without tissue
-GLAND = "prostate", "transition_zone"      # parts of the gland, whose capsule has holes for the urethra
+GLAND = "prostate", "transition_zone"      # parts of the gland; its capsule has holes for the urethra
 WALLS = "bladder", "rectum"      # regions whose outer surface is a named group
 
 
 # ---- shapes: each is a set of points, for labels, and a solid of Gmsh's geometry kernel --------------------------------------------------
 
 class Ellipsoid:
-    """An ellipsoid; `lean`: angle by which its z axis leans to the right, rad."""
+    """An ellipsoid. lean: angle by which its z axis leans to the right, rad."""
 
     def __init__(self, centre, half, lean=0.0):
         self.centre, self.half, self.lean = centre, half, lean
@@ -51,8 +51,8 @@ class Ellipsoid:
 
 
 class Gland:
-    """An ellipsoid with a blunt base. At height t above the centre, as a fraction of the half length, the section's width is the largest width times sqrt(1 -
-    t^3) toward the base, and times sqrt(1 - t^2) toward the apex."""
+    """An ellipsoid with a blunt base. At a distance t from the centre (as a fraction of the half length), the width is the maximum width times
+    sqrt(1 - t^3) on the base side and sqrt(1 - t^2) on the apex side."""
 
     @staticmethod
     def section(t):
@@ -127,7 +127,7 @@ class Box:
 
 
 class Prism:
-    """A prism between two heights over a convex polygon of points (x, y)."""
+    """A prism between two heights whose base is a convex polygon (x, y)."""
 
     def __init__(self, corners, low, high):
         self.corners, self.low, self.high = corners, low, high
@@ -145,7 +145,7 @@ class Prism:
 
 
 class Funnel:
-    """An elliptical cone around the axis x = 0, y = `middle`; `low` and `high` are heights, `narrow` and `wide` the half axes there."""
+    """An elliptical cone around the axis x = 0, y = `middle`, with half axes `narrow` at height `low` and `wide` at height `high`."""
 
     def __init__(self, middle, low, narrow, high, wide):
         self.middle, self.low, self.narrow, self.high, self.wide = middle, low, narrow, high, wide
@@ -165,8 +165,8 @@ class Funnel:
 
 
 class Region:
-    """The union of `shapes`, without `removed` and without the regions before it in the list. `thin`: thickness of the region, if its elements must be that
-    small. `beside`: names of earlier regions that overlap its border; these are cut out of it, because otherwise their surfaces would divide each other."""
+    """The union of `shapes`, minus `removed` and minus all regions before it in the list. thin: the region's thickness, if elements must be that small.
+    beside: names of earlier regions that straddle its border; they are cut out first, because otherwise the surfaces would split each other."""
 
     def __init__(self, name, shapes, removed=(), thin=None, beside=()):
         self.name, self.shapes, self.removed, self.thin, self.beside = name, list(shapes), list(removed), thin, list(beside)
@@ -179,24 +179,24 @@ class Region:
 
 
 def right_and_left(make, start, end, *more):
-    """Makes a shape on the right, and its mirror image."""
+    """Returns a shape on the right and its mirror image on the left."""
     mirror = np.array([-1, 1, 1])
     return [make(start, end, *more), make(mirror * start, mirror * end, *more)]
 
 
 def sides(low, high):
-    """Returns a box on the right, and its mirror image."""
+    """Returns a box on the right and its mirror image on the left."""
     return [Box(low, high), Box((-high[0], *low[1:]), (-low[0], *high[1:]))]
 
 
 def block(filling):
-    """Returns the low and high corner of the block of tissue."""
+    """Returns the low and high corners of the block of tissue."""
     half, wall, _ = BLADDER[filling]
     return (-SIDE, BACK, 0.0), (SIDE, FRONT, NECK + 2 * (half[2] + wall) + ABOVE)
 
 
 def regions(filling=60, probe=False):
-    """Returns the regions in order of priority: where regions overlap, the first one gets the volume."""
+    """Returns the regions in order of priority: where regions overlap, the earlier one wins."""
     half, wall, front = BLADDER[filling]
     centre = 0.0, front, NECK + wall + half[2]
     axis, radius, thick = WITH_PROBE if probe else RECTUM
@@ -228,7 +228,7 @@ def regions(filling=60, probe=False):
 # ---- labels --------------------------------------------------------------------------------------------------------------------------------
 
 def labels(found, low, high, step):
-    """Returns an array (k, j, i) of labels, which are 1 + the position in the list of regions, or 0, and the positions of the voxels along each axis."""
+    """Rasterises the regions. Returns labels (k, j, i), which are 1 + the index of the region or 0 for none, and the voxel positions along each axis."""
     axes = [np.arange(a + step / 2, b, step) for a, b in zip(low, high)]
     z, y, x = np.meshgrid(*axes[::-1], indexing="ij", sparse=True)
     label = np.zeros((len(axes[2]), len(axes[1]), len(axes[0])), np.uint8)
@@ -238,7 +238,7 @@ def labels(found, low, high, step):
 
 
 def write_labels(path, names, label, axes, step):
-    """Writes a segmentation for 3D Slicer. Patient coordinates point to the left, back and head."""
+    """Writes a 3D Slicer segmentation. This converts to patient coordinates, which point to the left, back and head."""
     place = np.diag([step, step, step, 1.0])
     place[:3, 3] = -axes[0][-1], -axes[1][-1], axes[2][0]
     write_nrrd(path, label[:, ::-1, ::-1], place, dict(enumerate(names, 1)))
@@ -247,7 +247,7 @@ def write_labels(path, names, label, axes, step):
 # ---- mesh -----------------------------------------------------------------------------------------------------------------------------------
 
 def build(gmsh, found):
-    """Builds the geometry as Gmsh's current model; returns the name of the region in each of its volumes, {tag: name}."""
+    """Builds the geometry in Gmsh's current model. Returns the region name of each volume, {tag: name}."""
     occ, solids = gmsh.model.occ, {}
     for region in found:
         made = [pair for shape in region.shapes for pair in shape.solids(occ)]
@@ -262,7 +262,7 @@ def build(gmsh, found):
     pieces = occ.fragment([pair for _, pair in inputs], [])[1]
     owner = {}
     for (name, _), made in reversed(list(zip(inputs, pieces))):
-        owner.update({pair: name for pair in made})      # regions of higher priority come last and overwrite the others
+        owner.update({pair: name for pair in made})      # higher-priority regions come later and overwrite the others
     hollow = [pair for pair, name in owner.items() if name in HOLLOW]
     occ.remove(hollow, recursive=True)
     occ.synchronize()
@@ -270,7 +270,7 @@ def build(gmsh, found):
 
 
 def name_groups(gmsh, volumes, names, low, high):
-    """Names the regions and the surfaces. A surface between two regions belongs to the one with the higher priority."""
+    """Creates named groups for regions and surfaces. A surface between two regions belongs to the one with higher priority."""
     groups, order = {}, list(names)
     for tag, name in volumes.items():
         groups.setdefault((3, name), []).append(tag)
@@ -293,8 +293,8 @@ def name_groups(gmsh, volumes, names, low, high):
 
 
 def sizes(gmsh, volumes, found, high):
-    """Returns a function that makes Gmsh's size callback: the element size is `fine` in the gland and grows to `ratio` times that at the corners of the
-    block, but is at most `sheet` times the thickness of a thin region."""
+    """Returns a factory for Gmsh size callbacks. The element size is `fine` in the gland and grows to `ratio` times that at the corners of the block, but
+    never exceeds `sheet` times the thickness of a thin region."""
     thin = {region.name: region.thin for region in found}
     limit = {}
     for dimension, tag in gmsh.model.getEntities():
@@ -315,7 +315,7 @@ def sizes(gmsh, volumes, found, high):
 
 
 def generate(gmsh, low, high):
-    """Makes the mesh, and moves nodes of flat tetrahedra to improve their angles."""
+    """Generates the mesh, then moves nodes of flat tetrahedra to improve their angles."""
     from anatomy import relocate, session
     from anatomy.shapes.shells import Shell
     gmsh.model.mesh.clear()

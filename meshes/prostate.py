@@ -1,11 +1,11 @@
 #!/usr/bin/python3
 """Makes a mesh of a prostate in surrounding tissue with Gmsh (Debian: python3-gmsh).
 
-The gland is an ellipsoid in a box. World frame, metres: x to the patient's right, y up (anterior), z along the needle
-from the skin (z = 0) into the body. Physical volumes: `prostate`, `surrounding`; physical surfaces: `skin` (z = 0),
-`capsule` (the gland's surface) and `fixed` (the far face, and the bottom face with the smallest y). Layers between the skin and
-the gland are additional volumes (--layer). With --rectum, there is an open rectum behind the gland: a round channel from the skin, with a
-rounded end, whose wall is the surface `rectum_wall`.
+The gland is an ellipsoid in a box. In the world frame (metres), x points to the patient's right, y up (anterior) and z along the
+needle from the skin (z = 0) into the body. Physical volumes: `prostate` and `surrounding`. Physical surfaces: `skin` (z = 0),
+`capsule` (the gland's surface) and `fixed` (the far face and the bottom face). --layer adds layers between the skin and the gland
+as further volumes. --rectum adds an open rectum behind the gland: a round channel from the skin with a rounded end, whose wall is
+the surface `rectum_wall`.
 """
 import argparse
 import math
@@ -22,13 +22,13 @@ RECTUM_DEPTH = 17 * MM         # thickness of the tissue below the rectum; the b
 
 
 def box_low(centre, half_axes, rectum):
-    """Returns the box's lower corner. `rectum`: its distance from the gland and its radius, or None."""
+    """Returns the box's lower corner. rectum: distance from the gland, and radius; or None."""
     low = centre[1] - half_axes[1] - rectum[0] - 2 * rectum[1] - RECTUM_DEPTH if rectum else BOX_LOW[1]
     return (BOX_LOW[0], low, BOX_LOW[2])
 
 
 def build_geometry(centre, half_axes, layers=(), rectum=None):
-    """Divides a box into an ellipsoid, layers [(name, depth of its end)] under the skin, and the rest; returns {region: tag}."""
+    """Divides a box into an ellipsoid, layers [(name, depth of the far side)] under the skin, and the rest. Returns {region: tag}."""
     occ = gmsh.model.occ
     corner = box_low(centre, half_axes, rectum)
     width, height, depth = (high - low for low, high in zip(corner, BOX_HIGH))
@@ -54,7 +54,7 @@ def build_geometry(centre, half_axes, layers=(), rectum=None):
 
 
 def faces_on(axis, coordinate):
-    """Returns the tags of the flat surfaces on which the coordinate along this axis has this value."""
+    """Returns the tags of the flat surfaces where the coordinate along `axis` equals `coordinate`."""
     def is_flat(tag):
         bounds = gmsh.model.getBoundingBox(2, tag)
         return all(abs(bounds[axis + side] - coordinate) < 1e-6 for side in (0, 3))
@@ -62,7 +62,7 @@ def faces_on(axis, coordinate):
 
 
 def rectum_walls(centre, half_axes, rectum):
-    """Returns the tags of the rectum's walls: the surfaces inside a box around the channel, except the skin."""
+    """Returns the tags of the rectum's walls: all surfaces inside a box around the channel except the skin."""
     middle, reach = centre[1] - half_axes[1] - rectum[0] - rectum[1], rectum[1] + 1e-6
     def is_wall(tag):
         low_x, low_y, low_z, high_x, high_y, high_z = gmsh.model.getBoundingBox(2, tag)
@@ -111,7 +111,7 @@ def generate():
 
 
 def generate_nodes(wanted, centre, half_axes, ratio, low):
-    """Searches for the element size that gives about the desired number of nodes; the result is reproducible."""
+    """Searches for an element size that gives about the desired number of nodes. The result is reproducible."""
     volume = math.prod(end - start for start, end in zip(low, BOX_HIGH))
     fine, best = 0.8 * (volume / wanted) ** (1 / 3), None
     for _ in range(12):

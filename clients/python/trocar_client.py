@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
 # SPDX-FileCopyrightText: 2026 trocar developers
-"""Connects a haptic device to trocar-server. One file that needs only the standard library of Python 3.8, on any system.
+"""Connects a haptic device to trocar-server. A single file that needs only the Python 3.8 standard library and runs on any system.
 
     with trocar_client.Client() as server:
         while True:                                           # the device's loop
@@ -8,11 +8,11 @@
             wrench = server.newest()
             ...                                               # render wrench.force and wrench.torque
 
-It offers the functions of clients/client/trocar_client.h, with the same watchdog, limits and commands. Python is not suited to real time: for a device
-that renders force at 1 kHz, use the C library. Positions and orientations may be any sequences of numbers, such as NumPy arrays; results are tuples.
+It has the same functions, watchdog, limits and commands as the C library (clients/client/trocar_client.h). Python is not suited to real time; use the C
+library for a device that renders force at 1 kHz. Positions and orientations may be any sequences of numbers, such as NumPy arrays; results are tuples.
 
-Frames: the scene's world frame, in metres. Quaternions are w, x, y, z. The needle's axis is its local +z, from base to tip, and its bevel
-faces local +y."""
+All quantities are in the scene's world frame, in metres. Quaternions are w, x, y, z. The needle's local +z points from base to tip, and its bevel faces
+local +y."""
 import argparse
 import enum
 import hashlib
@@ -32,17 +32,17 @@ from typing import NamedTuple, Tuple
 __all__ = ["Answer", "Client", "Events", "Flags", "Wrench"]
 
 _RAMP = 0.1             # s, duration of the ramp after an outage
-_PATIENCE = 0.1         # s of silence after which the client follows another server
-_LONGEST_PERIOD = 0.01  # s: if the device's loop takes longer, the wrench may change by no more than the rate limits allow in this time
+_PATIENCE = 0.1         # s, after this much silence, the client follows another server
+_LONGEST_PERIOD = 0.01  # s, the rate limits never allow more change than for a loop period of this length
 _LONGEST_REPLY = 3.0    # s
-_LONGEST_ECHO = 10.0    # s within which the client's first message must come back from the network
-# maximum size of a message in bytes, maximum number of fragments of a message, and maximum number of bytes kept of a string
+_LONGEST_ECHO = 10.0    # s, how long to wait for the client's own first message to come back from the network
+# maximum message size (bytes), fragments per message, and length kept of a string (bytes)
 _MESSAGE_MOST, _FRAGMENTS_MOST, _TEXT_MOST = 1 << 17, 256, 255
 _ECHO = b"LCM_SELF_TEST"
 
 
 class _Message:
-    """Encodes and decodes one message type, which consists of a fingerprint, numbers in big-endian order, and for some types a string at the end."""
+    """Encodes and decodes one message type: a fingerprint, big-endian numbers and, for some types, a final string."""
 
     def __init__(self, fingerprint, layout, fields):
         self._fingerprint, self._layout = fingerprint, struct.Struct(">Q" + layout[1:])
@@ -50,7 +50,7 @@ class _Message:
         self._has_text = layout.endswith("I")
 
     def encode(self, **values):
-        """Returns the bytes of a message; fields that are not given are 0 or, for a string, empty."""
+        """Returns the encoded message. Fields not given are 0 or, for a string, empty."""
         numbers, text = [], b""
         for name, length in self._fields:
             value = values.get(name, 0 if length is None else [0] * length)
@@ -61,7 +61,7 @@ class _Message:
         return self._layout.pack(self._fingerprint, *numbers) + text
 
     def decode(self, data):
-        """Returns the message's fields, or None if the bytes are not exactly one message of this type."""
+        """Returns the fields of a message, or None unless the bytes are exactly one message of this type."""
         size = self._layout.size
         if len(data) < size:
             return None
@@ -73,7 +73,7 @@ class _Message:
         for name, length in self._fields:
             found[name] = numbers[at] if length is None else tuple(numbers[at:at + length])
             at += length or 1
-        if self._has_text:  # keep only printable ASCII characters, because the text may be printed on a terminal
+        if self._has_text:  # keep only printable ASCII, because the text may end up on a terminal
             kept = text.split(b"\0", 1)[0][:_TEXT_MOST]
             found[self._fields[-1][0]] = "".join(chr(byte) if 32 <= byte <= 126 else "?" for byte in kept)
         return found
@@ -144,21 +144,21 @@ class Answer(enum.Enum):
 
 
 class Wrench(NamedTuple):
-    """The wrench to render. All values are zero while no wrenches arrive."""
+    """The wrench to render. It is zero while no wrenches are arriving."""
 
-    answered: bool = False                                      # True if a server sent this wrench
+    answered: bool = False                                      # True if this wrench came from a server
     force: Tuple[float, float, float] = (0.0, 0.0, 0.0)         # N, world frame: force that the needle's base exerts on the hand
     torque: Tuple[float, float, float] = (0.0, 0.0, 0.0)        # N m, world frame: torque about the needle's base
     depth: float = 0.0                                          # m, length of the needle's track in the tissue
-    tick: int = 0                                               # tick of the server in which the wrench was computed
+    tick: int = 0                                               # server tick in which the wrench was computed
     contacts: int = 0                                           # number of active contact nodes
     events: Events = Events(0)                                  # events of that tick only
     membrane: int = -1                                          # index of the membrane punctured in that tick; -1 if none
-    flags: Flags = Flags(0)                                     # flags of the server; SATURATED is also set when the client has limited the wrench
+    flags: Flags = Flags(0)                                     # flags from the server; the client also sets SATURATED if it has limited the wrench
 
 
 def _read_url(url):
-    """Parses the URL; returns ((group, port), ttl, size of the receive buffer), where a size of 0 selects the system's default."""
+    """Parses an LCM URL. Returns ((group, port), ttl, receive buffer size), where size 0 means the system default."""
     match = re.fullmatch(r"udpm://([0-9.]*)(?::(\d+))?(?:/?\?(.*))?", url)
     if not match:
         raise ValueError
@@ -171,7 +171,8 @@ def _read_url(url):
 
 
 def _is_own(address):
-    """True if this address belongs to this machine. Only then does the system choose it as the source address of packets sent to it."""
+    """Whether an address belongs to this machine. Tested by connecting a socket to it: only for an own address does the system pick the same address as the
+    source."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
             probe.connect((address, 1))     # sends nothing
@@ -185,8 +186,8 @@ def _is_own(address):
 _HELLO, _COOKIE, _CONNECT, _WELCOME, _REFUSED, _TO_SERVER, _TO_CLIENT = range(1, 8)
 _WRONG_SECRET, _FULL = 1, 2
 _HANDSHAKE = 76         # bytes, size of a handshake datagram
-_LONGEST_HANDSHAKE = 2.0    # s for which the constructor waits for a server
-_RETRY, _KEEP_ALIVE, _SILENCE = 0.2, 0.25, 1.0  # s: between attempts to connect, between keep-alive messages, and until the connection is given up
+_LONGEST_HANDSHAKE = 2.0    # s, how long the constructor waits for a server
+_RETRY, _KEEP_ALIVE, _SILENCE = 0.2, 0.25, 1.0  # s: interval between connection attempts, interval between keep-alives, and silence after which the connection is given up
 
 
 def _tag(key, data):
@@ -194,7 +195,8 @@ def _tag(key, data):
 
 
 class _Window:
-    """The message counters that have been received, to reject repeated messages. A message may be overtaken by up to 63 others."""
+    """Anti-replay window: remembers which message counters have been received, so that repeated messages can be rejected. A message may arrive late by up
+    to 63 others."""
 
     def __init__(self):
         self._newest, self._seen = 0, 0
@@ -212,7 +214,7 @@ class _Window:
 
 
 def _read_secret(path):
-    """Returns the key derived from the secret in a file; an empty path means that there is no secret."""
+    """Derives the key from the secret in a file. An empty path means that there is no secret."""
     secret = b""
     if path:
         try:
@@ -226,7 +228,7 @@ def _read_secret(path):
 
 
 class _Unicast:
-    """A connection to one server, which is renewed when the server falls silent."""
+    """A unicast connection to one server. It reconnects when the server falls silent."""
 
     def __init__(self, url, secret_file):
         match = re.fullmatch(r"udp://([^:/?]+):(\d+)", url)
@@ -254,7 +256,7 @@ class _Unicast:
         self._socket.close()
 
     def send(self, channel, message):
-        """Sends a message. It is lost while there is no connection."""
+        """Sends a message, or drops it if there is no connection."""
         with self._lock:
             if not self._keys:
                 return
@@ -264,14 +266,14 @@ class _Unicast:
             self._put(datagram, self._keys[0])
 
     def receive(self, longest):
-        """Waits up to `longest` s for a datagram. Returns the channel and the message in it, or None."""
+        """Waits up to `longest` s for a datagram. Returns its channel and message, or None."""
         self._tend(time.monotonic())
         self._socket.settimeout(longest)
         try:
             datagram = self._socket.recv(2048)
         except socket.timeout:
             return None
-        except ConnectionError:     # no program listens on the port, at least not yet
+        except ConnectionError:     # nothing is listening on the port, at least not yet
             time.sleep(min(longest, 0.02))
             return None
         if datagram[:3] != b"TU1" or len(datagram) < 45:
@@ -297,7 +299,7 @@ class _Unicast:
             self._sent_at = self._heard_at = time.monotonic()
 
     def _tend(self, now):
-        """Connects, sends keep-alive messages, and connects again after a silence."""
+        """Connects, sends keep-alive messages, and reconnects after a silence."""
         if self._keys and now - self._heard_at > _SILENCE:
             self._disconnect()
         if not self._keys and now - self._asked_at >= _RETRY:
@@ -338,7 +340,7 @@ class _Limiter:
         self.most, self.rate, self.last = most, rate, (0.0, 0.0, 0.0)
 
     def limit(self, wanted, period):
-        """Returns the vector to render after `period` s, and whether it differs from the requested one."""
+        """Limits the magnitude and rate of change of a vector, `period` s after the last one. Returns the vector to render, and whether it was limited."""
         length = math.sqrt(sum(x * x for x in wanted))
         scale = self.most / length if length > self.most else 1.0
         change = [scale * x - last for x, last in zip(wanted, self.last)]
@@ -349,17 +351,17 @@ class _Limiter:
 
 
 class Client:
-    """Holds one needle of a scene. For several needles, open a client for each.
+    """Holds one needle of a scene. For several needles, open one client each. Call the methods from one thread only.
 
-    url: LCM URL of UDP multicast (udpm://...), or udp://HOST:PORT of a server with --listen; None selects $LCM_DEFAULT_URL or, if that is not set,
-    LCM's default. secret_file: file with the secret of a server with --listen; None selects $TROCAR_SECRET_FILE. watchdog: s without a wrench after
-    which the force is set to zero. max_force (N), max_torque (N m) and their rates (per s) limit the rendered wrench, whatever the server sends. without_force:
-    for a mouse or a tracker; the needle then follows its poses rigidly. Call the methods from one thread."""
+    url: an LCM UDP multicast URL (udpm://...), or udp://HOST:PORT for a server started with --listen; None: $LCM_DEFAULT_URL if set, else LCM's default.
+    secret_file: file with the secret of a server started with --listen; None: $TROCAR_SECRET_FILE. watchdog: the force is zeroed if no wrench arrives for
+    this long (s). max_force (N), max_torque (N m) and their rates (per s) limit the rendered wrench, whatever the server sends. without_force: for devices
+    such as a mouse or a tracker; the needle then follows the poses rigidly."""
 
     def __init__(self, url=None, needle=0, watchdog=0.02, max_force=20.0, max_torque=1.0, max_force_rate=2000.0, max_torque_rate=100.0,
                  without_force=False, secret_file=None):
-        """Connects to the network. Waits for the network, but not for a server, which may be started later. Raises ConnectionError, which states the
-        remedy, and ValueError for an invalid limit or needle."""
+        """Connects to the network. The server may be started later; this waits only for the network. Raises ConnectionError, with advice on how to fix the
+        problem, and ValueError for an invalid limit or needle."""
         if not all(limit > 0 for limit in (watchdog, max_force, max_torque, max_force_rate, max_torque_rate)):
             raise ValueError("watchdog, max_force, max_torque, max_force_rate and max_torque_rate must be above 0")
         if needle < 0:
@@ -371,7 +373,7 @@ class Client:
         self._alive_since = self._rendered_at = self._asked_at = 0.0
         self._newest = None         # (arrival time, fields), set by the thread; always a new tuple
         self._reply = (0, False, "")
-        self._waits = (0, -math.inf, "")    # number of a change, time at which the server last asked to wait for it, and why
+        self._waits = (0, -math.inf, "")    # sequence number of a change, when the server last asked to wait for it, and why
         self._server, self._heard = 0, -math.inf
         self._assembly, self._known = None, (None, False, 0.0)
         self._echoed, self._ends, self._unicast = False, False, None
@@ -390,18 +392,18 @@ class Client:
         self.close()
 
     def close(self):
-        """Releases the needle, so that another device can take it at once, and then disconnects."""
+        """Releases the needle, so that another device can take it at once, and disconnects."""
         if self._ends:
             return
         self._ends = True
         self._thread.join()
-        if self._seq > 0:   # otherwise the client has not held a needle
+        if self._seq > 0:   # otherwise the client never held a needle
             self._command(_COMMAND_RELEASE, 0)
         for each in [self._unicast] if self._unicast else [self._sender, self._receiver]:
             each.close()
 
     def publish(self, position, orientation):
-        """Sends this pose of the needle's base. Returns False and sends nothing if a number is not finite."""
+        """Sends a pose of the needle's base. If a number is not finite, sends nothing and returns False."""
         numbers = [float(x) for x in (*position, *orientation)]
         if len(numbers) != 7 or not all(map(math.isfinite, numbers)):
             return False
@@ -413,8 +415,8 @@ class Client:
         return True
 
     def newest(self):
-        """Returns the newest wrench; wrenches that arrive out of order are dropped. The wrench is zero, and `answered` is False, if the watchdog has
-        expired, because there is no server, the needle belongs to another device, or the scene has no such needle (trocar-top shows the reason)."""
+        """Returns the newest wrench, limited for rendering. If the watchdog has expired, the wrench is zero and `answered` is False: there is no server,
+        another device holds the needle, or the scene has no such needle (trocar-top shows which). Wrenches that arrive out of order are dropped."""
         newest, now = self._newest, time.monotonic()
         if newest is None or now - newest[0] >= self._watchdog:
             self._force.last = self._torque.last = (0.0, 0.0, 0.0)
@@ -431,40 +433,41 @@ class Client:
         flags = Flags(found["flags"]) | (Flags.SATURATED if less_force or less_torque else Flags(0))
         return Wrench(True, force, torque, found["depth"], found["tick"], found["contacts"], Events(found["events"]), found["membrane"], flags)
 
-    # Commands for the client's needle, and changes to the tissue. Each is sent at once; the server's reply arrives later. Only one command may be pending:
-    # while the previous command waits for its reply, these methods do nothing and return False.
+    # Commands for the client's needle, and changes to the tissue. Each is sent at once, and the server replies later. Only one command may be pending: while
+    # an earlier one is waiting for its reply, these methods do nothing and return False.
 
     def reset(self):
         """Removes the needle and relaxes the tissue; the next pose engages the needle again."""
         return self._ask(_COMMAND_RESET)
 
     def leave(self):
-        """Leaves the needle resting in tissue and template. Stop publishing poses, and close the client or take the needle again."""
+        """Lets go of the needle, leaving it resting in the tissue and template. Then stop publishing poses, until you take the needle again or close the
+        client."""
         return self._ask(_COMMAND_LEAVE)
 
     def take(self):
-        """Takes hold of a resting needle again: the first pose after the reply is mapped to the pose at which the needle rests, and the needle
-        follows the hand's motion from there."""
+        """Takes hold of a resting needle again. The server maps the first pose after the reply to the pose in which the needle rests; from there, the needle
+        follows the motion of the hand."""
         return self._ask(_COMMAND_TAKE)
 
     def drop_seeds(self, count, spacing=0.0):
-        """Drops `count` seeds, 1 to 16, which the needle leaves as it is drawn back over them; the first has its distal end at the tip.
-        `spacing` is their centre-to-centre spacing in m; 0 selects the scene's value."""
+        """Drops `count` seeds (1 to 16), the first with its distal end at the tip. Each is left in the tissue when the needle has been drawn back past it.
+        spacing: centre-to-centre spacing in m; 0 means the scene's value."""
         return self._ask(_COMMAND_DROP_SEED, count, spacing)
 
     def undo(self):
-        """Cancels the seeds that are still in the needle; if there are none, removes the seed that the needle left last."""
+        """Cancels the dropped seeds that are still in the needle or, if there are none, removes the last seed that the needle left."""
         return self._ask(_COMMAND_UNDO)
 
     def change(self, values, time=0.0):
-        """Changes the tissue while the server runs, for all needles; the client need not hold one. values: a dict with keys and units of a scene file, such as
-        {"membranes[skin].puncture_force": 2}; docs/training/changes.md lists the keys. Each value moves linearly to its new value over `time` s, 0.1 to 60 (0:
-        0.5). If moduli are changed, the client waits for the reply for as long as the server reports that it is preparing the change."""
+        """Changes the tissue of the running server, for all needles; the client need not hold one. values: a dict with keys and units as in a scene file, such
+        as {"membranes[skin].puncture_force": 2}; docs/training/changes.md lists the keys. Values move linearly to their new setting over `time` s (0.1 to 60;
+        0 means 0.5). A change to moduli takes the server a while to prepare, and the client waits for the reply until it is done."""
         lines = "\n".join("%s: %s" % (key, value) for key, value in values.items())
         return self._begin(lambda number: self._send(b"TROCAR_CHANGE", _CHANGE.encode(utime=_utime(), session=self._session, seq=number, time=time, values=lines)))
 
     def reply(self):
-        """Returns the result of the last command or change and, unless it is DONE, the reason."""
+        """Returns the result of the last command or change, and the reason unless it is DONE."""
         number, done, why = self._reply
         if self._asked == 0:
             return Answer.NONE, ""
@@ -529,7 +532,7 @@ class Client:
         try:
             self._sender.sendto(packet, self._group)
         except OSError:
-            if not self._echoed:    # later losses are not errors: the server counts lost poses
+            if not self._echoed:    # losses after this are not errors; the server counts lost poses
                 raise
 
     def _command(self, what, number, seeds=0, spacing=0.0):
@@ -540,7 +543,7 @@ class Client:
         while not self._ends:
             try:
                 self._receive()
-            except OSError:     # avoids a busy loop: while the network is down, every call may fail immediately
+            except OSError:     # while the network is down, every call may fail at once: avoid a busy loop
                 time.sleep(0.01)
 
     def _receive(self):
@@ -557,8 +560,8 @@ class Client:
             self._take_datagram(packet, sender)
 
     def _is_welcome(self, address):
-        """True if datagrams from this address are accepted. With ttl=0, LCM is meant for this machine only, but its socket also receives datagrams from
-        other machines."""
+        """Whether to accept datagrams from an address. With ttl=0, LCM is meant for this machine only, but the socket still receives datagrams from other
+        machines."""
         if self._ttl > 0 or address == "0.0.0.0" or address.startswith("127."):
             return True
         now = time.monotonic()
@@ -574,7 +577,7 @@ class Client:
             self._take_message(channel, message)
 
     def _take_fragment(self, packet, sender):
-        """Reassembles fragmented messages, one at a time. Fragment 0 of a message must come first; the others may come in any order."""
+        """Reassembles fragmented messages, one at a time. Fragment 0 must arrive first; the others may arrive in any order."""
         if len(packet) < 20:
             return
         sequence, total, offset, number, count = struct.unpack(">IIIHH", packet[4:20])
@@ -609,8 +612,7 @@ class Client:
             self._echoed = True
 
     def _is_ours(self, found, now):
-        """True if a message is meant for this client and comes from the server that the client follows: the first one heard, until it falls
-        silent."""
+        """Whether a message is meant for this client and comes from the server that it follows, which is the first one heard until that falls silent."""
         if found is None or found["session"] != self._session or found["needle"] != self._needle:
             return False
         if found["server"] != self._server:
@@ -640,7 +642,7 @@ class Client:
 
 
 def _main():
-    """Changes the tissue of a running server, from the command line."""
+    """Command-line entry point: changes the tissue of a running server."""
     parser = argparse.ArgumentParser(description="Changes friction, cutting and puncture forces, moduli, calcifications and guides of a running trocar-server, for all needles.",
                                      epilog="Exit status: 0, 1 if there is no server or no network, 2 if the server refuses the change.")
     parser.add_argument("values", nargs="+", metavar='"KEY: VALUE"', help='as in a scene file, such as "membranes[skin].puncture_force: 2"')

@@ -1,1 +1,1 @@
-"""Makes a mesh and a scene from a patient's outlines: see README.md in this folder."""
+"""Makes a mesh and a scene from a patient's contours. See README.md in this folder."""

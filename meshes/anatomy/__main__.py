@@ -1,4 +1,4 @@
-"""Makes a mesh, a scene and a quality report from a patient's outlines, label maps or surfaces; options.py defines the options."""
+"""Makes a mesh, a scene and a quality report from a patient's contours, label maps or surfaces. For the options, see options.py."""
 import os
 import re
 import signal
@@ -12,12 +12,12 @@ from .shapes import contours, voxels
 from .trouble import BadFile
 
 MOST_GROUPS = 32            # maximum number of physical groups (of all dimensions) in a mesh
-SPARE_GROUPS = 4            # number of groups reserved for surrounding tissue, skin, bone, and fixed nodes
+SPARE_GROUPS = 4            # groups reserved for surrounding tissue, skin, bone and fixed nodes
 ENDINGS = (".msh", ".yaml", "-quality.md", "-quality.svg")
 
 
 def organs_of(given, found):
-    """Returns the organs, with the region of interest first, and the body if its surface is the skin (otherwise None)."""
+    """Returns the organs, region of interest first; and the body if its surface serves as the skin, else None."""
     choice = sources.choose(given, found)
     body = [choice.body] if choice.body else []
     inner = [choice.soft[0], *choice.bones, *choice.soft[1:]]
@@ -50,7 +50,7 @@ def organ_of(roi, name, bone, came):
 
 
 def prefix_of(given):
-    """Returns the path prefix of the output files; if --output is a folder, their names begin with "patient"."""
+    """Returns the path prefix of the output files. If --output is a folder, file names begin with "patient"."""
     path = os.path.join(given.output, options.DEFAULT) if given.output.endswith(os.sep) or os.path.isdir(given.output) else given.output
     folder = os.path.dirname(path) or "."
     if not (os.path.isdir(folder) and os.access(folder, os.W_OK)):
@@ -59,7 +59,7 @@ def prefix_of(given):
 
 
 def run(given):
-    """Runs the program. Returns the organs, the mesh, the domain and the volumes enclosed by the outlines, or None with --list."""
+    """Runs the program. Returns the organs, the mesh, the domain and the volumes enclosed by the contours; None with --list."""
     limits.SECONDS, limits.TELL = given.time_limit, not given.quiet
     prefix = None if given.list else prefix_of(given)
     own = materials.read(given.materials) if given.materials else {}
@@ -75,7 +75,7 @@ def run(given):
         raise
     if given.picture:
         limits.run("picture", picture.draw, organs + ([skin] if skin else []), found.regions, given.picture)
-    # use a temporary folder, so that no incomplete files are left behind
+    # work in a temporary folder, so as not to leave incomplete files behind
     with tempfile.TemporaryDirectory(prefix=".anatomy-", dir=os.path.dirname(prefix) or ".") as folder:
         made = make(given, organs, skin, own, os.path.join(folder, os.path.basename(prefix)))
         check.load(os.path.join(folder, os.path.basename(prefix) + ".yaml"), len(made[1].points))
@@ -102,7 +102,7 @@ def make(given, organs, skin, own, prefix):
 
 
 def quiet_walls(organs, own):
-    """Returns the names of surfaces that get no group of their own, if there are too many for a mesh: surfaces that offer no resistance to a needle."""
+    """Returns the names of surfaces to leave without a group of their own if there are too many for a mesh: those that offer a needle no resistance."""
     soft = [organ for organ in organs if not organ.bone]
     felt = [organ for organ in soft if materials.find(organ.roi, organ.kind, own).material.wall is not None]
     free = MOST_GROUPS - SPARE_GROUPS - len(soft) - len(felt)
@@ -113,8 +113,8 @@ def quiet_walls(organs, own):
 
 
 def write_texts(given, own, organs, domain, made):
-    """Writes the scene and the quality report, and prints the report. `organs` includes the body. `made` is a tuple of the path prefix, the mesh, the
-    outlines' volumes, the needle's start, the template or None, and the losses.Row of each part."""
+    """Writes the scene and the quality report, and prints the report. organs: all organs, including the body. made: tuple of the path prefix, the mesh, the
+    contours' volumes, the needle's start, the template or None, and the losses.Row of each part."""
     prefix, mesh, outlined, start, plate, parts = made
     organs, skin = [organ for organ in organs if organ.name in outlined], [organ for organ in organs if organ.name not in outlined]
     title = os.path.basename(prefix)

@@ -8,15 +8,15 @@ from .shapes import shells
 from .shapes.contours import Unusable
 
 AHEAD = 1e-3            # m, distance between tip and skin before the insertion
-NEEDLE = 0.2            # m, length of the needle in the scene, unless the target is too deep for it (see LONGER)
-LONGER, LONGEST = 0.05, 0.5     # m: for a deeper target, the length is rounded up to a multiple of the first value; more than the second is refused
-SAMPLES = 14            # number of sample points along each side of a region's bounding box, used to find its deepest point
-CANDIDATES = 400        # maximum number of entry points that are tried, nearest first
-CLEARANCES = 4.0, 2.0, 0.0      # mm, clearances between needle and obstacles, tried in this order
-ALONG = 2.0             # mm, spacing of the points along a path at which the clearance is measured
-FROM_CUT = 5.0          # mm: no needle enters closer than this to a plane where the image cuts off the body
-ASIDE = 3.0             # mm: a region's centre is the target if it is at least this far from the region's surface and from regions to avoid
-MOVED = 1.0             # mm: the report mentions it if the entry point had to be moved farther than this
+NEEDLE = 0.2            # m, needle length in the scene, unless the target is too deep for it
+LONGER, LONGEST = 0.05, 0.5     # m: for a deeper target, round the length up to a multiple of LONGER; more than LONGEST is an error
+SAMPLES = 14            # samples along each side of a region's bounding box in the search for its deepest point
+CANDIDATES = 400        # maximum number of entry points to try, nearest first
+CLEARANCES = 4.0, 2.0, 0.0      # mm, clearances from obstacles, tried in this order
+ALONG = 2.0             # mm, spacing of the points along a path at which to measure the clearance
+FROM_CUT = 5.0          # mm: needles do not enter closer than this to a plane where the image cuts off the body
+ASIDE = 3.0             # mm: use a region's centre as the target if it is at least this far from the region's surface and from regions to avoid
+MOVED = 1.0             # mm: report an entry point that had to be moved farther than this
 HOLES, HOLE_SPACING = 13, 5.0       # number of holes along each side of a template, and the distance between them in mm
 THICKNESS = 20.0        # mm, thickness of a template
 BEHIND = 5.0            # mm, gap between a template and the skin face of a box
@@ -37,14 +37,14 @@ class Template:
     normal: np.ndarray       # unit vector; needles pass in this direction
 
     def along(self):
-        """Returns the direction in which columns are numbered: away from the patient's right (the operator's left), as nearly as the plate's orientation
+        """Returns the direction in which columns are counted: from the patient's right (the operator's left) to left, as nearly as the plate's orientation
         permits."""
         left = np.array([1.0, 0, 0]) if abs(self.normal[0]) < 0.9 else np.array([0, 1.0, 0])
         left -= (left @ self.normal) * self.normal
         return left / np.linalg.norm(left)
 
     def rows_along(self):
-        """Returns the direction in which rows are numbered: away from the patient's back."""
+        """Returns the direction in which rows are counted: from the patient's back to front."""
         return np.cross(self.along(), self.normal)
 
     def holes(self):
@@ -68,7 +68,7 @@ def first_hit(shell, start, end):
 
 def hit_in(locator, start, end):
     share, point, local, sub = vtk.reference(0.0), [0.0] * 3, [0.0] * 3, vtk.reference(0)
-    edge = 1e-6 * np.linalg.norm(end - start)     # tolerance; without it, a segment could slip between two triangles
+    edge = 1e-6 * np.linalg.norm(end - start)     # tolerance, so that a segment cannot slip between two triangles
     met = locator.IntersectWithLine(list(map(float, start)), list(map(float, end)), edge, share, point, local, sub)
     return np.array(point) if met else None
 
@@ -80,7 +80,7 @@ class Obstacles:
         self.found = [(shell, locator_of(shell), shell.points.min(axis=0), shell.points.max(axis=0)) for shell in found]
 
     def lets_pass(self, start, end, clearance):
-        """Returns whether a needle from start to end keeps this clearance (mm) from all obstacles."""
+        """Whether a needle from start to end keeps this clearance (mm) from all obstacles."""
         places = start + np.linspace(0, 1, 2 + int(np.linalg.norm(end - start) / ALONG))[:, None] * (end - start)
         low, high = places.min(axis=0) - clearance, places.max(axis=0) + clearance
         for shell, locator, least, greatest in self.found:
@@ -92,16 +92,15 @@ class Obstacles:
 
 
 def middle_of(surfaces, spared=()):
-    """Returns the centre of a region's largest part if that point is at least ASIDE from the part's surface and from regions that the needle avoids;
-    otherwise the point that is farthest from all of these surfaces. The part's surface includes those of its cavities, such as lesions with a label of their
-    own."""
+    """Picks a target in a region's largest part: its centre if that is at least ASIDE from the part's surface and from regions to avoid, otherwise the point
+    farthest from all these surfaces. The part's surface includes those of cavities, such as lesions with a label of their own."""
     largest = max(surfaces, key=lambda shell: shell.volume())
     centre = largest.centre()
     low, high = largest.points.min(axis=0), largest.points.max(axis=0)
     beside = [shell for shell in spared if np.all(shell.points.min(axis=0) < high) and np.all(shell.points.max(axis=0) > low)]
 
     def room(points):
-        """Returns the distance (mm) of each point from the nearest of these surfaces; negative outside the part or inside a region to avoid."""
+        """Returns the distance (mm) from each point to the nearest surface; negative outside the part or inside a region to avoid."""
         return np.min([-shells.distances(largest, points), *(shells.distances(shell, points) for shell in beside)], axis=0)
     if room(centre[None])[0] > ASIDE:
         return centre
@@ -111,9 +110,9 @@ def middle_of(surfaces, spared=()):
 
 
 def nearest_free(target, places, bones, spared=()):
-    """Returns the nearest of the points `places` on the skin from which the path to the target meets no bone and, if possible, no spared surface, with the
-    largest clearance possible; and whether the path crosses a spared surface. Returns None if there is no such point. `spared`: closed surfaces, none of
-    which contains the target."""
+    """From the skin points `places`, picks the one nearest the target whose straight path misses all bone and, if possible, the surfaces `spared`, with the
+    largest clearance that works. Returns that point and whether its path crosses a spared surface, or None if there is no such point. spared: closed
+    surfaces that do not contain the target."""
     order = np.argsort(np.linalg.norm(places - target, axis=1), kind="stable")
     order = order[::1 + len(order) // CANDIDATES]
     for others in (spared, ()) if spared else ((),):
@@ -130,8 +129,8 @@ def note_of(through):
 
 
 def through_skin(target, skin, bones, spared=(), cut=None):
-    """Returns the path from the nearest suitable point on the skin. Skin, bones and spared regions are closed surfaces; `cut` is a function that returns the
-    distances (mm) of points (n, 3) from the planes where the image cuts off the body, which are not skin."""
+    """Returns the path from the nearest suitable point on the skin. Skin, bones and spared regions are closed surfaces. cut: function that returns the
+    distances (mm) of points (n, 3) from the planes where the image cuts off the body, because those are not skin."""
     places = np.vstack([shell.points for shell in skin])
     if cut:
         places = places[cut(places) > FROM_CUT]
@@ -144,8 +143,8 @@ def through_skin(target, skin, bones, spared=(), cut=None):
 
 
 def through_template(template, target, bones):
-    """Returns the point on the needle's path at the distance BEHIND beyond the template, and the point on the path that is nearest to the target. The needle
-    uses the nearest hole whose path meets no bone."""
+    """Chooses the nearest template hole whose path misses all bone. Returns the point on that path BEHIND mm beyond the template, and the point on it nearest
+    to the target."""
     holes = template.holes()
     ahead = (target - holes) @ template.normal
     least = THICKNESS + BEHIND
@@ -162,7 +161,7 @@ def through_template(template, target, bones):
 
 
 def on_skin(skin, entry, target):
-    """Returns the point where the path from a template's hole first meets the skin."""
+    """Returns the point where the path from a template hole first meets the skin."""
     way = (target - entry) / np.linalg.norm(target - entry)
     met = [point for point in (first_hit(shell, entry - (BEHIND - 1e-3) * way, target) for shell in skin) if point is not None]
     if not met:
@@ -171,8 +170,8 @@ def on_skin(skin, entry, target):
 
 
 def through_face(target, low, high, bones, face, spared=()):
-    """Returns the path through one face of a box (given by axis, and side: -1 low, 1 high) that meets no bone and is as nearly perpendicular to the face as
-    possible, and whether it crosses spared regions. Returns None if there is no such path."""
+    """Finds the path through one face of a box that misses all bone and is as nearly perpendicular to the face as possible. face: axis, and side (-1 low,
+    1 high). Returns the path and whether it crosses spared regions, or None if there is no such path."""
     axis, side = face
     aside = [a for a in range(3) if a != axis]
     grid = np.meshgrid(*(np.linspace(low[a] + 5, high[a] - 5, 15) for a in aside))
@@ -199,15 +198,15 @@ class Start:
     position: np.ndarray     # position of the needle's base
     orientation: np.ndarray  # w, x, y, z
     entry: np.ndarray        # entry point on the skin of the mesh
-    depth: float             # distance that a scripted motion must push the needle for its tip to reach the target
+    depth: float             # how far a scripted motion must push the needle for its tip to reach the target
     remark: str = ""
     length: float = NEEDLE   # length of the needle
     misses: bool = False     # true if the needle misses the region, or if bone is in its way
 
 
 def needle_for(skin, target, plate=None):
-    """Returns how far a scripted motion must push the needle, and the needle length with which its base stays in front of the template; both in m. `plate`: a
-    point on the face of the template through which needles enter, or None."""
+    """Returns how far a scripted motion must push the needle, and the needle length that keeps its base in front of the template, both in m. plate: a point on
+    the template's entry face, or None."""
     deep, way = np.linalg.norm(target - skin), (target - skin) / np.linalg.norm(target - skin)
     push = AHEAD + deep
     ahead = max(0.0, (skin - plate) @ way) if plate is not None else 0.0
@@ -220,7 +219,7 @@ def needle_for(skin, target, plate=None):
 
 
 def start_in(mesh, entry, target, gland, plate=None):
-    """Returns the Start from which the needle goes straight through `entry` to `target` (m). `gland`: name of the first region; `plate`: see needle_for."""
+    """Returns the Start from which the needle goes straight through `entry` to `target` (m). gland: name of the first region; plate: see needle_for."""
     way = (target - entry) / np.linalg.norm(target - entry)
     skin = first_hit(mesh.surfaces["skin"], entry - 0.3 * way, target)
     every = [first_hit(shell, entry - 0.3 * way, target) for name, shell in mesh.surfaces.items() if name not in ("skin",)]
@@ -238,7 +237,7 @@ def start_in(mesh, entry, target, gland, plate=None):
 
 
 def check_template(template, skin):
-    """Raises Unusable if the skin lies in front of the template or within its thickness. `skin`: the point where the needle enters the skin, DICOM mm."""
+    """Raises Unusable if the skin is in front of the template or inside it. skin: the point where the needle enters the skin, DICOM mm."""
     ahead = (skin - template.origin) @ template.normal
     if ahead < THICKNESS:
         raise Unusable("needle", f"the skin is {ahead:.0f} mm beyond the face of the template where needles enter, which is {THICKNESS:g} mm thick: move --template back")

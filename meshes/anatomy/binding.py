@@ -5,12 +5,12 @@ import sys
 
 HERE = os.path.dirname(os.path.abspath(__file__))
 BUILD = os.path.join(HERE, "../../build")
-PREFIX = os.path.join(HERE, "../../../lib")     # lib folder of an installation under a prefix that Python does not search
+PREFIX = os.path.join(HERE, "../../../lib")     # lib folder when installed under a prefix that Python does not search
 
 
 def trocar(build=None):
-    """Returns the module trocar: from the build folder `build` (by default the checkout's) if it contains one, otherwise as installed. TROCAR_LIBRARY selects
-    another library. Raises ImportError if the module or its library is missing."""
+    """Imports the trocar module from the build folder `build` (default: the checkout's) if it is there, otherwise as installed. TROCAR_LIBRARY overrides the
+    library. Raises ImportError if the module or its library is missing."""
     build = build or BUILD
     for package, *patterns in ((f"{build}/clients/python", f"{build}/core/libtrocar.so"),
                                (f"{PREFIX}/python3/dist-packages", f"{PREFIX}/*/libtrocar.so.*.*", f"{PREFIX}/libtrocar.so.*.*")):

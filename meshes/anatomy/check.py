@@ -1,14 +1,14 @@
-"""Loads a scene with the library that will run it, so that the program reports success only if the scene works."""
+"""Loads the finished scene with the library that will run it, so that the program does not report success for a scene that doesn't work."""
 import sys
 
 from . import binding, limits
 from .shapes.contours import Unusable
 
-WHOLE = 10000               # nodes: larger meshes are checked without computing the inverse, which would take minutes
+WHOLE = 10000               # nodes: for larger meshes, skip the inverse, which would take minutes to compute
 
 
 def load(path, nodes):
-    """Raises Unusable if the library cannot make a model of the scene. If the library is missing, prints a message instead."""
+    """Raises Unusable if the library cannot build a model from the scene. If the library is missing, only prints a message."""
     try:
         trocar = binding.trocar()
     except ImportError as error:

@@ -1,4 +1,4 @@
-"""Reads DICOM files with pydicom and detects truncated files, which pydicom alone reads as if they were complete.
+"""Reads DICOM files with pydicom, but detects truncated files, which pydicom by itself would read as if they were complete.
 
 The build copies this module into the Python package, as `trocar.brachy._dicom`.
 """
@@ -13,7 +13,7 @@ import pydicom
 
 
 class _File(io.BytesIO):
-    """Contents of a file. `beyond`: number of reads that asked for more bytes than remained."""
+    """Contents of a file. beyond: number of reads that asked for more bytes than were left."""
 
     beyond = 0
     ends_between = False    # true if the last such read began at the end of the file
@@ -27,11 +27,11 @@ class _File(io.BytesIO):
 
 
 def read(path: str | PathLike[str]) -> pydicom.Dataset:
-    """Returns the data set of a file. Raises EOFError, which names the file, if the file ends within an element; OSError if it cannot be opened; otherwise
-    pydicom's exceptions.
+    """Returns the data set of a file. Raises EOFError, with the file name, if the file ends in the middle of an element; OSError if it cannot be opened; and
+    otherwise pydicom's exceptions.
 
-    At the end of a complete file, pydicom tries once to read another element, and finds nothing. Any other read beyond the end means that an element is
-    incomplete. A file that was cut between two top-level elements is not recognised as truncated.
+    At the end of a complete file, pydicom tries once to read another element and finds nothing. Any other read past the end means that an element is
+    incomplete. Truncation exactly between two top-level elements goes unnoticed.
     """
     if os.path.exists(path) and not os.path.isfile(path):    # opening a FIFO would block forever
         raise OSError(0, "not a regular file", path)
@@ -41,10 +41,10 @@ def read(path: str | PathLike[str]) -> pydicom.Dataset:
         data = pydicom.dcmread(file)
     except zlib.error as error:    # raised for damaged data in a deflated transfer syntax
         raise EOFError(f"{path}: its compressed content ends too early, or is damaged: {error}") from error
-    except Exception as error:    # pydicom may raise any exception for an incomplete element
+    except Exception as error:    # pydicom may raise anything for an incomplete element
         if file.beyond and file.getbuffer()[128:132] == b"DICM":
             raise EOFError(_words(path, file)) from error
-        if isinstance(error, OSError):    # raised by pydicom because of the contents: reading the file has succeeded
+        if isinstance(error, OSError):    # comes from pydicom and is about the contents; the file itself was read
             raise ValueError(str(error)) from error
         raise
     if file.beyond > 1 or (file.beyond and not file.ends_between):

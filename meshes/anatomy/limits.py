@@ -1,4 +1,4 @@
-"""Runs a stage of the work in a separate process so that it can be stopped, because a call into a library cannot be interrupted."""
+"""Runs each stage of the work in its own process, so that it can be stopped: a call into a library cannot be interrupted otherwise."""
 import ctypes
 import math
 import multiprocessing
@@ -9,10 +9,10 @@ import sys
 import time
 import traceback
 
-DEFAULT = 120.0         # s, limit on the processor time of each stage; processor time does not depend on other load on the machine
-NODES = 10000           # number of nodes up to which the default limit applies
-SECONDS = DEFAULT       # s, the limit in force
-WAITING = 10            # ratio of the limit on elapsed time to the limit on processor time, for a stage that waits instead of working
+DEFAULT = 120.0         # s, limit on the CPU time of each stage; unlike elapsed time, it does not depend on other load on the machine
+NODES = 10000           # the default limit applies up to this many nodes
+SECONDS = DEFAULT       # s, current limit
+WAITING = 10            # the limit on elapsed time is this many times the limit on CPU time, to catch a stage that hangs
 TELL = False            # true to print the name of each stage
 BEGUN = time.monotonic()
 FEW = 6                 # maximum number of names listed in a message
@@ -20,16 +20,16 @@ WITH_PARENT = 1         # prctl's PR_SET_PDEATHSIG
 
 
 class TooLong(Exception):
-    """Raised if a stage did not end in time."""
+    """Raised if a stage exceeds its time limit."""
 
 
 class NoMemory(MemoryError):
-    """Raised if this machine has too little memory for a stage."""
+    """Raised if the machine does not have enough memory for a stage."""
 
 
 class Crashed(Exception):
-    """Raised if a library has crashed its process or raised an exception that cannot be sent to the parent. `number`: the signal that ended the process, or
-    None."""
+    """Raised if a library crashed the stage's process, or raised an exception that cannot be sent to the parent. number: the signal that killed the process,
+    or None."""
 
     def __init__(self, text, number=None):
         super().__init__(text)
@@ -42,12 +42,12 @@ def seconds_for(nodes):
 
 
 def run(stage, work, *arguments):
-    """Runs work(*arguments) in a child process and returns its result. `stage`: name of the work, for messages."""
+    """Runs work(*arguments) in a child process and returns its result. stage: what to call it in messages."""
     if TELL:
         print(f"anatomy: {time.monotonic() - BEGUN:.0f} s: {stage}", file=sys.stderr, flush=True)
     receiver, sender = multiprocessing.Pipe(duplex=False)
     context = multiprocessing.get_context("fork")    # a forked process inherits the arguments, however large they are
-    child = context.Process(target=serve, args=(sender, work, arguments))    # not daemonic, because the process may run stages of its own
+    child = context.Process(target=serve, args=(sender, work, arguments))    # not daemonic, because it may run stages of its own
     child.start()
     sender.close()
     try:
@@ -94,7 +94,7 @@ def serve(sender, work, arguments):
     os.dup2(quiet, 2)
     try:
         answer = work(*arguments), None, None
-    except Exception as error:  # any exception is caught, and the parent decides what to do with it
+    except Exception as error:  # pass any exception on; the parent decides what to do with it
         answer = None, error, traceback.format_exc()
     try:
         sender.send(answer)
@@ -105,7 +105,7 @@ def serve(sender, work, arguments):
 
 
 def end_on_signals():
-    """Makes SIGTERM end the program and its child, as Ctrl-C does."""
+    """Makes SIGTERM end the program and its child, like Ctrl-C."""
     def stop(number, _):
         raise SystemExit(128 + number)
     signal.signal(signal.SIGTERM, stop)

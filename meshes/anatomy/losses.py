@@ -1,4 +1,4 @@
-"""Reports the volume of each part of each region: as read, without what is lost to overlapping regions and outside the box, and in the mesh."""
+"""Keeps account of the volume of each part of each region: as read; as used, without what is lost to overlaps and outside the box; and in the mesh."""
 import dataclasses
 
 import numpy as np
@@ -9,29 +9,29 @@ from .shapes.contours import Unusable
 from .shapes.label_image import OUTSIDE
 from .organ import in_ml, note_left_out, placed
 
-MOST_LOSS = 0.10        # fraction of a region's volume: a mesh with a larger error is refused
-PART_LOSS = 0.05        # fraction of a part's volume: the report names parts with a larger error
-SEEN = 5e-4             # fraction of a region's volume: smaller overlaps are not mentioned
-TOLD = 0.01             # fraction of a bone's surface: the report mentions a larger missing fraction; above MOST_LOSS, the mesh is refused
-MISSING = 5.0           # mm: a point of a bone counts as missing if it is farther than this from the bone in the mesh
+MOST_LOSS = 0.10        # of a region's volume: reject meshes with a larger error
+PART_LOSS = 0.05        # of a part's volume: name parts with a larger error in the report
+SEEN = 5e-4             # of a region's volume: don't mention smaller overlaps
+TOLD = 0.01             # of a bone's surface: report a larger missing fraction; above MOST_LOSS, reject the mesh
+MISSING = 5.0           # mm: a point on a bone counts as missing if it is farther than this from the bone in the mesh
 NARROW = "they are too small or too thin for this number of nodes"
 
 
 @dataclasses.dataclass
 class Row:
-    """A part of a region, or several parts that have merged. Volumes in m^3."""
+    """The volumes (m^3) of a part of a region, or of several parts that have merged."""
     name: str            # name of the region
-    place: np.ndarray    # centre of the part in the frame of the mesh, m
-    parts: int           # number of parts that the row represents
-    read: float          # as read
-    used: float          # volume without what is lost to overlapping regions and outside the box
+    place: np.ndarray    # centre of the part in the mesh frame, m
+    parts: int           # number of parts in the row
+    read: float          # volume as read
+    used: float          # volume left after losses to overlapping regions and outside the box
     mesh: float          # volume in the mesh; None if the region is hollow
     gone: str = ""       # reason why the part has vanished
-    each: list = dataclasses.field(default_factory=list)     # volumes, as read, of the parts that the row represents
+    each: list = dataclasses.field(default_factory=list)     # volumes, as read, of the parts in the row
 
 
 def rows_of(domain, made):
-    """Returns the Row of each part. `made`: the meshing.Attempt."""
+    """Returns a Row for each part. made: the meshing.Attempt."""
     if not domain.regions:
         return [Row(body.name, body.shell.centre(), 1, body.volume, body.volume, None if body.hollow else held)
                 for body, held in zip(domain.bodies, made.held)]
@@ -67,8 +67,8 @@ def taken(lost, part):
 
 
 def note(organs, domain, rows, outlined, skip=False):
-    """Adds remarks on losses to the organs. `outlined`: region name -> volume that the region must have in the mesh, m^3; losses to other regions are
-    subtracted from it. If `skip` is true, so are parts that have vanished, which are then no reason to refuse the mesh."""
+    """Adds remarks about losses to the organs. outlined: region name -> volume that the region must have in the mesh, m^3; losses to other regions are
+    subtracted from it. skip: subtract parts that have vanished too, instead of rejecting the mesh because of them."""
     called = {organ.name: organ for organ in organs}
     if domain.regions:
         note_overlaps(called, domain, outlined)
@@ -133,7 +133,7 @@ def check_volumes(organs, mesh, outlined):
 
 
 def check_bones(organs, distances):
-    """Checks how much of each bone's surface is missing, instead of its volume, because bones are hollow in the mesh."""
+    """Checks how much of each bone's surface is missing. Bones are hollow in the mesh, so their volumes cannot be compared."""
     for organ in organs:
         far = distances[organ.name] > MISSING if organ.bone and organ.name in distances else np.zeros(1, bool)
         text = (f"{100 * np.mean(far):.1f} % of its surface lie more than {MISSING:g} mm from the mesh's bone "

@@ -1,4 +1,4 @@
-"""Materials by organ. The sources are in meshes/PARAMETERS.md; materials.md shows the result of an insertion into each material."""
+"""Materials by organ. For the sources, see meshes/PARAMETERS.md; materials.md shows what an insertion into each material gives."""
 import csv
 import dataclasses
 import re
@@ -14,7 +14,7 @@ class Material:
     cutting: float           # N
     static: float            # N/m, friction
     kinetic: float           # N/m
-    wall: float = None       # N, puncture force of the region's surface; None if the surface offers no resistance
+    wall: float = None       # N, puncture force of the region's surface, or None if it offers no resistance
     stiffening: float = 0.0
     poisson: float = 0.45
     viscosity: float = 1.0   # N s/m
@@ -23,23 +23,23 @@ class Material:
 
 @dataclasses.dataclass(frozen=True)
 class Row:
-    """`words`: beginnings of words in a region's name (regular expressions); `codes`: SNOMED CT. `basis`: origin of the modulus: CITED, ASSUMED, or GUESS.
-    `force`: source of a published needle force in this organ, with which materials.md compares a simulated insertion; empty if none was found."""
+    """A material and the regions to use it for. words: how words in a region's name begin (regular expressions); codes: SNOMED CT codes; basis: where the
+    modulus comes from (CITED, ASSUMED or GUESS); force: source of a published needle force in this organ, for comparison in materials.md, or ""."""
     material: Material
     basis: str
     source: str
     words: tuple = ()
     codes: tuple = ()
-    spare: bool = False      # true if a needle on its way to another region must avoid this organ
+    spare: bool = False      # true if needles on their way to other regions should avoid this organ
     force: str = ""
 
 
-LIVER_FIT = 31e3             # Pa; together with STIFFENING, fitted to needle forces in liver with its capsule
+LIVER_FIT = 31e3             # Pa; fitted, together with STIFFENING, to needle forces in liver with its capsule
 STIFFENING = 0.165
 ENCLOSED = "as liver's, in the ratio of their moduli by shear waves"
 SURROUNDING = Row(Material(30e3, 0.25, 12, 7), ASSUMED, "half of figure 8's prostate")
 OTHER = Row(Material(30e3, 0.25, 12, 7), GUESS, "as figure 8's surrounding")
-# The rows are in order of precedence: if a name matches several rows, the first of them is used.
+# In order of precedence: if a name matches several rows, the first one counts.
 TABLE = {
     "tumour": Row(Material(60e3, 0.25, 12, 7), GUESS, "twice what surrounds it",
                   ("tumor", "tumour", "lesion", "metasta", "carcinoma", "cancer", "nodule", "neoplasm", "mass(_|$)", "gtv"), ("108369006", "52988006", "4147007")),
@@ -74,7 +74,7 @@ TABLE = {
     "fat": Row(Material(3.2e3, 0.05, 12, 7), CITED, "compression of samples of the breast", ("fat", "adipose", "subcutaneous"), ("55603005",)),
 }
 ALSO = {"gland": "prostate"}     # whole names
-BODIES = ("surrounding", "body", "body_trunc", "trunk", "external", "skin", "body_contour", "patient")     # names that denote the outer contour of the body
+BODIES = ("surrounding", "body", "body_trunc", "trunk", "external", "skin", "body_contour", "patient")     # names for the outer contour of the body
 BONES = ("bone", "rib", "vertebra", "sacrum", "hip", "femur", "humerus", "scapula", "clavicula", "clavicle", "sternum", "skull", "costal_cartilage", "pelvis",
          "pubic", "ilium", "ischium", "pubis", "coccyx", "tibia", "fibula", "patella", "radius", "ulna", "mandible", "spine", "calvari", "jawbone", "tarsal", "carpal", "metatarsal",
          "metacarpal", "phalang", "hyoid", "teeth", "hip_implant")
@@ -100,7 +100,7 @@ def is_body(name):
 
 
 def known(name, kind=""):
-    """Returns the name of the row of TABLE that matches a region's name, or its description in the file (`kind`); None if there is none."""
+    """Looks a region up in TABLE by its name or its description in the file (`kind`). Returns the name of the row, or None."""
     codes, plain = set(words_of(kind)), "_".join(words_of(name))
     if plain in ALSO:
         return ALSO[plain]
@@ -115,12 +115,12 @@ def known(name, kind=""):
 
 
 def row_of(name, kind=""):
-    """Like known, but returns the row "any other" instead of None."""
+    """Like known(), but returns the row "any other" instead of None."""
     return known(name, kind) or "any other"
 
 
 def is_spared(name, kind=""):
-    """Returns whether a needle on its way to another region should avoid this one."""
+    """Whether needles on their way to other regions should avoid this one."""
     row = known(name, kind)
     return bool(row) and TABLE[row].spare
 
@@ -138,7 +138,7 @@ class Found:
 
 
 def find(name, kind="", own=None):
-    """Returns the material of a region; `own`: the result of read()."""
+    """Returns the material of a region. own: user-defined materials, as returned by read()."""
     for called, material in (own or {}).items():
         if words_of(called) == words_of(name):
             return Found(material, "--materials", "given", "by the user")
@@ -148,7 +148,7 @@ def find(name, kind="", own=None):
 
 
 def read(path):
-    """Reads a CSV file with the columns COLUMNS, of which only `name` is required; returns region name -> Material."""
+    """Reads a CSV file of materials with the columns COLUMNS, of which only `name` is required. Returns region name -> Material."""
     found = {}
     try:
         with open(path, newline="", encoding="utf-8-sig") as file:

@@ -1,5 +1,5 @@
-"""Meshes the domain with Gmsh: coarse surfaces of the organs, the box around them, the tetrahedra in between, and the search for the element
-size that gives the desired number of nodes. Each attempt runs in a separate process with a time limit."""
+"""Meshes the domain with Gmsh: coarsens the organs' surfaces, adds the box around them, fills it with tetrahedra, and searches for the element size that
+gives the desired number of nodes. Each attempt runs in its own process with a time limit."""
 import dataclasses
 import math
 import os
@@ -17,40 +17,40 @@ from .shapes.loft import mesh_shell
 from .session import current_mesh
 from .shapes.shells import Shell, crossings, decimated, distances
 
-GROWTH = 4.0            # ratio of the element size at the corners of the box to that in the gland
-CORRIDOR = 0.5          # ratio of the element size in the corridor to that in the gland
-MOST_GROWTH = 1.09      # largest factor by which a coarse surface is enlarged to restore its volume
-FINEST_SURFACE = 2500   # number of triangles to which a surface is decimated before it is remeshed
+GROWTH = 4.0            # element size at the corners of the box, relative to that in the gland
+CORRIDOR = 0.5          # element size in the corridor, relative to that in the gland
+MOST_GROWTH = 1.09      # enlarge a coarse surface by at most this factor to restore its volume
+FINEST_SURFACE = 2500   # decimate surfaces to this many triangles before remeshing them
 TRIES = 16
-MOST_WORK = 20000       # total number of nodes in all attempts after which the search ends; a time limit would give different meshes on different machines
-LARGE_WORK = 4          # multiple of the desired number of nodes that replaces MOST_WORK, if larger, until an attempt comes close to the desired number
-MOST_MISSED = 0.02      # fraction of a region's surface: a mesh in which a larger fraction is missing is accepted only if there is no other mesh
-REFUSED_MISSED = 0.10   # fraction of a region's surface: a mesh in which a larger fraction is missing is refused
-FAILURES = 3            # number of Gmsh failures after which no other element sizes are tried
-# number of Gmsh failures after which the search ends if the best mesh has far too many nodes, so that elements would have to be larger still
+MOST_WORK = 20000       # end the search after this many nodes in all attempts; a time limit would give different meshes on different machines
+LARGE_WORK = 4          # until an attempt comes close to the desired number of nodes, allow this many times that number, if it is more than MOST_WORK
+MOST_MISSED = 0.02      # of a region's surface: accept a mesh in which a larger fraction is missing only if there is no other
+REFUSED_MISSED = 0.10   # of a region's surface: reject a mesh in which a larger fraction is missing
+FAILURES = 3            # stop trying other element sizes after this many Gmsh failures
+# the same limit if the best mesh so far has far too many nodes, so that elements would have to be larger still
 FAR_FAILURES = 2
-JITTER = 0.025          # relative change in the element size that gives a different mesh with about the same number of nodes
-SMOOTH = 5000           # if more nodes than this are desired, their number is assumed to depend smoothly on the element size
-CLOSE = 0.04            # fraction of the desired number of nodes: among meshes within this range, the one with the best angles is chosen
-OFF = 0.10              # fraction of the desired number of nodes: if the mesh is farther off, the report mentions it
-MOST_OFF = 2.0          # a mesh whose number of nodes differs from the desired number by more than this factor is refused
-# largest fraction of a mesh's nodes that can lie on the surfaces of its thin regions, because tetrahedra grow only gradually with the distance from
-# these surfaces (measured: 0.33 to 0.47)
+JITTER = 0.025          # changing the element size by this fraction gives a different mesh with about the same number of nodes
+SMOOTH = 5000           # above this many nodes, assume that their number depends smoothly on the element size
+CLOSE = 0.04            # among meshes this close to the desired number of nodes, relatively, choose the one with the best angles
+OFF = 0.10              # report a relative deviation from the desired number of nodes larger than this
+MOST_OFF = 2.0          # reject a mesh whose number of nodes is off by more than this factor
+# No more than this fraction of a mesh's nodes can lie on the surfaces of its thin regions, because elements grow only gradually with distance from them
+# (0.33 to 0.47 in practice).
 ON_THIN = 0.48
-WORST = 4.0             # largest badness (see quality.Mesh): a mesh with dihedral angles below 2.5 or above 174.9 degrees is refused
+WORST = 4.0             # reject a mesh with more badness than this (see quality.Mesh): dihedral angles below 2.5 or above 174.9 degrees
 CUT = 1.5               # voxels: a triangle closer than this to a face of the block may be part of a cut (see FACING)
-BORDER = 2.5            # voxels: tolerance at the image's border, where smoothing has moved the surface inward
-FACING = 0.7            # cosine of the angle between the normals of a triangle and a nearby border: above this, the triangle is part of a cut
-LEAST_CUT = 0.02        # fraction of the skin's triangles: if fewer than this are part of a cut, the body is assumed to lie on its back
-LYING = 10e-3           # m: if the body lies on its back, it is fixed up to this height
-INSIDE = 0.3            # fraction of the element size: a region whose surface lies deeper than this in the gland is considered to be inside it
+BORDER = 2.5            # voxels: tolerance at the image's border, where smoothing moves the surface inward
+FACING = 0.7            # a triangle near a border is part of a cut if the cosine of the angle between their normals is above this
+LEAST_CUT = 0.02        # if a smaller fraction of the skin's triangles is part of a cut, assume that the patient lies on their back
+LYING = 10e-3           # m: fix a patient who lies on their back up to this height
+INSIDE = 0.3            # a region counts as inside the gland if its surface is deeper in it than this fraction of the element size
 
 
 class Failure(Exception):
-    """Raised if Gmsh fails. `names`: regions whose surfaces are the cause; `z`: height of the fault, m, or None."""
+    """Raised if Gmsh fails. names: regions whose surfaces are to blame; z: height of the fault, m, or None."""
 
     def __init__(self, problem, names, z=None):
-        super().__init__(problem, names, z)     # pass on all arguments, because the exception is pickled when it is sent between processes
+        super().__init__(problem, names, z)     # pass on all arguments, because the exception is pickled to be sent between processes
         self.names, self.z = names, z
 
     def __str__(self):
@@ -58,7 +58,7 @@ class Failure(Exception):
 
 
 class Thin(Failure):
-    """Raised if regions are too thin and elements of another size would not help. `enough`: a sufficient number of nodes, if known."""
+    """Raised if regions are too thin to be meshed with any element size. enough: a number of nodes that would suffice, if known."""
 
     def __init__(self, problem, names, enough=None):
         super().__init__(problem, names)
@@ -69,10 +69,10 @@ class Thin(Failure):
 class Body:
     """A region, or a part of a region."""
     name: str               # name of the region
-    surface: str            # name of its surface's physical group
-    shell: object           # its finely triangulated surface, m, world frame
+    surface: str            # name of the physical group of its surface
+    shell: object           # its surface, finely triangulated, m, world frame
     volume: float           # volume that it must have in the mesh, m^3
-    longest: float          # longest edge that the triangles of its surface may have, m
+    longest: float          # maximum edge length of the triangles on its surface, m
     hollow: bool = False    # true for bone, which has no tetrahedra inside
 
 
@@ -82,48 +82,46 @@ class Region:
     name: str
     surface: str
     shells: list             # closed surfaces of its parts, in the world frame, m
-    sizes: list              # volumes of its parts, m^3; None for a part that lies only partly in the block, so that its volume is unknown
+    sizes: list              # volumes of its parts, m^3; None (unknown) for a part that is only partly in the block
     hollow: bool = False     # true for bone, which has no tetrahedra inside
-    layer: object = None     # layer of the label map from which the region comes, if any; regions of the same layer do not overlap
+    layer: object = None     # layer of the label map that the region comes from, if any; regions in the same layer do not overlap
 
     def volumes(self):
-        """Returns the volume that each part must have in the mesh, m^3; None if it is not prescribed."""
+        """Returns the volume that each part must have in the mesh, m^3, or None if any will do."""
         return [None] * len(self.sizes) if self.hollow else self.sizes
 
 
 @dataclasses.dataclass
 class Domain:
-    """The domain to be meshed, which is a box with the skin on one face unless `skin` is true. It contains either `bodies` that do not touch, or `regions`
-    that may touch."""
+    """What to mesh: a box with the skin on one face, unless `skin` is true. It contains either `bodies` that do not touch or `regions` that may."""
     bodies: list
     low: np.ndarray
     high: np.ndarray
     middle: np.ndarray       # centre of the gland
     reach: float             # m: half the gland's longest side
-    origin: np.ndarray       # origin of the mesh's frame in DICOM mm
+    origin: np.ndarray       # origin of the mesh frame in DICOM mm
     corridor: tuple = None   # x, y and radius of the corridor, m
     regions: list = None     # regions in order of priority
     gland: str = ""
     path: tuple = None       # entry point and target of the needle, m
-    plate: np.ndarray = None    # a point on the face of the template through which needles enter, m
-    tube: float = None       # m, radius around the needle's path within which elements are smaller
-    skin: bool = False       # true if the last region is the body that surrounds the others; in that case there is no box, and the outside is air
+    plate: np.ndarray = None    # a point on the template's entry face, m
+    tube: float = None       # m, elements are smaller within this radius around the needle's path
+    skin: bool = False       # true if the last region is the body around all others; then there is no box, and the outside is air
     border: object = None    # faces where the image cuts off the body (voxels.Border)
-    crop: tuple = None       # low and high corner of the box outside which regions are cut off
-    front: str = "z-"        # the face of the box that represents the skin
-    quiet: tuple = ()        # names of surfaces that have no group of their own
+    crop: tuple = None       # low and high corners of the box to crop regions to
+    front: str = "z-"        # the face of the box that is the skin
+    quiet: tuple = ()        # names of surfaces without a group of their own
     image: tuple = None      # image of the regions, its pieces, and the fractions of the parts that are lost: see label_image.image_for
-    needed: list = None      # for each region, the approximate number of nodes needed on its surface where it is thin
+    needed: list = None      # for each region, roughly how many nodes its surface needs where it is thin
 
     def parts(self):
-        """Returns the parts of the regions, or the bodies, as a list of pairs (owner, number within the owner); parts are numbered by their positions in
-        it."""
+        """Returns a list of (owner, index within the owner) of all parts of the regions, or of all bodies. A position in this list is a part's number."""
         if self.regions:
             return [(region, n) for region in self.regions for n in range(len(region.shells))]
         return [(body, 0) for body in self.bodies]
 
     def parents(self):
-        """Returns for each body the index of the smallest body that surrounds it, or None."""
+        """For each body, returns the index of the smallest body around it, or None."""
         found = []
         for body in self.bodies:
             around = [i for i, other in enumerate(self.bodies) if other is not body and other.shell.volume() > body.shell.volume()
@@ -133,7 +131,7 @@ class Domain:
 
 
 def size_formula(domain, fine):
-    """Returns a formula for elements of size `fine` in the gland, growing by the factor GROWTH towards the corners of the box, and smaller in the corridor."""
+    """Returns a Gmsh size formula: `fine` in the gland, growing by the factor GROWTH towards the corners of the box, and smaller in the corridor."""
     away = "Sqrt({})".format("+".join(f"({axis}-({c:.9g}))^2" for axis, c in zip("xyz", domain.middle)))
     span = math.dist(domain.middle, domain.low) - domain.reach
     growth = f"{fine:.9g}*(1+{GROWTH - 1:g}*Max(0,({away}-{domain.reach:.9g})/{span:.9g}))"
@@ -157,7 +155,7 @@ def set_sizes(formula):
 
 
 def add_discrete(shell):
-    """Adds a surface with these triangles to Gmsh's current model; returns its tag."""
+    """Adds a triangulated surface to Gmsh's current model. Returns its tag."""
     tag = gmsh.model.addDiscreteEntity(2)
     gmsh.model.mesh.addNodes(2, tag, [], shell.points.ravel())
     numbers = gmsh.model.mesh.getNodes(2, tag)[0]
@@ -166,13 +164,13 @@ def add_discrete(shell):
 
 
 def coarse(body, formula):
-    """Returns the surface of the body, meshed with triangles of the desired size, or smaller if triangles of that size would cut off the body's ends. The
-    surface is enlarged to the body's volume, because flat facets enclose less."""
+    """Remeshes a body's surface with triangles of the desired size, or smaller ones if these would cut off its ends. Then enlarges the surface to the body's
+    volume, because flat facets enclose less."""
     longest = body.longest
     while True:
         try:
             shell = remeshed(body.shell, f"Min({longest:.9g},{formula})")
-        except Exception as error:  # Gmsh raises no more specific class
+        except Exception as error:  # Gmsh has no more specific exception class
             raise failure_of([body], [body.shell], error) from error
         growth = (body.volume / shell.volume()) ** (1 / 3)
         if growth < MOST_GROWTH or longest < body.longest / 4:
@@ -181,7 +179,7 @@ def coarse(body, formula):
 
 
 def failure_of(bodies, shells, error):
-    """Returns a Failure that explains why these surfaces cannot be meshed, for example because they cross."""
+    """Finds out why these surfaces cannot be meshed, for example because they cross, and returns a Failure that says so."""
     for point, *crossed in crossings(shells):
         return Failure("its surface crosses itself" if crossed[0] == crossed[1] else "their surfaces cross",
                        sorted({bodies[k].name for k in crossed}), point[2])
@@ -228,15 +226,15 @@ def face_name(axis, side):
 
 
 def fixed_faces(front):
-    """Returns the faces of the box that are fixed if `front` is the skin: the opposite face, and the patient's back, on which the patient lies. If the back
-    is the skin, the face toward the head is fixed instead of it."""
+    """Returns the faces of the box to fix if `front` is the skin: the opposite face, and the back, because patients lie on it. If the back is the skin, the
+    face toward the head is fixed instead."""
     opposite = front[0] + ("+" if front[1] == "-" else "-")
     return sorted({opposite, "z+" if front == "y-" else "y-"}, reverse=True)
 
 
 def build(domain, fine):
-    """Meshes the domain in Gmsh's current model, with named groups. Returns the piece (or body) in each of Gmsh's volumes, {tag: number}, and the missing
-    fraction of each piece's surface."""
+    """Meshes the domain in Gmsh's current model, with named groups. Returns which piece (or body) each Gmsh volume is, {tag: number}, and what fraction of
+    each piece's surface is missing."""
     formula = size_formula(domain, fine)
     if domain.regions:
         pieces = domain.image[1]
@@ -255,13 +253,13 @@ def build(domain, fine):
         owners, owner, cells = domain.bodies, domain.bodies, list(range(len(domain.bodies)))
     try:
         volumes = fill(domain, points, patches, [(each.name, each.hollow) if each else ("surrounding", False) for each in owner], formula)
-    except Exception as error:  # Gmsh raises no more specific class
+    except Exception as error:  # Gmsh has no more specific exception class
         raise failure_of(owners, surfaces, error) from error
     return {tag: cells[k] for k, tag in volumes.items()}, missed
 
 
 def check_found(domain, found, missed):
-    """Raises Thin if too little of any region is left."""
+    """Raises Thin if too little is left of any region."""
     pieces, names = domain.image[1], [region.name for region in domain.regions]
     left = {pieces.regions[piece] for piece in found.cells if piece != OUTSIDE}
     gone = [name for k, name in enumerate(names) if k not in left]
@@ -295,8 +293,8 @@ def patches_of_bodies(domain, shells):
 
 
 def patches_of_complex(domain, found, owner, fine):
-    """Returns the patches. A patch between two regions is named after the bone, or else after the gland, or else after the region drawn on top; but the
-    surface of a region inside the gland is named after that region. `owner`: the region of each cell, or None."""
+    """Splits a complex into patches. A patch between two regions is named after the bone if one of them is, else after the gland, else after the region drawn
+    on top, except that the surface of a region inside the gland is named after that region. owner: each cell's region, or None."""
     gland = next(region for region in domain.regions if region.name == domain.gland)
     order = {region.name: k for k, region in enumerate(domain.regions)}
     sides = np.sort(found.sides, axis=1)
@@ -324,7 +322,7 @@ def patches_of_complex(domain, found, owner, fine):
 
 
 def outer_patches(domain, found, triangles, pair, name):
-    """Returns the patches between a cell and the air. Triangles on the faces of the block, and where the image cuts off the body, form a fixed patch."""
+    """Returns the patches between a cell and the air. Triangles on the faces of the block, or where the image cuts off the body, go into a fixed patch."""
     middles, sides = found.points[triangles].mean(axis=1), tuple(int(side) for side in pair)
     a, b, c = (found.points[triangles[:, k]] for k in range(3))
     normals = np.cross(b - a, c - a)
@@ -334,13 +332,13 @@ def outer_patches(domain, found, triangles, pair, name):
     if domain.border:
         facing = normals @ domain.border.normals.T > FACING
         cut |= np.any(facing & (domain.border.offsets - middles @ domain.border.normals.T < BORDER * domain.image[0].step), axis=1)
-    if name == "skin" and np.count_nonzero(cut) < LEAST_CUT * len(cut):     # nothing else fixes the body, so assume that it lies on its back
+    if name == "skin" and np.count_nonzero(cut) < LEAST_CUT * len(cut):     # nothing else holds the body, so assume that the patient lies on their back
         cut |= middles[:, 1] < middles[:, 1].min() + LYING
     return [Patch(called, triangles[mine], sides) for called, mine in (("fixed", cut), (name, ~cut)) if mine.any()]
 
 
 def add_patches(points, patches):
-    """Adds the patches to Gmsh's current model as surfaces that share points; returns their tags."""
+    """Adds the patches to Gmsh's current model as surfaces with shared points. Returns their tags."""
     tags = [gmsh.model.addDiscreteEntity(2) for _ in patches]
     added = np.zeros(len(points), bool)
     for tag, patch in zip(tags, patches):
@@ -354,12 +352,12 @@ def add_patches(points, patches):
 
 
 def fill(domain, points, patches, cells, formula):
-    """Creates tetrahedra in the cells (name, whether hollow) and around them. Returns {cell: tag of its volume in Gmsh}."""
+    """Fills the cells, (name, whether hollow), and the space around them with tetrahedra. Returns {cell: tag of its Gmsh volume}."""
     gmsh.model.add("tissue")
 
     def tissue(side):
         return not domain.skin if side == OUTSIDE else not cells[side][1]
-    patches = [patch for patch in patches if any(map(tissue, patch.sides))]     # the other patches, for example between two bones, are not part of the mesh
+    patches = [patch for patch in patches if any(map(tissue, patch.sides))]     # leave out patches that border on no tissue, such as those between two bones
     surfaces = add_patches(points, patches)
     faces = {} if domain.skin else add_box(domain.low, domain.high)
     geo = gmsh.model.geo
@@ -383,8 +381,7 @@ def fill(domain, points, patches, cells, formula):
 
 
 def name_groups(volumes, surfaces, faces, front):
-    """Creates Gmsh's physical groups. `volumes`, `surfaces`: pairs (name, tag). `faces`: name -> tag of each face of the box; `front`: the face that is the
-    skin."""
+    """Creates Gmsh's physical groups. volumes, surfaces: pairs (name, tag); faces: name -> tag of each face of the box; front: the face that is the skin."""
     groups = {}
     for name, tag in volumes:
         groups.setdefault((3, name), []).append(tag)
@@ -400,26 +397,26 @@ def name_groups(volumes, surfaces, faces, front):
 
 
 def first_size(extent, nodes):
-    """Returns the element size in the gland for about this many nodes in a box of this extent, in the same unit."""
+    """Estimates the element size in the gland that gives this many nodes in a box of this extent, in the unit of the extent."""
     return 0.8 * (float(np.prod(extent)) / nodes) ** (1 / 3)
 
 
 @dataclasses.dataclass
 class Attempt:
-    """A mesh, with results for each piece (or body) of its regions."""
+    """A mesh, and how well it represents each piece (or body)."""
     mesh: quality.Mesh
-    missed: list = dataclasses.field(default_factory=list)      # for each piece, the fraction of its surface that is missing from the mesh
+    missed: list = dataclasses.field(default_factory=list)      # for each piece, the fraction of its surface missing from the mesh
     held: list = dataclasses.field(default_factory=list)        # for each piece, its volume in the mesh, m^3
 
     def rank(self, nodes):
-        """Returns the rank of the attempt; a lower rank is better. Compares in this order: whether the angles are unusable, whether a surface is missing,
-        whether the number of nodes is far from the desired one, and then either the angles or the number of nodes."""
+        """Sort key for attempts, best first. The criteria, in order: usable angles, no missing surface, a number of nodes close to the desired one, and then
+        either better angles (if close) or a closer number of nodes."""
         off, badness = abs(len(self.mesh.points) / nodes - 1), self.mesh.badness()
         return badness > WORST, max(self.missed, default=0) > MOST_MISSED, off > CLOSE, badness if off <= CLOSE else off
 
 
 def attempt(domain, fine, path):
-    """Makes one attempt; runs in a separate process."""
+    """Makes one attempt. Runs in a separate process."""
     session.start()
     volumes, missed = build(domain, fine)
     mesh, tags = current_mesh()
@@ -437,7 +434,7 @@ def attempt(domain, fine, path):
 
 
 def held_points(domain, mesh):
-    """Returns the mask of the points on the faces of the block, which must remain flat."""
+    """Returns the mask of points that must not move, because they are on faces of the block, which must stay flat."""
     if not domain.skin:
         near = 1e-6 * math.dist(domain.low, domain.high)
         return np.any((mesh.points < domain.low + near) | (mesh.points > domain.high - near), axis=1)
@@ -448,7 +445,7 @@ def held_points(domain, mesh):
 
 
 def move_nodes(mesh, points):
-    """Moves nodes in Gmsh's current model, and also in `mesh`, which was made from that model."""
+    """Moves nodes both in Gmsh's current model and in `mesh`, which was made from it."""
     tags = gmsh.model.mesh.getNodes()[0]
     for n in np.flatnonzero(np.any(points != mesh.points, axis=1)):
         gmsh.model.mesh.setNode(tags[n], points[n], [])
@@ -456,8 +453,8 @@ def move_nodes(mesh, points):
 
 
 def prepare(domain, nodes):
-    """Draws the image of regions that share surfaces, and raises Thin if some of them are too thin for the image or need too many nodes. This takes only
-    seconds, and is therefore done before meshing is attempted."""
+    """Draws the image of regions that share surfaces. Raises Thin if any are too thin for the image or need too many nodes; the check takes only seconds, so
+    it is worth doing before meshing."""
     if not domain.regions:
         return
     names = [region.name for region in domain.regions]
@@ -477,8 +474,8 @@ def prepare(domain, nodes):
 
 
 def too_thin(domain, nodes, count, problem):
-    """Returns a Thin error that names the regions without which a mesh of this many nodes would be possible: those that need the most nodes,
-    excluding the body around them, and excluding the gland as long as there are others."""
+    """Returns a Thin error that names the regions to leave out so that a mesh with this many nodes becomes possible: those that need the most nodes, but not
+    the body around them, and the gland only if there are no others."""
     names, left, thin = [region.name for region in domain.regions], count, []
     for k in sorted(range(len(names) - domain.skin), key=lambda k: -domain.needed[k]):
         if left > MOST_OFF * nodes and domain.needed[k] > 0 and names[k] != domain.gland:
@@ -488,8 +485,8 @@ def too_thin(domain, nodes, count, problem):
 
 
 def drawn(domain, fine):
-    """Returns the image of the domain's regions, its pieces, the fractions of the parts that are lost, and the number of nodes that each region needs where
-    it is thin."""
+    """Draws the image of the domain's regions. Returns it with its pieces, the lost fractions of the parts, and the number of nodes that each region needs
+    where it is thin."""
     image, pieces, lost = label_image.image_for([region.shells for region in domain.regions], fine, (domain.low, domain.high) if domain.skin else domain.crop, domain.skin)
     shells = [shell for region in domain.regions for shell in region.shells]
     needed = np.zeros(len(domain.regions))
@@ -500,7 +497,7 @@ def drawn(domain, fine):
 
 
 def generate(domain, nodes, path):
-    """Meshes the domain with several element sizes, and writes the mesh of about this many nodes with the best angles. Returns it as an Attempt."""
+    """Meshes the domain with several element sizes. Writes the mesh that has about this many nodes and the best angles, and returns it as an Attempt."""
     with tempfile.TemporaryDirectory() as folder:
         best = os.path.join(folder, "best.msh")
         made = search(domain, nodes, best)
@@ -545,9 +542,9 @@ def search(domain, nodes, path):
             os.replace(path + ".try.msh", path)
         count = len(mesh.points)
         work += count
-        # many of the nodes lie on surfaces that regions share, so that their number scales more like the area than like the volume
+        # where regions share surfaces, most nodes are on these, so their number scales more like area than volume
         centre = fine * (count / nodes) ** (1 / 2 if domain.regions else 1 / 3)
-        if rank[1]:      # part of a surface is missing, so this mesh is used only if no other attempt succeeds
+        if rank[1]:      # part of a surface is missing: a last resort
             failures += 1
             if failures == limit and best_rank[1]:
                 break
@@ -566,13 +563,12 @@ def search(domain, nodes, path):
 
 
 def too_many_at_any_size(tries, fine, count, nodes):
-    """Returns whether the number of nodes is far too large and larger elements have not reduced it, because the surfaces of thin regions need so many
-    nodes."""
+    """Whether there are far too many nodes and larger elements did not help, because the surfaces of thin regions need so many."""
     return count > MOST_OFF * nodes and any(size < fine and MOST_OFF * nodes < fewer <= count for size, fewer in tries)
 
 
 def size_between(tries, nodes):
-    """Interpolates the element size for this many nodes between attempts (size, nodes) with more nodes and with fewer; returns None unless there are both."""
+    """Interpolates the element size for this many nodes from attempts (size, nodes). Returns None unless there are attempts with more nodes and with fewer."""
     more, fewer = [t for t in tries if t[1] > nodes], [t for t in tries if t[1] < nodes]
     if not more or not fewer:
         return None
@@ -581,7 +577,7 @@ def size_between(tries, nodes):
 
 
 def remarks_on_number(mesh, nodes):
-    """Returns remarks for the report if the mesh does not have about the desired number of nodes."""
+    """Returns remarks for the report if the number of nodes is not close to the desired one."""
     count = len(mesh.points)
     if abs(count / nodes - 1) <= OFF:
         return []
@@ -598,7 +594,7 @@ def too_far_off(domain, nodes, mesh):
 
 
 def most_on_surface(mesh):
-    """Returns the name of the region (or the bones) with the most nodes on its surface, and the number of these nodes."""
+    """Finds the region (or "bone") with the most nodes on its surface. Returns its name and that number."""
     surfaces = {name: mesh.boundary(name) for name in mesh.regions if name != "surrounding"}
     if "bone" in mesh.surfaces:
         surfaces["bone"] = mesh.surfaces["bone"]

@@ -1,4 +1,4 @@
-"""The command line. This module needs only Python's standard library, so that --help works even without the packages that the program needs."""
+"""Parses the command line. Uses only the standard library, so that --help works even if packages that the program needs are missing."""
 import argparse
 import math
 
@@ -23,7 +23,7 @@ def point(text):
 
 
 def template(text):
-    """Parses a position and a direction; returns the direction as a unit vector."""
+    """Parses a position and an optional direction. Returns the direction as a unit vector."""
     values = text.split(",")
     if len(values) not in (3, 6):
         raise argparse.ArgumentTypeError(f"{text}: expected X,Y,Z or X,Y,Z,NX,NY,NZ")
@@ -35,7 +35,7 @@ def template(text):
 
 
 def parse(arguments, version=None):
-    """Returns the arguments as a namespace. Ends the program with status 2 if they are wrong, as argparse does."""
+    """Returns the arguments as a namespace. Like argparse, exits with status 2 if they are wrong."""
     parser = argparse.ArgumentParser("trocar-anatomy", description=DESCRIPTION, formatter_class=argparse.RawDescriptionHelpFormatter)
     add = parser.add_argument
     add("input", nargs="+", metavar="FILE", help="one file of contours (DICOM, .csv) or a volume mesh (.vtu, .vtk, .msh); any number of label maps on the same grid (DICOM, .nii, .nii.gz, .nrrd, .nhdr); "

@@ -1,4 +1,4 @@
-"""The regions named by the user, as read: their connected components, and what was repaired or left out."""
+"""The regions that the user named: their connected components, and what was repaired or left out."""
 import dataclasses
 import re
 import unicodedata
@@ -9,36 +9,36 @@ from . import materials
 from .shapes import contours, field, label_image, shells
 from .shapes.contours import Unusable
 
-SHORT = 20.0            # mm: if the largest region is shorter than this, the report asks whether the unit of length is right
-SMALL = 100.0           # mm^3: if the largest region is smaller than this, the unit of length is probably wrong, and the region is refused
-LARGE = 2000.0          # mm: a region longer than this also suggests a wrong unit, and is refused
-LEAST = 1.0             # mm^3: regions smaller than this are refused
-SPECK_VOXELS = 8        # parts of a label that have fewer voxels than this are left out
-SPECK = SMALL           # mm^3: a part of a region is left out if it is smaller than this and less than SPLINTER of the region's largest part
-STEEP = 5.0             # multiple of the median edge length: longer edges form a spike or a dent
-FEW = 4                 # number of such long edges that is accepted; also the number of parts that a remark names individually
-MOST_CHECKED = 40000    # triangles: a larger surface is decimated before it is checked for crossings
-RESERVED = ("surrounding", "skin", "fixed", "capsule", "bone")    # names of other groups in a mesh
-LONGEST_NAME = 40       # maximum number of characters in a region's name; a mesh allows 63, including suffixes
+SHORT = 20.0            # mm: if the largest region is shorter than this, ask in the report whether the unit of length is right
+SMALL = 100.0           # mm^3: if the largest region is smaller than this, the unit is probably wrong: reject it
+LARGE = 2000.0          # mm: a region longer than this also suggests a wrong unit: reject it
+LEAST = 1.0             # mm^3: reject regions smaller than this
+SPECK_VOXELS = 8        # leave out parts of a label with fewer voxels than this
+SPECK = SMALL           # mm^3: leave out a part smaller than this if it is also less than SPLINTER of the region's largest part
+STEEP = 5.0             # edges longer than this many times the median belong to a spike or dent
+FEW = 4                 # accept this many such edges; also, name up to this many parts individually in a remark
+MOST_CHECKED = 40000    # decimate surfaces with more triangles than this before checking them for crossings
+RESERVED = ("surrounding", "skin", "fixed", "capsule", "bone")    # names of groups that are not regions
+LONGEST_NAME = 40       # characters, maximum length of a region's name; a mesh allows 63, including suffixes
 
 
 @dataclasses.dataclass
 class Organ:
     """A region. Lengths are in DICOM mm."""
     roi: str                     # the region's name in the user's file
-    name: str                    # name of the region in mesh and scene
+    name: str                    # its name in the mesh and scene
     bone: bool
     points: np.ndarray           # (n, 3) points of the outlines or the surface, as read
     loft: shells.Shell = None
-    shape: field.Field = None    # the region's signed distance; used if there is no loft
+    shape: field.Field = None    # the region's signed distance field, used if there is no loft
     shells: list = None          # closed surfaces of its parts, made from labels or surfaces
     volumes: list = None         # volumes of these parts, mm^3
     stack: contours.Stack = None
     volume: float = 0.0          # mm^3, total volume of all parts
     notes: list = dataclasses.field(default_factory=list)
     share: bool = False          # true if its surfaces are made from a label image
-    read: float = None           # mm^3, volume in the file before anything was repaired or left out; None if it equals `volume`
-    kind: str = ""               # description of the region in the file, from which its material is chosen
+    read: float = None           # mm^3, volume in the file, before repairs and omissions; None if it equals `volume`
+    kind: str = ""               # the file's description of the region, used to choose its material
     layer: object = None         # layer of the label map from which it comes; labels of the same layer do not overlap
     cut: object = None           # faces where the image cuts off the region (voxels.Border)
 
@@ -47,7 +47,7 @@ class Organ:
             self.notes.append(f"{self.roi}: {text}")
 
     def volumes_of(self, surfaces):
-        """Returns the volumes of the parts enclosed by these surfaces, mm^3."""
+        """Returns the volumes of the parts that these surfaces enclose, mm^3."""
         if self.volumes and len(self.volumes) == len(surfaces):
             return list(self.volumes)
         share = self.volume / sum(shell.volume() for shell in surfaces)
@@ -64,7 +64,7 @@ def in_ml(volume):
 
 
 def note_left_out(organ, parts, reason):
-    """Adds a remark about parts that were left out; `parts` contains pairs (volume in mm^3, position)."""
+    """Adds a remark about parts that were left out. parts: pairs (volume in mm^3, position)."""
     if not parts:
         return
     parts = sorted(parts, key=lambda part: -part[0])
@@ -76,8 +76,8 @@ def note_left_out(organ, parts, reason):
 
 
 def region_names(rois):
-    """Returns a dict of ROI -> name in mesh and scene. Names consist of lower-case Latin letters, digits and underscores; a number is appended to a name that
-    is already taken."""
+    """Makes up names for the mesh and scene. Returns ROI -> name. Names consist of lower-case Latin letters, digits and underscores, with a number appended
+    if a name is already taken."""
     names, taken = {}, set(RESERVED)
     for roi in rois:
         plain = unicodedata.normalize("NFKD", roi.lower()).encode("ascii", "ignore").decode()
@@ -100,7 +100,7 @@ def of_rings(roi, name, bone, rings):
 
 
 def of_surface(roi, name, bone, surface, notes=()):
-    """Makes an organ from a surface; `notes`: remarks on its repairs."""
+    """Makes an organ from a surface. notes: remarks on how it was repaired."""
     organ = Organ(roi, name, bone, surface.points, shells=[surface], volume=surface.volume(), notes=[f"{roi}: {note}" for note in notes])
     note_long_edges(organ)
     mend_crossings(organ)
@@ -124,8 +124,8 @@ def of_label(roi, name, bone, label, kind="", layer=None):
 
 
 def take_parts(organ, parts, gone, speck=0.0):
-    """Keeps the parts (volume, surface) that are not specks. `gone`: (volume, position) of parts that have no surface; `speck`: smallest volume of a part
-    that is kept beside larger ones, mm^3."""
+    """Keeps the parts (volume, surface) that are not specks, and remarks on the others. gone: (volume, position) of parts without a surface; speck: mm^3,
+    smallest volume to keep beside larger parts."""
     largest = max(volume for volume, _ in parts)
     kept = [part for part in parts if part[0] == largest or part[0] >= speck and (part[0] >= SPECK or part[0] > shells.SPLINTER * largest)]
     dropped = [(volume, shell.centre()) for volume, shell in parts if not any(shell is each for _, each in kept)]
@@ -165,8 +165,8 @@ def mend_crossings(organ):
 # ---- all regions together ----------------------------------------------------------------------------------------------------------
 
 def check_sizes(organs, known):
-    """Refuses regions whose unit of length is probably wrong, unless the unit is `known`. The largest region decides, because small regions next to
-    it may be lesions."""
+    """Rejects regions whose unit of length is probably wrong, unless it is `known`. Judges by the largest region, because small ones next to it may be
+    lesions."""
     for n, organ in enumerate(sorted(organs, key=lambda organ: -organ.volume)):
         size = np.ptp(organ.points, axis=0)
         measured = f"it measures {' x '.join(f'{side:.3g}' for side in size)} mm and has {organ.volume:.3g} mm^3"
@@ -181,8 +181,8 @@ def check_sizes(organs, known):
 
 
 def merged(organs, most):
-    """Returns the organs, merged until at most this many of them are soft, if possible. Organs with the same material become one region, starting with the
-    largest group; the first organ is never merged."""
+    """Merges organs with the same material until at most `most` soft ones are left, if possible, starting with the largest group. Never merges the first
+    organ. Returns the remaining organs."""
     organs = list(organs)
     while sum(not organ.bone for organ in organs) > most:
         groups = {}

@@ -9,12 +9,12 @@ from .shapes import shells
 from .quality import plt
 
 PANELS = 60     # at most
-LEVELS = 12     # maximum number of slices for a region that was read from labels or a surface
-NEAR = 0.03     # fraction of the region's height: a slice shows the points, as read, that are closer to it than this
+LEVELS = 12     # maximum number of slices through a region that was read from labels or a surface
+NEAR = 0.03     # a slice shows the input points closer to it than this fraction of the region's height
 
 
 def panel(axis, title, rings, lines):
-    """Draws one slice. `rings`: the outlines as read, arrays (n, 2) or wider, which are drawn closed; `lines`: the outlines as interpreted."""
+    """Draws one slice. rings: the contours as read, arrays (n, 2) or wider, drawn closed; lines: the contours as interpreted."""
     for ring in rings:
         if ring.ndim == 2 and len(ring):
             axis.plot(*np.vstack([ring, ring[:1]])[:, :2].T, color="0.6", linewidth=0.8, marker=".", markersize=2)
@@ -27,7 +27,7 @@ def panel(axis, title, rings, lines):
 
 
 def sheet(panels, path):
-    """Draws a sheet of panels; `panels`: tuples (title, rings, lines, points), or without the points."""
+    """Draws a sheet of panels. panels: tuples (title, rings, lines) or (title, rings, lines, points)."""
     more = len(panels) - PANELS
     panels = panels[:PANELS]
     columns = min(6, len(panels))
@@ -46,8 +46,8 @@ def sheet(panels, path):
 
 
 def draw(organs, regions, path):
-    """Draws all regions. `organs` includes the body; `regions`: as in sources.Sources."""
-    panels, levels = [], min(LEVELS, max(1, PANELS // len(organs)))     # limits the number of slices so that all regions fit
+    """Draws all regions. organs: all organs, including the body; regions: as in sources.Sources."""
+    panels, levels = [], min(LEVELS, max(1, PANELS // len(organs)))     # few enough slices for all regions to fit
     for organ in organs:
         panels += panels_of_stack(organ.stack, regions[organ.roi]) if organ.stack else panels_of_shells(organ, levels)
     sheet(panels, path)
@@ -64,7 +64,7 @@ def panels_of_stack(stack, rings):
 
 
 def panels_of_shells(organ, levels):
-    """Returns panels of axial slices through closed surfaces, with the points near each slice as read: on the faces of labels, or on the surface in the
+    """Returns panels of axial slices through closed surfaces, with the input points near each slice: on voxel faces for labels, or on the surface in the
     file."""
     low, high = (bound(np.vstack([shell.points for shell in organ.shells])[:, 2]) for bound in (np.min, np.max))
     height, panels = high - low, []

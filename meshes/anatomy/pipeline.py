@@ -1,4 +1,4 @@
-"""Makes the domain to be meshed from the regions named by the user."""
+"""Turns the regions that the user named into a domain to mesh."""
 import dataclasses
 import itertools
 import os
@@ -14,35 +14,35 @@ SKIN_DEPTH = 35.0       # mm, distance from the skin to the gland
 MARGIN = 25.0           # mm, thickness of the tissue around the gland
 OTHERS_MARGIN = 8.0     # mm, thickness of the tissue around bones and other regions
 EDGE = 5.0              # mm, distance from the faces of the box at which --crop cuts off regions
-GAP = 0.5               # fraction of the element size: distance that is kept between regions that do not touch
+GAP = 0.5               # gap to keep between regions that do not touch, as a fraction of the element size
 TOUCH = 1.0             # mm: regions closer to each other than this share a surface
-LOSS = 0.03             # fraction of a region's volume: if keeping the gap would cost more than this, the regions share a surface
+LOSS = 0.03             # regions also share a surface if keeping the gap would cost one of them more than this fraction of its volume
 FEET = 2, -1            # axis and side of the face of a box that points toward the feet
-FACES = FEET, (1, -1), (0, -1), (0, 1), (2, 1), (1, 1)      # faces that are tried as the skin, in this order; no bone may lie in the needle's path
-SLENDER = 1.5           # longest edge of the triangles on a thin region, as a multiple of the region's radius
+FACES = FEET, (1, -1), (0, -1), (0, 1), (2, 1), (1, 1)      # faces to try as the skin, in this order, until one has no bone in the needle's path
+SLENDER = 1.5           # maximum edge length of triangles on a thin region, as a multiple of its radius
 
 
 @dataclasses.dataclass
 class Plan:
-    """The user's requests, apart from the regions. Lengths are in mm, positions in DICOM coordinates."""
+    """What the user asked for, apart from the regions. Lengths are in mm, positions in DICOM coordinates."""
     margin: float = MARGIN
     entry: np.ndarray = None     # point where the needle should go through the skin
     target: np.ndarray = None    # point that the needle's tip should reach
-    tube: float = None           # radius around the needle's path within which elements are smaller
+    tube: float = None           # elements are smaller within this radius around the needle's path
     skin: Organ = None           # the body, whose surface is the skin; None for a box
     template: approach.Template = None      # template; the needle goes through one of its holes
     skip_small: bool = False     # true to leave out regions that are too small or too thin for the mesh
 
 
 def outlines_touch(organ, other):
-    """Returns whether, on some slice, outlines of the two organs are closer to each other than TOUCH."""
+    """Whether the contours of two organs come closer than TOUCH on any slice."""
     reach = (organ.stack.spacing + other.stack.spacing) / 4
     return any(abs(a.z - b.z) < reach and a.outline.boundary.distance(b.outline.boundary) < TOUCH
                for a in organ.stack.slices for b in other.stack.slices)
 
 
 def smooth_surfaces(organ):
-    """Returns smooth surfaces of the organ: those it has, or a loft if possible, otherwise the zero surface of its signed-distance field."""
+    """Returns smooth surfaces of the organ: those it has already, else a loft if possible, else the zero level set of its signed distance field."""
     if organ.shells:
         return organ.shells
     if organ.shape is None and not organ.share:    # a label image does not need a loft
@@ -60,8 +60,8 @@ def skin_surfaces(organ):
 
 
 def box_around(gland, bones, others, margin=MARGIN, face=FEET):
-    """Returns the low and high corner of the box, DICOM mm. `face`: axis and side (-1 low, 1 high) of the skin. `gland`, `bones`, `others`: lists of shells.
-    `margin`: thickness of the tissue around the gland."""
+    """Returns the low and high corners of the box, DICOM mm. gland, bones, others: lists of shells; margin: thickness of the tissue around the gland; face:
+    axis and side (-1 low, 1 high) of the skin."""
     def corners(found):
         points = np.vstack([shell.points for shell in found])
         return points.min(axis=0), points.max(axis=0)
@@ -83,8 +83,8 @@ def box_around(gland, bones, others, margin=MARGIN, face=FEET):
 
 
 def path_and_block(surfaces, bones, others, plan, spared=()):
-    """Returns the needle's path, the corners of the block of tissue, and the face of the block that is the skin, all in DICOM mm. `surfaces`: those of the
-    gland; `spared`: those of regions that the needle avoids if possible."""
+    """Returns the needle's path, the corners of the block of tissue, and the face of the block that is the skin, all in DICOM mm. surfaces: the gland's;
+    spared: those of regions that the needle should avoid if possible."""
     target = approach.middle_of(surfaces, spared) if plan.target is None else plan.target
     spared = [shell for shell in spared if shells.distances(shell, target[None])[0] > 0]
     entry = plan.entry
@@ -103,8 +103,8 @@ def path_and_block(surfaces, bones, others, plan, spared=()):
 
 
 def path_through_box(target, margin, found, spared):
-    """Returns the needle's path, the corners of the box, and its skin face: the face toward the feet, or the first face with no bones (and, if possible, no
-    spared regions) in the needle's way. `found`: the tuple (surfaces, bones, others)."""
+    """Returns the needle's path, the corners of the box, and its skin face, which is the first one in FACES with no bones, and preferably no spared regions,
+    in the needle's way. found: the tuple (surfaces, bones, others)."""
     second = None
     for face in FACES:
         low, high = box_around(*found, margin, face)
@@ -113,12 +113,12 @@ def path_through_box(target, margin, found, spared):
             return path[0], low, high, face
         second = second or path and (path[0], low, high, face)
     low, high = box_around(*found, margin)
-    return second or (approach.Path(np.append(target[:2], low[2]), target), low, high, FEET)      # the report will say that bone is in the way
+    return second or (approach.Path(np.append(target[:2], low[2]), target), low, high, FEET)      # bone is in the way, as the report will say
 
 
 def path_through_face(entry, target, margin, found):
-    """Returns the needle's path, the corners of the box, and its skin face, which passes through `entry` and is as nearly perpendicular to the path as
-    possible. `found`: the tuple (surfaces, bones, others)."""
+    """Returns the needle's path, the corners of the box, and its skin face, which contains `entry` and is as nearly perpendicular to the path as possible.
+    found: the tuple (surfaces, bones, others)."""
     way = target - entry
     axis = int(np.argmax(np.abs(way)))
     side = -int(np.sign(way[axis]))
@@ -133,8 +133,8 @@ def path_through_face(entry, target, margin, found):
 
 
 def kept_apart(organ, surfaces, before, gap):
-    """Returns the organ's surfaces, trimmed to keep the distance `gap` from those of earlier organs; returns None if the surfaces touch, or if too much of
-    the organ would be lost."""
+    """Trims an organ's surfaces to keep the distance `gap` from those of earlier organs. Returns None if the surfaces touch or too much of the organ would be
+    lost."""
     distances = [[shells.distances(other, s.points) for s in surfaces] for other in before]
     away = [min(np.abs(d).min() for d in each) for each in distances]
     if any(d < TOUCH for d in away):
@@ -154,7 +154,7 @@ def kept_apart(organ, surfaces, before, gap):
 
 
 def origin_under(gland, low, high, face):
-    """Returns the origin of the mesh's frame, DICOM mm: on the skin, which is a face of the box, in front of the centre of the gland."""
+    """Returns the origin of the mesh frame, DICOM mm: the point on the skin face of the box in front of the gland's centre."""
     points = np.vstack([shell.points for shell in gland])
     origin, (axis, side) = (points.min(axis=0) + points.max(axis=0)) / 2, face
     origin[axis] = (low if side < 0 else high)[axis]
@@ -162,40 +162,40 @@ def origin_under(gland, low, high, face):
 
 
 def world(points, origin):
-    """Converts DICOM mm to metres in the frame of the mesh; x points to the patient's right, y forward, z to the head."""
+    """Converts DICOM mm to metres in the mesh frame, where x points to the patient's right, y forward and z to the head."""
     return (points - origin) * [-1e-3, -1e-3, 1e-3]
 
 
 def patient(points, origin):
-    """Converts points from the frame of the mesh to DICOM mm."""
+    """Converts points from the mesh frame to DICOM mm."""
     return points * [-1e3, -1e3, 1e3] + origin
 
 
 def surface_name(organ, organs):
-    """Returns the name of an organ's surface; that of the first region is a capsule if the region is a prostate."""
+    """Returns the name of an organ's surface: "bone" for bones, "capsule" if the first region is a prostate, otherwise NAME_wall."""
     return "bone" if organ.bone else "capsule" if organ is organs[0] and materials.known(organ.roi, organ.kind) == "prostate" else organ.name + "_wall"
 
 
 def patient_to_mesh(origin):
-    """Returns the transform (4, 4) from DICOM mm to metres in the frame of the mesh."""
+    """Returns the transform (4, 4) from DICOM mm to metres in the mesh frame."""
     matrix = np.diag([-1e-3, -1e-3, 1e-3, 1.0])
     matrix[:3, 3] = world(np.zeros(3), origin)
     return matrix
 
 
-TRANSFORM = "patient_to_mesh"    # keyword in the comments of a mesh, followed by the sixteen numbers of the transform
+TRANSFORM = "patient_to_mesh"    # in the comments of a mesh, this keyword precedes the sixteen numbers of the transform
 
 
 def write_transform(path, matrix):
-    """Appends a transform (4, 4) to a mesh file, as a $Comments section, which Gmsh ignores."""
+    """Appends a transform (4, 4) to a mesh file in a $Comments section, which Gmsh ignores."""
     with open(path, "a", encoding="ascii") as file:
         file.write(f"$Comments\nfrom DICOM's patient coordinates, mm, to those of this mesh, m, row by row:\n{TRANSFORM}\n")
         file.write("".join(" ".join(f"{value + 0.0:.9g}" for value in row) + "\n" for row in matrix) + "$EndComments\n")
 
 
 def domain_of(organs, nodes, corridor, crop=False, plan=None):
-    """Returns the domain, with the gland first, and a dict of region name -> volume that the region must have in the mesh, m^3. `crop`: true if the box must
-    contain only the gland and the bones, not all regions."""
+    """Returns the domain, gland first, and a dict of region name -> volume that the region must have in the mesh, m^3. crop: make the box just large enough
+    for the gland and the bones, not for all regions."""
     plan = plan or Plan()
     if any(a.stack and b.stack and outlines_touch(a, b) for a, b in itertools.combinations(organs, 2)):
         for organ in organs:
@@ -247,15 +247,14 @@ def domain_of(organs, nodes, corridor, crop=False, plan=None):
 
 
 def priority(organ, gland):
-    """Returns the sort key for priority in overlaps: smaller regions first, except that bones come after regions not larger than the gland, and before the
-    others."""
+    """Sort key for priority in overlaps: smaller regions first, but with bones between the regions no larger than the gland and the rest."""
     if organ.bone:
         return 1, organ.volume
     return (0 if organ.volume <= gland.volume else 2), organ.volume
 
 
 def apart_surfaces(organs, surfaces, gap):
-    """Returns the surfaces of each organ, kept away from earlier ones; returns None if the organs must share surfaces where they meet."""
+    """Returns each organ's surfaces, kept apart from those of earlier organs, or None if the organs must share surfaces where they meet."""
     if any(organ.share or organ.shells for organ in organs):
         return None
     before, apart = [], []
@@ -269,13 +268,13 @@ def apart_surfaces(organs, surfaces, gap):
 
 
 def shaped(organs, *arguments):
-    """Calls domain_of and also returns the organs with their surfaces, because in a child process the caller's organs do not change."""
+    """Calls domain_of in a child process. Also returns the organs, because changes to them in the child do not reach the caller's objects."""
     return (organs, *domain_of(organs, *arguments))
 
 
 def mesh_of(organs, nodes, corridor, path, crop=False, plan=None, quiet=()):
-    """Writes the mesh; returns it, its domain, the outlines' volumes, and the result for each part (losses.Row). A loft that cannot be meshed is replaced by
-    a field, and a field by surfaces from a label image. Organs that are left out are removed from the list `organs`. `quiet`: names of surfaces that get no
+    """Writes the mesh. Returns it, its domain, the contours' volumes, and a losses.Row for each part. If a loft cannot be meshed, tries a distance field
+    instead, and then surfaces from a label image. Organs that are left out are removed from the list `organs`. quiet: names of surfaces to leave without a
     group."""
     plan = plan or Plan()
     while True:
@@ -283,7 +282,7 @@ def mesh_of(organs, nodes, corridor, path, crop=False, plan=None, quiet=()):
         for organ, finished in zip(organs, made):
             vars(organ).update(vars(finished))
         domain.quiet = quiet
-        if not domain.skin:      # the needle's path begins on the skin face of the box, so that the needle's length can be checked already
+        if not domain.skin:      # the needle's path begins on the skin face of the box, so its length can be checked before meshing
             approach.needle_for(*domain.path, domain.plate)
         try:
             meshing.prepare(domain, nodes)
@@ -308,7 +307,7 @@ def mesh_of(organs, nodes, corridor, path, crop=False, plan=None, quiet=()):
 
 
 def leave_out(organs, failure, nodes, skip):
-    """If `skip` is set, removes regions that are too thin from the list; otherwise, raises an error that names all of them."""
+    """Removes regions that are too thin from the list if `skip` is set; otherwise raises an error that names them all."""
     thin = [organ for organ in organs if organ.name in failure.names]
     named = ", ".join(f"{organ.roi} ({in_ml(organ.volume)})" for organ in thin)
     if organs[0] in thin or not thin or not skip:
@@ -319,7 +318,7 @@ def leave_out(organs, failure, nodes, skip):
 
 
 def give_way(organs, failure, domain):
-    """Switches organs that were lofted to fields; if there are none, switches all organs to surfaces from a label image."""
+    """Falls back to more robust surfaces: from lofts to distance fields or, if there are no lofts, from fields to a label image for all organs."""
     where = ""
     if failure.z is not None:
         z = domain.origin[2] + 1e3 * failure.z
@@ -339,9 +338,9 @@ def give_way(organs, failure, domain):
 
 
 def distances_to_outlines(organs, domain, mesh, outlined):
-    """Returns region name -> distances (mm) of the input points from the region's surface in the mesh, for regions that lose less than MOST_LOSS to other
-    regions and outside the box. A bone has no surface in the mesh where it touches another bone or the end of the mesh, because there is no tissue; its
-    points in such places are left out."""
+    """Returns region name -> distances (mm) from the input points to the region's surface in the mesh, for regions that lose less than MOST_LOSS to other
+    regions and outside the box. Where a bone touches another bone or the end of the mesh, there is no tissue and so no surface; points there are left
+    out."""
     found, whole = {}, mesh.boundary()
     for organ in organs:
         if outlined[organ.name] > (1 - losses.MOST_LOSS) * organ.volume * 1e-9:

@@ -5,17 +5,17 @@ import logging
 
 import numpy as np
 
-logging.getLogger("matplotlib").setLevel(logging.ERROR)      # hides the warning that matplotlib cannot write to the home folder, which it does not need to do
+logging.getLogger("matplotlib").setLevel(logging.ERROR)      # hide the warning about an unwritable home folder, which does not matter
 import matplotlib  # noqa: E402
 
 matplotlib.use("svg")
-matplotlib.rcParams["svg.fonttype"] = "none"      # writes text as text instead of outlines
+matplotlib.rcParams["svg.fonttype"] = "none"      # store text as text instead of outlines
 matplotlib.rcParams["svg.hashsalt"] = "trocar"    # reproducible output
 import matplotlib.pyplot as plt  # noqa: E402
 
 from .shapes.shells import Shell  # noqa: E402
 
-LEAST_ANGLE, GREATEST_ANGLE = 9.94, 159.49        # deg, range of the angles in the paper's mesh; the angles of a new mesh should be within this range
+LEAST_ANGLE, GREATEST_ANGLE = 9.94, 159.49        # deg, range of angles in the paper's mesh, which a new mesh should not exceed
 PAPER = {"nodes": "570", "tetrahedra": "2801", "edges, mm": "3.06 to 24.04", "dihedral angles, deg": "9.94 to 159.49",
          "tetrahedra around a node, at most": "40"}
 
@@ -36,7 +36,7 @@ class Mesh:
         return float(self.volumes()[self.region == self.regions.index(name)].sum())
 
     def boundary(self, name=None):
-        """Returns the triangles around a region (which it may share with other regions) or around all regions, with outward normals."""
+        """Returns the triangles around a region (including those it shares with other regions), or around all regions, with outward normals."""
         tets = self.tets if name is None else self.tets[self.region == self.regions.index(name)]
         faces = np.concatenate([tets[:, [n for n in range(4) if n != k]] for k in range(4)])
         a, b, c, opposite = (self.points[corner] for corner in (*faces.T, tets.T.ravel()))
@@ -46,7 +46,7 @@ class Mesh:
         return Shell(self.points, faces[first[count == 1]])
 
     def torn(self):
-        """Returns the names of the surfaces with a triangle that is not a face of a tetrahedron."""
+        """Returns the names of surfaces that have triangles which are not faces of tetrahedra."""
         def keys(faces):
             return np.sort(faces, axis=1) @ (len(self.points) ** np.arange(3, dtype=np.int64))
         faces = np.concatenate([keys(self.tets[:, [n for n in range(4) if n != k]]) for k in range(4)])
@@ -73,14 +73,14 @@ class Mesh:
         return np.bincount(self.tets.ravel(), minlength=len(self.points))
 
     def badness(self):
-        """Rates the angles: the value is below 1 if all dihedral angles are within the range of the paper's mesh; lower is better."""
+        """Rates the angles; lower is better. Below 1, all dihedral angles are within the range of the paper's mesh."""
         angles = self.dihedral_angles()
         return max(LEAST_ANGLE / max(angles.min(), 1e-6), (180 - GREATEST_ANGLE) / max(180 - angles.max(), 1e-6))
 
 
 def table(mesh, outlined, distances):
-    """Returns rows (quantity, value, the paper's value). The dicts have region names as keys: `outlined` contains the volume of the region's
-    outlines, m^3, and `distances` the distances of the outlines' points from the region's surface, mm."""
+    """Returns rows (quantity, value, the paper's value). outlined: region name -> volume of its contours, m^3; distances: region name -> distances from
+    the contours' points to the region's surface, mm."""
     edges, angles, valence = mesh.edges() * 1e3, mesh.dihedral_angles(), mesh.valence()
     values = {"nodes": str(len(mesh.points)), "tetrahedra": str(len(mesh.tets)), "edges, mm": f"{edges.min():.2f} to {edges.max():.2f}",
               "dihedral angles, deg": f"{angles.min():.2f} to {angles.max():.2f}",
@@ -100,8 +100,8 @@ def table(mesh, outlined, distances):
 
 
 def mended(organs, mesh, outlined, rows=(), domain=None):
-    """Returns lines of a table: each region's volume as read, after repair, without what is lost to overlapping regions and outside the box, and in the mesh;
-    and the same volumes of its parts, if it has several. `rows`: losses.Row."""
+    """Returns a table, as lines, with each region's volume as read, after repair, after losses to overlaps and outside the box, and in the mesh; and the same
+    for its parts, if it has several. rows: losses.Row."""
     lines = ["", "Volumes, ml; a bone is hollow in the mesh:", "", "| region | as read | mended | used | mesh | mesh to used |", "|---|---|---|---|---|---|"]
     for organ in organs:
         read, used = organ.volume if organ.read is None else organ.read, outlined[organ.name] * 1e9
@@ -123,7 +123,7 @@ def part_line(organ, row, domain):
 
 
 def used(found):
-    """Returns lines of a table: each region's material and its source. `found`: name -> materials.Found."""
+    """Returns a table, as lines, with each region's material and its source. found: name -> materials.Found."""
     lines = ["", "Materials (sources: meshes/PARAMETERS.md):", "", "| region | material | modulus, kPa | cutting, N | wall, N | basis | published force on a needle |", "|" + 7 * "---|"]
     for name, each in found.items():
         m = each.material

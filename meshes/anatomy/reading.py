@@ -1,4 +1,4 @@
-"""Reads outlines, label maps, surfaces and volume meshes. Results are in DICOM's patient coordinates (LPS), mm."""
+"""Reads contours, label maps, surfaces and volume meshes. Results are in DICOM patient coordinates (LPS), in mm."""
 import collections
 import csv
 import os
@@ -19,18 +19,18 @@ OUTLINES, IMAGES, SURFACES = (".dcm", ".csv"), (".nii", ".nii.gz", ".nrrd", ".nh
 MESHES = (".vtk", ".vtu", ".msh")                           # a .vtk file may also contain a surface
 UNITS = {"mm": 1.0, "cm": 10.0, "m": 1e3}                   # mm
 CELL_LABELS = ("label", "labels", "region", "regions", "regionid", "material", "materialids", "medit:ref", "gmsh:physical", "cellentityids", "segment")
-MOST_LABELS = 500                                           # maximum number of distinct cell values; an array with more does not contain labels
+MOST_LABELS = 500                                           # an array with more distinct values than this does not contain labels
 COLUMNS = ["roi", "outline", "x_mm", "y_mm", "z_mm"]
 CLOSED, EXCLUSIVE, OPEN = "CLOSED_PLANAR", "CLOSEDPLANAR_XOR", "OPEN_PLANAR"
 
 
-DICOM_MARK = 128, b"DICM"       # offset and content of the marker in a DICOM file
+DICOM_MARK = 128, b"DICM"       # offset and content of the DICOM file marker
 PLY_SIZES = {"char": 1, "uchar": 1, "int8": 1, "uint8": 1, "short": 2, "ushort": 2, "int16": 2, "uint16": 2, "int": 4, "uint": 4, "int32": 4, "uint32": 4,
              "float": 4, "float32": 4, "double": 8, "float64": 8}
 
 
 def kind_of(path):
-    """Returns the file's extension if the file is supported; returns .dcm for a DICOM file with any name."""
+    """Returns the file's extension if it is supported, or .dcm for a DICOM file of any name."""
     every = OUTLINES + IMAGES + SURFACES + MESHES
     for extension in every:
         if path.lower().endswith(extension):
@@ -50,8 +50,7 @@ def is_dicom(path):
 
 
 def files_in(folder):
-    """Returns the files of a folder that contain regions: the structure sets and segmentations among its DICOM files; otherwise its label maps;
-    otherwise its surfaces."""
+    """Returns the files in a folder to read regions from: its DICOM structure sets and segmentations, else its label maps, else its surfaces."""
     paths = sorted(os.path.join(folder, name) for name in os.listdir(folder) if os.path.isfile(os.path.join(folder, name)))
     dicom = [path for path in paths if is_dicom(path)]
     found = [path for path in dicom if modality_of(path) in ("RTSTRUCT", "SEG")]
@@ -78,8 +77,7 @@ def stem_of(path):
 
 
 def read_image(path, unit=None, names=None, frame=None):
-    """Reads a label map. `unit`: unit of its lengths, or None to use the unit in the file; `names`: label number -> name; `frame`: LPS or RAS, or
-    None."""
+    """Reads a label map. unit: its unit of length, or None to go by the file; names: label number -> name; frame: LPS, RAS or None."""
     if not os.path.exists(path):
         raise BadFile(f"{path}: no such file")
     scale = UNITS[unit] if unit else None
@@ -91,7 +89,7 @@ def read_image(path, unit=None, names=None, frame=None):
 
 
 def read_outlines(path):
-    """Reads outlines, as ROI name -> list of rings (n, 3); a DICOM segmentation is returned as a label map instead."""
+    """Reads contours. Returns ROI name -> list of rings (n, 3), or a label map if the file is a DICOM segmentation."""
     rois = read_dicom(path) if kind_of(path) == ".dcm" else read_csv(path)
     if isinstance(rois, voxels.LabelMap):
         return rois
@@ -140,7 +138,7 @@ def rois_of(data):
 
 
 def roi_names(sequence):
-    """Returns ROI number -> name; the number replaces a missing name, and is appended to one that is not unique."""
+    """Returns ROI number -> name. The number stands in for a missing name, and is appended to a name that is not unique."""
     given = {roi.ROINumber: str(roi.get("ROIName") or "").strip() for roi in sequence}
     often = collections.Counter(given.values())
     return {number: name if name and often[name] == 1 else f"{name} (ROI {number})".strip() for number, name in given.items()}
@@ -154,7 +152,7 @@ def points_of(contour, roi):
 
 
 def read_csv(path):
-    """Reads one point per row under the header COLUMNS; rows with the same `roi` and `outline` form one outline."""
+    """Reads contours from a CSV file with the header COLUMNS and one point per row. Rows with the same `roi` and `outline` form one contour."""
     rois = {}
     try:
         with open(path, newline="", encoding="utf-8-sig") as file:
@@ -181,15 +179,14 @@ def add_point(rois, row, place):
 
 
 def frame_of(path, given):
-    """Returns the frame, LPS or RAS: as given by the option; otherwise as 3D Slicer has written it into the header of the surface; otherwise DICOM's
-    LPS."""
+    """Returns a surface's frame, LPS or RAS: from the option if given, else from the header as written by 3D Slicer, else DICOM's LPS."""
     with open(path, "rb") as file:
         said = re.search(rb"SPACE=(LPS|RAS)", file.read(4096))
     return given or (said[1].decode() if said else "LPS")
 
 
 def check_length(path):
-    """Refuses an STL or PLY file that is shorter than its header announces; VTK would silently read the triangles that exist."""
+    """Rejects an STL or PLY file that is shorter than its header says. VTK would silently read what is there."""
     with open(path, "rb") as file:
         content = file.read()
     said, found = length_of_stl(content) if kind_of(path) == ".stl" else length_of_ply(content)
@@ -198,8 +195,7 @@ def check_length(path):
 
 
 def length_of_stl(content):
-    """Returns the number of bytes that a binary file should have according to its header, and its actual size; for a text file, returns 1 and whether it is
-    complete."""
+    """For a binary file, returns its size in bytes according to its header, and its actual size. For a text file, returns 1 and whether it is complete."""
     if content[:5] == b"solid" and b"facet" in content[:1000]:
         return 1, int(b"endsolid" in content[-200:] or b"facet" not in content)
     return (84 + 50 * int.from_bytes(content[80:84], "little"), len(content)) if len(content) >= 84 else (84, len(content))
@@ -242,8 +238,8 @@ def is_surface(path):
 
 
 def read_mesh(path, unit=None, frame=None, array=None, names=None):
-    """Reads a volume mesh as region name -> (surface of its tetrahedra in mm, remarks). `array`: name of the cell array that contains the labels. A mesh made
-    by this program contains its transform from patient coordinates, which is ignored if `unit` or `frame` is given."""
+    """Reads a volume mesh. Returns region name -> (surface of its tetrahedra in mm, remarks). array: name of the cell array that holds the labels. Meshes made
+    by this program contain a transform from patient coordinates, which is ignored if `unit` or `frame` is given."""
     if not os.path.exists(path):
         raise BadFile(f"{path}: no such file")
     mesh = gmsh_mesh(path) if kind_of(path) == ".msh" else vtk_mesh(path, array, names or {})
@@ -263,12 +259,12 @@ def read_mesh(path, unit=None, frame=None, array=None, names=None):
 
 
 def says_where(path):
-    """Returns whether this is a mesh that contains its transform from patient coordinates, as those made by this program do."""
+    """Whether a mesh contains a transform from patient coordinates, as meshes made by this program do."""
     return kind_of(path) == ".msh" and transform_in(path) is not None
 
 
 def transform_in(path):
-    """Returns the transform (4, 4) in the comments at the end of a mesh (see pipeline.write_transform), or None."""
+    """Returns the transform (4, 4) from the comments at the end of a mesh (see pipeline.write_transform), or None."""
     with open(path, "rb") as file:
         file.seek(0, os.SEEK_END)
         file.seek(max(0, file.tell() - 4096))
@@ -299,12 +295,12 @@ def vtk_mesh(path, array, names):
     values = cell_labels(path, split.GetCellData(), array)
     numbers, region = np.unique(values, return_inverse=True)
     tets = vtk_to_numpy(split.GetCells().GetConnectivityArray()).reshape(-1, 4)
-    points, same = np.unique(vtk_to_numpy(split.GetPoints().GetData()).astype(float), axis=0, return_inverse=True)     # merges points that cells share
+    points, same = np.unique(vtk_to_numpy(split.GetPoints().GetData()).astype(float), axis=0, return_inverse=True)     # merge points that cells share
     return quality.Mesh(points, same.reshape(-1)[tets], region.reshape(-1), [names.get(int(n), str(int(n))) for n in numbers])
 
 
 def cell_labels(path, data, array):
-    """Returns the cell array named `array`, if given; otherwise an array with a usual name; otherwise the only array that contains integers."""
+    """Finds the cell array that holds the labels: the one named `array` if given, else one with a usual name, else the only one that contains integers."""
     arrays = {data.GetArrayName(n): vtk_to_numpy(data.GetArray(n)) for n in range(data.GetNumberOfArrays())}
     whole = [name for name, values in arrays.items()
              if values.ndim == 1 and np.all(np.isfinite(values)) and np.all(values == np.rint(values)) and len(np.unique(values)) <= MOST_LABELS]
@@ -323,8 +319,7 @@ def check_points(path, data):
 
 
 def read_surface(path, scale, frame=None):
-    """Reads a closed surface. Returns the repaired surface, in mm, and remarks on the repairs. `scale`: mm per unit of the file; `frame`: LPS or RAS, or
-    None."""
+    """Reads and repairs a closed surface. Returns it in mm, with remarks on the repairs. scale: mm per unit of the file; frame: LPS, RAS or None."""
     if kind_of(path) in (".stl", ".ply"):
         check_length(path)
     surface = data_of(path)

@@ -1,5 +1,5 @@
-"""Moves individual nodes to improve the worst dihedral angles of a mesh. Gmsh's optimisation cannot improve them further, because it does not
-move nodes on surfaces."""
+"""Moves individual nodes to improve the worst dihedral angles of a mesh. Gmsh's optimiser gets no further, because it does not move nodes on
+surfaces."""
 import itertools
 
 import numpy as np
@@ -7,19 +7,19 @@ import numpy as np
 from .quality import GREATEST_ANGLE, LEAST_ANGLE
 
 ROUNDS = 6
-ENOUGH = 0.99           # badness below which nodes are not moved; it corresponds to dihedral angles of 10.04 to 159.3 degrees
+ENOUGH = 0.99           # leave nodes alone below this badness (dihedral angles of 10.04 to 159.3 degrees)
 STEPS = np.array([0.3, 0.15, 0.07, 0.03])       # step lengths, as fractions of the mean edge length at a node
-ON_SURFACE = 0.15       # largest total distance by which a node on a surface is moved, as a fraction of the mean edge length at the node
-LEAST_GAIN = 1e-3       # fraction of the badness: smallest gain for which a node is moved
-MOST_CHANGE = 2e-3      # fraction of a region's volume: largest change caused by moving nodes on its surface; when this is reached, only inner nodes are moved
+ON_SURFACE = 0.15       # move a node on a surface by at most this fraction of the mean edge length at the node, in total
+LEAST_GAIN = 1e-3       # move a node only if this lowers the badness by at least this fraction
+MOST_CHANGE = 2e-3      # once moving nodes on a region's surface has changed its volume by this fraction, move only inner nodes
 DIRECTIONS = np.array([d for d in itertools.product((-1, 0, 1), repeat=3) if any(d)], float)
 DIRECTIONS /= np.linalg.norm(DIRECTIONS, axis=1, keepdims=True)
-# corners of the faces, ordered so that the four normals point all outward or all inward, depending on the tetrahedron's orientation
+# corners of the faces, ordered so that the normals point either all outward or all inward, depending on the tetrahedron's orientation
 FACES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
 
 
 def badness(corners):
-    """Returns the badness (...) of tetrahedra with these corners (..., 4, 3): above 1 if a dihedral angle is outside the paper's range; infinite for a flat
+    """Returns the badness (...) of tetrahedra with corners (..., 4, 3). It is above 1 if a dihedral angle is outside the paper's range, and infinite for a flat
     tetrahedron."""
     a, b, c = (corners[..., FACES[:, k], :] for k in range(3))
     normal = np.cross(b - a, c - a)
@@ -38,7 +38,7 @@ def signed_volumes(corners):
 
 
 def relocated(mesh, still):
-    """Returns the mesh's points, some of them moved; `still`: mask of the points that must not move."""
+    """Returns the mesh's points after moving some of them. still: mask of points that must not move."""
     surface = np.zeros(len(mesh.points), bool)
     for shell in mesh.surfaces.values():
         surface[np.unique(shell.triangles)] = True
@@ -68,8 +68,8 @@ def moved(mesh, still, surface):
 
 
 def better_place(points, star, node, anchor):
-    """Returns a position of the node that improves the worst of the tetrahedra around it (`star`), or None if there is none. `anchor`: a position to which
-    the node must stay close, or None."""
+    """Looks for a position of the node that improves the worst of the tetrahedra around it (`star`). Returns it, or None. anchor: a position that the node
+    must stay close to, or None."""
     others = np.unique(star[star != node])
     edge = np.linalg.norm(points[others] - points[node], axis=1).mean()
     places = (points[node] + edge * STEPS[:, None, None] * DIRECTIONS).reshape(-1, 3)
@@ -79,6 +79,6 @@ def better_place(points, star, node, anchor):
     corners[1:] = np.where((star == node)[None, :, :, None], places[:, None, None, :], corners[1:])
     worst = badness(corners).max(axis=1)
     volumes = signed_volumes(corners)
-    worst[np.any(volumes * np.sign(volumes[0]) <= 0, axis=1)] = np.inf     # a tetrahedron would be turned inside out
+    worst[np.any(volumes * np.sign(volumes[0]) <= 0, axis=1)] = np.inf     # would turn a tetrahedron inside out
     best = int(np.argmin(worst))
     return places[best - 1] if best and worst[best] < (1 - LEAST_GAIN) * worst[0] else None

@@ -1,4 +1,4 @@
-"""Writes the scene that belongs to a mesh."""
+"""Writes the scene file for a mesh."""
 import math
 
 import numpy as np
@@ -19,7 +19,7 @@ def region(name, found):
 
 
 def listed(values):
-    return ", ".join(f"{value + 0.0:.9g}" for value in values)     # without -0
+    return ", ".join(f"{value + 0.0:.9g}" for value in values)     # + 0.0 turns -0 into 0
 
 
 def place(matrix, start):
@@ -46,9 +46,9 @@ def guide(template, matrix):
 
 
 def text(title, mesh, soft, bones, walls, **more):
-    """Returns the scene's text. `soft`: names of regions, with the region of interest first; `bones`: true if there are bones; `walls`: names of the other
-    surfaces. `more` contains `found` (name -> materials.Found, also for "surrounding"), `wall_of` (name of a region -> name of its surface), `matrix` and
-    `start` (see place), and `template` or None."""
+    """Returns the text of the scene file. soft: region names, region of interest first; bones: whether there are bones; walls: names of the other surfaces.
+    more: `found` (name -> materials.Found, including "surrounding"), `wall_of` (region name -> name of its surface), `matrix` and `start` (see place), and
+    `template` or None."""
     found = more.get("found") or {name: materials.find(name) for name in [*soft, "surrounding"]}
     wall_of = more.get("wall_of") or {}
     lines = [f"# {title}", "# All values are in SI units, and assumptions; a key that is left out has its default (docs/reference/scene.csv).", "",

@@ -9,8 +9,8 @@ _running = False
 
 
 def start():
-    """Starts a new session with settings that make meshes reproducible. After a failure, the old session would remain locked and produce empty
-    meshes."""
+    """Starts a new session with settings that make meshes reproducible. A new one is needed after a failure, because the old one would stay locked and
+    produce empty meshes."""
     global _running
     if _running:
         gmsh.finalize()
@@ -23,7 +23,7 @@ def start():
 
 
 def current_mesh():
-    """Returns the tetrahedra of Gmsh's current model, its named groups, and for each tetrahedron the tag of its volume."""
+    """Returns the mesh of Gmsh's current model, with its named groups, and the volume tag of each tetrahedron."""
     tags, flat, _ = gmsh.model.mesh.getNodes()
     at = np.zeros(int(tags.max()) + 1, int)
     at[tags] = np.arange(len(tags))
@@ -43,7 +43,7 @@ def current_mesh():
 
 
 def read(path):
-    """Reads the mesh in a file; groups without a name get their number as name."""
+    """Reads a mesh file. Unnamed groups are named by their number."""
     gmsh.open(path)
     gmsh.model.mesh.setOrder(1)
     if len(gmsh.model.mesh.getElementsByType(4)[0]) == 0:

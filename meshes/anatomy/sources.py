@@ -1,4 +1,4 @@
-"""Reads the files given by the user, and selects regions in them."""
+"""Reads the user's files and selects regions in them."""
 import dataclasses
 import difflib
 import fnmatch
@@ -12,7 +12,7 @@ from .shapes import contours, voxels
 from .trouble import BadFile, Empty
 
 DAMAGED = "damaged, or not what its name says"
-PLAUSIBLE = 50.0        # mm: an image with at least this length, or all surfaces together with at least this length, is assumed to be in mm
+PLAUSIBLE = 50.0        # mm: if an image, or all surfaces together, are at least this long, assume that the unit is mm
 MOST_NAMED = 30         # maximum number of regions that a message lists
 
 
@@ -25,8 +25,8 @@ class Sources:
 
 
 def read(path, work, *arguments):
-    """Runs work(path, *arguments) as a stage. If a library raises any exception on a damaged file, or crashes, the error names the file.
-    The system ends a process with SIGKILL if there is too little memory."""
+    """Runs work(path, *arguments) as a stage. If a library crashes or raises an exception because the file is damaged, the error names the file. SIGKILL is
+    taken to mean that the system ran out of memory."""
     try:
         return limits.run(f"reading {path}", work, path, *arguments)
     except (BadFile, contours.Unusable, limits.TooLong):
@@ -43,7 +43,7 @@ def read(path, work, *arguments):
 
 
 def refuse_options(given, *names):
-    """Refuses these options if they are given, because this kind of file does not use them."""
+    """Raises BadFile if any of these options were given: they make no sense for this kind of file."""
     for name in names:
         if getattr(given, name):
             raise BadFile(f"{given.input[0]}: --{name} has no meaning for this kind of file: leave it out")
@@ -111,7 +111,7 @@ def stems(paths):
 
 
 def of_maps(readers, in_mm):
-    """Reads any number of label maps, [(path, function that reads it)]; leaves out empty maps, unless all are empty."""
+    """Reads label maps, [(path, function that reads it)]. Ignores empty maps unless all of them are empty."""
     maps, empty = {}, []
     for path, reader in readers:
         try:
@@ -138,7 +138,7 @@ def of_map(map_, in_mm):
 
 
 def is_large(surfaces):
-    """Returns whether several surfaces together are as large as regions of a body in mm; a small surface among them is then assumed to be a lesion."""
+    """Whether several surfaces together are the size of body regions in mm. A small surface among them is then taken to be a lesion."""
     points = np.vstack([surface.points for surface, _ in surfaces.values()])
     return len(surfaces) > 1 and PLAUSIBLE <= np.ptp(points, axis=0).max() <= organ.LARGE
 
@@ -159,7 +159,7 @@ def listed(names):
 
 
 def pick(wanted, sources, path):
-    """Returns the regions that an argument of the command line selects: one region by its name or number, or all regions that match a pattern."""
+    """Returns the regions that a command-line argument selects: one by its name or number, or all that match a pattern."""
     plain = wanted.strip().lower()
     alike = [name for name in sources.regions if name.strip().lower() == plain]
     if alike:
@@ -176,7 +176,7 @@ def pick(wanted, sources, path):
 
 
 def choose(given, sources):
-    """Chooses the regions. A pattern does not select regions that are named elsewhere on the command line."""
+    """Chooses the regions. Patterns do not match regions that are named elsewhere on the command line."""
     path = given.input[0]
     words = [("soft", word) for word in given.roi] + [("bones", word) for word in given.bone] + [("body", word) for word in ([given.skin] if given.skin else [])]
     meant = [(kind, pick(word, sources, path), bool(set("*?[") & set(word)) and word not in sources.regions) for kind, word in words]
@@ -199,7 +199,7 @@ def choose(given, sources):
 
 
 def choose_rest(given, sources, found):
-    """Chooses all remaining regions; bones and the body are recognised by their names."""
+    """Adds all remaining regions, recognising bones and the body by name."""
     if not found.soft:
         raise BadFile(f"{given.input[0]}: choose the region of interest with --roi; --all adds the others; it has: {listed(sources.regions)}")
     for name in sources.regions:

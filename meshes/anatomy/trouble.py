@@ -3,7 +3,7 @@ import importlib
 
 
 class BadFile(Exception):
-    """Raised if a file cannot be used. The text names the file and, if possible, the position in it."""
+    """Raised if a file cannot be used. The message names the file and, if possible, the position in it."""
 
 
 class Empty(BadFile):
@@ -11,7 +11,7 @@ class Empty(BadFile):
 
 
 def needed(module, package, path):
-    """Imports and returns a module that is needed only for one kind of file."""
+    """Imports a module that only one kind of file needs, and returns it."""
     try:
         return importlib.import_module(module)
     except ImportError as error:

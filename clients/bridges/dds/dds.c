@@ -12,8 +12,8 @@
 const char *argp_program_version = "trocar-dds " TROCAR_VERSION;
 error_t argp_err_exit_status = EXIT_BAD_INPUT;
 
-static const double LONGEST_PERIOD = 0.1;   /* s without a pose after which none is sent to the server, so that its watchdog removes the force */
-static const double SILENCE = 2;            /* s without a pose after which the needle is released; the server uses the same time */
+static const double LONGEST_PERIOD = 0.1;   /* s, after this long without a pose, stop sending poses, so that the server's watchdog removes the force */
+static const double SILENCE = 2;            /* s, after this long without a pose, release the needle; the server uses the same time */
 
 typedef struct {
     topic_settings topics;
@@ -39,7 +39,7 @@ static const struct argp_option option_list[] = {
     {0},
 };
 
-/* Parses a name that ROS permits: words separated by slashes. A word consists of letters, digits and underscores, and does not begin with a digit. */
+/* Parses a valid ROS name: words separated by slashes. A word consists of letters, digits and underscores, and does not begin with a digit. */
 static const char *parse_name(const struct argp_state *state, const char *text) {
     static const char letters[] = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ_", all[] = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ_0123456789";
     const char *name = text + (*text == '/'), *word = name;
@@ -90,14 +90,14 @@ typedef struct {
     topics *topics;
     trocar_client *client;
     bool held;
-    double heard, period;                   /* s: arrival time of the newest pose, and time between it and the previous pose */
-    pose from, to;                          /* the needle's pose when the newest pose arrived, and the pose toward which it moves */
+    double heard, period;                   /* s: arrival time of the newest pose, and time since the one before it */
+    pose from, to;                          /* where the needle was when the newest pose arrived, and where it is moving to */
 } bridge;
 
 static void say(const char *text) { fprintf(stderr, "trocar-dds: %s\n", text); }
 
-/* Poses may arrive at any rate, but the server needs one every few milliseconds. Therefore the needle moves to each pose over a time equal to that between the
-   last two poses. */
+/* Interpolates, because poses may arrive at any rate but the server needs one every few milliseconds. The needle takes as long to reach each new pose as
+   passed between the last two poses. */
 static pose pose_at(const bridge *b, double now) { return pose_between(b->from, b->to, smaller_of(1, (now - b->heard) / b->period)); }
 
 static void take(bridge *b, pose newest, double now) {
@@ -109,7 +109,7 @@ static void take(bridge *b, pose newest, double now) {
     b->held = true;
 }
 
-/* Releases the needle by closing the client, and opens a new client. */
+/* Closes the client, which releases the needle, and opens a new one. */
 static trocar_status release(bridge *b, trocar_error *why) {
     say("no poses: the needle is released");
     topics_publish(b->topics, &(needle_state){.base = b->to});
@@ -131,7 +131,7 @@ static void exchange(bridge *b, double now) {
 static trocar_status run(bridge *b, trocar_error *why) {
     double due = playing_now();
     while (!playing_interrupted()) {
-        due = larger_of(due + 1 / b->options->rate, playing_now()); /* skips missed periods */
+        due = larger_of(due + 1 / b->options->rate, playing_now()); /* skip missed periods */
         sleep_until((int64_t)(1e9 * due));
         double now = playing_now();
         pose newest;

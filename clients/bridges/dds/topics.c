@@ -9,15 +9,15 @@
 #include "ros.h"
 #include "shared/server_choice.h"
 
-enum { DEPTH = 5 }; /* number of samples kept, as in ROS's profile for sensor data */
-static const double SILENCE = 1;               /* s without poses from a publisher after which another one is accepted */
-static const double UNIT_TOLERANCE = 1e-3;     /* largest difference between a quaternion's length and 1, as in the server */
+enum { DEPTH = 5 }; /* history depth, as in ROS's sensor data profile */
+static const double SILENCE = 1;               /* s, a new publisher is accepted once the current one has been silent for this long */
+static const double UNIT_TOLERANCE = 1e-3;     /* allowed deviation of a quaternion's length from 1, as in the server */
 
 struct topics {
     dds_entity_t participant, poses, wrenches, joints;
     char *frame;
     server_choice publisher;
-    char said[256];                            /* the last reason that was printed, and when (s, monotonic) */
+    char said[256];                            /* the last reason printed, and when (s, monotonic) */
     double said_at;
 };
 
@@ -25,7 +25,7 @@ struct topics {
 
 static dds_entity_t find_topic(const topics *t, const topic_settings *s, const char *name, const dds_topic_descriptor_t *type) {
     char full[256];
-    snprintf(full, sizeof full, "rt/%s/%s", s->name_space, name); /* ROS prefixes the names of its topics with rt/ */
+    snprintf(full, sizeof full, "rt/%s/%s", s->name_space, name); /* ROS adds the prefix rt/ to topic names */
     return dds_create_topic(t->participant, type, full, NULL, NULL);
 }
 
@@ -69,7 +69,7 @@ void topics_close(topics *t) {
 
 /* ---- poses ---- */
 
-/* Converts a message to a pose. `why` receives the reason if the pose must be refused; otherwise it becomes empty. */
+/* Converts a message to a pose. Sets `why` to the reason if the pose must be rejected, otherwise to "". */
 static void examine(const topics *t, const geometry_msgs_msg_dds__PoseStamped_ *m, pose *p, char why[256]) {
     const geometry_msgs_msg_dds__Point_ *x = &m->pose.position;
     const geometry_msgs_msg_dds__Quaternion_ *q = &m->pose.orientation;
@@ -83,8 +83,8 @@ static void examine(const topics *t, const geometry_msgs_msg_dds__PoseStamped_ *
     else p->orientation = q_unit(p->orientation);
 }
 
-/* Prints the reason unless it is the same as the last one printed. At most one line is printed per second, because two faulty publishers may cause
-   alternating reasons. */
+/* Prints a reason unless it is the one last printed. Prints at most one line per second, because with two faulty publishers the reasons may keep
+   alternating. */
 static void say(topics *t, const char *why, double now) {
     if (strcmp(why, t->said) == 0 || (*t->said && now - t->said_at < 1)) return;
     fprintf(stderr, "trocar-dds: a pose is refused: %s\n", why);
@@ -119,7 +119,7 @@ bool topics_take_pose(topics *t, pose *newest) {
 /* ---- state ---- */
 
 static std_msgs_msg_dds__Header_ make_header(const topics *t) {
-    dds_time_t now = dds_time(); /* since the epoch, like the clock of ROS */
+    dds_time_t now = dds_time(); /* since the epoch, like ROS time */
     return (std_msgs_msg_dds__Header_){.stamp = {(int32_t)(now / DDS_NSECS_IN_SEC), (uint32_t)(now % DDS_NSECS_IN_SEC)}, .frame_id = t->frame};
 }
 

@@ -1,5 +1,5 @@
-/* ROS 2 topics of a needle, over CycloneDDS: poses come in, wrenches and joint states go out. Names, types and quality of service (that of sensor data: best
-   effort, volatile, the last five samples) are those of ROS. ROS nodes can therefore use the topics, but ROS is not needed. */
+/* ROS 2 topics for a needle, over CycloneDDS: poses come in, wrenches and joint states go out. The topics follow ROS conventions for names, types and quality
+   of service (the sensor data profile: best effort, volatile, last five samples), so ROS nodes can use them, but ROS need not be installed. */
 #ifndef TROCAR_DDS_TOPICS_H
 #define TROCAR_DDS_TOPICS_H
 
@@ -9,7 +9,7 @@
 #include "base/error.h"
 #include "base/vec.h"
 
-enum { DOMAIN_MAX = 232 };                     /* the largest domain for which DDS has UDP ports */
+enum { DOMAIN_MAX = 232 };                     /* highest domain that has UDP ports in DDS */
 
 typedef struct {
     int domain;                                /* DDS domain, as in ROS_DOMAIN_ID */
@@ -23,9 +23,9 @@ typedef struct topics topics;
 trocar_status topics_open(const topic_settings *settings, topics **opened, trocar_error *why);
 void topics_close(topics *t);
 
-/* Gets the newest pose (m) that has arrived since the last call; false if there is none. A pose is refused if it is in another frame, if a number is not
-   finite, if the orientation is not a unit quaternion, or if it comes from a second publisher while the first one is still sending. The reason is printed on
-   stderr once, not for each pose. */
+/* Gets the newest pose (m) received since the last call; false if there is none. Poses are rejected if they are in another frame, contain a number that is not
+   finite or an orientation that is not a unit quaternion, or come from a second publisher while the first one is still sending. The reason is printed on
+   stderr, but not again for every pose. */
 bool topics_take_pose(topics *t, pose *newest);
 
 /* The published state of a needle. */
@@ -35,8 +35,8 @@ typedef struct {
     double depth;                              /* m, length of the needle's track in the tissue */
 } needle_state;
 
-/* Publishes the wrench and the states of two joints: "insertion", with the depth and the axial force, and "roll", with the rotation of the base about the
-   needle's axis (rad, the twist of its orientation, from -pi to pi) and the axial torque. */
+/* Publishes the wrench and the state of two joints: "insertion", with the depth and the axial force, and "roll", with the base's rotation about the needle
+   axis (rad, the twist of its orientation, from -pi to pi) and the axial torque. */
 void topics_publish(topics *t, const needle_state *state);
 
 #endif

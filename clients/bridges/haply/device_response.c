@@ -3,16 +3,15 @@
 #include <complex.h>
 #include <math.h>
 
-/* Hz: above the frequencies of the hand's tremor (8 to 12 Hz) and of its voluntary motion, and low enough for the motion to have an amplitude of a few
-   hundredths of a millimetre. */
+/* Hz: above the hand's tremor (8 to 12 Hz) and voluntary motion, but low enough for the device to move by a few hundredths of a millimetre. */
 static const double FREQUENCIES[RESPONSE_FREQUENCIES] = {14, 23, 37};
-static const double SETTLING = 0.5;                  /* s, time to settle before the measurement */
+static const double SETTLING = 0.5;                  /* s, settling time before the measurement */
 static const double DURATION = 4.0;                  /* s, duration of the measurement */
-static const double LONGEST_STEP = 1e-3;             /* s, longest step of the integration */
-static const double LONGEST_DELAY = 0.06;            /* s, longest round-trip delay considered: longer than one period of the second-lowest frequency, shorter
+static const double LONGEST_STEP = 1e-3;             /* s, largest integration step */
+static const double LONGEST_DELAY = 0.06;            /* s, longest round-trip delay tried: longer than one period of the second-lowest frequency, shorter
                                                         than one period of the lowest */
 static const double MOST_MISFIT = 0.2;
-static const double LEAST_MOTION = 1e-6;             /* m: motion at a frequency with an amplitude below this is regarded as noise */
+static const double LEAST_MOTION = 1e-6;             /* m: motion with a smaller amplitude is regarded as noise */
 
 void response_begin(device_response *r, double greatest, double now) {
     *r = (device_response){.amplitude = greatest / RESPONSE_FREQUENCIES, .begin = now + SETTLING};
@@ -20,7 +19,7 @@ void response_begin(device_response *r, double greatest, double now) {
 
 bool response_is_over(const device_response *r, double now) { return now > r->begin + DURATION; }
 
-/* Adds the integral of value * e^(-i w t) over a short interval around `middle` to the sums. A Hann window suppresses the hand's drift. */
+/* Adds to the sums the integral of value * e^(-i w t) over a short interval around `middle`, times a Hann window that suppresses the hand's drift. */
 static void integrate_step(const device_response *r, double sums[][2], double value, double middle, double length) {
     double t = middle - r->begin;
     if (t < 0.0 || t > DURATION) return;
@@ -31,7 +30,7 @@ static void integrate_step(const device_response *r, double sums[][2], double va
     }
 }
 
-/* Adds the integral of value * e^(-i w t) over an interval of any length, during which the value changes linearly. */
+/* Like integrate_step, but for an interval of any length over which the value changes linearly. */
 static void integrate(const device_response *r, double sums[][2], double from, double first, double to, double last) {
     int steps = (int)ceil((to - from) / LONGEST_STEP);
     double length = (to - from) / steps;
@@ -59,7 +58,7 @@ void response_add(device_response *r, double now, double position) {
     r->position.known = true;
 }
 
-/* Fits mass, damping and stiffness to the impedances (N/m) for a given delay. Returns the squared misfit relative to the impedances. */
+/* Fits mass, damping and stiffness to the impedances (N/m), assuming a given delay. Returns the squared relative misfit. */
 static double fit(const double complex *impedances, double delay, response_model *model) {
     double s0 = 0, s1 = 0, s2 = 0, b0 = 0, b1 = 0, d0 = 0, d1 = 0, misfit = 0;
     for (int i = 0; i < RESPONSE_FREQUENCIES; i++) { /* weighted least squares fit of Re z = k - m w^2, Im z = c w */

@@ -1,5 +1,5 @@
-/* trocar-haply: connects a Haply Inverse3 and its handle to trocar-server. In each period, it sends the newest force to the Haply Inverse Service;
-   the reply contains the device's state, from which the needle's next pose is computed. See docs/devices/haply.md and message.h. */
+/* trocar-haply: connects a Haply Inverse3 and its handle to trocar-server. In each period, it sends the newest force to the Haply Inverse Service and
+   computes the needle's next pose from the device state in the reply. See docs/devices/haply.md and message.h. */
 #include <argp.h>
 #include <stdarg.h>
 #include <stdio.h>
@@ -21,17 +21,17 @@ const char *argp_program_version = "trocar-haply " TROCAR_VERSION;
 error_t argp_err_exit_status = EXIT_BAD_INPUT;
 
 static const double GRAVITY = 9.81;                   /* m/s^2 */
-/* ns without a reply from the service after which the force is set to zero, as trocar_client's watchdog does */
+/* ns, set the force to zero after this long without a reply from the service, like trocar_client's watchdog */
 static const int64_t REPLY_TIMEOUT = 20000000;
-static const int64_t FROZEN = 500000000;              /* ns for which the state may stay exactly constant under a force before it counts as frozen; a
-                                                         hand's tremor moves the device by tenths of a millimetre at 8 to 12 Hz */
-static const int64_t CONNECTION_TIMEOUT = 1000000000; /* ns without a reply after which the connection is closed and opened again */
-static const int64_t REPORT_AFTER = 500000000;        /* ns without a wrench after which the absence of wrenches is reported */
-static const int64_t INQUIRY = 200000000;             /* ns between two requests for the list of devices */
+static const int64_t FROZEN = 500000000;              /* ns, the state counts as frozen if it stays exactly constant for this long under a force: a hand's
+                                                         tremor moves the device by tenths of a millimetre at 8 to 12 Hz */
+static const int64_t CONNECTION_TIMEOUT = 1000000000; /* ns, reconnect after this long without a reply */
+static const int64_t REPORT_AFTER = 500000000;        /* ns, tell the user after this long without a wrench */
+static const int64_t INQUIRY = 200000000;             /* ns, interval between requests for the list of devices */
 static const int64_t SHUTDOWN_TIMEOUT = 200000000;    /* ns to wait for the last reply at shutdown */
 static const int64_t REPORTED = INT64_MAX;
 static const double MEASURING_FORCE = 0.5;            /* N, force applied by --measure-delay */
-static const int64_t EVENT_GAP = 100000000;           /* ns, shortest time between two reported events */
+static const int64_t EVENT_GAP = 100000000;           /* ns, minimum time between reported events */
 
 /* Counters, printed periodically and at the end. */
 typedef struct {
@@ -46,35 +46,35 @@ typedef struct {
     trocar_client *server;
     network *net;
     websocket service, events;
-    haply_choice choice;     /* IDs of the device and handle in use: the first ones that were found */
+    haply_choice choice;     /* IDs of the device and handle in use: the first ones found */
     mapping map;
     limiter limit;
     haply_state state;
 
-    bool valid;              /* the newest message contains a usable state, and the service has answered in time */
+    bool valid;              /* the newest message contains a usable state and was in time */
     haply_state seen;        /* the previous state */
-    int64_t changed_at;      /* ns: time when the state last changed while a force was applied */
-    bool frozen;             /* the state has been constant for too long, so the force stays zero until it changes */
+    int64_t changed_at;      /* ns: when the state last changed under a force */
+    bool frozen;             /* the state has been constant for too long; the force stays zero until it changes */
     bool lost;               /* the loss of the connection has been reported */
     bool absent;             /* the newest message does not contain a device */
     bool greeted;
     const char *key;         /* key under which a message gives the force; NULL before the first message */
-    unsigned told;           /* one bit for each kind of problem; set once it has been reported on this connection */
+    unsigned told;           /* bit set of the kinds of problem already reported on this connection */
     int waiting;             /* number of pending replies */
-    bool overdue;            /* replies took too long, so nothing more is sent until all pending replies have arrived */
-    int64_t asked_at;        /* ns: time at which the oldest message without a reply was sent */
-    int64_t sent_at;         /* ns: time at which the newest message was sent */
+    bool overdue;            /* replies are taking too long; send nothing more until all pending ones have arrived */
+    int64_t asked_at;        /* ns: when the oldest message still without a reply was sent */
+    int64_t sent_at;         /* ns: when the newest message was sent */
 
-    bool answered;           /* the program has reported that it receives wrenches from the server */
-    /* ns: start of the wait for a wrench; 0 while wrenches arrive or are not expected; REPORTED once the absence of wrenches has been reported */
+    bool answered;           /* the user has been told that wrenches are arriving from the server */
+    /* ns: when the wait for a wrench began; 0 while wrenches arrive or none are expected; REPORTED once the user has been told that none arrive */
     int64_t unanswered_since;
-    int64_t event_at;        /* ns: time of the last event that was reported */
+    int64_t event_at;        /* ns: when an event was last reported */
 
-    bool measuring, measured; /* `measuring`: `response` is being measured; `measured`: the measurement has finished, and the program ends */
+    bool measuring, measured; /* measuring: a measurement of `response` is under way; measured: it is finished, and the program ends */
     bool found;              /* the fit succeeded */
     device_response response; /* measurement of --measure-delay */
 
-    bool shutting_down, last_sent; /* the program is ending; its last message, with zero force, has been sent */
+    bool shutting_down, last_sent; /* shutting_down: the program is ending; last_sent: its last message, with zero force, has been sent */
     int64_t shut_down_since; /* ns */
     bool ends;
     statistics part, whole;
@@ -127,12 +127,12 @@ static void report_problem(bridge *b, haply_problem problem) {
 /* ---- from the service to the server --------------------------------------------------------------------------------- */
 
 static void no_state(bridge *b) {
-    b->valid = b->measuring = false; /* a measurement must start again from the beginning */
+    b->valid = b->measuring = false; /* a measurement must start over */
     limiter_cut(&b->limit);
     if (b->unanswered_since != REPORTED) b->unanswered_since = 0;
 }
 
-/* Makes the bridge keep using the first device and handle, even if others are connected later. */
+/* Settles on the first device and handle found, so that the bridge keeps using them even if others are connected later. */
 static void choose(bridge *b) {
     if (!b->choice.device[0]) say("device %s", b->state.device);
     memcpy(b->choice.device, b->state.device, HAPLY_ID);
@@ -144,7 +144,7 @@ static void choose(bridge *b) {
 
 static void heed_handle(bridge *b, bool had_handle) {
     bool has_handle = b->state.handle[0] != '\0';
-    if (has_handle != had_handle) limiter_cut(&b->limit); /* the orientation of the needle may change abruptly */
+    if (has_handle != had_handle) limiter_cut(&b->limit); /* the needle's orientation may jump */
     if (!has_handle && !b->set.mapping.fixed) report_problem(b, HAPLY_NO_HANDLE);
 }
 
@@ -159,8 +159,7 @@ static bool is_same(const haply_state *a, const haply_state *b) {
         && a->clutch == b->clutch;
 }
 
-/* True if the state is frozen. A service that has lost its device may repeat the last state forever, and the server would keep sending the force for
-   that state. */
+/* Detects a frozen state. A service that has lost its device may repeat the last state forever, and the server would keep sending the force for it. */
 static bool is_frozen(bridge *b) {
     int64_t now = monotonic_ns();
     bool same = is_same(&b->state, &b->seen), felt = v3_norm(b->limit.force) > 0;
@@ -171,7 +170,7 @@ static bool is_frozen(bridge *b) {
     return b->frozen = frozen;
 }
 
-/* Adds the device's newest position along its y axis to the measurement of --measure-delay. */
+/* Feeds the device's position along its y axis to the --measure-delay measurement. */
 static void note_response(bridge *b) {
     double now = 1e-9 * (double)monotonic_ns();
     if (!b->measuring && !b->measured) {
@@ -198,7 +197,7 @@ static void on_state(void *context, const char *text, size_t length) {
         no_state(b);
         return;
     }
-    if (b->waiting > 0) return; /* this reply is late; newer ones are still to come */
+    if (b->waiting > 0) return; /* a late reply; newer ones are still on their way */
     if (is_frozen(b)) {
         report_problem(b, HAPLY_FROZEN);
         no_state(b);
@@ -236,7 +235,7 @@ static void heed_server(bridge *b, bool answered, int64_t now) {
     say("no wrench from trocar-server, so no force: start the server, or look in trocar-top why needle %d gets none; waiting", b->set.needle);
 }
 
-/* Prints the `device` keys for the scene file, scaled to the needle's motion. */
+/* Prints the measured values as `device` keys for the scene file, converted to the needle's scale. */
 static void tell_response(bridge *b) {
     response_model found;
     b->measured = true;
@@ -300,7 +299,7 @@ static void on_opened(void *context) {
     b->told = 0;
     b->waiting = 0;
     b->overdue = false;
-    b->sent_at = monotonic_ns(); /* the service sends the first message, so the wait for it starts now */
+    b->sent_at = monotonic_ns(); /* the service sends the first message; start waiting for it now */
 }
 
 static void on_closed(void *context, const char *why) {
@@ -315,7 +314,7 @@ static void ignore_opening(void *context) { (void)context; }
 static void ignore_closing(void *context, const char *why) { (void)context, (void)why; }
 static size_t write_nothing(void *context, char *text, size_t size) { return (void)context, (void)text, (void)size, 0; }
 
-/* Sends a force of zero, waits for the reply so that the message is not lost when the connection closes, and ends the program. */
+/* Ends the program: sends zero force and waits for the reply, so that the message is not lost when the connection closes. */
 static void shut_down(bridge *b, int64_t now) {
     if (!b->shutting_down) b->shut_down_since = now;
     b->shutting_down = true;
@@ -323,16 +322,16 @@ static void shut_down(bridge *b, int64_t now) {
     if (!b->last_sent) websocket_ask_to_write(&b->service);
 }
 
-/* Opens a new connection. Replies are not numbered, so a lost reply cannot be distinguished from a late one, and the count of pending replies can be
-   restarted only with a new connection. */
+/* Reconnects. Replies are not numbered, so a lost reply cannot be told from a late one; only on a new connection can the count of pending replies start
+   again from zero. */
 static void renew(bridge *b) {
     if (!b->lost) say("no reply from the service at %s:%d for 1 s: reconnecting, twice a second", b->set.host, b->set.port);
     b->lost = true;
     websocket_drop(&b->service);
 }
 
-/* Sends one more message, with a force of zero, to a service that does not reply in time, so that the force stops once the service has read it. If
-   more were sent, a service slower than the tick would fall ever further behind the bridge. */
+/* Sends a single message with zero force to a service that does not reply in time, so that the force stops once the service gets round to reading it. More
+   messages would make a service slower than the tick fall ever further behind. */
 static void await_reply(bridge *b, int64_t now) {
     if (now - b->asked_at > CONNECTION_TIMEOUT) renew(b);
     if (now - b->asked_at < REPLY_TIMEOUT || b->overdue) return;
@@ -360,10 +359,10 @@ static void on_tick(void *context) {
 
 static trocar_status run(bridge *b, trocar_error *why) {
     int priority = 0;
-    if (b->set.realtime && playing_use_realtime()) priority = PRIORITY_DEVICE - 1; /* the client's thread runs just below the priority of this thread */
+    if (b->set.realtime && playing_use_realtime()) priority = PRIORITY_DEVICE - 1; /* the client's thread runs at one below this thread's priority */
     trocar_client_options server = {.url = b->set.lcm_url[0] ? b->set.lcm_url : NULL, .needle = b->set.needle, .priority = priority};
     b->server = trocar_client_open(&server, why->text, sizeof why->text);
-    if (!b->server) return TROCAR_BAD_INPUT; /* the URL of the LCM network is not valid */
+    if (!b->server) return TROCAR_BAD_INPUT; /* the LCM URL is not valid */
     trocar_status status = network_create(b->set.rate, on_tick, b, &b->net, why);
     if (status == TROCAR_OK) {
         puts("ready");

@@ -1,7 +1,7 @@
 #include "limiter.h"
 
 static const double RAMP = 0.1;          /* s, duration of the ramp, as in trocar_client after an outage */
-static const double LONGEST_PERIOD = 0.01; /* s: after a longer gap between calls, the force may change only by as much as max_rate allows in this time */
+static const double LONGEST_PERIOD = 0.01; /* s: after a longer gap between calls, the rate limit still allows only the change for this time */
 
 void limiter_cut(limiter *l) {
     l->gain = l->grip = 0;

@@ -1,6 +1,6 @@
 #include "mapping.h"
 
-/* Returns the shortest rotation that turns the z axis into this direction. */
+/* Returns the shortest rotation that takes the z axis to this direction. */
 static quat along(vec3 direction) {
     vec3 d = v3_unit(direction);
     if (d.z < -0.999999) return (quat){0, 1, 0, 0};
@@ -26,7 +26,7 @@ static void clutch_released(mapping *m, vec3 position, const quat *handle) {
 }
 
 pose mapping_pose(mapping *m, vec3 position, const quat *handle, bool clutch) {
-    if (!handle) clutch = m->clutched; /* without a handle, the state of the button is unknown, so that of the clutch does not change */
+    if (!handle) clutch = m->clutched; /* without a handle, the button's state is unknown, so leave the clutch as it was */
     if (m->set.fixed) handle = NULL;
     if (!m->placed) m->origin = m->set.has_offset ? m->set.offset : v3_sub(m->set.start, in_scene(m, position));
     if (m->clutched && !clutch) clutch_released(m, position, handle);

@@ -4,8 +4,8 @@
 #include <stdio.h>
 #include <string.h>
 
-static const double REACH = 1.0;              /* m, maximum plausible distance of a device's cursor from its origin */
-static const double UNIT_TOLERANCE = 0.05;    /* maximum allowed difference between a quaternion's length and 1 */
+static const double REACH = 1.0;              /* m, a cursor farther than this from the device's origin is implausible */
+static const double UNIT_TOLERANCE = 0.05;    /* allowed deviation of a quaternion's length from 1 */
 
 static const cJSON *member(const cJSON *object, const char *name) { return cJSON_GetObjectItemCaseSensitive(object, name); }
 
@@ -19,7 +19,7 @@ static bool read_id(const cJSON *device, char id[HAPLY_ID]) {
     return true;
 }
 
-/* Reads finite numbers from the members of an object; returns false if one is missing or is not a finite number. */
+/* Reads the named members of an object. Returns false if one is missing or is not a finite number. */
 static bool read_numbers(const cJSON *object, const char *const *names, int count, double *numbers) {
     for (int i = 0; i < count; i++) {
         const cJSON *number = member(object, names[i]);
@@ -45,7 +45,7 @@ static bool read_orientation(const cJSON *state, quat *orientation) {
     return true;
 }
 
-/* Returns the device with this ID, or the first device if the ID is empty; returns NULL if there is none. */
+/* Finds the device with this ID, or the first one if the ID is empty. Returns NULL if there is none. */
 static const cJSON *find(const cJSON *list, const char *wanted, char id[HAPLY_ID]) {
     const cJSON *device;
     cJSON_ArrayForEach(device, list)
@@ -118,7 +118,7 @@ bool haply_read_event(const char *text, size_t length, char *told, size_t size) 
     return tell;
 }
 
-/* Rounds a force (N) to six decimals towards zero, so that rounding never makes it exceed its limits. */
+/* Rounds a force (N) to six decimals, towards zero so that it cannot exceed its limits. */
 static double six_places(double force) { return trunc(1e6 * force) / 1e6; }
 
 size_t haply_write_force(char *text, size_t size, const char *device, const char *key, vec3 force, bool greet) {

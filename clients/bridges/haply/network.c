@@ -77,7 +77,7 @@ static const struct lws_protocols protocols[] = {{.name = "socket", .callback = 
 
 static bool start_timer(network *n, double rate) {
     n->timer = timerfd_create(CLOCK_MONOTONIC, TFD_NONBLOCK | TFD_CLOEXEC);
-    int own = n->timer < 0 ? -1 : dup(n->timer); /* libwebsockets closes the descriptors that are passed to it, so pass a duplicate */
+    int own = n->timer < 0 ? -1 : dup(n->timer); /* libwebsockets closes descriptors passed to it, so give it a duplicate */
     if (own < 0) return false;
     struct timespec period = {.tv_sec = (time_t)(1 / rate), .tv_nsec = lround(1e9 * fmod(1 / rate, 1.0))};
     lws_adopt_desc_t adopted = {.vh = n->host, .type = LWS_ADOPT_RAW_FILE_DESC, .fd.filefd = own, .vh_prot_name = "timer"};
@@ -92,7 +92,7 @@ trocar_status network_create(double rate, void (*tick)(void *context), void *con
     network *n = calloc(1, sizeof *n);
     if (!n) return fail(why, TROCAR_NO_MEMORY, "no memory for the network");
     *n = (network){.timer = -1, .tick = tick, .context = context};
-    lws_set_log_level(0, NULL); /* disables the library's log, because `closed` reports the reason */
+    lws_set_log_level(0, NULL); /* no library log: `closed` already reports the reason */
     struct lws_context_creation_info info = {.port = CONTEXT_PORT_NO_LISTEN, .protocols = protocols, .user = n, .vhost_name = "haply",
                                              .timeout_secs = PATIENCE, .connect_timeout_secs = PATIENCE,
                                              .options = LWS_SERVER_OPTION_EXPLICIT_VHOSTS};

@@ -8,7 +8,7 @@
 
 #include "base/error.h"
 
-enum { NETWORK_TEXT = 1 << 18 };  /* bytes, size of the longest message that can be received; longer ones are passed on as empty strings */
+enum { NETWORK_TEXT = 1 << 18 };  /* bytes, longest message that can be received; longer ones are delivered as empty strings */
 
 struct lws;
 typedef struct network network;
@@ -16,12 +16,12 @@ typedef struct network network;
 typedef struct {
     const char *address;
     int port;                /* 0 if this client never connects */
-    double retry;            /* s between two connection attempts */
+    double retry;            /* s, interval between connection attempts */
     void *context;
     void (*opened)(void *context);
-    void (*closed)(void *context, const char *why);       /* called when the connection closes and after each failed attempt */
+    void (*closed)(void *context, const char *why);       /* called when the connection closes and after each failed attempt to connect */
     void (*received)(void *context, const char *text, size_t length);
-    size_t (*write)(void *context, char *text, size_t size); /* writes a requested message and returns its length; 0 if there is no message */
+    size_t (*write)(void *context, char *text, size_t size); /* writes the message to send and returns its length, or 0 if there is nothing to send */
 
     /* used only inside network.c */
     struct lws *wsi;
@@ -35,10 +35,10 @@ typedef struct {
 trocar_status network_create(double rate, void (*tick)(void *context), void *context, network **created, trocar_error *why);
 void network_free(network *n);
 
-/* Waits for events and handles them; also returns when a signal has arrived. */
+/* Waits for events and handles them. Also returns when a signal arrives. */
 void network_round(network *n);
 
-/* Connects if the next attempt is due. Must be called in every tick. */
+/* Keeps the client connected: makes the next attempt if one is due. Call it in every tick. */
 void websocket_keep(network *n, websocket *s);
 
 void websocket_ask_to_write(websocket *s);

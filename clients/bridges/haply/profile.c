@@ -25,7 +25,7 @@ static trocar_status next(reader *r) {
 
 static bool is_scalar(const reader *r) { return r->event.type == YAML_SCALAR_EVENT; }
 
-/* Appends a scalar to `value`; if `more` is true, puts a comma before it. */
+/* Appends a scalar to `value`, after a comma if `more` is true. */
 static trocar_status append(reader *r, char *value, size_t size, bool more) {
     size_t length = strlen(value);
     int added = snprintf(value + length, size - length, "%s%s", more ? "," : "", (const char *)r->event.data.scalar.value);
@@ -43,7 +43,7 @@ static trocar_status read_value(reader *r, char *value, size_t size) {
     return r->event.type == YAML_SEQUENCE_END_EVENT ? TROCAR_OK : wrong(r, "expected a list of numbers");
 }
 
-/* Reads one option: the parser's newest event is the key, and the value follows. */
+/* Reads one option. The parser's current event is the key; the value comes next. */
 static trocar_status read_option(reader *r, profile_setter set, void *context) {
     char key[64], value[1024] = "", place[1024];
     snprintf(key, sizeof key, "%s", (const char *)r->event.data.scalar.value);

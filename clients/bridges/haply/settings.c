@@ -60,7 +60,7 @@ static quat parse_rotation(const struct argp_state *state, const char *option, c
     return q_unit((quat){n[0], n[1], n[2], n[3]});
 }
 
-/* True if `text` is the second of two words, false if it is the first; exits if it is neither. */
+/* Parses one of two words: returns true for `second`, false for `first`, and exits with an error otherwise. */
 static bool parse_word(const struct argp_state *state, const char *option, const char *text, const char *first, const char *second) {
     if (strcmp(text, first) != 0 && strcmp(text, second) != 0) argp_error(state, "--%s: '%s': expected %s or %s", option, text, first, second);
     return strcmp(text, second) == 0;
@@ -82,15 +82,15 @@ static error_t parse_option(int key, char *text, struct argp_state *state);
 
 typedef struct {
     struct argp_state *state;
-    unsigned given;          /* one bit for each option that was given, starting with OPTION_SERVICE */
+    unsigned given;          /* bit set of the options given; bit 0 is OPTION_SERVICE */
 } profile;
 
-/* Sets an option from a profile. Error messages name the place in the profile. */
+/* Sets an option from a profile. Error messages name the line in the profile. */
 static trocar_status set_from_profile(void *context, const char *place, const char *name, const char *value, trocar_error *why) {
     profile *p = context;
     struct argp_state *state = p->state;
     const struct argp_option *o = option_list;
-    while ((o->name || o->doc) && !(o->name && strcmp(o->name, name) == 0)) o++; /* skips headings, which have no name */
+    while ((o->name || o->doc) && !(o->name && strcmp(o->name, name) == 0)) o++; /* skip headings, which have no name */
     if (!o->name || o->key == OPTION_PROFILE) return fail(why, TROCAR_BAD_INPUT, "%s: no option '%s'; see trocar-haply --help", place, name);
     if (!o->arg && strcmp(value, "true") != 0) return fail(why, TROCAR_BAD_INPUT, "%s: %s: expected true", place, name);
     unsigned bit = 1u << (o->key - OPTION_SERVICE);
@@ -109,7 +109,7 @@ static error_t parse_option(int key, char *text, struct argp_state *state) {
     haply_settings *o = state->input;
     mapping_settings *m = &o->mapping;
     switch (key) {
-    case OPTION_PROFILE: break; /* parse_profile has already read this option */
+    case OPTION_PROFILE: break; /* already handled by parse_profile */
     case OPTION_SERVICE: parse_service(state, o, text); break;
     case OPTION_EVENTS: o->events_port = parse_whole(state, "events", text, 0, 65535); break;
     case OPTION_DEVICE: parse_text(state, "device", text, sizeof o->choice.device, o->choice.device); break;
@@ -189,7 +189,7 @@ void haply_parse(int count, char **arguments, haply_settings *settings) {
         .max_force = 3, .max_force_rate = 400, .force_scale = 1,
         .mapping = {.rotation = MAPPING_Y_TO_Z, .scale = 1, .start = {0.005, 0.003, -0.201}, .length = STANDARD_LENGTH, .direction = {0, 0, 1},
                     .tool = MAPPING_Y_TO_Z}};
-    argp_parse(&profile_parser, count, arguments, 0, NULL, settings); /* the profile is read first, so that the command line overrides it */
+    argp_parse(&profile_parser, count, arguments, 0, NULL, settings); /* read the profile first, so that the command line overrides it */
     argp_parse(&parser, count, arguments, 0, NULL, settings);
 }
 

@@ -10,13 +10,13 @@ typedef struct {
     char host[256];
     int port, events_port;   /* 0: none */
     haply_choice choice;
-    char lcm_url[256];       /* if empty, the URL is taken from the environment */
-    const char *force_key;   /* if NULL, the key depends on the service's version */
+    char lcm_url[256];       /* empty: take the URL from the environment */
+    const char *force_key;   /* NULL: depends on the service's version */
     int needle;
     double rate;             /* Hz */
-    double report;           /* s between two reports; 0 selects a single report at the end */
+    double report;           /* s, interval between reports; 0: only one report, at the end */
     bool realtime, start_given, length_given, direction_given, scale_given, force_scale_given;
-    bool measure_delay;      /* measure the delay of the device instead of driving a needle */
+    bool measure_delay;      /* measure the device's delay instead of driving a needle */
     bool patient;            /* start and offset are given in patient coordinates, mm */
     char scene[1024];        /* path of the scene; empty if none was given */
     mapping_settings mapping;
@@ -29,7 +29,7 @@ typedef struct {
 /* Parses the command line and the profile; exits if an option is invalid. */
 void haply_parse(int count, char **arguments, haply_settings *settings);
 
-/* Takes the needle's start, direction and length, and the scales of motion and force, from the scene unless options specify them. */
+/* Takes from the scene whatever the options leave open: the needle's start, direction and length, and the motion and force scales. */
 trocar_status haply_place(haply_settings *settings, trocar_error *why);
 
 #endif

@@ -11,7 +11,7 @@
 #include <igtl_util.h>
 
 enum { ASCII = 3, UTF_8 = 106 }; /* character sets, as numbered by IANA (MIBenum) */
-enum { EXTENDED_HEADER = 12, NO_METADATA = 2 /* sizes in bytes; metadata without entries consists only of the number of entries, 0 */ };
+enum { EXTENDED_HEADER = 12, NO_METADATA = 2 /* bytes; metadata without entries is just the number of entries, 0 */ };
 static const uint64_t LARGEST_BODY = UINT64_C(1) << 28;
 
 /* ---- values ---- */
@@ -33,7 +33,7 @@ void igtl_free(igtl_message *m) {
     bytes_free(&m->content);
 }
 
-/* Turns the changed content into a new value of the message. */
+/* Makes the changed content the message's new value. */
 static void renew(igtl_message *m, int64_t utime) {
     drop_packets(m);
     m->utime = utime;
@@ -117,14 +117,13 @@ void igtl_move_points(igtl_message *m, int64_t utime, const float *points, int c
 
 /* ---- packets ---- */
 
-/* Returns a time as a fixed-point number: seconds since the epoch in the upper 32 bits, fractions of a second in the lower 32 bits. */
+/* Converts a time to fixed point: seconds since the epoch in the upper 32 bits, and the fraction of a second in the lower 32 bits. */
 static igtl_uint64 stamp_of(int64_t utime) {
     igtl_uint64 seconds = (igtl_uint64)(utime / 1000000), us = (igtl_uint64)(utime % 1000000);
     return seconds << 32 | (us << 32) / 1000000;
 }
 
-/* Writes the parts that version 2 of the protocol adds around the content: an extended header, with lengths and an unused message number, and empty
-   metadata. */
+/* Writes what version 2 of the protocol adds around the content: an extended header, with lengths and an unused message ID, and empty metadata. */
 static void write_extension(unsigned char *body, size_t content) {
     const uint16_t sizes[2] = {htobe16(EXTENDED_HEADER), htobe16(NO_METADATA)};
     memset(body, 0, EXTENDED_HEADER);
@@ -163,7 +162,7 @@ void igtl_drop(igtl_packet *packet) {
 
 /* ---- received ---- */
 
-/* True if a text field consists of printable ASCII characters up to its first zero byte. */
+/* Tests whether a text field is printable ASCII up to its first zero byte. */
 static bool is_text(const char *field) {
     for (; *field; field++)
         if (*field < ' ' || *field > '~') return false;

@@ -12,8 +12,8 @@ int organs_count(const trocar_model *model) {
     return count;
 }
 
-/* Finds the points on the surface of one volume, and its triangles for the message. `place` is scratch memory with one entry per node, all -1 outside
-   this function. */
+/* Finds the points and triangles on the surface of a volume, for its message. place: scratch memory with one entry per node, all -1 on entry and on
+   return. */
 static bool make_organ(const trocar_model *model, int region, organ *o, int32_t *place) {
     const int32_t *tets = trocar_model_tets(model), *regions = trocar_model_tet_regions(model);
     int tet_count = trocar_model_tet_count(model), triangles = 0, next = 0;

@@ -13,8 +13,8 @@ enum { STATUS, NEEDLES, BASE = 0, TIP, FORCE, CURVE, PER_NEEDLE, PER_PROBE = 2 }
 
 /* ---- names ---- */
 
-/* Names a message of one needle: "NeedleToReference" for the first needle, "Needle2ToReference" for the second. Names must not exceed 20 characters, so
-   the tip's message is called "Tip2ToReference". */
+/* Names a needle's message: "NeedleToReference" for the first needle, "Needle2ToReference" for the second. The tip's message is called "Tip2ToReference",
+   because names are limited to 20 characters. */
 static void name_needle(igtl_message *m, int needle) {
     char base[32] = "NeedleToReference", tip[32] = "NeedleTipToReference", force[32] = "NeedleForce", curve[32] = "Needle";
     if (needle > 0) {
@@ -79,8 +79,8 @@ void outlets_free(outlets *o) {
 
 /* ---- pictures ---- */
 
-/* Returns the frame of the tip: the base's frame, parallel-transported along the needle (no twist) and then rotated by the angle by which the tip
-   leads the base. */
+/* Returns the tip frame: the base frame, parallel-transported along the needle (without twist) and then rotated by the angle by which the tip leads the
+   base. */
 static pose tip_of(const trocar_contacts_t *c) {
     quat turn = load_pose(c->centreline[0], c->orientation).orientation;
     for (int i = 1; i < c->joint_count; i++) {
@@ -148,7 +148,7 @@ void outlets_show_forces(outlets *o, const subscriber *feed) {
         igtl_set_transform(m, w->utime, &force);
     }
     if (o->probe < 0 || !feed->probe.placed) return;
-    int64_t now = wall_us(); /* the current time, because the subscriber does not store the times of the probe's messages */
+    int64_t now = wall_us(); /* use the current time: the subscriber does not keep the times of the probe's messages */
     const trocar_probe *p = &feed->probe;
     ras_matrix place = ras_of_pose(&o->frame, load_pose(p->base.position, p->base.orientation)), force = ras_of_vector(&o->frame, p->force);
     igtl_set_transform(&o->messages[o->probe], now, &place);

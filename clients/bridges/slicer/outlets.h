@@ -1,4 +1,4 @@
-/* The messages that are sent to clients, built from the server's latest messages. */
+/* The OpenIGTLink messages sent to clients, built from the newest messages of trocar-server. */
 #ifndef TROCAR_OUTLETS_H
 #define TROCAR_OUTLETS_H
 
@@ -9,10 +9,10 @@
 
 typedef struct {
     const trocar_model *model;
-    patient_frame frame;     /* conversion between the mesh's coordinates and RAS */
+    patient_frame frame;     /* converts between mesh and RAS coordinates */
     bool registered;         /* true if the scene is registered to a patient */
     igtl_message *messages;
-    int count, light_count;  /* number of messages, and how many of them, the first ones, are small */
+    int count, light_count;  /* number of messages, and how many of the first ones are small */
     int needles;             /* index of the first needle's four messages (base, tip, force, shape); those of the other needles follow */
     int probe;               /* index of the first of the probe's two messages (pose and force); -1 if the scene has no probe */
     int images;              /* index of the first of the two images; -1 if there are none */
@@ -21,20 +21,20 @@ typedef struct {
     slices slices;
     body_list bodies;        /* needles and seeds */
     double needle_radius;    /* m */
-    double *nodes;           /* m, current positions of the mesh's nodes, 3 coordinates each */
+    double *nodes;           /* m, current positions of the mesh nodes, 3 coordinates each */
 } outlets;
 
 /* Creates the messages. BAD_INPUT for the same reasons as slices_create; NO_MEMORY. */
 trocar_status outlets_create(outlets *o, const trocar_scene *scene, const trocar_model *model, const slice_settings *images, trocar_error *why);
 void outlets_free(outlets *o);
 
-/* Updates needles and organs from the newest deformation, and requests new images. Before the first deformation, shows the tissue at rest. */
+/* Updates needles and organs from the newest deformation (or shows the tissue at rest if there is none yet), and requests new images. */
 void outlets_show_picture(outlets *o, const subscriber *feed);
 
-/* Updates the images, if new ones have been drawn. */
+/* Updates the images if new ones are ready. */
 void outlets_show_images(outlets *o);
 
-/* Updates the values that change more often than deformations arrive: the forces, and the probe. */
+/* Updates what changes more often than deformations arrive: the forces and the probe. */
 void outlets_show_forces(outlets *o, const subscriber *feed);
 
 /* Updates the status, a JSON text. */

@@ -18,12 +18,12 @@
 
 enum { LARGEST_TRANSFORM = 65536, TRACKER = PEERS, PACES = 16 };
 static const int64_t SECOND = 1000000000;   /* ns */
-static const int64_t PACE_INTERVAL = 30000000; /* ns between two records of how much a client has read; the PACES records cover half a second */
-static const uint64_t LEAST_UNREAD = 65536; /* bytes that a client may always leave unread */
-static const double LONGEST_UNREAD = 0.2;   /* s: a client may leave more bytes unread if it reads them within this time */
+static const int64_t PACE_INTERVAL = 30000000; /* ns between records of how much a client has read; PACES records cover half a second */
+static const uint64_t LEAST_UNREAD = 65536; /* a client may always have this many unread bytes */
+static const double LONGEST_UNREAD = 0.2;   /* s: it may have more if it can read them within this time */
 static const char STANDARD_PORT[] = "18944";
 
-/* Records how many bytes a client had read at a given time. */
+/* A record of how many bytes a client had read at some time. */
 typedef struct {
     int64_t at;              /* ns, monotonic */
     uint64_t read;           /* bytes */
@@ -31,25 +31,25 @@ typedef struct {
 
 struct peer {
     int socket;
-    bool connecting;         /* a connection to the tracker's server is being established */
+    bool connecting;         /* still connecting to the tracker's server */
     char who[80];            /* address and port */
-    int version;             /* highest header version received from the peer; messages to the peer use the same version */
+    int version;             /* highest header version received from the peer, and used for messages to it */
     igtl_packet *sending;    /* the message being sent; NULL if there is none */
-    size_t sent;             /* number of bytes of that message that have been sent */
+    size_t sent;             /* number of bytes of that message already sent */
     uint64_t whole;          /* number of bytes sent since the peer connected */
-    int64_t sent_at;         /* ns: time at which the last byte was sent */
-    uint64_t widest;         /* bytes, the largest receive window that the peer has offered so far */
-    pace paces[PACES];       /* ring buffer of the last records; newest_pace is the index of the newest one */
+    int64_t sent_at;         /* ns: when the last byte was sent */
+    uint64_t widest;         /* bytes, largest receive window offered by the peer so far */
+    pace paces[PACES];       /* ring buffer; newest_pace is the index of the newest record */
     int newest_pace;
-    int turn;                /* index, among the heavy messages, of the one to consider first */
-    int64_t *given;          /* for each message, the number of the last value that was sent to the peer */
+    int turn;                /* index, among the heavy messages, of the one whose turn it is */
+    int64_t *given;          /* for each message, the number of the last value sent to the peer */
     igtl_head head;          /* header of the incoming message */
     bool in_body;            /* the next bytes belong to the body of the incoming message */
-    uint64_t skip;           /* number of bytes of a skipped body that are still to come */
+    uint64_t skip;           /* number of bytes still to come of a body that is being skipped */
     size_t filled;
-    unsigned char bytes[LARGEST_TRANSFORM]; /* buffer for the bytes of a header, or of a transform's body */
-    int64_t complained;      /* ns, monotonic: time at which a refusal was last reported; 0 if never */
-    int unsaid;              /* number of refusals since then that have not been reported */
+    unsigned char bytes[LARGEST_TRANSFORM]; /* holds a header, or a transform's body, until it is complete */
+    int64_t complained;      /* ns, monotonic: when a fault was last reported; 0 if never */
+    int unsaid;              /* number of unreported faults since then */
 };
 
 /* ---- coming and going ---- */
@@ -78,8 +78,8 @@ static void name_peer(peer *c, const struct sockaddr *address, socklen_t size) {
 }
 
 static peer *add_peer(peers *p, int i, int socket, const struct sockaddr *address, socklen_t size) {
-    const int on = 1, unsent = 65536; /* `unsent`: number of unsent bytes in the kernel above which the socket does not count as writable, because these bytes
-                                         would become outdated */
+    const int on = 1, unsent = 65536; /* unsent: the socket does not count as writable while the kernel holds more unsent bytes than this, because queued
+                                         values go out of date */
     peer *c = calloc(1, sizeof *c);
     int64_t *given = calloc((size_t)p->settings.message_count, sizeof *given);
     if (!c || !given) {
@@ -122,7 +122,7 @@ int peers_count(const peers *p) {
 
 /* ---- the tracker's server ---- */
 
-/* Tries the tracker's next address at once; after the last address, waits a second and starts again with the first. */
+/* Moves on to the tracker's next address at once or, after the last one, back to the first in a second. */
 static void try_next_address(peers *p, int error) {
     p->tracker = p->tracker->ai_next;
     p->tracker_retry = monotonic_ns() + (p->tracker ? 0 : SECOND);
@@ -160,7 +160,7 @@ static void end_connecting(peers *p) {
 
 /* ---- receiving ---- */
 
-/* Reports faults of a peer, but at most once per second. */
+/* Reports a peer's fault to the user, at most once per second. */
 static void complain(peer *c, const char *what, const char *fault) {
     int64_t now = monotonic_ns();
     if (c->complained != 0 && now - c->complained < SECOND) {
@@ -174,11 +174,11 @@ static void complain(peer *c, const char *what, const char *fault) {
     c->unsaid = 0;
 }
 
-/* Answers a GET_ query for a type of message by sending the current values of that type again, either all or the one with the given name. Other
-   queries need no answer, because all messages are sent anyway. */
+/* Answers a GET_ query by sending the current values of that message type again, either all of them or the one with the given name. Other queries need no
+   answer, because all messages are sent anyway. */
 static void answer_query(const peers *p, peer *c) {
     if (strncmp(c->head.type, "GET_", 4) != 0) return;
-    const char *type = c->head.type + 4; /* with its prefix, the type is truncated to 12 bytes: TRANSFORM becomes TRANSFOR */
+    const char *type = c->head.type + 4; /* with the prefix GET_, the type is truncated to 12 bytes: TRANSFORM becomes TRANSFOR */
     for (int i = 0; i < p->settings.message_count; i++) {
         const igtl_message *m = &p->settings.messages[i];
         if (*type && strncmp(type, m->type, strlen(type)) == 0 && (!c->head.name[0] || strcmp(c->head.name, m->name) == 0)) c->given[i] = 0;
@@ -210,7 +210,7 @@ static void end_message(const peers *p, peer *c) {
     complain(c, what, fault);
 }
 
-/* Handles received bytes. Returns NULL, or the reason why the peer's data can no longer be interpreted. */
+/* Handles received bytes. Returns NULL, or a message that says why the peer's data no longer makes sense. */
 static const char *take_bytes(const peers *p, peer *c, const unsigned char *bytes, size_t count) {
     const char *fault = NULL;
     while (count > 0 && !fault) {
@@ -249,9 +249,9 @@ static void receive(peers *p, int i) {
 
 /* ---- how far a client is behind ---- */
 
-/* Returns the number of bytes that the peer has not read yet: those in transit, and those waiting on its machine. The latter reduce the receive
-   window that it offers below the largest one. Each acknowledgement reports the window, but reading alone does not cause an acknowledgement, so the
-   number may be too high until something more is sent. */
+/* Estimates how many bytes the peer has not read yet: those in transit and those waiting on its machine. The latter are inferred from how far its receive
+   window is below the largest one. Acknowledgements report the window, but the peer does not send one just because it has read data, so the estimate may be
+   too high until something more is sent. */
 static uint64_t unread(peer *c) {
     struct tcp_info info = {0};
     socklen_t size = sizeof info;
@@ -263,7 +263,7 @@ static uint64_t unread(peer *c) {
     return c->widest - info.tcpi_snd_wnd + (uint64_t)on_the_way;
 }
 
-/* Returns the rate at which the peer has read data over the last half second, in bytes per second. */
+/* Returns how fast the peer has been reading over the last half second, in bytes per second. */
 static double reading_rate(peer *c, uint64_t waiting, int64_t now) {
     pace *newest = &c->paces[c->newest_pace], at_present = {now, c->whole > waiting ? c->whole - waiting : 0};
     if (now - newest->at >= PACE_INTERVAL) {
@@ -274,8 +274,8 @@ static double reading_rate(peer *c, uint64_t waiting, int64_t now) {
     return oldest->at < now && at_present.read > oldest->read ? 1e9 * (double)(at_present.read - oldest->read) / (double)(now - oldest->at) : 0.0;
 }
 
-/* True if the peer should read what it has already been sent before the next heavy message; otherwise it would show outdated values. Small messages
-   are still sent, and their acknowledgements report the peer's window; if there are none, one heavy message is sent per second for that purpose. */
+/* Tells whether heavy messages must wait until the peer has read more of what it was sent, so that it does not show outdated values. Small messages are sent
+   regardless, and their acknowledgements report the peer's window. If there are none, one heavy message is sent per second for the same purpose. */
 static bool is_behind(peer *c) {
     int64_t now = monotonic_ns();
     uint64_t waiting = unread(c);
@@ -290,7 +290,7 @@ static bool is_behind(peer *c) {
 
 static bool is_new(const peers *p, const peer *c, int message) { return p->settings.messages[message].number != c->given[message]; }
 
-/* Returns the index of the next message to send, or -1. Light messages come first; heavy messages take turns. */
+/* Picks the next message to send: light messages come first, and heavy ones take turns. Returns its index, or -1. */
 static int next_message(const peers *p, peer *c) {
     int light = p->settings.light_count, heavy = p->settings.message_count - light;
     for (int i = 0; i < light; i++)
@@ -319,11 +319,11 @@ static void note_sent(peer *c, size_t count) {
     c->sent_at = monotonic_ns();
 }
 
-/* Sends messages until the socket accepts no more. */
+/* Sends messages until the socket accepts no more data. */
 static void send_news(peers *p, int i) {
     peer *c = p->all[i];
     while (c->sending || begin_sending(p, c)) {
-        if (!c->sending) continue; /* there was not enough memory for the message */
+        if (!c->sending) continue; /* no memory for the message */
         ssize_t count = send(c->socket, c->sending->bytes + c->sent, c->sending->size - c->sent, MSG_DONTWAIT | MSG_NOSIGNAL);
         if (count < 0 && (errno == EAGAIN || errno == EINTR)) return;
         if (count < 0) close_broken(p, i);
@@ -350,7 +350,7 @@ int peers_watch(peers *p, struct pollfd *events) {
 }
 
 void peers_handle(peers *p, const struct pollfd *events, int count) {
-    int next = 1; /* index of the next peer's event: the events are in the same order as the peers */
+    int next = 1; /* index of the next peer's event; events are in the order of the peers */
     for (int i = 0; i <= TRACKER && next < count; i++) {
         if (!p->all[i] || p->all[i]->socket != events[next].fd) continue;
         short ready = events[next++].revents;
@@ -361,7 +361,7 @@ void peers_handle(peers *p, const struct pollfd *events, int count) {
         if (ready & (POLLIN | POLLHUP | POLLERR)) receive(p, i);
         if (p->all[i] && (ready & POLLOUT)) send_news(p, i);
     }
-    if (events[0].revents) accept_peer(p); /* done last, because the events do not include the new peer */
+    if (events[0].revents) accept_peer(p); /* last, because the events do not include the new peer */
 }
 
 /* ---- opening ---- */

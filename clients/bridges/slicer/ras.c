@@ -2,14 +2,14 @@
 
 #include "common/messages.h"
 
-static const double TOLERANCE = 1e-3; /* largest accepted error in the scalar products of a rotation's columns, which arrive in single precision */
-static const double FAR = 1e4;        /* mm, largest accepted distance of a position from the origin */
+static const double TOLERANCE = 1e-3; /* allowed error in the scalar products of a rotation's columns, which arrive in single precision */
+static const double FAR = 1e4;        /* mm, farthest position accepted, from the origin */
 
 patient_frame ras_frame(const trocar_scene *scene) {
     patient_frame frame = {.turn = {1, 0, 0, 0}};
     trocar_error ignored;
     if (patient_frame_read(scene, &frame, &ignored) != TROCAR_OK) return frame;
-    const quat half_turn = {0, 0, 0, 1}; /* a half turn about the axis towards the head exchanges right and left, and front and back */
+    const quat half_turn = {0, 0, 0, 1}; /* LPS to RAS: a half turn about the head axis swaps right and left, and front and back */
     frame.turn = q_multiply(frame.turn, half_turn);
     return frame;
 }

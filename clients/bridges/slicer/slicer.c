@@ -17,19 +17,19 @@ const char *argp_program_version = "trocar-slicer " TROCAR_VERSION;
 error_t argp_err_exit_status = EXIT_BAD_INPUT;
 
 enum { PORT = 18944, LARGEST_BUFFER = 4 << 20 /* bytes */,
-       MESSAGES = 1000 /* number of LCM messages handled per round; the limit keeps a flood of messages from delaying the clients */ };
+       MESSAGES = 1000 /* maximum number of LCM messages handled per round, so that a flood of them cannot delay the clients */ };
 static const int64_t SECOND = 1000000000;          /* ns */
-static const int64_t OTHER_SENDER = 1000000000;    /* ns of silence from the current sender after which another sender may move the needle or probe */
+static const int64_t OTHER_SENDER = 1000000000;    /* ns, another sender may move the needle or probe once the current one has been silent for this long */
 
 typedef struct {
     const char *scene_path, *lcm_url, *needle_name, *probe_name;
     double rate;             /* Hz */
-    int needle;              /* index of the needle that is driven by a tracker */
+    int needle;              /* index of the needle that a tracker drives */
     slice_settings images;
     peer_settings peers;
 } options;
 
-/* The sender that is allowed to move the needle or probe: the first one that tries. */
+/* The sender that may move the needle or probe: the first one that tries. */
 typedef struct {
     char who[80];
     int64_t heard;           /* ns, monotonic: arrival time of the sender's last pose; 0 if there is no sender */
@@ -39,7 +39,7 @@ typedef struct {
 typedef struct {
     const options *options;
     trocar_scene *scene;
-    trocar_model *model;     /* provides only the mesh; it is not simulated */
+    trocar_model *model;     /* used only for its mesh, not simulated */
     lcm_t *lcm;
     subscriber feed;
     outlets outlets;
@@ -49,9 +49,9 @@ typedef struct {
     bool tracking;           /* true while the thread that drives the needle is running */
     mover needle_mover, probe_mover;
     int64_t picture_made, forces_due, status_due; /* ns, monotonic */
-    int64_t shown;           /* utime of the deformation that has been sent to the clients; -1 for the tissue at rest; -2 if nothing has been sent */
+    int64_t shown;           /* utime of the deformation last sent to the clients; -1 for the tissue at rest; -2 if nothing was sent yet */
     bool was_alive, probe_said;
-    int64_t servers, refused; /* the subscriber's counters at the time of the last report */
+    int64_t servers, refused; /* the subscriber's counters as of the last report */
 } bridge;
 
 /* ---- command line ---- */
@@ -125,7 +125,7 @@ static const struct argp parser = {
 
 /* ---- trackers ---- */
 
-/* True if this sender may move the needle or probe. While the current sender is not silent, no other sender may. */
+/* Decides whether this sender may move the needle or probe. No other sender may until the current one falls silent. */
 static bool may_move(mover *m, const char *who, const char *name) {
     int64_t now = monotonic_ns();
     bool same = strcmp(who, m->who) == 0, silent = m->heard == 0 || now - m->heard > OTHER_SENDER;
@@ -167,7 +167,7 @@ static void say_server(bridge *b) {
     b->servers = b->feed.servers;
     if (b->feed.refused <= b->refused) return;
     fprintf(stderr, "trocar-slicer: messages of the server do not fit: is --scene %s its scene, and is it of the same release?\n", b->options->scene_path);
-    b->refused = INT64_MAX; /* reports each server only once */
+    b->refused = INT64_MAX; /* report each server only once */
 }
 
 /* ---- the loop ---- */
@@ -181,15 +181,15 @@ static bool is_due(int64_t *due, int64_t now, int64_t period) {
 
 static int64_t newest_picture(const bridge *b) { return b->feed.deformation ? b->feed.deformation->utime : -1; }
 
-/* Updates the values for the clients. Showing a deformation takes the most time, and is done only while clients are connected. */
+/* Updates the values for the clients. Deformations take the most time, so they are shown only while clients are connected. */
 static void show_news(bridge *b) {
     int64_t now = monotonic_ns(), period = (int64_t)(1e9 / b->options->rate);
     say_server(b);
     if (is_due(&b->status_due, now, SECOND / 10)) outlets_show_status(&b->outlets, &b->feed);
     if (peers_count(&b->peers) == 0) return;
     if (is_due(&b->forces_due, now, period)) outlets_show_forces(&b->outlets, &b->feed);
-    if (newest_picture(b) != b->shown && now - b->picture_made > period / 4 * 3) { /* three quarters of a period: deformations arrive with jitter, and those at
-                                                                                      the server's own rate must be neither delayed nor skipped */
+    if (newest_picture(b) != b->shown && now - b->picture_made > period / 4 * 3) { /* three quarters of a period, because deformations arrive with jitter, and at
+                                                                                      the server's own rate none may be delayed or skipped */
         b->picture_made = now;
         b->shown = newest_picture(b);
         outlets_show_picture(&b->outlets, &b->feed);
@@ -215,8 +215,8 @@ static void serve(bridge *b) {
 
 /* ---- set-up ---- */
 
-/* Returns the LCM URL with the largest receive buffer that the system permits. With the default size, large deformation messages are sometimes lost,
-   because their packets arrive in quick succession. */
+/* Returns the LCM URL, changed to ask for the largest receive buffer that the system permits. With the default buffer, large deformation messages are
+   sometimes lost, because their packets arrive in bursts. */
 static void widen_url(const char *url, size_t size, char *wider) {
     int most = 0;
     FILE *limit = fopen("/proc/sys/net/core/rmem_max", "r");

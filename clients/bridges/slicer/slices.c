@@ -54,7 +54,7 @@ static trocar_status frame_slice(slices *s, const trocar_scene *scene, slice_kin
 
 /* ---- volumes ---- */
 
-/* A corner of the polygon in which a plane cuts a tetrahedron; position in the image (pixels). */
+/* A corner of the polygon in which the plane cuts a tetrahedron, in pixels. */
 typedef struct {
     double x, y;
 } corner;
@@ -62,7 +62,7 @@ typedef struct {
 static double area(corner a, corner b, double x, double y) { return (b.x - a.x) * (y - a.y) - (b.y - a.y) * (x - a.x); }
 
 static void draw_triangle(const slices *s, const slice *v, unsigned char *grey, int region, corner a, corner b, corner c) {
-    static const double ROUNDING = 1e-9; /* tolerance, so that pixels on an edge count as part of both polygons and leave no gap */
+    static const double ROUNDING = 1e-9; /* makes pixels on an edge belong to both polygons, so that there are no gaps */
     double whole = area(a, b, c.x, c.y);
     if (fabs(whole) < 1e-12) return;
     int from_x = (int)ceil(fmax(0, fmin(a.x, fmin(b.x, c.x)) - ROUNDING)), to_x = (int)floor(fmin(v->raster.width - 1, fmax(a.x, fmax(b.x, c.x)) + ROUNDING));
@@ -83,7 +83,7 @@ static void to_image(const slice *v, vec3 point, double *x, double *y) {
     *y = (v3_dot(from, v->plane.axes[1]) - v->raster.near) / v->raster.pixel;
 }
 
-/* Returns the point at which the plane intersects the edge between two nodes. */
+/* Intersects the plane with the edge between two nodes. */
 static corner cross_edge(const slices *s, const slice *v, const double *nodes, int a, int b) {
     double part = s->distance[a] / (s->distance[a] - s->distance[b]);
     vec3 from = row(nodes, a);
@@ -196,7 +196,7 @@ void slices_free(slices *s) {
         eventfd_signal(s->news);
         pthread_join(s->thread, NULL);
     }
-    if (s->model) { /* true once slices_create has been called */
+    if (s->model) { /* true if slices_create has been called */
         triple_buffer_free(&s->told);
         triple_buffer_free(&s->drawn);
         if (s->news >= 0) close(s->news);

@@ -10,12 +10,12 @@
 #include "trocar_client.h"
 #include "trocar_probe_pose_t.h"
 
-static const int64_t STEP = 2000000;        /* ns between two poses sent to the server */
-static const int64_t SILENCE = 2000000000;  /* ns without poses from the tracker after which the needle is released; the server uses the same time */
-static const int64_t DEAF = 1000000000;     /* ns without wrenches for this needle after which the absence of wrenches is reported */
-static const double LONGEST_PERIOD = 0.1;   /* s: if the gap between poses is longer, the tracking counts as interrupted */
+static const int64_t STEP = 2000000;        /* ns, interval between poses sent to the server */
+static const int64_t SILENCE = 2000000000;  /* ns, release the needle after this long without poses from the tracker; the server uses the same time */
+static const int64_t DEAF = 1000000000;     /* ns, tell the user after this long without wrenches for this needle */
+static const double LONGEST_PERIOD = 0.1;   /* s: a longer gap between poses means that tracking was interrupted */
 
-/* Returns the needle's current pose on the path to the newest pose of the tracker. */
+/* Returns the interpolated pose, on the way to the tracker's newest pose. */
 static pose pose_now(const tracked_needle *t, int64_t now) {
     return pose_between(t->from, t->to, fmin(1, 1e-9 * (double)(now - t->heard) / t->period));
 }
@@ -40,7 +40,7 @@ static bool wait_for_pose(tracked_needle *t) {
     return goes_on;
 }
 
-/* Computes the next pose for the server. Returns false if no poses have arrived for too long, or if the thread should end. */
+/* Computes the next pose for the server. Returns false if the tracker has been silent for too long, or if the thread should end. */
 static bool next_pose(tracked_needle *t, int64_t now, pose *p) {
     pthread_mutex_lock(&t->lock);
     bool lost = now - t->heard > SILENCE;

@@ -1,7 +1,6 @@
-/* Moves a needle of the server according to poses from a tracker, and the probe according to poses from a tracker or stepper. A tracker sends 20 to
-   100 poses a second, while the server needs one every few milliseconds. Therefore a thread interpolates between the tracker's poses, with a lag of
-   one tracker period. The client holds the needle from the first pose onwards, keeps it still while poses are missing, and releases it after two
-   seconds without a pose. */
+/* Makes a needle of the server follow a tracker, and the probe follow a tracker or stepper. A tracker sends 20 to 100 poses a second, but the server needs one
+   every few milliseconds, so a thread interpolates between the tracker's poses, lagging by one tracker period. The needle is held from the first pose on, kept
+   still while poses are missing, and released after two seconds without a pose. */
 #ifndef TROCAR_TRACKED_H
 #define TROCAR_TRACKED_H
 
@@ -21,7 +20,7 @@ typedef struct {
     bool ends;
     int64_t heard;           /* ns, monotonic: arrival time of the newest pose; 0 if the needle is not held */
     double period;           /* s, time between the last two poses */
-    pose from, to;           /* pose of the needle when the newest pose arrived, and the pose toward which it moves */
+    pose from, to;           /* where the needle was when the newest pose arrived, and where it is moving to */
 } tracked_needle;
 
 /* Starts the thread. The needle is not held until the first pose arrives. SYSTEM. */

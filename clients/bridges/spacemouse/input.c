@@ -9,9 +9,9 @@
 #include "base/triple_buffer.h"
 #include "common/timing.h"
 
-static const int PERIOD = 20;                    /* ms between two updates of the force; changes to the device's state are passed on at once */
-static const int64_t RETRY = 1000000000;         /* ns between two attempts to open the device */
-static const int64_t SILENCE = 50000000;         /* ns after which the force is set to zero unless it is renewed */
+static const int PERIOD = 20;                    /* ms between force updates; input from the device is passed on at once */
+static const int64_t RETRY = 1000000000;         /* ns between attempts to open the device */
+static const int64_t SILENCE = 50000000;         /* ns, the force drops to zero unless it is renewed within this time */
 
 struct input {
     const input_driver *driver;
@@ -20,13 +20,13 @@ struct input {
     atomic_bool ends;
     triple_buffer states;                        /* input_state */
     _Atomic double push;                         /* N */
-    _Atomic int64_t pushed;                      /* ns, monotonic: time at which the force was last set */
-    /* the following members are used only by the thread */
+    _Atomic int64_t pushed;                      /* ns, monotonic: when the force was last set */
+    /* the rest is used only by the thread */
     input_state state;
     char said[512];
 };
 
-/* Prints a message unless it is the same as the last one printed. */
+/* Prints a message unless it is the one last printed. */
 static void say(input *in, const char *text) {
     if (strcmp(in->said, text) == 0) return;
     snprintf(in->said, sizeof in->said, "%s", text);
@@ -46,7 +46,7 @@ static void render(input *in, int64_t *rendered) {
     *rendered = now;
 }
 
-/* Reads states and renders forces as long as the device is connected. */
+/* Reads input and renders forces for as long as the device is connected. */
 static void serve(input *in) {
     char text[512] = "";
     bool there = true;
@@ -56,7 +56,7 @@ static void serve(input *in) {
         publish(in);
         if (there) render(in, &rendered);
     }
-    memset(in->state.axes, 0, sizeof in->state.axes); /* stops the needle */
+    memset(in->state.axes, 0, sizeof in->state.axes); /* stop the needle */
     memset(in->state.held, 0, sizeof in->state.held);
     publish(in);
     in->driver->close(in->device);

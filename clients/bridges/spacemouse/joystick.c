@@ -11,7 +11,7 @@
 
 #include <libevdev/libevdev.h>
 
-static const unsigned short LASTS = 100; /* ms, duration of the force effect, which is renewed every 20 ms; if this program hangs, the force ends
+static const unsigned short LASTS = 100; /* ms, duration of the force effect, which is renewed every 20 ms; if this program hangs, the force stops
                                             after this time */
 
 static const char *const names[] = {"x", "y", "z", "rx", "ry", "rz", "throttle", "rudder", "hat0x", "hat0y", NULL};
@@ -19,8 +19,8 @@ static const unsigned codes[INPUT_AXES] = {ABS_X, ABS_Y, ABS_Z, ABS_RX, ABS_RY, 
 
 /* ---- what the user does ------------------------------------------------------------------------------------------- */
 
-/* Returns the code of button number n. Buttons are numbered as in the kernel's joystick interface (joydev.c), which first counts the codes from
-   BTN_JOYSTICK upwards, and then those from BTN_MISC upwards. */
+/* Returns the key code of button number n. Buttons are numbered as in the kernel's joystick interface (joydev.c): first the codes from BTN_JOYSTICK up, then
+   those from BTN_MISC up. */
 static unsigned nth_code(unsigned n) {
     const unsigned first = KEY_MAX + 1 - BTN_JOYSTICK;
     return n < first ? BTN_JOYSTICK + n : BTN_MISC + n - first;
@@ -52,14 +52,14 @@ void joystick_state(const joystick *j, input_state *state) {
         if (libevdev_has_event_code(dev, EV_KEY, nth_code(n))) state->held[number++] = libevdev_get_event_value(dev, EV_KEY, nth_code(n));
 }
 
-/* Records the values of the axes at rest. Triggers rest at one end of their range, sticks in the middle. */
+/* Records the axes' current values as their rest values, because triggers rest at one end of their range and sticks in the middle. */
 static void take_rest(joystick *j) {
     memset(j->moved, 0, sizeof j->moved);
     for (int i = 0; i < INPUT_AXES; i++) j->rest[i] = libevdev_get_event_value(j->dev, EV_ABS, codes[i]);
 }
 
-/* Corrects the recorded rest value of a stick with the range 0 to 255. Until its first report, such a stick has the value 0, like a trigger. It then
-   jumps close to the middle of the range, whereas a trigger reaches the middle in small steps. */
+/* Corrects the rest value of a stick with the range 0 to 255. Until its first report, such a stick reads 0, like a trigger at rest. Its first report jumps to
+   near the middle of the range, which a trigger reaches only in small steps. */
 static void correct_rest(joystick *j, unsigned code, int value) {
     for (int i = 0; i < INPUT_AXES; i++) {
         if (codes[i] != code || j->moved[i]) continue;
@@ -71,8 +71,7 @@ static void correct_rest(joystick *j, unsigned code, int value) {
     }
 }
 
-/* Reads the next event. After an overflow of the kernel's buffer, libevdev resynchronises to the current values; button presses during the overflow
-   are lost. */
+/* Reads the next event. If the kernel's buffer overflows, libevdev resynchronises to the current values, and button presses made meanwhile are lost. */
 static int next_event(struct libevdev *dev, struct input_event *e) {
     int status = libevdev_next_event(dev, LIBEVDEV_READ_FLAG_NORMAL, e);
     while (status == LIBEVDEV_READ_STATUS_SYNC) status = libevdev_next_event(dev, LIBEVDEV_READ_FLAG_SYNC, e);
@@ -107,7 +106,7 @@ static void play(joystick *j, int level, bool begin) {
     struct ff_effect effect = {.type = FF_CONSTANT, .id = (int16_t)j->effect, .direction = (uint16_t)lround(j->force.direction * 0x10000 / 360),
                                .replay = {.length = LASTS}, .u.constant = {.level = (int16_t)level}};
     if (ioctl(j->fd, EVIOCSFF, &effect) < 0) {
-        if (errno == ENODEV) return; /* the next read will report that the device is lost */
+        if (errno == ENODEV) return; /* the next read will report the loss of the device */
         fprintf(stderr, "trocar-spacemouse: the joystick rejects the force (%s): no force is rendered\n", strerror(errno));
         j->has_force = false;
         return;

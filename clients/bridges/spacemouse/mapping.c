@@ -21,7 +21,7 @@ static void list(const char *const *names, int count, char *text, size_t size) {
     for (int i = 0; i < count && names[i]; i++) snprintf(text + strlen(text), size - strlen(text), "%s%s", i > 0 ? ", " : "", names[i]);
 }
 
-/* Splits the first NAME=VALUE off `*rest`; returns false at the end of the list. `value` becomes empty if there is no '='. */
+/* Takes the first NAME=VALUE off `*rest`, with an empty value if there is no '='. Returns false at the end of the list. */
 static bool next_pair(const char **rest, char name[32], char value[32]) {
     if (!**rest) return false;
     size_t length = strcspn(*rest, ",");
@@ -82,7 +82,7 @@ static double share(const mapping *m, const input_state *state, move_kind move) 
     return copysign(fmax(0, (fabs(a) - m->dead_zone) / (1 - m->dead_zone)), a);
 }
 
-/* In the home pose, the needle's x axis points to the user's left. */
+/* Mind the sign: in the home pose, the needle's x axis points to the user's left. */
 rate_control_command mapping_command(const mapping *m, const input_state *state) {
     return (rate_control_command){.right = -share(m, state, MOVE_RIGHT), .up = share(m, state, MOVE_UP), .forward = share(m, state, MOVE_FORWARD),
                                   .pitch = -share(m, state, MOVE_PITCH), .yaw = share(m, state, MOVE_YAW), .roll = share(m, state, MOVE_ROLL)};

@@ -23,15 +23,15 @@
 const char *argp_program_version = "trocar-spacemouse " TROCAR_VERSION;
 error_t argp_err_exit_status = EXIT_BAD_INPUT;
 
-static const double PATIENCE = 0.1;     /* s without a wrench after which the needle stops; the rendered force is set to zero earlier */
-static const double SILENCE = 0.5;      /* s without a wrench after which the absence of wrenches is reported */
+static const double PATIENCE = 0.1;     /* s, stop the needle after this long without a wrench; the rendered force goes to zero sooner */
+static const double SILENCE = 0.5;      /* s, tell the user after this long without a wrench */
 static const double LONGEST_STEP = 0.01; /* s */
 
 typedef struct {
     const char *scene_path, *lcm_url, *axes, *buttons;
     vec3 start;
     bool start_given, patient, use_joystick, realtime;
-    const char *force_option;           /* name of an option that applies only to a joystick; NULL if none was given */
+    const char *force_option;           /* name of an option given that applies only to joysticks, or NULL */
     int needle;
     double rate, max_speed, max_turn;   /* Hz, m/s, rad/s */
     joystick stick;
@@ -71,7 +71,7 @@ static const struct argp_option option_list[] = {
     {0},
 };
 
-/* Parses the lists of axes and buttons. This is possible only after all options have been read. */
+/* Parses the lists of axes and buttons, which is possible only once all options have been read. */
 static void parse_lists(options *o, const struct argp_state *state) {
     const char *axes = o->use_joystick ? "forward=-y,right=x,up=-hat0y,roll=rz" : "right=x,up=y,forward=z,pitch=rx,yaw=ry,roll=rz";
     const input_driver *driver = o->use_joystick ? &joystick_driver : &spnav_driver;
@@ -140,17 +140,17 @@ typedef struct {
     input *in;
     rate_control_limits limits;
     rate_control_state drive;
-    uint32_t presses[INPUT_BUTTONS];    /* number of presses of each button that have been handled so far */
-    int pending;                        /* the action that awaits its reply; -1 if there is none */
+    uint32_t presses[INPUT_BUTTONS];    /* how many presses of each button have been handled */
+    int pending;                        /* the action that is waiting for its reply, or -1 */
     bool rests;                         /* the needle has been left resting in the tissue */
     double heard;                       /* s, arrival time of the last wrench, or start of the wait for the first one */
     int64_t tick;                       /* tick of the last wrench; -1 before the first */
-    bool silent;                        /* true once it has been reported that no wrenches arrive */
+    bool silent;                        /* the user has been told that no wrenches are arriving */
 } bridge;
 
 static void say(const char *text) { fprintf(stderr, "trocar-spacemouse: %s\n", text); }
 
-/* True while a command that changes the needle's owner or position awaits its reply; no poses are sent meanwhile. */
+/* Tells whether a command that changes the needle's owner or position is waiting for its reply. Meanwhile, no poses are sent. */
 static bool waits(const bridge *b) { return b->pending == ACTION_RESET || b->pending == ACTION_LEAVE; }
 
 static void ask(bridge *b, action_kind action) {
@@ -181,8 +181,8 @@ static void hear_reply(bridge *b) {
         rate_control_begin(&b->drive, b->drive.home, b->drive.home);
         b->rests = false;
     }
-    /* The server refuses a take command if the needle is not resting in the tissue, for example because the server was restarted. The program then holds the
-       needle as it does at the start. */
+    /* The server rejects a take command if the needle is not resting in the tissue, for example after a restart of the server. In that case, hold the needle
+       as at the start. */
     if (b->pending == ACTION_LEAVE) b->rests = b->rests ? answer == TROCAR_CLIENT_UNANSWERED : done;
     b->heard = playing_now();
     b->pending = -1;
@@ -220,7 +220,7 @@ static void move(bridge *b, const input_state *state, bool held, double dt) {
     if (clutch >= 0 && state->held[clutch]) command = (rate_control_command){0};
     bool guarded = b->tick >= 0 && playing_now() - b->heard < PATIENCE;
     if (held && guarded) rate_control_step(&b->drive, &b->limits, command, dt);
-    else rate_control_begin(&b->drive, b->drive.home, b->drive.base); /* without a server, the needle stops and stays where it is */
+    else rate_control_begin(&b->drive, b->drive.home, b->drive.base); /* no server: the needle stops where it is */
 }
 
 /* Runs one period of the device loop. */
@@ -241,7 +241,7 @@ static void run(bridge *b) {
     double period = 1 / b->options->rate, before = playing_now(), due = before;
     b->heard = before;
     while (!playing_interrupted()) {
-        due = fmax(due + period, playing_now()); /* skips missed periods */
+        due = fmax(due + period, playing_now()); /* skip missed periods */
         sleep_until((int64_t)(1e9 * due));
         double now = playing_now();
         exchange(b, fmin(LONGEST_STEP, now - before));
@@ -287,7 +287,7 @@ static trocar_status drive(options *o, trocar_error *why) {
     b.client = trocar_client_open(&client, why->text, sizeof why->text);
     if (b.client) run(&b);
     else status = TROCAR_BAD_INPUT;
-    input_stop(b.in); /* done first, to switch the motors off */
+    input_stop(b.in); /* first of all, switch the motors off */
     trocar_client_close(b.client);
     return status;
 }

@@ -10,8 +10,7 @@
 
 #include "common/timing.h"
 
-/* ns without an event after which all deflections count as zero, because versions of spacenavd before 1.0 do not report that a device has been
-   unplugged */
+/* ns, after this long without an event, all deflections count as zero, because spacenavd before 1.0 does not report that a device has been unplugged */
 static const int64_t SILENCE = 500000000;
 
 static const char *const names[] = {"x", "y", "z", "rx", "ry", "rz", NULL};
@@ -29,7 +28,7 @@ static bool open_daemon(void *context, char *text, size_t size) {
         snprintf(text, size, "device: spacenavd, protocol 0, which does not say whether there is a device");
         return true;
     }
-    spnav_evmask(0); /* switches events off, so that none comes between a request and its response */
+    spnav_evmask(0); /* switch events off, so that none can come between a request and its response */
     bool present = spnav_dev_name(name, sizeof name) > 0;
     spnav_evmask(SPNAV_EVMASK_DEFAULT);
     if (present) snprintf(text, size, "device: %s", name);
@@ -62,7 +61,7 @@ static void take_device(const struct spnav_event_dev *e, input_state *state, cha
     }
 }
 
-/* True if the daemon has closed the connection. libspnav reports neither that nor any read error. */
+/* Checks whether the daemon has closed the connection, because libspnav reports neither that nor read errors. */
 static bool is_closed(int socket) {
     char byte;
     ssize_t count = recv(socket, &byte, 1, MSG_PEEK | MSG_DONTWAIT);

@@ -1,7 +1,7 @@
 """trocar: simulates a flexible needle in soft tissue.
 
-A thin layer over libtrocar (see trocar.h): arrays are NumPy arrays, units are SI, and the world frame is the frame of the mesh. A `Scene` describes
-the simulation; a `Model` is built from it once and is immutable; a `Sim` holds all mutable state. `rollout` runs many insertions on one model, and a
+This is a thin wrapper around libtrocar (see trocar.h). Arrays are NumPy arrays, units are SI, and the world frame is the mesh frame. A `Scene` describes
+a simulation. A `Model` is built from a scene once and never changes; a `Sim` holds all mutable state. `rollout` runs many insertions in parallel, and a
 `Batch` steps many simulations together.
 
     >>> import trocar
@@ -12,7 +12,7 @@ the simulation; a `Model` is built from it once and is immutable; a `Sim` holds 
     >>> out.force
     array([...])
 
-Messages, for example about the chosen inverse or repairs to the mesh, go to the `logging` logger "trocar" at level INFO or WARNING.
+The library logs messages, for example about the inverse it chose or about mesh repairs, to the "trocar" logger at level INFO or WARNING.
 
 A pose is seven numbers: the position x, y, z (m) and orientation w, x, y, z (unit quaternion, needle frame -> world frame) of the needle's base.
 """
@@ -55,9 +55,10 @@ class Event(IntFlag):
 class Output(NamedTuple):
     """The result of one tick.
 
-    force (3,) N and torque (3,) N m, world frame: exerted by the needle's base on the hand, torque about the base point; depth, m: length of the
-    track in the tissue; contacts: number of active contacts along the shaft; events: bits of `Event`; membrane: index of the membrane punctured in
-    this tick, -1 if none; passes: number of Newton iterations; switches: number of changes between sticking and sliding while the tick was solved.
+    force (3,) N and torque (3,) N m: what the needle's base exerts on the hand, in the world frame, with the torque about the base point; depth, m:
+    length of the track in the tissue; contacts: number of active contacts along the shaft; events: bits of `Event`; membrane: index of the membrane
+    punctured in this tick, or -1; passes: number of Newton iterations; switches: how often contacts changed between sticking and sliding during the
+    solve.
     """
 
     force: npt.NDArray[np.float64]
@@ -74,17 +75,17 @@ _PROPERTIES = ("cutting_force", "cutting_viscosity", "friction_static", "frictio
 
 
 class Derivatives(NamedTuple):
-    """Derivatives of the results of a tick with respect to V variables (see `Sim.differentiate`). All vectors are in the world frame."""
+    """Derivatives of a tick's results with respect to V variables (see `Sim.differentiate`), in the world frame."""
 
     wrench: npt.NDArray[np.float64]     #: (6, V): force (N) and torque (N m) on the hand
-    tip: npt.NDArray[np.float64]        #: (3, V): position of the needle's end, m
-    direction: npt.NDArray[np.float64]  #: (3, V): direction of the needle's end, a unit vector
+    tip: npt.NDArray[np.float64]        #: (3, V): position of the tip, m
+    direction: npt.NDArray[np.float64]  #: (3, V): direction in which the tip points, a unit vector
     targets: npt.NDArray[np.float64]    #: (T, 3, V): positions of the targets, m
-    range: npt.NDArray[np.float64]      #: (6,), m and rad: change in each base variable at which a contact would start or stop sliding (linear extrapolation)
+    range: npt.NDArray[np.float64]      #: (6,), m and rad: by how much each base variable can change before a contact sticks or slips, extrapolated linearly
 
 
 def _contact_names(enum: str) -> dict[int, str]:
-    """Maps the values of a C enum to short names: TROCAR_CONTACT_TIP becomes "tip"."""
+    """Returns a dict from the values of a C enum to short names: TROCAR_CONTACT_TIP becomes "tip"."""
     return {value: name.removeprefix("TROCAR_CONTACT_").lower() for value, name in ffi.typeof(enum).elements.items()}
 
 
@@ -93,10 +94,10 @@ _CONTACT_STATUS = _contact_names("trocar_contact_status")
 
 
 class Contact(NamedTuple):
-    """A point where the needle meets tissue or a guide; force (3,) N acts on the tissue or guide, position (3,) m lies on the
-    deformed needle.
+    """A point where the needle touches tissue or a guide. force (3,) N is the force on the tissue or guide; position (3,) m is a point on the deformed
+    needle.
 
-    A tissue contact keeps its id and slot from when it is added until it is removed. For a given needle, ids are never reused, but slots are.
+    A tissue contact keeps its id and slot for as long as it exists. A needle never reuses an id, but it does reuse slots.
     """
 
     kind: str  # "tissue", "tip" or "guide"
@@ -106,16 +107,16 @@ class Contact(NamedTuple):
     position: npt.NDArray[np.float64]
     force: npt.NDArray[np.float64]
     id: int  # identifies the contact; 0 for the tip
-    status: str  # "planned" if it lies ahead of the tip; "adding" until the worker has answered; then "sticking" or "sliding"
+    status: str  # "planned" while ahead of the tip, "adding" while the worker prepares it, then "sticking" or "sliding"
     slot: int  # index of the contact's slot; -1 for the tip
     needle: int  # index of the needle
 
 
 class Track(NamedTuple):
-    """A path that a needle has cut since its last reset. Tissue stays cut.
+    """A path that a needle has cut since its last reset. The cut remains when the needle is withdrawn.
 
-    points (n, 3) m in the tissue at rest, from skin to tip, at most 4 mm apart; membranes (n,): for each point, the scene's index of the membrane
-    punctured there, or -1.
+    points (n, 3) m: the path in the tissue at rest, from skin to tip, at most 4 mm between points; membranes (n,): for each point, the index in the
+    scene of the membrane punctured there, or -1.
     """
 
     points: npt.NDArray[np.float64]
@@ -125,8 +126,8 @@ class Track(NamedTuple):
 class Seed(NamedTuple):
     """A seed that a needle has left in the tissue.
 
-    position (3,) m is the seed's centre, and direction (3,) the unit vector from its proximal to its distal end, both in the
-    tissue at rest; `Model.displaced_seeds` computes both in displaced tissue.
+    position (3,) m is the seed's centre; direction (3,) is the unit vector from its proximal to its distal end. Both refer to the tissue at rest. Use
+    `Model.displaced_seeds` to get them for displaced tissue.
     """
 
     position: npt.NDArray[np.float64]
@@ -134,14 +135,14 @@ class Seed(NamedTuple):
     needle: int  # index of the needle that left the seed
     guide: int | None  # index of the guide through which the needle passed
     hole: int | None  # index of the hole in that guide: column + columns * row, both counted from 0
-    strand: int  # number of the seed in its strand, 0 for the distal seed
-    tet: int  # tetrahedron that contains the seed's centre
-    weights: npt.NDArray[np.float64]  # (4,) barycentric weights of the centre in that tetrahedron
+    strand: int  # position of the seed in its strand, counted from 0 at the distal end
+    tet: int  # index of the tetrahedron that contains the seed's centre
+    weights: npt.NDArray[np.float64]  # (4,) barycentric coordinates of the centre in that tetrahedron
 
 
 class Guide(NamedTuple):
-    """A guide of the scene. The axis of hole (column, row), both counted from 0, meets the front face at origin + (column - (columns - 1) / 2)
-    spacing across[0] + (row - (rows - 1) / 2) spacing across[1].
+    """A needle guide. The axis of hole (column, row), both counted from 0, meets the front face at
+    `origin + (column - (columns - 1) / 2) * spacing * across[0] + (row - (rows - 1) / 2) * spacing * across[1]`.
 
     origin (3,) m; normal (3,): unit vector along which needles pass through the plate; across (2, 3): unit vectors along which columns and rows are counted.
     """
@@ -166,11 +167,11 @@ class SeedSize(NamedTuple):
 
 
 class Probe(NamedTuple):
-    """State of the ultrasound probe in the last solution.
+    """State of the ultrasound probe, as last computed.
 
-    pose (7,): pose of the probe's base; force (3,) N and torque (3,) N m, world frame: exerted on the hand that holds the probe, torque about the base point;
-    contacts: number of surface points of the tissue on which the probe presses; stopped: true while the tissue keeps the probe from moving to the last
-    commanded pose, and while the probe then catches up with that pose.
+    pose (7,): pose of the probe's base; force (3,) N and torque (3,) N m: what the probe exerts on the hand, in the world frame, with the torque about the
+    base point; contacts: number of points on the tissue surface that the probe presses on; stopped: true while the tissue holds the probe back from the
+    commanded pose, and until the probe has then caught up with that pose.
     """
 
     pose: npt.NDArray[np.float64]
@@ -181,7 +182,7 @@ class Probe(NamedTuple):
 
 
 class Key(NamedTuple):
-    """A key of the scene file, as listed in its reference table."""
+    """A key of the scene file and what the reference table says about it."""
 
     key: str
     unit: str
@@ -196,19 +197,19 @@ _KEY_KIND = {value: name.removeprefix("TROCAR_KEY_").lower() for value, name in 
 
 
 def keys() -> list[Key]:
-    """Returns all keys that a scene can have."""
+    """Returns all keys that a scene file may contain."""
     rows = (lib.trocar_key_at(i) for i in range(lib.trocar_key_count()))
     text = lambda value: ffi.string(value).decode()
     return [Key(text(r.key), text(r.unit), text(r.accepts), text(r.default_value), text(r.doc), bool(r.required), _KEY_KIND[r.kind]) for r in rows]
 
 
 def _pattern(key: str) -> str:
-    """Removes the name in brackets from a key: regions[gland].friction.static becomes regions[].friction.static."""
+    """Removes the name between the brackets of a key: regions[gland].friction.static becomes regions[].friction.static."""
     first, bracket, rest = key.partition("[")
     return first + "[]" + rest.rpartition("]")[2] if bracket else key
 
 
-_KIND_OF = {key.key: key.kind for key in keys()}  # by pattern
+_KIND_OF = {key.key: key.kind for key in keys()}  # list entries appear here as "regions[]..."; see _pattern
 
 
 @dataclass
@@ -229,11 +230,11 @@ class Mesh:
 
 
 class Scene:
-    """Description of a simulation: the keys of a scene file. Membership tests and iteration cover the keys that have a value; list entries appear
-    with their index. Any number of threads may read a scene and build models from it; changing the scene at the same time raises Error."""
+    """Description of a simulation: the keys of a scene file and their values. `in` and iteration cover only the keys that have a value; iteration names
+    list entries by index. Several threads may read a scene or build models from it at once, but changing it meanwhile raises Error."""
 
     def __init__(self) -> None:
-        """Creates a scene in which every key has its default value; `mesh`, `regions` and `fixed` must be set before use."""
+        """Creates a scene with default values. Set `mesh`, `regions` and `fixed` before you use it."""
         why, handle = ffi.new("trocar_error *"), ffi.new("trocar_scene **")
         _check(lib.trocar_scene_create(handle, why), why)
         self._own(handle[0])
@@ -243,7 +244,7 @@ class Scene:
 
     @classmethod
     def load(cls, path: str | PathLike[str]) -> Scene:
-        """Reads a YAML file. Raises Error with file, line and key."""
+        """Reads a scene from a YAML file. The message of an Error names the file, line and key."""
         why, handle = ffi.new("trocar_error *"), ffi.new("trocar_scene **")
         _check(lib.trocar_scene_load(fspath(path).encode(), handle, why), why)
         scene = cls.__new__(cls)
@@ -263,7 +264,7 @@ class Scene:
         return self.__copy__()
 
     def copy(self) -> Scene:
-        """Returns a copy, which can be changed independently."""
+        """Returns an independent copy."""
         return self.__copy__()
 
     def __contains__(self, key: object) -> bool:
@@ -287,7 +288,7 @@ class Scene:
     def __setitem__(self, key: str, value: float | str | Sequence[str] | Sequence[float]) -> None:
         """Sets a key: scene["needle.length"] = 0.15, scene["regions[prostate].youngs_modulus"] = 20e3 or scene["fixed"] = ["back"].
 
-        An unknown name in a list appends an entry. Raises Error, and leaves the scene unchanged, if the key or the value is invalid.
+        If the list has no entry of that name, one is appended. Raises Error and leaves the scene unchanged if the key or value is invalid.
         """
         why = ffi.new("trocar_error *")
         with self._turn:
@@ -299,7 +300,7 @@ class Scene:
             _check(lib.trocar_scene_set(self._handle, key.encode(), value.encode(), why), why)
 
     def __getitem__(self, key: str) -> Any:
-        """Returns the value of a key: float, str, list of float or list of str; an empty list, or "", if it is not set."""
+        """Returns the value of a key: a float, a str, or a list of either. A key that is not set gives "" or an empty list."""
         why = ffi.new("trocar_error *")
         text = self._text(key, why)
         if text is None:
@@ -313,7 +314,7 @@ class Scene:
         return text
 
     def names(self, list_: str) -> list[str]:
-        """Returns the names of the entries of "regions", "membranes" or "guides"."""
+        """Returns the names of the entries of a list: "regions", "membranes" or "guides"."""
         return [str(self[f"{list_}[{i}].name"]) for i in range(self._count(list_))]
 
     def _count(self, list_: str) -> int:
@@ -321,7 +322,7 @@ class Scene:
             return int(lib.trocar_scene_count(self._handle, list_.encode()))
 
     def set_mesh(self, mesh: Mesh) -> None:
-        """Sets the mesh from arrays instead of a file; the arrays are copied."""
+        """Uses a mesh given as arrays instead of a mesh file. The arrays are copied."""
         nodes = np.ascontiguousarray(mesh.nodes, np.float64).reshape(-1, 3)
         tets = np.ascontiguousarray(mesh.tets, np.int32).reshape(-1, 4)
         region = np.ascontiguousarray(np.zeros(len(tets)) if mesh.tet_region is None else mesh.tet_region, np.int32)
@@ -344,7 +345,7 @@ class Scene:
 
 
 class _View:
-    """A read-only NumPy view of memory owned by the library. The view keeps the owner of that memory alive for as long as an array uses it."""
+    """Exposes memory owned by the library to NumPy, read-only. The owner stays alive for as long as any array refers to the view."""
 
     def __init__(self, pointer: Any, kind: str, shape: tuple[int, ...], owner: Any):
         address = int(ffi.cast("uintptr_t", pointer))
@@ -353,14 +354,14 @@ class _View:
 
 
 class Model:
-    """Mesh, stiffness, inverse, needle and materials. A model is immutable and can be shared by any number of simulations and threads."""
+    """Mesh, stiffness matrix, its inverse, needle and materials. A model is immutable, so any number of simulations and threads can share it."""
 
     def __init__(self, scene: Scene, mesh_only: bool = False, progress: Callable[[str, float], Any] | None = None) -> None:
-        """Builds the model, which takes seconds for thousands of nodes. The GIL is released during that time. mesh_only: reads only the mesh and its group
-        names; such a model cannot be simulated.
+        """Builds the model. This takes seconds for a mesh with thousands of nodes; the GIL is released meanwhile. mesh_only: read only the mesh and its
+        group names; such a model cannot be simulated.
 
-        progress(what, fraction) is called during long steps. An exception raised in it ends the call, and so does Ctrl-C, except while the mesh is
-        read or a matrix is factorised.
+        progress(what, fraction) is called during long steps. An exception raised in it, or Ctrl-C, aborts the call, except while the mesh is being read
+        or a matrix factorised.
         """
         why, handle, watch = ffi.new("trocar_error *"), ffi.new("trocar_model **"), _Watch(progress)
         options = ffi.new("trocar_model_options *", lib.trocar_default_model_options())
@@ -374,21 +375,20 @@ class Model:
         self._guide_names = scene.names("guides")
 
     def __copy__(self) -> Model:
-        return self  # a model is immutable, so a copy is not needed
+        return self  # immutable, so sharing it is safe
 
     def __deepcopy__(self, _: Any) -> Model:
         return self
 
     @property
     def scene(self) -> Scene:
-        """A copy of the scene from which the model was made."""
+        """A copy of the scene that the model was built from."""
         return self._scene.copy()
 
     def derive(self, scene: Scene | None = None, /, **changes: float | str | Sequence[str] | Sequence[float]) -> Model:
-        """Creates a model of another scene that shares this model's mesh, stiffness and inverse; this takes only milliseconds. The other scene is
-        `scene` (default: this model's scene) with the keys in `changes` changed: model.derive(**{"needle.outer_diameter": 1e-3}). The two scenes may
-        differ in needle, friction, cutting, puncture forces, relaxation, guides and seeds. Raises an Error that names the key if the stiffness would
-        differ."""
+        """Builds a model of a modified scene in milliseconds by sharing this model's mesh, stiffness matrix and inverse. The modified scene is `scene`
+        (default: this model's scene) with `changes` applied: model.derive(**{"needle.outer_diameter": 1e-3}). Needle, friction, cutting, puncture
+        forces, relaxation, guides and seeds may change. A change that affects the stiffness matrix raises an Error that names the key."""
         why, handle = ffi.new("trocar_error *"), ffi.new("trocar_model **")
         changed = (scene or self._scene).copy()
         for key, value in changes.items():
@@ -420,15 +420,15 @@ class Model:
         return np.array([lib.trocar_model_part_of(self._handle, i) for i in range(len(self.groups))], np.int32)
 
     def tets_of(self, region: str) -> npt.NDArray[np.int32]:
-        """Returns the tetrahedra of a region and of the regions that are parts of it: (k, 4) node indices. Raises ValueError if there is no region of this
-        name."""
+        """Returns the tetrahedra of a region, including the regions that are part of it, as node indices (k, 4). Raises ValueError if there is no such
+        region."""
         index = lib.trocar_model_find_region(self._handle, region.encode(), 3)
         if index < 0:
             raise ValueError('no region "%s" of tetrahedra: there are %s' % (region, ", ".join(self.groups)))
         return self.tets[(self.tet_regions == index) | (self.part_of[self.tet_regions] == index)]
 
     def surface(self, name: str) -> npt.NDArray[np.int32]:
-        """Returns the triangles of a surface of the mesh: (k, 3) node indices. Raises ValueError if there is no surface of this name."""
+        """Returns the triangles of a surface as node indices (k, 3). Raises ValueError if the mesh has no such surface."""
         if name not in self.groups:
             raise ValueError("the mesh has no surface \"%s\": it has %s" % (name, ", ".join(self.groups)))
         shape = (lib.trocar_model_tet_count(self._handle), 4)
@@ -449,7 +449,7 @@ class Model:
 
     @property
     def description(self) -> str:
-        """Describes which inverse was chosen, and why."""
+        """Text that says which inverse was chosen, and why."""
         return ffi.string(lib.trocar_model_description(self._handle)).decode()
 
     @property
@@ -502,14 +502,13 @@ class Model:
         return SeedSize(size.length, size.diameter, size.spacing)
 
     def entry(self, start: npt.ArrayLike, end: npt.ArrayLike) -> npt.NDArray[np.float64] | None:
-        """Returns the point (3,) m where the segment between two points first enters the tissue at rest. None if the segment never enters the
-        tissue."""
+        """Returns the point (3,) m where the segment from `start` to `end` first enters the tissue at rest, or None if it doesn't."""
         point = ffi.new("double[3]")
         given = [ffi.new("double[3]", [float(x) for x in np.asarray(p, np.float64)]) for p in (start, end)]
         return np.array(list(point)) if lib.trocar_model_entry(self._handle, *given, point) else None
 
     def displaced_seeds(self, seeds: Sequence[Seed], displacements: npt.ArrayLike) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-        """Returns the positions (k, 3) m and directions (k, 3) of seeds in tissue whose mesh nodes are displaced by `displacements` (n, 3) m."""
+        """Returns the positions (k, 3) m and directions (k, 3) of seeds when the mesh nodes are displaced by `displacements` (n, 3) m."""
         field = np.ascontiguousarray(displacements, np.float64)
         if field.shape != self.nodes.shape:
             raise ValueError("displacements are %s; got shape %s" % (self.nodes.shape, field.shape))
@@ -532,8 +531,8 @@ def _pose(pose: npt.ArrayLike) -> Any:
 
 
 class Sim:
-    """The mutable state of a simulation: needle and tissue. Only one thread at a time may use it; a concurrent call raises Error. A copy starts from
-    the same state and continues independently."""
+    """The state of a simulation: needles and tissue. Only one thread at a time may use it; a concurrent call raises Error. A copy starts in the same
+    state and from then on is independent."""
 
     def __init__(self, model: Model) -> None:
         why, handle = ffi.new("trocar_error *"), ffi.new("trocar_sim **")
@@ -561,15 +560,15 @@ class Sim:
                                                                                 (count, count - 1)), "bad input")
 
     def reset(self, pose: npt.ArrayLike, needle: int = 0) -> None:
-        """Makes the needle straight at `pose` (7,), and restores the tissue as if the needle had never been in it. If the needle lies in the tissue
-        at this pose, it counts as inserted, but without force."""
+        """Puts the needle, straight, at `pose` (7,) and undoes everything that it did to the tissue. If the needle is in the tissue at this pose, it
+        starts out inserted, with no force on it."""
         why = ffi.new("trocar_error *")
         pointer, _kept = _pose(pose)
         with self._turn:
             _check(lib.trocar_sim_reset(self._handle, needle, pointer, why), why)
 
     def step(self, pose: npt.ArrayLike, dt: float, needle: int = 0) -> Output:
-        """Runs a tick of `dt` seconds with the base at `pose` (7,), and then performs the mesh update that the tick requests. Releases the GIL."""
+        """Runs a tick of `dt` seconds with the base at `pose` (7,), then the mesh update that the tick asks for. Releases the GIL."""
         why = ffi.new("trocar_error *")
         pointer, _kept = _pose(pose)
         with self._turn:
@@ -583,13 +582,14 @@ class Sim:
 
     def differentiate(self, pose: npt.ArrayLike, dt: float, targets: npt.ArrayLike = (), parameters: Sequence[tuple[str, str]] = (),
                       needle: int = 0) -> tuple[Output, Derivatives]:
-        """Runs a tick as `step` does, with the same results, and differentiates these results; the state before the tick is held fixed.
+        """Runs a tick exactly as `step` does and also returns the derivatives of its results, with the state before the tick held fixed.
 
-        Variables: displacement of the base along x, y and z (m), rotation of the base about the world's x, y and z (rad), and then `parameters`: pairs of a
-        property ("cutting_force", "cutting_viscosity", "friction_static", "friction_kinetic", "friction_viscous" or "youngs_modulus") and the name of a region.
-        targets (T, 3): positions at rest (m) of material points of the tissue.
+        The variables are the displacement of the base along x, y and z (m), its rotation about the world's x, y and z axes (rad), and then `parameters`:
+        pairs of a property ("cutting_force", "cutting_viscosity", "friction_static", "friction_kinetic", "friction_viscous" or "youngs_modulus") and a
+        region name. targets (T, 3): material points of the tissue, given by their positions at rest (m).
 
-        dt is at most 0.001 s. Raises Error for targets outside the tissue, and, after the tick, if the result has no derivatives. Releases the GIL.
+        dt must not exceed 0.001 s. Raises Error if a target is outside the tissue. If the result has no derivatives, raises Error after running the tick.
+        Releases the GIL.
         """
         points = np.ascontiguousarray(targets, np.float64).reshape(-1, 3)
         count = 6 + len(parameters)
@@ -612,10 +612,10 @@ class Sim:
         return {"property": number, "region": lib.trocar_model_find_region(self.model._handle, region.encode(), 3)}
 
     def run(self, poses: npt.ArrayLike, dt: float, needle: int = 0, progress: Callable[[str, float], Any] | None = None) -> npt.NDArray[Any]:
-        """Runs `step` for each of the poses (steps, 7); faster than a loop in Python. Returns a structured array (steps,) with the fields of
-        `Output`. Raises an Error that names the step that failed.
+        """Does what `step` does for each of the poses (steps, 7), faster than a Python loop. Returns a structured array (steps,) with the fields of
+        `Output`. If a step fails, raises an Error that names it.
 
-        progress("run", fraction) is called every 64 steps. An exception raised in it ends the run, and so does Ctrl-C.
+        progress("run", fraction) is called every 64 steps. An exception raised in it, or Ctrl-C, aborts the run.
         """
         given = np.ascontiguousarray(poses, np.float64)
         if given.ndim != 2 or given.shape[1] != 7:
@@ -629,16 +629,16 @@ class Sim:
 
     @property
     def time(self) -> float:
-        """Simulated time (s) since the creation of this object: the sum of all `dt`. When several needles tick in turn for the same period, the time advances
-        only once. It is saved and restored with the state."""
+        """Simulated time (s) since this object was created: the sum of all `dt`. Ticks of several needles for the same period count once. The time is saved
+        and restored with the state."""
         with self._turn:
             return lib.trocar_view_time(self._view)
 
     def change(self, values: Mapping[str, float], time: float = 0.5) -> None:
-        """Changes friction, cutting and puncture forces, moduli, calcifications and guides from now on, for all needles:
-        sim.change({"membranes[skin].puncture_force": 2.0}). `parameters` lists the keys. Each value moves to its new value over `time` seconds of simulated
-        time (0.1 to 60), so that no force jumps. Changing moduli first builds a model, which takes as long as Model(). Raises Error, and changes nothing, for a
-        key that cannot change during a run, for a bad value, or if moduli are changed while the last change of moduli is under way."""
+        """Changes parameters of the running simulation, for all needles: friction, cutting and puncture forces, moduli, calcifications and guides. For
+        example, sim.change({"membranes[skin].puncture_force": 2.0}). `parameters` lists the keys. So that no force jumps, values move to their new setting
+        over `time` (0.1 to 60) seconds of simulated time. A change to moduli builds a new model first, which takes as long as Model(). Raises Error and
+        changes nothing if a key cannot change during a run, if a value is bad, or if moduli are still moving from an earlier change."""
         why, handle = ffi.new("trocar_error *"), ffi.new("trocar_change **")
         lines = "\n".join("%s: %s" % (key, ".inf" if value == np.inf else value) for key, value in values.items())
         with self._turn:
@@ -650,7 +650,7 @@ class Sim:
 
     @property
     def parameters(self) -> dict[str, float]:
-        """Keys that `change` accepts, with their values. While a change is under way, these are the values that it is approaching."""
+        """The keys that `change` accepts, and their values: during a change, the values being moved to."""
         why, handle = ffi.new("trocar_error *"), ffi.new("trocar_change **")
         key, value, found = ffi.new("char[]", lib.TROCAR_CHANGE_KEY), ffi.new("double *"), {}
         with self._turn:
@@ -663,12 +663,12 @@ class Sim:
 
     @property
     def changing(self) -> float:
-        """Simulated time (s) remaining until the last change is complete; 0 if it is."""
+        """Simulated time (s) until the last change is complete; 0 if none is under way."""
         with self._turn:
             return lib.trocar_sim_changing(self._handle)
 
     def set_probe(self, pose: npt.ArrayLike) -> None:
-        """Moves the probe's base to `pose` (7,): x y z (m), w x y z. The next `step` first presses the probe there."""
+        """Moves the probe's base to `pose` (7,): x y z (m), w x y z. This takes effect at the start of the next `step`."""
         why = ffi.new("trocar_error *")
         pointer, _kept = _pose(pose)
         with self._turn:
@@ -676,7 +676,7 @@ class Sim:
 
     @property
     def probe(self) -> Probe | None:
-        """Returns the state of the probe in the last solution. None if the scene has no probe, or if the probe has not been placed yet."""
+        """Returns the state of the probe as last computed, or None if the scene has no probe or it has not been placed yet."""
         with self._turn:
             p = lib.trocar_view_probe(self._view)
         if not p.placed:
@@ -685,14 +685,14 @@ class Sim:
                      bool(p.stopped))
 
     def leave(self, needle: int = 0) -> None:
-        """Leaves a needle resting in tissue and guides, with its base free."""
+        """Lets go of a needle's base, leaving the needle resting in the tissue and guides."""
         why = ffi.new("trocar_error *")
         with self._turn:
             _check(lib.trocar_sim_leave(self._handle, needle, why), why)
             _check(lib.trocar_sim_work(self._handle, ffi.NULL, why), why)
 
     def take(self, needle: int = 0) -> None:
-        """Takes hold of a resting needle again; the first pose should be `base(needle)`."""
+        """Takes hold of a resting needle again. Start from the pose `base(needle)`."""
         why = ffi.new("trocar_error *")
         with self._turn:
             _check(lib.trocar_sim_take(self._handle, needle, why), why)
@@ -705,36 +705,36 @@ class Sim:
             return ("held", "leaving", "resting", "taking")[lib.trocar_sim_needle_state(self._handle, needle)]
 
     def base(self, needle: int = 0) -> npt.NDArray[np.float64]:
-        """Returns the base's pose: x y z (m) and the quaternion w x y z."""
+        """Returns the pose of the needle's base: x y z (m) and the quaternion w x y z."""
         self._check_needle(needle)
         with self._turn:
             pose = lib.trocar_view_base(self._view, needle)
         return np.array([*pose.position, *pose.orientation])
 
     def save(self) -> bytes:
-        """Returns the complete state, about 10 to 300 kB. Any simulation of the same model, or of a model built from an equal scene and mesh, can
-        `restore` it, even in another process, so the bytes may be stored in a file."""
+        """Returns the complete state, about 10 to 300 kB. You may store it in a file: any simulation of the same model, or of one built from an equal scene
+        and mesh, can `restore` it, even in another process."""
         why, size = ffi.new("trocar_error *"), lib.trocar_sim_state_size(self._handle)
-        state = np.empty(size, np.uint8)  # much larger than the state; pages that are not written take up no memory
+        state = np.empty(size, np.uint8)  # `size` is a generous upper bound, but pages that are never written cost no memory
         buffer = ffi.from_buffer(state, require_writable=True)
         with self._turn:
             _check(lib.trocar_sim_save(self._handle, buffer, size, why), why)
         return state[:lib.trocar_state_bytes(buffer)].tobytes()
 
     def restore(self, state: bytes) -> None:
-        """Restores a state saved by `save`. Raises Error with the cause if the model differs, or if the state is damaged or was saved by another version
-        of the library."""
+        """Restores a state returned by `save`. Raises Error if it belongs to a different model, is damaged, or was saved by another version of the
+        library."""
         why = ffi.new("trocar_error *")
         with self._turn:
             _check(lib.trocar_sim_restore(self._handle, ffi.from_buffer(state), len(state), why), why)
 
     def contacts(self, needle: int = 0) -> list[Contact]:
-        """Returns the contacts in order from base to tip; if the tip is in the tissue, its contact comes last."""
+        """Returns the contacts, ordered from base to tip. If the tip is in the tissue, its contact comes last."""
         return self._contacts(lib.trocar_view_contacts, needle)
 
     def pending_contacts(self, needle: int = 0) -> list[Contact]:
-        """Returns the tissue contacts that bear no force yet, in order from base to tip: those with status "adding", followed by at most one with
-        status "planned"."""
+        """Returns the tissue contacts that carry no force yet, ordered from base to tip: those with status "adding", then at most one that is
+        "planned"."""
         return self._contacts(lib.trocar_view_pending_contacts, needle)
 
     def _contacts(self, read: Any, needle: int) -> list[Contact]:
@@ -747,8 +747,7 @@ class Sim:
                         _CONTACT_STATUS[c.status], c.slot, needle) for c in found[0:count]]
 
     def hole(self, guide: int, needle: int = 0) -> int | None:
-        """Returns the hole of a guide through which the needle passes, as column + columns * row, counted from 0. None if the needle is in no
-        hole."""
+        """Returns which hole of the guide the needle is in, as column + columns * row, counted from 0, or None if it is in none."""
         self._check_needle(needle)
         guides = lib.trocar_model_guide_count(self.model._handle)
         if not 0 <= guide < guides:
@@ -777,23 +776,23 @@ class Sim:
         return joints
 
     def drop_seeds(self, count: int = 1, spacing: float = 0.0, needle: int = 0) -> None:
-        """Drops a seed, or a strand of seeds `spacing` m apart (0: the scene's spacing). The first seed's distal end is at the tip.
+        """Drops a seed, or a strand of seeds whose centres are `spacing` m apart (0: the scene's spacing). The first seed's distal end is at the tip.
 
-        The seeds are left in the tissue as the needle is drawn back past them. Raises Error and changes nothing if, for example, the tip is outside
-        the tissue or seeds are pending.
+        A seed comes to rest in the tissue once the needle has been drawn back past it; until then it is pending. Raises Error and changes nothing if, for
+        example, the tip is outside the tissue or earlier seeds are still pending.
         """
         why = ffi.new("trocar_error *")
         with self._turn:
             _check(lib.trocar_sim_drop_seeds(self._handle, needle, count, spacing, why), why)
 
     def undo_seed(self, needle: int = 0) -> None:
-        """Cancels the pending seeds of the needle's last drop. If no seeds are pending, removes the seed that the needle left last."""
+        """Cancels the needle's pending seeds or, if none are pending, removes the last seed that it left."""
         why = ffi.new("trocar_error *")
         with self._turn:
             _check(lib.trocar_sim_undo_seed(self._handle, needle, why), why)
 
     def seeds(self) -> list[Seed]:
-        """Returns the seeds in the tissue, in the order in which they were left."""
+        """Returns the seeds left in the tissue, oldest first."""
         found = ffi.new("trocar_seed[]", lib.TROCAR_MAX_SEEDS)
         with self._turn:
             count = lib.trocar_view_seeds(self._view, found, lib.TROCAR_MAX_SEEDS)
@@ -802,13 +801,13 @@ class Sim:
                      s.tet, np.array(list(s.weights))) for s in found[0:count]]
 
     def pending_seeds(self, needle: int = 0) -> int:
-        """Returns the number of seeds that were dropped but are still in the needle."""
+        """Returns the number of seeds that have been dropped but are still inside the needle."""
         self._check_needle(needle)
         with self._turn:
             return lib.trocar_view_pending_seeds(self._view, needle)
 
     def displacements(self) -> npt.NDArray[np.float64]:
-        """Returns the displacements of the mesh's nodes, (n, 3) m. This requires one solve with the full stiffness matrix."""
+        """Returns the displacements of the mesh nodes, (n, 3) m. Each call solves with the full stiffness matrix."""
         why = ffi.new("trocar_error *")
         field = np.empty((lib.trocar_model_node_count(self.model._handle), 3))
         with self._turn:
@@ -816,8 +815,8 @@ class Sim:
         return field
 
     def tip_lead(self, needle: int = 0) -> float:
-        """Returns the rotation of the tip about the needle's axis minus that of the base, in rad. It is negative if the tip lags behind a base that
-        has been turned forward."""
+        """Returns by how much the tip has rotated about the needle's axis relative to the base, in rad. It is negative if the tip lags behind a base that
+        turns in the positive sense."""
         self._check_needle(needle)
         with self._turn:
             return lib.trocar_view_tip_lead(self._view, needle)
@@ -839,14 +838,15 @@ def rollout(model: Model | Sequence[Model], poses: npt.ArrayLike, dt: float = 0.
             states: Sequence[bytes | None] | bytes | None = None) -> npt.NDArray[Any]:
     """Simulates many insertions.
 
-    model: one model, or a sequence with one model for each insertion. poses (batch, steps, 7), or (batch, steps, needles, 7) to drive several
-    needles. Each insertion starts in tissue at rest, with its needles at their first poses, and runs one tick of `dt` seconds per pose. With
-    `states`, it continues from a state that `Sim.save` returned: one state for all insertions, or a sequence with a state or None for each. A needle
-    that rests in such a state is not ticked: its poses are not read, and its force, torque and events are 0. Returns a structured array with the
-    fields of `Output`, (batch, steps) or (batch, steps, needles): result["force"] is (batch, steps, 3). `threads` threads run in parallel; the GIL is
-    released. With a dense or condensed inverse, the results do not depend on the number of threads.
+    model: one model for all insertions, or one for each. poses (batch, steps, 7), or (batch, steps, needles, 7) to drive several needles. Each insertion
+    starts in tissue at rest, with its needles at their first poses, and runs one tick of `dt` seconds per pose. states: start from states returned by
+    `Sim.save` instead; give one for all insertions, or a state or None for each. A needle that is resting in its state is not ticked: its poses are
+    ignored, and its force, torque and events are 0.
 
-    progress("rollout", fraction) is called every 64 ticks. An exception raised in it ends the rollout, and so does Ctrl-C.
+    Returns a structured array with the fields of `Output`, (batch, steps) or (batch, steps, needles), so result["force"] is (batch, steps, 3). The
+    insertions run in `threads` threads with the GIL released. With a dense or condensed inverse, the results do not depend on the number of threads.
+
+    progress("rollout", fraction) is called every 64 ticks. An exception raised in it, or Ctrl-C, aborts the rollout.
     """
     given = np.ascontiguousarray(poses, np.float64)
     if given.ndim not in (3, 4) or given.shape[-1] != 7:
@@ -876,7 +876,7 @@ def rollout(model: Model | Sequence[Model], poses: npt.ArrayLike, dt: float = 0.
     return outputs
 
 
-# For each output of a batch: its NumPy type, its C type, the shape of an entry, and whether there is one entry per needle.
+# For each output of a batch: NumPy type, C type, shape of one entry, and whether each needle has its own entry.
 _BATCH_OUTPUTS = {"force": ("f8", "double *", (3,), True), "torque": ("f8", "double *", (3,), True), "depth": ("f8", "double *", (), True),
                   "tip": ("f8", "trocar_pose *", (7,), True), "contacts": ("i4", "int32_t *", (), True), "events": ("u4", "uint32_t *", (), True),
                   "membrane": ("i4", "int32_t *", (), True), "passes": ("i4", "int32_t *", (), True), "switches": ("i4", "int32_t *", (), True),
@@ -884,23 +884,23 @@ _BATCH_OUTPUTS = {"force": ("f8", "double *", (3,), True), "torque": ("f8", "dou
 
 
 class Batch:
-    """Several simulations, called rows, that are stepped together in the library's threads, with the GIL released. The results do not depend on the
-    number of threads, and are bit-identical to those of single simulations with the same poses.
+    """Several simulations, called rows, that the library steps together in its own threads, with the GIL released. The results do not depend on the
+    number of threads: they are bit-identical to those of separate simulations given the same poses.
 
-    `batch[row]` is the `Sim` of a row, for use between calls to the batch: contacts, centreline, drop_seeds, leave, take, save and so on. Only one
+    `batch[row]` is the `Sim` of a row. Use it between calls to the batch for contacts, centreline, drop_seeds, leave, take, save and so on. Only one
     thread at a time may use a batch and its rows; a concurrent call raises Error. `len(batch)` is the number of rows.
 
-    Outputs, with their shape for each row, step and needle: force (3,) N and torque (3,) N m, world frame, on the hand; depth, m; tip (7,): pose of
-    the needle's end, with +z along the needle and +y in the direction that the bevel faces; contacts; events: bits of `Event`; membrane; passes;
-    switches, as in `Output`; and, for each row and step, seeds: number of seeds in the tissue. A needle that rests is not ticked: its pose is not
-    read, and its force, torque and events are 0.
+    The outputs, with their shape for each row, step and needle, are force (3,) N and torque (3,) N m on the hand, in the world frame; depth, m;
+    tip (7,): pose of the tip, with +z along the needle and +y in the direction that the bevel faces; and contacts, events, membrane, passes and
+    switches as in `Output`. There is also seeds, the number of seeds in the tissue, for each row and step. A resting needle is not ticked: its pose is
+    ignored, and its force, torque and events are 0.
     """
 
     def __init__(self, models: Model | Sequence[Model], count: int | None = None, threads: int = 0,
                  outputs: Sequence[str] = ("force", "torque", "depth", "tip", "contacts", "events", "membrane"), needles: int = 1) -> None:
-        """models: one model for all rows, or several: row i simulates models[i % len(models)]. count: number of rows (default: one for each model).
-        threads: number of threads; 0: one for each processor that the process may use. outputs: names of the arrays that `step` and `run` return; the
-        others are not computed. needles: number of needles that are driven in each row, with the indices 0 to needles - 1. A row takes up 5 to 7 MB."""
+        """models: one model for all rows, or several, of which row i simulates models[i % len(models)]. count: number of rows (default: one per model).
+        threads: number of threads; 0 uses one per CPU available to the process. outputs: names of the arrays that `step` and `run` return; the others are
+        not computed. needles: number of needles driven in each row, with indices 0 to needles - 1. Each row uses 5 to 7 MB of memory."""
         given = [models] if isinstance(models, Model) else list(models)
         rows = len(given) if count is None else count
         if not given or rows < 1:
@@ -931,7 +931,7 @@ class Batch:
         return self._sims[row]
 
     def _bind(self, row: int) -> None:
-        """Makes the `Sim` of a row refer to the row's current simulation. The `Sim` keeps the batch alive."""
+        """Points the `Sim` of a row at the row's current simulation. The `Sim` keeps the batch alive."""
         sim = self._sims[row]
         sim._handle = ffi.gc(lib.trocar_batch_sim(self._handle, row), lambda _, batch=self._handle: None)
         sim.model, sim._turn, sim._out = self._models[row], self._turn, ffi.new("trocar_output *")
@@ -954,17 +954,17 @@ class Batch:
 
     @property
     def status(self) -> npt.NDArray[np.int32]:
-        """For each row, 0 if its last step succeeded, otherwise a positive number; (rows,). Overwritten by `step` and `run`."""
+        """(rows,): 0 if the row's last step succeeded, otherwise a positive error code. Overwritten by `step` and `run`."""
         return self._status
 
     @property
     def done(self) -> npt.NDArray[np.int32]:
-        """For each row, the number of steps that it completed in the last call; (rows,). Overwritten by `step` and `run`."""
+        """(rows,): number of steps that the row completed in the last call. Overwritten by `step` and `run`."""
         return self._done
 
     def set_model(self, row: int, model: Model) -> None:
-        """Replaces the simulation of a row with a new one of this model; this takes a few milliseconds. The needles are at the origin until `reset`
-        is called."""
+        """Replaces a row's simulation with a new one of this model, which takes a few milliseconds. Its needles are at the origin until you call
+        `reset`."""
         row = range(len(self))[row]
         why = ffi.new("trocar_error *")
         with self._turn:
@@ -974,7 +974,7 @@ class Batch:
                 self._bind(row)
 
     def _mask(self, mask: npt.ArrayLike | None) -> tuple[Any, Any]:
-        """Returns the mask as a C pointer, and the array that it points to."""
+        """Returns a C pointer to the mask, and the array that must be kept alive while the pointer is in use."""
         if mask is None:
             return ffi.NULL, None
         array = np.ascontiguousarray(mask, np.bool_)
@@ -983,9 +983,9 @@ class Batch:
         return ffi.from_buffer("uint8_t[]", array), array
 
     def reset(self, poses: npt.ArrayLike, mask: npt.ArrayLike | None = None) -> None:
-        """Resets the rows selected by `mask` (rows,), or all rows if it is None, to the state in which they were created: at time 0, with the tissue
-        at rest and without seeds, tracks or resting needles. Their needles are straight at `poses`: (7,) for all, (rows, 7), or (rows, needles, 7);
-        poses of other rows are not read."""
+        """Resets the rows selected by `mask` (rows,), or all rows if it is None, to their initial state: time 0, tissue at rest, and no seeds, tracks or
+        resting needles. The needles start out straight at `poses`: (7,) for all, (rows, 7), or (rows, needles, 7). Poses of unselected rows are
+        ignored."""
         given = np.asarray(poses, np.float64)
         if given.ndim == 2 and given.shape[0] == len(self):
             given = given[:, None]
@@ -1019,7 +1019,7 @@ class Batch:
             _check(status, why)
 
     def _given(self, poses: npt.ArrayLike, axes: str, many: bool) -> tuple[npt.NDArray[np.float64], bool]:
-        """Returns poses as (rows, steps, needles, 7), and whether they were given with a needle axis."""
+        """Reshapes poses to (rows, steps, needles, 7). Also returns whether the caller gave them with a needle axis."""
         given = np.ascontiguousarray(poses, np.float64)
         with_needles = given.ndim == (4 if many else 3)
         if not many:
@@ -1032,13 +1032,13 @@ class Batch:
         return given, with_needles
 
     def step(self, poses: npt.ArrayLike, dt: float = 0.001, mask: npt.ArrayLike | None = None) -> dict[str, npt.NDArray[Any]]:
-        """Runs a tick of `dt` seconds, and the mesh update that it requests, in each row selected by `mask` (rows,), or in all rows if it is None.
+        """Runs a tick of `dt` seconds, and the mesh update that it asks for, in each row selected by `mask` (rows,), or in all rows if it is None.
         poses: (rows, 7), or (rows, needles, 7).
 
-        Returns the chosen outputs: (rows, ...), or (rows, needles, ...) if the poses have a needle axis. The arrays belong to the batch and are
-        overwritten by the next call; rows outside the mask keep their last values. An error in a row does not stop the others: when all rows are
-        done, Error is raised with the message of the failed row with the lowest index. `status` then shows which rows failed, and the arrays returned
-        by earlier calls contain the results of the others."""
+        Returns the outputs chosen at construction: (rows, ...), or (rows, needles, ...) if the poses have a needle axis. The arrays belong to the batch,
+        and the next call overwrites them; unselected rows keep their last values. An error in one row does not stop the others. Once all rows are done,
+        an Error is raised with the message of the first row that failed. `status` then shows which rows failed, and the arrays that earlier calls
+        returned hold the results of the rest."""
         given, with_needles = self._given(poses, "", False)
         self._step(given, dt, mask, self._arrays, None)
         shown = {name: array[:, 0] for name, array in self._arrays.items()}
@@ -1046,23 +1046,23 @@ class Batch:
 
     def run(self, poses: npt.ArrayLike, dt: float = 0.001, mask: npt.ArrayLike | None = None,
             progress: Callable[[str, float], Any] | None = None) -> dict[str, npt.NDArray[Any]]:
-        """Runs several ticks: poses (rows, steps, 7), or (rows, steps, needles, 7). This is faster than the same number of calls to `step`.
+        """Runs several ticks, faster than repeated calls to `step`. poses: (rows, steps, 7), or (rows, steps, needles, 7).
 
-        Returns the chosen outputs in new arrays, (rows, steps, ...) or (rows, steps, needles, ...); rows outside the mask are zero. Errors are
-        reported as in `step`. progress("batch", fraction) is called at least once every 64 steps of a row. An exception raised in it ends the call,
-        and so does Ctrl-C; `done` then contains the number of steps that each row has completed."""
+        Returns the outputs chosen at construction in new arrays, (rows, steps, ...) or (rows, steps, needles, ...); unselected rows are zero. Errors are
+        reported as in `step`. progress("batch", fraction) is called at least once every 64 steps of a row. An exception raised in it, or Ctrl-C, aborts
+        the call; `done` then holds the number of steps that each row has completed."""
         given, with_needles = self._given(poses, ", steps", True)
         arrays = self._new_arrays(given.shape[1])
         self._step(given, dt, mask, arrays, _Watch(progress))
         return arrays if with_needles else {name: array[:, :, 0] if _BATCH_OUTPUTS[name][3] else array for name, array in arrays.items()}
 
     def save(self, mask: npt.ArrayLike | None = None) -> list[bytes]:
-        """Returns the states of the rows selected by `mask` (rows,), or of all rows if it is None, in the order of the rows. See `Sim.save`."""
+        """Returns the states of the rows selected by `mask` (rows,), or of all rows if it is None, in row order. See `Sim.save`."""
         return [self[int(row)].save() for row in self._rows(mask)]
 
     def restore(self, states: bytes | Sequence[bytes], mask: npt.ArrayLike | None = None) -> None:
-        """Restores the rows selected by `mask` (rows,), or all rows if it is None, in several threads: all of them from one state, or each from its
-        own, in the order of the rows. See `Sim.restore`."""
+        """Restores the rows selected by `mask` (rows,), or all rows if it is None, in parallel. states: one state for all of these rows, or one for each,
+        in row order. See `Sim.restore`."""
         rows = self._rows(mask)
         given = [states] * len(rows) if isinstance(states, bytes) else list(states)
         if len(given) != len(rows):

@@ -1,4 +1,4 @@
-"""Opens files that a user has named, or that may have changed since a program wrote them; replaces files atomically."""
+"""Safe opening of files named by the user or possibly changed by other programs, and atomic replacement of files."""
 from __future__ import annotations
 
 import os
@@ -24,8 +24,8 @@ def open_input(path: str | os.PathLike[str], mode: str = "r", **options: Any) ->
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """Yields the path of a temporary file beside `path`, to be written in the block. When the block ends, the temporary file replaces `path`; if the
-    block raises, `path` stays as it is. A reader, or a restart after a power failure, finds either the old file or the whole new one."""
+    """Yields the path of a temporary file beside `path`. Write to it in the `with` block; it replaces `path` when the block ends, unless the block
+    raises. Readers see either the old file or the complete new one, even after a power failure."""
     temporary = path.with_name(f"{path.name}.{os.getpid()}")
     try:
         yield temporary

@@ -14,7 +14,8 @@ _HEAD = struct.Struct(">IqqII")
 
 
 def events(path: Path, error: type[Exception]) -> Iterator[tuple[str, bytes]]:
-    """Yields the channel and message of each event in an LCM log. Raises `error`, with file and byte offset, if the file cannot be opened or is incomplete."""
+    """Yields the channel and message of each event in an LCM log. Raises `error` if the file cannot be opened or is damaged; the message gives the byte
+    offset of the damage."""
     try:
         file = open_input(path, "rb")
     except OSError as fault:

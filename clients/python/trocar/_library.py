@@ -1,4 +1,4 @@
-"""Loads libtrocar.so through cffi. The declarations come from the header that the build copies into this folder."""
+"""Loads libtrocar.so through cffi, with the declarations from trocar.h, which the build copies into this folder."""
 from __future__ import annotations
 
 import logging
@@ -14,7 +14,7 @@ from cffi import FFI
 
 
 def _declarations(header: str) -> str:
-    """Returns the header without comments, preprocessor lines and attributes, which cffi's parser does not support."""
+    """Strips comments, preprocessor lines and attributes from the header: cffi's parser does not support them."""
     text = re.sub(r"/\*.*?\*/", "", header, flags=re.S)
     text = re.sub(r'#ifdef __cplusplus\n.*?#endif', "", text, flags=re.S)
     text = re.sub(r"^#.*$", "", text, flags=re.M)
@@ -66,8 +66,8 @@ def _write_log(level: int, message: Any, _: Any) -> None:
 
 
 class _Turn:
-    """Protects a library object during calls that release the GIL: either one thread may use it, or several threads may read it. Other threads get an
-    Error."""
+    """A non-blocking reader-writer lock for a library object, because calls into the library release the GIL. A thread that does not get the lock gets
+    an Error."""
 
     def __init__(self, what: str):
         self._what, self._lock = what, threading.Lock()
@@ -96,8 +96,8 @@ class _Turn:
 
 
 class _Watch:
-    """Makes a long call report its progress by calling `progress(what, fraction)`. The call ends if `progress` raises an exception, or if a signal
-    handler does, as after Ctrl-C."""
+    """Lets a long library call report its progress to `progress(what, fraction)`. The call is aborted if `progress` or a signal handler raises an
+    exception, so Ctrl-C works."""
 
     def __init__(self, progress: Callable[[str, float], Any] | None):
         self._raised: BaseException | None = None

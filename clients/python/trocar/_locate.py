@@ -13,16 +13,16 @@ Array = npt.NDArray[np.float64]
 
 
 def weight_gradients(corners: Array) -> Array:
-    """Returns the gradients (k, 3, 3), in 1/m, of the barycentric weights of corners 1 to 3 of tetrahedra with these corners (k, 4, 3). The inverse
-    is written out, because OpenBLAS solves even 3 x 3 systems with several threads, which wait for each other for seconds on a busy machine."""
+    """Returns the gradients (k, 3, 3), in 1/m, of the barycentric coordinates 1 to 3 of tetrahedra with these corners (k, 4, 3). The 3 x 3 inverse is
+    written out because OpenBLAS uses several threads even for systems this small, and on a busy machine they can wait seconds for each other."""
     a, b, c = (corners[:, 1:] - corners[:, :1]).transpose(1, 0, 2)
     normals = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=1)
     return normals / np.einsum("ti,ti->t", a, normals[:, 0])[:, None, None]
 
 
 def locate(model: Model, points: npt.ArrayLike) -> tuple[npt.NDArray[np.intp], Array]:
-    """Returns the tetrahedra (k,) that contain the points (k, 3) (m, at rest), or -1 for points outside the tissue, and the points' barycentric
-    weights (k, 4)."""
+    """Finds the tetrahedra that contain points (k, 3), in m, in the tissue at rest. Returns their indices (k,), -1 for points outside the tissue, and
+    the points' barycentric coordinates (k, 4)."""
     corners = model.nodes[model.tets]
     gradients = weight_gradients(corners)
     tets, weights = [], []

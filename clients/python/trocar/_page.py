@@ -1,4 +1,4 @@
-"""Style, tables and figures of reports: printable HTML pages without scripts."""
+"""Helpers that build reports: printable HTML pages with tables and figures, and no scripts."""
 from __future__ import annotations
 
 import base64
@@ -16,13 +16,13 @@ from ._files import replacing
 Array = npt.NDArray[np.float64]
 
 STYLE = (Path(__file__).parent / "_page.css").read_text(encoding="utf-8")
-COLOURS = {"gland": "#d55e00", "urethra": "#0072b2", "rectum": "#8a5a00"}    # after Okabe and Ito; distinguishable with colour-vision deficiency
+COLOURS = {"gland": "#d55e00", "urethra": "#0072b2", "rectum": "#8a5a00"}    # based on the Okabe-Ito palette, which colour-blind readers can tell apart
 PLANNED, ACHIEVED = "#6e40c9", "#007f5f"
 OUTLINES = "#9aa4af"
 
 
 def svg(drawn: Any) -> str:
-    """Returns a figure as SVG text; the same figure always gives the same text."""
+    """Returns a figure as SVG text, reproducibly: the same figure always gives the same text."""
     import matplotlib
     out = io.StringIO()
     with matplotlib.rc_context({"svg.hashsalt": "trocar", "svg.fonttype": "none"}):
@@ -31,14 +31,14 @@ def svg(drawn: Any) -> str:
 
 
 def figure(width: float, height: float, widths: Sequence[float] = (1,)) -> tuple[Any, Sequence[Any]]:
-    """Makes a figure of this size (inches), with one panel for each of the relative `widths`."""
+    """Creates a figure of the given size in inches, with a row of panels of relative `widths`."""
     from matplotlib.figure import Figure
     drawn = Figure(figsize=(width, height), layout="constrained")
     return drawn, np.atleast_1d(drawn.subplots(1, len(widths), width_ratios=widths))
 
 
 def section(model: Model, tets: npt.NDArray[np.int32], axis: int, at: float) -> Array:
-    """Returns the outline of a set of tetrahedra in the plane where coordinate `axis` equals `at`, as segments (n, 2, 3) m."""
+    """Cuts the surface of a set of tetrahedra with the plane where coordinate `axis` is `at`, and returns the outline as segments (n, 2, 3) m."""
     faces = np.sort(np.concatenate([np.delete(tets, corner, axis=1) for corner in range(4)]), axis=1)
     unique, times = np.unique(faces, axis=0, return_counts=True)
     corners = model.nodes[unique[times == 1]]
@@ -52,13 +52,13 @@ def section(model: Model, tets: npt.NDArray[np.int32], axis: int, at: float) -> 
 
 
 def image(drawing: str, words: str) -> str:
-    """Embeds an SVG image with its caption, which is also its description for screen readers."""
+    """Returns HTML that embeds an SVG image. `words` is both the caption and the alternative text."""
     data = base64.b64encode(drawing.encode()).decode()
     return f'<figure><img src="data:image/svg+xml;base64,{data}" alt="{escape(words)}"><figcaption>{escape(words)}</figcaption></figure>'
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]], caption: str, numbers: Sequence[int] = ()) -> str:
-    """Makes an HTML table; cells are plain text. `numbers`: indices of the columns that are right-aligned."""
+    """Returns an HTML table; cells are plain text. `numbers`: indices of the columns to right-align."""
     cell = lambda i, text, tag="td": f'<{tag}{" class=number" if i in numbers else ""}>{escape(text)}</{tag}>'
     header = "".join(f'<th scope="col"{" class=number" if i in numbers else ""}>{escape(text)}</th>' if text else "<td></td>" for i, text in enumerate(head))
     body = "".join("<tr>" + "".join(cell(i, text) for i, text in enumerate(row)) + "</tr>\n" for row in rows)
@@ -66,7 +66,7 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]], caption: str, numb
 
 
 def page(title: str, parts: Iterable[str], language: str = "en") -> str:
-    """Returns the whole HTML page; `parts` are the elements of its body."""
+    """Returns a complete HTML page. `parts`: the HTML of the elements of its body."""
     return (f"<!DOCTYPE html>\n<html lang=\"{language}\">\n<head><meta charset=\"utf-8\"><meta name=\"viewport\" content=\"width=device-width\">"
             f"<title>{escape(title)}</title>\n<style>\n{STYLE}</style></head>\n<body><main>\n" + "\n".join(parts) + "\n</main></body>\n</html>\n")
 

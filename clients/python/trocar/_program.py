@@ -1,4 +1,4 @@
-"""Functions shared by the command-line programs: progress display, option types, and exit statuses."""
+"""What the command-line programs share: progress display, option types and exit statuses."""
 from __future__ import annotations
 
 import argparse
@@ -10,7 +10,7 @@ from typing import Any, Callable
 
 
 class Progress:
-    """Shows a bar on a terminal; otherwise prints a line at the start, after every tenth of the work, and at the end."""
+    """Progress display: a bar on a terminal, otherwise a line at the start, at every tenth of the work, and at the end."""
 
     WIDTH = 30
 
@@ -50,9 +50,9 @@ def _stop(number: int, _: Any) -> None:
 
 
 def ended(program: str, call: Callable[[], int], place: str, packages: str, interrupted: str = "interrupted") -> int:
-    """Calls `call()` and returns its exit status. Reports in one line whatever may stop a program: an interrupt, a missing Python module (`packages`
-    lists the Debian packages to install), or a file that cannot be read or written (`place` names the file if the error does not). SIGTERM ends the
-    call as an exception would."""
+    """Calls `call()` and returns its exit status. An interrupt, a missing Python module or a file that cannot be read or written is reported in one line
+    instead of a traceback. `packages`: the Debian packages to install if a module is missing; `place`: the file to name if the error doesn't. SIGTERM
+    ends the call like an exception."""
     signal.signal(signal.SIGTERM, _stop)
     try:
         return call()

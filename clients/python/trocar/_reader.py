@@ -1,4 +1,4 @@
-"""A strict reader of YAML files, key by key; its errors give file, line and remedy."""
+"""A strict YAML reader. Its error messages give the file and line and say how to fix the problem."""
 from __future__ import annotations
 
 import math
@@ -8,11 +8,10 @@ from ._files import open_input
 
 
 class Reader:
-    """A YAML document that is read key by key. Errors give file and line."""
+    """A YAML document that is read key by key. Error messages give file and line."""
 
     def __init__(self, path: str, kind: str, error: type[Exception], keys: str):
-        """`kind` is the type of the file, such as "plan", and `keys` describes its keys; both appear in messages. `error` is the exception class to
-        raise."""
+        """kind: what the file is, such as "plan", and keys: what keys it has; both are for messages. error: the exception class to raise."""
         self.path, self.kind, self.error, self.keys = path, kind, error, keys
         try:
             import yaml
@@ -73,7 +72,7 @@ class Reader:
         return node.value.strip()
 
     def number(self, node: Any, place: str, least: float = 0.0, inclusive: bool = False) -> float:
-        """Reads a number greater than `least`, or equal to `least` if `inclusive` is true. YAML 1.1 reads 5e-3 as text, so text is converted here."""
+        """Reads a number greater than `least`, or at least `least` if `inclusive`. Converts the text itself, because YAML 1.1 takes 5e-3 for a string."""
         try:
             value = float(node.value) if isinstance(node, self.yaml.ScalarNode) else math.nan
         except ValueError:

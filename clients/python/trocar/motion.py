@@ -1,7 +1,7 @@
 """Motions of a needle's base: the scripts of trocar-device, straight insertions and tables of poses.
 
-A motion is a generator. It resets the simulation's needle and yields arrays of poses (steps, 7). The caller steps the simulation through
-each array before asking for the next, as with `Sim.run`:
+Playing a motion resets the needle and yields arrays of poses (steps, 7). Step the simulation through each array, for example with `Sim.run`,
+before you ask for the next:
 
     >>> from trocar import motion
     >>> for poses in motion.script("insert").play(sim, 0.001):
@@ -23,18 +23,18 @@ from ._files import open_input
 
 __all__ = ["Adjustment", "BadMotion", "Script", "Straight", "Table", "SCRIPTS", "START", "axis_of", "script"]
 
-START = np.array([0.005, 0.003, -0.201, 1.0, 0.0, 0.0, 0.0])  # same default as in trocar-device: the tip of a 200 mm needle is then 1 mm in front of the skin
+START = np.array([0.005, 0.003, -0.201, 1.0, 0.0, 0.0, 0.0])  # default of trocar-device: puts the tip of a 200 mm needle 1 mm in front of the skin
 
 Array = npt.NDArray[np.float64]
 
 
 class BadMotion(Exception):
-    """The table of poses or the plan cannot be used; the message gives file, line and remedy."""
+    """Raised if a table of poses or a plan cannot be used. The message gives the file and line and says how to fix it."""
 
 
 class Leg(NamedTuple):
-    """One leg of a motion: between two times (s), the base moves by `shift` (m) and turns by `turn` (rad, a rotation vector) with minimum jerk. Both
-    vectors are given in the needle's frame at the start. Legs may overlap."""
+    """One leg of a motion: a minimum-jerk movement between two times (s), in which the base moves by `shift` (m) and turns by `turn` (rad, a rotation
+    vector), both in the frame that the needle has at the start. Legs may overlap."""
 
     start: float
     end: float
@@ -61,7 +61,7 @@ SCRIPTS: dict[str, tuple[float, tuple[Leg, ...]]] = {  # duration (s) and legs o
 
 
 def multiply(a: npt.ArrayLike, b: npt.ArrayLike) -> Array:
-    """Returns the rotation that applies b first and then a."""
+    """Returns the quaternion product a b: rotation b, then rotation a."""
     a, b = np.asarray(a, np.float64), np.asarray(b, np.float64)
     w = a[..., 0] * b[..., 0] - np.sum(a[..., 1:] * b[..., 1:], axis=-1)
     v = a[..., :1] * b[..., 1:] + b[..., :1] * a[..., 1:] + np.cross(a[..., 1:], b[..., 1:])
@@ -75,19 +75,19 @@ def rotate(q: npt.ArrayLike, vector: npt.ArrayLike) -> Array:
 
 
 def exponential(turn: npt.ArrayLike) -> Array:
-    """Returns the quaternion that corresponds to a rotation vector (rad)."""
+    """Converts a rotation vector (rad) to a quaternion."""
     turn = np.asarray(turn, np.float64)
     angle = np.linalg.norm(turn, axis=-1, keepdims=True)
     return np.concatenate([np.cos(0.5 * angle), 0.5 * np.sinc(angle / (2.0 * np.pi)) * turn], axis=-1)
 
 
 def axis_of(pose: npt.ArrayLike) -> Array:
-    """Returns the unit vectors (..., 3) that point from base to tip for poses (..., 7)."""
+    """Returns the unit vectors (..., 3) from base to tip for poses (..., 7)."""
     return rotate(np.asarray(pose, np.float64)[..., 3:], np.array([0.0, 0.0, 1.0]))
 
 
 def towards(direction: npt.ArrayLike) -> Array:
-    """Returns the quaternion that turns +z into this unit vector, which must not be -z."""
+    """Returns the quaternion of the shortest rotation that takes +z to this unit vector. For -z, where it is ambiguous, rotates about x."""
     direction = np.asarray(direction, np.float64)
     half = np.array([1.0 + direction[2], -direction[1], direction[0], 0.0])
     return half / np.linalg.norm(half) if half[0] > 1e-12 else np.array([0.0, 1.0, 0.0, 0.0])
@@ -98,8 +98,8 @@ def towards(direction: npt.ArrayLike) -> Array:
 
 @dataclass(frozen=True)
 class Adjustment:
-    """Transforms a whole motion: tilts it (rad) about x and y at the tip's initial position, translates it by x, y and z (m) along the needle's
-    initial axes, and rolls the bevel by `roll` (rad)."""
+    """Changes to apply to a whole motion: tilts (rad) about x and y at the tip's initial position, translations x, y and z (m) along the needle's
+    initial axes, and a roll of the bevel (rad)."""
 
     x: float = 0.0
     y: float = 0.0
@@ -109,7 +109,7 @@ class Adjustment:
     roll: float = 0.0
 
     def apply(self, poses: Array, length: float) -> Array:
-        """Transforms poses (n, 7) of a needle of this length (m). The first pose is the start of the motion."""
+        """Returns the adjusted poses (n, 7) of a needle of this length (m). The first pose must be the start of the motion."""
         if self == Adjustment():
             return poses
         base, frame = poses[0, :3], poses[0, 3:]
@@ -124,18 +124,18 @@ class Adjustment:
 
 @dataclass(frozen=True)
 class _Motion:
-    start: Array | None = None                # (7,) pose of the base; None selects the scene's needle.start or, if that is not set, START
+    start: Array | None = None                # (7,) pose of the base; None: the scene's needle.start if it has one, else START
     adjustment: Adjustment = Adjustment()
 
     adjustable = ("x", "y", "z", "tilt_x", "tilt_y", "roll")
 
     def adjusted(self, **by: float) -> _Motion:
-        """Returns a copy in which some of the parameters in `adjustable` have new values."""
+        """Returns a copy with new values for some of the parameters listed in `adjustable`."""
         own = {name: by.pop(name) for name in list(by) if name not in Adjustment.__dataclass_fields__}
         return replace(self, adjustment=replace(self.adjustment, **by), **own)
 
     def duration(self) -> float | None:
-        """Duration in s; None if it is known only after the motion has been played."""
+        """Duration in s, or None if it isn't known until the motion has been played."""
         raise NotImplementedError
 
     def _start_of(self, sim: Sim) -> Array:
@@ -145,7 +145,7 @@ class _Motion:
         return START if given is None else given
 
     def poses(self, start: Array, dt: float) -> Array:
-        """Returns the poses (n, 7), one for every `dt` seconds, starting at time 0."""
+        """Returns the poses (n, 7) at times 0, dt, 2 dt and so on."""
         raise NotImplementedError
 
     def play(self, sim: Sim, dt: float) -> Iterator[Array]:
@@ -154,12 +154,12 @@ class _Motion:
         yield poses
 
     def moves(self, sim: Sim, dt: float) -> Iterable[tuple[int, Array]]:
-        """Like `play`, but also for motions of several needles: yields pairs of a needle's index and its poses."""
+        """Like `play`, but works for motions of several needles too: yields pairs of a needle index and poses for that needle."""
         return ((0, poses) for poses in self.play(sim, dt))
 
 
 def minimum_jerk(x: Array) -> Array:
-    """Returns the fractions of a stroke that are completed at the fractions x of its duration (Flash and Hogan 1985)."""
+    """Returns the fraction of a minimum-jerk stroke completed after the fraction x of its duration (Flash and Hogan 1985)."""
     return x * x * x * (10.0 + x * (-15.0 + 6.0 * x))
 
 
@@ -182,8 +182,8 @@ class Script(_Motion):
         return self.seconds * self.depth / DEPTH / self.speed
 
     def to_depth(self, depth: float) -> Script:
-        """Returns the script with this insertion depth (m), at the same speed along the needle, as trocar-device does for a scene with
-        needle.start.depth. All times are scaled by the same factor, so sideways legs and turns are slower in a deeper script."""
+        """Returns the script with a different insertion depth (m) but the same speed along the needle, as trocar-device does for a scene with
+        needle.start.depth. All times scale with the depth, so the sideways legs and turns of a deeper script are slower."""
         return replace(self, depth=depth)
 
     def poses(self, start: Array, dt: float) -> Array:
@@ -201,14 +201,14 @@ class Script(_Motion):
 
 
 def script(name: str, speed: float = 1.0, start: npt.ArrayLike | None = None) -> Script:
-    """Returns the script of this name in SCRIPTS. Raises KeyError if there is none."""
+    """Returns a script by its name in SCRIPTS. Raises KeyError if there is no such script."""
     seconds, legs = SCRIPTS[name]
     return Script(start=None if start is None else np.asarray(start, np.float64), legs=legs, seconds=seconds, speed=speed)
 
 
 @dataclass(frozen=True)
 class Straight(_Motion):
-    """A straight insertion of the base by `depth` (m) at `speed` (m/s), followed by a rest of `hold` (s) and, if `back` is true, a retraction."""
+    """A straight insertion: advances the base by `depth` (m) at `speed` (m/s), holds it for `hold` (s) and, if `back` is true, retracts it."""
 
     depth: float = 0.05
     speed: float = 0.05
@@ -235,14 +235,14 @@ _COLUMNS = ("t", "x", "y", "z", "qw", "qx", "qy", "qz")
 
 @dataclass(frozen=True)
 class Table(_Motion):
-    """Poses at given times, read from a CSV file; positions and orientations between these times are interpolated linearly."""
+    """Poses at given times, read from a CSV file, with linear interpolation in between."""
 
     times: Array = field(default_factory=lambda: np.zeros(0))      # (n,) s, times counted from 0
     given: Array = field(default_factory=lambda: np.zeros((0, 7)))
 
     @classmethod
     def read(cls, path: str | PathLike[str]) -> Table:
-        """Reads a CSV file with the columns t (s), x, y, z (m), qw, qx, qy, qz. Raises BadMotion with file, line and remedy."""
+        """Reads a CSV file with the columns t (s), x, y, z (m), qw, qx, qy, qz. Raises BadMotion."""
         name, rows = fspath(path), []
         try:
             with open_input(path, newline="", encoding="utf-8") as file:
@@ -269,7 +269,7 @@ class Table(_Motion):
         if len(rows) < 2:
             raise BadMotion(f"{name}: {len(rows)} poses: write at least two")
         table = np.array(rows)
-        for i in range(1, len(table)):    # because q and -q are the same orientation, choose the sign closer to the previous one
+        for i in range(1, len(table)):    # q and -q are the same orientation: pick the sign closer to the previous quaternion, so that interpolation takes the short way
             if table[i, 4:] @ table[i - 1, 4:] < 0.0:
                 table[i, 4:] *= -1.0
         return cls(times=table[:, 0] - table[0, 0], given=table[:, 1:])

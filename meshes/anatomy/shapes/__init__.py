@@ -1,1 +1,1 @@
-"""Geometry of regions: outlines, closed surfaces, label images, and the conversions between them."""
+"""Geometry of regions: contours, closed surfaces, label images, and conversions between them."""

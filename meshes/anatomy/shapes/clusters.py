@@ -1,10 +1,10 @@
 """Finds clusters of pieces in a label image whose surfaces are connected.
 
-CGAL finds surfaces with a few random rays and follows them from there; it may miss a surface that is not connected to any other, such as that of a lesion in
-an organ. Clusters are therefore extracted one by one, each in its own section of the image, where the rays cannot miss it.
+CGAL finds surfaces by shooting a few random rays and follows them from there, so it may miss a surface that is not connected to any other, such as that of a
+lesion inside an organ. Clusters are therefore extracted one by one, each from its own section of the image, where the rays cannot miss it.
 
-Pieces that touch are neighbours in a graph. Two edges of this graph are in the same cluster if some cycle contains both; the surfaces of a cluster meet
-along lines. A piece that encloses others is in several clusters: it is the inside of one and the outside of the others.
+In a graph whose edges join pieces that touch, two edges belong to the same cluster if they lie on a common cycle; the surfaces of a cluster meet along lines.
+A piece that encloses others is in several clusters: it is the inside of one and the outside of the others.
 """
 import collections
 import dataclasses
@@ -13,14 +13,14 @@ import numpy as np
 
 from .label_image import pairs_in
 
-AROUND = 0               # number of the tissue (or air) that surrounds all pieces; piece k has number k + 1
+AROUND = 0               # number of the tissue (or air) around all pieces; piece k has number k + 1
 
 
 @dataclasses.dataclass
 class Cluster:
     outer: int               # number of the piece that surrounds the cluster
     inner: list              # numbers of the other pieces
-    stands: dict             # maps every number in the cluster to itself, and every other number to the one in the cluster to which it is attached
+    stands: dict             # maps numbers in the cluster to themselves, and all others to the number in the cluster that they are attached to
     edges: set               # pairs of numbers whose common surface is part of the cluster
 
 
@@ -39,7 +39,7 @@ def neighbours_in(numbers):
 
 
 def edges_in_circles(graph, root):
-    """Returns the sets of edges of the biconnected components of a connected graph (Hopcroft and Tarjan 1973)."""
+    """Returns the edge sets of a connected graph's biconnected components (Hopcroft and Tarjan 1973)."""
     depth, low, found, stack = {root: 0}, {root: 0}, [], []
     way = [(root, None, iter(sorted(graph[root])))]
     while way:
@@ -80,7 +80,7 @@ def cluster_of(graph, edges):
 
 
 def joined(graph, clusters, pairs):
-    """Returns the clusters after merging the two of each pair of cluster indices."""
+    """Merges clusters, given pairs of their indices, and returns the result."""
     groups = [{k} for k in range(len(clusters))]
     for a, b in pairs:
         one, other = (next(group for group in groups if k in group) for k in (a, b))
@@ -92,7 +92,7 @@ def joined(graph, clusters, pairs):
 
 
 def hanging_on(graph, mine, edges):
-    """Maps every node to the node of the cluster from which it is reached without using the cluster's edges."""
+    """Maps every node to the cluster's node from which it can be reached without using the cluster's edges."""
     stands = {node: node for node in mine}
     way = list(mine)
     while way:

@@ -1,6 +1,6 @@
-"""Outlines on parallel slices: checks and repairs the input, and converts it to polygons.
+"""Contours on parallel slices: checks and repairs them, and converts them to polygons.
 
-Coordinates are DICOM's patient coordinates in millimetres: x to the patient's left, y backward, z toward the head.
+Coordinates are DICOM patient coordinates in mm: x points to the patient's left, y backward and z toward the head.
 """
 import dataclasses
 import functools
@@ -12,15 +12,15 @@ import numpy as np
 from shapely.geometry import MultiPolygon, Polygon
 from shapely.validation import make_valid
 
-SAME_SLICE = 0.1      # mm: outlines whose z differ by less than this are on the same slice
-OUT_OF_PLANE = 0.5    # mm, largest difference in z between the points of one outline
-SPIKE = 0.5           # mm: parts narrower than twice this value are regarded as drawing errors
-SPECK = 3.0           # mm^2: outlines smaller than this are regarded as drawing errors
-INSIDE = 0.98         # fraction of an outline that must lie inside another one for the outline to be a hole
-HOLE = 0.8            # fraction of the enclosing area: if an outline inside another one is larger than this, it is the same outline drawn again
-DOUBLED = 0.02        # fraction of the area: outlines that differ by less than this are copies of each other
-MOST_OPEN = 0.1       # largest fraction of the outlines that may be open
-# fraction of the area that an outline's points enclose when they are sorted by angle: if they enclose less in the order given, they are out of order
+SAME_SLICE = 0.1      # mm: contours whose z differs by less than this are on the same slice
+OUT_OF_PLANE = 0.5    # mm, the points of a contour may differ in z by at most this
+SPIKE = 0.5           # mm: parts narrower than twice this are taken for drawing errors
+SPECK = 3.0           # mm^2: contours smaller than this are taken for drawing errors
+INSIDE = 0.98         # a contour is a hole if at least this fraction of it lies inside another one
+HOLE = 0.8            # but if it covers more than this fraction of the other one, it is the same contour drawn again
+DOUBLED = 0.02        # contours that differ by less than this fraction of their area are copies of each other
+MOST_OPEN = 0.1       # at most this fraction of the contours may be open
+# A contour's points are out of order if they enclose less than this fraction of the area that they enclose when sorted by angle.
 SCRAMBLED = 0.8
 
 
@@ -34,7 +34,7 @@ class Rings(list):
 
 
 class Unusable(Exception):
-    """Raised for input that cannot be meshed. The text names the region and the slice; --picture draws `rings`."""
+    """Raised for input that cannot be meshed. The message names the region and the slice; --picture draws `rings`."""
 
     def __init__(self, roi, problem, z=None, rings=()):
         super().__init__(roi, problem, z, rings)    # pass on all arguments, because the exception is sent between processes
@@ -61,11 +61,11 @@ class Stack:
 
     @property
     def spacing(self):
-        """Slice thickness, mm: the median distance between slices, which is insensitive to missing slices."""
+        """Slice thickness, mm: the median distance between slices, because missing slices do not affect it."""
         return statistics.median(upper.z - lower.z for lower, upper in itertools.pairwise(self.slices))
 
     def volume(self):
-        """Volume by planimetry, mm^3: trapezia between slices, and half a slice thickness beyond the first and the last."""
+        """Volume by planimetry, mm^3: the trapezoidal rule between slices, plus half a slice thickness beyond the first and last ones."""
         between = sum((lower.outline.area + upper.outline.area) / 2 * (upper.z - lower.z)
                       for lower, upper in itertools.pairwise(self.slices))
         return between + (self.slices[0].outline.area + self.slices[-1].outline.area) / 2 * self.spacing
@@ -88,7 +88,7 @@ def in_order_of_angle(points):
 
 
 def clean_ring(points):
-    """Returns the area inside one closed outline, whatever its direction and starting point; None if it is too small."""
+    """Returns the area inside a closed contour, regardless of its direction and starting point, or None if it is too small."""
     points = points[np.append(True, np.any(np.diff(points, axis=0) != 0, axis=1))]
     if len(points) > 1 and np.array_equal(points[0], points[-1]):
         points = points[:-1]
@@ -105,8 +105,8 @@ def clean_ring(points):
 
 
 def merge(areas):
-    """Returns the area enclosed by all outlines of a slice, and whether any overlap. A much smaller outline inside another one is a hole; other outlines that
-    overlap are united."""
+    """Returns the area that all contours on a slice enclose, and whether any overlap. A much smaller contour inside another is a hole; other overlapping
+    contours are united."""
     outer, inner, overlap = [], [], False
     for area in sorted(areas, key=lambda a: -a.area):
         apart, near = ([p for p in outer if p.intersects(area) == meets] for meets in (False, True))
@@ -133,7 +133,7 @@ def large_enough(shape):
 
 
 def open_slices(roi, rings):
-    """Returns a list with a remark on outlines that are not closed, if there are any; raises Unusable if there are too many."""
+    """Returns a list with a remark if some contours are not closed. Raises Unusable if there are too many of them."""
     open_ = sorted(float(np.median(ring[:, 2])) for ring in getattr(rings, "left_open", []) if len(ring))
     if not open_:
         return []
@@ -145,7 +145,7 @@ def open_slices(roi, rings):
 
 
 def islands_left_out(z, rings):
-    """Returns a list with a remark on outlines of a slice that are left out while others are used, if there are any."""
+    """Returns a list with a remark if some contours on a slice are left out while others are used."""
     if not rings:
         return []
     places = ", ".join(f"({x:.0f}, {y:.0f})" for x, y in (ring.mean(axis=0) + 0.0 for ring in rings))
@@ -155,7 +155,7 @@ def islands_left_out(z, rings):
 
 
 def build_stack(roi, rings):
-    """Builds an organ's stack; `rings`: arrays of points (x, y, z), with the slices in any order."""
+    """Builds an organ's stack. rings: arrays of points (x, y, z), with slices in any order."""
     flat = []
     for ring in rings:
         ring = np.asarray(ring, float).reshape(-1, 3)
@@ -196,7 +196,7 @@ def build_stack(roi, rings):
 
 
 def even_points(polygon, count):
-    """Returns `count` equally spaced points along the outer outline, counter-clockwise, starting from the point in the direction of +y from the centroid."""
+    """Returns `count` equally spaced points along the outer ring, counter-clockwise, starting in the +y direction from the centroid."""
     ring = np.array(polygon.exterior.coords)[:-1]
     if not polygon.exterior.is_ccw:
         ring = ring[::-1]
@@ -211,7 +211,7 @@ def even_points(polygon, count):
 
 
 def smooth_outline(polygon, count, harmonics):
-    """Returns the outline given by the polygon's first Fourier descriptors, scaled to the polygon's area."""
+    """Smooths a polygon by keeping only its first Fourier descriptors, and scales the result to the polygon's area."""
     points = even_points(polygon, 4 * count)
     spectrum = np.fft.fft(points[:, 0] + 1j * points[:, 1])
     frequency = np.fft.fftfreq(len(points), 1 / len(points))

@@ -1,4 +1,4 @@
-"""Surfaces from a signed-distance field: used where a loft fails, for defective surfaces, and to keep regions apart."""
+"""Surfaces from signed distance fields, used where a loft fails, for defective surfaces, and to keep regions apart."""
 import dataclasses
 
 import numpy as np
@@ -10,7 +10,7 @@ from . import shells
 from .shells import configured, from_vtk, parts, pipe
 
 VOXELS = 48        # number of voxels along the longest side of an organ's bounding box
-PASS_BAND = 0.1    # pass band of the smoothing filter (at most 2), which removes waves shorter than about six voxels
+PASS_BAND = 0.1    # pass band (0 to 2) of the smoothing filter: removes waves shorter than about six voxels
 
 
 @dataclasses.dataclass
@@ -25,7 +25,7 @@ class Field:
         return self.low + self.step * np.stack([i, j, k], axis=-1).reshape(-1, 3)
 
     def holding(self, volume):
-        """Returns the field, offset uniformly by at most two grid steps, so that its surface encloses this volume."""
+        """Offsets the field uniformly, by at most two grid steps, so that its surface encloses this volume."""
         def held(level):
             return float(np.clip(0.5 - (self.values - level) / self.step, 0, 1).sum()) * self.step ** 3
         low, high = -2 * self.step, 2 * self.step
@@ -35,8 +35,8 @@ class Field:
         return Field(self.low, self.step, self.values - high)
 
     def apart_from(self, shell, gap):
-        """Returns the same shape without the parts that are closer than `gap` to the surface of another shape, on either side of it."""
-        reach = np.abs(self.values) < 4 * max(gap, self.step)   # farther outside, the other surface has no influence
+        """Returns the shape without whatever is closer than `gap` to the surface of another shape, on either side."""
+        reach = np.abs(self.values) < 4 * max(gap, self.step)   # farther out, the other surface has no influence
         reach |= self.values < 0
         distance = np.full(self.values.size, np.inf)
         distance[reach.ravel()] = shells.distances(shell, self.points()[reach.ravel()])
@@ -59,14 +59,14 @@ class Field:
 
 
 def grid(low, high):
-    """Returns the axes of a grid that covers a box and a margin around it, and the grid's step."""
+    """Returns the axes and the step of a grid that covers a box with a margin."""
     step = (high - low).max() / VOXELS
     low, high = low - 2.5 * step, high + 2.5 * step
     return [np.arange(a, b + step, step) for a, b in zip(low, high)], step
 
 
 def distance_to_outline(outline, x, y):
-    """Returns the signed distances of points of a slice from its outline, negative inside."""
+    """Returns the signed distances from points on a slice to its contour, negative inside."""
     nearest = np.full(x.shape, np.inf)
     for polygon in outline.geoms:
         for ring in (polygon.exterior, *polygon.interiors):

@@ -1,8 +1,8 @@
-"""A label image of regions: drawn from their surfaces, without gaps or sheets that are too thin for the mesh, and divided into connected components
+"""A label image of regions: draws it from their surfaces, removes gaps and sheets that are too thin for the mesh, and divides it into connected components
 ("pieces").
 
-A region consists of parts, each of which has a surface. Parts may merge or break where the image is cleaned; `Pieces` records how much of each part
-each piece contains.
+A region consists of parts, each with its own surface. Cleaning the image may merge or break parts, so `Pieces` records how much of each part each piece
+contains.
 """
 import collections
 import dataclasses
@@ -16,14 +16,14 @@ from . import field, shells
 MOST_VOXELS = 4e6
 VOXELS_PER_EDGE = 6.0       # edge length of the surface triangles, in voxels
 VOXELS_PER_RADIUS = 2.5     # voxels in the radius of the thinnest part
-FLATNESS = 0.3              # largest distance of a facet from its surface, as a fraction of the thinnest part's radius
-CLOSE_VOXELS = 3.0          # gaps between regions narrower than this are closed, because the facets on both sides would cross
-CLEAR = 2.9                 # smallest distance, in voxels, between pieces that do not touch
-REACH = 20                  # voxels, margin around a region or cluster within which its neighbours are searched for
-MOST_THIN = 0.10            # fraction of a region: if a larger fraction of it is thin, its thin places are kept
-LEAST_VOID = 2.0            # voxels: a void is filled if the largest ball in it has a smaller radius
-FINE = 100                  # number of voxels along the longest side of a surface that intersects itself
-OUTSIDE = -1                # stands for the tissue around all regions, instead of the index of a region
+FLATNESS = 0.3              # a facet may be this far from its surface, as a fraction of the thinnest part's radius
+CLOSE_VOXELS = 3.0          # close gaps between regions narrower than this, because the facets on either side would cross
+CLEAR = 2.9                 # voxels, minimum distance between pieces that do not touch
+REACH = 20                  # voxels, how far around a region or cluster to look for neighbours
+MOST_THIN = 0.10            # if more than this fraction of a region is thin, keep its thin places
+LEAST_VOID = 2.0            # voxels: fill a void if the largest ball that fits into it has a smaller radius than this
+FINE = 100                  # voxels along the longest side of a self-intersecting surface
+OUTSIDE = -1                # used instead of a region's index for the tissue around all regions
 
 
 @dataclasses.dataclass
@@ -32,11 +32,11 @@ class Image:
     low: np.ndarray      # (3,) centre of the first voxel
     step: float
     labels: np.ndarray   # (z, y, x) uint16
-    sources: np.ndarray  # (z, y, x) uint16: 1 + number of the part that was drawn in this voxel; 0 for none
-    owners: np.ndarray   # (parts + 1,) label of each part's region, at 1 + the part's number; 0 at 0
+    sources: np.ndarray  # (z, y, x) uint16: 1 + number of the part drawn in each voxel; 0 for none
+    owners: np.ndarray   # (parts + 1,) indexed like `sources`: label of the part's region; 0 for none
 
     def sources_in(self, mask, label, window=...):
-        """Returns `sources` in the voxels of a mask where the part belongs to the label's region; 0 elsewhere."""
+        """Returns `sources` for the voxels in a mask whose part belongs to the label's region, and 0 elsewhere."""
         sources = self.sources[window]
         return np.where(mask & (self.owners[sources] == label), sources, 0)
 
@@ -46,7 +46,7 @@ class Image:
 
 @dataclasses.dataclass
 class Pieces:
-    """The connected components of an image's labels, in the form in which they will be meshed."""
+    """The connected components of an image's labels, as they will be meshed."""
     numbers: np.ndarray      # (z, y, x) uint16: 1 + number of the piece; 0 for none
     regions: list            # region of each piece, or OUTSIDE for a void in the surrounding tissue
     held: dict               # (part, piece): number of voxels that the part and the piece share
@@ -56,7 +56,7 @@ class Pieces:
 
 
 def box_of(mask, margin):
-    """Returns the slices of a mask's bounding box, enlarged by this many voxels on each side; returns None if the mask is empty."""
+    """Returns the slices of a mask's bounding box with a margin in voxels, or None if the mask is empty."""
     found = []
     for axis in range(3):
         at = np.flatnonzero(mask.any(axis=tuple(a for a in range(3) if a != axis)))
@@ -74,15 +74,15 @@ def image_data(values):
 
 
 def pairs_in(first, second):
-    """Returns the distinct pairs of corresponding elements of two arrays of non-negative integers, in ascending order, and how often each pair occurs.
-    (np.unique of rows takes twenty times as long.)"""
+    """Returns the distinct pairs of corresponding elements in two arrays of non-negative integers, in ascending order, and how often each occurs. This is
+    twenty times as fast as np.unique on rows."""
     width = int(second.max(initial=0)) + 1
     keys, often = np.unique(first.astype(np.int64) * width + second, return_counts=True)
     return np.column_stack([keys // width, keys % width]), often
 
 
 def distance_to(mask, step):
-    """Returns the distance of each voxel from the nearest voxel of a mask."""
+    """Returns the distance from each voxel to the nearest voxel in a mask."""
     squared = vtk.vtkImageEuclideanDistance()
     squared.SetInputData(image_data(np.where(mask, 0, 1).astype(np.uint8)))
     squared.SetMaximumDistance(1e9)
@@ -105,8 +105,8 @@ def connected_in(mask):
 # ---- drawing ---------------------------------------------------------------------------------------------------------------------------
 
 def drawn(shell, low, step, shape):
-    """Returns the mask (z, y, x) of the voxels enclosed by a closed surface, and the slices that it occupies in an image of this shape; returns None, None if
-    the surface lies outside the image. `step`: the voxel size of the image, either one number for all axes or three."""
+    """Rasterises a closed surface. Returns the mask (z, y, x) of the voxels inside, and the slices that it covers in an image of this shape; None, None if the
+    surface is outside the image. step: voxel size, one number or one for each axis."""
     step = np.broadcast_to(step, 3)
     first = np.maximum(0, np.floor((shell.points.min(axis=0) - low) / step).astype(int) - 1)
     last = np.minimum(np.array(shape[::-1]) - 1, np.ceil((shell.points.max(axis=0) - low) / step).astype(int) + 1)
@@ -128,8 +128,8 @@ def drawn(shell, low, step, shape):
 
 
 def winding(shell, low, step, size):
-    """Returns the winding number of a surface around each voxel of a grid (z, y, x); it is 0 outside, even if parts overlap or are inverted."""
-    points = (shell.points - low) / step + [1.23e-5, 2.34e-5, 0]    # shifted so that no vertex lies on the line through a column of voxels
+    """Returns the winding number of a surface around each voxel of a grid (z, y, x). It is 0 outside, even if parts overlap or are inverted."""
+    points = (shell.points - low) / step + [1.23e-5, 2.34e-5, 0]    # shift, so that no vertex is on the line through a column of voxels
     steps = np.zeros((size[0], size[1], size[2] + 1), np.int32)
     a, b, c = (points[shell.triangles[:, k]] for k in range(3))
     ab, ac = b - a, c - a
@@ -147,7 +147,7 @@ def winding(shell, low, step, size):
 
 
 def all_inside(shell):
-    """Returns the surfaces of everything that is enclosed by a surface that may cross itself."""
+    """Returns the outer surfaces of the volume enclosed by a surface that may cross itself."""
     step = float(np.ptp(shell.points, axis=0).max()) / FINE
     low = shell.points.min(axis=0) - 3 * step
     size = np.ceil((shell.points.max(axis=0) + 3 * step - low) / step).astype(int) + 1
@@ -158,7 +158,7 @@ def all_inside(shell):
 
 
 def thinness(found):
-    """Returns the radius of a cylinder that has the same ratio of volume to surface as these surfaces together."""
+    """Returns the radius of a long cylinder that has the same volume-to-surface ratio as these surfaces together."""
     return 2 * sum(shell.volume() for shell in found) / sum(shell.area() for shell in found)
 
 
@@ -168,9 +168,9 @@ def thinnest(regions):
 
 
 def image_of(regions, edge, box=None, body=False):
-    """Draws the regions (lists of parts' surfaces) in their order of priority, the first on top; label k + 1 is region k. Nothing is drawn outside `box`
-    (low, high). `body`: true if the last region is much larger than the box. Also returns {(part, winner): fraction of the part that another region takes or
-    that lies outside the box}; `winner` is the index of that region, or OUTSIDE for the box, and parts are numbered across all regions."""
+    """Draws the regions (lists of the parts' surfaces), the first on top; label k + 1 is region k. Nothing is drawn outside `box` (low, high). body: true if
+    the last region is much larger than the box. Also returns what each part loses: {(part, winner): fraction of the part}, where `winner` is the region that
+    takes it, or OUTSIDE for what lies outside the box. Parts are numbered across all regions."""
     thin = thinnest(regions[:-1] if body and len(regions) > 1 else regions)
     points = np.vstack([shell.points for region in regions for shell in region])
     if body:
@@ -178,7 +178,7 @@ def image_of(regions, edge, box=None, body=False):
     step = min(edge / VOXELS_PER_EDGE, thin / VOXELS_PER_RADIUS)
     extent = np.ptp(points, axis=0)
     step = max(step, (float(np.prod(extent + 6 * step)) / MOST_VOXELS) ** (1 / 3))
-    low = points.min(axis=0) - 3.5 * step      # shifted so that planes of voxels do not coincide with flat faces of regions
+    low = points.min(axis=0) - 3.5 * step      # shift, so that voxel planes do not coincide with flat faces of regions
     size = np.ceil((points.max(axis=0) + 3 * step - low) / step).astype(int) + 1
     image = Image(low, step, np.zeros(size[::-1], np.uint16), np.zeros(size[::-1], np.uint16),
                   np.array([0, *(k + 1 for k, region in enumerate(regions) for _ in region)]))
@@ -210,8 +210,8 @@ def image_of(regions, edge, box=None, body=False):
 # ---- cleaning -------------------------------------------------------------------------------------------------------------------------------
 
 def close_gaps(image, count, gap):
-    """Fills gaps narrower than `gap` between two regions with the nearer region: it adds the voxels that a morphological closing of their union adds (dilation,
-    then erosion, by half the gap), so that the regions do not grow outward where they meet."""
+    """Fills gaps narrower than `gap` between two regions with the nearer region. Adds only the voxels that a morphological closing of their union by half the
+    gap adds, so that the regions do not grow outward where they meet."""
     if count < 2:
         return
     nearest = [np.full(image.labels.shape, np.inf, np.float32) for _ in range(2)]
@@ -233,8 +233,8 @@ def close_gaps(image, count, gap):
 
 
 def splinters(numbers, sources):
-    """Returns the mask (n + 1,) of the connected components (numbered from 1; 0 is none) that contain less than SPLINTER of each of their sources (see
-    Image)."""
+    """Returns a mask (n + 1,), indexed by component number (0 is none), of the connected components that contain less than SPLINTER of each of their sources
+    (see Image)."""
     count = numbers.max(initial=0) + 1
     pairs, held = pairs_in(numbers[numbers > 0], sources[numbers > 0])
     pairs, held = pairs[pairs[:, 1] > 0], held[pairs[:, 1] > 0]
@@ -246,7 +246,7 @@ def splinters(numbers, sources):
 
 
 def reassign(image, count, left):
-    """Assigns these voxels to the nearest other label, or to none if a voxel without a label is nearer."""
+    """Gives these voxels the nearest other label, or none if an unlabelled voxel is nearer."""
     if not left.any():
         return
     image.labels[left] = 0
@@ -266,9 +266,9 @@ def reassign(image, count, left):
 
 
 def drop_thin(image, count, radius):
-    """Reassigns sheets and spurs of regions that are too thin for a ball of this radius, and splinters, to the nearest other label, because they would become
-    flat tetrahedra. They arise where regions' outlines nearly coincide. Regions that are thin everywhere are kept, and so are the walls of voids, and thin
-    places without which a part would break or vanish, unless they lie beside another region."""
+    """Gives sheets and spurs that are too thin for a ball of this radius, and splinters, the nearest other label, because they would become flat tetrahedra.
+    They arise where contours of regions nearly coincide. Exceptions: regions that are thin everywhere, walls of voids, and thin places without which a part
+    would break or vanish, unless they are next to another region."""
     radius = max(radius, image.step)
     left = np.zeros(image.labels.shape, bool)
     for label in range(1, count + 1):
@@ -291,7 +291,7 @@ def drop_thin(image, count, radius):
 
 
 def walls(image, left):
-    """Returns those of the given voxels that separate voids of the surrounding tissue: groups of connected voxels that touch several voids."""
+    """Returns those of the voxels `left` that separate voids in the surrounding tissue: connected groups that touch more than one void."""
     voids, sizes = connected_in(image.labels == 0)
     if len(sizes) < 2 or not left.any():
         return np.zeros(left.shape, bool)
@@ -309,7 +309,8 @@ def walls(image, left):
 
 
 def holding(image, labels, mask, opened, sources, radius):
-    """Returns the thin places without which a morphological opening would break or remove a part of a region, except those beside other regions."""
+    """Returns the thin places that must be kept so that a morphological opening does not break or remove a part of a region, except those next to other
+    regions."""
     whole, _ = connected_in(mask)
     numbers, _ = connected_in(opened)
     large = ~splinters(numbers, sources)
@@ -326,12 +327,12 @@ def holding(image, labels, mask, opened, sources, radius):
 
 
 def surrounded(numbers, number):
-    """Returns the section of an image of numbered clusters that contains this one with a margin of REACH voxels."""
+    """Returns the section of an image of numbered clusters around cluster `number`, with a margin of REACH voxels."""
     return numbers[box_of(numbers == number, REACH)]
 
 
 def clear(numbers, count):
-    """Removes voxels that are too close to larger clusters. Clusters are numbered in descending order of size."""
+    """Removes voxels that are too close to a larger cluster. Clusters are numbered from the largest to the smallest."""
     for number in range(2, count + 1):
         nearby = surrounded(numbers, number)
         larger = (nearby > 0) & (nearby < number)
@@ -340,7 +341,7 @@ def clear(numbers, count):
 
 
 def separate(image):
-    """Removes voxels so that clusters of regions that do not touch are at least CLEAR voxels apart."""
+    """Removes voxels until clusters of regions that do not touch each other are at least CLEAR voxels apart."""
     numbers, sizes = connected_in(image.labels > 0)
     clear(numbers, len(sizes))
     image.labels[numbers == 0] = 0
@@ -372,7 +373,7 @@ def pieces_of(image, count):
 
 
 def add_voids(numbers, regions):
-    """Numbers the voids enclosed by pieces as pieces of no region; small voids become part of the surrounding piece."""
+    """Turns voids enclosed by pieces into pieces of their own, without a region. Small voids are merged into the piece around them."""
     voids, sizes = connected_in(numbers == 0)
     outer = voids[0, 0, 0]
     for void in range(1, len(sizes) + 1):
@@ -390,8 +391,8 @@ def add_voids(numbers, regions):
 
 
 def image_for(regions, edge, box=None, body=False):
-    """Returns the image of regions (lists of parts' surfaces, in order of priority), without gaps or sheets that are too thin for
-    triangles of about this edge; its pieces; and the fractions of the parts that are lost: see image_of."""
+    """Draws and cleans an image of regions (lists of the parts' surfaces, in order of priority), without gaps or sheets too thin for triangles with about this
+    edge length. Returns the image, its pieces, and the lost fractions of the parts (see image_of)."""
     image, lost = image_of(regions, edge, box, body)
     thin = FLATNESS * thinnest(regions[:-1] if body and len(regions) > 1 else regions)
     drop_thin(image, len(regions), thin)

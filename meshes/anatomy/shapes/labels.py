@@ -1,7 +1,7 @@
-"""Regions that touch or contain each other, as one complex of surfaces: the boundary between two regions is one shared surface.
+"""Turns regions that touch or contain each other into one complex of surfaces, in which two regions share a single surface where they meet.
 
-The input is a label image of the regions (label_image.py). CGAL extracts the surfaces between its pieces, one cluster (clusters.py) after the other; a
-correction then moves the shared points so that each piece has its volume again.
+The input is a label image of the regions (label_image.py). CGAL extracts the surfaces between its pieces, one cluster at a time (clusters.py). Then the
+points are moved to restore the volume of each piece.
 """
 import collections
 import dataclasses
@@ -14,22 +14,22 @@ from .clusters import AROUND
 from .label_image import FLATNESS, OUTSIDE, box_of, distance_to, thinness
 from .shells import Shell, connected
 
-FLATNESS_OF_EDGE = 0.1      # fraction of the triangle edge length: lower bound on the allowed distance of a facet from its surface
+FLATNESS_OF_EDGE = 0.1      # always allow a facet to be at least this far from its surface, as a fraction of the triangle edge length
 THIN = 1.5                  # size of the tetrahedra in a piece that is thinner than a triangle's edge, as a multiple of the piece's radius
-GRAIN = 0.75                # fraction of the radius of the largest ball in a piece: largest size of the tetrahedra in the piece
-SLOPE = 0.5                 # increase in the size of tetrahedra per unit of distance from a piece that was missed
-PER_SIZE = 1.3              # edge of a triangle, as a multiple of the size of the small tetrahedra next to it
+GRAIN = 0.75                # maximum size of the tetrahedra in a piece, as a fraction of the radius of its largest ball
+SLOPE = 0.5                 # how fast the size of tetrahedra grows with distance from a piece that was missed
+PER_SIZE = 1.3              # triangle edge length, as a multiple of the size of the small tetrahedra next to it
 EQUILATERAL = 0.866         # surface area per node for equilateral triangles, as a multiple of the squared edge length
-MM = 1e3                    # scale from m to mm, because coordinates in the file for CGAL have only six decimals
-SMALL = 0.8                 # fraction of a triangle's edge: a piece with smaller tetrahedra is surrounded by a layer of tetrahedra of the same size
+MM = 1e3                    # CGAL gets mm, because coordinates in its file have only six decimals
+SMALL = 0.8                 # a piece whose tetrahedra are smaller than this fraction of a triangle edge gets a layer of equally small ones around it
 REFINEMENTS = 6             # maximum number of attempts for thin pieces
-MARGIN = 0.5                # fraction of the triangle edge length: distance from the pieces to the border of their section
-JOININGS = 3                # maximum number of passes in which clusters whose surfaces intersect are joined
-FINER = 0.85                # ratio of element sizes between successive attempts
+MARGIN = 0.5                # margin of a section around its pieces, as a fraction of the triangle edge length
+JOININGS = 3                # maximum number of passes that join clusters with intersecting surfaces
+FINER = 0.85                # factor on the element size from one attempt to the next
 MOST_MISSING = 0.01         # largest fraction of a piece's surface that may be missing
-MOST_PLACES = 4000          # approximate maximum number of points at which a piece's surface is checked for missing places
+MOST_PLACES = 4000          # check a piece's surface for gaps at about this many points at most
 FACET_ANGLE = 25.0          # deg; CGAL's surface refinement is guaranteed to terminate for values up to 30
-CIRCUMRADIUS = 0.6          # limit of a triangle's circumradius, as a fraction of its edge; the ratio is 0.577 for equilateral triangles
+CIRCUMRADIUS = 0.6          # limit on a triangle's circumradius, as a fraction of the edge length; an equilateral triangle has 0.577
 CORRECTIONS = 8             # number of Newton steps toward the prescribed volumes; three usually suffice
 UNFOLDINGS = 6              # number of attempts to restore the volumes without making surfaces intersect
 
@@ -39,15 +39,15 @@ class Complex:
     """Triangles between cells; a cell is a connected component of a piece, or a void enclosed by pieces."""
     points: np.ndarray       # (n, 3)
     triangles: np.ndarray    # (m, 3), with normals that point from the first to the second cell
-    sides: np.ndarray        # (m, 2) cells on either side, as indices into `cells`, or OUTSIDE
+    sides: np.ndarray        # (m, 2) the cells on either side: index into `cells`, or OUTSIDE
     cells: list              # number of each cell's piece, or OUTSIDE for a void
 
     def among(self, pieces):
-        """Returns the mask of the cells that belong to these pieces; it has an additional last element for OUTSIDE."""
+        """Returns a mask of the cells that belong to these pieces, with an extra element at the end for OUTSIDE."""
         return np.append(np.isin(self.cells, list(pieces)) & (np.array(self.cells) != OUTSIDE), False)
 
     def volume_gradient(self, pieces):
-        """Returns the volume of all cells of these pieces, and its derivative with respect to the points."""
+        """Returns the total volume of these pieces, and its derivative with respect to the points."""
         gradient, volume = np.zeros_like(self.points), 0.0
         mine = self.among(pieces)
         sign = mine[self.sides[:, 0]].astype(float) - mine[self.sides[:, 1]]
@@ -90,11 +90,11 @@ class Sizes:
     """Upper limits of the circumradii of CGAL's tetrahedra, m."""
     edge: float              # everywhere
     within: list             # in each piece
-    seeded: set              # pieces that were missed: around them, in other pieces, the size of tetrahedra grows with distance
+    seeded: set              # pieces that were missed; tetrahedra in other pieces are small near these and grow with distance
 
 
 def cgal_labels(section, sizes):
-    """Returns an image for CGAL, whose labels start at 1; and for each label, its piece (OUTSIDE for the surroundings) and the size of its tetrahedra."""
+    """Returns an image for CGAL, with labels from 1 on; and each label's piece (OUTSIDE for the surroundings) and tetrahedron size."""
     numbers, edge, step = section.numbers.astype(np.int64), sizes.edge, section.step
     bound = np.full(numbers.shape, edge, np.float32)
     layer = np.zeros(numbers.shape, np.int64)
@@ -119,19 +119,19 @@ def cgal_labels(section, sizes):
 
 
 def meshed(section, flatness, sizes):
-    """Returns CGAL's tetrahedra in a section: points, tetrahedra, and for each tetrahedron 1 + the number of its piece, or 0. Only the surfaces between pieces
-    are used."""
+    """Meshes a section with CGAL. Returns points, tetrahedra, and for each tetrahedron 1 + the number of its piece, or 0. Only the surfaces between pieces
+    are used later."""
     labels, held, radii = cgal_labels(section, sizes)
     labels = np.pad(labels[1:-1, 1:-1, 1:-1], 1)      # CGAL needs an empty border around the labels
     step = MM * section.step
     made = pygalmesh.generate_from_array(
-        # perturb and exude are disabled because their results depend on the clock
+        # no perturb or exude, because their results depend on the clock
         np.ascontiguousarray(labels.transpose(2, 1, 0)), (step,) * 3, perturb=False, exude=False,
         min_facet_angle=FACET_ANGLE, max_radius_surface_delaunay_ball=MM * CIRCUMRADIUS * sizes.edge, max_facet_distance=MM * flatness,
         max_cell_circumradius={"default": MM * sizes.edge, **{label: MM * float(radius) for label, radius in enumerate(radii, 1)}}, verbose=False, seed=1)
     points, tets, numbers = np.asarray(made.points, float), made.cells_dict["tetra"], made.cell_data_dict["medit:ref"]["tetra"]
     middles = np.rint(centres_of(points[tets]) / step).astype(int)
-    i, j, k = np.clip(middles, 0, np.array(labels.shape[::-1]) - 1).T    # a few centres may lie outside a small image
+    i, j, k = np.clip(middles, 0, np.array(labels.shape[::-1]) - 1).T    # in a small image, a few centres may be outside
     label, found = labels[k, j, i], np.zeros(len(tets), int)
     for number in np.unique(numbers):    # CGAL renumbers the labels
         mine = numbers == number
@@ -142,7 +142,7 @@ def meshed(section, flatness, sizes):
 
 
 def centres_of(corners):
-    """Returns the circumcentres of tetrahedra (n, 4, 3); for a flat tetrahedron, its centroid."""
+    """Returns the circumcentres of tetrahedra (n, 4, 3), or the centroid if a tetrahedron is flat."""
     edges = corners[:, 1:] - corners[:, :1]
     flat = np.abs(np.linalg.det(edges)) < 1e-9 * np.linalg.norm(edges, axis=2).prod(axis=1)
     edges[flat] = np.eye(3)
@@ -152,7 +152,7 @@ def centres_of(corners):
 
 
 def neighbours(tets):
-    """Returns all faces, and for each the tetrahedra on its two sides (OUTSIDE if there is none)."""
+    """Returns all faces, and the tetrahedra on the two sides of each (OUTSIDE if there is none)."""
     faces = np.sort(np.concatenate([tets[:, sorted({0, 1, 2, 3} - {k})] for k in range(4)]), axis=1)
     owner = np.tile(np.arange(len(tets)), 4)
     order = np.lexsort(faces.T)
@@ -165,8 +165,8 @@ def neighbours(tets):
 
 
 def without_splinters(points, tets, labels):
-    """Returns the labels of the tetrahedra, in which cells smaller than SPLINTER of the largest cell with the same label take the label that borders most of
-    their surface; label 0 is none."""
+    """Returns the labels of the tetrahedra (0 is none) after relabelling splinters: cells smaller than SPLINTER of the largest cell with the same label get
+    the label that borders most of their surface."""
     corners, left, right = neighbours(tets)
     a, b, c = (points[corners[:, k]] for k in range(3))
     area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
@@ -210,7 +210,7 @@ def complex_of(points, tets, labels):
 
 
 def with_voids(found):
-    """Returns the same complex with a cell for each void enclosed by regions; a void may touch the outer surface at a point."""
+    """Adds to a complex a cell for each void that regions enclose. A void may touch the outer surface at a point."""
     open_ = np.flatnonzero(found.sides[:, 1] == OUTSIDE)
     corners = found.triangles[open_]
     edges = np.sort(np.concatenate([corners[:, pair] for pair in ((0, 1), (1, 2), (2, 0))]), axis=1)
@@ -227,8 +227,8 @@ def with_voids(found):
 
 
 def corrected(made, volumes):
-    """Moves the points as little as possible to give groups of pieces these volumes: [(pieces, volume)]. Where that would make surfaces cross, as in a
-    narrow channel, the points stay, and the others are moved more."""
+    """Moves the points as little as possible to give groups of pieces the volumes in [(pieces, volume)]. Where that would make surfaces cross, as in a narrow
+    channel, points are held in place and the others move more."""
     if not volumes:
         return made
     free = np.ones(len(made.points))
@@ -239,14 +239,14 @@ def corrected(made, volumes):
             break
         held = np.zeros(len(free), bool)
         held[np.concatenate([corners for _, *both in pairs for corners in both])] = True
-        for _ in range(number):     # also hold their neighbours, one layer more in each attempt
+        for _ in range(number):     # also hold their neighbours: one more layer in each attempt
             held[made.triangles[held[made.triangles].any(axis=1)]] = True
         free[held] = 0
     return result
 
 
 def with_volumes(made, volumes, free):
-    """Returns the complex with its points moved by Newton steps toward these volumes. `free`: weight (n,) of each point; a point with weight 0 stays."""
+    """Moves a complex's points by Newton steps toward these volumes. free: weight (n,) of each point; a point with weight 0 stays."""
     wanted = np.array([volume for _, volume in volumes])
     weight = np.zeros(len(made.points))
     for k in range(3):
@@ -264,7 +264,7 @@ def with_volumes(made, volumes, free):
 
 
 def missing(section, piece, found, tolerance):
-    """Returns the fraction of a piece's boundary that is farther than `tolerance` from its extracted surface."""
+    """Returns the fraction of a piece's boundary that is farther than `tolerance` from the extracted surface."""
     if piece not in found.cells:
         return 1.0
     mine = section.numbers == piece + 1
@@ -279,13 +279,13 @@ def missing(section, piece, found, tolerance):
 
 
 def section_of(image, numbers, cluster, edge, radii, balls):
-    """Returns a cluster's section: anything attached to its outside counts as outside, and anything attached to one of its pieces belongs to that
-    piece. `radii`, `balls`: those of all pieces."""
+    """Cuts out a cluster's section of the image. Anything attached to the cluster's outside counts as outside, and anything attached to one of its pieces
+    counts as part of that piece. radii, balls: for all pieces of the image."""
     place = np.zeros(int(numbers.max()) + 1, np.uint16)
     for number, stands in cluster.stands.items():
         place[number] = 0 if stands == cluster.outer else 1 + cluster.inner.index(stands)
     mine = place[numbers]
-    margin = int(np.ceil(MARGIN * edge / image.step)) + 2      # without this margin, triangles could have corners on the border of the section
+    margin = int(np.ceil(MARGIN * edge / image.step)) + 2      # the margin keeps triangle corners off the border of the section
     tight = box_of(mine > 0, 0)
     pieces = [number - 1 for number in cluster.inner]
     low = image.low + image.step * (np.array([each.start for each in tight])[::-1] - margin)
@@ -293,13 +293,12 @@ def section_of(image, numbers, cluster, edge, radii, balls):
 
 
 def size_in(radius, ball, edge):
-    """Returns the size of the tetrahedra in a piece of this thinness, whose largest ball has this radius."""
+    """Returns the size of the tetrahedra in a piece, given its thinness `radius` and the radius `ball` of its largest ball."""
     return min(THIN * radius if radius < edge / 2 else radius, GRAIN * ball if ball < edge else edge, edge)
 
 
 def nodes_of_thin(pieces, shells_of_parts, step, edge):
-    """Returns the approximate number of nodes that the surface of each piece needs if its tetrahedra must be smaller than a triangle's edge; 0 for other
-    pieces."""
+    """Estimates how many nodes the surface of each piece needs, if its tetrahedra must be smaller than a triangle edge; 0 for other pieces."""
     balls = largest_balls(pieces, step)
     radii = thinness_of(pieces, shells_of_parts, balls)
     volumes = pieces.voxels() * step ** 3
@@ -308,9 +307,8 @@ def nodes_of_thin(pieces, shells_of_parts, step, edge):
 
 
 def surfaces_in(section, edge, flatness):
-    """Returns the complex of a section's pieces, and the missing fraction of each piece's surface. CGAL follows a surface from the first
-    points found on it, and misses places that are thinner than its elements; elements in and around such pieces are made smaller until nothing
-    is missing."""
+    """Returns the complex of a section's pieces, and the missing fraction of each piece's surface. CGAL follows a surface from the first points that it finds
+    and misses places thinner than its elements, so elements in and around such pieces are made smaller until nothing is missing."""
     sizes = Sizes(edge, [size_in(radius, ball, edge) for radius, ball in zip(section.radii, section.balls)], set())
     for _ in range(REFINEMENTS):
         found = complex_of(*meshed(section, flatness, sizes))
@@ -336,7 +334,7 @@ def largest_balls(pieces, step):
 
 
 def thinness_of(pieces, shells_of_parts, balls):
-    """Returns the thinness of each piece, computed from the surfaces of the parts that it contains; for a void, its largest ball."""
+    """Returns the thinness of each piece, from the surfaces of the parts that it contains or, for a void, the radius of its largest ball."""
     held = collections.defaultdict(list)
     for part, piece in pieces.held:
         held[piece].append(shells_of_parts[part])
@@ -344,7 +342,8 @@ def thinness_of(pieces, shells_of_parts, balls):
 
 
 def surfaces_of_clusters(image, pieces, edge, radii, balls):
-    """Returns the complex of all pieces, and the missing fraction of each piece's surface. Clusters whose surfaces cross are extracted together."""
+    """Returns the complex of all pieces, and the missing fraction of each piece's surface. Clusters whose surfaces turn out to cross are joined and extracted
+    again."""
     graph = clusters.neighbours_in(pieces.numbers)
     every, flatness, made = clusters.clusters_of(graph), max(FLATNESS * min(radii), FLATNESS_OF_EDGE * edge), {}
     for _ in range(JOININGS):
@@ -363,7 +362,7 @@ def surfaces_of_clusters(image, pieces, edge, radii, balls):
 
 
 def glued(every, made, count):
-    """Merges the clusters' complexes into one; also returns the missing fraction of each piece's surface, and the cluster of each point."""
+    """Merges the clusters' complexes into one. Also returns the missing fraction of each piece's surface, and which cluster each point comes from."""
     points, triangles, sides, cells, missed, owner = [np.zeros((0, 3))], [np.zeros((0, 3), int)], [np.zeros((0, 2), int)], [], [1.0] * count, []
     total = 0
     for k, (cluster, (found, lost, pieces)) in enumerate(zip(every, made)):
@@ -371,7 +370,7 @@ def glued(every, made, count):
             missed[piece] = share
         outer = outer_cell(cluster, found, cells, points, triangles, sides)
         first = len(cells)
-        cells += [pieces[piece] if piece != OUTSIDE else cluster.outer - 1 for piece in found.cells]       # a void belongs to the piece around the cluster
+        cells += [pieces[piece] if piece != OUTSIDE else cluster.outer - 1 for piece in found.cells]       # a void is part of the piece around the cluster
         sides.append(np.where(found.sides == OUTSIDE, outer, found.sides + first))
         triangles.append(found.triangles + total)
         points.append(found.points)
@@ -391,8 +390,8 @@ def outer_cell(cluster, found, cells, points, triangles, sides):
 
 
 def groups_of(pieces):
-    """Groups the parts and pieces that overlap, directly or through others: a part may break into pieces, and parts may merge. Returns a list of (set of
-    parts, set of pieces)."""
+    """Groups parts and pieces that overlap, directly or through others, because parts may break into pieces or merge. Returns a list of (set of parts, set of
+    pieces)."""
     groups = []
     for part, piece in pieces.held:
         mine = [group for group in groups if part in group[0] or piece in group[1]]
@@ -402,8 +401,8 @@ def groups_of(pieces):
 
 
 def wanted_volumes(pieces, found, volumes, lost, step):
-    """Returns [([piece], volume)]: the volumes that the extracted pieces must have. `volumes`: those of the parts (None: not restored); voids must have the
-    volume of their voxels, of size `step`; `lost`: see image_of."""
+    """Returns the volume that each extracted piece must have, [([piece], volume)]. volumes: volumes of the parts, None if not to be restored. Voids keep the
+    volume of their voxels, of size `step`. lost: see image_of."""
     voxels = pieces.voxels()
     wanted = [([piece], voxels[piece] * step ** 3) for piece, region in enumerate(pieces.regions) if region == OUTSIDE and piece in found.cells]
     for parts, members in groups_of(pieces):
@@ -416,9 +415,9 @@ def wanted_volumes(pieces, found, volumes, lost, step):
 
 
 def shared_surfaces(image, pieces, lost, regions, volumes, edge):
-    """Returns the complex of the pieces of regions (lists of parts' surfaces), with triangles of about this edge, and the missing fraction of each piece's
-    surface. `image`, `pieces`, `lost`: from image_for. `volumes`: those of the parts of all regions; None for a part of a bone, whose volume is not restored
-    because only its surface matters."""
+    """Returns the complex of the regions' pieces, with triangles of about this edge length, and the missing fraction of each piece's surface. image, pieces,
+    lost: from image_for; regions: lists of the parts' surfaces; volumes: for the parts of all regions, None for bone, where only the surface matters and the
+    volume is not restored."""
     balls = largest_balls(pieces, image.step)
     radii = thinness_of(pieces, [shell for region in regions for shell in region], balls)
     found, missed = surfaces_of_clusters(image, pieces, edge, radii, balls)

@@ -1,4 +1,4 @@
-"""A smooth surface through the outlines of an organ: OpenCASCADE's loft, triangulated by Gmsh."""
+"""Makes a smooth surface through an organ's contours: an OpenCASCADE loft, triangulated by Gmsh."""
 import gmsh
 import numpy as np
 
@@ -6,10 +6,10 @@ from .. import limits, session
 from . import contours
 from .shells import Shell, oriented
 
-POINTS, HARMONICS = 24, 6     # number of points and harmonics of an outline's spline; higher harmonics are considered tremor of the hand
-QUARTERS = 4                  # number of splines per section; a single closed spline would give a periodic face, which is hard to mesh
-END = 0.8                     # size of the organ's end section, half a slice thickness beyond the end slice, relative to that slice
-ERROR = 0.05                  # fraction of the volume: a loft with a larger error has folded onto itself
+POINTS, HARMONICS = 24, 6     # points and harmonics in a contour's spline; higher harmonics are taken for tremor of the hand that drew it
+QUARTERS = 4                  # splines per section; a single closed spline would give a periodic face, which is hard to mesh
+END = 0.8                     # size of the end section, half a slice thickness beyond the last slice, relative to that slice
+ERROR = 0.05                  # a loft whose volume is off by more than this fraction has folded onto itself
 FINE = 1 / 24                 # edge of a triangle, relative to the organ's longest side
 
 
@@ -59,12 +59,12 @@ def mesh_shell():
 
 
 def of_stack(stack):
-    """Returns the closed surface, or None if the outlines branch or the loft folds; then `field` is used instead."""
+    """Returns the closed surface, or None if the contours branch or the loft folds; use `field` in that case."""
     if not stack.is_tube():
         return None
     try:
         shell = limits.run(f"loft of {stack.name}", lofted, stack)
-    except limits.TooLong:      # raised again, because the result must not depend on the machine's speed
+    except limits.TooLong:      # no fallback here, because the result must not depend on the machine's speed
         raise
     except Exception:  # Gmsh raises no more specific class
         return None

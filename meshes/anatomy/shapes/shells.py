@@ -7,8 +7,8 @@ from vtk.util.numpy_support import numpy_to_vtk, numpy_to_vtkIdTypeArray, vtk_to
 
 vtk.vtkSMPTools.SetBackend("Sequential")   # VTK's threads do not exist in the processes forked by `limits`
 
-OFFSETS = 4       # maximum number of iterations in offsetting a surface to a given volume
-SPLINTER = 0.01   # fraction of the largest part's volume: smaller parts are removed
+OFFSETS = 4       # maximum number of iterations when offsetting a surface to a given volume
+SPLINTER = 0.01   # remove parts smaller than this fraction of the largest part
 
 
 @dataclasses.dataclass
@@ -24,7 +24,7 @@ class Shell:
         return float(np.linalg.norm(self._normals(), axis=1).sum())
 
     def cones(self, apex):
-        """Returns the signed volume of the cones from a point to the triangles."""
+        """Returns the total signed volume of the tetrahedra between a point and the triangles."""
         return float(np.einsum("ij,ij->", self._normals(), self.points[self.triangles[:, 0]] - apex)) / 3
 
     def signed_volume(self):
@@ -32,18 +32,18 @@ class Shell:
         return self.cones(self.points[0])
 
     def about_middle(self):
-        """Returns the volume of the cones from the mean of the points to the triangles; for an open surface, the cones of its holes are missing."""
+        """Returns the volume between the mean of the points and the triangles. For an open surface, the cones over its holes are missing from it."""
         return abs(self.cones(self.points.mean(axis=0)))
 
     def volume(self):
         return abs(self.signed_volume())
 
     def facing_outward(self):
-        """Returns the same surface with outward normals; if necessary, all triangles are reversed."""
+        """Returns the surface with outward normals, reversing all triangles if necessary."""
         return self if self.signed_volume() > 0 else Shell(self.points, self.triangles[:, ::-1])
 
     def holding(self, volume):
-        """Returns the same surface with all points moved along their normals by the same distance, so that it encloses this volume."""
+        """Offsets the surface along its normals, by the same distance everywhere, so that it encloses this volume."""
         points = self.points
         for _ in range(OFFSETS):
             moved = Shell(points, self.triangles)
@@ -76,7 +76,7 @@ def configured(filter_, **settings):
 
 
 def pipe(source, *filters):
-    """Returns the output of the last filter in a chain of VTK filters."""
+    """Runs a chain of VTK filters and returns its output."""
     for each in filters:
         each.SetInputData(source)
         each.Update()
@@ -120,7 +120,7 @@ def parts(shell):
 
 
 def outermost(found):
-    """Returns the closed surfaces that do not lie inside a larger one, which leaves out the surfaces of cavities."""
+    """Returns the closed surfaces that are not inside a larger one, that is, without the surfaces of cavities."""
     ordered, kept = sorted((part for shell in found for part in all_parts(shell)), key=lambda part: -part.volume()), []
     for part in ordered:
         if part.volume() > SPLINTER * ordered[0].volume() and not any(distances(other, part.points[:1])[0] < 0 for other in kept):
@@ -129,15 +129,15 @@ def outermost(found):
 
 
 def solids(found):
-    """Combines connected surfaces, all with outward normals, into one surface for each solid: its outer surface and the surfaces of its cavities, whose
-    normals are reversed to point into the cavities."""
+    """Combines connected surfaces with outward normals into one surface per solid: its outer surface plus those of its cavities, reversed so that their normals
+    point into the cavities."""
     ordered, around = sorted(found, key=lambda part: -part.volume()), []
     for n, part in enumerate(ordered):
         around.append([k for k in range(n) if is_within(part, ordered[k])])
     made = {n: [part] for n, part in enumerate(ordered) if len(around[n]) % 2 == 0}
     for n, part in enumerate(ordered):
         if len(around[n]) % 2:
-            made[around[n][-1]].append(Shell(part.points, part.triangles[:, ::-1]))     # added to the smallest solid that surrounds it
+            made[around[n][-1]].append(Shell(part.points, part.triangles[:, ::-1]))     # goes to the smallest solid around it
     return [joined(parts_) for parts_ in made.values()]
 
 
@@ -153,23 +153,23 @@ def joined(found):
 
 
 def oriented(shell):
-    """Returns a connected surface with all normals outward, whatever the order of each triangle's corners. If that order is consistent, the triangles are not
-    changed: where four triangles meet at an edge, as at two voxels of a label that share only an edge, only the order shows which of them belong together."""
+    """Orients all triangles of a connected surface outward. Relative orientations that are already consistent are kept, because where four triangles meet at an
+    edge, as between two voxels that share only an edge, they alone tell which triangles belong together."""
     made = shell if triangles_agree(shell) else sheets_turned(shell)
     return made if made.signed_volume() > 0 else Shell(made.points, made.triangles[:, ::-1])
 
 
 def triangles_agree(shell):
-    """Returns whether each edge is traversed as often in one direction as in the other."""
+    """Whether the triangles are consistently oriented: each edge is traversed equally often in both directions."""
     ends = np.concatenate([shell.triangles[:, pair] for pair in ((0, 1), (1, 2), (2, 0))])
     _, edge = np.unique(np.sort(ends, axis=1) @ [len(shell.points), 1], return_inverse=True)
     return not np.any(np.bincount(edge.reshape(-1), np.where(ends[:, 0] < ends[:, 1], 1, -1)))
 
 
 def sheets_turned(shell):
-    """Returns the same surface with the triangles of each sheet ordered consistently, and with outward normals of each sheet."""
+    """Orients the triangles of each sheet consistently, and each sheet outward."""
     normals = configured(vtk.vtkPolyDataNormals(), Consistency=True, NonManifoldTraversal=False, Splitting=False, ComputePointNormals=False,
-                         ComputeCellNormals=True)     # without either kind of normals VTK returns its input
+                         ComputeCellNormals=True)     # VTK does nothing unless asked for some kind of normals
     alike = from_vtk(pipe(to_vtk(shell), normals))
     sheet, triangles, middle = sheets_of(alike)[0], alike.triangles.copy(), alike.points.mean(axis=0)
     for each in np.unique(sheet):
@@ -179,7 +179,7 @@ def sheets_turned(shell):
 
 
 def decimated(shell, triangles):
-    """Returns the surface decimated to about this many triangles at most, with the same volume."""
+    """Decimates a surface to at most about this many triangles, keeping its volume."""
     if len(shell.triangles) <= triangles:
         return shell
     return from_vtk(pipe(to_vtk(shell), configured(vtk.vtkQuadricDecimation(), TargetReduction=1 - triangles / len(shell.triangles),
@@ -187,7 +187,7 @@ def decimated(shell, triangles):
 
 
 def mended(surface):
-    """Cleans a surface from a file: merges points, fills holes, turns normals outward, and keeps only triangles. Returns the surface with remarks."""
+    """Repairs a surface from a file: keeps only triangles, merges points, fills holes and orients normals outward. Returns the surface and remarks."""
     holes = configured(vtk.vtkFillHolesFilter(), HoleSize=0.2 * surface.GetLength())
     triangles = configured(vtk.vtkTriangleFilter(), PassLines=False, PassVerts=False)
     merged = pipe(surface, triangles, configured(vtk.vtkCleanPolyData(), Tolerance=1e-5))
@@ -210,8 +210,8 @@ def mended(surface):
 
 
 def sheets_of(shell):
-    """Returns the sheet of each triangle, the edges of each triangle, and the number of triangles that meet at each edge. A sheet is connected by edges where
-    two triangles meet."""
+    """Divides a surface into sheets, which are connected across edges where exactly two triangles meet. Returns each triangle's sheet and edges, and how many
+    triangles meet at each edge."""
     edges = np.sort(np.concatenate([shell.triangles[:, pair] for pair in ((0, 1), (1, 2), (2, 0))]), axis=1)
     _, edge, often = np.unique(edges, axis=0, return_inverse=True, return_counts=True)
     edge = edge.reshape(3, -1).T       # of each triangle
@@ -223,8 +223,8 @@ def sheets_of(shell):
 
 
 def without_fins(shell):
-    """Returns the surface without its fins, and the number of their triangles. Fins are sheets with a free border that are attached to the rest by
-    edges where more than two triangles meet."""
+    """Removes fins: sheets with a free border that are attached to the rest along edges where more than two triangles meet. Returns the surface and the number
+    of triangles removed."""
     sheet, edge, often = sheets_of(shell)
     if not np.any(often > 2):
         return shell, 0
@@ -235,20 +235,20 @@ def without_fins(shell):
 
 
 def connected(count, pairs):
-    """Returns, for each of `count` numbers, the smallest number connected to it by pairs (k, 2)."""
+    """For each number below `count`, returns the smallest number that the pairs (k, 2) connect it to."""
     root = np.arange(count)
     while True:
         before = root.copy()
         least = np.minimum(root[pairs[:, 0]], root[pairs[:, 1]])
         order = np.argsort(-least, kind="stable")
-        root[pairs[order].ravel()] = np.repeat(least[order], 2)    # if an element is assigned more than once, the last value is stored, and it is the smallest
+        root[pairs[order].ravel()] = np.repeat(least[order], 2)    # of several values assigned to one element, the last wins, and it is the smallest
         root = root[root]
         if np.array_equal(root, before):
             return root
 
 
 def edges_of(surface, kind):
-    """Returns the number of edges of this type."""
+    """Counts the edges of this type."""
     edges = configured(vtk.vtkFeatureEdges(), BoundaryEdges=False, FeatureEdges=False, ManifoldEdges=False, NonManifoldEdges=False)
     return pipe(surface, configured(edges, **{kind: True})).GetNumberOfCells()
 
@@ -258,15 +258,15 @@ def open_edges(surface):
 
 
 def crossings(shells):
-    """Returns (point, i, j) wherever an edge of shell i passes through a triangle of shell j that contains neither of its ends."""
+    """Yields (point, i, j) wherever an edge of shell i passes through a triangle of shell j that contains neither of its ends."""
     owner = np.repeat(np.arange(len(shells)), [len(shell.points) for shell in shells])   # index of the shell to which each point belongs
     for point, edge, triangle in crossing_pairs(joined(shells)):
         yield point, owner[edge[0]], owner[triangle[0]]
 
 
 def crossing_pairs(whole):
-    """Returns (point, edge, triangle) wherever an edge of the surface passes through one of its triangles that contains neither of its ends
-    (Moeller and Trumbore 1997); edge and triangle are given by their corners. VTK's locator finds the triangles whose boxes meet the edge's."""
+    """Yields (point, edge, triangle) wherever an edge of the surface passes through one of its triangles that contains neither end of the edge (Moeller and
+    Trumbore 1997). Edges and triangles are given by their corners. Candidates come from VTK's locator."""
     locator, near, surface = vtk.vtkStaticCellLocator(), vtk.vtkIdList(), to_vtk(whole)
     locator.SetDataSet(surface)
     locator.BuildLocator()
@@ -295,7 +295,7 @@ def crossing_pairs(whole):
 
 
 def distances(shell, points):
-    """Returns the signed distances of points (n, 3) from a closed shell, negative inside."""
+    """Returns the signed distances from points (n, 3) to a closed shell, negative inside."""
     distance = vtk.vtkImplicitPolyDataDistance()
     distance.SetInput(to_vtk(shell))
     values = vtk.vtkDoubleArray()

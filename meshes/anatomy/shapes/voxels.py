@@ -1,7 +1,7 @@
-"""Reads label maps (NIfTI, NRRD and DICOM SEG) and turns their labels into closed surfaces in DICOM's patient coordinates, mm.
+"""Reads label maps (NIfTI, NRRD and DICOM SEG) and turns their labels into closed surfaces in DICOM patient coordinates, mm.
 
-Between two slices, shapes are interpolated by their signed distances (Raya and Udupa 1990). The surface between two labels lies where their distances
-are equal, so that labels that touch in the image share it.
+Between slices, shapes are interpolated by their signed distances (Raya and Udupa 1990). The surface between two labels lies where their distances are equal,
+so labels that touch in the image share a surface.
 """
 import bz2
 import dataclasses
@@ -24,18 +24,18 @@ from .label_image import box_of, connected_in, drawn, image_data
 from .shells import Shell, configured, pipe
 from ..trouble import BadFile, Empty, needed
 
-MOST_VOXELS = 6e6      # maximum number of voxels from which surfaces are extracted: larger images are subsampled
+MOST_VOXELS = 6e6      # subsample images with more voxels than this before extracting surfaces
 MOST_SIZE = 2 ** 31    # maximum number of voxels in a file
-ELONGATED = 1.5        # ratio of a voxel's sides above which additional slices are interpolated
-AROUND = 3             # number of empty voxels added around the labels
-PASS_BAND = 0.1        # pass band of the smoothing filter, at most 2: removes waves shorter than about six voxels
-SMOOTHED = 0.05        # largest change in a part's volume by smoothing: a part that changes more is a few voxels thin and is not smoothed
-# fraction of a part's volume: interpolation makes parts that are only one slice thick too thin; if the error is larger than this, they are thickened
+ELONGATED = 1.5        # interpolate additional slices if a voxel's sides differ by more than this factor
+AROUND = 3             # number of empty voxels to add around the labels
+PASS_BAND = 0.1        # pass band (0 to 2) of the smoothing filter: removes waves shorter than about six voxels
+SMOOTHED = 0.05        # if smoothing changes a part's volume by more than this fraction, it is only a few voxels thin and is not smoothed
+# Interpolation makes parts that are only one slice thick too thin. Thicken them if their volume is off by more than this fraction.
 OFF_VOLUME = 0.05
-MOST_CHECKED = 4000    # maximum number of points on a label's surface at which the distance from the mesh is measured
-ROUNDING = 1e-3        # largest difference between a label and a whole number, for example after scaling
-APART = 1.0            # mm: the report mentions it if the two transforms in a file place the image's corners farther apart than this
-OFF_LATTICE = 0.05     # voxels, largest offset between maps that are considered to have the same lattice
+MOST_CHECKED = 4000    # measure the distance to the mesh at no more than this many points on a label's surface
+ROUNDING = 1e-3        # labels may differ from whole numbers by this much, for example after scaling
+APART = 1.0            # mm: report it if the two transforms in a file put the image's corners farther apart than this
+OFF_LATTICE = 0.05     # voxels: maps with a larger offset do not have the same lattice
 LPS = np.diag([-1.0, -1.0, 1.0, 1.0])   # converts RAS to LPS, and back
 
 
@@ -43,7 +43,7 @@ LPS = np.diag([-1.0, -1.0, 1.0, 1.0])   # converts RAS to LPS, and back
 class Segment:
     layer: int               # index of its layer in the map
     value: int
-    code: str = ""           # the segment's description in the file, from which its material is chosen
+    code: str = ""           # the file's description of the segment, used to choose its material
     also: tuple = ()         # other names by which a user may refer to it
 
 
@@ -67,7 +67,7 @@ class LabelMap:
 
 def numbered(values, names):
     """Returns name -> Segment for each value other than 0 in the first layer."""
-    found = np.unique(np.concatenate([np.unique(plane) for plane in values]))      # one plane at a time, because sorting needs memory
+    found = np.unique(np.concatenate([np.unique(plane) for plane in values]))      # plane by plane, because sorting takes memory
     segments = {}
     for value in map(int, found[found > 0]):
         segments[unique(names.get(value, str(value)), segments)] = Segment(0, value, also=(str(value),))
@@ -75,7 +75,7 @@ def numbered(values, names):
 
 
 def whole(path, values):
-    """Returns an array of labels (k, j, i), from an array (i, j, k) of any type."""
+    """Converts an array (i, j, k) of any type to integer labels (k, j, i)."""
     while values.ndim > 3 and values.shape[-1] == 1:
         values = values[..., 0]
     if values.ndim != 3 or min(values.shape) < 2:
@@ -101,7 +101,7 @@ def check_place(path, place):
 
 
 def check_compressed(path):
-    """Raises EOFError or OSError if a compressed file is truncated or its checksum is wrong. nibabel would not notice, because it reads only up to the last
+    """Raises EOFError or OSError if a compressed file is truncated or has a wrong checksum. nibabel would not notice, because it reads no further than the last
     voxel."""
     if not path.lower().endswith(".gz"):
         return
@@ -111,7 +111,7 @@ def check_compressed(path):
 
 
 def read_nifti(path, unit, names):
-    """Reads a NIfTI file. `unit`: mm per unit of the file, or None to use the unit in the file. `names`: label number -> name."""
+    """Reads a NIfTI file. unit: mm per unit of the file, or None to go by the file; names: label number -> name."""
     nibabel = needed("nibabel", "python3-nibabel", path)
     try:
         check_compressed(path)
@@ -134,7 +134,8 @@ def read_nifti(path, unit, names):
 
 
 def names_in(image):
-    """Returns label -> name from the header extension of Connectome Workbench or TotalSegmentator: XML, in which TotalSegmentator writes the names as CDATA."""
+    """Returns label -> name from a header extension written by Connectome Workbench or TotalSegmentator. It is XML, with the names as CDATA in files by
+    TotalSegmentator."""
     found = {}
     for extension in getattr(image.header, "extensions", []):
         content = extension.get_content()
@@ -148,7 +149,7 @@ def names_in(image):
 
 
 def apart_transforms(image, shape, scale):
-    """Returns a remark if the file's two transforms, its sform and its qform, differ."""
+    """Returns a list with a remark if the file's two transforms, sform and qform, disagree."""
     if not hasattr(image, "get_sform") or not image.header["sform_code"] or not image.header["qform_code"]:
         return []
     corners = np.array([[i, j, k, 1.0] for i in (0, shape[2] - 1) for j in (0, shape[1] - 1) for k in (0, shape[0] - 1)])
@@ -165,7 +166,7 @@ NRRD_SPACES = {"left-posterior-superior": (1, 1, 1), "lps": (1, 1, 1), "right-an
 
 
 def nrrd_header(path, file):
-    """Returns the fields of a NRRD file's header; a detached header ends with its file."""
+    """Reads the header fields of a NRRD file. A detached header ends at the end of the file."""
     if not file.readline(16).startswith(b"NRRD"):
         raise BadFile(f"{path}: not a NRRD file")
     fields = {}
@@ -187,7 +188,7 @@ def nrrd_data(path, fields, rest, size):
     """Returns the values as bytes. `size`: the number of bytes."""
     encoding = fields.get("encoding", "").lower()
     if encoding in ("gzip", "gz"):
-        # there may be any number of streams; one more byte is requested so that the last checksum is verified
+        # There may be several streams. Asking for one more byte makes gzip verify the last checksum.
         return gzip.GzipFile(fileobj=io.BytesIO(rest)).read(size + 1)[:size]
     if encoding in ("bzip2", "bz2"):
         return bz2.BZ2File(io.BytesIO(rest)).read(size + 1)[:size]
@@ -211,8 +212,8 @@ def nrrd_beside(path, fields):
 
 
 def nrrd_axes(fields, sizes):
-    """Returns the directions of the three spatial axes, the origin, and the index of the layer axis or None; returns None if the header does not define three
-    spatial axes. A fourth axis, for layers or time, may be at any position; its direction is "none" or, as ITK writes it, lies outside the first three
+    """Returns the directions of the three spatial axes, the origin, and the index of the layer axis (or None); None if the header does not define three spatial
+    axes. A fourth axis, for layers or time, may come at any position. Its direction is "none" or, in files written by ITK, outside the first three
     coordinates."""
     said = [None if text == "none" else np.array([float(v) for v in text[1:-1].split(",")])
             for text in re.findall(r"none|\([^)]*\)", fields.get("space directions", ""))]
@@ -230,8 +231,8 @@ def nrrd_axes(fields, sizes):
 
 
 def nrrd_start(fields, sizes):
-    """Returns the index of the first voxel along each spatial axis, and remarks. 3D Slicer before 4.7 stored the position of voxel 0 instead of that of the
-    first voxel."""
+    """Returns the index of the first voxel along each spatial axis, and remarks. It is not always 0, because 3D Slicer before 4.7 stored the position of
+    voxel 0 instead of the first voxel's."""
     extent = fields.get("Segmentation_Extent")
     if extent is None or "Segmentation_ReferenceImageExtentOffset" in fields:
         return np.zeros(3), []
@@ -242,7 +243,7 @@ def nrrd_start(fields, sizes):
 
 
 def read_nrrd(path, unit, names, frame):
-    """Reads a NRRD file. `frame`: "LPS" or "RAS" if the file does not define it, or None."""
+    """Reads a NRRD file. frame: "LPS" or "RAS", for files that do not define it, or None."""
     with open(path, "rb") as file:
         fields, rest = nrrd_header(path, file), file.read()
     try:
@@ -288,9 +289,9 @@ def read_nrrd(path, unit, names, frame):
 
 
 def nrrd_segments(fields, layers, names):
-    """Returns a dict of name -> Segment, named by the .seg.nrrd fields that 3D Slicer writes; without those fields, segments are named by number."""
+    """Returns name -> Segment, with names from the .seg.nrrd fields that 3D Slicer writes, or numbers if there are none."""
     segments = {}
-    # in older files, from before segments could share a layer, each segment has its own
+    # in older files, each segment has its own layer
     several = len(layers) > 1 and not any(key.endswith("_Layer") for key in fields)
     for n in sorted({int(match[1]) for match in map(re.compile(r"Segment(\d+)_").match, fields) if match}):
         value, layer = int(fields.get(f"Segment{n}_LabelValue", 1)), int(fields.get(f"Segment{n}_Layer", n if several else 0))
@@ -333,7 +334,7 @@ def has_group(data, frame, name):
 
 
 def group(data, frame, name):
-    """Returns an item from a frame's functional groups or, if it is not there, from the shared ones."""
+    """Looks an item up in a frame's functional groups, then in the shared ones."""
     for groups in (frame, data.SharedFunctionalGroupsSequence[0]):
         if name in groups:
             return groups[name][0]
@@ -341,8 +342,8 @@ def group(data, frame, name):
 
 
 def step_between(apart, measures):
-    """Returns the distance between planes, mm. Planes without a label may be missing, so that all gaps between the remaining planes (`apart`) may be wider than
-    this distance."""
+    """Returns the distance between planes, mm. It may be smaller than all gaps `apart` between the planes in the file, because planes without a label can be
+    missing."""
     said = float(measures.get("SpacingBetweenSlices") or 0)
     if not len(apart):
         return said or float(measures.SliceThickness)
@@ -357,7 +358,7 @@ def map_of_frames(path, data, frames):
     if not (has_group(data, each[0], "PixelMeasuresSequence") and has_group(data, each[0], "PlaneOrientationSequence")
             and has_group(data, each[0], "PlanePositionSequence")):
         raise BadFile(f"{path}: its frames have no place in the patient, as those of a projection or of a microscope: expected a segmentation of CT or MR")
-    # in a label map, the value of a pixel is the number of its segment, and a frame does not belong to a single segment
+    # in a label map, pixel values are segment numbers, and a frame does not belong to a single segment
     by_value = data.get("SegmentationType") == "LABELMAP"
     measures = group(data, each[0], "PixelMeasuresSequence")
     right, down = np.array(group(data, each[0], "PlaneOrientationSequence").ImageOrientationPatient, float).reshape(2, 3)
@@ -396,8 +397,7 @@ def map_of_frames(path, data, frames):
 
 
 def read_names(path):
-    """Reads label number -> name from nnU-Net's dataset.json, or from lines that consist of a number and a name, as written by ITK-SNAP and many other
-    programs."""
+    """Reads label number -> name from nnU-Net's dataset.json, or from lines with a number and a name, as written by ITK-SNAP and many other programs."""
     try:
         with open(path, encoding="utf-8-sig") as file:
             text = file.read()
@@ -425,7 +425,7 @@ NUMBER, UNNAMED = re.compile(r"\d+"), re.compile(r"\d+|Segment[ _]?\d*", re.I)
 
 
 def named_after_file(path, map_, unnamed=NUMBER):
-    """Returns the same map, in which a label without a name is named after the file if it is the only label."""
+    """Names an unnamed label after the file if it is the only label in the map. Returns the map."""
     stem = re.sub(r"(\.seg)?\.(nii|nii\.gz|nrrd|nhdr|dcm)$", "", os.path.basename(path), flags=re.I)
     if len(map_.segments) == 1:
         (name, segment), = map_.segments.items()
@@ -434,7 +434,7 @@ def named_after_file(path, map_, unnamed=NUMBER):
 
 
 def canonical(map_):
-    """Returns the same map with axes in the order and directions that are nearest to LPS, so that maps with other orders can be compared."""
+    """Reorders and flips a map's axes to be as close to LPS as possible, so that maps stored in different orders can be compared."""
     unit = map_.place[:3, :3] / np.linalg.norm(map_.place[:3, :3], axis=0)
     order, free = [], {0, 1, 2}
     for row in range(3):
@@ -454,7 +454,7 @@ def canonical(map_):
 
 
 def together(maps):
-    """Merges the maps of several files into one map; the maps must have the same lattice, but may cover different parts of it. `maps`: path -> map."""
+    """Merges the maps of several files into one. They must have the same lattice, but may cover different parts of it. maps: path -> map."""
     if len(maps) == 1:
         return next(iter(maps.values()))
     maps = {path: canonical(named_after_file(path, map_, UNNAMED)) for path, map_ in maps.items()}
@@ -491,11 +491,11 @@ class Border:
     offsets: np.ndarray      # (k,) positions of the faces along their normals
 
     def __call__(self, points):
-        """Returns the distances of points (n, 3) from the nearest face."""
+        """Returns the distances from points (n, 3) to the nearest face."""
         return (self.offsets - points @ self.normals.T).min(axis=1)
 
     def seen_from(self, origin):
-        """Returns the same border in the frame of a mesh, m, whose origin is at this position, DICOM mm."""
+        """Converts the border to the frame (m) of a mesh whose origin is at this position (DICOM mm)."""
         return Border(self.normals * [-1, -1, 1], 1e-3 * (self.offsets - self.normals @ origin))
 
 
@@ -510,11 +510,11 @@ class Outlined:
     notes: list
     border: Border = None
     gone: list = dataclasses.field(default_factory=list)     # (volume, position) of parts that have no surface, in mm^3 and DICOM mm
-    joined: list = dataclasses.field(default_factory=list)   # (volumes of parts that share one surface, centre of that surface), in the same units
+    joined: list = dataclasses.field(default_factory=list)   # (volumes of the parts that share a surface, centre of that surface), in the same units
 
 
 def signed_distance(mask, spacing):
-    """Returns the distance (mm) of each voxel from the border of a mask, negative inside the mask."""
+    """Returns the distance (mm) from each voxel to the border of a mask, negative inside the mask."""
     def to(inside):
         source = image_data(np.where(inside, 0, 1).astype(np.uint8))
         source.SetSpacing(*spacing)
@@ -538,7 +538,7 @@ def refined(values, factors):
 
 
 def zero_surface(values, spacing):
-    """Returns the smooth closed surfaces where a field (z, y, x) is zero."""
+    """Returns the zero level set of a field (z, y, x) as smooth closed surfaces."""
     image = image_data(np.ascontiguousarray(values, np.float32))
     image.SetSpacing(*spacing)
     zero = vtk.vtkFlyingEdges3D()
@@ -568,8 +568,7 @@ def face_points(mask):
 
 
 def body_of(map_, name):
-    """Returns the Outlined of the body: the segment of this name and all other segments, because voxels of others in the same layer are not part of the
-    body's segment."""
+    """Outlines the body. Includes all other segments, because voxels of other segments in the same layer are missing from the body's own segment."""
     every = np.zeros(map_.layers[0].shape, bool)
     for segment in map_.segments.values():
         every |= map_.layers[segment.layer] == segment.value
@@ -578,7 +577,7 @@ def body_of(map_, name):
 
 
 def outlined(map_, names):
-    """Returns name -> Outlined for these segments together: they share surfaces where they touch, unless they overlap."""
+    """Outlines several segments together, so that they share surfaces where they touch, unless they overlap. Returns name -> Outlined."""
     masks = {}
     for name in names:
         mask = map_.mask(name)
@@ -590,7 +589,7 @@ def outlined(map_, names):
 
 
 def others_beside(name, masks, window):
-    """Returns the mask of the other labels' voxels in a window, without labels that overlap this one."""
+    """Returns the mask of other labels' voxels in a window, leaving out labels that overlap this one."""
     mine, others = masks[name][0], np.zeros([each.stop - each.start for each in window], bool)
     for other, (place, mask) in masks.items():
         if other == name:
@@ -612,7 +611,7 @@ def moved(window, origin):
 
 
 def outlined_one(map_, name, masks):
-    """Outlines one label. `masks`: name -> section of the image, and the label's mask in it, for all labels that are outlined together."""
+    """Outlines one label. masks: for all labels outlined together, name -> section of the image, and the label's mask in it."""
     tight, mask = masks[name]
     notes, size = list(map_.notes), map_.layers[0].shape
     stride = max(1, int(np.ceil((np.prod(mask.shape) / MOST_VOXELS) ** (1 / 3))))
@@ -622,7 +621,7 @@ def outlined_one(map_, name, masks):
     if border:
         notes.append("reaches the image's border and may be cut off there")
     margin = AROUND * stride
-    first = np.array([each.start for each in tight]) - margin          # index of the section's first voxel, which may be negative
+    first = np.array([each.start for each in tight]) - margin          # index of the section's first voxel; may be negative
     window = tuple(slice(max(0, each.start - margin), min(count, each.stop + margin)) for each, count in zip(tight, size))
     beside = np.pad(others_beside(name, masks, window),
                     [(inner.start - start, start + each.stop - each.start + 2 * margin - inner.stop) for inner, start, each in zip(window, first, tight)])
@@ -656,7 +655,7 @@ def border_of(map_, tight):
 
 
 def shape_of(mine, beside, stride, voxel):
-    """Returns the smooth surfaces of a mask's parts, up to half-way to the other labels, in mm from its first voxel along its axes."""
+    """Returns smooth surfaces of a mask's parts, which extend halfway to other labels, in mm from the mask's first voxel along its axes."""
     spacing = stride * voxel
     factors = [max(1, int(round(s / spacing.min()))) if s > ELONGATED * spacing.min() else 1 for s in spacing[::-1]]
     while mine.size / stride ** 3 * np.prod(factors) > 2 * MOST_VOXELS and max(factors) > 1:
@@ -671,8 +670,8 @@ def shape_of(mine, beside, stride, voxel):
 
 
 def parts_in(mask, surfaces, spacing):
-    """Returns a list of (surface, voxel counts, position of a voxel) for the connected components of a mask; the position is in the surfaces' coordinates.
-    Components enclosed by the same surface form one entry with several voxel counts; for components that no surface encloses, the surface is None."""
+    """Matches the connected components of a mask with their surfaces. Returns a list of (surface, voxel counts, position of a voxel), with positions in the
+    coordinates of the surfaces. Components inside the same surface form one entry with several voxel counts; the surface is None if there is none."""
     numbers, sizes = connected_in(mask)
     free, found = np.append(False, np.ones(len(sizes), bool)), []
     for surface in sorted(surfaces, key=lambda each: -each.volume()):

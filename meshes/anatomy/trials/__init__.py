@@ -1,1 +1,1 @@
-"""Generates synthetic patients and runs the program on many of them, for tests and for the tables in docs/results/anatomy. Not installed."""
+"""Generates synthetic patients and runs the program on them, for tests and for the tables in docs/results/anatomy. Not installed."""

@@ -1,4 +1,4 @@
-"""Problems that real scans revealed, reproduced with simple shapes: the program is run on each case as a user would run it.
+"""Reproduces with simple shapes problems that came up with real scans. Runs the program on each case as a user would.
 
 usage: python3 -m anatomy.trials.cases [--program COMMAND] [--build FOLDER] [CASE...]     prints a Markdown table
 """
@@ -39,7 +39,7 @@ def block(half=(60, 60, 60), spacing=SPACING):
 
 
 def labelled(grid, *masks):
-    """Draws labels 1, 2, ...; later masks are drawn over earlier ones."""
+    """Draws the masks as labels 1, 2 and so on, later ones over earlier ones."""
     labels = np.zeros(grid.shape, np.uint8)
     for value, mask in enumerate(masks, 1):
         labels[np.broadcast_to(mask, grid.shape)] = value
@@ -117,7 +117,7 @@ def twenty_lesions_of_8_mm_in_liver(case):
 
 
 def lesion_alone_beside_its_organ(case):
-    """Lesion and organ are surfaces in separate files; the small size of the lesion must not be mistaken for a different unit."""
+    """A lesion and its organ as surfaces in separate files. The small size of the lesion must not be mistaken for a different unit."""
     labels, inside, _, place = torso.torso((2.0, 2.0, 2.0), 1, 2.5)
     from ..shapes import voxels
     map_ = voxels.LabelMap([(labels == 5).astype(np.uint8), inside.astype(np.uint8)], place, {"liver": voxels.Segment(0, 1), "lesion": voxels.Segment(1, 1)})
@@ -142,7 +142,7 @@ def scan(case, spacing=(2.0, 2.0, 2.0), lesions=1, radius=8.0):
 
 
 def all_labels(case):
-    """Names every label of the torso on the command line, with ribs and vertebrae as bones, for a program without --all."""
+    """Names every label of the torso on the command line, with ribs and vertebrae as bones, instead of using --all."""
     files = scan(case)
     bones = [name for name in torso.NAMES.values() if name.startswith(("rib", "vertebrae"))]
     soft = ["liver"] + [name for name in torso.NAMES.values() if name not in bones and name != "liver"]
@@ -156,7 +156,7 @@ def names_of_totalsegmentator(case):
 # ---- the skin ----------------------------------------------------------------------------------------------------------------------------
 
 def cropped_scan(case, organ):
-    """The body reaches the border of the image on all sides except the front, as in a scan of part of the body."""
+    """A scan of part of the body, in which the body extends to the border of the image on all sides except the front."""
     grid = torso.Grid((2.5, 2.5, 2.5), (-100, -90, -80), (100, 90, 80))
     labels = np.zeros(grid.shape, np.uint8)
     labels[np.broadcast_to(grid.y > -75 + 0.002 * grid.x ** 2, grid.shape)] = 1
@@ -183,7 +183,7 @@ def satellites(case):
 
 
 def small_bowel(case):
-    """Loops of bowel. One of them was cut off by the segmentation, has a volume of 0.43 ml, and lies 100 mm from the others."""
+    """Loops of bowel, plus a 0.43 ml piece 100 mm away, as left by a segmentation that cut off part of a loop."""
     grid = block((80, 60, 60), (1.5, 1.5, 1.5))
     loops = grid.rod((-60, 0, 0), (-10, 20, 0), 11) | grid.rod((-10, 20, 0), (-10, -30, 20), 11) | grid.ellipsoid((70, 0, 0), (4.7,) * 3)
     return [case.nrrd(labelled(grid, loops), grid.place, {1: "small_bowel"}), "--roi", "small_bowel", "--nodes", "1500"]
@@ -197,7 +197,7 @@ CASES = [bones_that_touch, bones_2_mm_apart, bones_3_mm_apart, lesion_of_8_mm_in
 
 
 def run(command, folder, **more):
-    """Runs a command; returns its exit status, processor time (s), memory (MB), output, and elapsed time (s)."""
+    """Runs a command. Returns its exit status, CPU time (s), peak memory (MB), output and elapsed time (s)."""
     began = time.monotonic()
     with open(os.path.join(folder, "said"), "w+", encoding="utf-8") as said:
         child = subprocess.Popen(command, stdout=said, stderr=said, cwd=folder, **more)
@@ -208,8 +208,7 @@ def run(command, folder, **more):
 
 
 def insertion(build, prefix, folder):
-    """Returns the end of trocar-replay's output for the scripted push into a scene (the events with their times, and the largest force), or an error
-    message."""
+    """Runs the scripted insertion in a scene. Returns the end of trocar-replay's output (events with times, and the largest force), or an error message."""
     device, replay = (os.path.join(build, "clients", name) for name in ("trocar-device", "trocar-replay"))
     log, table = os.path.join(folder, "in.log"), os.path.join(folder, "in.csv")
     status, _, _, said, _ = run([device, "--script", "insert", "--scene", prefix + ".yaml", "--write-log", log], folder)

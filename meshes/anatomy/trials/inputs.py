@@ -18,8 +18,8 @@ SEGMENTATION_UID = shipped.UID + ".4"
 
 
 def pelvis(spacing=(1.0, 1.0, 1.5), urethra=True):
-    """Returns the labels NAMES of the synthetic patient as an array (k, j, i), and the transform (4, 4) from voxels to mm, LPS. The body has elliptical
-    cross-sections and is rounded at the perineum."""
+    """Returns the synthetic patient's labels (see NAMES) as an array (k, j, i), and the transform (4, 4) from voxels to mm, LPS. The body has elliptical cross
+    sections and is rounded at the perineum."""
     gland = patient.Gland()
     low, high = np.array([-95.0, -75.0, -62.0]), np.array([95.0, 75.0, 80.0])
     x, y, z = (np.arange(a, b, s) for a, b, s in zip(low, high, spacing))
@@ -52,7 +52,7 @@ def pelvis(spacing=(1.0, 1.0, 1.5), urethra=True):
 
 
 def turned(place, degrees):
-    """Returns the transform of the same image for a patient who is rotated about the axis from feet to head, as in a tilted scan."""
+    """Rotates an image's transform about the axis from feet to head, as in a tilted scan."""
     turn = np.eye(4)
     a = np.radians(degrees)
     turn[:3, :3] = [[np.cos(a), -np.sin(a), 0], [np.sin(a), np.cos(a), 0], [0, 0, 1]]
@@ -60,8 +60,7 @@ def turned(place, degrees):
 
 
 def label_table(names):
-    """Returns the XML that TotalSegmentator writes into the header extension of its files: a label table like Connectome Workbench's, with the names as
-    CDATA."""
+    """Returns the XML that TotalSegmentator puts into a header extension: a label table like Connectome Workbench's, but with the names as CDATA."""
     rows = "".join(f'<Label Key="{value}" Red="{value % 3 / 2}" Green="{value % 5 / 4}" Blue="0.0" Alpha="1"><![CDATA[{name}]]></Label>\n'
                    for value, name in names.items())
     return ('<?xml version="1.0" encoding="UTF-8"?> <CaretExtension>  <Date><![CDATA[2013-07-14T05:45:09]]></Date>   <VolumeInformation Index="0">   '
@@ -71,7 +70,7 @@ def label_table(names):
 
 def write_nifti(path, labels, place, kind=np.uint8, names=None):
     """Writes a NIfTI file. `names`: label -> name, written into the header as TotalSegmentator does."""
-    import nibabel      # imported here, so that the other writers work without it
+    import nibabel      # imported here so that the other writers work without it
     image = nibabel.Nifti1Image(labels.T.astype(kind), np.diag([-1.0, -1.0, 1.0, 1.0]) @ place)
     image.header.set_xyzt_units("mm")
     if names:
@@ -80,7 +79,7 @@ def write_nifti(path, labels, place, kind=np.uint8, names=None):
 
 
 def write_seg(path, labels, place, names):
-    """Writes a binary DICOM segmentation with one segment for each label; planes without a segment's voxels are left out, as is usual."""
+    """Writes a binary DICOM segmentation with one segment per label. As is usual, planes in which a segment has no voxels are left out."""
     meta = FileMetaDataset()
     meta.MediaStorageSOPClassUID, meta.MediaStorageSOPInstanceUID = SegmentationStorage, SEGMENTATION_UID
     meta.TransferSyntaxUID = ExplicitVRLittleEndian
@@ -122,8 +121,8 @@ def write_seg(path, labels, place, names):
 
 
 def write_surface(path, shell, frame="LPS"):
-    """Writes a surface in the format given by the path's extension: .stl, .ply, .obj, .vtp or .vtk. The points are in LPS or, as 3D Slicer used to write
-    them, in RAS."""
+    """Writes a surface in the format given by the extension: .stl, .ply, .obj, .vtp or .vtk. Points are written in LPS or, as in old versions of 3D Slicer,
+    in RAS."""
     if frame == "RAS":
         shell = shells.Shell(shell.points * [-1, -1, 1], shell.triangles)
     writer = {".stl": vtk.vtkSTLWriter, ".ply": vtk.vtkPLYWriter, ".obj": vtk.vtkOBJWriter, ".vtp": vtk.vtkXMLPolyDataWriter,

@@ -1,4 +1,4 @@
-"""Pushes the needle of a scene from its start to its target, like the script `insert` of trocar-device, and reports the result.
+"""Pushes a scene's needle from its start to its target, like trocar-device's `insert` script, and reports the result.
 
 usage: python3 -m anatomy.trials.insertion SCENE.yaml [BUILD_DIR]
 """
@@ -21,14 +21,14 @@ class Insertion:
     peak: float              # N, largest force on the hand
     last: float              # N, force after the rest at the target
     punctures: list          # (membrane, travel beyond the skin's rest position, force just before the puncture)
-    region: str              # region whose tissue is at the tip at the end; "" outside the tissue
+    region: str              # region that the tip ends up in; "" outside the tissue
     off_target: float        # distance from the tip to the displaced target
     shift: float             # displacement of the target
     failed: str = ""         # reason for the failure, if the state is not finite
 
 
 def push(path, build=None, speed=SPEED, change=None):
-    """Simulates the insertion in the scene at this path; returns the Insertion. change(scene) is called before the model is created."""
+    """Simulates an insertion in the scene at this path. change(scene), if given, is called before the model is built."""
     trocar = binding.trocar(build)
     scene = trocar.Scene.load(path)
     if change:
@@ -66,7 +66,7 @@ class Moved:
         self.inverse = np.linalg.inv((corners[:, 1:] - corners[:, :1]).transpose(0, 2, 1))
 
     def place(self, point):
-        """Returns the tetrahedron that contains a point at rest (or the nearest tetrahedron), and the point's barycentric coordinates in it."""
+        """Returns the tetrahedron that contains a rest position (or the nearest one), and the barycentric coordinates in it."""
         inner = np.einsum("tij,tj->ti", self.inverse, point - self.first)
         every = np.column_stack([1 - inner.sum(axis=1), inner])
         best = int(every.min(axis=1).argmax())
@@ -77,7 +77,7 @@ class Moved:
         return weights @ self.u[self.model.tets[tet]]
 
     def region_at(self, point):
-        """Returns the name of the region whose tissue is currently at a point."""
+        """Returns the name of the region whose tissue is at a point of the displaced tissue."""
         rest = point.copy()
         for _ in range(ROUNDS):
             rest += 0.7 * (point - rest - self.at(rest))

@@ -1,4 +1,4 @@
-"""Runs label maps, surfaces and volume meshes of every kind through the program; prints tables as CSV, and fails if a result is not within the limits.
+"""Runs label maps, surfaces and volume meshes of every kind through the program. Prints tables as CSV, and fails if a result is outside the limits.
 
 usage: python3 -m anatomy.trials.label_stress kinds [NODES [KIND...]]   the synthetic patient as every kind of file; default 570, all
        python3 -m anatomy.trials.label_stress random [FIRST [COUNT]]    COUNT random label maps, from number FIRST; default 0 200
@@ -27,7 +27,7 @@ from ..shapes.contours import Unusable
 from ..limits import Crashed, TooLong
 from ..trouble import BadFile
 
-VOLUME_LIMIT = 0.01                     # largest permitted error in a volume, as a fraction of the volume of the voxels
+VOLUME_LIMIT = 0.01                     # largest error allowed in a volume, as a fraction of the voxels' volume
 LEAST_ANGLE, GREATEST_ANGLE = 10, 165   # deg
 MEAN_LIMIT = 1.0                        # mm, mean distance from the faces of the voxels to the mesh
 SPACING = (1.0, 1.0, 1.5)               # mm
@@ -36,13 +36,13 @@ GOOD_REFUSALS = (BadFile, Unusable, TooLong)
 
 
 def used():
-    """Returns the processor time (s) and the memory (MB) that this process and its children have used."""
+    """Returns the CPU time (s) and the peak memory (MB) of this process and its children."""
     kinds = [resource.getrusage(kind) for kind in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
     return sum(kind.ru_utime + kind.ru_stime for kind in kinds), max(kind.ru_maxrss for kind in kinds) / 1024
 
 
 def make(*arguments):
-    """Runs the program with these arguments, without its output; returns the result of run()."""
+    """Runs the program with these arguments, discards its output, and returns the result of run()."""
     with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
         return command.run(options.parse([*(str(argument) for argument in arguments), "--quiet"]))
 
@@ -184,7 +184,7 @@ def five(p):
             "--bone", "Pubic arch"], p.volumes
 
 
-# Maps each function to a description of its file and the minimum number of nodes. The function returns the command's arguments, and the true volume of each
+# Functions that write a kind of file, with a description and the minimum number of nodes. They return the program's arguments and the true volume of each
 # region, mm^3.
 KINDS = {outlines: ("RT Structure Set, slices of 2.5 mm", 0), nifti: ("NIfTI, 1 x 1 x 1.5 mm", 0), thick: ("NIfTI, 0.9 x 0.9 x 5 mm, turned by 7 degrees", 0),
          folder: ("NIfTI, one file for each organ, as TotalSegmentator's", 0), slicer: (".seg.nrrd, RAS, gzip", 0),
@@ -200,7 +200,7 @@ def kind_row(p, kind, nodes):
     organs, mesh, domain, outlined = make(*arguments, "--nodes", nodes, "--output", p.path("out"))
     seconds, megabytes = used()[0] - prepared, used()[1]
     soft = [organ for organ in organs if not organ.bone]
-    # fractions of the volumes as read that remain after losses to other organs
+    # fraction of each volume, as read, that is left after losses to other organs
     told = {organ.roi: outlined[organ.name] / (organ.volume * 1e-9) for organ in soft}
     change = max((mesh.region_volume(organ.name) * 1e9 / (truth.get(organ.roi, organ.volume) * told[organ.roi]) - 1 for organ in soft), key=abs)
     off = np.concatenate(list(pipeline.distances_to_outlines(organs, domain, mesh, outlined).values()))
@@ -220,7 +220,7 @@ def kinds(nodes=570, *chosen):
         for kind in KINDS:
             if not chosen or kind.__name__ in chosen:
                 try:
-                    # each row runs in its own process, so that the measured memory is that of this row
+                    # one process per row, so that the memory measured is that of this row
                     with concurrent.futures.ProcessPoolExecutor(1, multiprocessing.get_context("fork")) as own:
                         row, good = own.submit(kind_row, p, kind, int(nodes)).result()
                 except (*GOOD_REFUSALS, Crashed) as error:
@@ -232,11 +232,11 @@ def kinds(nodes=570, *chosen):
 
 # ---- forces --------------------------------------------------------------------------------------------------------------------
 
-FORCE_LIMIT = 0.03      # largest permitted difference between forces, as a fraction of the largest force
+FORCE_LIMIT = 0.03      # largest difference allowed between forces, as a fraction of the largest force
 
 
 def forces(build, nodes=570):
-    """Compares the forces of the same scripted insertion (`insert` of trocar-device) in meshes from different inputs; returns 1 if they differ too much."""
+    """Compares the forces of the same scripted insertion (trocar-device's `insert`) in meshes from different inputs. Returns 1 if they differ too much."""
     tables.row("input", "nodes", "prostate_ml", "peak_N", "peak_to_first_percent", "rms_difference_percent_of_peak")
     build, curves, volumes = os.path.abspath(build), [], []
     with tempfile.TemporaryDirectory() as place:
@@ -263,8 +263,8 @@ def forces(build, nodes=570):
 # ---- random label maps -----------------------------------------------------------------------------------------------------------
 
 def random_map(number):
-    """Returns labels (k, j, i), their transform, and the numbers of the soft labels and of the bones. The labels are blobs that touch, nest, branch, are thin
-    or extend beyond the image; the same number gives the same map."""
+    """Generates random map `number`. Returns labels (k, j, i), their transform, and the numbers of the soft labels and of the bones. The labels are blobs that
+    touch, nest, branch, are thin or extend beyond the image."""
     random = np.random.default_rng(number)
     size = random.integers(24, 90, 3)
     spacing = random.choice([0.7, 1.0, 1.5, 2.5, 5.0], 3, p=[0.2, 0.3, 0.3, 0.1, 0.1])
@@ -294,7 +294,7 @@ def random_map(number):
 
 
 def random_row(number, folder_):
-    """Returns a row of the table, and whether the result is good: a mesh within the limits of volume, or a refusal that names a cause."""
+    """Returns a row of the table, and whether the result is good: a mesh with volumes within the limits, or an error message that names a cause."""
     labels, place, soft, bones = random_map(number)
     began = used()[0]
     path = os.path.join(folder_, f"{number}.nrrd")
@@ -305,7 +305,7 @@ def random_row(number, folder_):
         organs, mesh, _, outlined = make(path, *chosen, "--nodes", 1500, "--output", os.path.join(folder_, "out"))
     except GOOD_REFUSALS as error:
         return (*about, f"refused: {str(error).replace(path, 'file')}", "", "", "", "", f"{used()[0] - began:.0f}"), True
-    except Exception as error:  # any exception counts as a fault of the program
+    except Exception as error:  # anything else is a bug in the program
         return (*about, f"failed: {type(error).__name__}: {error}", "", "", "", "", f"{used()[0] - began:.0f}"), False
     change = max((mesh.region_volume(organ.name) / outlined[organ.name] - 1 for organ in organs if not organ.bone), key=abs)
     angles = mesh.dihedral_angles()
@@ -314,7 +314,7 @@ def random_row(number, folder_):
 
 
 def hurry():
-    """Accepts the first mesh in which no surface is missing, unless it has more than twice the desired number of nodes: random maps need neither good
+    """Makes the program accept the first mesh with no surface missing and at most twice the desired number of nodes, because random maps need neither good
     angles nor an exact number of nodes."""
     meshing.TRIES, meshing.MOST_WORK, meshing.OFF = RANDOM_TRIES, 0, meshing.MOST_OFF - 1
 
@@ -334,15 +334,15 @@ def random_maps(first=0, count=200):
 
 # ---- crowded label maps ----------------------------------------------------------------------------------------------------------
 
-PART_LIMIT = 0.05       # fraction of a part's volume: the report must name every part with a larger loss
-SMALL, FEW = 0.6, 900   # size of the organs, and nodes, with which 200 maps take a quarter of an hour of processor time
+PART_LIMIT = 0.05       # the report must name every part that loses more than this fraction of its volume
+SMALL, FEW = 0.6, 900   # organ size and number of nodes with which 200 maps take a quarter of an hour of CPU time
 LESIONS, ORGAN, SECOND, BODY, FIRST_BONE = 1, 2, 3, 4, 5
 
 
 def crowded_map(number, size=1.0):
-    """Returns labels (k, j, i), their transform, the labels' names, and the program's arguments: an organ with lesions in it, another organ that touches it,
-    satellites of both, bones that touch or lie up to 3 mm apart, and sometimes a body around all; the same number gives the same map. `size` scales
-    everything but the voxels, small parts and gaps."""
+    """Generates crowded map `number`: an organ with lesions, another organ that touches it, satellites of both, bones that touch or are up to 3 mm apart, and
+    sometimes a body around everything. Returns labels (k, j, i), their transform, their names, and the program's arguments. size: scales everything but
+    voxels, small parts and gaps."""
     random = np.random.default_rng(10000 + number)
     spacing = np.array([random.choice([1.0, 1.5, 2.0])] * 2 + [random.choice([1.0, 1.5, 2.0, 3.0])])
     half = size * np.array([75.0, 65.0, 60.0])
@@ -386,14 +386,13 @@ def crowded_map(number, size=1.0):
 
 
 def parts_of_map(labels, place, value):
-    """Returns the connected components of a label as an array of their numbers (k, j, i), and their volumes, mm^3; voxels are connected if they share a
-    face."""
+    """Numbers the connected components of a label; voxels are connected if they share a face. Returns the numbers (k, j, i) and the volumes, mm^3."""
     numbers, count = scipy.ndimage.label(labels == value)
     return numbers, np.bincount(numbers.ravel(), minlength=count + 1)[1:] * abs(np.linalg.det(place[:3, :3]))
 
 
 def volumes_in_mesh(mesh, domain, name, numbers, place):
-    """Returns the volume in the mesh of each part of a label, mm^3; the volume of parts that have merged is counted for the largest of them."""
+    """Returns the volume in the mesh of each part of a label, mm^3. If parts have merged, their volume counts for the largest one."""
     chosen = np.flatnonzero(mesh.region == mesh.regions.index(name))
     tets = mesh.tets[chosen]
     corners = np.sort(np.concatenate([tets[:, sorted({0, 1, 2, 3} - {k})] for k in range(4)]), axis=1)
@@ -415,7 +414,7 @@ def volumes_in_mesh(mesh, domain, name, numbers, place):
 
 
 def losses_in(organs, mesh, domain, labels, place, names):
-    """Returns the largest relative change in the volume of a part that no remark names, and the number of parts; a remark names a part by its volume."""
+    """Returns the largest relative change in volume of any part that no remark names, and the number of parts. Remarks name parts by their volumes."""
     worst, count = 0.0, 0
     for organ in organs:
         if organ.bone:
@@ -426,15 +425,15 @@ def losses_in(organs, mesh, domain, labels, place, names):
         notes = " ".join(organ.notes)
         for volume, got in zip(true, held):
             count += 1
-            named = any(organs_in.in_ml(volume * (1 + slight)) in notes for slight in (-1e-9, 1e-9))     # a tie may be rounded either way
+            named = any(organs_in.in_ml(volume * (1 + slight)) in notes for slight in (-1e-9, 1e-9))     # ties may be rounded either way
             if abs(got / volume - 1) > abs(worst) and not named:
                 worst = got / volume - 1
     return worst, count
 
 
 def crowded_row(number, folder_, build, size=SMALL, nodes=FEW):
-    """Returns a row of the table, whether the result is good (the scene loads, the needle enters the first region, and changes in the parts' volumes are
-    small or named in a remark), and the largest change in a part's volume that no remark names."""
+    """Returns a row of the table; whether the result is good, that is, the scene loads, the needle enters the first region, and parts change little in volume
+    or are named in a remark; and the largest change that no remark names."""
     binding.trocar(build)
     labels, place, names, chosen = crowded_map(number, size)
     began, path = used()[0], os.path.join(folder_, f"{number}.seg.nrrd")

@@ -1,5 +1,5 @@
-"""Simulates an insertion into each material of materials.py: the dent of a region before the needle enters, the force at that moment, and the largest force
-on the way to the centre. Prints docs/results/anatomy/materials.csv, and fails if a needle does not enter.
+"""Simulates an insertion into each material in materials.py, and measures how far the region is dented before the needle enters, the force at that moment, and
+the largest force on the way to the centre. Prints docs/results/anatomy/materials.csv, and fails if a needle does not enter.
 
 usage: python3 -m anatomy.trials.material_check BUILD_DIR [NAME...]
 """
@@ -18,11 +18,11 @@ SPACING = (2.0, 2.0, 2.0)           # mm
 HALF = 45.0, 40.0, 25.0             # mm, half axes of the region; its centre is 25 mm below its surface
 DEEP = 35.0                         # mm, thickness of materials.SURROUNDING between the skin and the region
 NODES = 900
-REGION, WALL = "liver", "liver_wall"     # a name with which the region's surface becomes a membrane
-MOST_DENT = 25.0                    # mm: if a region is dented by more than this, the needle is considered to push it away instead of entering it
+REGION, WALL = "liver", "liver_wall"     # with this name, the region's surface becomes a membrane
+MOST_DENT = 25.0                    # mm: a needle that dents the region by more than this pushes it away rather than entering it
 COLUMNS = ("material", "modulus, kPa", "stiffening", "puncture force of its surface, N", "dent, mm", "force at the puncture, N", "largest force, N",
            "distance of the tip from the centre, mm", "displacement of the centre, mm", "entered", "published force on a needle")
-LINEAR = "(liver, linear, as by shear waves)"     # row that is shown only for comparison
+LINEAR = "(liver, linear, as by shear waves)"     # shown only for comparison
 
 
 def make(folder):
@@ -44,8 +44,8 @@ def assign(scene, material):
 
 
 def measure(path, material):
-    """Returns the region's dent when its surface is punctured, mm, and the force on the hand at that moment, N (both NaN if it is never punctured), and the
-    Insertion."""
+    """Simulates an insertion. Returns the region's dent (mm) and the force on the hand (N) when the region's surface is punctured, both NaN if it never is; and
+    the Insertion."""
     found = insertion.push(path, change=lambda scene: assign(scene, material))
     walls = [(1e3 * travel - DEEP, force) for membrane, travel, force in found.punctures if membrane == WALL]
     return *(walls[0] if walls else (np.nan, np.nan)), found

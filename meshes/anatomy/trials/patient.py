@@ -1,8 +1,8 @@
-"""A synthetic patient: outlines of prostate, urethra, rectum, bladder and pubic arch, defined by a few lengths.
+"""A synthetic patient: contours of the prostate, urethra, rectum, bladder and pubic arch, defined by a few lengths.
 
-Nothing here was measured on a person. The lengths are within the range published for men with prostate cancer (gland of 15
-to 120 ml; width : height : length about 1.35 : 1 : 1.15); the shapes were chosen freely: a gland that is narrower at the apex than
-at the base, flattened and dented by the rectum behind, and an arch of two rami that meet in the symphysis.
+Nothing here was measured on a person. The lengths are within the ranges published for men with prostate cancer (15 to 120 ml
+glands, width : height : length about 1.35 : 1 : 1.15). The shapes are made up: a gland that is narrower at the apex than at the
+base, flattened and dented by the rectum behind it, and an arch of two rami that meet in the symphysis.
 """
 import dataclasses
 import math
@@ -116,8 +116,8 @@ def random_gland(random):
 
 
 def spoil(rings, random, noise):
-    """Returns the same outlines with typical defects: noise (mm) that varies over about 5 mm of outline, other starting points, directions and numbers of
-    points, repeated closing points, spikes, missing slices, and duplicated outlines."""
+    """Adds typical defects to contours: noise (mm) that varies over about 5 mm along the contour, different starting points, directions and numbers of points,
+    repeated closing points, spikes, missing slices and duplicate contours."""
     spoilt = []
     last = len(rings) - 1
     for i, ring in enumerate(rings):

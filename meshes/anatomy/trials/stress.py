@@ -1,4 +1,4 @@
-"""Runs random synthetic patients through the pipeline: prints a table as CSV, and fails if a patient fails.
+"""Runs random synthetic patients through the pipeline. Prints a table as CSV, and fails if any patient fails.
 
 usage: python3 -m anatomy.trials.stress [FIRST [COUNT]]     number of the first patient, and how many; default 0 50
 """
@@ -11,13 +11,13 @@ from .. import organ, pipeline
 from ..shapes import shells
 from . import patient, tables
 
-VOLUME_LIMIT = 0.03                     # largest permitted error in a volume, as a fraction of the volume of the outlines as read
-MEAN_LIMIT, GREATEST_LIMIT = 1.0, 6.0   # mm, mean and greatest distance of the surface from the outlines before spoil(), which moves them by up to 10 mm
+VOLUME_LIMIT = 0.03                     # largest error allowed in a volume, as a fraction of the contours' volume as read
+MEAN_LIMIT, GREATEST_LIMIT = 1.0, 6.0   # mm, mean and greatest distance of the surface from the original contours; spoil() moves them by up to 10 mm
 
 
 def make(number):
-    """Returns the gland, the spacing of its slices (mm), the rings of the prostate without and with defects, and the rings of the arch; the same number always
-    gives the same patient."""
+    """Generates patient `number`, reproducibly. Returns the gland, its slice spacing (mm), the prostate's rings without and with defects, and the arch's
+    rings."""
     random = np.random.default_rng(number)
     gland = patient.random_gland(random)
     spacing = random.uniform(3, 7)
@@ -26,7 +26,7 @@ def make(number):
 
 
 def planimetry(rings):
-    """Returns the volume enclosed by rings as read, mm^3, with one ring per slice, by the shoelace formula; duplicates count once."""
+    """Returns the volume enclosed by rings as read, one per slice, by the shoelace formula, mm^3. Duplicates count once."""
     areas = {}
     for x, y, z in (ring.T for ring in rings):
         areas[z[0]] = abs(x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2

@@ -1,5 +1,5 @@
-"""A synthetic upper abdomen with TotalSegmentator's labels: liver with lesions, its neighbours, ribs, spine, and the body around them. The shapes are simple
-and have about the sizes of an adult's organs; nothing was measured on a person."""
+"""A synthetic upper abdomen with TotalSegmentator's labels: liver with lesions, its neighbours, ribs, spine, and the body around them. The shapes are simple,
+with roughly the sizes of an adult's organs. Nothing was measured on a person."""
 import numpy as np
 
 NAMES = {1: "spleen", 2: "kidney_right", 3: "kidney_left", 4: "gallbladder", 5: "liver", 6: "stomach", 7: "pancreas", 11: "lung_lower_lobe_left",
@@ -38,7 +38,7 @@ class Grid:
 
 
 def rib(grid, side, top, radius=5.5):
-    """Returns a rib, from beside the spine around the flank to the front; `side`: -1 right, 1 left; `top`: height of the rib at the back."""
+    """Returns a rib, which runs from beside the spine around the flank to the front. side: -1 right, 1 left; top: height of the rib at the back."""
     a, b = WALL
     angle = np.arctan2(grid.y / b, side * grid.x / a)        # 0 at the flank, 90 degrees at the back
     offset = np.hypot(grid.x / a, grid.y / b) - 1
@@ -59,8 +59,8 @@ def lesion_places(count):
 
 
 def torso(spacing=(3.0, 3.0, 3.0), lesions=1, radius=8.0):
-    """Returns the labels NAMES as an array (k, j, i), masks of the lesions and of the body, and the transform (4, 4) from voxels to mm, LPS. The lesions lie
-    inside the liver, whose label includes their voxels, as in TotalSegmentator's files."""
+    """Returns the labels (see NAMES) as an array (k, j, i), masks of the lesions and of the body, and the transform (4, 4) from voxels to mm, LPS. As in
+    TotalSegmentator's files, the lesions are inside the liver, and its label includes their voxels."""
     g = Grid(spacing)
     body = (np.hypot(g.x / TRUNK[0], g.y / TRUNK[1]) < 1) & (g.z > -1e3)
     labels = np.zeros(g.shape, np.uint8)

@@ -1,4 +1,4 @@
-"""Brachytherapy: the dose of seeds, implant plans and their DICOM files, and the motion that carries out a plan.
+"""Brachytherapy: seed dose calculation, implant plans and their DICOM files, and the motion that carries out a plan.
 
     >>> from trocar import brachy
     >>> gland = brachy.Structure.from_region(model, "prostate", spacing=1e-3)

@@ -1,4 +1,4 @@
-"""Computes the dose of brachytherapy seeds according to AAPM TG-43; see the section "dose" of trocar.h."""
+"""Computes the dose from brachytherapy seeds according to AAPM TG-43. See the "dose" section of trocar.h."""
 from __future__ import annotations
 
 from os import PathLike, fspath
@@ -48,7 +48,7 @@ class Source:
 
     @classmethod
     def load(cls, path: str | PathLike[str]) -> Source:
-        """Reads a table file. Raises Error with file, line and remedy."""
+        """Reads a seed model from a table file. Raises Error; the message gives the file and line and says how to fix it."""
         source = cls.__new__(cls)
         source._create(lib.trocar_dose_source_load, fspath(path))
         return source
@@ -66,16 +66,14 @@ class Source:
         self.half_life: float = data.half_life
 
     def __copy__(self) -> Source:
-        return self  # a source is immutable, so a copy is not needed
+        return self  # immutable, so sharing it is safe
 
     def __deepcopy__(self, _: Any) -> Source:
         return self
 
     def rates(self, positions: npt.ArrayLike, directions: npt.ArrayLike, strengths: npt.ArrayLike, points: npt.ArrayLike) -> npt.NDArray[np.float64]:
-        """Returns the initial dose rate (n,) Gy/h at the points (n, 3) m, due to seeds with positions (m, 3) m, directions (m, 3) and strengths (m,)
-        U.
-
-        The GIL is released.
+        """Returns the initial dose rates (n,) in Gy/h at points (n, 3) m from seeds with positions (m, 3) m, directions (m, 3) and air-kerma strengths
+        (m,) U. Releases the GIL.
         """
         at, along, where = _vectors(positions, "positions"), _vectors(directions, "directions"), _vectors(points, "points")
         seeds = np.empty(len(at), _SEED)
@@ -86,8 +84,8 @@ class Source:
         return rates
 
     def hours(self, hours: float = float("inf")) -> float:
-        """Returns the dose accumulated in the first `hours` of decay divided by the initial dose rate, in h. The default, infinity, is for a permanent
-        implant."""
+        """Returns the factor, in h, by which to multiply an initial dose rate to get the dose accumulated in the first `hours`. The default, infinity,
+        is right for a permanent implant."""
         return lib.trocar_dose_hours(self._handle, hours)
 
 
@@ -96,19 +94,19 @@ assert _SEED.itemsize == ffi.sizeof("trocar_dose_seed")
 
 
 class Dose:
-    """Dose of a permanent implant at many points. Only one thread at a time may use it; the GIL is released.
+    """Dose of a permanent implant at many points. Only one thread at a time may use it; calls release the GIL.
 
-    Sums are exact: after a seed has been removed, every dose is bitwise identical to what it would be if the seed had never been added.
+    Sums are exact: removing a seed leaves every dose bit-identical to what it would be had the seed never been added.
     """
 
     def __init__(self, source: Source, origin: npt.ArrayLike, spacing: float, shape: tuple[int, int, int]) -> None:
-        """Computes the dose on a grid of `shape` voxels, `spacing` m apart, with the centre of the first voxel at `origin` (3,) m."""
+        """Creates a Dose, without seeds yet, on a grid of `shape` voxels `spacing` m apart, with the centre of the first voxel at `origin` (3,) m."""
         grid = ffi.new("trocar_dose_grid *", {"origin": _three(origin, "origin"), "spacing": spacing, "counts": shape})
         self._create(source, tuple(shape), lambda handle, why: lib.trocar_dose_create(source._handle, grid, handle, why))
 
     @classmethod
     def at(cls, source: Source, points: npt.ArrayLike) -> Dose:
-        """Computes the dose at the points (n, 3), m."""
+        """Creates a Dose for arbitrary points (n, 3) m instead of a grid."""
         where = _vectors(points, "points")
         dose = cls.__new__(cls)
         dose._create(source, (len(where),), lambda handle, why: lib.trocar_dose_create_points(source._handle, _inputs(where), len(where), handle, why))
@@ -127,7 +125,7 @@ class Dose:
         return self.__copy__()
 
     def add(self, position: npt.ArrayLike, direction: npt.ArrayLike, strength: float) -> int:
-        """Adds a seed at `position` (3,) m along `direction` (3,), of air-kerma strength `strength` U. Returns its id."""
+        """Adds a seed of air-kerma strength `strength` U at `position` (3,) m, oriented along `direction` (3,). Returns its id."""
         why, seed = ffi.new("trocar_error *"), ffi.new("int32_t *")
         with self._turn:
             _check(lib.trocar_dose_add(self._handle, _seed(position, direction, strength), seed, why), why)
@@ -140,13 +138,13 @@ class Dose:
             _check(lib.trocar_dose_remove(self._handle, seed, why), why)
 
     def move(self, seed: int, position: npt.ArrayLike, direction: npt.ArrayLike, strength: float) -> None:
-        """Changes position, direction and strength of the seed with this id."""
+        """Changes the position, direction and strength of the seed with this id."""
         why = ffi.new("trocar_error *")
         with self._turn:
             _check(lib.trocar_dose_move(self._handle, seed, _seed(position, direction, strength), why), why)
 
     def displace(self, displacements: npt.ArrayLike | None) -> None:
-        """Moves the points by the displacements (n, 3), m, from their positions at rest; None moves them back to rest. Seeds do not move."""
+        """Displaces the points by (n, 3) m from their rest positions; None moves them back. Seeds do not move."""
         why, moved = ffi.new("trocar_error *"), None
         if displacements is not None:
             moved = np.ascontiguousarray(displacements, np.float64).reshape(-1, 3)
@@ -173,7 +171,7 @@ class Dose:
 class Structure:
     """The voxels whose centres lie inside an organ at rest.
 
-    points (n, 3) m: the voxels' centres, read only; voxel: volume of one voxel, m^3.
+    points (n, 3) m: voxel centres, read-only; voxel: volume of one voxel, m^3.
     """
 
     def __init__(self, handle: Any) -> None:
@@ -182,17 +180,17 @@ class Structure:
         self.points: npt.NDArray[np.float64] = np.frombuffer(ffi.buffer(lib.trocar_structure_points(self._handle), 24 * count)).reshape(-1, 3).copy()
         self.points.flags.writeable = False
         self.voxel: float = lib.trocar_structure_voxel(self._handle)
-        self._nodes: int | None = None  # number of nodes of the model's mesh
+        self._nodes: int | None = None  # number of nodes of the model's mesh, if made from a region
 
     def __copy__(self) -> Structure:
-        return self  # a structure is immutable, so a copy is not needed
+        return self  # immutable, so sharing it is safe
 
     def __deepcopy__(self, _: Any) -> Structure:
         return self
 
     @classmethod
     def from_surface(cls, nodes: npt.ArrayLike, triangles: npt.ArrayLike, spacing: float = 1e-3) -> Structure:
-        """Finds the voxels inside a closed surface, given by nodes (n, 3) m and triangles (m, 3) of node indices."""
+        """Voxelises a closed surface with nodes (n, 3) m and triangles (m, 3), which are node indices."""
         where, corners = _vectors(nodes, "nodes"), np.ascontiguousarray(triangles, np.int32).reshape(-1, 3)
         mesh = ffi.new("trocar_mesh *", {"node_count": len(where), "nodes": _inputs(where), "triangle_count": len(corners),
                                          "triangles": _inputs(corners, "int32_t[]")})
@@ -200,7 +198,7 @@ class Structure:
 
     @classmethod
     def from_region(cls, model: Model, region: str, spacing: float = 1e-3) -> Structure:
-        """Finds the voxels inside the region of this name in a model's mesh, including the regions that are parts of it."""
+        """Voxelises a region of a model's mesh, including the regions that are part of it."""
         nodes, tets = model.nodes, model.tets_of(region)
         mesh = ffi.new("trocar_mesh *", {"node_count": len(nodes), "nodes": lib.trocar_model_nodes(model._handle), "tet_count": len(tets),
                                          "tets": _inputs(tets, "int32_t[]")})
@@ -215,8 +213,8 @@ class Structure:
         return cls(handle[0])
 
     def displacements(self, nodal: npt.ArrayLike) -> npt.NDArray[np.float64]:
-        """Returns the displacements (n, 3) m at the voxel centres, interpolated from nodal displacements such as `Sim.displacements` returns. Only
-        for structures made from a region."""
+        """Interpolates nodal displacements, as returned by `Sim.displacements`, to the voxel centres: (n, 3) m. Only for structures made from a
+        region."""
         nodal = _vectors(nodal, "displacements")
         if self._nodes is not None and len(nodal) != self._nodes:
             raise ValueError("%d displacements for a mesh of %d nodes" % (len(nodal), self._nodes))
@@ -238,7 +236,7 @@ class DVH:
         _check(lib.trocar_dvh_sort(_outputs(self.doses), len(self.doses), why), why)
 
     def dose(self, fraction: float) -> float:
-        """Returns the minimum dose (Gy) in the fraction of the volume with the highest doses: 0.9 gives D90."""
+        """Returns the minimum dose (Gy) received by the hottest `fraction` of the volume; 0.9 gives D90."""
         return lib.trocar_dvh_dose(_inputs(self.doses), len(self.doses), fraction)
 
     def volume(self, dose: float) -> float:
@@ -246,7 +244,7 @@ class DVH:
         return lib.trocar_dvh_volume(_inputs(self.doses), len(self.doses), dose)
 
     def summary(self, prescription: float) -> dict[str, float]:
-        """Returns the usual statistics for a prescription in Gy: volume_cm3; mean, minimum, maximum, d10, d30, d80, d90 in Gy; v100, v150, v200 as
-        fractions; v100_cm3."""
+        """Returns the usual statistics for a prescription in Gy: mean, minimum, maximum, d10, d30, d80 and d90 in Gy; v100, v150 and v200 as fractions;
+        and volume_cm3 and v100_cm3."""
         found = lib.trocar_dvh_summarise(_inputs(self.doses), len(self.doses), self.voxel, prescription)
         return {name: getattr(found, name) for name, _ in ffi.typeof("trocar_dvh_summary").fields}

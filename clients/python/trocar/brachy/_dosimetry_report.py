@@ -1,4 +1,4 @@
-"""Report on an implant, as planned, as achieved and after swelling: HTML with figures, JSON and CSV."""
+"""Reports the doses of an implant, as planned, as achieved and after swelling, in HTML with figures, JSON and CSV."""
 from __future__ import annotations
 
 import csv
@@ -22,7 +22,7 @@ Array = npt.NDArray[np.float64]
 FORMAT = 1
 NOTICE = "Not for treatment. The doses are those of a simulation; stiffness, friction and the operator are assumptions."
 STYLES = {"planned": "--", "at the last seed": ":", "needles out": "-", "after swelling": "-."}
-MARGIN = 6.0       # mm, margin that the section views show around the gland and the seeds
+MARGIN = 6.0       # mm, margin around the gland and the seeds in the section views
 
 
 def _figures(done: Dosimetry) -> list[Figure]:
@@ -30,7 +30,7 @@ def _figures(done: Dosimetry) -> list[Figure]:
 
 
 def limit(f: Figure, prescription: float) -> str:
-    """Describes the limit on a dose-volume figure; empty if it has none."""
+    """Returns text for the limit on a dose-volume figure, or "" if it has none."""
     least, most = f.limit(prescription)
     return f"at least {f.shown(least)}" if least is not None else f"at most {f.shown(most)}" if most is not None else ""
 
@@ -80,7 +80,7 @@ def as_csv(done: Dosimetry) -> str:
 
 
 def histograms_csv(done: Dosimetry) -> str:
-    """Returns the histograms as CSV: the fraction of each organ that receives at least each dose, in steps of 1 Gy."""
+    """Returns the dose-volume histograms as CSV: for each dose, in steps of 1 Gy, the fraction of each organ that receives at least that dose."""
     out = io.StringIO()
     rows = csv.writer(out, lineterminator="\n")
     rows.writerow(["dose [Gy]", *(f"{organ.name}, {state.name}" for organ in done.organs.values() for state in done.states)])
@@ -93,7 +93,7 @@ def histograms_csv(done: Dosimetry) -> str:
 
 
 def draw_histograms(done: Dosimetry) -> str:
-    """Draws the dose-volume histograms of the organs, in all states."""
+    """Draws the organs' dose-volume histograms for all states of the implant."""
     drawn, panels = figure(10.5, 3.8, [1.0] * len(done.organs))
     doses = np.linspace(0.0, 3.0 * done.plan.prescription, 301)
     for panel, (role, organ) in zip(panels, done.organs.items()):
@@ -108,8 +108,8 @@ def draw_histograms(done: Dosimetry) -> str:
 
 
 def _mask(points: Array, axis: int, at: float) -> tuple[Array, Array, Array]:
-    """Returns the coordinates of the cells of a 1 mm grid in a plane, and a mask of the cells with voxels, centred at `points` (n, 3) mm, within a
-    millimetre of the plane."""
+    """Rasterises the voxels centred at `points` (n, 3) mm that lie within 1 mm of the plane where coordinate `axis` is `at`. Returns the coordinates of
+    the cells of a 1 mm grid in the plane, and a mask of the cells that contain voxels."""
     across = [a for a in range(3) if a != axis]
     near = points[np.abs(points[:, axis] - at) <= 1.0][:, across]
     if not len(near):

@@ -1,4 +1,4 @@
-"""The dose-volume figures by which plans and implants are judged, with their limits."""
+"""The dose-volume figures (such as D90 and V100) used to judge plans and implants, and their limits."""
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -11,32 +11,32 @@ GEC_ESTRO = "GEC-ESTRO (Salembier et al., Radiotherapy and Oncology 83, 2007), c
 
 @dataclass(frozen=True)
 class Figure:
-    """A dose-volume figure of an organ, with its limit if there is one. `dose`: a fraction of the prescription; `volume`: a fraction of the organ, or m^3."""
+    """A dose-volume figure of an organ and its limits, if any. `dose` is a fraction of the prescription; `volume` is a fraction of the organ, or in m^3."""
 
     name: str
     organ: str
     unit: str                    # Gy, % or cm³
-    dose: float | None = None    # for figures such as V100: the value is the volume that receives at least this dose
-    volume: float | None = None  # for figures such as D90: the value is the minimum dose received by this volume
+    dose: float | None = None    # set for figures such as V100, the volume that receives at least this dose
+    volume: float | None = None  # set for figures such as D90, the minimum dose that this volume receives
     absolute: bool = False       # true if `volume` is in m^3, or the result is in cm^3
     least: float | None = None   # limits (least and most), as fractions of the prescription or of the organ
     most: float | None = None
     source: str = ""
 
     def value(self, dvh: DVH, prescription: float) -> float:
-        """Returns the figure in Gy, as a fraction, or in cm^3."""
+        """Computes the figure's value: in Gy, as a fraction, or in cm^3."""
         whole = dvh.voxel * len(dvh.doses)
         if self.volume is not None:
             return dvh.dose(min(self.volume / whole, 1.0) if self.absolute else self.volume)
         return dvh.volume(self.dose * prescription) * (1e6 * whole if self.absolute else 1.0)
 
     def limit(self, prescription: float) -> tuple[float | None, float | None]:
-        """Returns the smallest and the largest allowed value, in the unit that `value` returns."""
+        """Returns the smallest and largest allowed values, in the unit of `value`; None where there is no limit."""
         factor = prescription if self.unit == "Gy" else 1.0
         return (None if self.least is None else factor * self.least), (None if self.most is None else factor * self.most)
 
     def met(self, value: float, prescription: float) -> bool | None:
-        """True if the value is within the figure's limits; None if it has none."""
+        """Returns whether the value is within the limits, or None if there are none."""
         least, most = self.limit(prescription)
         if least is None and most is None:
             return None
@@ -61,10 +61,10 @@ FIGURES = (
 
 
 def figures(histograms: Mapping[str, DVH], prescription: float) -> dict[str, float]:
-    """Returns the values of the figures, by name, for the organs whose histograms are given."""
+    """Computes all figures of the organs whose histograms are given. Returns values by figure name."""
     return {figure.name: float(figure.value(histograms[figure.organ], prescription)) for figure in FIGURES if figure.organ in histograms}
 
 
 def unmet(values: Mapping[str, float], prescription: float) -> list[Figure]:
-    """Returns the figures that miss their limits."""
+    """Returns the figures whose values are outside their limits."""
     return [figure for figure in FIGURES if figure.name in values and figure.met(values[figure.name], prescription) is False]

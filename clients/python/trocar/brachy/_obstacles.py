@@ -1,5 +1,5 @@
-"""Obstacles for a planned needle: surfaces and regions of the mesh, and contours from the patient's images, all represented by points that move with
-the tissue."""
+"""Obstacles that a planned needle must avoid: mesh surfaces and regions, and contours from the patient's images. Each is represented by points that move
+with the tissue."""
 from __future__ import annotations
 
 import csv
@@ -16,11 +16,11 @@ from .._locate import weight_gradients
 
 Array = npt.NDArray[np.float64]
 
-NEAR = 24    # number of tetrahedra that are tried for a point: those whose centres are closest to it
+NEAR = 24    # to find the tetrahedron that contains a point, try this many whose centres are closest
 
 
 class Embedding:
-    """Embeds points at rest in the mesh, so that they can move with the tissue. A point outside the tissue moves with the closest node."""
+    """Attaches points to the mesh at rest so that they can move with the tissue. A point outside the tissue moves with the closest node."""
 
     def __init__(self, model: Model):
         from scipy.spatial import cKDTree
@@ -30,14 +30,14 @@ class Embedding:
         self._centres, self._nodes = cKDTree(corners.mean(axis=1)), cKDTree(model.nodes)
 
     def locate(self, points: Array) -> tuple[npt.NDArray[np.int32], Array]:
-        """Returns, for points (n, 3) m, the nodes (n, 4) of the tetrahedron in which each point lies, and their weights (n, 4)."""
+        """For points (n, 3) m, returns the nodes (n, 4) of the tetrahedron that contains each point, and the barycentric weights (n, 4)."""
         near = self._centres.query(points, min(NEAR, len(self._tets)))[1].reshape(len(points), -1)
         inner = np.einsum("nkij,nkj->nki", self._gradients[near], points[:, None] - self._first[near])
         weights = np.concatenate([1.0 - inner.sum(axis=2, keepdims=True), inner], axis=2)
         best = weights.min(axis=2).argmax(axis=1)
         rows = np.arange(len(points))
         nodes, weights = self._tets[near[rows, best]], weights[rows, best]
-        # a point just outside the tissue, or in a flat element whose centre is not among the closest, is slightly extrapolated from a nearby element
+        # Allow slight extrapolation for a point just outside the tissue, or in a flat element whose centre is not among the closest.
         outside = weights.min(axis=1) < -0.05
         nodes[outside], weights[outside] = self._nodes.query(points[outside])[1][:, None], 0.25
         return nodes, weights
@@ -45,7 +45,7 @@ class Embedding:
 
 @dataclass
 class Obstacle:
-    """The points of an obstacle in the tissue at rest."""
+    """An obstacle, given by points in the tissue at rest."""
 
     name: str
     clearance: float    # m, desired distance from the needle's surface
@@ -57,24 +57,24 @@ class Obstacle:
         self._low, self._high = self.points.min(axis=0), self.points.max(axis=0)
 
     def distance(self, shaft: Array, radius: float, embedding: Embedding | None = None, field: Array | None = None, enough: float = math.inf) -> float:
-        """Returns the distance (m) of the obstacle from the surface of a needle with this centreline (n, 3) and radius (m); negative where the needle
-        cuts through the obstacle's points. The tissue is at rest, or displaced by `field` (nodes, 3). If the distance certainly exceeds `enough` (m),
-        the function may return a lower bound instead, which is faster to compute."""
+        """Returns the distance (m) between the obstacle and the surface of a needle with this centreline (n, 3) and radius (m). It is negative if the
+        needle cuts through the obstacle's points. The tissue is at rest, or displaced by `field` (nodes, 3) m. To save time, distances known to exceed
+        `enough` (m) may be replaced with a lower bound."""
         line = _refined(shaft, 0.5e-3)
-        apart = np.maximum(self._low - line, line - self._high).max(axis=1)    # distance of each needle point from the bounding box of the obstacle's points
+        apart = np.maximum(self._low - line, line - self._high).max(axis=1)    # distance from each needle point to the obstacle's bounding box
         moved = 0.0 if field is None else float(np.linalg.norm(field, axis=1).max())
         if apart.min() - moved - radius > enough:
             return float(apart.min()) - moved - radius
         apart_first = np.argsort(apart, kind="stable")
         nearest = float(self._tree.query(line[apart_first[:32]])[0].min())
-        line = line[apart <= nearest + 2.0 * moved]    # the remaining points of the needle cannot be the closest
+        line = line[apart <= nearest + 2.0 * moved]    # no other needle point can be the closest
         nearest = min(nearest, float(self._tree.query(line, distance_upper_bound=nearest)[0].min()))
         if field is None:
             return nearest - radius
         if nearest - moved - radius > enough:
             return nearest - moved - radius
         from scipy.spatial import cKDTree
-        # Any point that can be the closest in the displaced tissue is at most this far away at rest; the margin covers rounding errors.
+        # A point that could be the closest in the displaced tissue is at most this far away at rest. The margin covers rounding errors.
         reach = (nearest + 2.0 * moved) * (1.0 + 1e-9)
         close = np.unique(np.concatenate(self._tree.query_ball_point(line, reach)).astype(int))
         points = self.points[close]
@@ -84,19 +84,19 @@ class Obstacle:
 
 
 def _refined(line: Array, spacing: float) -> Array:
-    """Returns the polyline with additional points, so that neighbours are at most `spacing` (m) apart."""
+    """Adds points to a polyline until neighbours are at most `spacing` (m) apart."""
     parts = [np.linspace(a, b, max(math.ceil(np.linalg.norm(b - a) / spacing), 1), endpoint=False) for a, b in zip(line[:-1], line[1:])]
     return np.concatenate([*parts, line[-1:]])
 
 
 def spacing_of(clearance: float) -> float:
-    """Returns the spacing (m) of an obstacle's points at which distances are accurate to an eighth of the clearance."""
+    """Returns how densely (m) to sample an obstacle so that distances are accurate to an eighth of the clearance."""
     return float(np.clip(0.5 * clearance, 0.25e-3, 1e-3))
 
 
 def _simplex_points(corners: Array, spacing: float, most: float) -> Array:
-    """Returns points at most `spacing` apart in triangles or tetrahedra with corners (n, 3 or 4, 3). Raises ValueError if there would be more than
-    `most` points; a point shared by several elements is counted once for each."""
+    """Fills triangles or tetrahedra with corners (n, 3 or 4, 3) with points at most `spacing` apart. Raises ValueError if that takes more than `most`
+    points, counting a point once for every element that shares it."""
     found, count = [], corners.shape[1]
     edges = np.linalg.norm(corners[:, :, None] - corners[:, None], axis=3).max(axis=(1, 2))
     parts = np.maximum(np.ceil(edges / spacing).astype(int), 1)
@@ -123,12 +123,12 @@ def region_points(model: Model, name: str, spacing: float, most: float = math.in
 
 
 class BadContours(Exception):
-    """The contours cannot be used; the message gives file, line and remedy."""
+    """Raised if contours cannot be used. The message gives the file and line and says how to fix it."""
 
 
 def read_contours(path: str, roi: str) -> list[Array]:
-    """Reads the outlines (n, 3) mm of a region of interest, in patient coordinates, from a table (roi, outline, x_mm, y_mm, z_mm) or an RT Structure
-    Set."""
+    """Reads the contours (n, 3) of a region of interest, in mm in patient coordinates, from a CSV table (roi, outline, x_mm, y_mm, z_mm) or an RT
+    Structure Set."""
     outlines = read_all_contours(path)
     if roi not in outlines:
         raise BadContours(f"{path}: no region of interest \"{roi}\": there are {', '.join(outlines) or 'none'}")
@@ -136,7 +136,7 @@ def read_contours(path: str, roi: str) -> list[Array]:
 
 
 def read_all_contours(path: str) -> dict[str, list[Array]]:
-    """Reads the outlines of all regions of interest, as `read_contours` does."""
+    """Like `read_contours`, but reads all regions of interest and returns their contours by name."""
     return _read_table(path) if path.endswith(".csv") else _read_structures(path)
 
 
@@ -174,12 +174,12 @@ def _read_structures(path: str) -> dict[str, list[Array]]:
         raise BadContours(str(error)) from error
     except OSError as error:
         raise BadContours(f"{path}: cannot be opened: {error.strerror}") from error
-    except Exception as error:  # noqa: BLE001    any exception that a damaged file causes in pydicom
+    except Exception as error:  # noqa: BLE001    a damaged file can make pydicom raise almost anything
         raise BadContours(f"{path}: not an RT Structure Set: {error}") from error
 
 
 def _inside(polygon: Array, points: Array) -> npt.NDArray[np.bool_]:
-    """True for points that lie inside a polygon in the plane, by the even-odd rule."""
+    """Tests which points lie inside a plane polygon, by the even-odd rule."""
     odd = np.zeros(len(points), bool)
     for (x1, y1), (x2, y2) in zip(polygon, np.roll(polygon, -1, axis=0)):
         crosses = (y1 > points[:, 1]) != (y2 > points[:, 1])
@@ -189,8 +189,8 @@ def _inside(polygon: Array, points: Array) -> npt.NDArray[np.bool_]:
 
 
 def contour_points(outlines: list[Array], to_mesh: Callable[[Array], Array], spacing: float) -> Array:
-    """Returns points at most `spacing` (m) apart that fill outlines on axial slices. Between slices, the shape is that of the closer slice; beyond
-    the first and the last slice, it extends by half a slice spacing, as in planimetry."""
+    """Fills contours on axial slices with points at most `spacing` (m) apart. As in planimetry, each contour extends by half a slice spacing to either
+    side."""
     step = 1e3 * spacing
     heights = np.unique(np.round([outline[:, 2].mean() for outline in outlines], 3))
     pitch = float(np.diff(heights).min()) if len(heights) > 1 else step

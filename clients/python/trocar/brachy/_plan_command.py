@@ -1,4 +1,4 @@
-"""The program `python3 -m trocar.brachy.plan`."""
+"""Implements the command `python3 -m trocar.brachy.plan`."""
 from __future__ import annotations
 
 import argparse
@@ -25,7 +25,7 @@ def planned_table(seeds: Sequence[Planned], frame: Frame) -> list[list[str]]:
 
 
 def _seed_table(seeds: Sequence[Placed]) -> list[list[str]]:
-    """Returns a table of the positions at rest, in the format that `read_seeds` reads."""
+    """Returns a table of the seeds' rest positions that `read_seeds` can read."""
     head = ["seed", "guide", "hole", *(f"rest_{axis} [m]" for axis in "xyz"), *(f"rest_along_{axis}" for axis in "xyz")]
     return [head] + [[str(seed.number), seed.guide, seed.hole, *(f"{value:.9g}" for value in (*seed.position, *seed.direction))] for seed in seeds]
 
@@ -125,7 +125,7 @@ def _options() -> argparse.ArgumentParser:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Runs the program; returns its exit status."""
+    """Runs the program and returns its exit status."""
     parser = _options()
     given = parser.parse_args(arguments)
     if given.command == "import" and not (given.out or given.seeds):

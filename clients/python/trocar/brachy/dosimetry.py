@@ -1,6 +1,6 @@
-"""From an RT Structure Set to RT Dose: makes a plan, carries it out in a simulation, and reports the doses as planned, as achieved and after swelling.
+"""From RT Structure Set to RT Dose: makes a plan, carries it out in a simulation, and reports the doses as planned, as achieved and after swelling.
 
-Not for treatment. As a program:
+Not for clinical use. Command line:
 
     python3 -m trocar.brachy.dosimetry optimise | implant | report ...    --help says more
 """
@@ -35,37 +35,38 @@ __all__ = ["Carried", "Dosimetry", "carry_out", "evaluate", "make_plan", "read_o
 
 PROGRAM = "trocar.brachy.dosimetry"
 STEP = 4e-3                                 # s, time step of the simulation
-PRESCRIPTIONS = {"I-125": 145.0}            # Gy, prescription for monotherapy (docs/dose.md); --prescription is required for other isotopes
+PRESCRIPTIONS = {"I-125": 145.0}            # Gy, default prescriptions for monotherapy (docs/dose.md); other isotopes need --prescription
 
 
 # ---- the implant ----------------------------------------------------------------------------------------------------------------------------
 
 
 def impenetrable(scene: Scene) -> list[str]:
-    """Returns the names of the surfaces that no needle can puncture, such as bone."""
+    """Returns the names of surfaces with infinite puncture force, such as bone."""
     names = {key: str(scene[key]) for key in scene if key.startswith("membranes[") and key.endswith("].name")}
     return [name for key, name in names.items() if scene[key.replace("].name", "].puncture_force")] == float("inf")]
 
 
 class Carried(NamedTuple):
-    """The result of carrying out a plan."""
+    """The outcome of a simulated implant."""
 
     seeds: list[Placed]      # positions in the tissue at rest
     now: list[Placed]        # positions in the displaced tissue at the end
-    needles: list[tuple[int, int]]    # for each seed, the index of its needle, and its number in its strand
-    field: Array             # (nodes, 3) m, displacements of the mesh's nodes when the last seed was left
-    time: float              # s, duration of the operator's work
+    needles: list[tuple[int, int]]    # for each seed, the index of its needle and its position in its strand
+    field: Array             # (nodes, 3) m, displacements of the mesh nodes when the last seed was left
+    time: float              # s, simulated duration of the procedure
 
 
 def carry_out(scene: str | PathLike[str], plan: Plan, **operator: Any) -> Carried:
-    """Carries out a plan in a simulation of a scene, with as many needles as the plan has. operator: arguments of `trocar.brachy.virtual_operator.Operator`,
-    such as follows_image and seed. Raises BadPlan if the plan does not fit the scene, or a needle cannot be simulated, and Error if the scene cannot be used."""
+    """Carries out a plan in a simulation of the scene, which gets as many needles as the plan needs. operator: arguments for
+    `trocar.brachy.virtual_operator.Operator`, such as follows_image and seed. Raises BadPlan if the plan does not fit the scene or a needle cannot be
+    simulated, and Error if the scene cannot be used."""
     loaded = Scene.load(scene)
     loaded["needles"] = max(len(plan.needles), int(loaded["needles"]))
     sim = Sim(Model(loaded))
     field = sim.displacements()
     for needle, poses in Operator(plan=plan, **operator).moves(sim, STEP):
-        # a seed that has been dropped stays in the needle until the needle is drawn back
+        # a dropped seed stays in the needle until the needle is drawn back
         before = sim.displacements() if sim.pending_seeds(needle) else None
         try:
             sim.run(poses, STEP, needle)
@@ -78,7 +79,7 @@ def carry_out(scene: str | PathLike[str], plan: Plan, **operator: Any) -> Carrie
 
 
 def _seeds_csv(done: Carried) -> str:
-    """Returns the seeds in the format of trocar-replay --seeds."""
+    """Returns the seeds as CSV in the format of trocar-replay --seeds."""
     out = io.StringIO()
     rows = csv.writer(out, lineterminator="\n")
     rows.writerow(["seed", "needle", "guide", "hole", "strand", *(f"{axis} [m]" for axis in "xyz"), *(f"along_{axis}" for axis in "xyz"), *(f"rest_{axis} [m]" for axis in "xyz"),

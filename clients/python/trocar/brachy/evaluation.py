@@ -1,5 +1,5 @@
-"""The dose of an implant in the patient's organs: as planned, in the tissue displaced by the needles, with the needles out, and as delivered during
-swelling."""
+"""Computes the dose of an implant to the patient's organs: as planned, with the tissue displaced by the needles, after the needles are removed, and as
+delivered while the gland swells and shrinks."""
 from __future__ import annotations
 
 import datetime
@@ -24,8 +24,8 @@ Seeds = list[tuple[Array, Array]]    # positions (3,) m and directions (3,), in 
 
 __all__ = ["Dosimetry", "State", "evaluate", "planned_state", "seed_model", "source_of", "write_dicom"]
 
-HALF_LIVES = 0.01    # largest relative difference between a table's half-life and that of the plan's isotope
-AROUND = 10.0        # mm, margin of the RT Dose grid around the organs
+HALF_LIVES = 0.01    # largest relative difference allowed between the half-life in a table and that of the plan's isotope
+AROUND = 10.0        # mm, margin around the organs in the RT Dose grid
 
 PLANNED, DISPLACED, OUT, DELIVERED = "planned", "at the last seed", "needles out", "after swelling"
 
@@ -41,7 +41,7 @@ class State(NamedTuple):
 
 @dataclass
 class Dosimetry:
-    """The dosimetry of an implant: what was planned and placed, and the doses."""
+    """The dosimetry of an implant: the plan, the seeds actually placed, and the doses."""
 
     model: Model
     plan: Plan
@@ -54,15 +54,15 @@ class Dosimetry:
 
 
 def source_of(plan: Plan, table: str | PathLike[str] | None = None) -> Source:
-    """Returns the seed model of a plan, either built in or from a table file. Raises BadPlan if the plan has no source or prescription, if there is no such
-    model, or if the table is for another model."""
+    """Returns the plan's seed model, built in or from a table file. Raises BadPlan if the plan has no source or prescription, if the model is unknown, or if
+    the table is for a different model."""
     if plan.source is None or plan.prescription is None:
         raise BadPlan(f"{plan.path}: without \"{'source' if plan.source is None else 'prescription'}\", which the dose needs: add it")
     return seed_model(f"{plan.source.isotope} {plan.source.model}", table, plan.path)
 
 
 def seed_model(name: str, table: str | PathLike[str] | None, path: str) -> Source:
-    """Returns the seed model of this name: built in, or from a table file. `path`: file that specifies the seed model, for messages. Raises BadPlan."""
+    """Returns a seed model by name, built in or from a table file. path: the file that names the model, for messages. Raises BadPlan."""
     try:
         source = Source.load(table) if table else Source(name)
     except Error as error:
@@ -92,7 +92,7 @@ def _state(name: str, words: str, doses: dict[str, Array], organs: dict[str, Org
 
 
 def planned_state(plan: Plan, model: Model, source: Source, organs: dict[str, Organ]) -> State:
-    """Returns the plan's doses in the tissue at rest."""
+    """Computes the doses of the planned seeds, in the tissue at rest."""
     seeds = [(seed.position, seed.direction) for seed in planned_seeds(plan, model)]
     return _state(PLANNED, "the plan, in the tissue at rest", {role: dose_at(source, seeds, plan.source.strength, organ.points) for role, organ in organs.items()},
                   organs, plan.prescription)
@@ -100,8 +100,8 @@ def planned_state(plan: Plan, model: Model, source: Source, organs: dict[str, Or
 
 def evaluate(model: Model, plan: Plan, organs: dict[str, Organ], placed: Sequence[Placed], source: Source, field: Array | None = None,
              swelling: Swelling = Swelling()) -> Dosimetry:
-    """Computes the doses of a plan and of the seeds that were left in the tissue. field: displacements (nodes, 3) m of the mesh's nodes when the last seed was left;
-    None if they are not known. Raises BadPlan if there are no seeds, or the field belongs to another mesh."""
+    """Computes the doses of a plan and of the seeds actually left in the tissue. field: displacements (nodes, 3) m of the mesh nodes when the last seed was
+    left, or None if unknown. Raises BadPlan if there are no seeds or the field belongs to another mesh."""
     if not placed:
         raise BadPlan(f"{plan.path}: no seeds were left in the tissue")
     if field is not None and field.shape != model.nodes.shape:
@@ -123,7 +123,8 @@ def evaluate(model: Model, plan: Plan, organs: dict[str, Organ], placed: Sequenc
 
 
 def _grid(done: Dosimetry, seeds: Seeds, spacing: float) -> tuple[Array, Array]:
-    """Returns doses (nx, ny, nz) Gy on a grid along the patient's axes around the organs, and the centre of its first voxel (3,) mm. spacing: mm."""
+    """Computes the dose (nx, ny, nz), in Gy, on a grid around the organs along the patient's axes, `spacing` mm apart. Also returns the centre (3,) mm of
+    the first voxel."""
     frame = Frame(done.model)
     outlines = np.concatenate([outline for organ in done.organs.values() if organ.role != "rectum" for outline in organ.outlines])
     low, high = outlines.min(axis=0) - AROUND, outlines.max(axis=0) + AROUND
@@ -136,9 +137,9 @@ def _grid(done: Dosimetry, seeds: Seeds, spacing: float) -> tuple[Array, Array]:
 
 
 def write_dicom(done: Dosimetry, structures: str, folder: Path, spacing: float = 1.0, date: datetime.date | None = None) -> list[str]:
-    """Writes structures.dcm, and an RT Plan and an RT Dose for both the planned seeds and the seeds that were left in the tissue: planned-plan.dcm,
-    planned-dose.dcm and so on. structures: the RT Structure Set that the organs were read from; spacing: of the dose grid, mm. Creates the folder if it does
-    not exist. Returns the names of the files. Raises BadPlan before anything is written."""
+    """Writes structures.dcm, and an RT Plan and an RT Dose each for the planned seeds (planned-plan.dcm, planned-dose.dcm) and for the seeds left in the
+    tissue. structures: the RT Structure Set that the organs were read from; spacing: of the dose grid, mm. Creates the folder if needed. Returns the file
+    names. If it raises BadPlan, nothing has been written."""
     from . import rtplan
     from . import rtobjects
     frame, planned = Frame(done.model), planned_seeds(done.plan, done.model)

@@ -1,4 +1,4 @@
-"""The motion that carries out an implant plan. See `trocar.motion` for motions in general."""
+"""The motion that carries out an implant plan. `trocar.motion` explains what a motion is."""
 from __future__ import annotations
 
 import math
@@ -16,14 +16,14 @@ __all__ = ["Implant"]
 
 @dataclass(frozen=True)
 class Implant(_Motion):
-    """Carries out an implant plan, one needle after another: inserts the needle at `speed` (m/s), turns it if the plan requires that, withdraws it
-    from seed to seed, and removes it."""
+    """Carries out an implant plan one needle at a time: inserts the needle at `speed` (m/s), turns it if the plan says so, drops its seeds while
+    withdrawing it, and removes it."""
 
     plan: plans.Plan | None = None
     speed: float = 0.08
-    settle: float = 0.05      # s, rest before a seed is dropped, or at full depth for a needle without seeds
-    outside: float = 0.02     # m, distance from the template's face, or from the entry point, at which a needle starts and ends
-    turning: float = 2.0 * math.pi    # rad/s, angular speed of a turn during the insertion
+    settle: float = 0.05      # s, pause before dropping a seed, or at full depth if the needle has no seeds
+    outside: float = 0.02     # m, each needle starts and ends this far outside the template face or entry point
+    turning: float = 2.0 * math.pi    # rad/s, how fast the needle is turned
 
     adjustable = ("speed", "roll")
 
@@ -31,19 +31,18 @@ class Implant(_Motion):
         return None
 
     def _pose(self, axis: tuple[Array, Array], depths: Array, roll: float | Array, length: float) -> Array:
-        """Returns poses (n, 7) with the tip at depths (n,) m along an axis, given by a point and a direction, and with the needle rolled by `roll`
-        (rad)."""
+        """Returns poses (n, 7) that put the tip at depths (n,) m along an axis (a point and a direction), with the needle rolled by `roll` (rad)."""
         point, direction = axis
         turned = multiply(towards(direction), exponential(np.multiply.outer(np.broadcast_to(roll, depths.shape), [0.0, 0.0, 1.0])))
         return np.concatenate([point + (depths[:, None] - length) * direction, turned], axis=1)
 
     def _go(self, axis: tuple[Array, Array], start: float, end: float, roll: float, length: float, dt: float) -> Array:
-        """Returns poses that move the tip from one depth to another (m), excluding the first pose."""
+        """Returns poses that move the tip from depth `start` to depth `end` (m), not including the first."""
         steps = max(math.ceil(abs(end - start) / (self.speed * dt)), 1)
         return self._pose(axis, np.linspace(start, end, steps + 1)[1:], roll, length)
 
     def insert(self, sim: Sim, needle: plans.Needle, dt: float) -> Iterator[Array]:
-        """Yields the poses of one needle, from its reset outside the tissue until it rests at its depth."""
+        """Resets the needle outside the tissue and yields the poses that insert it, until it rests at its planned depth."""
         axis, length = plans.needle_axis(self.plan, needle, sim.model), sim.model.needle_length
         roll, at = needle.roll + self.adjustment.roll, -self.outside
         sim.reset(self._go(axis, at, at, roll, length, dt)[0])
@@ -66,13 +65,13 @@ class Implant(_Motion):
             yield from self.insert(sim, needle, dt)
             tip = needle.depth
             for behind in needle.seeds:
-                target = needle.depth - (behind - half)    # depth of the tip when the seed is dropped
+                target = needle.depth - (behind - half)    # tip depth at which to drop the seed
                 if target != tip:
                     yield go(tip, target)
                     yield np.tile(go(target, target), (round(self.settle / dt), 1))
                 sim.drop_seeds()
                 tip = target
-                while sim.pending_seeds():    # draws the needle back until the seed has been left
+                while sim.pending_seeds():    # draw the needle back until the seed is in the tissue
                     yield go(tip, tip - 0.5e-3)
                     tip -= 0.5e-3
             yield go(tip, -self.outside)

@@ -1,10 +1,10 @@
-"""Makes a plan: chooses holes of the template, and seeds for the needle in each hole, so that the gland receives the prescribed dose and other organs
-are spared.
+"""Makes a plan: chooses template holes, and the seeds for the needle in each hole, so that the gland gets the prescribed dose and other organs are
+spared.
 
-Candidate seed positions lie on the axes of holes, in planes 5 mm apart. The search adds seeds one at a time, always the seed that lowers the cost
-most, until no further seed lowers it. Then it moves each seed in turn to its best position, or removes it, until no such exchange lowers the cost.
-The cost is the sum of penalties for overdose and underdose at points of the organs, and a penalty for each needle. The same input always gives the
-same plan.
+Candidate seed positions lie on the hole axes, in planes 5 mm apart. A greedy search adds one seed at a time, always the one that lowers the cost most,
+until no seed lowers it further. Then it goes through the seeds and moves each to its best position, or removes it, until that no longer lowers the
+cost. The cost is the sum of penalties for overdose and underdose at sample points in the organs, plus a penalty for each needle. The search is
+deterministic.
 
     >>> plan = make_plan(model, organs, source, strength=0.45, prescription=145)
 """
@@ -28,30 +28,30 @@ Array = npt.NDArray[np.float64]
 
 __all__ = ["Weights", "make_plan"]
 
-PLANES = 5e-3         # m, distance between planes of seeds; more than a seed's length, so that seeds do not overlap
-BESIDE = 1e-3         # m, largest distance of a seed's centre from the nearest voxel of the gland
-CLEAR = 3e-3          # m, smallest distance of a needle's axis from voxels of the urethra and the rectum: half a voxel, the needle's radius, and a margin
-FROM_BONE = 3e-3      # m, smallest distance of a needle's axis from bone: the needle's radius, splay of 1 mm at the gland, and motion of the tissue
+PLANES = 5e-3         # m, distance between seed planes: more than a seed's length, so that seeds cannot overlap
+BESIDE = 1e-3         # m, a seed's centre may be at most this far from the nearest gland voxel
+CLEAR = 3e-3          # m, needle axes stay this far from urethra and rectum voxels: half a voxel, the needle's radius and a margin
+FROM_BONE = 3e-3      # m, needle axes stay this far from bone, to allow for the needle's radius, 1 mm of splay at the gland and tissue motion
 SAMPLES = 1500        # maximum number of points per organ in the search
-PATH = 2e-3           # m, spacing of the points at which a needle's axis is checked for bone
-LEAST_GAIN = 5e-4     # smallest decrease in the cost for which an exchange is made; the cost is of the order of 1
+PATH = 2e-3           # m, spacing of the points at which a needle axis is tested for bone
+LEAST_GAIN = 5e-4     # an exchange must lower the cost, which is of order 1, by at least this much
 SWEEPS = 30           # maximum number of passes over all seeds; in practice fewer than ten are needed
 
 
 @dataclass(frozen=True)
 class Weights:
-    """Weights and dose levels of the cost. Levels are fractions of the prescription, and deviations are averaged over the organ's points. These are settings of
-    the search, found by trial on the synthetic patient and the pelvis; the plan is judged by the limits in the report, not by its cost."""
+    """Weights and dose levels in the cost. Levels are fractions of the prescription; deviations are averaged over the organ's points. The values were tuned
+    on the synthetic patient and the pelvis and only steer the search: a plan is judged by the limits in the report, not by its cost."""
 
-    under: float = 30.0        # gland below `aim`
+    under: float = 30.0        # for gland points below `aim`
     aim: float = 1.15
-    over: float = 0.5          # gland above `high`
+    over: float = 0.5          # for gland points above `high`
     high: float = 1.5
-    urethra: float = 5.0       # urethra above `spare`
+    urethra: float = 5.0       # for urethra points above `spare`
     spare: float = 1.4
-    rectum: float = 5.0        # rectum above `wall`, averaged over 2 cm^3
+    rectum: float = 5.0        # for rectum points above `wall`, averaged over 2 cm^3
     wall: float = 0.8
-    needle: float = 0.02       # each needle
+    needle: float = 0.02       # for each needle
 
 
 @dataclass
@@ -64,14 +64,14 @@ class _Candidate:
 
 
 def _sample(points: Array, most: int) -> Array:
-    """Returns at most this many points, evenly chosen."""
+    """Returns at most `most` of the points, picked at even intervals."""
     return points[::max(-(-len(points) // most), 1)]
 
 
 def _free(inside: npt.NDArray[np.bool_], way: Array, ends: npt.NDArray[np.bool_], depths: Array, half: float) -> npt.NDArray[np.bool_]:
-    """Returns, for depths (k,) m on an axis, whether a seed of this half-length lies in the tissue there and the path to it is free of bone. Bone is
-    a hole in the mesh. `inside`: whether the points at the ascending depths `way` are in the tissue; `ends` (2, k): whether the ends of the seeds
-    are."""
+    """For each of the depths (k,) m on a needle axis, returns whether a seed of this half-length centred there is in the tissue and can be reached without
+    crossing bone. Bone shows up as a hole in the mesh. inside: whether the points at the ascending depths `way` are in the tissue; ends (2, k): whether the
+    seeds' ends are."""
     if not inside.any():
         return np.zeros(len(depths), bool)
     first = int(np.argmax(inside))
@@ -99,7 +99,7 @@ def _candidates(model: Model, guide: Guide, organs: Mapping[str, Organ], bones: 
         if beside.any() and all(tree.query(line)[0].min() >= clearance for tree, clearance in keep_clear):
             holes.append((hole, face))
             near.append(beside)
-    # one call for all points, because each call prepares the whole mesh
+    # one call for all points, because each call preprocesses the whole mesh
     along = np.concatenate([way, depths - half, depths + half])
     points = [face + along[:, None] * guide.normal for _, face in holes]
     inside = (locate(model, np.concatenate(points))[0] >= 0).reshape(len(holes), -1) if holes else []
@@ -111,7 +111,7 @@ def _candidates(model: Model, guide: Guide, organs: Mapping[str, Organ], bones: 
 
 
 class _Search:
-    """The doses of all candidates at the organs' points, as fractions of the prescription, and the cost of a choice of candidates."""
+    """State of the search: the dose of every candidate at the organs' points, as a fraction of the prescription, and the candidates chosen so far."""
 
     def __init__(self, candidates: list[_Candidate], organs: Mapping[str, Organ], doses: dict[str, Array], weights: Weights) -> None:
         self.doses, self.weights = doses, weights
@@ -123,7 +123,7 @@ class _Search:
         self.wall_points = 2e-6 / organs["rectum"].volume * doses["rectum"].shape[1] if "rectum" in doses else 1.0    # number of points in 2 cm^3
 
     def cost(self, role: str, dose: Array) -> Array:
-        """Returns the cost (...) of doses (..., points) in an organ."""
+        """Returns the cost (...) of giving an organ the doses (..., points)."""
         w = self.weights
         if role == "gland":
             return w.under * np.maximum(w.aim - dose, 0.0).mean(axis=-1) + w.over * np.maximum(dose - w.high, 0.0).mean(axis=-1)
@@ -135,8 +135,8 @@ class _Search:
         return float(sum(self.cost(role, total) for role, total in self.total.items())) + self.weights.needle * float((self.used > 0).sum())
 
     def with_each(self, most_needles: int) -> Array:
-        """Returns the cost after adding each candidate (candidates,); infinite for those already chosen, and for those whose needle would exceed the
-        limit."""
+        """Returns what the cost would be after adding each candidate: (candidates,). It is infinite if the candidate is already chosen or would need more
+        than `most_needles` needles."""
         cost = sum(self.cost(role, total + self.doses[role]) for role, total in self.total.items())
         needles = (self.used > 0).sum() + (self.used[self.hole] == 0)
         return np.where(self.chosen | (needles > most_needles), np.inf, cost + self.weights.needle * needles)
@@ -173,7 +173,7 @@ class _Search:
 
 
 def _doses(source: Source, candidates: list[_Candidate], axis: Array, strength: float, points: Array, prescription: float) -> Array:
-    """Returns the dose of each candidate at the points, (candidates, points), as a fraction of the prescription."""
+    """Returns the dose (candidates, points) that each candidate alone gives the points, as a fraction of the prescription."""
     dose, rows = Dose.at(source, points), []
     for candidate in candidates:
         seed = dose.add(candidate.position, axis, strength)
@@ -184,9 +184,9 @@ def _doses(source: Source, candidates: list[_Candidate], axis: Array, strength: 
 
 def make_plan(model: Model, organs: Mapping[str, Organ], source: Source, strength: float, prescription: float, template: str | None = None, most_needles: int = 25,
               bones: Sequence[str] = (), weights: Weights = Weights()) -> Plan:
-    """Makes a plan with seeds of `strength` U for a prescription in Gy. It uses at most `most_needles` holes of the template: the scene's only guide, or the
-    one of this name. bones: surfaces of the mesh from which needles keep clear. Raises BadPlan if there is no such template, or if no hole leads to the
-    gland."""
+    """Makes a plan with seeds of `strength` U for a prescription in Gy. template: name of the guide to use; may be omitted if the scene has only one.
+    most_needles: maximum number of holes used. bones: mesh surfaces that needles keep clear of. Raises BadPlan if there is no such template, or if no
+    hole leads to the gland."""
     guides = {guide.name: guide for guide in model.guides}
     if template not in guides and (template or len(guides) != 1):
         raise BadPlan(f"the scene has {'the guides ' + ', '.join(guides) if guides else 'no template'}: "

@@ -1,4 +1,4 @@
-"""Organs, each represented by the voxels inside its outlines in an RT Structure Set, as in a planning system."""
+"""Organs, represented as in a treatment planning system by the voxels inside their contours from an RT Structure Set."""
 from __future__ import annotations
 
 import math
@@ -17,8 +17,8 @@ __all__ = ["Displaced", "Organ", "read_organs", "voxels"]
 
 ROLES = ("gland", "urethra", "rectum")
 DEFAULTS = {"gland": "Prostate", "urethra": "Urethra", "rectum": "Rectum"}
-SPACING = 1.0      # mm, largest distance between voxel centres
-SAME = 0.01        # mm, largest difference in height between outlines on the same slice
+SPACING = 1.0      # mm, maximum voxel size
+SAME = 0.01        # mm, contours whose heights differ by no more than this are on the same slice
 
 
 @dataclass
@@ -37,13 +37,13 @@ class Organ:
         return self.voxel * len(self.points)
 
     def select(self, keep: npt.NDArray[np.bool_]) -> Organ:
-        """Returns the part of the organ in these voxels."""
+        """Returns the part of the organ made up of the voxels in the mask."""
         return Organ(self.role, self.name, self.outlines, self.points[keep], self.voxel)
 
 
 def voxels(outlines: list[Array], spacing: float = SPACING) -> tuple[Array, float]:
-    """Returns the centres (n, 3) mm and the volume (mm^3) of the voxels inside outlines on axial slices. Between slices, the shape is that of the nearer slice;
-    beyond the first and the last one, it extends by half a slice spacing, as in planimetry. An outline inside another on the same slice is a hole."""
+    """Voxelises contours on axial slices. Returns the voxel centres (n, 3) mm and the volume (mm^3) of a voxel. As in planimetry, each contour extends
+    halfway to the neighbouring slices, and by half a slice spacing beyond the first and last ones. A contour inside another on the same slice is a hole."""
     heights = np.array([outline[:, 2].mean() for outline in outlines])
     slices: list[float] = []
     for height in np.sort(heights):
@@ -66,8 +66,8 @@ def voxels(outlines: list[Array], spacing: float = SPACING) -> tuple[Array, floa
 
 
 def read_organs(path: str, model: Model, names: dict[str, str | None]) -> dict[str, Organ]:
-    """Reads the organs of an RT Structure Set. `names`: name of the region of interest for each role, not case-sensitive; None selects the role's
-    usual name, if the file has it. Raises BadPlan if the gland or a named organ is missing, or not on axial slices."""
+    """Reads the organs from an RT Structure Set. names: for each role, the name of the region of interest, case-insensitive; None means the role's usual
+    name, if the file has it. Raises BadPlan if the gland or a named organ is missing, or has contours that are not on axial slices."""
     try:
         rois = read_all_contours(path)
     except BadContours as error:
@@ -89,7 +89,7 @@ def read_organs(path: str, model: Model, names: dict[str, str | None]) -> dict[s
         if not len(centres):
             raise BadPlan(f"{path}: {name}: smaller than a voxel of {SPACING:g} mm")
         found[role] = Organ(role, name, outlines, frame.to_mesh(centres), 1e-9 * volume)
-    if "urethra" in found:    # the prostatic urethra
+    if "urethra" in found:    # keep only the prostatic urethra
         points, gland = found["urethra"].points, found["gland"].points
         inside = ((points >= gland.min(axis=0)) & (points <= gland.max(axis=0))).all(axis=1)
         if inside.any():
@@ -98,7 +98,7 @@ def read_organs(path: str, model: Model, names: dict[str, str | None]) -> dict[s
 
 
 class Displaced:
-    """The tissue, displaced by nodal displacements (nodes, 3) m."""
+    """Maps points and seeds to tissue displaced by nodal displacements (nodes, 3) m."""
 
     def __init__(self, model: Model, field: Array) -> None:
         self._embedding, self._field = Embedding(model), field
@@ -109,6 +109,6 @@ class Displaced:
         return points + np.einsum("nk,nki->ni", weights, self._field[nodes])
 
     def seeds(self, seeds: list[tuple[Array, Array]], length: float) -> list[tuple[Array, Array]]:
-        """Returns the positions and directions of seeds of this length (m) in the displaced tissue; both ends of a seed move with the tissue."""
+        """Returns the positions and directions of seeds of this length (m) in the displaced tissue. Each end of a seed moves with the tissue."""
         ends = self.points(np.reshape([[p - 0.5 * length * d, p + 0.5 * length * d] for p, d in seeds], (-1, 3))).reshape(-1, 2, 3)
         return [(0.5 * (a + b), (b - a) / np.linalg.norm(b - a)) for a, b in ends]

@@ -1,28 +1,28 @@
-"""Implant plans. Needles are given in the template's coordinates, and seeds by their distance from the needle's tip.
+"""Implant plans. Needles are given in template coordinates, and seeds by their distance back from the needle tip.
 
 A plan is a YAML file:
 
-    template: template             # the scene's guide for which the plan is made, and its holes
+    template: template             # name of the guide in the scene; its holes follow
     columns: 13
     rows: 13
     spacing: 5e-3                  # m
-    source: {isotope: I-125, model: "6711", strength: 0.5}    # of all seeds; strength: air kerma strength, U; optional
-    prescription: 145              # Gy, minimum dose for the target; optional
+    source: {isotope: I-125, model: "6711", strength: 0.5}    # the same for all seeds; air-kerma strength in U; optional
+    prescription: 145              # Gy, minimum dose to the target; optional
     needles:
       - hole: C3.5                 # a letter for the column, from A; a number for the row, from 1 in steps of 0.5
         depth: 0.115               # m, from the template's entry face to the tip
         seeds: [2.25e-3, 12.25e-3] # m, from the tip back to each seed's centre
         roll: 1.57                 # rad, rotation of the needle about its axis; optional
-        turn: {depth: 0.08, by: 3.14159}    # depth (m) and angle (rad) of a turn during the insertion; optional
+        turn: {depth: 0.08, by: 3.14159}    # turn the needle by this angle (rad) at this depth (m); optional
       - name: T1                   # optional
-        entry: [0.01, 0, -5e-3]    # m, in the mesh: replaces the hole of a needle without seeds; depths start here
-        direction: [0, 0.1, 1]     # of any length; optional, default [0, 0, 1]
+        entry: [0.01, 0, -5e-3]    # m, mesh coordinates; instead of a hole, for a needle without seeds; depths are measured from here
+        direction: [0, 0.1, 1]     # need not be a unit vector; optional, default [0, 0, 1]
         depth: 0.06
 
-A plan in which no needle has a hole needs no template, columns, rows or spacing. At roll 0 the bevel faces local +y after the shortest rotation from +z to the
-needle's direction (`trocar.motion.towards`).
+A plan whose needles all have entry points needs no template, columns, rows or spacing. At roll 0, the bevel faces where +y ends up after the shortest
+rotation from +z to the needle's direction (`trocar.motion.towards`).
 
-As a program:
+Command line:
 
     python3 -m trocar.brachy.plan show | check | export | import | compare ...    --help says more
 """
@@ -47,28 +47,28 @@ from .._reader import Reader
 __all__ = ["BadPlan", "Frame", "Misplacement", "Needle", "Plan", "Planned", "Placed", "Source", "Turn", "compare", "guide_of", "hole_axis", "hole_name",
            "hole_number", "needle_axis", "planned_seeds", "read", "read_seeds", "seeds_of", "summary", "without_steering", "write"]
 
-HALF_LIFE = {"I-125": 59.40, "Pd-103": 16.991}  # days, half-lives of the isotopes that a plan may have, from the TG-43 consensus data
+HALF_LIFE = {"I-125": 59.40, "Pd-103": 16.991}  # days, from the TG-43 consensus data; a plan may use only these isotopes
 _SPACING_TOLERANCE = 1e-6  # m
 _GAP = 1e-9                # m, tolerance for rounding errors in sums of lengths
 
 
 class BadPlan(Exception):
-    """The plan or table of seeds cannot be used; the message gives file, line and remedy."""
+    """Raised if a plan or seed table cannot be used. The message gives the file and line and says how to fix it."""
 
 
 @dataclass
 class Source:
-    """Model and strength of the seeds, the same for all."""
+    """Model and strength of a plan's seeds; all seeds are the same."""
 
     isotope: str     # I-125 or Pd-103
     model: str       # the manufacturer's name for the model
-    strength: float  # U (uGy m^2/h), air kerma strength of one seed at the time of the implant
+    strength: float  # U (uGy m^2/h), air-kerma strength of one seed at the time of the implant
 
 
 class Turn(NamedTuple):
-    """A rotation of the needle about its axis during the insertion, while the tip is at rest."""
+    """A rotation of the needle about its axis partway through the insertion. The insertion pauses meanwhile."""
 
-    depth: float        # m, depth of the tip, measured in the same way as the needle's depth
+    depth: float        # m, tip depth at which the needle is turned, measured like `Needle.depth`
     by: float           # rad
 
 
@@ -76,7 +76,7 @@ class Turn(NamedTuple):
 class Needle:
     """One needle of a plan."""
 
-    hole: str           # name of the hole, such as C3.5; "" for a needle with an entry point
+    hole: str           # name of the hole, such as C3.5; "" if the needle has an entry point instead
     depth: float        # m, distance from the template's entry face, or from the entry point, to the tip
     seeds: list[float]  # m, distances from the tip back to each seed's centre, in ascending order
     line: int = 0       # line number in the file; 0 if unknown
@@ -84,7 +84,7 @@ class Needle:
     roll: float = 0.0   # rad
     turn: Turn | None = None
     entry: tuple[float, ...] | None = None               # (3) m, entry point in mesh coordinates
-    direction: tuple[float, ...] = (0.0, 0.0, 1.0)       # unit vector, used for a needle with an entry point
+    direction: tuple[float, ...] = (0.0, 0.0, 1.0)       # unit vector, for a needle with an entry point
 
     @property
     def title(self) -> str:
@@ -94,7 +94,7 @@ class Needle:
 
 @dataclass
 class Plan:
-    """A plan, with the contents of its file."""
+    """An implant plan, as read from its file."""
 
     template: str   # name of the scene's guide; "" if no needle uses a hole
     columns: int
@@ -103,38 +103,38 @@ class Plan:
     needles: list[Needle] = field(default_factory=list)
     source: Source | None = None
     path: str = "plan"
-    line: int = 0   # of `template`
+    line: int = 0   # line of the `template` key in the file; 0 if unknown
     prescription: float | None = None                    # Gy
-    remarks: list[str] = field(default_factory=list)     # descriptions of the changes that the reader had to make
+    remarks: list[str] = field(default_factory=list)     # what the reader had to change, in words
 
 
 class Planned(NamedTuple):
     """A planned seed, with its position in the tissue at rest."""
 
     hole: str
-    number: int                          # number of the seed in its needle, 1 for the distal seed
+    number: int                          # position of the seed in its needle, counted from 1 at the distal end
     position: npt.NDArray[np.float64]    # (3,) m, the seed's centre in mesh coordinates
-    direction: npt.NDArray[np.float64]   # (3,) unit vector that points from template to tip
+    direction: npt.NDArray[np.float64]   # (3,) unit vector from template to tip
 
 
 class Placed(NamedTuple):
-    """A seed left in the tissue, read from the table written by trocar-replay --seeds."""
+    """A seed left in the tissue, as read from the table written by trocar-replay --seeds or taken from a simulation."""
 
     number: int                          # number of the seed's row in the table, counted from 1
-    guide: str                           # name of the guide; "" if the seed's needle was in no guide
+    guide: str                           # name of the guide that the needle was in, or ""
     hole: str
     position: npt.NDArray[np.float64]    # (3,) m, the seed's centre in mesh coordinates
-    direction: npt.NDArray[np.float64]   # (3,) unit vector that points to the seed's distal end
+    direction: npt.NDArray[np.float64]   # (3,) unit vector towards the seed's distal end
 
 
 class Misplacement(NamedTuple):
-    """A placed seed paired with a planned one. Either is None if the other has no counterpart."""
+    """A planned seed and its placed counterpart. One of the two is None if there is no counterpart."""
 
     hole: str
     planned: Planned | None
     placed: Placed | None
-    offset: npt.NDArray[np.float64] | None  # (3,) mm, actual minus planned position along the axes of the frame
-    along: float | None                     # mm, offset along the planned needle; positive if the seed is too deep
+    offset: npt.NDArray[np.float64] | None  # (3,) mm, placed minus planned position, in the axes of `Frame`
+    along: float | None                     # mm, offset along the planned needle, positive if the seed is too deep
     across: float | None                    # mm
 
 
@@ -142,13 +142,13 @@ class Misplacement(NamedTuple):
 
 
 def hole_name(column: int, row: int) -> str:
-    """Returns the name of the hole in this column and row, both counted from 0: hole_name(2, 5) is "C3.5". Columns after Z are AA, AB and so on."""
+    """Returns the name of the hole in a column and row, both counted from 0: hole_name(2, 5) is "C3.5". Columns after Z are called AA, AB and so on."""
     letters = chr(65 + column) if column < 26 else chr(64 + column // 26) + chr(65 + column % 26)
     return f"{letters}{1 + row // 2}{'.5' if row % 2 else ''}"
 
 
 def hole_number(name: str) -> tuple[int, int] | None:
-    """Returns (column, row), both counted from 0, for a hole's name in upper or lower case. None if it is not the name of a hole."""
+    """Inverse of `hole_name`, ignoring case: returns (column, row), or None if `name` is not a valid hole name."""
     match = re.fullmatch(r"([A-Z]{1,2})([1-9]\d?)(?:\.([05]))?", name.upper())
     if not match:
         return None
@@ -231,7 +231,7 @@ def _all_have_entries(reader: Reader, node: Any) -> bool:
 
 
 def read(path: str | PathLike[str]) -> Plan:
-    """Reads a plan. Raises BadPlan, with file, line and remedy, if the file contains anything that the reader does not understand."""
+    """Reads a plan. Raises BadPlan if the file contains anything that is not part of the format."""
     of_template = ("template", "columns", "rows", "spacing")
     reader = Reader(fspath(path), "plan", BadPlan, "template, columns, rows, spacing and needles")
     others = ("source", "prescription")
@@ -258,7 +258,7 @@ def read(path: str | PathLike[str]) -> Plan:
 
 
 def write(plan: Plan, path: str | PathLike[str], comment: str = "") -> None:
-    """Writes a plan as a file that `read` can read."""
+    """Writes a plan in the format that `read` expects."""
     number = lambda value: f"{value:.9g}"
     numbers = lambda values: f"[{', '.join(map(number, values))}]"
     quoted = lambda text: "\"" + text.replace("\\", "\\\\").replace("\"", "\\\"") + "\""
@@ -289,8 +289,8 @@ def write(plan: Plan, path: str | PathLike[str], comment: str = "") -> None:
 
 
 class Frame:
-    """The axes in which positions are printed: the patient's (mm to the left, back and head) if the scene defines them, otherwise the axes of the
-    mesh."""
+    """The coordinate system for printing positions: patient coordinates (mm towards the left, the back and the head) if the scene defines them, otherwise
+    mesh axes, also in mm."""
 
     def __init__(self, model: Model):
         matrix = model.patient_to_mesh
@@ -299,21 +299,21 @@ class Frame:
         self._from_mesh = np.linalg.inv(matrix) if matrix is not None else np.diag([1e3, 1e3, 1e3, 1.0])
 
     def position(self, point: npt.ArrayLike) -> npt.NDArray[np.float64]:
-        """Converts positions (..., 3) from mesh coordinates (m) to these axes (mm)."""
+        """Converts positions (..., 3) from mesh coordinates (m) to this frame (mm)."""
         return np.asarray(point) @ self._from_mesh[:3, :3].T + self._from_mesh[:3, 3]
 
     def vector(self, vector: npt.ArrayLike) -> npt.NDArray[np.float64]:
-        """Converts vectors (..., 3), such as the difference of two positions, from mesh coordinates (m) to these axes (mm)."""
+        """Converts vectors (..., 3), such as differences between positions, from mesh coordinates (m) to this frame (mm)."""
         return np.asarray(vector) @ self._from_mesh[:3, :3].T
 
     def to_mesh(self, point: npt.ArrayLike) -> npt.NDArray[np.float64]:
-        """Converts positions (..., 3) from these axes (mm) to mesh coordinates (m)."""
+        """Converts positions (..., 3) from this frame (mm) to mesh coordinates (m)."""
         to_mesh = np.linalg.inv(self._from_mesh)
         return np.asarray(point) @ to_mesh[:3, :3].T + to_mesh[:3, 3]
 
 
 def guide_of(plan: Plan, model: Model) -> Guide:
-    """Returns the guide of the scene for which the plan was made. Raises BadPlan if the scene has no such template."""
+    """Returns the guide in the scene that is the plan's template. Raises BadPlan if the scene has no such guide."""
     place = f"{plan.path}:{plan.line}" if plan.line else plan.path
     if not plan.template:
         raise BadPlan(f"{place}: the plan has no template: its needles have entries instead of holes")
@@ -329,15 +329,14 @@ def guide_of(plan: Plan, model: Model) -> Guide:
 
 
 def hole_axis(guide: Guide, hole: str) -> npt.NDArray[np.float64]:
-    """Returns the point (3,) m where the axis of this hole meets the front face of the guide, through which needles enter."""
+    """Returns the point (3,) m where a hole's axis meets the guide's front face, on the side where needles enter."""
     column, row = hole_number(hole)
     aside = [guide.spacing * (index - 0.5 * (count - 1)) for index, count in ((column, guide.columns), (row, guide.rows))]
     return guide.origin + aside[0] * guide.across[0] + aside[1] * guide.across[1]
 
 
 def needle_axis(plan: Plan, needle: Needle, model: Model) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-    """Returns the point (3,) m from which the needle's depth is measured, and its direction (3,), a unit vector. Raises BadPlan for the same reasons as
-    `guide_of`."""
+    """Returns the point (3,) m from which the needle's depth is measured, and its direction (3,), a unit vector. Raises BadPlan like `guide_of`."""
     if needle.entry is not None:
         return np.array(needle.entry), np.array(needle.direction) / np.linalg.norm(needle.direction)
     guide = guide_of(plan, model)
@@ -345,7 +344,7 @@ def needle_axis(plan: Plan, needle: Needle, model: Model) -> tuple[npt.NDArray[n
 
 
 def planned_seeds(plan: Plan, model: Model) -> list[Planned]:
-    """Returns the plan's seeds in the tissue at rest, on the axes of the holes. Raises BadPlan if the template in the scene differs from the plan's,
+    """Computes where the plan puts its seeds in the tissue at rest: on the hole axes. Raises BadPlan if the template in the scene differs from the plan's,
     if the scene's needle is too short, or if seeds would overlap."""
     length, reach = model.seed_size.length, model.needle_length
     found = []
@@ -366,14 +365,14 @@ def planned_seeds(plan: Plan, model: Model) -> list[Planned]:
 
 
 def _regions_at(model: Model, points: npt.NDArray[np.float64]) -> list[str | None]:
-    """Returns the region that contains each of the points (k, 3) or, if that region is part of another, the other one; None for points outside the tissue."""
+    """Returns the region that contains each point (k, 3), or None outside the tissue. A region that is part of another is reported as that other region."""
     names, wholes = model.groups, model.part_of
     return [names[wholes[model.tet_regions[tet]]] if tet >= 0 else None for tet in locate(model, points)[0]]
 
 
 def check(plan: Plan, model: Model) -> dict[str, int]:
-    """Counts the plan's seeds in each region, including its parts. Raises BadPlan as `planned_seeds` does, and also for a seed that is not entirely in the
-    tissue."""
+    """Counts the plan's seeds by region, where a region includes its parts. Raises BadPlan like `planned_seeds`, and also if a seed is not entirely inside
+    the tissue."""
     seeds, half = planned_seeds(plan, model), 0.5 * model.seed_size.length
     if not seeds:
         return {}
@@ -392,8 +391,7 @@ def check(plan: Plan, model: Model) -> dict[str, int]:
 
 
 def read_seeds(path: str | PathLike[str], model: Model, now: bool = False) -> list[Placed]:
-    """Reads the table written by `trocar-replay --seeds`. If `now` is true, uses the positions at the end of the replay; otherwise, those in the
-    tissue at rest."""
+    """Reads the table written by `trocar-replay --seeds`. now: use the positions at the end of the replay instead of those in the tissue at rest."""
     name, prefix, frame = fspath(path), "" if now else "rest_", Frame(model)
     try:
         with open_input(path, newline="", encoding="utf-8") as file:
@@ -431,8 +429,7 @@ def read_seeds(path: str | PathLike[str], model: Model, now: bool = False) -> li
 
 
 def seeds_of(sim: Sim, now: bool = False) -> list[Placed]:
-    """Returns the seeds in a simulation. If `now` is true, their positions are those in the displaced tissue; otherwise, those in the tissue at
-    rest."""
+    """Returns the seeds left in a simulation. now: use their current positions, in the displaced tissue, instead of those in the tissue at rest."""
     seeds, guides = sim.seeds(), sim.model.guides
     places, directions = sim.model.displaced_seeds(seeds, sim.displacements()) if now else ([s.position for s in seeds], [s.direction for s in seeds])
     found = []
@@ -443,8 +440,8 @@ def seeds_of(sim: Sim, now: bool = False) -> list[Placed]:
 
 
 def _pairs(planned: Sequence[float], placed: Sequence[float]) -> list[tuple[int | None, int | None]]:
-    """Pairs the planned and the actual seeds of one needle, both in order of depth. Makes as many pairs as possible, with the smallest sum of
-    distances."""
+    """Matches the planned and placed seeds of one needle, both given in order of depth, without changing that order. Makes as many pairs as possible and
+    minimises the sum of their distances."""
     few, many = sorted((planned, placed), key=len)
     cost = np.full((len(few) + 1, len(many) + 1), np.inf)
     cost[0] = 0.0
@@ -462,8 +459,8 @@ def _pairs(planned: Sequence[float], placed: Sequence[float]) -> list[tuple[int 
 
 
 def compare(plan: Plan, model: Model, placed: Iterable[Placed]) -> list[Misplacement]:
-    """Returns the misplacement of each seed relative to the plan; the seeds of a hole are paired by their order along the needle. Planned seeds that
-    were not placed, and placed seeds that were not planned, have no counterpart."""
+    """Returns each seed's misplacement relative to the plan. Seeds in the same hole are paired in order along the needle. Planned seeds that were not
+    placed, and placed seeds that were not planned, have no counterpart."""
     frame, planned, placed = Frame(model), planned_seeds(plan, model), list(placed)
     normal = guide_of(plan, model).normal
     own = lambda seed: seed.guide == plan.template
@@ -483,8 +480,8 @@ def compare(plan: Plan, model: Model, placed: Iterable[Placed]) -> list[Misplace
 
 
 def summary(rows: Sequence[Misplacement]) -> dict[str, float]:
-    """Summarises all seeds that have a counterpart: `count`; the mean values (mm) of `distance`, of the absolute offset along each axis (`0`, `1`,
-    `2`), of `along` (absolute) and of `across`; and `deeper`, the signed mean of `along`."""
+    """Summarises the seeds that have a counterpart. `count` is their number. The rest are means in mm: `distance`; the absolute offset along each axis (`0`,
+    `1`, `2`); `along`, of absolute values; `across`; and `deeper`, the signed mean of `along`."""
     both = [r for r in rows if r.offset is not None]
     if not both:
         return {"count": 0}
@@ -495,7 +492,7 @@ def summary(rows: Sequence[Misplacement]) -> dict[str, float]:
 
 
 def without_steering(plan: Plan, what: str) -> Plan:
-    """Returns the plan unchanged. Raises BadPlan if needles are rolled or turned, which the format `what` cannot express."""
+    """Returns the plan as it is, but raises BadPlan if it has needles with a roll or turn, which the format `what` cannot express."""
     for needle in plan.needles:
         if needle.roll or needle.turn:
             raise BadPlan(f"{plan.path}:{needle.line}: needle {needle.title}: {what} cannot express a roll or turn: carry the plan out with "

@@ -1,4 +1,4 @@
-"""Makes the RT Dose and the RT Structure Set of an implant, with pydicom. `trocar.brachy.rtplan` makes its RT Plan."""
+"""Builds the RT Dose and RT Structure Set of an implant with pydicom. For the RT Plan, see `trocar.brachy.rtplan`."""
 from __future__ import annotations
 
 import datetime
@@ -17,14 +17,14 @@ Array = npt.NDArray[np.float64]
 __all__ = ["dose", "structure_set"]
 
 RT_DOSE = "1.2.840.10008.5.1.4.1.1.481.2"
-LEVELS = 2**16 - 1       # number of steps, of a few hundredths of a Gy, in which doses are stored: 16 bits, because dicom3tools (dciodvfy) cannot read 32
-BINS = 400               # of a histogram
+LEVELS = 2**16 - 1       # doses are stored in 16 bits, in steps of a few hundredths of a Gy, because dciodvfy (dicom3tools) cannot read 32 bits
+BINS = 400               # number of histogram bins
 COLOURS = {"gland": [213, 94, 0], "urethra": [0, 114, 178], "rectum": [138, 90, 0]}    # as in the report
 SEEDS = [0, 127, 95]
 
 
 def _uids(*content: object) -> Callable[[str], str]:
-    """Returns a function that makes reproducible UIDs: equal content always gives equal UIDs."""
+    """Returns a function that generates UIDs reproducibly: the same content always gives the same UIDs."""
     text = repr(content)
     return lambda what: generate_uid(entropy_srcs=["trocar", what, text])
 
@@ -38,9 +38,9 @@ def _contour(kind: str, points: Array) -> Dataset:
 
 
 def structure_set(given: Dataset, organs: Mapping[str, Organ], seeds: Mapping[str, Array], date: datetime.date | None = None) -> FileDataset:
-    """Returns an RT Structure Set with the organs as contours and the seeds as points. seeds: centres (n, 3) mm in patient coordinates, by the name of their
-    region of interest. given: the structure set from which the organs were read; the new one gets the same patient, study and frame of reference. date: today
-    by default."""
+    """Builds an RT Structure Set with the organs as contours and the seeds as points. seeds: seed centres (n, 3) mm in patient coordinates, for each region of
+    interest by name. given: the structure set that the organs were read from; patient, study and frame of reference are copied from it. date: default
+    today."""
     uid = _uids("structures", given.get("SOPInstanceUID"), [(o.role, o.name) for o in organs.values()], [(name, points.round(3).tolist()) for name, points in seeds.items()])
     data = new_object(RT_STRUCTURES, "RTSTRUCT", uid, given)
     frame = _frame_of_reference(given) or uid("frame")
@@ -58,7 +58,7 @@ def structure_set(given: Dataset, organs: Mapping[str, Organ], seeds: Mapping[st
 
 
 def _histogram(number: int, dvh: DVH) -> Dataset:
-    """Describes the histogram of region `number`, as pairs of a bin's width (Gy) and the volume (cm^3) that receives at least the dose at its lower edge."""
+    """Builds the DVH item for region `number`: for each bin, its width (Gy) and the volume (cm^3) that receives at least the dose at its lower edge."""
     edges = np.linspace(0.0, dvh.dose(0.0) * (1.0 + 1e-9), BINS, endpoint=False)
     volumes = [1e6 * dvh.voxel * len(dvh.doses) * dvh.volume(float(edge)) for edge in edges]
     width = float(edges[1])
@@ -70,9 +70,9 @@ def _histogram(number: int, dvh: DVH) -> Dataset:
 
 def dose(values: Array, origin: Sequence[float], spacing: float, plan: Dataset, structures: Dataset, histograms: Mapping[str, DVH], what: str,
          date: datetime.date | None = None) -> FileDataset:
-    """Returns an RT Dose: doses (nx, ny, nz) Gy on a grid along the patient's axes, with the centre of the first voxel at `origin` (3,) mm and `spacing` mm
-    between voxels. plan: the RT Plan with the seeds; structures: the RT Structure Set with the organs; histograms: by the names of its regions of interest;
-    what: a few words for the description, such as "planned"; date: today by default."""
+    """Builds an RT Dose from doses (nx, ny, nz) Gy on a grid along the patient's axes, with `spacing` mm between voxels and the centre of the first one at
+    `origin` (3,) mm. plan: the RT Plan that contains the seeds; structures: the RT Structure Set that contains the organs; histograms: by name of the region
+    of interest; what: a word for the description, such as "planned"; date: default today."""
     uid = _uids("dose", plan.SOPInstanceUID, structures.SOPInstanceUID, what, list(origin), spacing, values.shape, float(values.sum()))
     data = new_object(RT_DOSE, "RTDOSE", uid, structures)
     data.FrameOfReferenceUID, data.PositionReferenceIndicator = structures.FrameOfReferenceUID, ""
@@ -86,7 +86,7 @@ def dose(values: Array, origin: Sequence[float], spacing: float, plan: Dataset, 
     data.GridFrameOffsetVector = [f"{spacing * i:.6g}" for i in range(len(frames))]
     data.SamplesPerPixel, data.PhotometricInterpretation, data.PixelRepresentation = 1, "MONOCHROME2", 0
     data.BitsAllocated, data.BitsStored, data.HighBit = 16, 16, 15
-    scale = f"{max(float(frames.max()), 1e-6) / LEVELS:.9e}"    # rounded to fit a DICOM decimal string (16 characters), so that readers use the same number
+    scale = f"{max(float(frames.max()), 1e-6) / LEVELS:.9e}"    # rounded to fit a DICOM decimal string (16 characters), so that doses are encoded with the very number that readers will use
     data.DoseUnits, data.DoseType, data.DoseSummationType, data.DoseComment = "GY", "PHYSICAL", "PLAN", f"{NOT_FOR_TREATMENT}: {what}"[:64]
     data.DoseGridScaling, data.TissueHeterogeneityCorrection = scale, "WATER"
     data.PixelData = np.minimum(np.rint(frames / float(scale)), LEVELS).astype("<u2").tobytes()

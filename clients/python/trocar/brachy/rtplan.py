@@ -1,8 +1,8 @@
-"""Reads and writes plans as DICOM RT Plans of permanent brachytherapy, with pydicom.
+"""Reads and writes plans as DICOM RT Plans for permanent brachytherapy, with pydicom.
 
-Each seed is stored as a channel, as the standard specifies for manually placed sources: two control points at its centre, in patient coordinates (mm
-to the left, back and head), with the direction of insertion. The channel's applicator ID is the needle's hole, and the control point's relative
-position is the seed's distance behind the most distal seed position in its needle.
+Each seed is a channel, as the standard requires for manually placed sources. The channel has two control points at the seed's centre, in patient
+coordinates (mm towards the left, the back and the head), which also give the insertion direction. The applicator ID is the needle's hole; the control
+points' relative position is the seed's distance behind the most distal seed position in its needle.
 """
 from __future__ import annotations
 
@@ -33,10 +33,10 @@ __all__ = ["export", "read", "read_seeds"]
 
 RT_PLAN = "1.2.840.10008.5.1.4.1.1.481.5"
 RT_STRUCTURES = "1.2.840.10008.5.1.4.1.1.481.3"
-# m, largest distance from the axis of its hole at which a seed is considered to have been planned for this template
+# m, a seed farther from its hole's axis than this cannot have been planned for this template
 FROM_AXIS = 0.5e-3
 NOT_FOR_TREATMENT = "Not for treatment: simulated by trocar"
-ON_AXIS = 0.01e-3                               # m, tolerance for rounding: seeds farther from the axis than this are moved to it and reported
+ON_AXIS = 0.01e-3                               # m, rounding tolerance: seeds farther from the axis than this are moved onto it, with a remark
 
 
 # ---- writing ------------------------------------------------------------------------------------------------------------------------
@@ -86,7 +86,7 @@ def _source_sequence(source: Source, date: str) -> Sequence:
 
 
 def _channel(number: int, hole: str, position: Any, direction: Any, behind: float, needle_length: float, lifetime: float) -> Dataset:
-    """Creates the channel of one seed, which is `behind` mm behind the most distal seed position in its needle."""
+    """Builds the channel for one seed. behind: mm behind the most distal seed position in its needle."""
     point = lambda index, weight: _item(ControlPointIndex=index, ControlPointRelativePosition=f"{behind + 0.0:.4f}", ControlPoint3DPosition=_decimals(position),
                                         ControlPointOrientation=[float(v) for v in direction], CumulativeTimeWeight=weight)
     return _item(ChannelNumber=number, ChannelLength=f"{needle_length:.4f}", ChannelTotalTime=f"{lifetime:.6g}", SourceMovementType="FIXED",
@@ -102,8 +102,8 @@ def _behind(placed: list[Placed], axis: np.ndarray) -> list[float]:
 
 
 def new_object(kind: str, modality: str, uid: Callable[[str], str], of: Dataset) -> FileDataset:
-    """Returns a data set that has the same patient and study as the data set `of`, or new ones if `of` is empty. kind: UID of the SOP class; uid: function that
-    makes a UID for each purpose."""
+    """Creates a data set with the patient and study of the data set `of`, or with new ones if `of` is empty. kind: SOP class UID; uid: function that returns a
+    UID for each purpose."""
     meta = FileMetaDataset()
     meta.MediaStorageSOPClassUID, meta.MediaStorageSOPInstanceUID, meta.TransferSyntaxUID = kind, uid(modality), ExplicitVRLittleEndian
     meta.ImplementationClassUID = pydicom.uid.PYDICOM_IMPLEMENTATION_UID
@@ -121,9 +121,8 @@ def new_object(kind: str, modality: str, uid: Callable[[str], str], of: Dataset)
 
 
 def dataset(plan: Plan, model: Model, structures: Dataset | None = None, date: datetime.date | None = None, placed: list[Placed] | None = None) -> FileDataset:
-    """Returns the plan as a DICOM data set or, if `placed` is given, the seeds that were left in the tissue. structures: the RT Structure Set from
-    which the scene was made. date: date of the implant, by default today. Raises BadPlan if the scene has no patient coordinates, or the plan has no
-    source."""
+    """Builds an RT Plan of the planned seeds or, if `placed` is given, of the seeds left in the tissue. structures: the RT Structure Set that the scene was
+    made from. date: date of the implant, default today. Raises BadPlan if the scene has no patient coordinates or the plan has no source."""
     frame, guide = Frame(model), guide_of(plan, model)
     if not frame.is_patient:
         raise BadPlan(f"{plan.path}: the scene has no patient_to_mesh, which DICOM's coordinates need: trocar-anatomy writes it")
@@ -133,7 +132,7 @@ def dataset(plan: Plan, model: Model, structures: Dataset | None = None, date: d
     if not seeds:
         raise BadPlan(f"{plan.path}: no seeds")
     day = (date or datetime.date.today()).strftime("%Y%m%d")
-    lifetime = HALF_LIFE[plan.source.isotope] / math.log(2)  # days, mean
+    lifetime = HALF_LIFE[plan.source.isotope] / math.log(2)  # days, mean lifetime
     half = 0.5 * model.seed_size.length
     behind = [1e3 * (s - half) for n in plan.needles for s in n.seeds] if placed is None else _behind(placed, guide.normal)
     channels = [_channel(i + 1, s.hole, frame.position(s.position), frame.vector(s.direction) / np.linalg.norm(frame.vector(s.direction)),
@@ -166,13 +165,12 @@ def dataset(plan: Plan, model: Model, structures: Dataset | None = None, date: d
 
 
 def _template_type(guide: Guide) -> str:
-    return f"{guide.columns}x{guide.rows} {1e3 * guide.spacing:g} mm"  # the result must not exceed 16 characters
+    return f"{guide.columns}x{guide.rows} {1e3 * guide.spacing:g} mm"  # DICOM allows at most 16 characters here
 
 
 def export(plan: Plan, model: Model, path: str | PathLike[str], structures: str | PathLike[str] | None = None,
            placed: list[Placed] | None = None, date: datetime.date | None = None) -> None:
-    """Writes the plan, or the seeds that were left in the tissue, as a DICOM RT Plan. structures: path of an RT Structure Set. The other arguments
-    are the same as for `dataset`."""
+    """Writes what `dataset` builds to a file. structures: path of the RT Structure Set; the other arguments are those of `dataset`."""
     data = dataset(plan, model, _structures_of(fspath(structures)) if structures else None, date, placed)
     data.save_as(fspath(path), write_like_original=False)
 
@@ -215,12 +213,12 @@ class _Seed(NamedTuple):
     channel: int
     place: np.ndarray      # (3,) mm, the seed's centre in patient coordinates
     behind: float          # mm, distance behind the most distal seed position in its needle
-    along: np.ndarray      # (3,) unit vector, in patient coordinates, that points to the seed's distal end; zero if the file does not contain it
+    along: np.ndarray      # (3,) unit vector towards the seed's distal end, in patient coordinates; zero if the file does not give it
     hole: str              # the applicator ID from the file
 
 
 def _seeds_of(path: str, setup: Dataset) -> list[_Seed]:
-    """Returns one seed for each distinct position among a channel's control points."""
+    """Returns the seeds in a channel: one for each distinct control-point position."""
     seeds = []
     for channel in setup.get("ChannelSequence") or []:
         number, places = int(channel.get("ChannelNumber", 0)), []
@@ -239,15 +237,15 @@ def _seeds_of(path: str, setup: Dataset) -> list[_Seed]:
 
 
 def _hole_at(off: np.ndarray, guide: Guide) -> tuple[int, int, np.ndarray]:
-    """Returns the (column, row) of the hole closest to a position (m from the guide's origin), and the position's offset (2,) from the axis of that
-    hole in m."""
+    """Finds the hole whose axis is closest to a position, which is given relative to the guide's origin, in m. Returns its column and row, and the
+    position's offset (2,) m from that axis."""
     grid = np.array([off @ guide.across[a] / guide.spacing + 0.5 * (count - 1) for a, count in enumerate((guide.columns, guide.rows))])
     column, row = (min(max(round(g), 0), count - 1) for g, count in zip(grid, (guide.columns, guide.rows)))
     return column, row, guide.spacing * (grid - [column, row])
 
 
 def _needles_of(path: str, seeds: list[_Seed], guide: Guide, model: Model) -> tuple[list[Needle], list[str]]:
-    """Returns the needles in the order of the file's channels, and descriptions of the changes that had to be made."""
+    """Groups the seeds into needles, in the order of the file's channels. Also returns remarks on what had to be changed."""
     frame, length = Frame(model), model.seed_size.length
     holes: dict[tuple[int, int], list[tuple[float, float]]] = {}
     moved = []
@@ -271,7 +269,7 @@ def _needles_of(path: str, seeds: list[_Seed], guide: Guide, model: Model) -> tu
 
 
 def _remarks_on(moved: np.ndarray, guide: Guide) -> list[str]:
-    """Describes by how much (m) seeds have been moved to reach the axes of their holes."""
+    """Returns remarks on how far (m) seeds had to be moved to lie on the axes of their holes."""
     far = np.linalg.norm(moved, axis=1)
     if far.max() <= ON_AXIS:
         return []
@@ -283,7 +281,7 @@ def _remarks_on(moved: np.ndarray, guide: Guide) -> list[str]:
 
 
 def _prescription_of(data: Dataset) -> float | None:
-    """Returns the prescription in Gy; None if the file has no prescription or more than one."""
+    """Returns the prescription in Gy, or None unless the file has exactly one."""
     found = {float(item.TargetPrescriptionDose) for item in data.get("DoseReferenceSequence") or [] if item.get("DoseReferenceType") == "TARGET" and item.get("TargetPrescriptionDose")}
     return found.pop() if len(found) == 1 else None
 
@@ -309,7 +307,7 @@ def _open(name: str, model: Model, template: str | None) -> tuple[Dataset, Guide
 
 @contextlib.contextmanager
 def _damage(name: str) -> Iterator[None]:
-    """Raises BadPlan for damage to a file that pydicom detects only when a sequence is accessed."""
+    """Turns the various exceptions that pydicom raises when it comes across damage in a file, even as late as on access to a sequence, into BadPlan."""
     try:
         yield
     except (AttributeError, EOFError, KeyError, OSError, TypeError, ValueError, struct.error) as error:
@@ -317,9 +315,9 @@ def _damage(name: str) -> Iterator[None]:
 
 
 def read(path: str | PathLike[str], model: Model, template: str | None = None) -> Plan:
-    """Reads an RT Plan with permanent seeds as a plan for this scene's template. template: the name of the guide, if it differs from the name in the
-    file. Needles are in the order of the file's channels. Seeds up to half a millimetre from a hole's axis are moved to the axis and listed in
-    `Plan.remarks`. Raises BadPlan if the file is not such a plan, or was made for another template."""
+    """Reads an RT Plan with permanent seeds as a plan for the template in this scene. template: name of the guide, if it isn't the one in the file. Needles
+    come in the order of the file's channels. Seeds up to half a millimetre off a hole's axis are moved onto it, with a note in `Plan.remarks`. Raises
+    BadPlan if the file is not such a plan, or was made for a different template."""
     name = fspath(path)
     with _damage(name):
         data, guide, seeds = _open(name, model, template)
@@ -328,8 +326,8 @@ def read(path: str | PathLike[str], model: Model, template: str | None = None) -
 
 
 def read_seeds(path: str | PathLike[str], model: Model, template: str | None = None) -> list[Placed]:
-    """Reads the seeds of an RT Plan with permanent seeds as seeds that were left in the tissue: at their own positions, at any distance from the template's
-    axes. A seed's hole is the one that the file names, if any. Raises BadPlan as `read` does."""
+    """Reads the seeds of an RT Plan as seeds left in the tissue. They keep their positions, however far these are from the template's axes, and their holes
+    are those named in the file, if any. Raises BadPlan like `read`."""
     name, frame = fspath(path), Frame(model)
     with _damage(name):
         _, guide, seeds = _open(name, model, template)

@@ -1,11 +1,11 @@
-"""Swelling of the gland after an implant, and the dose that is delivered while it subsides.
+"""Models how the gland swells after an implant, and computes the dose delivered while the swelling subsides.
 
-The gland swells with the seeds in it, and shrinks to its former size while the seeds decay. Inside the gland, all distances grow by the cube root of the ratio
-of volumes. Outside, the tissue moves aside without changing its volume: on each ray from the gland's centre, r'^3 = r^3 + R^3 (ratio - 1), where R is the
+The gland swells with the seeds in it, and shrinks back to its former size as the seeds decay. Inside the gland, all distances scale with the cube root of
+the volume ratio. Outside, the tissue moves aside and keeps its volume: on each ray from the gland's centre, r'^3 = r^3 + R^3 (ratio - 1), where R is the
 distance from the centre to the gland's surface.
 
-    >>> swelling = Swelling()                                    # 1.18 on the day of the implant, linearly gone after 30 days
-    >>> swelling = Swelling(1.5, days=None, half_life=10.0)      # exponentially
+    >>> swelling = Swelling()                                    # volume ratio 1.18 on the day of the implant, falling linearly to 1 within 30 days
+    >>> swelling = Swelling(1.5, days=None, half_life=10.0)      # exponential decay
     >>> dose = delivered(source, seeds, strength, points, Swollen(gland.points), swelling)
 """
 from __future__ import annotations
@@ -25,20 +25,20 @@ __all__ = ["SOURCE", "Swelling", "Swollen", "delivered"]
 
 SOURCE = ("40 patients with I-125 seeds in serial MR images: 1.18 ± 0.14 times the volume on the day of the implant, 1.01 ± 0.15 after 30 days, linear in between "
           "(Brachytherapy 2010, PubMed 20116344, abstract)")
-STAGES = 8      # Gauss-Legendre points: D90 changes by less than 0.01 % with twice as many (tests/python/test_dosimetry.py)
-RAY = 5e-4      # m, distance from the outermost voxel centre on a ray to the gland's surface: half a voxel of 1 mm
-CELLS = 24      # number of polar cells around the gland's centre in which the distance to its surface is tabulated; there are twice as many azimuthal ones
+STAGES = 8      # number of Gauss-Legendre points; doubling it changes D90 by less than 0.01 % (tests/python/test_dosimetry.py)
+RAY = 5e-4      # m, from the outermost voxel centre on a ray to the gland's surface: half a 1 mm voxel
+CELLS = 24      # the distance from the gland's centre to its surface is tabulated for this many polar intervals and twice as many azimuthal ones
 
 
 @dataclass(frozen=True)
 class Swelling:
-    """The volume of the gland over time, relative to its volume before the implant. By default, the swelling subsides linearly, as in `SOURCE`. If it decays
-    exponentially instead, its half-life is about 10 days (Waterman et al., Int. J. Radiation Oncology Biol. Phys. 41, 1998, as cited by Chen et al., Medical
-    Physics 33, 2006)."""
+    """The gland's volume over time, relative to the volume before the implant. By default, the swelling subsides linearly, as in `SOURCE`. For exponential
+    decay, a half-life of about 10 days is typical (Waterman et al., Int. J. Radiation Oncology Biol. Phys. 41, 1998, as cited by Chen et al., Medical Physics
+    33, 2006)."""
 
-    ratio: float = 1.18               # volume on the day of the implant relative to that before it, at least 1
-    days: float | None = 30.0         # days after which a linear swelling has subsided; None if it is exponential
-    half_life: float | None = None    # days, if exponential
+    ratio: float = 1.18               # volume on the day of the implant relative to the volume before it, at least 1
+    days: float | None = 30.0         # time until a linear swelling has subsided; None if the decay is exponential
+    half_life: float | None = None    # days, for exponential decay
 
     def __post_init__(self) -> None:
         if not 1.0 <= self.ratio <= 3.0:
@@ -49,15 +49,15 @@ class Swelling:
             raise ValueError("days or half-life of a swelling: expected a number above 0")
 
     def volume(self, day: float) -> float:
-        """Returns the volume on a day, relative to that before the implant."""
+        """Returns the gland's volume `day` days after the implant, relative to the volume before it."""
         rest = max(1.0 - day / self.days, 0.0) if self.days else 0.5 ** (day / self.half_life)
         return 1.0 + (self.ratio - 1.0) * rest
 
     def stages(self, half_life: float) -> list[tuple[float, float]]:
-        """Returns pairs of a weight and a relative volume: the dose of seeds with this half-life (days) is the weighted mean of their doses in glands of these
-        constant volumes. The weights add up to 1."""
-        # The weight of an interval is the fraction of atoms that decay in it. The range is split where a linear swelling ends, because of the kink
-        # there.
+        """Returns (weight, relative volume) pairs, with weights that add up to 1. The dose from seeds with this half-life (days) is the weighted mean of their
+        doses in glands of these constant volumes."""
+        # The weight of a time interval is the fraction of atoms that decay in it. The integral is split where a linear swelling ends, because the
+        # integrand has a kink there.
         end = 1.0 - 0.5 ** (self.days / half_life) if self.days else 1.0
         at, weights = np.polynomial.legendre.leggauss(STAGES)
         decayed, found = 0.5 * end * (at + 1.0), []
@@ -66,7 +66,7 @@ class Swelling:
         return found + ([(1.0 - end, 1.0)] if end < 1.0 else [])
 
     def words(self) -> str:
-        """Describes the swelling."""
+        """Describes the swelling in words, for the report."""
         if self.ratio == 1.0:
             return "no swelling"
         return f"{self.ratio:g} times the volume on the day of the implant, " + (f"subsiding linearly over {self.days:g} days" if self.days else
@@ -74,7 +74,7 @@ class Swelling:
 
 
 class Swollen:
-    """Moves points with a swelling gland, which is given by its voxel centres (n, 3) m. The gland must be star-shaped about its centroid, as prostates are."""
+    """Moves points with a swelling gland, given by its voxel centres (n, 3) m. The gland must be star-shaped about its centroid, as prostates are."""
 
     def __init__(self, voxels: Array) -> None:
         self.middle = voxels.mean(axis=0)
@@ -83,20 +83,20 @@ class Swollen:
         polar, azimuth = self._cells(off)
         reach = np.zeros((CELLS, 2 * CELLS))
         np.maximum.at(reach, (polar, azimuth), far)
-        if not reach.all():    # if the gland has few voxels, cells without voxels get the mean of the others
+        if not reach.all():    # cells without voxels, which occur in coarse glands, get the mean of the others
             reach[reach == 0.0] = reach[reach > 0.0].mean()
         self._reach = reach + RAY
 
     @staticmethod
     def _cells(off: Array) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
-        """Returns the polar and azimuthal indices (n,) of the cells that contain directions (n, 3). All cells have the same solid angle."""
+        """Returns the polar and azimuthal indices (n,) of the cells that contain the directions (n, 3). All cells cover the same solid angle."""
         length = np.maximum(np.linalg.norm(off, axis=1), 1e-12)
         polar = np.clip((0.5 * (off[:, 2] / length + 1.0) * CELLS).astype(int), 0, CELLS - 1)
         azimuth = np.clip(((np.arctan2(off[:, 1], off[:, 0]) / (2.0 * math.pi) + 0.5) * 2 * CELLS).astype(int), 0, 2 * CELLS - 1)
         return polar, azimuth
 
     def moved(self, points: Array, ratio: float) -> Array:
-        """Returns the positions (n, 3) m of the points when the gland has swollen to `ratio` times its volume."""
+        """Returns where points (n, 3) m are when the gland has swollen to `ratio` times its volume."""
         off = points - self.middle
         far, scale = np.linalg.norm(off, axis=1), np.full(len(points), ratio ** (1.0 / 3.0))
         surface = self._reach[self._cells(off)]
@@ -106,8 +106,8 @@ class Swollen:
 
 
 def delivered(source: Source, seeds: Sequence[tuple[Array, Array]], strength: float, points: Array, swollen: Swollen, swelling: Swelling) -> Array:
-    """Returns the dose (n,) Gy that seeds of `strength` U deliver to points (n, 3) m of the tissue, which move with the swelling. Each seed is given by its
-    position (m) and direction, both (3,), in the gland without swelling."""
+    """Computes the dose (n,) Gy that seeds of `strength` U deliver to tissue points (n, 3) m; points and seeds move with the swelling. Each seed is given by
+    its position (3,) m and direction (3,) in the gland without swelling."""
     total = np.zeros(len(points))
     places = np.reshape([position for position, _ in seeds], (-1, 3))
     for weight, ratio in swelling.stages(source.half_life / 86400.0):

@@ -1,6 +1,6 @@
-"""A virtual operator who carries out an implant plan: inserts and leaves all needles, then takes each again, drops its seeds while drawing it back, and pulls it
-out. The library (trocar/operator.h) decides what the operator does, for this module and for `trocar-device --plan`; this module carries it out in a
-simulation.
+"""A virtual operator who carries out an implant plan. The operator inserts all needles and lets go of them, then takes hold of one needle after another, drops
+its seeds while drawing it back, and pulls it out. The decisions are made in the library (trocar/operator.h), which `trocar-device --plan` also uses; this
+module carries them out in a simulation.
 
     >>> work = Operator(plan=plan, follows_image=True, seed=7).moves(sim, 0.001)
     >>> for needle, poses in work:
@@ -25,46 +25,46 @@ __all__ = ["Implantation", "Operator", "SeedError"]
 
 
 class SeedError(NamedTuple):
-    """The misplacement of a seed in the tissue at rest, split into parts by cause. All vectors are (3,) m in mesh coordinates."""
+    """A seed's misplacement in the tissue at rest, broken down by cause. All vectors are (3,) m in mesh coordinates."""
 
     needle: int
     hole: str
-    number: int        # number of the seed in its needle, 1 for the distal seed
+    number: int        # position of the seed in its needle, counted from 1 at the distal end
     planned: Array     # planned centre
     axis: Array        # unit vector along the planned needle
     total: Array
-    tissue: Array      # part due to displacement of the tissue that the operator did not correct
+    tissue: Array      # part due to tissue displacement that the operator did not correct for
     image: Array       # part due to the image error
     splay: Array       # part due to the tilt of the needle
 
     @property
     def remainder(self) -> Array:
-        """The part that the other parts do not explain."""
+        """What is left after subtracting the parts with a known cause."""
         return self.total - self.tissue - self.image - self.splay
 
     def along(self, part: str) -> float:
-        """Returns the component of a part along the needle, m; positive if the seed is too deep."""
+        """Returns a part's component along the needle, m; positive if it makes the seed too deep."""
         return float(getattr(self, part) @ self.axis)
 
     def across(self, part: str) -> float:
-        """Returns the magnitude of a part's component across the needle, m."""
+        """Returns the magnitude of a part's component perpendicular to the needle, m."""
         return float(np.linalg.norm(getattr(self, part) - self.along(part) * self.axis))
 
 
 @dataclass(frozen=True)
 class Operator(_Motion):
-    """Carries out a plan. By default, the operator reads depths from the needle's marks at the template, and makes no errors. An operator who follows the image
-    moves the tip to where an image of the displaced tissue shows each planned position. Errors and speeds are then as published, unless they are given."""
+    """Carries out a plan. By default, the operator reads the depth from the marks on the needle at the template, with no reading error. An operator who follows
+    the image moves the tip to where an image of the displaced tissue shows each planned position; errors and speeds then default to published values."""
 
     plan: plans.Plan | None = None
     follows_image: bool = False
-    stabilise: Sequence[str] = ()        # holes of needles without seeds, which are inserted first and removed last
+    stabilise: Sequence[str] = ()        # holes of the stabilising needles, which carry no seeds, go in first and come out last
     seed: float = 1                      # seed of the random numbers; a whole number
     speed: float | None = None           # m/s, mean speed of the hand's strokes
-    image_error: float | None = None     # m, standard deviation of the image error along the needle, drawn once for each needle
-    splay: float | None = None           # rad, standard deviation of the tilt about each axis across the needle
+    image_error: float | None = None     # m, standard deviation of the image error along the needle, drawn once per needle
+    splay: float | None = None           # rad, standard deviation of the needle's tilt about each of two perpendicular axes
     speed_spread: float | None = None    # standard deviation of the logarithm of the needles' speeds
-    settle: float = 0.3                  # s, rest before a needle that was taken up is moved
+    settle: float = 0.3                  # s, pause between picking up a needle and moving it
 
     adjustable = ("speed", "seed", "image_error", "splay", "speed_spread")
 
@@ -80,8 +80,8 @@ class Operator(_Motion):
         return chosen
 
     def needles(self) -> list[plans.Needle]:
-        """Returns the needles of the plan, followed by the stabilising needles, which are as deep as the deepest needle of the plan. Raises BadPlan for a
-        hole that does not exist or is taken."""
+        """Returns the plan's needles, then the stabilising needles, which go as deep as the deepest needle in the plan. Raises BadPlan if the hole of a
+        stabilising needle does not exist or is already used."""
         deepest, needles = max(needle.depth for needle in self.plan.needles), list(self.plan.needles)
         for hole in self.stabilise:
             at = plans.hole_number(hole)
@@ -97,14 +97,14 @@ class Operator(_Motion):
 
 
 class Implantation:
-    """An operator at work in a simulation. Iterating yields (needle, poses) with poses (n, 7), one for every `dt` seconds; the caller steps the simulation
-    through them before asking for the next. In between, needles are reset, left and taken, and seeds are dropped."""
+    """An operator at work in a simulation. Iteration yields (needle, poses) with poses (n, 7), one every `dt` seconds; step the simulation through them before
+    you ask for the next. In between, the iterator resets needles, lets go of them, takes hold of them again and drops seeds."""
 
     def __init__(self, operator: Operator, sim: Sim, dt: float) -> None:
         plans.check(operator.plan, sim.model)
         self.sim, self.dt, self.settle, self.plan = sim, dt, operator.settle, operator.plan
         self.needles = operator.needles()
-        self._tips: list[Any] = []    # keeps alive the arrays that the library reads
+        self._tips: list[Any] = []    # keeps arrays alive while the library refers to them
         given = ffi.new("trocar_operator_needle[]", [self._needle(operator.plan, needle) for needle in self.needles])
         why, handle = ffi.new("trocar_error *"), ffi.new("trocar_operator **")
         _check(lib.trocar_operator_create(sim.model._handle, given, len(given), operator.options(), handle, why), why)
@@ -127,7 +127,7 @@ class Implantation:
         return np.array([*base.position, *base.orientation])
 
     def _stroke(self, needle: int, start: float, end: float, duration: float, pause: float) -> Array:
-        """Returns the poses that move the tip from one depth to another (m) with minimum jerk, followed by a rest; excludes the first pose."""
+        """Returns the poses of a minimum-jerk stroke from tip depth `start` to `end` (m), without the first pose, followed by a pause (s)."""
         steps = math.ceil(duration / self.dt - 1e-9)
         depths = start + (end - start) * minimum_jerk(np.linspace(0.0, 1.0, steps + 1)[1:])
         straight = np.concatenate([depths, np.full(round(pause / self.dt), end)])
@@ -170,7 +170,7 @@ class Implantation:
                 sim.drop_seeds(needle=needle)
 
     def errors(self) -> list[SeedError]:
-        """Returns the misplacement of the seeds that are in the tissue, in the order in which they were dropped."""
+        """Returns the errors of the seeds that are in the tissue, in the order in which they were dropped."""
         found = ffi.new("trocar_operator_seed[]", lib.TROCAR_MAX_SEEDS)
         count = lib.trocar_operator_seeds(self._handle, found, lib.TROCAR_MAX_SEEDS)
         placed: dict[int, list[Array]] = {}

@@ -5,8 +5,8 @@
     >>> observation, info = env.reset(seed=1)
     >>> observation, reward, terminated, truncated, info = env.step(env.action_space.sample())
 
-`gymnasium.make_vec` makes a vector environment whose rows are simulated by the threads of one `trocar.Batch`. The environments are trocar/Reach-v0,
-trocar/Avoid-v0 and trocar/Implant-v0. docs/learning.md describes their spaces, rewards and files.
+The environments are trocar/Reach-v0, trocar/Avoid-v0 and trocar/Implant-v0; docs/learning.md describes their spaces, rewards and files.
+`gymnasium.make_vec` makes a vector environment whose rows run in parallel in one `trocar.Batch`.
 """
 from __future__ import annotations
 

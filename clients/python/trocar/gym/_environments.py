@@ -1,4 +1,4 @@
-"""The Gymnasium environments: a single one, and a vectorised one."""
+"""The Gymnasium environments: `NeedleEnv` and its vectorised counterpart."""
 from __future__ import annotations
 
 from os import PathLike
@@ -20,7 +20,7 @@ Action = npt.NDArray[np.float32]
 
 
 def _spaces(task: str) -> tuple[gymnasium.spaces.Box, gymnasium.spaces.Box]:
-    """Returns the spaces of observations and actions."""
+    """Returns the observation space and the action space."""
     limit = limits(task)
     return gymnasium.spaces.Box(-limit, limit), gymnasium.spaces.Box(-1.0, 1.0, (len(ACTIONS[task]),))
 
@@ -32,9 +32,9 @@ def _checked(render_mode: str | None) -> str | None:
 
 
 class NeedleEnv(gymnasium.Env[Observation, Action]):
-    """An environment with one needle in one tissue. `task`: one of TASKS. `file`: the task's file; None selects the one in the package.
+    """An environment with one needle. task: one of TASKS; file: the task file, or None for the one that comes with the package.
 
-    This class terminates episodes but never truncates them: the time limit is applied by the wrapper that `gymnasium.make` adds.
+    This class terminates episodes but never truncates them; the wrapper that `gymnasium.make` adds applies the time limit.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 50}
@@ -47,18 +47,18 @@ class NeedleEnv(gymnasium.Env[Observation, Action]):
         self._episodes = Episodes(self.task, 1, 1)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Observation, dict[str, Any]]:
-        """Starts an episode, with the needle in front of tissue at rest. `options` is ignored."""
+        """Starts an episode with the tissue at rest and the needle in front of it. `options` is ignored."""
         super().reset(seed=seed)
         self._episodes.begin(np.ones(1, bool), [self.np_random])
         return self._episodes.observe()[0], _first(self._episodes.info())
 
     def step(self, action: Action) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Applies an action for one interval of the task."""
+        """Applies an action for the task's `interval`."""
         result = self._episodes.step(np.asarray(action)[None], np.ones(1, bool))
         return self._episodes.observe()[0], float(result.reward[0]), bool(result.terminated[0]), False, _first(result.info)
 
     def render(self) -> npt.NDArray[np.uint8] | None:
-        """Returns an image (height, width, 3), or None without a render_mode."""
+        """Returns an image (height, width, 3), or None if there is no render_mode."""
         return _picture.draw(self._episodes, 0) if self.render_mode else None
 
 
@@ -69,8 +69,8 @@ def _first(info: dict[str, npt.NDArray[Any]]) -> dict[str, Any]:
 class VectorNeedleEnv(VectorEnv[Observation, Action, npt.NDArray[Any]]):
     """Many needles, each in its own tissue, stepped together by the threads of one `trocar.Batch`.
 
-    After a reset with `seed`, row i has the same episodes as a single environment with seed + i. `threads`: number of threads; 0: one for each
-    processor that this process may use. Episodes are truncated after `max_episode_steps` steps; None: never.
+    After a reset with `seed`, row i goes through the same episodes as a single environment seeded with seed + i. threads: number of threads; 0 uses one
+    per CPU available to the process. max_episode_steps: episodes are truncated after this many steps; None means never.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 50, "autoreset_mode": AutoresetMode.NEXT_STEP}
@@ -90,8 +90,8 @@ class VectorNeedleEnv(VectorEnv[Observation, Action, npt.NDArray[Any]]):
 
     def reset(self, *, seed: int | Sequence[int | None] | None = None,
               options: dict[str, Any] | None = None) -> tuple[Observation, dict[str, Any]]:
-        """Starts an episode in each row. `seed`: a number seeds row i with seed + i, and a sequence seeds it with seed[i]; None continues the rows'
-        generators. options["reset_mask"], (num_envs,) bool, selects rows; the observations of the other rows do not change."""
+        """Starts an episode in each row. seed: a number s seeds row i with s + i, a sequence seeds it with its element i, and None lets each row's random
+        generator continue. options["reset_mask"], (num_envs,) bool, selects the rows to reset; the others keep their observations."""
         mask = np.ones(self.num_envs, bool) if options is None or "reset_mask" not in options else np.asarray(options["reset_mask"])
         if mask.shape != (self.num_envs,) or mask.dtype != np.bool_ or not mask.any():
             raise ValueError(f"reset_mask: write an array of {self.num_envs} booleans, at least one of them true")
@@ -109,7 +109,7 @@ class VectorNeedleEnv(VectorEnv[Observation, Action, npt.NDArray[Any]]):
         return self._episodes.observe(), _with_masks(self._episodes.info(), mask)
 
     def step(self, actions: Action) -> tuple[Observation, npt.NDArray[np.float64], npt.NDArray[np.bool_], npt.NDArray[np.bool_], dict[str, Any]]:
-        """Applies an action in each row for one interval of the task. Rows whose episode has ended start a new one according to the autoreset mode."""
+        """Applies an action in each row for the task's `interval`. Where an episode has ended, a new one starts according to the autoreset mode."""
         again = self._ended if self.autoreset_mode == AutoresetMode.NEXT_STEP else np.zeros(self.num_envs, bool)
         if self.autoreset_mode == AutoresetMode.DISABLED and self._ended.any():
             raise gymnasium.error.ResetNeeded("rows %s have ended: call reset with options={\"reset_mask\": ...}" % np.flatnonzero(self._ended))
@@ -131,7 +131,7 @@ class VectorNeedleEnv(VectorEnv[Observation, Action, npt.NDArray[Any]]):
         return self._episodes.observe(), result.reward, terminated, truncated, info
 
     def render(self) -> tuple[npt.NDArray[np.uint8], ...] | None:
-        """Returns an image (height, width, 3) of each row, or None without a render_mode."""
+        """Returns an image (height, width, 3) of each row, or None if there is no render_mode."""
         return tuple(_picture.draw(self._episodes, row) for row in range(self.num_envs)) if self.render_mode else None
 
     def _begin(self, mask: npt.NDArray[np.bool_]) -> None:
@@ -141,5 +141,5 @@ class VectorNeedleEnv(VectorEnv[Observation, Action, npt.NDArray[Any]]):
 
 
 def _with_masks(info: dict[str, npt.NDArray[Any]], mask: npt.NDArray[np.bool_]) -> dict[str, Any]:
-    """Adds, for each key "k", a key "_k": an array that is true for rows in which "k" is valid, as in Gymnasium's vector environments."""
+    """Adds to each key "k" a key "_k": the mask of the rows in which "k" is valid, by the convention of Gymnasium's vector environments."""
     return {**info, **{"_" + key: mask.copy() for key in info}}

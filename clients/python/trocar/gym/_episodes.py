@@ -1,7 +1,6 @@
-"""Episodes of a task that run side by side, one in each row of a batch: motion, observations, rewards and termination.
+"""Runs the episodes of a task in parallel, one in each row of a batch: motion, observations, rewards and termination.
 
-The single and the vector environment both use this class, so a row of a vector environment behaves exactly like a single environment with the same
-seed.
+Single and vector environments share this code, so a row of a vector environment behaves exactly like a single environment with the same seed.
 """
 from __future__ import annotations
 
@@ -16,7 +15,7 @@ from ._task import Array, Episode, Task
 
 DT = 1e-3                  # s, length of a tick
 MM = 1e3                   # mm per m
-WITHDRAWAL = 0.015         # m, distance by which the needle is drawn back from a released seed, which then lies free in the tissue
+WITHDRAWAL = 0.015         # m, how far to draw the needle back after dropping a seed, so that the seed comes free of it
 HIT_COST = 20.0            # mm, subtracted from the reward when the needle touches the obstacle
 LENGTH_LIMIT, FORCE_LIMIT = 500.0, 100.0     # mm and N, limits of the observation space
 
@@ -31,7 +30,7 @@ Mask = npt.NDArray[np.bool_]
 
 
 class Step(NamedTuple):
-    """The result of a step for all rows. Rows that were not stepped have a reward of 0 and are not terminated."""
+    """The result of a step, for all rows. Rows that were not stepped get reward 0 and are not terminated."""
 
     reward: Array      # (count,) mm
     terminated: Mask   # (count,)
@@ -39,12 +38,12 @@ class Step(NamedTuple):
 
 
 def limits(task: str) -> npt.NDArray[np.float32]:
-    """Returns the largest absolute value of each entry of an observation."""
+    """Returns the bound on the absolute value of each entry of an observation."""
     return np.concatenate([np.full(*OBSERVATIONS[name]) for name in OBSERVED[task]]).astype(np.float32)
 
 
 class Episodes:
-    """Rows of a batch, each with its own episode. The first index of each array is the row of the batch."""
+    """The episodes running in the rows of a batch. The first index of every array is the row."""
 
     def __init__(self, task: Task, count: int, threads: int):
         self.task, self.ticks = task, max(1, round(task.interval / DT))
@@ -56,15 +55,15 @@ class Episodes:
         self.needle_radius = 0.5 * float(task.scene["needle.outer_diameter"])    # m
         self.episodes: dict[int, Episode] = {}    # by row
         self.radius = np.zeros(count)             # m, radius of the obstacle
-        self.travel, self.roll = np.zeros(count), np.zeros(count)    # m and rad, motion of the base since the start: along the needle, and roll
+        self.travel, self.roll = np.zeros(count), np.zeros(count)    # m and rad, how far the base has moved along the needle and rolled since the start
         self.tip, self.force, self.depth = np.zeros((count, 7)), np.zeros((count, 3)), np.zeros(count)
         self.target, self.obstacle = np.zeros((count, 3)), np.zeros((count, 3))    # m, positions in the displaced tissue
-        self.displacement = np.zeros(count)    # m, mean over the nodes of the target's region
-        self.error = np.zeros(count)           # m, distance from the target to the tip or, in the task implant, to the seed
+        self.displacement = np.zeros(count)    # m, mean displacement of the nodes of the target's region
+        self.error = np.zeros(count)           # m, distance from the target to the tip or, in the implant task, to the seed
         self.hit, self.released, self.unstable = (np.zeros(count, bool) for _ in range(3))
 
     def begin(self, mask: Mask, randoms: Sequence[np.random.Generator]) -> None:
-        """Starts new episodes in the rows of the mask, drawn at random with the generators of these rows."""
+        """Starts new random episodes in the rows selected by the mask, each drawn with the row's own generator."""
         rows = [int(row) for row in np.flatnonzero(mask)]
         for row in rows:
             episode = self.task.draw(randoms[row])
@@ -80,7 +79,7 @@ class Episodes:
         self._measure(mask)
 
     def step(self, actions: npt.ArrayLike, mask: Mask) -> Step:
-        """Applies the actions (count, number of actions), clipped to [-1, 1], in the rows of the mask."""
+        """Applies the actions (count, number of actions), clipped to [-1, 1], in the rows selected by the mask."""
         given = np.clip(np.asarray(actions, np.float64), -1.0, 1.0)
         before = self.error.copy()
         out = self.batch.run(self._poses(given), DT, mask)
@@ -106,7 +105,7 @@ class Episodes:
         return Step(reward, terminated & mask, self.info())
 
     def observe(self) -> npt.NDArray[np.float32]:
-        """Returns the observations (count, values) in mm and N. Positions are in the tip's frame, and forces in the base's frame."""
+        """Returns the observations (count, values), in mm and N: positions in the tip's frame and forces in the base's frame."""
         tip, base, position = _axes(self.tip[:, 3:]), _axes(self._orientation(self.roll)), self.tip[:, :3]
         within = lambda axes, vectors: np.einsum("nij,nj->ni", axes, vectors)
         values = {"target": MM * within(tip, self.target - position), "force": within(base, self.force), "depth": MM * self.depth[:, None],
@@ -117,8 +116,8 @@ class Episodes:
         return np.clip(observed, -limit, limit).astype(np.float32)
 
     def info(self) -> dict[str, npt.NDArray[Any]]:
-        """Returns `error` (m), `displacement` (m), `hit` (true if the needle has hit the obstacle) and `is_success` (true if the error is within the
-        tolerance, the needle has hit nothing and is stable, and in the task implant the seed has been released)."""
+        """Returns `error` (m), `displacement` (m), `hit` (whether the needle has hit the obstacle) and `is_success`. An episode succeeds if the error is
+        within tolerance, the obstacle was not hit, the simulation stayed stable and, in the implant task, the seed has been released."""
         success = (self.error <= self.task.tolerance) & ~self.hit & ~self.unstable
         if self.task.name == "implant":
             success &= self.released
@@ -128,12 +127,12 @@ class Episodes:
         return self.batch[row]
 
     def _orientation(self, roll: Array) -> Array:
-        """Returns the quaternions (..., 4) of bases that have been rolled by angles (...)."""
+        """Returns the orientations (..., 4) of the base, as quaternions, after rolling it by the angles `roll` (...)."""
         return np.cos(0.5 * roll)[..., None] * self.task.start[3:] + np.sin(0.5 * roll)[..., None] * self._turned
 
     def _poses(self, actions: Array) -> Array:
-        """Returns the poses (count, ticks, 7) of the bases during these actions, and advances `travel` and `roll` to the last of them. A base cannot
-        move back beyond its start."""
+        """Returns the base poses (count, ticks, 7) during these actions, and updates `travel` and `roll` to their end. A base cannot move back past its
+        start."""
         times = DT * np.arange(1, self.ticks + 1)
         travel = np.clip(self.travel[:, None] + times * self.task.speed * actions[:, :1], 0.0, self.needle_length)
         roll = self.roll[:, None] + times * self.task.roll_rate * actions[:, 1:2]
@@ -141,30 +140,29 @@ class Episodes:
         return self._bases(travel, roll)
 
     def _bases(self, travel: Array, roll: Array) -> Array:
-        """Returns the poses (count, ticks, 7) of bases that have been moved along the needle by `travel` (m) and rolled by `roll` (rad), each (count,
-        ticks)."""
+        """Returns the base poses (count, ticks, 7) after moving along the needle by `travel` (m) and rolling by `roll` (rad), both (count, ticks)."""
         return np.concatenate([self.task.start[:3] + travel[:, :, None] * self.axis, self._orientation(roll)], axis=2)
 
     def _look_at_tissue(self, row: int, field: Array) -> None:
-        """Computes the positions of target and obstacle, and the mean displacement, in tissue displaced by `field`, (nodes, 3) m."""
+        """Updates the positions of target and obstacle, and the mean displacement, for tissue displaced by `field` (nodes, 3) m."""
         episode = self.episodes[row]
         self.target[row] = episode.target + episode.target_weights @ field[episode.target_nodes]
         self.obstacle[row] = episode.obstacle + episode.obstacle_weights @ field[episode.obstacle_nodes]
         self.displacement[row] = np.linalg.norm(field[episode.region_nodes], axis=1).mean()
 
     def _measure(self, mask: Mask) -> None:
-        """Computes the errors in the rows of the mask."""
+        """Updates `error` in the rows selected by the mask."""
         point = self.tip[:, :3]
         if self.task.name == "implant":    # the distal end of a released seed is at the tip; `point` is the seed's centre
             point = point - 0.5 * self.seed_length * _axes(self.tip[:, 3:])[:, 2]
         self.error[mask] = np.linalg.norm(self.target - point, axis=1)[mask]
 
     def _ahead(self) -> Array:
-        """Returns the distances (count,) m from the tips to the targets, along the needle's axis before the insertion; negative beyond the target."""
+        """Returns how far (count,), in m, each tip has to go to its target along the needle's initial axis; negative if it is past the target."""
         return (self.target - self.tip[:, :3]) @ self.axis
 
     def _release(self, mask: Mask) -> None:
-        """Releases a seed at the tip, draws the needle back, and computes the error from the seed's position in the tissue at rest."""
+        """Drops a seed at the tip, draws the needle back, and takes the error from the seed's position in the tissue at rest."""
         if not mask.any():
             return
         for row in np.flatnonzero(mask):
@@ -177,7 +175,7 @@ class Episodes:
 
 
 def _axes(quaternions: Array) -> Array:
-    """Returns the axes (count, 3, 3) of the frames given by quaternions (count, 4), as unit vectors in the rows."""
+    """Returns the axes (count, 3, 3) of the frames given by quaternions (count, 4), one unit vector per row."""
     w, x, y, z = quaternions.T
     return np.stack([np.stack([w * w + x * x - y * y - z * z, 2 * (x * y + w * z), 2 * (x * z - w * y)], axis=1),
                      np.stack([2 * (x * y - w * z), w * w - x * x + y * y - z * z, 2 * (y * z + w * x)], axis=1),
@@ -185,7 +183,7 @@ def _axes(quaternions: Array) -> Array:
 
 
 def _distance(line: Array, point: Array) -> float:
-    """Returns the distance of a point (3,) from a polyline (n, 3)."""
+    """Returns the distance from a point (3,) to a polyline (n, 3)."""
     start, along = line[:-1], np.diff(line, axis=0)
     share = np.clip(np.einsum("ni,ni->n", point - start, along) / np.einsum("ni,ni->n", along, along), 0.0, 1.0)
     return float(np.linalg.norm(start + share[:, None] * along - point, axis=1).min())

@@ -1,4 +1,5 @@
-"""Renders an episode: two sections of the tissue through the needle's line, with needle, target and obstacle projected onto them."""
+"""Renders an episode: two perpendicular sections of the tissue through the needle's initial axis, with needle, target and obstacle projected onto
+them."""
 from __future__ import annotations
 
 import numpy as np
@@ -10,14 +11,13 @@ from ._task import Array
 HEIGHT, WIDTH = 240, 400           # pixels, size of each section
 FRONT, BEYOND = 0.010, 0.020       # m, lengths shown in front of the skin and beyond the deepest target
 WHITE, BORDER, NEEDLE, TARGET, OBSTACLE = ((255, 255, 255), (138, 146, 155), (36, 41, 47), (0, 127, 95), (213, 94, 0))
-FAINT = 0.5                        # fraction of white in the discs of target and obstacle
+FAINT = 0.5                        # fraction of white mixed into the target and obstacle discs
 
 Picture = npt.NDArray[np.uint8]
 
 
 def draw(episodes: Episodes, row: int) -> Picture:
-    """Returns an image (HEIGHT, 2 WIDTH, 3) of a row. The needle points to the right; its y axis points up in the left section, and its x axis in the
-    right one."""
+    """Returns an image (HEIGHT, 2 WIDTH, 3) of a row. The needle points right. Its y axis points up in the left section, its x axis in the right one."""
     task, sim, episode = episodes.task, episodes.sim(row), episodes.episodes.get(row)
     if episode is None:
         raise ValueError("no episode has begun: call reset first")
@@ -39,11 +39,11 @@ def draw(episodes: Episodes, row: int) -> Picture:
 
 
 def _section(triangles: Array, axis: int) -> Array:
-    """Returns the segments (m, 2, 3) in which triangles (n, 3, 3) meet the plane where this coordinate is 0."""
+    """Intersects triangles (n, 3, 3) with the plane where coordinate `axis` is 0. Returns segments (m, 2, 3)."""
     side = triangles[:, :, axis] > 0.0
     cut = triangles[side.any(axis=1) & ~side.all(axis=1)]
     side = cut[:, :, axis] > 0.0
-    alone = np.where(side.sum(axis=1) == 1, side.argmax(axis=1), (~side).argmax(axis=1))    # the corner that is alone on its side of the plane
+    alone = np.where(side.sum(axis=1) == 1, side.argmax(axis=1), (~side).argmax(axis=1))    # the corner with no other on its side of the plane
     rows = np.arange(len(cut))
     corner = cut[rows, alone]
     ends = []
@@ -55,7 +55,7 @@ def _section(triangles: Array, axis: int) -> Array:
 
 
 def _lines(view: Picture, segments: Array, radius: int, colour: tuple[int, int, int]) -> None:
-    """Draws segments (n, 2, 2) in pixels; a line is 2 radius + 1 pixels wide."""
+    """Draws segments (n, 2, 2), given in pixels, as lines 2 radius + 1 pixels wide."""
     longest = np.abs(np.diff(segments, axis=1)).max(initial=0.0)
     share = np.linspace(0.0, 1.0, int(longest) + 2)[:, None, None]
     points = np.rint(segments[:, 0] + share * (segments[:, 1] - segments[:, 0])).astype(int).reshape(-1, 2)
@@ -66,7 +66,7 @@ def _lines(view: Picture, segments: Array, radius: int, colour: tuple[int, int, 
 
 
 def _disc(view: Picture, centre: Array, radius: float, colour: tuple[int, int, int]) -> None:
-    """Fills a disc, in pixels, with a faint colour, and marks its centre."""
+    """Draws a disc in a faint version of the colour and marks its centre. Positions and lengths are in pixels."""
     lines, columns = np.mgrid[:view.shape[0], :view.shape[1]]
     distance = np.hypot(columns - centre[0], lines - centre[1])
     view[distance <= radius] = (FAINT * np.array(WHITE) + (1.0 - FAINT) * np.array(colour)).astype(np.uint8)

@@ -1,4 +1,4 @@
-"""The definition of a task, read from its file, and the models of its episodes."""
+"""Reads a task from its file and builds the models that its episodes use."""
 from __future__ import annotations
 
 from dataclasses import dataclass, field
@@ -18,21 +18,21 @@ Array = npt.NDArray[np.float64]
 Range = tuple[float, float]
 
 TASKS = ("reach", "avoid", "implant")
-MOST_STIFFNESSES = 64    # maximum number of stiffnesses, each of which keeps a model in memory
-FARTHEST = 1.0           # m, distance ahead of the tip within which the needle's line must enter the tissue
+MOST_STIFFNESSES = 64    # maximum number of stiffnesses; there is one model in memory for each
+FARTHEST = 1.0           # m, how far ahead of the tip to look for the point where the needle's line enters the tissue
 
 
 class BadTask(Exception):
-    """The task's file cannot be used; the message gives file, line and remedy."""
+    """Raised if a task file cannot be used. The message gives the file and line and says how to fix it."""
 
 
 @dataclass(frozen=True)
 class Stiffness:
-    """A model of the task, and the data that depend only on its mesh and stiffness."""
+    """A model and the data derived from its mesh. Episodes that differ only in other parameters share it."""
 
     model: Model
     embedding: Embedding
-    borders: npt.NDArray[np.int32]        # (n, 3) faces between regions, and those of the tissue's surface
+    borders: npt.NDArray[np.int32]        # (n, 3) faces between regions and on the tissue's surface
 
     @classmethod
     def of(cls, scene: Scene) -> Stiffness:
@@ -49,38 +49,38 @@ class Episode:
     target: Array                         # (3,) m, position in the tissue at rest
     target_nodes: npt.NDArray[np.int32]   # (4,) corners of the tetrahedron that contains the target
     target_weights: Array                 # (4,) barycentric weights of the target
-    borders: npt.NDArray[np.int32]        # (n, 3) faces between regions, and those of the tissue's surface
+    borders: npt.NDArray[np.int32]        # (n, 3) faces between regions and on the tissue's surface
     region_nodes: npt.NDArray[np.int32]   # nodes of the region that contains the target
     obstacle_nodes: npt.NDArray[np.int32] # (4,) corners of the tetrahedron that contains the obstacle's centre
-    obstacle_weights: Array               # (4,) barycentric weights of this centre
-    obstacle: Array                       # (3,) m, centre of the sphere in the tissue at rest
-    radius: float                         # m, radius of the sphere; 0 if the task has no obstacle
+    obstacle_weights: Array               # (4,) barycentric weights of the obstacle's centre
+    obstacle: Array                       # (3,) m, centre of the obstacle, a sphere, in the tissue at rest
+    radius: float                         # m, radius of the obstacle; 0 if the task has none
 
 
 @dataclass
 class Task:
-    """A task, as described in its file. A range gives the limits, [lowest, highest], of a uniform distribution."""
+    """A task, as described in its file. A Range holds the lower and upper limit of a uniform distribution."""
 
     name: str                                                     # one of TASKS
     path: str
     scene: Scene
-    target: dict[str, Range]                                      # x, y, depth: m from the entry point, along the needle's axes before the insertion
+    target: dict[str, Range]                                      # x, y, depth: m from the entry point, along the needle's initial axes
     obstacle: dict[str, Range] = field(default_factory=dict)      # along: fraction of the way to the target; x, y: m from the line to it; radius: m
-    randomise: dict[str, Range] = field(default_factory=dict)     # ranges of scene keys that are drawn at random for each episode
+    randomise: dict[str, Range] = field(default_factory=dict)     # scene keys to draw at random for each episode, and their ranges
     stiffnesses: int = 8          # number of models with different elastic moduli
     speed: float = 0.05           # m/s, largest speed of the base along the needle
     roll_rate: float = 12.0       # rad/s, largest roll rate of the base
-    interval: float = 0.02        # s, time between two actions
-    tolerance: float = 1e-3       # m, largest error that counts as a success
+    interval: float = 0.02        # s, duration of one action
+    tolerance: float = 1e-3       # m, an episode succeeds if its error is at most this
     displacement_cost: float = 5.0    # 1/s, weight of the tissue's displacement in the reward
     start: Array = field(default_factory=lambda: np.zeros(7))     # (7,) pose of the base before the insertion
     axes: Array = field(default_factory=lambda: np.eye(3))        # (3, 3) the needle's axes at `start`, one unit vector per row; +z points from base to tip
     entry: Array = field(default_factory=lambda: np.zeros(3))     # (3,) m, point at which the needle's line enters the tissue
     _stiffnesses: list[Stiffness] = field(default_factory=list)
-    _cheap: list[str] = field(default_factory=list)               # keys of `randomise` that do not require a new inverse
+    _cheap: list[str] = field(default_factory=list)               # keys of `randomise` that can change without a new inverse
 
     def draw(self, random: np.random.Generator) -> Episode:
-        """Draws an episode. The order in which numbers are drawn must not change, so that a seed always gives the same episode."""
+        """Draws a random episode. Do not change the order in which numbers are drawn: a seed must always give the same episode."""
         chosen = self._stiffnesses[random.integers(len(self._stiffnesses))]
         model = chosen.model
         if self._cheap:
@@ -102,7 +102,7 @@ def _borders(model: Model) -> npt.NDArray[np.int32]:
     faces = np.sort(np.concatenate([np.delete(model.tets, corner, axis=1) for corner in range(4)]), axis=1)
     regions = np.tile(model.tet_regions, 4)
     unique, which = np.unique(faces, axis=0, return_inverse=True)
-    which = which.reshape(-1)    # NumPy 2.0 returns a column
+    which = which.reshape(-1)    # NumPy 2.0 returned a column here
     count, total = np.bincount(which), np.bincount(which, regions)
     square = np.bincount(which, regions.astype(float) ** 2)
     return unique[(count == 1) | (2.0 * square > total ** 2)].astype(np.int32)    # two different regions a and b: 2 (a^2 + b^2) > (a + b)^2
@@ -129,14 +129,14 @@ class _TaskReader(Reader):
             raise self.fail(given["scene"], f"scene: {error}") from error
 
     def keys_of(self, node: Any, place: str) -> list[tuple[Any, str, Any]]:
-        """Returns (key node, key, value node) for each entry of a mapping whose keys are keys of a scene."""
+        """Returns (key node, key, value node) for each entry of a mapping from scene keys to values."""
         if not isinstance(node, self.yaml.MappingNode):
             raise self.fail(node, f"{place}: write keys of the scene, and their values")
         return [(key, str(key.value), value) for key, value in node.value]
 
     def try_key(self, node: Any, scene: Scene, key: str, value: float | str, place: str) -> None:
         try:
-            scene[key]    # raises Error for an unknown name in a list, which an assignment would append
+            scene[key]    # an assignment would append an unknown name to its list; reading it raises Error
             scene[key] = value
         except Error as error:
             raise self.fail(node, f"{place}: {error}") from error
@@ -146,8 +146,8 @@ _NUMBERS = ("speed", "roll_rate", "interval", "tolerance", "displacement_cost")
 
 
 def read(name: str, path: str | PathLike[str] | None = None) -> Task:
-    """Reads the file of a task, one of TASKS, and builds its models, which takes a few tenths of a second for each stiffness. `path`: None for the file
-    in the package. Raises BadTask, with file, line and remedy."""
+    """Reads the file of a task (one of TASKS) and builds its models, which takes a few tenths of a second for each stiffness. path: the task file, or
+    None for the one that comes with the package. Raises BadTask."""
     if name not in TASKS:
         raise BadTask(f"no task \"{name}\": there are {', '.join(TASKS)}")
     where = fspath(path) if path is not None else str(Path(__file__).with_name(name + ".yaml"))
@@ -179,7 +179,7 @@ def read(name: str, path: str | PathLike[str] | None = None) -> Task:
 
 
 def _build(task: Task, reader: _TaskReader, given: dict[str, Any]) -> None:
-    """Builds the models, and finds the pose before the insertion."""
+    """Builds the task's models, and determines the needle's start pose and entry point."""
     try:
         nominal = Stiffness.of(task.scene)
         model, stiff = nominal.model, []
@@ -191,7 +191,7 @@ def _build(task: Task, reader: _TaskReader, given: dict[str, Any]) -> None:
                 stiff.append(key)
         task._stiffnesses.append(nominal)
         if stiff:
-            random = np.random.default_rng(0)    # fixed seed, so that the task always has the same models; each episode uses one of them
+            random = np.random.default_rng(0)    # fixed seed: the task always has the same models, and each episode uses one of them
             task._stiffnesses.clear()
             for _ in range(task.stiffnesses):
                 scene = task.scene.copy()

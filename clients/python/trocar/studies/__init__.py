@@ -1,1 +1,1 @@
-"""Studies of many insertions in one scene, planning by simulated insertions, and fits of a scene to recorded insertions."""
+"""Studies of many insertions in one scene, planning by simulation, and fitting a scene to recorded insertions."""

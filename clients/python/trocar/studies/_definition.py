@@ -1,4 +1,4 @@
-"""The definition of a study: its file, its samples, and the quantities that it records."""
+"""Defines a study: reads its file, generates its samples and determines what it records."""
 from __future__ import annotations
 
 import hashlib
@@ -29,17 +29,17 @@ _STIFFNESS = re.compile(r"regions\[[^]]*\]\.(youngs_modulus|poisson_ratio)|membr
 
 
 def affects_stiffness(key: str) -> bool:
-    """True for a key of the scene that affects the tissue's stiffness: runs with different values of it cannot share a model's inverse."""
+    """Whether a scene key affects the tissue's stiffness. If it does, runs with different values cannot share an inverse."""
     return _STIFFNESS.fullmatch(key) is not None
 
 
 class BadStudy(Exception):
-    """The study cannot be used; the message gives file, line and remedy."""
+    """Raised if a study cannot be used. The message gives the file and line and says how to fix it."""
 
 
 @dataclass
 class Parameter:
-    """A parameter of a study: a key of the scene, or "motion." followed by a property of the motion."""
+    """A varied parameter: a scene key, or "motion." and a property of the motion."""
 
     name: str
     unit: str
@@ -50,7 +50,7 @@ class Parameter:
     line: int = 0
 
     def quantile(self, u: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-        """Returns the values at the quantiles u (from 0 to 1) of the distribution."""
+        """Inverse distribution function: returns the values at probabilities u (0 to 1)."""
         if self.kind == "values":
             return np.asarray(self.numbers)[np.minimum((u * len(self.numbers)).astype(int), len(self.numbers) - 1)]
         a, b = self.numbers
@@ -59,14 +59,14 @@ class Parameter:
         if self.kind == "log_uniform":
             return a * (b / a) ** u
         from scipy.stats import norm, truncnorm
-        u = np.clip(u, 2.0 ** -54, 1.0 - 2.0 ** -53)    # a coordinate of a Sobol point can be exactly 0
+        u = np.clip(u, 2.0 ** -54, 1.0 - 2.0 ** -53)    # Sobol points can have coordinates that are exactly 0
         if self.within is None:
             return a + b * norm.ppf(u)
         low, high = self.within
         return np.clip(truncnorm.ppf(u, (low - a) / b, (high - a) / b, loc=a, scale=b), low, high)    # truncnorm.ppf is accurate even far from the mean
 
     def levels(self) -> list[float]:
-        """Returns the values of the parameter on a grid."""
+        """Returns the values that the parameter takes in a grid study."""
         return self.numbers if self.kind == "values" else self.quantile(np.linspace(0.0, 1.0, self.steps)).tolist()
 
     def extremes(self) -> list[float]:
@@ -80,7 +80,7 @@ class Measure:
     name: str                 # name of the quantity
     quantity: Quantity
     option: Any = None        # name of a membrane or region; or (3,) m, position of a target
-    at: float | None = None   # s, time at which the quantity is taken; None for the end of the motion, or for the whole motion
+    at: float | None = None   # s, when to take the quantity; None: at the end of the motion, or over the whole motion
 
     def columns(self) -> list[str]:
         about = f"({self.option})" if isinstance(self.option, str) else ""
@@ -90,27 +90,27 @@ class Measure:
 
 @dataclass
 class Study:
-    """A study, with the contents of its file."""
+    """A study, as read from its file."""
 
     path: str
     scene_path: str
-    settings: dict[str, str]            # keys of the scene that are set to the same values in all runs
+    settings: dict[str, str]            # scene keys that the study sets, the same for all runs
     motion: Any                         # the motion, from trocar.motion
     parameters: list[Parameter]
     method: str
     count: int
     seed: int
     measures: list[Measure]
-    frames_every: float = 0.0           # s between two frames; 0 for no frames
+    frames_every: float = 0.0           # s, interval between frames; 0 for no frames
     plan: Plan | None = None
-    digests: dict[str, str] = field(default_factory=dict)    # SHA-256 of each file that was read, with the file's role as key
-    described: str = ""                 # text for the manifest that describes the motion and other settings
+    digests: dict[str, str] = field(default_factory=dict)    # SHA-256 of each file that was read, by the file's role
+    described: str = ""                 # describes the motion and other settings; goes into the manifest
     inverse: str = "auto"               # the scene's inverse
     text: str = ""                      # contents of the study's file
-    _scene: Scene | None = None         # the scene with `settings` applied; read only once, so that later changes to the file have no effect
+    _scene: Scene | None = None         # the scene with `settings` applied; kept in memory, so that later changes to its file have no effect
 
     def samples(self) -> npt.NDArray[np.float64]:
-        """Returns the parameter values of all runs, (runs, parameters). The values depend only on the seed and the run's index."""
+        """Returns the parameter values of all runs, (runs, parameters)."""
         p = len(self.parameters)
         if self.method == "grid":
             return np.array(list(itertools.product(*(parameter.levels() for parameter in self.parameters))))
@@ -126,7 +126,7 @@ class Study:
         return np.stack([parameter.quantile(column) for parameter, column in zip(self.parameters, unit.T)], axis=1)
 
     def run_scene(self, values: npt.NDArray[np.float64], sparse: bool = False) -> Scene:
-        """Returns the scene of one run. All runs use the same object; the next call changes its parameters."""
+        """Returns the scene for one run. All runs share one object, so the next call changes it."""
         scene = self._scene
         for parameter, value in zip(self.parameters, values):
             if not parameter.name.startswith("motion."):
@@ -135,16 +135,16 @@ class Study:
         return scene
 
     def run_motion(self, values: npt.NDArray[np.float64]) -> Any:
-        """Returns the motion of one run."""
+        """Returns the motion for one run."""
         by = {parameter.name.removeprefix("motion."): float(value) for parameter, value in zip(self.parameters, values) if parameter.name.startswith("motion.")}
         return self.motion.adjusted(**by)
 
     def stiffness_columns(self) -> list[int]:
-        """Returns the indices of the parameters that affect the stiffness."""
+        """Returns the indices of the parameters that affect the tissue's stiffness."""
         return [i for i, parameter in enumerate(self.parameters) if affects_stiffness(parameter.name)]
 
     def possible_stiffnesses(self) -> float:
-        """Returns the maximum number of different stiffnesses, for any number of runs."""
+        """Returns an upper bound, independent of the number of runs, on how many different stiffnesses can occur."""
         varied = [self.parameters[i] for i in self.stiffness_columns()]
         return math.prod(len(p.numbers) if p.kind == "values" else math.inf for p in varied)
 
@@ -155,7 +155,7 @@ class Study:
         return [column for measure in self.measures for column in measure.columns()]
 
     def manifest(self) -> dict[str, str]:
-        """Returns a dict that contains everything the results depend on, to tell studies apart."""
+        """Returns a dict of everything that the results depend on. Two studies are the same if their manifests are equal."""
         version = f"trocar {__version__}"
         if self.method in ("sobol", "latin hypercube", "saltelli") or any(p.kind == "normal" for p in self.parameters):
             import scipy    # the samples depend on its version
@@ -172,7 +172,7 @@ class Study:
 
 
 def _digest_of(said: Any) -> str:
-    """Returns the SHA-256 of what was read from a file, so that the file's path and layout do not matter."""
+    """Returns the SHA-256 of data read from a file. Hashing the data rather than the file makes the digest independent of path and layout."""
     return hashlib.sha256(repr(said).encode()).hexdigest()
 
 
@@ -203,13 +203,13 @@ class _StudyReader:
             raise BadStudy(f"{path}: cannot be read: {error.strerror}") from error
 
     def digest_scene(self, study: Study, scene: Scene) -> None:
-        """Adds the digest of the scene's values, so that comments, order and units in its file do not matter. The mesh has its own digest, and the
-        `device` keys are excluded because no result depends on them."""
+        """Adds a digest of the scene's values, so that comments, order and units in its file do not matter. Leaves out the mesh, which has its own digest,
+        and the `device` keys, which do not affect results."""
         said = {key: scene[key] for key in scene if key not in ("mesh", "cache") and not key.startswith("device.")}
         study.digests["scene"] = _digest_of(sorted(said.items()))
 
     def setting(self, scene: Scene, node: Any, key: str, value: float | str, place: str) -> None:
-        """Sets a key that must exist in the scene."""
+        """Sets a scene key; it is an error if the scene has no such key."""
         try:
             scene[key]
             scene[key] = value
@@ -217,8 +217,8 @@ class _StudyReader:
             raise self.reader.fail(node, f"{place}: {error}") from error
 
     def in_patient(self, given: dict[str, Any], place: str, known: bool) -> bool:
-        """True if positions are in patient coordinates (mm), as specified by the key "coordinates" in the same section. `known`: whether the scene
-        defines patient coordinates."""
+        """Whether positions in a section are in patient coordinates (mm), according to its "coordinates" key. known: whether the scene defines patient
+        coordinates."""
         word = self.reader.text(given["coordinates"], place) if "coordinates" in given else "mesh"
         if word not in ("mesh", "patient"):
             raise self.reader.fail(given["coordinates"], f"{place}: \"{word}\": write mesh (m) or patient (mm)")
@@ -227,7 +227,7 @@ class _StudyReader:
         return word == "patient"
 
     def point(self, node: Any, place: str, frame: Frame, patient: bool) -> npt.NDArray[np.float64]:
-        """Returns a point in mesh coordinates, (3,) m."""
+        """Reads a point, in patient coordinates (mm) if `patient`, and returns it in mesh coordinates, (3,) m."""
         numbers = np.array(self.reader.numbers(node, place, 3))
         return frame.to_mesh(numbers) if patient else numbers
 
@@ -236,7 +236,7 @@ class _StudyReader:
         return self.reader.fail(node, f"{place}: not in the tissue at rest: write x, y, z in {unit}")
 
     def load(self, given: dict[str, Any], study: Study) -> Scene:
-        """Loads the scene, without applying the keys that the study sets."""
+        """Loads the scene file, without the keys that the study sets."""
         study.scene_path = self.file(given["scene"], "scene")
         try:
             study._scene = Scene.load(study.scene_path)
@@ -245,7 +245,7 @@ class _StudyReader:
         return study._scene
 
     def settings(self, given: dict[str, Any], study: Study, scene: Scene) -> None:
-        """Sets the scene's keys that are listed below "set"."""
+        """Applies the scene keys under "set"."""
         reader = self.reader
         for key, value in self.pairs(given["set"], "set") if "set" in given else []:
             if not isinstance(value, reader.yaml.ScalarNode):
@@ -257,9 +257,9 @@ class _StudyReader:
         study.inverse = str(scene["inverse"])
 
     def start(self, given: dict[str, Any], scene: Scene) -> npt.NDArray[np.float64] | None:
-        """Returns the pose of the base, or None if the motion has no start. The file contains either x, y, z, and the orientation is then that of the
-        scene's needle.start, or a position and a quaternion. Positions are in mesh coordinates (m); with `coordinates: patient`, x, y, z are in
-        patient coordinates (mm)."""
+        """Reads the start pose of the base; None if the motion has none. The file gives either a position and a quaternion, or only x, y, z, in which case
+        the orientation comes from the scene's needle.start. Positions are in mesh coordinates (m) or, for x, y, z with `coordinates: patient`, in patient
+        coordinates (mm)."""
         if "start" not in given:
             if "coordinates" in given:
                 raise self.reader.fail(given["coordinates"], "motion.coordinates: allowed only with start: write start too, or leave it out")
@@ -324,7 +324,7 @@ class _StudyReader:
         return found
 
     def operator(self, given: dict[str, Any], plan: Plan, speed: float | None) -> Any:
-        """Returns the motion that carries out a plan: one needle after another, or all needles by a virtual operator."""
+        """Returns the motion that carries out a plan: one needle after another, or all of them by a virtual operator."""
         if "operator" not in given:
             for key in _OF_OPERATOR:
                 if key in given:
@@ -526,6 +526,6 @@ class _StudyReader:
 
 
 def read(path: str | PathLike[str], frames: bool = False) -> Study:
-    """Reads a study. Raises BadStudy, with file, line and remedy, if the file contains anything that the reader does not understand. frames: record
-    frames even if the file does not say so."""
+    """Reads a study. Raises BadStudy if the file contains anything that is not part of the format. frames: record frames even if the file doesn't ask
+    for them."""
     return _StudyReader(fspath(path)).read(frames)

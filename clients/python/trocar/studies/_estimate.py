@@ -1,4 +1,4 @@
-"""Predicts what a study costs from a few of its runs, without writing any of its files."""
+"""Estimates the cost of a study from a few pilot runs, without writing any of the study's files."""
 from __future__ import annotations
 
 import os
@@ -19,15 +19,15 @@ PILOTS = 3
 
 
 class Cost(NamedTuple):
-    """What a study costs, from `pilots` of its runs. Times are processor times."""
+    """The estimated cost of a study, from `pilots` of its runs. Times are CPU times unless stated otherwise."""
 
     runs: int
     pilots: int
-    duration: float               # s, mean of the model time of a run
-    models: int                   # number of models that are shared by several runs
-    model_seconds: float          # s, to build each of these models
-    run_seconds: tuple[float, float, float]    # s, for a run: mean, least and largest of the pilots. Includes building the model if runs do not share it
-    memory: float                 # bytes, peak memory of a process that carries out a run
+    duration: float               # s, mean simulated time of a run
+    models: int                   # number of models that several runs share
+    model_seconds: float          # s, to build one of these shared models
+    run_seconds: tuple[float, float, float]    # s, for a run: mean, minimum and maximum of the pilots, including the model unless it is shared
+    memory: float                 # bytes, peak memory of a process that does one run
     table: float                  # bytes, size of result.csv
     frames: float                 # bytes, total size of the frame files of all runs; frames.h5 takes as much again
 
@@ -37,8 +37,8 @@ class Cost(NamedTuple):
 
 
 def _pilot(study: Study, values: Any, shared: bool, sparse: bool) -> list[Any]:
-    """Carries out one run in this process; returns the processor times (s) for the model and for the run, the model time (s), the memory (bytes), the size of
-    the frames (bytes), and the results."""
+    """Does one run in this process. Returns the CPU times (s) for the model and for the run, the simulated time (s), the peak memory (bytes), the size of the
+    frames (bytes), and the results."""
     begin = time.process_time()
     base = Model(study.run_scene(values, sparse)) if shared else None
     between = time.process_time()
@@ -57,8 +57,7 @@ def _pilot(study: Study, values: Any, shared: bool, sparse: bool) -> list[Any]:
 
 
 def estimate(study: Study, pilots: int = PILOTS) -> Cost:
-    """Carries out up to `pilots` runs, spread over the study, one after the other, each in a process of its own, and extrapolates. Raises BadStudy if all of
-    them fail."""
+    """Extrapolates the cost from up to `pilots` runs spread over the study, each done in its own process, one at a time. Raises BadStudy if they all fail."""
     samples = study.samples()
     if not len(samples):
         raise BadStudy(f"{study.path}: has no runs")
@@ -107,7 +106,7 @@ def size_in_words(size: float) -> str:
 
 
 def in_words(cost: Cost, workers: int, free: float) -> str:
-    """Returns the text that trocar-study prints; `free`: bytes of free disk space."""
+    """Formats the estimate for trocar-study. free: free disk space in bytes."""
     mean, least, most = cost.run_seconds
     lines = [("runs", f"{cost.runs}, of {cost.duration:.2f} s of model time each"),
              ("a run", f"{mean:.3g} s of processor time ({least:.3g} to {most:.3g} s in {cost.pilots} runs), {size_in_words(cost.memory)} of memory"),

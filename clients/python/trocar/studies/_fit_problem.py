@@ -1,4 +1,4 @@
-"""The definition of a fit, read from its file: scene, recordings, noise and parameters."""
+"""Reads the definition of a fit from its file: scene, recordings, noise and parameters."""
 from __future__ import annotations
 
 import math
@@ -19,16 +19,16 @@ from ._measurements import BadRecording, Recording, read_forces, read_log, read_
 
 Array = npt.NDArray[np.float64]
 
-EVERY = 0.02    # s, default interval over which samples are averaged
+EVERY = 0.02    # s, default averaging interval for samples
 
 
 class BadFit(BadStudy):
-    """The fit cannot be carried out; the message gives file, line and remedy."""
+    """Raised if a fit cannot be done. The message gives the file and line and says how to fix it."""
 
 
 @dataclass(frozen=True)
 class Unknown:
-    """A key of the scene whose value is to be estimated. If its lower bound is above 0, its logarithm is fitted."""
+    """A scene key whose value is to be estimated. If its lower bound is above 0, its logarithm is fitted instead."""
 
     key: str
     unit: str
@@ -42,14 +42,14 @@ class Unknown:
         return self.low > 0.0
 
     def value(self, scaled: float) -> float:
-        """Returns the value at a scaled position between the bounds: 0 at the lower one, 1 at the upper one."""
+        """Converts a scaled value, which is 0 at the lower bound and 1 at the upper bound, to the key's value."""
         return self.low * (self.high / self.low) ** scaled if self.logarithmic else self.low + (self.high - self.low) * scaled
 
     def scaled(self, value: float) -> float:
         return math.log(value / self.low) / math.log(self.high / self.low) if self.logarithmic else (value - self.low) / (self.high - self.low)
 
     def prior_scaled(self) -> tuple[float, float] | None:
-        """Returns the mean and the standard deviation of the prior, in terms of the scaled parameter."""
+        """Converts the prior's mean and standard deviation to scaled values."""
         if self.prior is None:
             return None
         mean, spread = self.prior
@@ -59,24 +59,24 @@ class Unknown:
 
 @dataclass
 class FitProblem:
-    """A fit, as described in its file."""
+    """A fit, as read from its file."""
 
     path: str
     study: Study                        # the scene and its settings
     recordings: list[Recording] = field(default_factory=list)
     points: dict[str, Array] = field(default_factory=dict)    # (3,) m, tracked points in the tissue at rest
     noise: dict[str, float] = field(default_factory=dict)     # standard deviation of one sample, by kind: N, N m, m; and "time", s
-    every: float = EVERY                # s
+    every: float = EVERY                # s, averaging interval
     unknowns: list[Unknown] = field(default_factory=list)
-    tets: npt.NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, np.intp))    # (points,) indices of the tetrahedra that contain the points
-    weights: Array = field(default_factory=lambda: np.zeros((0, 4)))                    # (points, 4) barycentric weights in them
+    tets: npt.NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, np.intp))    # (points,) index of the tetrahedron that contains each point
+    weights: Array = field(default_factory=lambda: np.zeros((0, 4)))                    # (points, 4) barycentric weights in that tetrahedron
 
     def is_stiffness(self, index: int) -> bool:
-        """True if models that differ in this parameter cannot share an inverse."""
+        """Whether a change to this parameter requires a new inverse."""
         return affects_stiffness(self.unknowns[index].key)
 
     def scene(self, values: Array) -> Scene:
-        """Returns the scene with these values of the parameters; valid until the next call."""
+        """Returns the scene with these parameter values. All calls share one object, so the next call changes it."""
         scene = self.study._scene
         assert scene is not None
         for unknown, value in zip(self.unknowns, values):
@@ -189,11 +189,10 @@ class _FitReader(_StudyReader):
         if not problem.unknowns:
             raise reader.fail(given["parameters"], "parameters: empty: write at least one")
         if study.inverse == "auto" and any(problem.is_stiffness(i) for i in range(len(problem.unknowns))):
-            scene["inverse"] = "sparse"    # few simulations share a stiffness, and a sparse inverse is built faster
+            scene["inverse"] = "sparse"    # a sparse inverse is faster to build, which matters because few simulations share a stiffness
         return problem
 
 
 def read(path: str | PathLike[str]) -> FitProblem:
-    """Reads the file of a fit and its recordings. Raises BadFit, with file, line and remedy, if the file contains anything that the reader does not
-    understand."""
+    """Reads the file of a fit and its recordings. Raises BadFit if the file contains anything that is not part of the format."""
     return _FitReader(fspath(path)).read_fit()

@@ -1,4 +1,4 @@
-"""The output of trocar-fit: a table, keys for a scene, confidence intervals and a plot."""
+"""Writes the output of trocar-fit: a table, a scene fragment, confidence intervals and a plot."""
 from __future__ import annotations
 
 import json
@@ -37,7 +37,7 @@ def _comment(e: Estimate) -> str:
 
 
 def scene_keys(scene: Scene, result: Fitted) -> str:
-    """Returns the estimates as a fragment of a scene file. Regions and membranes are identified by name; the list of relaxation times is repeated in
+    """Returns the estimates as a fragment of a scene file. Regions and membranes are identified by name. The list of relaxation times is written out in
     full, because its entries have no names."""
     found = {e.key: e for e in result.estimates}
     lists: dict[str, dict[str, dict[str, str]]] = {}
@@ -47,7 +47,7 @@ def scene_keys(scene: Scene, result: Fitted) -> str:
         first, bracket, rest = key.partition("[")
         if bracket and first != "relaxation":
             name, _, part = rest.partition("].")
-            name = str(scene[f"{first}[{name}].name"])    # the key may identify an entry by its number
+            name = str(scene[f"{first}[{name}].name"])    # the key may give the entry's index instead of its name
             lists.setdefault(first, {}).setdefault(name, {})[part] = write(e)
         elif not bracket:
             group, _, part = key.partition(".")
@@ -69,7 +69,7 @@ def scene_keys(scene: Scene, result: Fitted) -> str:
 
 
 def _nested(parts: dict[str, str]) -> list[str]:
-    """Returns lines of YAML, in which "friction.static" is nested below "friction"."""
+    """Returns lines of YAML in which dotted keys become nested mappings: "friction.static" goes below "friction"."""
     lines, last = [], ""
     for part in sorted(parts, key=lambda name: (name.rpartition(".")[0], list(parts).index(name))):
         group, dot, name = part.rpartition(".")

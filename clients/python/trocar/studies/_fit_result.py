@@ -20,7 +20,7 @@ class Estimate:
     high: float
     start: float
     at_bound: bool = False
-    determined: bool = True    # false if the interval is as wide as the bounds
+    determined: bool = True    # false if the data do not determine the parameter
 
 
 @dataclass
@@ -29,9 +29,9 @@ class Fitted:
 
     estimates: list[Estimate]
     correlations: Array         # (p, p) correlations of the estimates
-    chi2: float                 # sum of squares of the data's residuals, each divided by its standard deviation
+    chi2: float                 # sum over the data of (residual / standard deviation)^2
     freedom: int                # number of data points minus number of parameters
     converged: bool
-    simulations: int            # number of times that all recordings were simulated
+    simulations: int            # how many times the full set of recordings was simulated
     warnings: list[str] = field(default_factory=list)
-    predicted: list[list[Array]] = field(default_factory=list)    # predicted means over the averaging intervals, by recording and channel
+    predicted: list[list[Array]] = field(default_factory=list)    # for each recording and channel, the predicted means over the averaging intervals

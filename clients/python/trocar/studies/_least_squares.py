@@ -1,5 +1,4 @@
-"""Nonlinear least squares, with the covariance of the solution, for a model that is expensive to evaluate and not perfectly smooth, and is evaluated
-in parallel."""
+"""Nonlinear least squares, with the covariance of the solution, for models that are expensive and not perfectly smooth. Evaluations run in parallel."""
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -12,23 +11,23 @@ Array = npt.NDArray[np.float64]
 # Returns the residuals (n,) at each of several points (p,), or None where they cannot be computed.
 Evaluate = Callable[[Sequence[Array]], list[Array | None]]
 
-# Simulations are not perfectly smooth: a small change in a parameter can shift an event, such as the tip's entry into the next element, to a different
-# tick, which makes some residuals jump. Finite differences therefore need steps that change the residuals by much more than such jumps do, and the search
-# must be able to cross the jumps.
-FIRST_STEP = 0.01     # initial step of the finite differences, as a fraction of a parameter's range
-STEPS = (0.002, 0.1)     # smallest and largest step
-CHANGE = 10.0         # norm of the change in the residuals that a step of the finite differences should cause
-JUMP = 10.0           # largest increase in chi squared that the search accepts, to cross a jump
+# Simulations are not perfectly smooth: a small change to a parameter can move an event, such as the tip entering the next element, to a different tick, and
+# then some residuals jump. Finite differences therefore need steps that change the residuals by much more than a jump, and the search must be able to
+# cross jumps.
+FIRST_STEP = 0.01     # initial finite-difference step, as a fraction of a parameter's range
+STEPS = (0.002, 0.1)     # smallest and largest finite-difference step
+CHANGE = 10.0         # desired norm of the change in the residuals over one finite-difference step
+JUMP = 10.0           # to cross a jump, the search accepts an increase in chi squared of up to this much
 MOST_RISES = 5        # maximum number of such increases
-SMALL = 0.02          # predicted decrease in chi squared below which a step is not worthwhile: a seventh of a standard error
+SMALL = 0.02          # a step is not worth taking if it should lower chi squared by less than this (a seventh of a standard error)
 WORTH = 0.25          # decrease in chi squared that counts as progress: half a standard error
-IDLE = 5              # number of steps without progress after which the search ends, because the residuals jump and no Jacobian describes them
+IDLE = 5              # give up after this many steps without progress: the residuals jump, and no Jacobian describes them
 MOST_STEPS = 60
 
 
 @dataclass
 class Solution:
-    """The point at which the search ended. Points are scaled: each parameter is 0 at its lower bound and 1 at its upper bound."""
+    """Where the search ended. Points are scaled: each parameter is 0 at its lower bound and 1 at its upper bound."""
 
     point: Array          # (p,)
     residuals: Array      # (n,)
@@ -47,7 +46,7 @@ class _Counted:
 
 
 class _Differences:
-    """Jacobians by finite differences at points between 0 and 1."""
+    """Computes Jacobians by finite differences, for scaled points."""
 
     def __init__(self, evaluate: _Counted, count: int):
         self.evaluate, self.steps = evaluate, np.full(count, FIRST_STEP)
@@ -61,8 +60,8 @@ class _Differences:
         return self.evaluate(points) if points else []
 
     def one_sided(self, point: Array, residuals: Array) -> Array:
-        """Returns the Jacobian (n, p) by one-sided differences: towards the middle of the range or, where the residuals cannot be computed there, away
-        from it. A column is 0 if they can be computed on neither side. Adapts the steps."""
+        """Returns the Jacobian (n, p) by one-sided differences. Steps towards the middle of a parameter's range or, if the residuals cannot be computed
+        there, away from it; a column is 0 if neither works. Adapts the step sizes."""
         every, signs = range(len(point)), np.where(point < 0.5, 1.0, -1.0)
         there = self._at(point, signs, every)
         failed = [i for i in every if there[i] is None]
@@ -78,7 +77,7 @@ class _Differences:
         return jacobian
 
     def central(self, point: Array, residuals: Array) -> Array:
-        """Returns the Jacobian by central differences, or by one-sided ones at bounds and where the residuals can be computed on one side only."""
+        """Returns the Jacobian by central differences, falling back to one-sided ones at bounds and where the residuals can be computed on one side only."""
         jacobian = np.zeros((len(residuals), len(point)))
         every = range(len(point))
         sides = []
@@ -95,8 +94,8 @@ class _Differences:
 
 
 def _bounded_step(jacobian: Array, residuals: Array, point: Array, damping: float) -> Array:
-    """Returns the Levenberg-Marquardt step (Marquardt 1963) within the bounds. The step solves a linear least-squares problem with bounds, by an
-    active-set method; the active set consists of the parameters at a bound (Nocedal and Wright 2006, section 16.5)."""
+    """Returns the Levenberg-Marquardt step (Marquardt 1963) within the bounds: the solution of a bounded linear least-squares problem, found by an
+    active-set method in which the active set is the parameters at a bound (Nocedal and Wright 2006, section 16.5)."""
     size, low, high = np.sum(jacobian ** 2, axis=0), -point, 1.0 - point
     matrix = np.concatenate([jacobian, np.diag(np.sqrt(damping * np.maximum(size, 1e-9 * size.max() + 1e-300)))])
     target = np.concatenate([-residuals, np.zeros(len(point))])
@@ -111,7 +110,7 @@ def _bounded_step(jacobian: Array, residuals: Array, point: Array, damping: floa
         if outside.any():
             side[outside] = np.where(step < low, -1.0, 1.0)[outside]
             continue
-        inward = -side * (matrix.T @ (target - matrix @ step))    # rate at which the sum of squares decreases when a parameter leaves its bound
+        inward = -side * (matrix.T @ (target - matrix @ step))    # how fast the sum of squares falls as a parameter moves off its bound
         if inward.max() <= 0.0:
             break
         side[np.argmax(inward)] = 0.0
@@ -119,15 +118,15 @@ def _bounded_step(jacobian: Array, residuals: Array, point: Array, damping: floa
 
 
 def _fall(jacobian: Array, residuals: Array, step: Array) -> float:
-    """Returns the decrease in chi squared that the Jacobian predicts for a step."""
+    """Returns how much a step should lower chi squared according to the Jacobian."""
     return float(residuals @ residuals - np.sum((residuals + jacobian @ step) ** 2))
 
 
 def minimise(evaluate: Evaluate, start: Array) -> Solution:
-    """Minimises the sum of squares of the residuals over points (p,) between 0 and 1, by the Levenberg-Marquardt method. Between evaluations by finite
-    differences, the Jacobian is updated by Broyden's formula (Broyden 1965), because each column of finite differences costs a simulation. Residuals
-    must be divided by their standard deviations: the search ends when a step would change chi squared by less than SMALL. Raises ValueError if the
-    residuals cannot be computed at the start."""
+    """Minimises the sum of squared residuals over scaled points (p,) by the Levenberg-Marquardt method. As each column of a finite-difference Jacobian
+    costs a simulation, the Jacobian is mostly updated with Broyden's formula instead (Broyden 1965). Residuals must be divided by their standard
+    deviations, because the search ends when a step should lower chi squared by less than SMALL. Raises ValueError if the residuals cannot be computed at
+    the start."""
     counted = _Counted(evaluate)
     differences = _Differences(counted, len(start))
     point = np.array(start, np.float64)
@@ -135,13 +134,13 @@ def minimise(evaluate: Evaluate, start: Array) -> Solution:
     if residuals is None:
         raise ValueError("no residuals at the start")
     jacobian, damping, rises, converged = differences.one_sided(point, residuals), 1e-3, 0, False
-    moved, idle, renewed = np.zeros(len(point)), 0, False    # moved: change in `point` since the last Jacobian by finite differences
+    moved, idle, renewed = np.zeros(len(point)), 0, False    # moved: change in `point` since the last finite-difference Jacobian
     best = point, residuals
     for _ in range(MOST_STEPS):
         chi2, lowest = float(residuals @ residuals), float(best[1] @ best[1])
         scale = max(1.0, chi2 / max(len(residuals) - len(point), 1))
         fresh = float(np.linalg.norm(jacobian @ moved)) < CHANGE * np.sqrt(scale)
-        left = _fall(jacobian, residuals, _bounded_step(jacobian, residuals, point, 0.0))    # decrease in chi squared that can still be expected
+        left = _fall(jacobian, residuals, _bounded_step(jacobian, residuals, point, 0.0))    # how much chi squared can still be expected to fall
         if (fresh and left < SMALL * scale) or (renewed and idle >= IDLE):
             converged = True
             break
@@ -180,7 +179,7 @@ def jacobian_at(evaluate: Evaluate, point: Array) -> Array:
     residuals = counted([point])[0]
     if residuals is None:
         raise ValueError("no residuals")
-    differences.one_sided(point, residuals)    # adapts the steps
+    differences.one_sided(point, residuals)    # only to adapt the step sizes
     return differences.central(point, residuals)
 
 
@@ -189,10 +188,10 @@ def jacobian_at(evaluate: Evaluate, point: Array) -> Array:
 
 @dataclass
 class Covariance:
-    """The covariance of a solution, in scaled parameters."""
+    """The covariance of a solution, in terms of the scaled parameters."""
 
-    matrix: Array                      # (p, p); the variance is large in directions that the data do not determine
-    directions: list[tuple[float, Array]]    # (standard deviation as a fraction of the range, unit vector (p,)), worst first
+    matrix: Array                      # (p, p), with a very large variance in directions that the data do not determine
+    directions: list[tuple[float, Array]]    # principal axes: (standard deviation as a fraction of the range, unit vector (p,)), least well determined first
 
 
 def covariance(jacobian: Array) -> Covariance:

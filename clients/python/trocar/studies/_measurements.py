@@ -1,4 +1,4 @@
-"""Recordings of insertions: base poses, forces and positions of tracked points, from CSV files or LCM logs."""
+"""Reads recorded insertions from CSV files or LCM logs: base poses, forces and positions of tracked points."""
 from __future__ import annotations
 
 import csv
@@ -17,25 +17,25 @@ Array = npt.NDArray[np.float64]
 
 LENGTHS = {"m": 1.0, "mm": 1e-3}
 UNITS = {"force": "N", "torque": "N m", "position": "m"}
-FORCES = ("fx", "fy", "fz", "tx", "ty", "tz")    # same columns as in the CSV of trocar-replay
+FORCES = ("fx", "fy", "fz", "tx", "ty", "tz")    # column names as in the CSV output of trocar-replay
 
 
 class BadRecording(Exception):
-    """The recording cannot be used; the message gives file, line and remedy."""
+    """Raised if a recording cannot be used. The message gives the file and line and says how to fix it."""
 
 
 @dataclass(frozen=True)
 class Channel:
-    """A measured scalar over time, and its means over intervals of equal length."""
+    """A scalar measured over time, and its averages over equal intervals."""
 
     kind: str                 # "force", "torque" or "position"
     component: int            # 0, 1 or 2: x, y or z of the world frame
     point: str                # name of the tracked point; empty for forces and torques
     times: Array              # (n,) s after the first pose, increasing
     values: Array             # (n,) N, N m or m
-    every: float              # s, length of an interval
+    every: float              # s, length of an averaging interval
     # computed
-    first: npt.NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, np.intp))    # (b,) index of the first sample in each interval that has samples
+    first: npt.NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, np.intp))    # (b,) index of the first sample in each non-empty interval
     counts: npt.NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, np.intp))   # (b,) number of samples in these intervals
 
     def __post_init__(self) -> None:
@@ -49,7 +49,7 @@ class Channel:
         return f"{self.point or self.kind} {'xyz'[self.component]}"
 
     def means(self, values: Array) -> Array:
-        """Returns the means (b,) over the intervals of values (n,), one per sample."""
+        """Averages values (n,), one per sample, over the intervals: (b,)."""
         return np.add.reduceat(values, self.first) / self.counts
 
     def at(self) -> Array:
@@ -57,8 +57,8 @@ class Channel:
         return self.means(self.times)
 
     def spreads(self, sample: float, time: float) -> Array:
-        """Returns the standard deviations (b,) of the means. `sample`: standard deviation of a single sample. `time`: standard deviation (s) of the
-        difference between the clocks, which matters where the force changes quickly, as at a puncture."""
+        """Returns the standard deviations (b,) of the means. sample: standard deviation of a single sample. time: standard deviation (s) of the offset
+        between the clocks, which matters where the force changes quickly, as it does at puncture."""
         change = np.abs(np.diff(self.means(self.values)) / np.maximum(np.diff(self.at()), 1e-9)) if len(self.first) > 1 else np.zeros(0)
         slope = np.maximum(np.append(change, 0.0), np.insert(change, 0, 0.0))
         return np.sqrt(sample ** 2 / self.counts + (slope * time) ** 2)
@@ -66,7 +66,7 @@ class Channel:
 
 @dataclass
 class Recording:
-    """An insertion that begins in tissue at rest."""
+    """A recorded insertion, which begins with the tissue at rest."""
 
     name: str                 # name of the file, for messages and plots
     motion: Table             # poses of the base
@@ -77,7 +77,7 @@ class Recording:
 
 
 class _Csv:
-    """A CSV file whose first line names columns and units, such as "fx [N]"."""
+    """A CSV file whose header gives column names and units, such as "fx [N]"."""
 
     def __init__(self, path: Path):
         self.path = path
@@ -94,7 +94,7 @@ class _Csv:
         self.rows = rows[1:]
 
     def numbers(self, name: str, units: dict[str, float], gaps: bool = False) -> Array:
-        """Returns a column in SI units; with `gaps`, empty cells are NaN."""
+        """Returns a column in SI units. With `gaps`, empty cells are allowed and become NaN."""
         if name not in self.columns:
             raise BadRecording(f"{self.path}:1: no column \"{name} [{next(iter(units))}]\": there are {', '.join(self.columns)}")
         index, unit = self.columns[name]
@@ -128,7 +128,7 @@ def _channel(path: Path, kind: str, component: int, point: str, times: Array, va
 
 
 def read_forces(path: Path, motion: Table, every: float, kinds: Sequence[str]) -> list[Channel]:
-    """Reads the columns among fx, fy, fz [N] and tx, ty, tz [N m] that the file has and whose kind is in `kinds`. Raises BadRecording."""
+    """Reads those of the columns fx, fy, fz [N] and tx, ty, tz [N m] that are in the file and whose kind is in `kinds`. Raises BadRecording."""
     table = _Csv(path)
     times, found = table.times(), []
     for i, name in enumerate(FORCES):
@@ -141,7 +141,7 @@ def read_forces(path: Path, motion: Table, every: float, kinds: Sequence[str]) -
 
 
 def read_points(path: Path, motion: Table, every: float, points: Sequence[str]) -> list[Channel]:
-    """Reads positions of tracked points from columns such as "apex_x [mm]"; empty cells are gaps. Raises BadRecording."""
+    """Reads the positions of tracked points from columns such as "apex_x [mm]". Cells may be empty. Raises BadRecording."""
     table = _Csv(path)
     times = table.times()
     return [_channel(path, "position", i, point, times, table.numbers(f"{point}_{axis}", LENGTHS, gaps=True), motion, every)
@@ -159,8 +159,8 @@ def read_poses(path: Path) -> Table:
 
 
 def read_log(path: Path, every: float, kinds: Sequence[str]) -> Recording:
-    """Reads the poses of the first needle and session in the log, and the wrenches that were computed for these poses, before limits and ramps are
-    applied. Without wrenches in the log, the recording has no channels. Raises BadRecording."""
+    """Reads the poses of the first needle and session in the log, and the wrenches computed for them, as they were before limits and ramps. If the log
+    contains no wrenches, the recording has no channels. Raises BadRecording."""
     from . import _messages
     poses: list[list[float]] = []
     wrenches: list[list[float]] = []
@@ -188,7 +188,7 @@ def read_log(path: Path, every: float, kinds: Sequence[str]) -> Recording:
     if len(poses) < 2:
         raise BadRecording(f"{path}: {len(poses)} poses on TROCAR_POSE: record an insertion")
     table = np.array(poses)
-    for i in range(1, len(table)):    # because q and -q are the same orientation, choose the sign closer to the previous one
+    for i in range(1, len(table)):    # q and -q are the same orientation: pick the sign closer to the previous quaternion
         if table[i, 4:] @ table[i - 1, 4:] < 0.0:
             table[i, 4:] *= -1.0
     motion = Table(times=table[:, 0] - table[0, 0], given=table[:, 1:])

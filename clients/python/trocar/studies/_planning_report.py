@@ -1,4 +1,4 @@
-"""The output of trocar-plan: CSV and Markdown tables, and plots."""
+"""Writes the output of trocar-plan: CSV and Markdown tables, and plots."""
 from __future__ import annotations
 
 import csv
@@ -22,7 +22,7 @@ def _mm(value: float) -> str:
 
 
 def _described(problem: Problem, needle: Needle, frame: Frame) -> list[str]:
-    """Describes a needle in words: entry, tilt towards each of the area's edges, depth, roll and turn."""
+    """Describes a needle in words: entry, tilt towards each edge of the entry rectangle, depth, roll and turn."""
     where = needle.hole or " ".join(f"{x:.1f}" for x in frame.position(needle.entry))
     tilt = ""
     if problem.area is not None:
@@ -41,7 +41,7 @@ def _kinds(problem: Problem, result: Any) -> dict[str, Any]:
 
 
 def _errors(expected: Sequence[Any], sampled: bool, over: Any) -> str:
-    """Formats the error for nominal parameters, followed by the worst-case error in brackets; `over` combines the errors of several targets."""
+    """Formats the error for the scene's own parameter values, with the worst case in brackets. over: function that combines the errors of several targets."""
     worst = f" ({_mm(over([e.worst for e in expected]))})" if sampled else ""
     return _mm(over([e.error for e in expected])) + worst
 
@@ -76,7 +76,7 @@ def _seeds(problem: Problem, results: Sequence[Any]) -> str:
     def numbers(chosen: Sequence[Any]) -> list[str]:
         cells = []
         for which in ("before", "after"):
-            values = [np.array(getattr(result, which)) for result in chosen]    # (samples, seeds); the first row holds the results for the scene's own values
+            values = [np.array(getattr(result, which)) for result in chosen]    # (samples, seeds); the first row is for the scene's own values
             for over in (np.mean, np.max):
                 own, all_ = (_mm(over(np.concatenate([part[:end].ravel() for part in values]))) for end in (1, None))
                 cells.append(own + (f" ({all_})" if sampled else ""))
@@ -147,7 +147,7 @@ def _plot_errors(problem: Problem, results: Sequence[Any], path: Path) -> None:
 
 
 def _shadow(axis: Any, points: np.ndarray, colour: str, label: str) -> None:
-    """Draws the outline of a body's points (n, 2), mm."""
+    """Draws the outline of a body from its projected points (n, 2), mm."""
     from scipy.ndimage import binary_closing, gaussian_filter
     low = points.min(axis=0) - 6.0
     cells = np.floor(points - low).astype(int)
@@ -161,7 +161,7 @@ def _shadow(axis: Any, points: np.ndarray, colour: str, label: str) -> None:
 
 
 def _inside(shaft: np.ndarray, depth: float) -> np.ndarray:
-    """Returns the part of a needle's shaft that was inserted, `depth` (m) long."""
+    """Returns the part of the shaft that is in the tissue: the `depth` metres next to the tip."""
     behind = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(shaft[::-1], axis=0), axis=1))])
     arc = np.append(behind[behind < depth], depth)
     return np.column_stack([np.interp(arc, behind, column) for column in shaft[::-1].T])[::-1]

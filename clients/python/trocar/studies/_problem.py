@@ -1,4 +1,4 @@
-"""The definition of a planning problem, read from its file."""
+"""Reads the definition of a planning problem from its file."""
 from __future__ import annotations
 
 import math
@@ -24,21 +24,21 @@ Array = npt.NDArray[np.float64]
 
 OBJECTIVES = ("nominal", "mean", "worst")
 METHODS = ("sobol", "latin hypercube", "random", "grid")
-MOST_SAMPLES = 64    # maximum number of samples, each of which keeps a model in memory
+MOST_SAMPLES = 64    # maximum number of samples; there is one model in memory for each
 MOST_POINTS = 2e6    # maximum number of points in an obstacle
 LONGEST = 0.1        # m, maximum clearance or tolerance that a problem may specify
 LONGEST_REST = 60.0  # s
-IN_FRONT = 1e-3      # m, points are tested this far in front of the rectangle, because rounding may put a rectangle on the skin slightly inside
+IN_FRONT = 1e-3      # m, test for tissue this far in front of the entry rectangle, because rounding can put one that lies on the skin slightly inside
 SLOWEST = 1e-3       # m/s
 
 
 class BadProblem(BadStudy):
-    """The problem cannot be used; the message gives file, line and remedy."""
+    """Raised if a planning problem cannot be used. The message gives the file and line and says how to fix it."""
 
 
 @dataclass
 class Area:
-    """A rectangle through which needles enter. A needle has the area's direction, tilted about each of two axes."""
+    """A rectangle through which needles may enter. Needles point in the area's direction, tilted about each of two axes."""
 
     origin: Array       # (3,) m, position of a corner
     edges: Array        # (2, 3) m
@@ -47,31 +47,31 @@ class Area:
 
 @dataclass
 class Problem:
-    """A problem, with the contents of its file."""
+    """A planning problem, as read from its file."""
 
     path: str
     study: Study                          # the scene, its settings and the samples
-    hand: Implant                         # speed and rests with which the needles are moved
-    targets: list[tuple[str, Array]] = field(default_factory=list)    # names of the targets, and their positions (3,) m in the tissue at rest
-    plan: Plan | None = None              # a plan whose seeds should end at their planned places; None if there are `targets`
+    hand: Implant                         # gives the speed and pauses with which needles are moved
+    targets: list[tuple[str, Array]] = field(default_factory=list)    # target names, and positions (3,) m in the tissue at rest
+    plan: Plan | None = None              # a plan whose seeds should end up at their planned positions; None if there are `targets`
     area: Area | None = None
     template: str = ""                    # name of the template; empty if needles enter through `area`
-    holes: list[str] = field(default_factory=list)    # holes of the template that may be used
-    tilt: float = 0.0                     # rad, largest tilt allowed about each of the two axes
-    roll: float | None = None             # rad; None: free
-    turn: bool = False                    # true if the needle may be turned by half a turn during the insertion
+    holes: list[str] = field(default_factory=list)    # template holes that may be used
+    tilt: float = 0.0                     # rad, maximum tilt about each of the two axes
+    roll: float | None = None             # rad; None: the planner may choose it
+    turn: bool = False                    # true if the needle may be given half a turn during the insertion
     tolerance: float = 0.3e-3             # m
     obstacles: list[Obstacle] = field(default_factory=list)
     objective: str = "nominal"
     bevelled: bool = False
-    nominal: Array = field(default_factory=lambda: np.zeros(0))    # (parameters,) values that the parameters have in the scene
+    nominal: Array = field(default_factory=lambda: np.zeros(0))    # (parameters,) the scene's own values of the parameters
 
     def scene(self, values: npt.NDArray[np.float64] | None = None) -> Scene:
-        """Returns the scene of a sample, or the scene of the file if no sample is given; valid until the next call."""
+        """Returns the scene for a sample, by default for the scene's own values. All calls share one object, so the next call changes it."""
         return self.study.run_scene(self.nominal if values is None else values)
 
     def samples(self) -> npt.NDArray[np.float64]:
-        """Returns the samples (samples, parameters); (0, 0) if there are no parameters."""
+        """Returns the samples (samples, parameters), or an array of shape (0, 0) if there are no parameters."""
         return self.study.samples() if self.study.parameters else np.empty((0, 0))
 
 
@@ -110,7 +110,7 @@ class _ProblemReader(_StudyReader):
             place = f"targets[{i}]"
             keys = reader.mapping(item, place, ("name", "at"))
             name, point = reader.text(keys["name"], f"{place}.name"), self.point(keys["at"], f"{place}.at", frame, patient)
-            if "|" in name or not name.isprintable():    # the name appears in a Markdown table and in a plan
+            if "|" in name or not name.isprintable():    # names go into a Markdown table and into a plan
                 raise reader.fail(keys["name"], f"{place}.name: write one line without |")
             if name in [other for other, _ in problem.targets]:
                 raise reader.fail(keys["name"], f"{place}.name: \"{name}\" is another target's: choose another one")
@@ -135,7 +135,7 @@ class _ProblemReader(_StudyReader):
         return low, high
 
     def area(self, node: Any, keys: dict[str, Any], frame: Frame, patient: bool) -> Area:
-        """Reads the entry rectangle: two ranges and a number, along the axes of the mesh or of the patient."""
+        """Reads the entry rectangle: a range for two of the axes and a number for the third, in mesh or patient coordinates."""
         reader = self.reader
         missing = [axis for axis in "xyz" if axis not in keys]
         if missing:
@@ -158,7 +158,7 @@ class _ProblemReader(_StudyReader):
         return Area(origin, edges, towards_ / np.linalg.norm(towards_))
 
     def check_area(self, node: Any, model: Model, problem: Problem) -> None:
-        """Checks that the rectangle is outside the tissue, and that all targets lie behind it."""
+        """Checks that the entry rectangle is outside the tissue and that all targets lie beyond it."""
         area, part = problem.area, np.linspace(0.0, 1.0, 4)
         before = [area.origin + s * area.edges[0] + t * area.edges[1] - IN_FRONT * area.direction for s in part for t in part]
         if (locate(model, before)[0] >= 0).any():
@@ -302,5 +302,5 @@ class _ProblemReader(_StudyReader):
 
 
 def read(path: str | PathLike[str]) -> Problem:
-    """Reads a problem. Raises BadProblem, with file, line and remedy, if the file contains anything that the reader does not understand."""
+    """Reads a planning problem. Raises BadProblem if the file contains anything that is not part of the format."""
     return _ProblemReader(fspath(path)).read()

@@ -1,4 +1,4 @@
-"""The quantities that a study can record for a run, either over the whole motion or at one instant."""
+"""The quantities that a study can record, either over the whole motion or at one instant."""
 from __future__ import annotations
 
 from dataclasses import dataclass, field
@@ -17,7 +17,7 @@ Array = npt.NDArray[np.float64]
 
 @dataclass
 class Recording:
-    """The data of a run up to the current tick."""
+    """The data collected so far in a run."""
 
     sim: Sim
     scene: Scene
@@ -29,7 +29,7 @@ class Recording:
     _field: Array | None = None
 
     def all(self, name: str) -> npt.NDArray[Any]:
-        """Returns one field of all outputs so far."""
+        """Returns one output field for all ticks so far."""
         return np.concatenate([part[name] for part in self.outputs])
 
     def path(self) -> Array:
@@ -45,8 +45,8 @@ class Recording:
 
 
 class Quantity(NamedTuple):
-    """A quantity of a run. `parts`: the names of its numbers, ("",) for a single number. `instant`: true if the quantity is taken at one time, false
-    if over the whole motion. `option`: the key that the quantity needs in addition to `at`: "membrane", "region" or "target" (a point)."""
+    """A quantity that a study can record. parts: names of its components, ("",) if it is a single number. instant: true if it is taken at one time, false
+    if over the whole motion. option: the key that it needs besides `at`: "membrane", "region" or "target" (a point)."""
 
     unit: str
     parts: tuple[str, ...]
@@ -72,15 +72,15 @@ def _peak_lateral_force(r: Recording, _: Any) -> list[float]:
 
 
 def _work(r: Recording, _: Any) -> list[float]:
-    """Integrates the hand's work with the trapezoidal rule. While the hand changes from one needle of a plan to the next, it bears no force."""
+    """Integrates the work done by the hand with the trapezoidal rule. While the hand moves from one needle to the next, it feels no force."""
     poses, force, torque = r.path(), r.all("force"), r.all("torque")
     turned = multiply(poses[1:, 3:], poses[:-1, 3:] * np.array([1.0, -1.0, -1.0, -1.0]))
-    angle = 2.0 * turned[:, 1:] * np.sign(turned[:, :1])    # small
+    angle = 2.0 * turned[:, 1:] * np.sign(turned[:, :1])    # small-angle approximation
     return [-0.5 * float(np.sum((force[1:] + force[:-1]) * np.diff(poses[:, :3], axis=0)) + np.sum((torque[1:] + torque[:-1]) * angle))]
 
 
 def _at_puncture(r: Recording, membrane: str) -> int | None:
-    """Returns the tick in which this membrane was first punctured."""
+    """Returns the tick in which the membrane was first punctured, or None."""
     index = r.scene.names("membranes").index(membrane)
     ticks = np.flatnonzero((r.all("events") & int(Event.PUNCTURED) != 0) & (r.all("membrane") == index))
     return int(ticks[0]) if len(ticks) else None
@@ -107,8 +107,7 @@ def _target_error(r: Recording, target: Array) -> list[float]:
 
 
 def displaced(model: Model, point: npt.ArrayLike, displacements: Array) -> Array:
-    """Returns the current position (3,) m of a material point that is given by its position at rest (m). Raises ValueError if the point is outside
-    the tissue."""
+    """Returns the current position (3,) m of the material point whose rest position (m) is `point`. Raises ValueError if it is outside the tissue."""
     (tet,), (weights,) = locate(model, [point])
     if tet < 0:
         raise ValueError("not in the tissue at rest")
@@ -116,7 +115,7 @@ def displaced(model: Model, point: npt.ArrayLike, displacements: Array) -> Array
 
 
 def _shift(r: Recording, region: str) -> list[float]:
-    """Returns the mean displacement of the region's nodes, as x, y, z and length (m)."""
+    """Returns the mean displacement vector of the region's nodes as x, y, z, and its length (m)."""
     model = r.sim.model
     nodes = np.unique(model.tets_of(region))
     mean = r.displacements()[nodes].mean(axis=0)
@@ -127,7 +126,7 @@ def _seed_error(r: Recording, _: Any) -> list[float]:
     from ..brachy import plan as plans
     model = r.sim.model
     rows = [row for row in plans.compare(r.plan, model, plans.seeds_of(r.sim)) if row.offset is not None]
-    distances = [1e-3 * float(np.linalg.norm(row.offset)) for row in rows]    # converts the offset from mm to m
+    distances = [1e-3 * float(np.linalg.norm(row.offset)) for row in rows]    # offsets are in mm
     return [float(np.mean(distances)), max(distances)] if distances else [float("nan")] * 2
 
 
@@ -135,7 +134,7 @@ SEED_PARTS = ("total", "tissue", "image", "splay", "remainder")
 
 
 def _seed_parts(r: Recording, _: Any) -> list[float]:
-    """Returns, for each part of the misplacement, its mean magnitudes (m) along and across the needle."""
+    """Returns the mean magnitudes (m) of each part of the misplacement, along and across the needle."""
     errors = r.moves.errors()
     mean = lambda values: float(np.mean(values)) if errors else float("nan")
     return [number for part in SEED_PARTS for number in (mean([abs(e.along(part)) for e in errors]), mean([e.across(part) for e in errors]))]

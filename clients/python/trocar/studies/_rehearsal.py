@@ -1,5 +1,5 @@
-"""Simulated insertions for planning, which give the tip's final position and the tissue's displacements. Parts that several insertions have in common
-are simulated once, and their states are saved."""
+"""Simulates insertions for planning, to find out where the tip ends up and how the tissue is displaced. What several insertions have in common is
+simulated only once: they continue from a saved state."""
 from __future__ import annotations
 
 import math
@@ -17,16 +17,16 @@ from ..brachy.plan import Turn
 
 Array = npt.NDArray[np.float64]
 
-BACK = 4e-3        # m, a state is saved at this distance before the desired depth; insertions to other depths continue from it
-BEFORE_TURN = 6e-3    # m, a state is saved at this distance before a turn; insertions with other turns continue from it
+BACK = 4e-3        # m, save the state this far short of the desired depth, so that insertions to other depths can continue from it
+BEFORE_TURN = 6e-3    # m, save the state this far short of a turn, so that insertions with other turns can continue from it
 STATES = 6         # maximum number of saved states
-ROUNDS = 8         # maximum number of iterations in the search for the depth
-EXACT = 2e-6       # m, tolerance of the search for the depth
-FARTHEST = 6e-3    # m, largest step in the search for the depth
+ROUNDS = 8         # maximum number of iterations in the depth search
+EXACT = 2e-6       # m, tolerance of the depth search
+FARTHEST = 6e-3    # m, largest step in the depth search
 
 
 class Aim(NamedTuple):
-    """An insertion whose depth is not specified."""
+    """Everything that defines an insertion except its depth."""
 
     point: Array        # (3,) m, point from which depths are measured
     direction: Array    # (3,) unit vector
@@ -35,7 +35,7 @@ class Aim(NamedTuple):
 
 
 class Outcome(NamedTuple):
-    """The result of an insertion: the needle at rest at its depth, and the displaced tissue."""
+    """The end of an insertion: the needle at rest at its final depth, and the displaced tissue."""
 
     depth: float
     error: Array        # (3,) m, vector from the displaced target to the tip
@@ -48,7 +48,7 @@ class Outcome(NamedTuple):
 
 
 class Target:
-    """A point of the tissue, given by its position at rest."""
+    """A material point of the tissue, given by its position at rest."""
 
     def __init__(self, point: npt.ArrayLike, model: Model):
         """Raises ValueError if the point is outside the tissue."""
@@ -63,7 +63,7 @@ class Target:
 
 
 def depth_of(aim: Aim, target: Target) -> float:
-    """Returns the depth (m) at which the tip of a rigid needle is closest to the target in the tissue at rest."""
+    """Returns the depth (m) at which a rigid needle's tip would be closest to the target in tissue at rest."""
     return float((target.point - aim.point) @ aim.direction)
 
 
@@ -74,11 +74,11 @@ class Rehearsal:
         self.model, self._hand, self._sim, self._dt = model, hand, Sim(model), 1.0 / model.rate_hz
         self._step = hand.speed * self._dt
         self._saved: OrderedDict[bytes, tuple[int, bytes]] = OrderedDict()
-        self.runs = 0         # number of insertions that were simulated to a given depth
-        self.ticks = 0        # number of simulated ticks
+        self.runs = 0         # number of insertions simulated so far
+        self.ticks = 0        # number of ticks simulated so far
 
-    # Each leg, before and after the turn, consists of full steps from its start and a shorter last step. States are saved only after full steps, so
-    # that results do not depend on which saved states are still available.
+    # Each leg (before and after the turn) consists of full steps from its start and a shorter last step. States are saved only after full steps, so that
+    # results do not depend on which saved states happen to be available.
 
     def _run(self, poses: Array) -> None:
         self._sim.run(poses, self._dt)
@@ -92,12 +92,12 @@ class Rehearsal:
         return max(math.floor((depth - start) / self._step + 1e-9), 0)
 
     def _leg(self, aim: Aim) -> tuple[bytes, float, float]:
-        """Returns the last leg of this aim: the key of its saved state, its start (m) and its roll (rad)."""
+        """Describes the last leg of an insertion: the key of its saved state, its start depth (m) and its roll (rad)."""
         numbers = np.array([*aim.point, *aim.direction, aim.roll, *(aim.turn or ())])
         return numbers.tobytes(), aim.turn.depth if aim.turn else -self._hand.outside, aim.roll + (aim.turn.by if aim.turn else 0.0)
 
     def _begin(self, aim: Aim) -> None:
-        """Moves the needle to the start of the last leg of this aim."""
+        """Moves the needle to the start of the last leg."""
         if aim.turn is None:
             self._sim.reset(self._poses(aim, np.array([-self._hand.outside]), aim.roll)[0])
             return
@@ -106,7 +106,7 @@ class Rehearsal:
         self._run(self._poses(aim, np.full(count, aim.turn.depth), aim.roll + np.linspace(0.0, aim.turn.by, count + 1)[1:]))
 
     def _reach(self, aim: Aim, depth: float, back: float) -> None:
-        """Moves the needle along the last leg of this aim to this depth, and saves the state when the remaining distance is `back`."""
+        """Moves the needle along the last leg to `depth` (m), saving the state `back` (m) short of it."""
         leg, start, roll = self._leg(aim)
         wanted, early = self._steps(start, depth), self._steps(start, depth - back)
         there = self._saved.get(leg)
@@ -131,7 +131,7 @@ class Rehearsal:
             self._run(self._poses(aim, depths, roll))
 
     def at(self, aim: Aim, depth: float, target: Target) -> Outcome:
-        """Returns the outcome for the needle at rest at this depth. Raises Error."""
+        """Simulates the insertion to this depth (m). Raises Error."""
         if aim.turn and aim.turn.depth >= depth:
             aim = aim._replace(turn=None)
         self._reach(aim, depth, BACK)
@@ -143,9 +143,9 @@ class Rehearsal:
         return Outcome(depth, shaft[-1] - target.displaced(field), shaft, field)
 
     def best(self, aim: Aim, target: Target, further: float = 0.0) -> Outcome:
-        """Returns the outcome at the depth at which the target is neither ahead of the tip nor behind it, found by the secant method. `further`: expected value
-        (m) of this depth minus that for a rigid needle. If there is no such depth, for example because of bone, returns the best outcome found. Raises
-        Error."""
+        """Finds the depth at which the tip is level with the target, neither short of it nor past it, by the secant method, and returns the outcome there. If
+        there is no such depth, for example because bone is in the way, returns the best outcome found. further: initial guess of how much deeper (m) this is
+        than for a rigid needle. Raises Error."""
         most = self.model.needle_length - 1e-3
         depth = float(np.clip(depth_of(aim, target) + further, 1e-3, most))
         found: list[tuple[float, float, Outcome]] = []
@@ -166,8 +166,7 @@ class Rehearsal:
 
 
 def carried_out(model: Model, plan: object, needle: object, hand: Implant, target: Target) -> Outcome:
-    """Returns the outcome for a needle of a plan in a new simulation, in which the needle is moved in the same way as when a plan is carried out.
-    Raises Error."""
+    """Returns the outcome for a needle of a plan in a new simulation, with the needle moved exactly as when a plan is carried out. Raises Error."""
     from dataclasses import replace
     sim, dt = Sim(model), 1.0 / model.rate_hz
     for poses in replace(hand, plan=plan).insert(sim, needle, dt):

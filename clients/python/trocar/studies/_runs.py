@@ -1,4 +1,4 @@
-"""Carries out the runs of a study, each in its own process, and appends their results to a file that remains usable if a process is killed."""
+"""Executes the runs of a study, each in its own process, and appends their results to a file that stays usable even if a process is killed."""
 from __future__ import annotations
 
 import csv
@@ -25,25 +25,25 @@ from .._files import open_input, open_regular, replacing
 from ._quantities import Recording
 from ..brachy.plan import BadPlan
 
-FEW = 8          # if fewer runs share a stiffness, the sparse inverse takes less time in total, because it is built faster
-SYNC = 1.0       # s between two calls of fsync
+FEW = 8          # below this many runs per stiffness, the sparse inverse is faster overall, because it is faster to build
+SYNC = 1.0       # s, minimum time between fsync calls
 NOTHING = float("nan")
 
 
 class Row(NamedTuple):
-    """A row with the results of a finished run."""
+    """The results of a finished run."""
 
     index: int
     status: str                # "ok", or the reason why the run failed
     parameters: tuple[float, ...]
-    results: tuple[float, ...]  # NAN for missing results
+    results: tuple[float, ...]  # NaN where a result is missing
 
 
 # ---- one run ------------------------------------------------------------------------------------------------------------------------------
 
 
 def _chunks(poses: npt.NDArray[np.float64], tick: int, stops: Sequence[int]) -> Iterator[npt.NDArray[np.float64]]:
-    """Yields arrays of the poses from this tick on, split after each stop."""
+    """Splits poses, the first of which belongs to `tick`, after each tick in `stops`."""
     cuts = [stop + 1 - tick for stop in stops if tick <= stop < tick + len(poses)]
     for first, last in zip([0, *cuts], [*cuts, len(poses)]):
         if last > first:
@@ -51,7 +51,7 @@ def _chunks(poses: npt.NDArray[np.float64], tick: int, stops: Sequence[int]) -> 
 
 
 def run(study: Study, values: npt.NDArray[np.float64], model: Model, scene: Any, frames: Any = None) -> list[float]:
-    """Returns the numbers recorded in one run. Raises Error, BadPlan."""
+    """Does one run and returns the recorded numbers. Raises Error, BadPlan."""
     dt = 1.0 / model.rate_hz
     recording = Recording(Sim(model), scene, dt, study.plan)
     results: dict[int, list[float]] = {}
@@ -85,7 +85,7 @@ def run(study: Study, values: npt.NDArray[np.float64], model: Model, scene: Any,
 
 
 class Groups(NamedTuple):
-    """Groups of runs that share a stiffness. The groups are the same for every task of a study, so that results do not depend on the task."""
+    """Groups of runs that share a stiffness. All tasks of a study compute the same groups, so results do not depend on which task does a run."""
 
     of_run: npt.NDArray[np.int64]   # (runs,) index of the group to which each run belongs
     sparse: bool                    # true if the models use the sparse inverse
@@ -97,7 +97,7 @@ def groups_of(study: Study, samples: npt.NDArray[np.float64]) -> Groups:
         return Groups(np.zeros(len(samples), np.int64), False)
     _, of_run = np.unique(samples[:, columns], axis=0, return_inverse=True)
     of_run = of_run.reshape(-1)
-    if study.method == "random":    # such a study may be extended, so the results of finished runs must not depend on the final number of runs
+    if study.method == "random":    # runs may be added later, so the results of finished runs must not depend on the final number of runs
         few = study.possible_stiffnesses() > FEW
     else:
         few = len(samples) < FEW * (of_run.max() + 1)
@@ -105,15 +105,15 @@ def groups_of(study: Study, samples: npt.NDArray[np.float64]) -> Groups:
 
 
 def runs_of_task(groups: Groups, task: tuple[int, int]) -> list[int]:
-    """Returns the runs of task (i, of N) in the order in which they are executed. Runs with the same stiffness are kept together, so that only a few
-    tasks need a model for each stiffness."""
+    """Returns the runs of task i of N, in execution order. Runs with the same stiffness stay together, so that each model is built in as few tasks as
+    possible."""
     order = np.argsort(groups.of_run, kind="stable")
     i, count = task
     return (np.array_split(order, count)[i - 1] if groups.of_run.any() else order[i - 1::count]).tolist()
 
 
 def model_of(study: Study, values: npt.NDArray[np.float64], base: Model | None, sparse: bool) -> tuple[Model, Any]:
-    """Returns the model of one run, derived from `base` if `base` has the same stiffness."""
+    """Returns the model for one run, derived from `base` if that has the same stiffness."""
     scene = study.run_scene(values, sparse)
     if base is not None:
         try:
@@ -134,7 +134,7 @@ def line_of(cells: Iterable[Any]) -> str:
 
 
 def checked(line: str) -> bytes:
-    """Returns one line of a task's file; its last cell is the CRC-32 of the other cells."""
+    """Appends a cell with the line's CRC-32, as in the rows of a task's file."""
     cells = line.rstrip("\n").encode()
     return cells + b",%08x\n" % zlib.crc32(cells)
 
@@ -148,14 +148,14 @@ def heading(study: Study) -> list[str]:
 
 
 def read_rows(path: Path, study: Study, samples: npt.NDArray[np.float64]) -> list[Row]:
-    """Returns the complete rows in a task's file. Raises BadStudy if the rows do not belong to this study with these samples."""
+    """Returns the complete rows in a task's file. Raises BadStudy if they do not belong to this study and these samples."""
     with open_input(path, "rb") as file:
         return _parse_rows(path, file.read(), study, samples)[0]
 
 
 def _parse_rows(path: Path, data: bytes, study: Study, samples: npt.NDArray[np.float64]) -> tuple[list[Row], int]:
-    """Returns the complete rows, and their length in bytes including the heading. Further bytes belong to a row that was truncated when the process was
-    killed."""
+    """Returns the complete rows, and the number of bytes up to the end of the last one, including the heading. Any bytes after that are a partial row, left
+    when the process was killed."""
     end = data.rfind(b"\n") + 1
     if end == 0:
         return [], 0
@@ -176,7 +176,7 @@ def _parse_rows(path: Path, data: bytes, study: Study, samples: npt.NDArray[np.f
             row = Row(int(cells[0]), cells[1], numbers[:parameters], numbers[parameters:])
         except (ValueError, csv.Error):
             raise BadStudy(f"{path}:{number}: damaged or changed since it was written: remove the line, and the run is repeated") from None
-        if study.method == "random" and row.index >= len(samples):    # the row was written when the study had more runs
+        if study.method == "random" and row.index >= len(samples):    # written when the study had more runs
             continue
         if not 0 <= row.index < len(samples) or row.parameters != tuple(samples[row.index].tolist()):
             raise BadStudy(f"{path}:{number}: run {row.index} has other parameters than the study: choose another folder with --out")
@@ -185,7 +185,7 @@ def _parse_rows(path: Path, data: bytes, study: Study, samples: npt.NDArray[np.f
 
 
 def _read_whole(file: int, size: int) -> bytes:
-    """Reads the first `size` bytes of the file; a single call to pread returns at most 2 GiB."""
+    """Reads the first `size` bytes of a file. Loops because one pread call returns at most 2 GiB."""
     data = bytearray()
     while len(data) < size:
         part = os.pread(file, size - len(data), len(data))
@@ -196,7 +196,7 @@ def _read_whole(file: int, size: int) -> bytes:
 
 
 class TaskFile:
-    """The file in which a task stores its rows, open for appending and locked."""
+    """The file that a task appends its rows to. It is open and locked."""
 
     def __init__(self, path: Path, study: Study, samples: npt.NDArray[np.float64]):
         self.path = path
@@ -204,7 +204,7 @@ class TaskFile:
         try:
             self._lock()
             size = os.fstat(self._file).st_size
-            # read through the locked descriptor: opening the file again and closing that descriptor would release the lock
+            # Read through the locked descriptor: opening the file again and closing it would release the lock.
             self.rows, end = _parse_rows(path, _read_whole(self._file, size), study, samples)
             self.torn = size - end    # bytes
             os.ftruncate(self._file, end)
@@ -224,8 +224,8 @@ class TaskFile:
             raise BadStudy(f"{self.path}: cannot be locked: {error.strerror}: choose with --out a folder on a file system that supports locks") from None
 
     def append(self, row: Row) -> None:
-        """Appends a row. From then on, the row survives if this process is killed. At most once per SYNC seconds, this also flushes the file to disk,
-        so that the rows so far survive a power failure."""
+        """Appends a row. Once this returns, the row is safe even if the process is killed. To make rows survive a power failure too, it also calls fsync, but
+        at most once every SYNC seconds."""
         data = checked(line_of(cells_of(row)))
         if os.write(self._file, data) != len(data):
             raise OSError(28, "No space left on device", str(self.path))
@@ -245,15 +245,15 @@ class TaskFile:
 
 
 def _child(write: int, work: Callable[[], Any], program: str) -> None:
-    """Runs in the child process: sends the outcome to the parent and exits."""
+    """Body of the child process: does the work, sends the outcome to the parent, and exits."""
     status = 1
     try:
-        signal.signal(signal.SIGINT, signal.SIG_IGN)     # a SIGINT from the terminal also reaches the parent, which then ends its children
+        signal.signal(signal.SIGINT, signal.SIG_IGN)     # Ctrl-C also reaches the parent, which then kills its children
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
         with os.fdopen(write, "wb") as pipe:
             pipe.write(json.dumps(work()).encode())
         status = 0
-    except BaseException as error:  # noqa: BLE001    no exception may escape from a child
+    except BaseException as error:  # noqa: BLE001    no exception may escape from the child
         print(f"{program}: {type(error).__name__}: {error}", file=sys.stderr)
     finally:
         sys.stderr.flush()
@@ -261,14 +261,14 @@ def _child(write: int, work: Callable[[], Any], program: str) -> None:
 
 
 class Pool:
-    """Up to `workers` child processes, each of which carries out one run. A child starts with its parent's objects, such as a model, without having to copy
-    them, and is not affected by other runs."""
+    """A pool of up to `workers` forked child processes, each of which does one run. A child inherits its parent's objects, such as a model, without copying
+    them, and is isolated from other runs."""
 
     def __init__(self, workers: int, finished: Callable[[int, Any, str], None], program: str = "trocar-study"):
-        """finished(run, outcome, why) is called for each run; the outcome has been converted to JSON and back, and is None if the child ended without
-        an outcome."""
+        """finished(run, outcome, why) is called for each run. The outcome has been through JSON; it is None if the child died without sending one, and `why`
+        then says why."""
         self.workers, self.finished, self.program = workers, finished, program
-        self._running: dict[int, tuple[int, int, bytearray]] = {}    # run, process and received bytes, with the read end of the pipe as key
+        self._running: dict[int, tuple[int, int, bytearray]] = {}    # run, process and received bytes, by the read end of the pipe
         self._selector = selectors.DefaultSelector()
 
     def start(self, run_: int, work: Callable[[], Any]) -> None:
@@ -284,7 +284,7 @@ class Pool:
         self._selector.register(read, selectors.EVENT_READ)
 
     def wait(self) -> None:
-        """Waits until at least one child has sent data or ended, and handles it."""
+        """Waits until at least one child has sent data or exited, and handles that."""
         for key, _ in self._selector.select():
             data = os.read(key.fd, 1 << 16)
             run_, process, received = self._running[key.fd]
@@ -303,7 +303,7 @@ class Pool:
             self.wait()
 
     def kill(self) -> None:
-        """Kills the children."""
+        """Kills all children."""
         for _, process, _ in self._running.values():
             os.kill(process, signal.SIGKILL)
         for _, process, _ in self._running.values():
@@ -323,7 +323,7 @@ def row_files(out: Path) -> list[Path]:
 
 
 def check_manifest(study: Study, out: Path) -> None:
-    """Writes the manifest of the study, or compares it with an existing one. Raises BadStudy if the existing manifest belongs to another study."""
+    """Writes the study's manifest or, if there already is one, checks that it is the same. Raises BadStudy if the folder belongs to another study."""
     path, own = out / "study.json", study.manifest()
     if path.exists():
         try:
@@ -342,23 +342,23 @@ def check_manifest(study: Study, out: Path) -> None:
 
 
 def has_frames(out: Path) -> bool:
-    """True if the manifest in this folder says that the study records frames."""
+    """Whether the study records frames, according to the manifest in this folder."""
     try:
         with open_input(out / "study.json", encoding="utf-8") as file:
             return dict(json.load(file)).get("frames", "none") != "none"
-    except (OSError, ValueError, TypeError):    # check_manifest reports it
+    except (OSError, ValueError, TypeError):    # check_manifest reports the problem
         return False
 
 
 class Outcome(NamedTuple):
     done: int        # number of runs completed by this call
-    before: int      # were there
-    failed: int      # number of rows of this task with a status other than "ok"
-    lost: list[str]  # runs that ended without a row, each with the reason
+    before: int      # number of runs that were already complete
+    failed: int      # number of this task's rows whose status is not "ok"
+    lost: list[str]  # runs that died without producing a row, and why
 
 
 def carry_out(study: Study, out: Path, task: tuple[int, int], workers: int, progress: Callable[[int, int], None], say: Callable[[str], None]) -> Outcome:
-    """Carries out those runs of task (i, of N) that are not in any file yet. Reports progress (done, of)."""
+    """Does those runs of task i of N that are not in any file yet. Reports progress as (done, of)."""
     out.mkdir(parents=True, exist_ok=True)
     check_manifest(study, out)
     samples = study.samples()
@@ -398,7 +398,7 @@ def carry_out(study: Study, out: Path, task: tuple[int, int], workers: int, prog
                 with _frames.Writer(out / "frames" / f"{index:07d}.h5", model) as frames:
                     return "ok", run(study, samples[index], model, scene, frames)
             except (Error, BadPlan) as error:
-                if isinstance(error, Error) and error.status in ("no memory", "system"):    # the run itself is not the cause, so it can be repeated later
+                if isinstance(error, Error) and error.status in ("no memory", "system"):    # not the fault of this run, so it can be repeated later
                     raise
                 return " ".join(str(error).split()), [NOTHING] * len(study.result_columns())
         return one
@@ -406,17 +406,17 @@ def carry_out(study: Study, out: Path, task: tuple[int, int], workers: int, prog
     pool = Pool(workers, finished)
     progress(before, before + len(left))
     gc.collect()
-    gc.freeze()    # children share these objects, so the garbage collector must not write to their memory
+    gc.freeze()    # keeps the garbage collector from writing to objects shared with the children, which would copy their memory
     try:
         group, base = -1, None
-        remaining = np.bincount(groups.of_run[left]) if left else []    # number of runs in each group that remain to be done
+        remaining = np.bincount(groups.of_run[left]) if left else []    # number of runs left in each group
         for index in left:
             if groups.of_run[index] != group:
                 group, base = groups.of_run[index], None
-            if base is None and remaining[group] > 1:    # if only one run remains, it builds the model itself, in parallel with other runs
+            if base is None and remaining[group] > 1:    # a single remaining run builds its own model, in parallel with other runs
                 try:
                     base = Model(study.run_scene(samples[index], groups.sparse))
-                except Error:    # the run itself will report the error, so try the next run
+                except Error:    # the run itself will report the error; try the next one
                     pass
             remaining[group] -= 1
             pool.start(index, work(index, base))

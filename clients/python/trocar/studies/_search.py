@@ -20,44 +20,44 @@ from ..brachy.plan import Turn
 Array = npt.NDArray[np.float64]
 
 UNIT = 1e-4          # m, unit of errors and of violations of clearances in the search
-STAY = 0.02          # weight of the distance from the start: of all insertions that reach the target, the search then finds the one closest to the start
+STAY = 0.02          # weight of the distance from the start, so that of all insertions that reach the target, the search finds one close to the start
 FAILED = 2e-2        # m, error assigned to an insertion that cannot be simulated
-GRID = 13            # number of entry points along each side of the area that are tried with a rigid needle
-NEIGHBOURS = 4       # number of holes from which a search starts, beginning with the closest
-ROLLS = (0.0, 0.5 * math.pi, math.pi, -0.5 * math.pi)    # rad, rolls that are tried in an area until one of them leads to the target
-LAST = 2e-3          # m: a turn is omitted if it would be closer to the target than this
-# factor by which finite-difference steps are lengthened for derivatives over samples; with shorter steps, the differences would be small compared with the
-# roughness of the errors
+GRID = 13            # for a rigid needle, try this many entry points along each side of the area
+NEIGHBOURS = 4       # start searches from this many holes, closest first
+ROLLS = (0.0, 0.5 * math.pi, math.pi, -0.5 * math.pi)    # rad, initial rolls to try for an area until one leads to the target
+LAST = 2e-3          # m: a turn closer to the target than this is left out
+# Finite-difference steps are this much longer for derivatives over samples. With shorter steps, the differences would drown in the roughness of the
+# errors.
 LONGER = 4.0
 ROUNDING = 1e-5      # m, tolerance for rounding errors in a clearance
 MARGIN = 2e-5        # m, added to the desired clearance so that the needle still has that clearance when the plan is carried out
-SPARE = 2e-3         # m: clearance that exceeds the desired one by more than this has no influence on the search
+SPARE = 2e-3         # m: the search ignores obstacles whose clearance exceeds the desired one by more than this
 TOO_NEAR = 10.0      # weight of violations of clearances relative to the worst-case error
-NOMINAL_STEPS = 25    # maximum number of steps in the search for nominal parameters
-ENOUGH_NOMINAL = 0.02    # in units of the search: it ends when the next step is expected to improve by less than this
-NO_ERROR = 0.1       # in units of the search: errors below this need no further search
-BENDING = ("roll", "turn")    # variables that change how the bevel bends the needle, so that it does not move like a rigid body
-JUMP = 3.0           # in units of the search: if a step misses its prediction by more than this, the tip has jumped, and the slopes are not updated
-PASSES = 2           # number of times that the search for the smallest worst-case error starts with new slopes
-STEPS = 12           # maximum number of steps in the search for the smallest worst-case error
-RADIUS = 0.4         # initial radius of the trust region in this search
-SMALLEST = 0.02      # smallest step in the search for the smallest worst-case error
-ENOUGH = 0.05        # in units of the search: it ends when the next step is expected to improve by less than this
+NOMINAL_STEPS = 25    # maximum number of steps in the nominal search, which uses the scene's own parameter values
+ENOUGH_NOMINAL = 0.02    # in UNITs: the nominal search ends when the next step should gain less than this
+NO_ERROR = 0.1       # in UNITs: errors below this are good enough
+BENDING = ("roll", "turn")    # variables that change how the bevel bends the needle; for these, the rigid-needle approximation fails
+JUMP = 3.0           # in UNITs: a step that misses its prediction by more than this means that the tip has jumped, so it is not used to update the slopes
+PASSES = 2           # the worst-case search starts this many times with new slopes
+STEPS = 12           # maximum number of steps in the worst-case search
+RADIUS = 0.4         # initial trust-region radius in the worst-case search
+SMALLEST = 0.02      # smallest step in the worst-case search
+ENOUGH = 0.05        # in UNITs: the worst-case search ends when the next step should gain less than this
 
 
 class Variable(NamedTuple):
     name: str
-    scale: float    # change in the variable that corresponds to one unit of the search
+    scale: float    # change in the variable that counts as 1 in the search
     low: float
     high: float
-    step: float     # step of the finite difference
+    step: float     # finite-difference step
 
 
 class Freedom:
-    """The free variables of an insertion, as a vector in the units of the search."""
+    """The free variables of an insertion, scaled and collected in a vector x for the search."""
 
     def __init__(self, problem: Problem, start: Aim, depth: float, skin: float):
-        """`depth` is the depth of the target, and `skin` that of the skin, both measured from the start, in m."""
+        """depth, skin: depths of the target and of the skin, in m from the start."""
         self.variables: list[Variable] = []
         self._start, self._problem = start, problem
         area, values = problem.area, []
@@ -75,7 +75,7 @@ class Freedom:
             self.variables.append(Variable("roll", 1.0, start.roll - 2.0 * math.pi, start.roll + 2.0 * math.pi, 0.1))
             values.append(start.roll)
         if problem.turn:
-            low = max(skin, 1e-3)    # the depth of a turn in a plan must be above 0
+            low = max(skin, 1e-3)    # in a plan, the depth of a turn must be positive
             high = max(depth, low) + 5e-3
             self.variables.append(Variable("turn", 2e-2, low, high, 2e-3))
             values.append(start.turn.depth if start.turn else high)
@@ -104,7 +104,7 @@ class Freedom:
         return list(dict.fromkeys(v.name for v, there in zip(self.variables, near) if there and v.name != "turn"))
 
     def stepped(self, x: Array, i: int, times: float = 1.0) -> tuple[Array, float]:
-        """Returns x with component i changed by some steps (backwards if the upper limit is reached), and the size of that change."""
+        """Returns x with component i moved by `times` finite-difference steps, backwards if that would exceed the upper limit; and the signed change."""
         step = times * self.steps[i] * (1.0 if x[i] + times * self.steps[i] <= self.high[i] else -1.0)
         other = x.copy()
         other[i] += step
@@ -112,7 +112,7 @@ class Freedom:
 
 
     def carried(self, x: Array, other: Array, outcome: Outcome) -> Outcome:
-        """Returns the outcome at x with the needle moved rigidly to `other`; the tissue does not change."""
+        """Approximates the outcome at `other` by moving the needle rigidly from its position at x; the tissue is left as it is."""
         here, there = self.aim(x), self.aim(other)
         frame = lambda aim: multiply(towards(aim.direction), exponential([0.0, 0.0, aim.roll]))
         local = rotate(frame(here) * [1.0, -1.0, -1.0, -1.0], outcome.shaft - here.point)
@@ -125,8 +125,8 @@ class Found:
 
     aim: Aim
     depth: float
-    error: float          # m: error for nominal parameters, or mean or worst-case error, depending on the objective
-    missing: float        # m, total violation of clearances: 0 if all are kept; inf if the insertion cannot be simulated
+    error: float          # m: the nominal, mean or worst-case error, depending on the objective
+    missing: float        # m, total shortfall in clearance: 0 if all clearances are kept; inf if the insertion cannot be simulated
     limits: list[str]     # names of the variables that are at their limits
     x: Array
     freedom: Freedom
@@ -148,7 +148,7 @@ class Case:
         self.radius = 0.5 * float(problem.scene()["needle.outer_diameter"])
 
     def all_rehearsals(self) -> list[Rehearsal]:
-        """Returns the rehearsals for the scene's own values and for the samples."""
+        """Returns the rehearsals for all models: the scene's own values first, then the samples."""
         if len(self.rehearsals) < len(self.models):
             self.rehearsals += [Rehearsal(model, self.problem.hand) for model in self.models[1:]]
         return self.rehearsals
@@ -157,12 +157,12 @@ class Case:
         return sum(rehearsal.runs for rehearsal in self.rehearsals)
 
     def clearances(self, outcome: Outcome, exact: bool = False) -> list[float]:
-        """Returns the distance (m) from each obstacle in the displaced tissue. Unless `exact` is true, returns a lower bound if the needle stays well
-        clear of the obstacle."""
+        """Returns the needle's distance (m) from each obstacle in the displaced tissue. Where the needle is well clear of an obstacle, this may be a lower
+        bound unless `exact` is true."""
         return [o.distance(outcome.shaft, self.radius, self.embedding, outcome.field, math.inf if exact else o.clearance + SPARE) for o in self.problem.obstacles]
 
     def missing(self, clearances: Sequence[float]) -> Array:
-        """(obstacles,) m."""
+        """Returns by how much (obstacles,), in m, each clearance falls short."""
         return np.array([max(o.clearance + MARGIN - there, 0.0) for o, there in zip(self.problem.obstacles, clearances)])
 
     # ---- a rigid needle in tissue at rest ---------------------------------------------------------------------------------------------------
@@ -172,7 +172,7 @@ class Case:
         return float(sum(max(o.clearance - o.distance(line, self.radius), 0.0) for o in self.problem.obstacles))
 
     def unplanned(self) -> Aim:
-        """Returns the aim that one would take without planning: straight ahead from the hole, or from the point of the area, that faces the target."""
+        """Returns the aim without any planning: straight ahead from the hole, or the point of the area, that faces the target."""
         problem, point = self.problem, self.target.point
         if problem.area is None:
             return self.hole_aims()[0][1]
@@ -184,7 +184,7 @@ class Case:
         return Aim(area.origin + place @ (area.edges / lengths[:, None]), area.direction, problem.roll or 0.0)
 
     def hole_aims(self) -> list[tuple[str, Aim]]:
-        """Returns aims through the holes, sorted by the distance of the hole's axis from the target, closest first."""
+        """Returns straight aims through the holes, sorted by how far each hole's axis is from the target, closest first."""
         model, point = self.models[0], self.target.point
         guide = next(guide for guide in model.guides if guide.name == self.problem.template)
         found = []
@@ -196,8 +196,9 @@ class Case:
         return [(hole, aim) for _, hole, aim in found]
 
     def rigid(self) -> tuple[str, Aim]:
-        """Returns the straight line to the target at rest that keeps all clearances with the least tilt; if there is none, the line that violates
-        them least in total. For a template, the line goes through the closest hole that keeps the clearances. For an area, the hole is ""."""
+        """Plans for a rigid needle in tissue at rest: returns the straight line to the target that keeps all clearances with the least tilt or, if there is
+        none, the line with the smallest total shortfall. For a template, the line goes through the closest hole that keeps the clearances. For an area, the
+        hole is ""."""
         problem, point = self.problem, self.target.point
         if problem.area is None:
             ranked = [(round(self.straight_missing(aim), 6), i, hole, aim) for i, (hole, aim) in enumerate(self.hole_aims()[:4 * NEIGHBOURS])]
@@ -218,10 +219,10 @@ class Case:
                 continue
             direction = area.direction + np.tan(beyond) @ across
             tried.append((float(beyond @ beyond), plain._replace(point=start, direction=direction / np.linalg.norm(direction))))
-        tried = tried or [(0.0, plain)]    # used if the target is not ahead of any point of the area
+        tried = tried or [(0.0, plain)]    # fallback if no point of the area has the target ahead of it
         tried.sort(key=lambda entry: entry[0])
         best: tuple[float, Aim] | None = None
-        for _, aim in tried:    # because aims are sorted by tilt, the first that keeps the clearances has the least tilt
+        for _, aim in tried:    # aims are sorted by tilt, so take the first that keeps the clearances
             missing = self.straight_missing(aim)
             if best is None or missing < best[0]:
                 best = (missing, aim)
@@ -232,14 +233,14 @@ class Case:
     # ---- nominal parameters ---------------------------------------------------------------------------------------------------------------
 
     def search(self, freedom: Freedom) -> Found:
-        """Minimises the squares of the errors and the violations of clearances by the Gauss-Newton method within a trust region. The Jacobian of the
-        errors starts as that of a rigid needle and is updated from the insertions that are tried (Broyden, Mathematics of Computation 19, 1965,
-        577-593). Finite differences replace it only if it leads no further and the target is not reached."""
+        """Minimises the squared errors and clearance shortfalls with a Gauss-Newton trust-region method. The Jacobian starts out as that of a rigid needle
+        and is improved with each insertion tried (Broyden, Mathematics of Computation 19, 1965, 577-593). Finite differences are used only if that gets
+        stuck before the target is reached."""
         from scipy.optimize import lsq_linear
         further, obstacles = 0.0, len(self.problem.obstacles)
 
         def evaluate(x: Array) -> tuple[Array, Outcome | None]:
-            """Returns the errors (3) and the violations of clearances, in units of the search."""
+            """Returns the error vector (3) and the clearance shortfalls, in UNITs."""
             nonlocal further
             try:
                 outcome = self.rehearsals[0].best(freedom.aim(x), self.target, further)
@@ -251,14 +252,14 @@ class Case:
             return np.concatenate([outcome.error, self.missing(self.clearances(outcome))]) / UNIT, outcome
 
         def differentiate(x: Array, values: Array, names: Collection[str]) -> None:
-            """Replaces the slopes with respect to the variables of these names by finite differences."""
+            """Recomputes the slopes with respect to the named variables by finite differences."""
             for i, variable in enumerate(freedom.variables):
                 if variable.name in names:
                     other, step = freedom.stepped(x, i)
                     slopes[:, i] = (evaluate(other)[0] - values) / step
 
         def rigid(x: Array, outcome: Outcome) -> Array:
-            """Returns the slopes of errors and violations for a needle that keeps its shape."""
+            """Returns the slopes of errors and shortfalls, on the assumption that the needle keeps its shape."""
             slopes, missing = np.zeros((3 + obstacles, len(x))), self.missing(self.clearances(outcome))
             for i in range(len(x)):
                 other, step = freedom.stepped(x, i)
@@ -316,7 +317,7 @@ class Case:
         return aim, depth_of(aim, self.target), self._skin(aim)
 
     def towards_target(self, aim: Aim) -> Aim:
-        """Returns an aim through a hole, with the roll at which the bevel bends the needle towards the target, and the turn that ends the bending."""
+        """Completes an aim through a hole: chooses the roll with which the bevel bends the needle towards the target, and a turn to stop the bending."""
         problem = self.problem
         if not problem.bevelled or problem.roll is not None and not problem.turn:
             return aim
@@ -324,7 +325,7 @@ class Case:
         x, y = rotate(frame, [1.0, 0.0, 0.0]), rotate(frame, [0.0, 1.0, 0.0])
         off = self.target.point - aim.point
         if problem.roll is None:
-            aim = aim._replace(roll=math.atan2(off @ x, -(off @ y)))    # the bevel pushes the tip away from its face, which is local +y
+            aim = aim._replace(roll=math.atan2(off @ x, -(off @ y)))    # the bevel face is towards local +y, and the needle bends away from it
         if not problem.turn:
             return aim
         side = math.sin(aim.roll) * x - math.cos(aim.roll) * y
@@ -335,7 +336,7 @@ class Case:
         return aim if share > 0.98 else aim._replace(turn=Turn(skin + share * (depth - skin), math.pi))
 
     def starts(self) -> Iterator[tuple[str, Aim]]:
-        """Yields the holes ("" in an area) and aims from which a search can start."""
+        """Yields starting points for the search: holes ("" for an area) and aims."""
         problem = self.problem
         if problem.area is None:
             near = self.hole_aims()
@@ -350,8 +351,8 @@ class Case:
             yield "", rigid._replace(roll=roll, turn=turn)
 
     def plan(self) -> tuple[tuple[str, Found], tuple[str, Found]]:
-        """Returns two plans, each consisting of hole and insertion: one for nominal parameters, and one for the objective. Searches from one start
-        after another until the target is reached."""
+        """Returns two plans, each a hole and an insertion: the nominal plan, and the best plan for the problem's objective. Tries one starting point after
+        another until the target is reached."""
         problem, nominal, best = self.problem, None, None
         for hole, aim in self.starts():
             found = self.search(Freedom(problem, *self._start(aim)))
@@ -370,17 +371,17 @@ class Case:
     # ---- samples --------------------------------------------------------------------------------------------------------------------------
 
     def robust(self, nominal: Found) -> Found:
-        """Minimises the mean square error, or the worst-case error, over the samples, starting from the plan for nominal parameters."""
+        """Minimises the mean square error, or the worst-case error, over the samples, starting from the nominal plan."""
         from scipy.optimize import least_squares
         problem, freedom = self.problem, nominal.freedom
         rehearsals, obstacles, n = self.all_rehearsals(), len(problem.obstacles), len(nominal.x) + 1
         every = [*(variable.name for variable in freedom.variables), "depth"]    # the last component of z is the depth in mm
         kept: dict[bytes, tuple[Array, Array]] = {}
-        outcomes: dict[bytes, tuple[Outcome | None, Array]] = {}    # outcome for nominal parameters, and the clearances
+        outcomes: dict[bytes, tuple[Outcome | None, Array]] = {}    # nominal outcome, and the clearances
 
         def evaluate(z: Array, most: float = math.inf, order: Sequence[int] = range(len(rehearsals))) -> tuple[Array, Array]:
-            """Returns the errors (samples, 3), and the actual minus the desired clearances (samples, obstacles), in units of the search. Samples are
-            simulated in this order until an error exceeds `most`; the rows of the others are then NaN."""
+            """Returns the errors (samples, 3), and actual minus desired clearances (samples, obstacles), in UNITs. Simulates the samples in the given order
+            and stops once an error exceeds `most`; rows that were not simulated are NaN."""
             key = z.tobytes()
             if key not in kept:
                 aim = freedom.aim(z[:-1])
@@ -404,8 +405,8 @@ class Case:
             return kept[key]
 
         def slopes(z: Array, names: Sequence[str]) -> tuple[Array, Array]:
-            """Returns the derivatives of `evaluate`; the last axis corresponds to the variables. They are finite differences for variables of these
-            names, and otherwise those of a needle that keeps its shape."""
+            """Returns the derivatives of `evaluate`, with the variables along the last axis: by finite differences for the named variables, and otherwise on
+            the assumption that the needle keeps its shape."""
             (errors, free), x = evaluate(z), z[:-1]
             errors_, free_ = np.zeros((*errors.shape, n)), np.zeros((*free.shape, n))
             outcome, clearances = outcomes[z.tobytes()]
@@ -451,9 +452,9 @@ class Case:
         return Found(aim, 1e-3 * float(z[-1]), UNIT * float(measure(errors)), UNIT * short(free), freedom.at_limits(z[:-1]), z[:-1], freedom)
 
     def _worst(self, start: Array, low: Array, high: Array, evaluate: Callable, slopes: Callable) -> None:
-        """Minimises the worst-case error. Each step would be optimal if errors and clearances were linear in z, and stays within a trust region
-        (Madsen, Journal of the Institute of Mathematics and its Applications 16, 1975, 321-328; here with SciPy's SLSQP). The slopes of the errors
-        are updated from the points that are tried, as in `search`. `evaluate` records all points that are simulated in all samples."""
+        """Minimises the worst-case error by a trust-region method whose steps are optimal for the linearised errors and clearances (Madsen, Journal of the
+        Institute of Mathematics and its Applications 16, 1975, 321-328; here with SciPy's SLSQP). As in `search`, the slopes of the errors are updated from
+        the points tried. The result is not returned: `evaluate` records every point that was simulated in all samples."""
         def merit(values: tuple[Array, Array]) -> float:
             return float(np.linalg.norm(values[0], axis=1).max() + TOO_NEAR * np.maximum(-values[1], 0.0).max(initial=0.0))
 
@@ -469,7 +470,7 @@ class Case:
             if gain < ENOUGH:
                 radius = 0.0
                 continue
-            # a step that is too long for one sample need not be simulated in the others
+            # Simulate the likely worst sample first: if the step is too long for that one, the others need not be simulated.
             there = evaluate(z + step, merit(here), np.argsort(-np.linalg.norm(errors + errors_ @ step, axis=1), kind="stable"))
             missed = there[0] - errors - errors_ @ step
             known = np.isfinite(missed[:, 0])
@@ -487,12 +488,12 @@ class Case:
 
 
 def _linear_step(errors: Array, free: Array, errors_: Array, free_: Array, low: Array, high: Array) -> tuple[Array, float]:
-    """Returns the step between limits that minimises the largest of the errors (samples, 3) plus the weighted largest shortfall of `free` (m,), where
-    the slopes are (samples, 3, n) and (m, n); also returns that minimum."""
+    """For the linearised problem, finds the step between `low` and `high` that minimises the largest error plus the weighted largest shortfall. errors
+    (samples, 3) and free (m,) are the current values, errors_ (samples, 3, n) and free_ (m, n) their slopes. Returns the step and the minimum."""
     from scipy.optimize import minimize
     n, m = len(low), len(free)
 
-    def constraints(y: Array) -> Array:    # y consists of the step, the bound on the errors, and the bound on the shortfalls
+    def constraints(y: Array) -> Array:    # y is the step, followed by the bounds on the errors and on the shortfalls
         there = errors + errors_ @ y[:n]
         return np.concatenate([y[n] - np.sqrt(np.sum(there ** 2, axis=1) + 1e-4), free + free_ @ y[:n] + y[n + 1]])
 
@@ -504,7 +505,7 @@ def _linear_step(errors: Array, free: Array, errors_: Array, free_: Array, low: 
     first = np.concatenate([np.zeros(n), [np.linalg.norm(errors, axis=1).max() + 0.01, np.maximum(-free, 0.0).max(initial=0.0)]])
     weights = np.concatenate([np.zeros(n), [1.0, TOO_NEAR]])
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)    # SLSQP exceeds the limits by rounding errors and prints warnings about that
+        warnings.simplefilter("ignore", RuntimeWarning)    # SLSQP exceeds the limits by rounding errors and warns about it
         found = minimize(lambda y: weights @ y, first, jac=lambda y: weights, method="SLSQP", bounds=[*zip(low, high), (0.0, None), (0.0, None)],
                          constraints={"type": "ineq", "fun": constraints, "jac": gradients}, options={"maxiter": 100, "ftol": 1e-5})
     step = np.clip(found.x[:n], low, high)

@@ -1,4 +1,4 @@
-"""Percentiles and sensitivities of a study's results, as Markdown and plots."""
+"""Summarises a study's results: percentiles and sensitivities, as Markdown and plots."""
 from __future__ import annotations
 
 from pathlib import Path
@@ -23,7 +23,7 @@ def _start_plots() -> Any:
     import matplotlib
     matplotlib.use("svg")
     import matplotlib.pyplot as plt
-    matplotlib.rcParams.update({"svg.hashsalt": "trocar", "svg.fonttype": "none"})    # makes the file reproducible, and keeps text as text
+    matplotlib.rcParams.update({"svg.hashsalt": "trocar", "svg.fonttype": "none"})    # reproducible files, and text stored as text
     return plt
 
 
@@ -40,7 +40,7 @@ def _percentiles(columns: Sequence[str], results: npt.NDArray[np.float64]) -> st
 
 
 def _correlations(study: Study, parameters: npt.NDArray[np.float64], results: npt.NDArray[np.float64]) -> str:
-    """Computes Spearman's rank correlation, whose sign shows the direction of a monotonic influence."""
+    """Returns a table of Spearman rank correlations between parameters and results. Their sign shows the direction of a monotonic influence."""
     from scipy.stats import spearmanr
     rows = []
     for column, values in zip(study.result_columns(), results.T):
@@ -68,7 +68,7 @@ def _plot_results(columns: Sequence[str], results: npt.NDArray[np.float64], path
     figure, axes = plt.subplots((len(columns) + 2) // 3, 3, figsize=(9.0, 2.2 * ((len(columns) + 2) // 3)), squeeze=False, layout="constrained")
     for axis, column, values in zip(axes.flat, columns, results.T):
         there = np.sort(values[np.isfinite(values)])
-        if len(there) > 200:    # more points would not be distinguishable in the plot
+        if len(there) > 200:    # more points could not be told apart in the plot
             there = np.quantile(there, np.linspace(0.0, 1.0, 201))
         if len(there):
             axis.step(there, np.arange(1, len(there) + 1) / len(there), where="post", color="#0072B2")

@@ -3,19 +3,19 @@
 A fit is a YAML file:
 
     scene: prostate.yaml                # relative to this file
-    set: {inverse: sparse}              # keys of the scene; optional
-    recordings:                         # each begins in tissue at rest
+    set: {inverse: sparse}              # scene keys to change; optional
+    recordings:                         # each begins with the tissue at rest
       - {poses: poses.csv, forces: forces.csv, points: markers.csv}
       - {log: recording.lcm}            # LCM log: poses, and wrenches unless `forces` is given
-    points:                             # of markers.csv, in the tissue at rest (m)
+    points:                             # rest positions (m) of the points in markers.csv
       apex: [0.0, 0.0, 0.07]
     noise: {force: 0.02, torque: 1e-3, position: 0.2e-3}    # standard deviation of one sample: N, N m, m
-    every: 0.02                         # s; samples are averaged over this time
-    parameters:                         # keys of the scene, with bounds
+    every: 0.02                         # s, averaging interval for samples
+    parameters:                         # scene keys to fit, with bounds
       regions[prostate].youngs_modulus: {within: [5e3, 200e3], start: 40e3}
       regions[prostate].friction.kinetic: {within: [1, 40], prior: [9, 3]}    # mean and standard deviation
 
-As a program:
+Command line:
 
     trocar-fit run | check ...    --help says more; also python3 -m trocar.studies.fit
 """
@@ -46,18 +46,18 @@ __all__ = ["BadFit", "Estimate", "FitProblem", "Fitted", "Unknown", "expected", 
 Array = npt.NDArray[np.float64]
 
 Z95 = 1.959964          # 97.5 % quantile of the normal distribution
-WIDE = 0.5 / Z95        # standard deviation, as a fraction of the range, whose 95 % interval is as wide as the range
-CORRELATED = 0.9        # absolute correlation above which two parameters are hard to tell apart
-FROM_PRIOR = 0.8        # ratio of a parameter's standard deviation to that of its prior, above which the data have added little
-MISFIT = 1.5            # chi squared per degree of freedom above which the scene does not describe the data within the noise
-KEPT_MODELS = 4         # number of models whose inverse is kept for later simulations
+WIDE = 0.5 / Z95        # with this standard deviation, as a fraction of the range, the 95 % interval is as wide as the range
+CORRELATED = 0.9        # two parameters with an absolute correlation above this are hard to tell apart
+FROM_PRIOR = 0.8        # if a parameter's standard deviation is more than this fraction of its prior's, the data have added little
+MISFIT = 1.5            # if chi squared per degree of freedom is above this, the scene does not describe the data to within the noise
+KEPT_MODELS = 4         # keep this many models, with their inverses, for later simulations
 
 
 # ---- simulating -----------------------------------------------------------------------------------------------------------------------------
 
 
 class _Models:
-    """Models of a problem's scene. Models with the same stiffness share an inverse."""
+    """A cache of models of a problem's scene. Models with the same stiffness share an inverse."""
 
     def __init__(self, problem: FitProblem):
         self.problem = problem
@@ -65,7 +65,7 @@ class _Models:
         self.bases: dict[bytes, Model] = {}    # models by stiffness, oldest first
 
     def base(self, values: Array) -> Model:
-        """Returns a model with the stiffness of these values. Raises Error."""
+        """Returns a model that has the same stiffness as these parameter values. Raises Error."""
         stiffness = values[self.columns].tobytes()
         if stiffness not in self.bases:
             model = Model(self.problem.scene(values))
@@ -75,13 +75,13 @@ class _Models:
         return self.bases[stiffness]
 
     def of(self, values: Array) -> Model:
-        """Returns the model of these values. Raises Error."""
+        """Returns the model for these parameter values. Raises Error."""
         return self.base(values).derive(self.problem.scene(values))
 
 
 def _run(problem: FitProblem, model: Model, recording: Recording) -> list[Array]:
-    """Simulates a recording, and returns the value of each channel at each of its samples. Positions of points are computed once per interval. Raises
-    Error."""
+    """Simulates a recording. Returns the value of each channel at each of its samples; positions of points are computed only once per averaging
+    interval. Raises Error."""
     sim, dt = Sim(model), 1.0 / model.rate_hz
     poses = next(iter(recording.motion.play(sim, dt)))
     ticks = {id(channel): np.minimum(np.round(channel.at() / dt).astype(int), len(poses) - 1) for channel in recording.channels if channel.kind == "position"}
@@ -105,7 +105,7 @@ def _run(problem: FitProblem, model: Model, recording: Recording) -> list[Array]
 
 
 def simulate(problem: FitProblem, values: npt.ArrayLike) -> list[list[Array]]:
-    """Returns what the scene with these values (p,) predicts for each sample, by recording and channel. Raises Error."""
+    """Returns the scene's prediction for each sample, by recording and channel, with the parameter values (p,). Raises Error."""
     given = np.asarray(values, np.float64)
     model = _Models(problem).of(given)
     return [_run(problem, model, recording) for recording in problem.recordings]
@@ -116,8 +116,8 @@ def _channels(problem: FitProblem) -> list[tuple[Recording, Channel]]:
 
 
 class _Residuals:
-    """Evaluates the residuals at scaled points, in several processes: those of the data (predicted minus measured, divided by the standard deviation),
-    followed by those of the priors."""
+    """Evaluates the residuals at scaled points, in parallel processes. First come the residuals of the data (predicted minus measured, divided by the
+    standard deviation), then those of the priors."""
 
     def __init__(self, problem: FitProblem, workers: int, progress: Callable[[int], None]):
         self.problem, self.workers, self.progress = problem, workers, progress
@@ -129,7 +129,7 @@ class _Residuals:
         self.done = 0
 
     def predicted(self, scaled: Array) -> list[Array]:
-        """Returns the predicted means of all channels. Raises Error."""
+        """Returns the predicted interval means of all channels. Raises Error."""
         model = self.models.of(self.problem.values(scaled))
         found = []
         for recording in self.problem.recordings:
@@ -182,7 +182,7 @@ def _listed(names: Sequence[str]) -> str:
 
 
 def _ambiguities(problem: FitProblem, found: Covariance) -> tuple[list[str], set[int]]:
-    """Returns warnings that name the parameters that the data cannot tell apart, and the indices of parameters that they do not determine."""
+    """Returns warnings about parameters that the data cannot tell apart, and the indices of parameters that the data do not determine."""
     keys, warnings = [unknown.key for unknown in problem.unknowns], list[str]()
     without: set[int] = set()
     for spread, direction in found.directions:
@@ -222,7 +222,7 @@ def _estimates(problem: FitProblem, scaled: Array, found: Covariance, without: s
 
 
 def _misfits(problem: FitProblem, parts: Sequence[Array], reduced: float) -> list[str]:
-    """Returns a warning if the residuals (one array for each channel) are larger than the noise."""
+    """Returns a list with a warning if the residuals (one array for each channel) are larger than the noise explains."""
     if reduced <= MISFIT:
         return []
     worst = max(range(len(parts)), key=lambda k: float(np.mean(parts[k] ** 2)))
@@ -237,10 +237,10 @@ def _split(problem: FitProblem, residuals: Array) -> list[Array]:
 
 
 def fit(problem: FitProblem, workers: int = 1, progress: Callable[[int], None] = lambda simulations: None) -> Fitted:
-    """Finds the parameters by least squares, with 95 % confidence intervals from the Jacobian at the solution: value +- 1.96 standard deviations, of
-    the logarithm if the lower bound is above 0. If chi squared exceeds its expectation, the intervals are widened by the square root of the ratio of
-    the two. `workers`: number of processes that simulate at the same time. `progress` is called with the number of simulations so far. Raises BadFit if
-    the scene cannot be simulated at the start values, and Error for lack of memory."""
+    """Estimates the parameters by least squares. The 95 % confidence intervals come from the Jacobian at the solution: 1.96 standard deviations either side
+    of the value or, if the lower bound is above 0, of its logarithm. If chi squared exceeds its expectation, the intervals are widened by the square root
+    of the ratio. workers: number of parallel processes. progress: called with the number of simulations so far. Raises BadFit if the scene cannot be
+    simulated at the start values, and Error if out of memory."""
     evaluate = _Residuals(problem, workers, progress)
     try:
         solution = minimise(evaluate, problem.scaled(problem.start()))
@@ -266,8 +266,8 @@ def fit(problem: FitProblem, workers: int = 1, progress: Callable[[int], None] =
 
 
 def expected(problem: FitProblem, workers: int = 1) -> Fitted:
-    """Returns the intervals to expect if the start values are true, and warnings about parameters that the recorded motions cannot tell apart. The
-    measured values are not used, so the function can help to plan an experiment. Raises BadFit, Error."""
+    """Predicts the confidence intervals that a fit would give if the start values were true, with warnings about parameters that the recorded motions cannot
+    tell apart. It does not use the measured values, so you can use it to plan an experiment. Raises BadFit, Error."""
     evaluate = _Residuals(problem, workers, lambda simulations: None)
     point = problem.scaled(problem.start())
     try:
@@ -292,7 +292,7 @@ def _warn(result: Fitted) -> None:
 
 def _fit(given: argparse.Namespace) -> int:
     if not given.no_plots:
-        import matplotlib    # noqa: F401    reports a missing package before the search
+        import matplotlib    # noqa: F401    report a missing package before the search rather than after it
     problem, out = read(given.fit), Path(given.out)
     try:
         out.mkdir(parents=True, exist_ok=True)
@@ -364,6 +364,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    from trocar.studies import fit as _imported  # not __main__, whose classes would differ from those that other modules import
+    from trocar.studies import fit as _imported  # classes in __main__ would differ from those that other modules import
 
     sys.exit(_imported.main())

@@ -1,18 +1,18 @@
-"""Frames of a study: displacement fields, contacts and wrenches at regular times, for learning.
+"""Frames of a study: displacement fields, contacts and wrenches at regular intervals, as training data for machine learning.
 
-While a study runs, each run has a file of its own in the folder `frames`; `trocar-study collect` merges them into one file, frames.h5, whose data sets
-are chunked by run and compressed, and have units and dimension scales, so that xarray also reads the file:
+While a study is running, each run writes its own file in the `frames` folder. `trocar-study collect` merges them into frames.h5, whose data sets are
+compressed, chunked by run, and have units and dimension scales, so that xarray can read them:
 
     time (frames) s                        parameters (runs, parameters), with parameter_unit, and names in the dimension `parameter`
-    pose (runs, frames, 7)                 of the base: x y z (m), w x y z
-    force, torque (runs, frames, 3)        N and N m: exerted by the base on the hand, torque about the base point
-    depth (runs, frames) m                 of the track
+    pose (runs, frames, 7)                 pose of the base: x y z (m), w x y z
+    force, torque (runs, frames, 3)        N and N m, exerted by the base on the hand; torque about the base point
+    depth (runs, frames) m                 length of the track
     centreline (runs, frames, joints, 3) m from base to tip
-    displacements (runs, frames, nodes, 3) m, of the mesh's nodes, single precision
-    contact_count (runs, frames)           entries in use of the next three
+    displacements (runs, frames, nodes, 3) m, displacements of the mesh nodes, single precision
+    contact_count (runs, frames)           number of entries used in the next three
     contact_position, contact_force (runs, frames, contacts, 3)    m, and N on the tissue
     contact_kind (runs, frames, contacts)  0 tissue, 1 tip, 2 guide
-    run, ok (runs)                         number in the study; 1 if the run was finished
+    run, ok (runs)                         index in the study; 1 if the run was finished
     nodes (nodes, 3) m at rest, tets (tets, 4), tet_regions (tets), with the attribute `names`
 """
 from __future__ import annotations
@@ -39,19 +39,18 @@ __all__ = ["Writer", "collect", "size_in_words"]
 _KINDS = {"tissue": 0, "tip": 1, "guide": 2}
 _MESH = ("nodes", "tets", "tet_regions")
 _COMPRESSED = {"compression": "gzip", "compression_opts": 4, "shuffle": True}
-# for each data set: its dimensions after run and time, its unit, and its meaning
+# for each data set: dimensions after run and time, unit, and description
 _DATA = {"pose": (("pose_part",), "m and 1", "pose of the needle's base: position and quaternion"),
          "force": (("axis",), "N", "force of the base on the hand"), "torque": (("axis",), "N m", "torque of the base on the hand, about the base"),
          "depth": ((), "m", "length of the track"), "centreline": (("joint", "axis"), "m", "joints of the needle, from base to tip"),
          "displacements": (("node", "axis"), "m", "displacements of the mesh's nodes"), "contact_count": ((), "1", "number of contacts in use"),
          "contact_position": (("contact", "axis"), "m", "positions of the contacts"), "contact_force": (("contact", "axis"), "N", "forces of the contacts on the tissue"),
          "contact_kind": (("contact",), "1", "0 tissue, 1 tip, 2 guide")}
-_LEFT = 0.65    # size of a run's file relative to the uncompressed size of its displacements and centrelines, measured for the insertion of figure 8
+_LEFT = 0.65    # compression ratio: file size over the raw size of displacements and centrelines, as measured for the figure-8 insertion
 
 
 def size_in_words(study: Study, folder: Path) -> str:
-    """Returns a message with the approximate size of the frames of all runs of a study in this folder, and the free disk space there; "" for a study
-    without frames."""
+    """Returns a message with the approximate size of the frames of all runs and the free disk space in `folder`; "" if the study has no frames."""
     samples = study.samples()
     if not study.frames_every or not len(samples):
         return ""
@@ -64,7 +63,7 @@ def size_in_words(study: Study, folder: Path) -> str:
 
 
 class Writer:
-    """Writes the frames of one run. The file appears only when it is closed, and is then complete; after an exception, no file is left."""
+    """Writes the frames of one run. The file appears under its name only once it is complete; after an exception, nothing is left behind."""
 
     def __init__(self, path: Path, model: Model):
         self.path, self.model = path, model
@@ -114,8 +113,7 @@ def _describe(file: h5py.File, study: Study) -> None:
 
 
 def collect(folder: Path, path: Path, study: Study, parameters: np.ndarray) -> int:
-    """Merges the files of all runs in `folder` into one file; `parameters` are the parameter values of the runs, (runs, p). Returns the number of
-    runs that have frames."""
+    """Merges the files of all runs in `folder` into one. parameters (runs, p): the parameter values of the runs. Returns how many runs have frames."""
     files = sorted(folder.glob("*.h5"))
     files = [file for file in files if int(file.stem) < len(parameters)]
     if not files:
@@ -125,7 +123,7 @@ def collect(folder: Path, path: Path, study: Study, parameters: np.ndarray) -> i
             for name, data in first.items():
                 if name in (*_MESH, "time"):
                     first.copy(name, whole)
-                else:    # at most 1 MB per chunk, or a single frame if that is larger
+                else:    # chunks of at most 1 MB, or of a single frame if that is larger
                     each = max(1, min(len(data), (1 << 20) // max(data[0:1].nbytes, 1)))
                     whole.create_dataset(name, shape=(len(files), *data.shape), dtype=data.dtype, chunks=(1, each, *data.shape[1:]), **_COMPRESSED)
         whole["run"] = np.array([int(file.stem) for file in files], np.int64)

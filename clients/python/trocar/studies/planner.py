@@ -1,28 +1,28 @@
-"""Finds entry, direction, depth and roll with which the tip, or a plan's seeds, reach their targets in the displaced tissue.
+"""Finds the entry, direction, depth and roll with which the needle tip, or a plan's seeds, reach their targets in the displaced tissue.
 
-A problem is a YAML file:
+A planning problem is a YAML file:
 
     scene: prostate.yaml                # relative to this file
-    set: {needle.bevel_slope: 0.05}     # keys of the scene; optional
-    coordinates: patient                # of targets and entry: patient (mm) or mesh (m, the default)
+    set: {needle.bevel_slope: 0.05}     # scene keys to change; optional
+    coordinates: patient                # coordinates of targets and entry: patient (mm) or mesh (m, the default)
     targets:
-      - {name: base left, at: [12, 5, 10]}    # of the tissue at rest
-    entry: {x: [-25, 25], y: [-30, 20], z: -55, tilt: 0.2}    # a rectangle, and rad; or {template: NAME, holes: [C3, D4]}
+      - {name: base left, at: [12, 5, 10]}    # position in the tissue at rest
+    entry: {x: [-25, 25], y: [-30, 20], z: -55, tilt: 0.2}    # a rectangle, and the maximum tilt (rad); or {template: NAME, holes: [C3, D4]}
     roll: free                          # or an angle, rad
     turn: true                          # the needle may be given half a turn during the insertion
     tolerance: 0.3e-3                   # m
     avoid:
-      - {surface: bone, clearance: 2e-3}      # of the mesh; or region: NAME
+      - {surface: bone, clearance: 2e-3}      # a mesh surface; or region: NAME
       - {contours: patient.csv, roi: Urethra, clearance: 1e-3}
     uncertainty:
-      objective: worst                  # of the samples; or mean, or nominal: of the scene's own values
+      objective: worst                  # worst case over the samples; or mean; or nominal, for the scene's own values only
       samples: {method: sobol, count: 8, seed: 1}
       parameters:
         regions[prostate].youngs_modulus: {uniform: [42e3, 78e3]}
 
-With `plan: FILE` instead of targets, entry and their options, the problem is to make the plan's seeds end at their planned places.
+With `plan: FILE` instead of targets, entry and their options, the aim is for the plan's seeds to end up at their planned positions.
 
-As a program:
+Command line:
 
     trocar-plan run | check | carry-out ...    --help says more; also python3 -m trocar.studies.planner
 """
@@ -58,21 +58,20 @@ __all__ = ["BadProblem", "Expected", "Problem", "Result", "SeedResult", "carry_o
 Array = npt.NDArray[np.float64]
 
 NOTHING = float("nan")
-MADE_BY = "# Made by trocar-plan"    # first line of a plan.yaml written by this program
+MADE_BY = "# Made by trocar-plan"    # first line of any plan.yaml that this program writes
 
 
 class Expected(NamedTuple):
-    """The errors (m) of an insertion, from new simulations in which the needle is moved in the same way as when a plan is carried out. NaN if the
-    insertion cannot be simulated."""
+    """The errors (m) to expect from an insertion, found by simulating it again exactly as a plan is carried out. NaN if it cannot be simulated."""
 
     error: float              # distance from the displaced target to the tip, for the scene's own values
     mean: float               # mean over the scene's own values and the samples
     worst: float              # worst case over the scene's own values and the samples
     offset: list[float]       # (3) vector from the displaced target to the tip
-    clearance: float | None   # smallest difference between distance and desired clearance, over all obstacles and samples; None without obstacles
-    nearest: str              # that obstacle
+    clearance: float | None   # smallest value of distance minus desired clearance, over all obstacles and samples; None if there are no obstacles
+    nearest: str              # name of the obstacle for which it is smallest
     shaft: list[list[float]]  # (joints, 3) positions of the needle's joints from base to tip
-    why: str = ""             # why the insertion cannot be simulated, for the first sample with that problem
+    why: str = ""             # why the first sample that fails cannot be simulated
 
 
 @dataclass
@@ -83,13 +82,13 @@ class Result:
     target: list[float]       # (3) m, position of the target at rest
     needle: Needle
     expected: Expected
-    unplanned: Expected       # result if the needle is aimed straight at the target at rest, through the closest hole or from the point that faces the target
-    rigid: Expected           # result if the needle follows the straight line to the target at rest that keeps all clearances
-    nominal: Expected         # result of planning for the scene's own values only; equals `expected` if that is the objective
-    reached: bool             # true if the error is within the tolerance and all clearances are kept
-    why: str                  # not
-    runs: int                 # number of insertions that the search simulated
-    seconds: float = 0.0      # s, processor time for the search and for carrying out the plan
+    unplanned: Expected       # without planning: straight at the rest position of the target, through the closest hole or from the point that faces the target
+    rigid: Expected           # with a plan for a rigid needle: along the straight line to the rest position of the target that keeps all clearances
+    nominal: Expected         # with a plan for the scene's own values only; equals `expected` if that is the objective
+    reached: bool             # true if the error is within tolerance and all clearances are kept
+    why: str                  # why the target was not reached
+    runs: int                 # number of insertions simulated in the search
+    seconds: float = 0.0      # s, CPU time of the search and of carrying out the plan
 
 
 @dataclass
@@ -97,10 +96,10 @@ class SeedResult:
     """The result of planning for one needle and its seeds."""
 
     needle: Needle
-    # (samples, seeds) m, distance of each seed from its planned place if the original plan is carried out; the first row is for the scene's own
-    # values; NaN if not simulated
+    # (samples, seeds) m, how far each seed ends up from its planned position with the original plan; the first row is for the scene's own values;
+    # NaN if not simulated
     before: list[list[float]]
-    after: list[list[float]]     # same as `before`, with the new plan
+    after: list[list[float]]     # the same, with the new plan
     reached: bool
     why: str
     runs: int
@@ -111,7 +110,7 @@ class SeedResult:
 
 
 def models_of(problem: Problem) -> list[Model]:
-    """Returns the models: first that of the scene, then those of the samples. Raises Error."""
+    """Builds the models: first the scene's own, then those of the samples. Raises Error."""
     base = Model(problem.scene())
     return [base, *(model_of(problem.study, values, base, False)[0] for values in problem.samples())]
 
@@ -124,7 +123,7 @@ def _one_line(error: Exception) -> str:
 
 
 def _rounded(needle: Needle) -> Needle:
-    """Returns the needle in the form in which it is written to a file."""
+    """Rounds a needle's numbers as they are when written to a file."""
     number = lambda value: float(f"{value:.9g}")
     return replace(needle, depth=number(needle.depth), roll=number(needle.roll), turn=needle.turn and Turn(*map(number, needle.turn)),
                    entry=needle.entry and tuple(map(number, needle.entry)), direction=tuple(map(number, needle.direction)))
@@ -137,14 +136,13 @@ def _needle_of(name: str, hole: str, aim: Aim, depth: float) -> Needle:
 
 
 def _frame_of(problem: Problem, model: Model) -> Plan:
-    """Returns a plan that has no needles yet."""
+    """Returns a plan without needles for this problem."""
     guide = next((guide for guide in model.guides if guide.name == problem.template), None)
     return Plan(guide.name, guide.columns, guide.rows, guide.spacing) if guide else Plan("", 0, 0, 0.0)
 
 
 def carry_out(problem: Problem, models: Sequence[Model], needle: Needle, target: npt.ArrayLike) -> Expected:
-    """Returns the result of aiming a needle at this point (3,) m of the tissue at rest, in each of the models: first the scene's own, then those of
-    the samples."""
+    """Simulates a needle meant for the point `target` (3,) m of the tissue at rest, in each of the models (as from `models_of`), and returns the errors."""
     case, frame = Case(problem, models, np.asarray(target, np.float64)), _frame_of(problem, models[0])
     outcomes: list[Outcome | None] = []
     why = ""
@@ -179,7 +177,7 @@ def _why(problem: Problem, found: Found, expected: Expected) -> str:
 
 
 def plan_target(problem: Problem, models: Sequence[Model], name: str, point: npt.ArrayLike) -> Result:
-    """Plans for one target, (3,) m at rest. `models` is the return value of `models_of`."""
+    """Plans for one target at `point` (3,) m in the tissue at rest. models: as from `models_of`."""
     begin = time.process_time()
     case = Case(problem, models, np.asarray(point, np.float64))
     (nominal_hole, nominal), (hole, best) = case.plan()
@@ -204,26 +202,26 @@ SEED_EXACT = 2e-5    # m
 
 
 def _placed(problem: Problem, model: Model, given: Needle, needle: Needle) -> Array:
-    """Carries out `needle` in place of the plan's needle `given`, and returns the offsets (seeds, 3) m of its seeds from the positions planned in
-    `given`, in the tissue at rest. Raises BadPlan, Error."""
+    """Simulates `needle` in place of the plan's needle `given`. Returns how far (seeds, 3), in m, its seeds end up from the positions planned in `given`, in
+    the tissue at rest. Raises BadPlan, Error."""
     from .. import Sim
     sim, dt = Sim(model), 1.0 / model.rate_hz
     for poses in replace(problem.hand, plan=replace(problem.plan, needles=[needle])).play(sim, dt):
         sim.run(poses, dt)
     wanted = plans.planned_seeds(replace(problem.plan, needles=[given]), model)
-    placed = plans.seeds_of(sim)    # seeds in the order in which they were left, beginning with the distal one
+    placed = plans.seeds_of(sim)    # in the order in which they were left, distal seed first
     return np.array([there.position - here.position for there, here in zip(placed, wanted)])
 
 
 def plan_seeds(problem: Problem, models: Sequence[Model], given: Needle) -> SeedResult:
-    """Finds depths for one needle of the problem's plan at which the seeds end at their planned places. `models` is the return value of
+    """Finds the depths at which to drop the seeds of one needle of the problem's plan so that they end up at their planned positions. models: as from
     `models_of`."""
     begin, runs = time.process_time(), 0
     half, axis = 0.5 * models[0].seed_size.length, plans.needle_axis(problem.plan, given, models[0])[1]
     samples = models if problem.objective != "nominal" else models[:1]
     wanted = np.array([given.depth - behind for behind in given.seeds])    # desired depths of the seeds' centres
     aimed, needle, best, why = wanted.copy(), given, None, ""
-    # smallest depths at which the seeds ended too deep, and greatest depths at which they ended too shallow
+    # smallest depths tried that were too deep, and greatest depths tried that were too shallow
     deep, shallow = np.full(len(wanted), np.inf), np.full(len(wanted), -np.inf)
     for _ in range(SEED_ROUNDS):
         try:
@@ -244,10 +242,10 @@ def plan_seeds(problem: Problem, models: Sequence[Model], given: Needle) -> Seed
             break
         deep, shallow = np.where(change > 0.0, np.minimum(deep, aimed), deep), np.where(change < 0.0, np.maximum(shallow, aimed), shallow)
         nearest = aimed - change
-        # if the seed's place jumps as a function of depth, for example behind a capsule, this finds the nearer side of the jump
+        # If the seed's final position jumps as a function of depth, for example behind a capsule, this finds the nearer side of the jump.
         between = 0.5 * (deep + shallow)
         aimed = np.where((nearest < deep) & (nearest > shallow) | ~np.isfinite(between), nearest, between)
-        for i in range(1, len(aimed)):    # keeps the seeds from overlapping
+        for i in range(1, len(aimed)):    # keep the seeds from overlapping
             aimed[i] = min(aimed[i], aimed[i - 1] - 2.0 * half - 1e-6)
         tip = aimed[0] + half
         needle = _rounded(replace(given, depth=float(tip), seeds=[round(float(tip - centre), 9) for centre in aimed]))
@@ -284,9 +282,9 @@ def plan_seeds(problem: Problem, models: Sequence[Model], given: Needle) -> Seed
 
 def plan(problem: Problem, models: Sequence[Model] | None = None, workers: int = 1, only: Sequence[str] = (),
          progress: Callable[[int, int], None] = lambda done, of: None, lost: Callable[[str], None] | None = None) -> list[Result] | list[SeedResult]:
-    """Plans for all targets, or for those that are named, or for all needles of a plan, in their order. The result does not depend on the number of
-    workers (processes). Reports progress (done, of). If a search ends without a result, for example for lack of memory, calls `lost` with the target
-    or needle, and returns the other results. Raises Error if that happens and `lost` is not given, or if there is no result at all."""
+    """Plans for all targets, for the targets named in `only`, or for all needles of a plan, in order. workers: number of processes; it does not affect the
+    results. progress(done, of) reports progress. If a search dies without a result, for example because memory runs out, `lost` is called with a
+    description and the other results are returned. Raises Error if `lost` is not given in such a case, or if there are no results at all."""
     models = models_of(problem) if models is None else models
     jobs: list[Callable[[], Result | SeedResult]]
     if problem.plan:
@@ -326,7 +324,7 @@ def plan(problem: Problem, models: Sequence[Model] | None = None, workers: int =
 
 
 def _stored(result: Result | SeedResult) -> dict[str, Any]:
-    """Returns the result as plain objects that can be sent through a pipe."""
+    """Converts a result to plain objects that can be sent through a pipe."""
     from dataclasses import asdict
     kept = asdict(result)
     kept["needle"]["turn"] = result.needle.turn and list(result.needle.turn)
@@ -348,7 +346,7 @@ def _restored(kept: dict[str, Any]) -> Result | SeedResult:
 
 
 def whole(problem: Problem, model: Model, results: Sequence[Result] | Sequence[SeedResult]) -> Plan:
-    """Returns the plan that consists of these results."""
+    """Combines the results into one plan."""
     if problem.plan:
         changed = {result.needle.hole: result.needle for result in results}
         return replace(problem.plan, needles=[changed.get(needle.hole, needle) for needle in problem.plan.needles])
@@ -368,7 +366,7 @@ def _chosen(problem: Problem, only: Sequence[str]) -> None:
 
 
 def _keep_input(problem: Problem, out: Path) -> None:
-    """Raises BadProblem if the plan.yaml in the folder is not an earlier result, or if it is the problem's own plan."""
+    """Protects the user's files: raises BadProblem if the folder's plan.yaml was not written by this program, or is the problem's own plan."""
     path = out / "plan.yaml"
     if not path.exists():
         return
@@ -378,7 +376,7 @@ def _keep_input(problem: Problem, out: Path) -> None:
 
 
 def _prepare(out: Path) -> None:
-    """Creates the folder and checks that files can be written to it. Raises BadProblem if that fails."""
+    """Creates the folder and checks that it is writable. Raises BadProblem if not."""
     try:
         out.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=out):
@@ -389,7 +387,7 @@ def _prepare(out: Path) -> None:
 
 
 def _run(given: argparse.Namespace) -> int:
-    import scipy.optimize    # noqa: F401    reports a missing package before the search
+    import scipy.optimize    # noqa: F401    report missing packages before the search rather than after it
     import scipy.spatial    # noqa: F401
     if not given.no_plots:
         import matplotlib    # noqa: F401
@@ -430,7 +428,7 @@ def _check(given: argparse.Namespace) -> int:
 
 
 def _check_plan(problem: Problem, found: Plan) -> None:
-    """Raises BadPlan if the needles of a plan for the problem's targets cannot be carried out."""
+    """Raises BadPlan if any needle of a plan for the problem's targets cannot be carried out."""
     model, points = Model(problem.scene(), mesh_only=True), dict(problem.targets)
     for needle in found.needles:
         if needle.name not in points:
@@ -501,6 +499,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    from trocar.studies import planner as _imported  # not __main__, whose classes would differ from those that other modules import
+    from trocar.studies import planner as _imported  # classes in __main__ would differ from those that other modules import
 
     sys.exit(_imported.main())

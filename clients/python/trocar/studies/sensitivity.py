@@ -1,15 +1,16 @@
-"""Computes the Sobol sensitivity indices of a function of independent parameters, with Saltelli's design.
+"""Computes Sobol sensitivity indices of a function of independent parameters, using Saltelli's design.
 
-The first-order index of a parameter is the fraction of the result's variance due to this parameter alone; the total index includes its interactions with
-others. The design has N (p + 2) points for p parameters: N points A, N points B, and for each parameter the points A with this parameter's values from B.
+A parameter's first-order index is the fraction of the result's variance that is due to this parameter alone; its total index includes interactions with
+other parameters. For p parameters, the design has N (p + 2) points: N points A, N points B and, for each parameter, the points A with that parameter's
+values taken from B.
 
     >>> from trocar.studies import sensitivity
     >>> points = sensitivity.design(3, 1024, seed=1)             # in the unit cube
     >>> found = sensitivity.indices(function(points), 3)
     >>> found.first, found.total
 
-First-order indices: Saltelli and others, Computer Physics Communications 181 (2010) 259-270, table 2, formula (b); total indices: Jansen, Computer Physics
-Communications 117 (1999) 35-43, which is formula (f) of Saltelli's table.
+First-order indices follow Saltelli and others, Computer Physics Communications 181 (2010) 259-270, table 2, formula (b). Total indices follow Jansen,
+Computer Physics Communications 117 (1999) 35-43, which is formula (f) in that table.
 """
 from __future__ import annotations
 
@@ -24,7 +25,7 @@ Array = npt.NDArray[np.float64]
 
 
 class Indices(NamedTuple):
-    """The indices of each parameter, with the limits of their 95 % confidence intervals."""
+    """The sensitivity indices of each parameter, with 95 % confidence limits."""
 
     first: Array          # (p,)
     total: Array          # (p,)
@@ -33,8 +34,8 @@ class Indices(NamedTuple):
 
 
 def design(parameters: int, count: int, seed: int) -> Array:
-    """Returns (count (p + 2), p) points in the unit cube, made from scrambled Sobol points in 2 p dimensions. For each Sobol point in turn, the rows
-    are its points A and B and the mixed points. `count` should be a power of 2."""
+    """Returns the design as (count (p + 2), p) points in the unit cube, from scrambled Sobol points in 2 p dimensions. Each Sobol point gives p + 2
+    consecutive rows: A, B and the mixed points. `count` should be a power of 2."""
     from scipy.stats import qmc
     both = qmc.Sobol(2 * parameters, scramble=True, seed=seed).random(count)
     a, b = both[:, :parameters], both[:, parameters:]
@@ -49,16 +50,16 @@ def _estimate(values: Array) -> tuple[Array, Array]:
     """Computes indices (..., p) from values (..., N, p + 2)."""
     a, b, mixed = values[..., :1], values[..., 1:2], values[..., 2:]
     both = np.concatenate([a, b], axis=-1)
-    mean = both.mean(axis=(-2, -1), keepdims=True)    # subtract the mean, because the error in the first formula grows with it
+    mean = both.mean(axis=(-2, -1), keepdims=True)    # subtract the mean, because it would increase the error of the first-order formula
     variance = both.var(axis=(-2, -1))[..., None]
-    with np.errstate(invalid="ignore", divide="ignore"):    # the sensitivity indices of a constant result are undefined (NAN)
+    with np.errstate(invalid="ignore", divide="ignore"):    # a constant result has undefined (NaN) indices
         first = ((b - mean) * (mixed - a)).mean(axis=-2) / variance
         total = 0.5 * ((a - mixed) ** 2).mean(axis=-2) / variance
     return first, total
 
 
 def _interval(drawn: Array) -> Array:
-    """Returns the limits (p, 2) of the confidence intervals, from indices (samples, p)."""
+    """Returns the limits (p, 2) of the confidence intervals, given the indices (samples, p) of bootstrap samples."""
     drawn = np.where(np.isfinite(drawn), drawn, np.nan)
     enough = np.isnan(drawn).mean(axis=0) <= 0.1
     limits = np.nanpercentile(np.where(enough, drawn, 0.0), (2.5, 97.5), axis=0).T
@@ -66,9 +67,9 @@ def _interval(drawn: Array) -> Array:
 
 
 def indices(values: npt.ArrayLike, parameters: int, resamples: int = 500, seed: int = 0) -> Indices:
-    """Computes the indices from the function's values (count (p + 2),) at the points of `design`. If a value is not finite, all p + 2 values of its
-    Sobol point are left out. The intervals are percentiles of `resamples` bootstrap samples of the N points; the limits are NAN if the index is
-    undefined in more than a tenth of these samples, for example because all values are equal."""
+    """Computes the indices from the function's values (count (p + 2),) at the points of `design`. If a value is not finite, all p + 2 values for its Sobol
+    point are left out. The intervals are percentiles over `resamples` bootstrap samples of the N points. They are NaN if the index is undefined in more
+    than a tenth of the samples, for example because all values are equal."""
     table = np.asarray(values, np.float64).reshape(-1, parameters + 2)
     table = table[np.isfinite(table).all(axis=1)]
     if len(table) < 2:

@@ -1,12 +1,12 @@
-"""Runs studies: many insertions with varied parameters, on all processors of a machine or a cluster.
+"""Runs studies: many insertions with varied parameters, on all CPUs of a machine or on a cluster.
 
 A study is a YAML file:
 
     scene: figure8.yaml                 # relative to this file
-    set: {needle.bevel_slope: 0.1}      # keys of the scene, the same in all runs; optional
+    set: {needle.bevel_slope: 0.1}      # scene keys to change in all runs; optional
     motion: {script: insert}            # or straight: {depth, speed, hold, back}, poses: FILE.csv, plan: FILE.yaml
     samples: {method: sobol, count: 256, seed: 1}    # or latin hypercube, random, saltelli, grid
-    parameters:                         # keys of the scene, and motion.x, y, z, tilt_x, tilt_y, roll, depth, speed
+    parameters:                         # scene keys, or motion. and one of x, y, z, tilt_x, tilt_y, roll, depth, speed
       regions[prostate].youngs_modulus: {log_uniform: [20e3, 90e3]}    # Pa
       regions[prostate].friction.kinetic: {uniform: [5, 15]}
       motion.x: {normal: [0, 1e-3], within: [-3e-3, 3e-3]}             # m
@@ -15,7 +15,7 @@ A study is a YAML file:
       - tip_error: {at: 1.3}            # s
       - shift: {region: prostate, at: [0.5, 1.3]}
 
-As a program:
+Command line:
 
     trocar-study estimate | run | collect | summary ...    --help says more; also python3 -m trocar.studies.study
 """
@@ -45,11 +45,11 @@ __all__ = ["BadStudy", "Row", "Study", "collect", "read", "results", "simulate"]
 
 
 class Incomplete(Exception):
-    """Some runs of a study are missing or have failed."""
+    """Raised if some runs of a study are missing or have failed."""
 
 
 def simulate(study: Study, index: int) -> dict[str, float]:
-    """Returns the results of one run, by column, without using any files. Raises Error, BadPlan."""
+    """Does one run without touching any files, and returns its results by column name. Raises Error, BadPlan."""
     samples = study.samples()
     model, scene = model_of(study, samples[index], None, groups_of(study, samples).sparse)
     return dict(zip(study.result_columns(), run(study, samples[index], model, scene)))
@@ -59,8 +59,8 @@ def simulate(study: Study, index: int) -> dict[str, float]:
 
 
 def results(study: Study, out: Path) -> list[Row]:
-    """Returns the rows from all files in the folder, in order. Raises BadStudy if there are files of another study, or if the rows of one run
-    contradict each other."""
+    """Reads the rows in all files in the folder, and returns them in order of run. Raises BadStudy if a file belongs to another study, or if a run has
+    contradictory rows."""
     samples, rows = study.samples(), {}
     for path in row_files(out):
         for row in read_rows(path, study, samples):
@@ -89,7 +89,7 @@ def _write_hdf5(study: Study, rows: Sequence[Row], path: Path) -> None:
 
 
 def collect(study: Study, out: Path, hdf5: bool = False, partial: bool = False) -> list[Row]:
-    """Writes result.csv; with `hdf5`, also result.h5; and frames.h5 if there are frames. Raises Incomplete if runs are missing, unless `partial` is
+    """Writes result.csv, result.h5 if `hdf5` is true, and frames.h5 if there are frames. Raises Incomplete if runs are missing, unless `partial` is
     true."""
     check_manifest(study, out)
     rows, samples = results(study, out), study.samples()
@@ -108,14 +108,14 @@ def collect(study: Study, out: Path, hdf5: bool = False, partial: bool = False) 
 
 
 def _batch_script(given: argparse.Namespace, out: Path) -> str:
-    """Returns a job array script with one element per task."""
+    """Returns a Slurm script for a job array with one element per task."""
     absolute = lambda path: str(Path(path).resolve())
     environment = {}
     if "PYTHONPATH" in os.environ:
         environment["PYTHONPATH"] = os.pathsep.join(absolute(part) for part in os.environ["PYTHONPATH"].split(os.pathsep) if part)
     if "TROCAR_LIBRARY" in os.environ:
         library = os.environ["TROCAR_LIBRARY"]
-        environment["TROCAR_LIBRARY"] = absolute(library) if "/" in library else library    # the dynamic loader searches for a name without a folder
+        environment["TROCAR_LIBRARY"] = absolute(library) if "/" in library else library    # leave a bare name to the dynamic loader's search
     command = [sys.executable, "-m", "trocar.studies.study", "run", absolute(given.study), "--out", str(out)]
     if given.record:
         command += ["--record", given.record]
@@ -269,6 +269,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    from trocar.studies import study as _imported  # not __main__, whose classes would differ from those that other modules import
+    from trocar.studies import study as _imported  # classes in __main__ would differ from those that other modules import
 
     sys.exit(_imported.main())

@@ -1,10 +1,10 @@
-"""Training: tasks and courses for a trainee at the simulator, and the score of a recorded run.
+"""Training: tasks and courses for trainees, and scoring of recorded runs.
 
     >>> from trocar.training import Task, score
     >>> result = score(Task.read("meshes/tasks/one-needle.yaml"), "session.log")
     >>> result.passed, result.measures["tip_error"]
 
-`trocar-score` is the program; trocar-view runs it at the end of a task, so that the numbers are the same.
+The command-line program is `trocar-score`. trocar-view runs it at the end of a task, so both report the same numbers.
 """
 from ._recording import BadRecording
 from ._score import MEASURES, Judgement, Result, score

@@ -1,14 +1,14 @@
-"""The measures of a run: their names and units. words/*.json says what they mean."""
+"""Names and units of the measures of a run. words/*.json describes them for the user."""
 from __future__ import annotations
 
 from typing import NamedTuple
 
 
 class Measure(NamedTuple):
-    """A number that describes a run. Values are in SI units, Gy, and fractions; `unit` and `factor` are for display."""
+    """A measure of a run. Values are stored in SI units, Gy or as fractions; `unit` and `factor` are for display."""
 
     unit: str
-    factor: float    # ratio of the displayed number to the value
+    factor: float    # displayed number = factor * value
     decimals: int
     of_plan: bool    # True if the measure needs a plan
     of_dose: bool    # True if that plan needs a source and a prescription

@@ -1,4 +1,4 @@
-"""Reads the messages of a recorded run that are needed to score it."""
+"""Reads from a recorded run the messages needed to score it."""
 from __future__ import annotations
 
 from dataclasses import dataclass, field
@@ -24,12 +24,12 @@ _WRENCH = np.dtype([(name, ">i8") for name in ("fingerprint", "utime", "tick", "
 
 
 class BadRecording(Exception):
-    """The recording cannot be used; the message gives file and remedy."""
+    """Raised if a recording cannot be used. The message names the file and says how to fix it."""
 
 
 @dataclass
 class Seeds:
-    """The seeds in the recording's last message on TROCAR_SEEDS."""
+    """The seeds at the end of the run, from the last message on TROCAR_SEEDS."""
 
     rest: Array = field(default_factory=lambda: np.zeros((0, 3)))         # (k, 3) m, centres in the tissue at rest
     direction: Array = field(default_factory=lambda: np.zeros((0, 3)))    # (k, 3) unit vectors to the distal ends, in the tissue at rest
@@ -38,15 +38,15 @@ class Seeds:
 
 
 class Sighting(NamedTuple):
-    """A needle and the tissue at one time, as an image shows them."""
+    """A needle and the tissue at one instant, as an image would show them."""
 
     needle: int
-    depth: float                                # m, length of its track
+    depth: float                                # m, length of the needle's track
     offsets: Array                              # (k, 3) m, vectors from the watched points in the displaced tissue to the tip
 
 
 class _Message:
-    """Reads the numbers of a message one after the other."""
+    """Reads the numbers in a message one after another."""
 
     def __init__(self, data: bytes, at: int = 8):
         self._data, self._at = data, at
@@ -65,20 +65,20 @@ class _Message:
 
 
 class Recording:
-    """What a log says about a run. Only messages of the server are used, so that recordings of the same run by different programs agree.
+    """What a log says about a run. Uses only messages from the server, so that logs of the same run by different recorders give the same result.
 
-    wrenches: structured array, in the order of the log; paths: tracks (n, 3) m that needles have cut, in the tissue at rest; seeds: at the end;
+    wrenches: structured array, in log order; paths: the tracks (n, 3) m that needles cut, in the tissue at rest; seeds: the seeds at the end;
     displacement: largest displacement (m) of the chosen nodes in any frame; sightings: one for each held needle in each frame."""
 
     def __init__(self, path: str | PathLike[str], model: Model, nodes: npt.NDArray[np.intp], watched: Array):
-        """`nodes`: indices of the nodes whose displacement counts; `watched` (k, 3) m: points to which sightings refer, in the tissue at rest. Raises
+        """nodes: indices of the nodes whose displacement counts; watched (k, 3) m: the points that sightings refer to, in the tissue at rest. Raises
         BadRecording."""
         self.path, self._node_count, self._nodes, self._watched = fspath(path), len(model.nodes), nodes, watched
         tets, self._weights = locate(model, watched)
         self._corners = model.tets[tets]
         self.sightings: list[Sighting] = []
         self._depths: dict[int, float] = {}
-        self._tips: dict[int, tuple[int, Array]] = {}    # for each needle: tick, and position of the tip (3,) m
+        self._tips: dict[int, tuple[int, Array]] = {}    # for each needle: tick, and tip position (3,) m
         self.paths: list[Array] = []
         self.seeds = Seeds()
         self.displacement = 0.0
@@ -154,7 +154,7 @@ class Recording:
         message.take("i1", count)
         if not message.ended():
             raise ValueError
-        if count == 0:    # after a reset, the earlier tracks still count as cut
+        if count == 0:    # the needle was reset, but its earlier tracks still count
             self.paths += self._tracks.pop(needle, [])
         else:
             self._tracks[needle] = [points[track == number] for number in np.unique(track)]

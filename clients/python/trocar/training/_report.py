@@ -1,4 +1,4 @@
-"""Report on a run: HTML with figures, JSON and CSV, and a comparison with other runs."""
+"""Writes the report on a run, in HTML with figures, JSON and CSV, and compares it with other runs."""
 from __future__ import annotations
 
 import csv
@@ -24,11 +24,11 @@ from ._words import ENGLISH, Words
 Array = npt.NDArray[np.float64]
 
 FORMAT = 1
-MARGIN = 8e-3      # m, margin that the section views show around the gland and the targets or planned seeds
+MARGIN = 8e-3      # m, margin around the gland and the targets or planned seeds in the section views
 
 
 class BadReport(Exception):
-    """A report in the folder of earlier runs, or the reference run, cannot be used."""
+    """Raised if the report of an earlier run or of the reference run cannot be used."""
 
 
 class Earlier(NamedTuple):
@@ -44,7 +44,7 @@ class Earlier(NamedTuple):
 
 
 def began(result: Result) -> str:
-    """Returns the time of the first wrench, in UTC, as in 2026-02-03T14:05:06Z."""
+    """Returns the time of the first wrench, in UTC, in the form 2026-02-03T14:05:06Z."""
     return datetime.fromtimestamp(result.began // 1000000, timezone.utc).strftime("%Y-%m-%dT%H:%M:%SZ")
 
 
@@ -56,7 +56,7 @@ def _millimetres(row: Any) -> dict[str, Any]:
 
 
 def as_json(result: Result) -> str:
-    """Returns the report as JSON, in SI units, Gy and fractions. The same recording and task always give the same text."""
+    """Returns the report as JSON, in SI units, Gy and fractions. The text depends only on the recording and the task."""
     return json.dumps({
         "format": FORMAT, "trocar": __version__, "task": result.task.name, "title": result.task.title, "began": began(result), "passed": result.passed,
         "measures": result.measures,
@@ -82,7 +82,7 @@ def as_csv(result: Result) -> str:
 
 
 def read_report(path: Path, task: str = "") -> Earlier:
-    """Reads a report from its JSON file. Raises BadReport if it is not a report, or belongs to another task than `task`."""
+    """Reads a report from its JSON file. Raises BadReport if it is not a report, or not one for `task` (if given)."""
     try:
         with open_input(path, encoding="utf-8") as file:
             found = json.load(file)
@@ -101,7 +101,7 @@ def read_report(path: Path, task: str = "") -> Earlier:
 
 
 def earlier_runs(folder: Path, task: Task, before: str = "") -> list[Earlier]:
-    """Returns the runs of a task in a folder of runs, oldest first; only those that began before `before`, if it is given."""
+    """Returns a task's runs from a folder of reports, oldest first. If `before` is given, only runs that began earlier."""
     runs = [read_report(path, task.name) for path in sorted(folder.glob(f"{task.name}/*.json"))]
     return sorted((run for run in runs if not before or run.began < before), key=lambda run: run.began)
 
@@ -110,7 +110,7 @@ def earlier_runs(folder: Path, task: Task, before: str = "") -> list[Earlier]:
 
 
 def _points(result: Result) -> tuple[Array, Array]:
-    """Returns the desired and the achieved positions (n, 3) m: of targets and tips, or of planned and placed seeds."""
+    """Returns the desired and the achieved positions (n, 3) m, either of targets and needle tips or of planned and placed seeds."""
     task = result.task
     if task.plan:
         wanted = [row.planned.position for row in result.seeds if row.planned]
@@ -121,7 +121,7 @@ def _points(result: Result) -> tuple[Array, Array]:
 
 
 def draw_sections(result: Result, words: Words) -> str:
-    """Draws the desired and achieved positions and the paths of the needles over three sections through the mean of the desired positions."""
+    """Draws the desired and achieved positions, and the needle paths, over three sections through the mean desired position."""
     from matplotlib.collections import LineCollection
     task, model, frame = result.task, result.task.model, Frame(result.task.model)
     wanted, achieved = _points(result)
@@ -145,7 +145,7 @@ def draw_sections(result: Result, words: Words) -> str:
         panel.set(xlim=(low[across], high[across]), ylim=(low[up], high[up]), aspect="equal", xlabel=f"{'xyz'[across]} (mm)", ylabel=f"{'xyz'[up]} (mm)",
                   title=f"{words(f'figure.{name_of}')}, {'xyz'[axis]} = {1e3 * middle[axis]:.0f} mm")
         if frame.is_patient and across == 0:
-            panel.invert_xaxis()    # the patient's right is on the left of the image
+            panel.invert_xaxis()    # by convention, the patient's right is on the left of the image
     panels[1].legend(loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=5, frameon=False)
     return svg(drawn)
 
@@ -154,7 +154,7 @@ def draw_forces(result: Result, words: Words) -> str:
     """Draws the force on the hand against time."""
     drawn, (panel,) = figure(10.5, 2.8)
     times, forces = result.forces
-    # plots the largest force in each of at most 2000 intervals, so that no peak is lost
+    # Plot the largest force in each of at most 2000 intervals, so that no peak is lost.
     bins = np.minimum((2000 * times / max(times[-1], 1e-9)).astype(int), 1999)
     first = np.flatnonzero(np.diff(bins, prepend=-1))
     panel.plot(times[first], np.maximum.reduceat(forces, first), color="#0072b2", linewidth=1)
@@ -164,7 +164,7 @@ def draw_forces(result: Result, words: Words) -> str:
 
 
 def draw_histograms(result: Result, words: Words) -> str:
-    """Draws the dose-volume histograms of the organs, as planned and as achieved."""
+    """Draws the organs' dose-volume histograms, as planned and as achieved."""
     drawn, (panel,) = figure(10.5, 3.6)
     prescription = result.task.plan.prescription
     doses = np.linspace(0.0, 3.0 * prescription, 301)
@@ -183,7 +183,7 @@ def draw_histograms(result: Result, words: Words) -> str:
 
 
 def _best(name: str, runs: Sequence[Earlier], result: Result) -> str:
-    """Returns the best value of a measure in earlier runs, judged by the task's criterion for it; empty if there is none."""
+    """Formats the best value of a measure in earlier runs, where the task's criterion decides what is better. "" if there is none."""
     values = [run.measures[name] for run in runs if run.measures.get(name) is not None]
     criterion = next((c for c in result.task.criteria if c.measure == name), None)
     if not values or not criterion:
@@ -219,7 +219,7 @@ def _places(result: Result, words: Words) -> str:
 
 
 def as_html(result: Result, runs: Sequence[Earlier] = (), reference: Earlier | None = None, language: str = ENGLISH) -> str:
-    """Returns the report as a printable HTML page without scripts. `runs`: earlier runs, oldest first. Numbers are the same in each language."""
+    """Returns the report as a printable HTML page without scripts. runs: earlier runs, oldest first. The language affects only words, not numbers."""
     task, words, texts = result.task, Words(language), result.task.texts(language)
     passed, met = words("passed" if result.passed else "failed"), sum(j.met for j in result.judgements)
     verdict = words("verdict", met=met, count=len(result.judgements), time=began(result).replace("T", " ").replace("Z", " UTC"))

@@ -18,18 +18,18 @@ from ._task import Criterion, Target, Task
 
 Array = npt.NDArray[np.float64]
 
-ENTERED = 2e-3     # m, depth from which a needle counts as having entered the tissue; less is a touch of the skin
-TURN = 5e-3        # m, a redirection draws a needle back by at least this much and then pushes it forward again by at least as much
-TAKEN = 5e-3       # m: a track that is longer than this when it appears belongs to a needle that had been left in the tissue
-DEEPEST = 5e-4     # m, a needle within this distance of its greatest depth counts as being at its deepest
-SAMPLE = 1e-3      # m, spacing of the points along a path at which the region is determined
-RECTUM = 2e-6      # m^3, volume to which the rectum's D2cc refers
+ENTERED = 2e-3     # m, at this depth a needle counts as having entered the tissue; anything less is just a touch of the skin
+TURN = 5e-3        # m, a redirection means drawing the needle back by at least this much and then advancing it by at least as much
+TAKEN = 5e-3       # m: a track that is already longer than this when it appears belongs to a needle that was resting in the tissue
+DEEPEST = 5e-4     # m, a needle counts as being at its deepest within this distance of its greatest depth
+SAMPLE = 1e-3      # m, spacing along a path at which to look up the region
+RECTUM = 2e-6      # m^3, volume for the rectum's D2cc
 
 __all__ = ["MEASURES", "Histogram", "Judgement", "Result", "score"]
 
 
 class Judgement(NamedTuple):
-    """A criterion applied to a run."""
+    """The result of applying a criterion to a run."""
 
     criterion: Criterion
     value: float | None
@@ -54,13 +54,13 @@ class Histogram(NamedTuple):
 
 @dataclass
 class Extremes:
-    """The greatest depth (m) of a needle, and once it has been drawn back by TURN, the least depth since then."""
+    """Detects redirections: tracks a needle's greatest depth (m) and, once it has been drawn back by TURN, its smallest depth since then."""
 
     high: float = 0.0
     low: float | None = None
 
     def turned(self, depth: float) -> bool:
-        """Adds a depth; returns True if the needle has now been drawn back and pushed forward again by TURN."""
+        """Takes the next depth. Returns True if it completes a redirection."""
         if self.low is None:
             self.high = max(self.high, depth)
             self.low = depth if depth <= self.high - TURN else None
@@ -74,14 +74,14 @@ class Extremes:
 
 @dataclass
 class Result:
-    """The score of a run. Values are in SI units, Gy and fractions; None if a value cannot be determined."""
+    """The score of a run. Values are in SI units, Gy or fractions, or None if they cannot be determined."""
 
     task: Task
-    began: int                        # us since the epoch, of the first wrench
+    began: int                        # time of the first wrench, us since the epoch
     measures: dict[str, float | None]
     reached: list[Reached]
     seeds: list[plans.Misplacement]
-    organs: dict[str, float]          # regions that needles entered: length of the paths in them, m
+    organs: dict[str, float]          # for each region that needles entered, the total path length inside it, m
     judgements: list[Judgement]
     paths: list[Array]                # (n, 3) m each, in the tissue at rest
     forces: tuple[Array, Array]       # (n,) s after the first contact, and (n,) N
@@ -89,12 +89,13 @@ class Result:
 
     @property
     def passed(self) -> bool:
-        """True if all criteria are met."""
+        """Whether all criteria are met."""
         return all(judgement.met for judgement in self.judgements)
 
 
 def score(task: Task, log: str | PathLike[str]) -> Result:
-    """Scores a recording of TROCAR_WRENCH, TROCAR_DEFORMATION, TROCAR_CONTACTS, TROCAR_TRACKS and TROCAR_SEEDS. Raises BadRecording."""
+    """Scores a run. The log must contain the channels TROCAR_WRENCH, TROCAR_DEFORMATION, TROCAR_CONTACTS, TROCAR_TRACKS and TROCAR_SEEDS. Raises
+    BadRecording."""
     model = task.model
     gland = task.tets_of("gland")
     nodes = np.unique(gland if len(gland) else model.tets)
@@ -123,8 +124,8 @@ def score(task: Task, log: str | PathLike[str]) -> Result:
 
 
 def _reached(target: Target, number: int, recording: Recording) -> Reached:
-    """Returns how close a needle came to a target, as an image shows it: the least distance in those frames in which the needle was at its deepest. A needle that
-    passed through a target and went on has not reached it."""
+    """Returns how close a needle came to a target, as seen in an image: the smallest distance in the frames in which the needle was at its deepest. A needle
+    that passes through the target and goes on does not reach it."""
     best: Array | None = None
     for needle in sorted({sighting.needle for sighting in recording.sightings}):
         for visit in _visits([sighting for sighting in recording.sightings if sighting.needle == needle]):
@@ -147,7 +148,7 @@ def _visits(sightings: Sequence[Sighting]) -> list[list[Sighting]]:
 
 
 def _organs(task: Task, paths: Sequence[Array]) -> dict[str, float]:
-    """Returns the length (m) of the paths in each region that they enter."""
+    """Returns, for each region that the paths enter, their total length (m) inside it."""
     found: dict[str, float] = {}
     for path in paths:
         for start, end in zip(path[:-1], path[1:]):
@@ -161,7 +162,7 @@ def _organs(task: Task, paths: Sequence[Array]) -> dict[str, float]:
 
 
 def _forces(recording: Recording) -> tuple[Array, Array]:
-    """Returns time (s after the first contact) and force on the hand (N) of each tick in which a needle that is held is in the tissue."""
+    """Returns the time (s after the first contact) and the force on the hand (N) for each tick in which a held needle is in the tissue."""
     w = recording.wrenches
     held = w[(w["session"] != 0) & (w["depth"] > 0.0)]
     held = held[np.argsort(held["tick"], kind="stable")]
@@ -171,14 +172,14 @@ def _forces(recording: Recording) -> tuple[Array, Array]:
 
 
 def _stretches(depths: Array) -> list[Array]:
-    """Splits the depths of a needle where they are 0: outside the tissue, or while nobody holds it."""
+    """Splits a needle's depths wherever they are 0, which means that the needle is outside the tissue or not held."""
     inside = np.flatnonzero(depths > 0.0)
     return [depths[part] for part in np.split(inside, np.flatnonzero(np.diff(inside) > 1) + 1) if len(part)]
 
 
 def _passes(recording: Recording) -> dict[str, float]:
-    """Counts entries and redirections of all needles, from the lengths of their tracks. The length is 0 in the messages while nobody holds the needle; when a
-    resting needle is taken, it starts at the depth at which the needle rested."""
+    """Counts the entries and redirections of all needles from their track lengths. In the messages, the length is 0 while nobody holds the needle, and jumps
+    to the depth at which the needle rested when somebody picks it up again."""
     passes = redirections = 0
     for needle in np.unique(recording.wrenches["needle"]):
         entered, extremes = False, Extremes()
@@ -211,12 +212,12 @@ def _misplacement(rows: Sequence[plans.Misplacement]) -> dict[str, float | None]
 
 
 def _within(points: Array, others: Array) -> Array:
-    """Returns those points that lie in the bounding box of the others. This selects the prostatic urethra."""
+    """Returns the points that lie in the bounding box of `others`. Used to select the prostatic urethra."""
     return points[((points >= others.min(axis=0)) & (points <= others.max(axis=0))).all(axis=1)]
 
 
 def _histograms(task: Task, recording: Recording) -> list[Histogram]:
-    """Returns the histograms of the task's organs, in the tissue at rest; empty if the plan has no source or prescription."""
+    """Computes the dose-volume histograms of the task's organs in the tissue at rest. Empty if the plan has no source or prescription."""
     plan = task.plan
     if not plan or not plan.source or not plan.prescription:
         return []

@@ -21,21 +21,21 @@ ROLES = ("gland", "urethra", "rectum")
 
 
 class BadTask(Exception):
-    """The task or course cannot be used; the message gives file, line and remedy."""
+    """Raised if a task or course cannot be used. The message gives the file and line and says how to fix it."""
 
 
 @dataclass(frozen=True)
 class Target:
-    """A point that the tip of a needle is to reach."""
+    """A point that a needle tip is to reach."""
 
     name: str
     position: npt.NDArray[np.float64]    # (3,) m, position in the tissue at rest
-    hole: str = ""                       # hole of the template through which it can be reached; "" if none is given
+    hole: str = ""                       # template hole to reach it through, or ""
 
 
 @dataclass(frozen=True)
 class Criterion:
-    """A limit on a measure: either `least` or `most` is given."""
+    """A limit on a measure, either `least` or `most`; the other is None."""
 
     measure: str             # a key of MEASURES
     least: float | None      # SI units, Gy or a fraction
@@ -43,18 +43,18 @@ class Criterion:
     source: str              # where the limit comes from
 
     def met(self, value: float | None) -> bool:
-        """True if the value is within the limit; False if it could not be determined."""
+        """Whether the value is within the limit. A value that could not be determined (None) is not."""
         return value is not None and (self.least is None or value >= self.least) and (self.most is None or value <= self.most)
 
 
 @dataclass(frozen=True)
 class Texts:
-    """The texts of a task in one language."""
+    """A task's texts in one language."""
 
     title: str
     text: str                # what to do
     hints: list[str]
-    sources: list[str]       # of the criteria
+    sources: list[str]       # where each criterion comes from
 
 
 @dataclass
@@ -70,7 +70,7 @@ class Task:
     targets: list[Target] = field(default_factory=list)
     plan: plans.Plan | None = None
     plan_path: str = ""
-    organs: dict[str, list[str]] = field(default_factory=dict)    # regions of the mesh, each including its parts, by role (one of ROLES)
+    organs: dict[str, list[str]] = field(default_factory=dict)    # mesh regions (including their parts) that make up each organ, by role (one of ROLES)
     avoid: list[str] = field(default_factory=list)                # regions that no needle is to enter
     criteria: list[Criterion] = field(default_factory=list)
     hints: list[str] = field(default_factory=list)
@@ -79,21 +79,21 @@ class Task:
 
     @classmethod
     def read(cls, path: str | PathLike[str]) -> Task:
-        """Reads a task, its plan and the mesh of its scene. Raises BadTask, with file, line and remedy."""
+        """Reads a task, along with its plan and the mesh of its scene. Raises BadTask."""
         return _read_task(fspath(path))
 
     def texts(self, language: str) -> Texts:
-        """Returns the texts in a language, or those of the task's own file if there is no translation."""
+        """Returns the texts in a language, falling back to those in the task file if there is no translation."""
         return self.translations.get(language) or Texts(self.title, self.text, self.hints, [criterion.source for criterion in self.criteria])
 
     def tets_of(self, role: str) -> npt.NDArray[np.int32]:
-        """Returns the tetrahedra of an organ, (k, 4) node indices; empty if the task does not name its regions."""
+        """Returns the tetrahedra of an organ as node indices (k, 4). Empty if the task names no regions for it."""
         return np.concatenate([self.model.tets[:0], *(self.model.tets_of(name) for name in self.organs.get(role, []))])
 
 
 @dataclass
 class Course:
-    """A list of tasks."""
+    """A titled list of tasks."""
 
     title: str
     path: str
@@ -101,7 +101,7 @@ class Course:
 
     @classmethod
     def read(cls, path: str | PathLike[str]) -> Course:
-        """Reads a course, and checks its tasks. Raises BadTask, with file, line and remedy."""
+        """Reads a course and checks its tasks. Raises BadTask."""
         reader = Reader(fspath(path), "course", BadTask, "title and tasks")
         keys = reader.mapping(reader.root, "", ("title", "tasks"))
         files = [_file(reader, node, f"tasks[{i}]") for i, node in enumerate(reader.items(keys["tasks"], "tasks"))]
@@ -116,7 +116,7 @@ class Course:
 
 
 def _file(reader: Reader, node: Any, place: str) -> str:
-    """Reads the name of a file and returns its path; names are relative to the folder of the file in which they are written."""
+    """Reads a file name and returns its path. Names are relative to the folder of the file that contains them."""
     path = Path(reader.path).parent / reader.text(node, place)
     if not path.is_file():
         raise reader.fail(node, f"{place}: no file {path}: write its path relative to this file")
@@ -148,7 +148,7 @@ def _regions(reader: Reader, node: Any, place: str, known: list[str]) -> list[st
 
 
 def _wholes(model: Model, names: list[str]) -> list[str]:
-    """Returns the list without the regions that are parts of another region in the list."""
+    """Removes from the list regions that are part of another region in the list."""
     whole = dict(zip(model.groups, (model.groups[i] for i in model.part_of)))
     return [name for name in names if whole[name] == name or whole[name] not in names]
 

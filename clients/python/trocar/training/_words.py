@@ -1,4 +1,4 @@
-"""The texts of a report in the trainee's language, from words/*.json in this folder. Files for other languages can be added there."""
+"""Report texts in the trainee's language, from words/*.json in this folder. To add a language, add a file there."""
 from __future__ import annotations
 
 import json
@@ -23,9 +23,9 @@ class Words:
         self._texts: dict[str, str] = {key: text for code in (ENGLISH, self.language) for key, text in json.loads((FOLDER / f"{code}.json").read_text(encoding="utf-8")).items()}
 
     def __call__(self, key: str, **values: object) -> str:
-        """Returns the text with this key, with `values` in its placeholders, such as {count}."""
+        """Returns the text for a key, with placeholders such as {count} filled in from `values`."""
         return self._texts[key].format(**values)
 
     def limit(self, measure: str, least: float | None, most: float | None) -> str:
-        """Returns a limit on a measure in words; either `least` or `most` is None."""
+        """Puts a limit on a measure into words. Either `least` or `most` is None."""
         return self("limit.most", limit=shown(measure, most)) if least is None else self("limit.least", limit=shown(measure, least))

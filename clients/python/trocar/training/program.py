@@ -85,7 +85,7 @@ def _texts(task: Task, language: str) -> dict[str, Any]:
 
 
 def describe(task: Task) -> dict[str, Any]:
-    """Describes a task for the viewer's page; lengths in m. `texts`: title, text, hints and criteria by language."""
+    """Returns a description of a task for the viewer's web page, with lengths in m and the texts in all languages."""
     return {"name": task.name, "avoid": task.avoid, "texts": {language: _texts(task, language) for language in languages()},
             "targets": [{"name": t.name, "position": t.position.tolist(), "hole": t.hole} for t in task.targets],
             "needles": [{"hole": n.hole, "depth": n.depth, "seeds": n.seeds} for n in task.plan.needles] if task.plan else []}

@@ -10,7 +10,7 @@ static const double TOGETHER = 1e-3; /* m: residual loads closer together than t
 static const double NOTICEABLE = 1e-3; /* N: new residual loads are worth a request to the worker once they add up to this. Cost limit: below what a hand
                                           feels */
 static const double NEGLIGIBLE = 1e-9; /* N: residual loads smaller than this are dropped. Rounding tolerance */
-static const double ALL_OF_IT = 1e-9; /* fraction of a share's length that may remain unassigned. Rounding tolerance */
+static const double ALL_OF_IT = 1e-9; /* fraction: part of a share's length that may remain unassigned. Rounding tolerance */
 
 static const vec3 ZERO = {0, 0, 0};
 static const remembered_forces NOTHING = {{0, 0, 0}, 0, 0};

@@ -11,7 +11,7 @@ static double shear_of(double b) {
     return y;
 }
 
-enum { MOST_FORCES = 30 }; /* most iterations when searching for the force at a given displacement. Cost limit: 8 are enough for S = 10 */
+enum { MOST_FORCES = 30 }; /* iterations: most when searching for the force at a given displacement. Cost limit: 8 are enough for S = 10 */
 static const double SAME_FORCE = 1e-6; /* dimensionless: the iteration ends when the force changes by less than this fraction. Rounding: the force is only used
                                           as a linearisation point */
 static const double RIGID = 1e-3; /* fraction of the linear compliance: the iteration ends if the compliance falls below this. Rounding: the force is only used

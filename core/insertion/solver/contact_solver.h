@@ -13,8 +13,8 @@ _Static_assert(CONTACT_LD >= ELIMINATION_SIZE(MAX_UNKNOWNS), "a row holds all un
 
 /* Limits of the search for sticking and sliding points, used here and for roll (roll.c). */
 static const double MARGIN = 1e-12; /* fraction of the force plus 1 N: a force may exceed its bound by this much. Rounding tolerance */
-enum { ROUNDS_TOGETHER = 10 }; /* rounds in which all inconsistent points switch at once; after that, they switch one at a time. Cost limit: two are usual */
-enum { ROUNDS_EACH = 4 }; /* rounds per point in which one point switches at a time. Cost limit */
+enum { ROUNDS_TOGETHER = 10 }; /* rounds: those in which all inconsistent points switch at once; after that, they switch one at a time. Cost limit: two are usual */
+enum { ROUNDS_EACH = 4 }; /* rounds per point: those in which one point switches at a time. Cost limit */
 
 typedef enum { STICK = 0, SLIP_FORWARD = 1, SLIP_BACKWARD = -1 } friction_state;
 

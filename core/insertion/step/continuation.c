@@ -6,7 +6,7 @@
 static const double AT_REST = 5e-3; /* fraction of the Euler load: a moving needle whose drag is below this counts as at rest. Chosen: 0.05 N for a 200 mm, 18 G
                                        needle, about the smallest force that a hand feels */
 static const double LEAST_STEP = 1.0 / 256; /* fraction of a step: smallest increment tried when following a branch of equilibria. Cost limit: eight halvings */
-enum { LAST_PASSES = 3 }; /* most passes spent checking whether a needle has come to rest. Cost limit */
+enum { LAST_PASSES = 3 }; /* passes: most spent checking whether a needle has come to rest. Cost limit */
 
 /* Computes by how much each gap differs from the one that would balance the forces at the start of the step. The difference comes from the base's motion. */
 static void find_lag(insertion_workspace *w) {

@@ -7,7 +7,7 @@
 #include "insertion/track/old_tracks.h"
 
 static const double SAME_PLACE = 1e-7; /* m: accuracy with which the surface's displacement is found. Rounding tolerance */
-enum { MOST_LOOKS = 5 }; /* most iterations in the search for the displaced surface. Cost limit */
+enum { MOST_LOOKS = 5 }; /* iterations: most in the search for the displaced surface. Cost limit */
 
 /* ---- in the air ---------------------------------------------------------------------------------------------------- */
 

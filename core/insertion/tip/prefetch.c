@@ -11,9 +11,9 @@ static const double ABOUT_TO_TOUCH = 2e-3; /* m: if the needle is closer to the 
                                               depend on how the needle moved before. Chosen by judgement */
 static const double NEAR_FACE = 1e-7; /* m: surfaces closer than this count as touching. Rounding tolerance */
 static const double WAY_IN = 1.25; /* ratio: length of the path requested into a body, relative to `prefetch_distance`. Chosen by judgement */
-enum { AHEAD = 16 }; /* most elements requested ahead of the tip. Cost limit */
-enum { BEHIND = 4 }; /* contacts behind the tip whose elements are requested. Cost limit */
-enum { AROUND_EDGE = 32 }; /* most elements around one edge; about five are usual, and a poor mesh has twenty. Cost limit */
+enum { AHEAD = 16 }; /* elements: most requested ahead of the tip. Cost limit */
+enum { BEHIND = 4 }; /* contacts: those behind the tip whose elements are requested. Cost limit */
+enum { AROUND_EDGE = 32 }; /* elements: most around one edge; about five are usual, and a poor mesh has twenty. Cost limit */
 
 typedef struct {
     int count, needed;       /* number of nodes, and how many of them (the first ones) are indispensable, as in remesh_request */

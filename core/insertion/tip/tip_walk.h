@@ -4,7 +4,7 @@
 
 #include "insertion/state/tick_data.h"
 
-enum { MAX_STEPS = 256 }; /* most elements crossed in one step. Cost limit */
+enum { MAX_STEPS = 256 }; /* elements: most crossed in one step. Cost limit */
 static const double FACE_CLEARANCE = 1e-7; /* m: when the tip crosses a face, it is placed this far past it. Rounding tolerance */
 
 /* Cuts forward by `distance` along this unit direction in the undeformed tissue, and leaves contact nodes where they are due. A membrane whose resistance

@@ -5,7 +5,7 @@
 
 static const double LONGEST_SHARE = 0.8; /* edge lengths: a chord longer than this gets several contacts, each for an equal part. Chosen by judgement */
 static const double PLAN_TOLERANCE = 2e-4; /* m: a planned contact node can be used only if the tip passes it within this distance. Chosen by judgement */
-static const double LAST_PLACE = 0.95; /* fraction of the chord through an element, above 0.5 and below 1: a node due beyond this point is placed in the next
+static const double LAST_PLACE = 0.95; /* fraction of the chord, above 0.5 and below 1: along the chord through an element, a node due beyond this point is placed in the next
                                           element. Chosen: 0.5 is the usual place of a node, 1 is the face */
 
 double last_contact_depth(const insertion_state *state) {

@@ -191,13 +191,13 @@ static trocar_status soften_resting(trocar_sim *sim, trocar_error *why) {
 trocar_status rest_before_softening(trocar_sim *sim, double **displacement, trocar_error *why) {
     resting_needle *list[MAX_NEEDLES];
     int count = list_attached(sim, list);
-    bool all_alone = true;
+    bool again = sim->elasticity.course.mixed == 0.0; /* the forces may have changed since the last change of moduli */
     other_loads held;
     *displacement = NULL;
     if (count == 0) return TROCAR_OK;
-    for (int i = 0; i < count; i++) all_alone = all_alone && list[i]->alone;
+    for (int i = 0; i < count; i++) again = again || !list[i]->alone;
     trocar_status status = respond_to_loads(sim, false, why); /* before reattaching, the needles' forces must match the held needles' loads */
-    if (status == TROCAR_OK && !all_alone) status = soften_resting(sim, why);
+    if (status == TROCAR_OK && again) status = soften_resting(sim, why);
     list_others(sim, BESIDE_RESTING, &held);
     return status == TROCAR_OK ? resting_set_displacement(&sim->resting, &held, displacement, why) : status;
 }

@@ -7,6 +7,7 @@
 #include "insertion/guide/guides.h"
 #include "insertion/laws/creep.h"
 #include "insertion/laws/stiffening.h"
+#include "insertion/step/equilibrium.h"
 #include "insertion/step/tick.h"
 
 static const double STEP_SHIFT = 0.3e-3; /* m: how far the base may shift per 1 ms step while a released needle moves to its resting position. Chosen: 0.3 m/s,
@@ -336,9 +337,10 @@ trocar_status resting_soften(const tick_input *given, inverse *inv, resting_scra
     tick.base = (mount){.pose = r->anchor.needle.base};
     insertion_soften(&tick, &r->anchor, w);
     scratch->state = r->anchor;
-    put_back(r, &scratch->state);
     if (!insertion_linearise(&tick, &scratch->state, w, &ignored, r->loaded) || w->problem.count != r->point_count)
         return fail(why, TROCAR_NUMERIC, "a resting needle has lost contacts");
+    put_back(r, &scratch->state);
+    equilibrium_linearise_laws(&tick, &scratch->state, w);
     r->alone = true;
     r->anchor.request.residual_loads = r->anchor.memory.residual;
     take_memory(tick.model, &r->anchor, w->points.guided, r);

@@ -1,5 +1,5 @@
 /* A resting needle, which nobody holds: tissue and guides keep it in place. It responds linearly to other loads on the tissue, about the equilibrium it was
-   left in. See docs/mechanics.md, "Resting needles". */
+   left in; stiffening tissue is linearised again, about the present forces, when the moduli change. See docs/mechanics.md, "Resting needles". */
 #ifndef TROCAR_RESTING_NEEDLE_H
 #define TROCAR_RESTING_NEEDLE_H
 
@@ -54,8 +54,8 @@ typedef struct {
 trocar_status resting_linearise(const tick_input *tick, const insertion_state *state, inverse *inv, resting_scratch *scratch, resting_needle *r,
                                 trocar_error *why);
 
-/* Recomputes `compliance` and `offset` for the current forces after a change in moduli. tick->snapshot must hold the needle's rows of `inv`, and nothing may be attached to `inv`.
-   */
+/* Recomputes `compliance` and `offset` after a change in moduli. tick->snapshot must hold the needle's rows of `inv`, and nothing may be attached to
+   `inv`. */
 trocar_status resting_soften(const tick_input *tick, inverse *inv, resting_scratch *scratch, resting_needle *r, trocar_error *why);
 
 /* Sets r->fading to the forces of the rows in `held`, the state at the moment of release. Call after resting_linearise. */

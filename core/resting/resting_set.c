@@ -218,9 +218,9 @@ static void add_response(resting_set *s, const double *force, const double *move
 
 /* ---- changes in the tissue's compliance ------------------------------------------------------------------------------------- */
 
-/* Computes the displacements of the rows, (G + C) f + g + C m + B h. f: the needles' forces. g: the offsets of G f in stiffening tissue. m: the loads from the tissue's memory. h: the loads of held needles
-   and the probe. G and C: compliance of the needles and of the tissue between the rows. B: the tissue's compliance between h and the rows. There is no term G
-   m, because the corresponding local displacements do not change. */
+/* Computes the displacements of the rows, (G + C) f + g + C m + B h. f: the needles' forces. m: the loads from the tissue's memory. h: the loads of held
+   needles and the probe. G and C: compliance of the needles and of the tissue between the rows. g: what stiffening adds to G f. B: the tissue's compliance
+   between h and the rows. There is no term G m, because the corresponding local displacements do not change. */
 static trocar_status find_displacement(resting_set *s, const other_loads *held, double *displacement, trocar_error *why) {
     const mesh *m = inverse_tissue(s->inverse)->mesh;
     if (!make_room(s, 1 + loads_most_nodes(held))) return fail(why, TROCAR_NO_MEMORY, "no memory for the loads of held needles");

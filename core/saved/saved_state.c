@@ -208,7 +208,7 @@ void saved_resting(state_stream *s, int segments, resting_needle *r) {
     for (int u = 0; u < r->unknown_count; u++) STREAM_ENTRIES(s, r->compliance[u], u + 1);
     for (int m = 0; m < r->motion_count; m++) STREAM_ENTRIES(s, r->motions[m], r->unknown_count);
     STREAM_ENTRIES(s, r->twists, r->motion_count);
-    double *of_unknowns[] = {r->anchor_force, r->beside, r->free_force, r->force, r->aside, r->fading};
+    double *of_unknowns[] = {r->offset, r->anchor_force, r->beside, r->free_force, r->force, r->aside, r->fading};
     for (size_t i = 0; i < sizeof of_unknowns / sizeof *of_unknowns; i++) STREAM_ENTRIES(s, of_unknowns[i], r->unknown_count);
     double *of_axial[] = {r->lower, r->upper, r->slip, r->slid};
     for (size_t i = 0; i < sizeof of_axial / sizeof *of_axial; i++) STREAM_ENTRIES(s, of_axial[i], r->axial_count);

@@ -9,7 +9,7 @@
 #include "snapshot/needle_hold.h"
 
 /* saved_layout returns a number that depends on SAVED_FORMAT and on the sizes of the saved structs, so that a state in another layout is recognised. */
-enum { SAVED_FORMAT = 4 };   /* increase this when the meaning or the order of the stored members changes */
+enum { SAVED_FORMAT = 5 };   /* increase this when the meaning or the order of the stored members changes */
 uint64_t saved_layout(void);
 
 /* `segments`: how many segments the needle has. */

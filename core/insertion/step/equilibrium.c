@@ -2,10 +2,12 @@
 
 #include <string.h>
 
+#include "insertion/contact/contact_assembly.h"
 #include "insertion/contact/resistance_ahead.h"
 #include "insertion/contact/roll.h"
 #include "insertion/contact/tip_damper.h"
 #include "insertion/laws/creep.h"
+#include "insertion/laws/stiffening.h"
 #include "insertion/step/checkpoint.h"
 #include "insertion/step/continuation.h"
 
@@ -25,6 +27,11 @@ void equilibrium_linearise(const tick_input *tick, insertion_state *state, inser
     if (!loaded) memset(w->response.load, 0, sizeof w->response.load);
     w->damper.relaxed = 1.0; /* the damper does not act in a static linearisation */
     passes_linearise(tick, state, w, true);
+}
+
+void equilibrium_linearise_laws(const tick_input *tick, const insertion_state *state, insertion_workspace *w) {
+    stiffening_linearise(tick, state, &w->points, &w->tissue, &w->creep, &w->stiffening, &w->damper, true);
+    assemble_compliance(tick, state, w);
 }
 
 static void filter_push(needle_tip *tip, const needle_point *p, double dt) {

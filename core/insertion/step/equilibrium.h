@@ -15,4 +15,7 @@ void equilibrium_forget(insertion_state *state);
    needle. Call it after the tissue stage. */
 void equilibrium_linearise(const tick_input *tick, insertion_state *state, insertion_workspace *w, bool loaded);
 
+/* Then linearises stiffening tissue again, about the forces in `state`, and updates the problem's compliance. Needle and guides stay as they were. */
+void equilibrium_linearise_laws(const tick_input *tick, const insertion_state *state, insertion_workspace *w);
+
 #endif

@@ -1,4 +1,4 @@
-/* Measures the worker's lateness on a mesh on which it is never late, and with a tick period so short that it is always late. */
+/* Measures how late the worker is on a mesh where it never is, and at a tick period so short that it always is. */
 #include "host.h"
 #include "scale_timing.h"
 
@@ -8,10 +8,10 @@
 #include <stdint.h>
 #include <cmocka.h>
 
-static const double ASIDE = 1e-3; /* m, lateral offset at which the needle crosses no element so close to an edge that it leaves the element within one tick */
+static const double ASIDE = 1e-3; /* m, lateral offset at which the needle crosses no element so close to an edge that it leaves it within one tick */
 
 static const double WHOLE = 0.066; /* m, depth of an insertion through several elements */
-static const double ABOVE = 1e-3; /* m, initial height of the tip above the skin */
+static const double ABOVE = 1e-3; /* m, how far above the skin the tip starts */
 
 static scale_timing *measured(double aside, const motion *script, double speed, double depth, double dt, const char *owner) {
     host h = {NULL};
@@ -28,7 +28,7 @@ static scale_timing *measured(double aside, const motion *script, double speed, 
     return &result;
 }
 
-/* With sanitizers, the worker is too slow for this check: measuring the mesh's resolution takes several ticks. */
+/* With sanitizers, the worker is too slow for this check: measuring the mesh's resolution takes it several ticks. */
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
 static const bool INSTRUMENTED = true;
 #else

@@ -97,13 +97,13 @@ MOST_FILES, MOST_LINES = 25, 150
 
 
 def crowded(files):
-    """Returns the folders that contain more than MOST_FILES of these files."""
+    """Returns the folders that have more than MOST_FILES of these files."""
     counts = collections.Counter(file.rpartition('/')[0] or '.' for file in files)
     return [f'{folder} has {count} files; at most {MOST_FILES}' for folder, count in sorted(counts.items()) if count > MOST_FILES]
 
 
 def undescribed(root, files):
-    """Returns which of core, lcmtypes, server, clients, tests and their folders have no README or too long a README."""
+    """Returns which of core, lcmtypes, server, clients, tests and their folders have no README, or one that is too long."""
     faults = []
     for folder in sorted({match[0] for match in (re.match(r'(core|lcmtypes|server|clients|tests)(/[^/]+(?=/))?', file) for file in files) if match}):
         readme = root / folder / 'README.md'

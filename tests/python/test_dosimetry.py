@@ -40,7 +40,7 @@ OBJECTS = {"structures.dcm": "RTStructureSet", "planned-plan.dcm": "RTPlan", "pl
 
 
 def seed_dose(position, axis, strength, points):
-    """Returns the dose (Gy) of a permanent seed of I-125 at points (n, 3) cm, by the two-dimensional formula of AAPM TG-43U1 with the line source."""
+    """Returns the dose (Gy) of a permanent I-125 seed at points (n, 3) cm, by the two-dimensional formula of AAPM TG-43U1 with the line source."""
     off, length = points - position, TABLE["active_length"]
     along = off @ axis
     across = np.maximum(np.linalg.norm(off - np.outer(along, axis), axis=1), 1e-9)
@@ -58,7 +58,7 @@ def seed_dose(position, axis, strength, points):
 
 
 def implant_dose(seeds, strength, points):
-    """Returns the dose (Gy) of seeds, by position and direction, at points; all in cm."""
+    """Returns the dose (Gy) at points of seeds given by position and direction, all in cm."""
     return sum(seed_dose(position, axis / np.linalg.norm(axis), strength, points) for position, axis in seeds)
 
 
@@ -73,7 +73,7 @@ def outside_capsules(seeds, points, margin=0.02):
 
 
 def seeds_of_dicom(path):
-    """Returns the seeds of an RT Plan in cm, and their strength in U, with pydicom alone."""
+    """Returns the seeds of an RT Plan in cm, and their strength in U, read with pydicom alone."""
     data = pydicom.dcmread(path)
     points = [channel.BrachyControlPointSequence[0] for channel in data.ApplicationSetupSequence[0].ChannelSequence]
     seeds = [(0.1 * np.array(p.ControlPoint3DPosition, float), np.array(p.ControlPointOrientation, float)) for p in points]
@@ -166,7 +166,7 @@ class Chain(unittest.TestCase):
 
     def test_rt_dose_is_the_sum_of_the_seeds_of_its_rt_plan(self):
         """Compares doses at random points of the grid with doses of the seeds in the RT Plan. The tolerance covers half a quantisation step of the stored
-        doses, and rounding of positions."""
+        doses, and the rounding of positions."""
         rng = np.random.default_rng(1)
         for kind in ("planned", "implanted"):
             data = pydicom.dcmread(self.report / f"{kind}-dose.dcm")
@@ -182,8 +182,8 @@ class Chain(unittest.TestCase):
             np.testing.assert_allclose(scale * stored[tuple(index.T)][out], expected[out], atol=0.6 * scale, rtol=1e-3)
 
     def test_histograms_are_those_of_the_outlines(self):
-        """Compares the gland's volume and D90 in the report with those from the RT Dose at points inside the patient's ellipses, on a different grid
-        from the program's."""
+        """Compares the gland's volume and D90 in the report with those from the RT Dose at points inside the patient's ellipses, on a grid other than the
+        program's."""
         data = pydicom.dcmread(self.report / "implanted-dose.dcm")
         seeds, strength = seeds_of_dicom(self.report / "implanted-plan.dcm")
         own = []

@@ -25,10 +25,10 @@ import tissue_model as tm  # noqa: E402
 MESHES = HERE.parents[1] / "meshes"
 GLAND = "prostate", "transition_zone", "urethra"
 ORGANS = {"gland": GLAND, "back of the gland": GLAND, "rectum": ("rectum",), "bladder": ("bladder",)}
-BEHIND = "back of the gland"       # the part of the gland's surface that faces the rectum: the normal is within 45 degrees of the -y axis
+BEHIND = "back of the gland"       # the part of the gland's surface that faces the rectum: its normal is within 45 degrees of the -y axis
 AROUND = "fat"
 TRACKS = {"middle": (0.005, 0.0), "side": (0.02, 0.0)}   # m, x and y of each track
-STEP = 0.5e-3                     # m, distance between points along a track
+STEP = 0.5e-3                     # m, between points along a track
 FACES = ((1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1))
 
 
@@ -46,7 +46,7 @@ def softened(material, factor):
 
 
 class Pelvis:
-    """The mesh with mid-side nodes; `region` is the name of each element's region."""
+    """The mesh with mid-side nodes. `region` is the name of each element's region."""
 
     def __init__(self):
         self.model = tm.read_mesh(MESHES / "pelvis.msh")
@@ -76,7 +76,7 @@ class Pelvis:
         return total / total.sum()
 
     def motion(self, displacements):
-        """Returns the displacement of the gland's base along the needle (m) and the rotation of the gland (rad), for small displacements."""
+        """Returns the displacement of the gland's base along the needle (m) and the gland's rotation (rad), for small displacements."""
         moved, rest = displacements[self.gland], self.model.nodes[self.gland]
         arm = rest - rest.mean(0)
         inertia = np.einsum("ni,nj->ij", arm, arm)
@@ -104,8 +104,8 @@ class Pelvis:
         return np.concatenate([faces, self.middle.middles(faces)], 1) if len(faces) else np.empty((0, 6), int)
 
     def split(self, organs):
-        """Gives the fat its own nodes on the organs' surfaces. Returns the nodes, the tetrahedra, and for each new node a tuple (node of the organ, new node,
-        unit normal)."""
+        """Gives the fat nodes of its own on the organs' surfaces. Returns the nodes, the tetrahedra, and for each new node a tuple (node of the organ, new
+        node, unit normal)."""
         regions_at = [set() for _ in self.middle.nodes]
         for name, corners in zip(self.region, self.middle.tets.tolist()):
             for node in corners:
@@ -148,7 +148,7 @@ class Pelvis:
             regions[AROUND] = np.setdiff1d(regions[AROUND], regions["layer"])
             material["layer"] = softened(material[AROUND], factor)
         equations = []
-        for own, other, normal in pairs:   # CalculiX eliminates the first displacement of an equation
+        for own, other, normal in pairs:   # CalculiX eliminates an equation's first displacement
             order = np.argsort(-np.abs(normal))
             terms = [f"{node + 1},{axis + 1},{sign * normal[axis]:.12e}" for node, sign in ((other, 1), (own, -1)) for axis in order]
             equations += ["*EQUATION", "6", ",".join(terms[:4]), ",".join(terms[4:])]

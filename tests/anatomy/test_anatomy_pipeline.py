@@ -166,7 +166,7 @@ class Crossing(unittest.TestCase):
             return meshing.Attempt(mesh, [missed])
 
         def sizes_of(first, *others):
-            """Returns each attempt's element size relative to the previous one's, if the attempts give these results in turn and then keep repeating the last."""
+            """Returns each attempt's element size relative to the previous one's, if the attempts give these results in turn and then repeat the last."""
             sizes, coming = [], [made(*first), *(made(*other) for other in others)]
 
             def attempt(_stage, _work, _domain, fine, path):

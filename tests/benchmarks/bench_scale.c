@@ -16,9 +16,7 @@
 enum { SPEEDS = 3, COUNTS = 6, MAX_SCENES = 32 };
 static const double speeds[SPEEDS] = {0.005, 0.02, 0.05};        /* m/s */
 static const int contact_counts[COUNTS] = {5, 10, 20, 30, 40, 60};
-static const double TIMED_SPACING = 1e-3;                        /* m, spacing of contact nodes when times are measured against their number; leaves room for
-                                                                    60 nodes
-                                                                  */
+static const double TIMED_SPACING = 1e-3;                        /* m, between contact nodes when times are measured against their number; room for 60 nodes */
 
 typedef struct {
     const char *scene_paths[MAX_SCENES], *json_path;

@@ -1,7 +1,6 @@
 #include "oracles/refinement_move.h"
 
-static const double LEAST_SHAPE = 0.03; /* for elements of a moved node, least ratio of the volume to that of the regular tetrahedron with the same longest
-                                           edge */
+static const double LEAST_SHAPE = 0.03; /* least volume of a moved node's elements, relative to the regular tetrahedron with the same longest edge */
 
 static int free_slot(const refinement *r) {
     for (int slot = 0;; slot++) {

@@ -18,8 +18,7 @@ typedef struct {
 
 typedef struct {
     trocar_status (*update)(dense_remesher *, const dense_change *, trocar_error *); /* adds a change to the stiffness */
-    trocar_status (*undo)(dense_remesher *, const dense_change *, trocar_error *); /* removes a change: any change or only the last one, depending on the
-                                                                                      method */
+    trocar_status (*undo)(dense_remesher *, const dense_change *, trocar_error *); /* removes a change; some methods can only remove the last one */
     bool any_order;
     int ranks;               /* columns of `columns` and `weighted` that the method needs */
 } dense_operations;

@@ -11,8 +11,7 @@
 #include <cblas.h>
 #include <string.h>
 
-enum { BLOCK = 192 };        /* columns of the triangle updated together; updating whole rectangles wastes work only in the diagonal blocks
-                              */
+enum { BLOCK = 192 };        /* columns of the triangle updated together; whole rectangles waste work only in the diagonal blocks */
 
 /* Leaves A in the change's part of `columns`, and A M in the same part of `weighted`, where `undo` reads them. */
 static trocar_status factor_change(dense_remesher *r, const dense_change *c, trocar_error *why) {

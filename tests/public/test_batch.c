@@ -172,8 +172,7 @@ static void rows_equal_single_simulations(void **state) {
             const double *q = together->tip[i].orientation;
             assert_true(1.0 - 2.0 * (q[1] * q[1] + q[2] * q[2]) > 0.99);
         }
-        OK(trocar_batch_reset(batch, starts[0], NULL, &why)); /* whatever happened before the reset has no effect, and one call per step gives the same
-                                                                 results */
+        OK(trocar_batch_reset(batch, starts[0], NULL, &why)); /* undoes everything before it, and one call per step gives the same results */
         for (int s = 0; s < STEPS; s++) {
             static trocar_pose now[ROWS][NEEDLES];
             static double force[ROWS][NEEDLES][3];

@@ -186,8 +186,7 @@ static void run_from_inside(trocar_model *model, bool elsewhere, trocar_output *
     trocar_sim *sim;
     OK(trocar_sim_create(model, &sim, &why));
     if (elsewhere) {
-        trocar_pose outside = pose_at(0, 0), oblique = {{-0.0337, 2e-3, -0.1825}, {0.9962, 0, 0.0872, 0}}; /* oblique: same tip position, tilted by 10
-                                                                                                              degrees */
+        trocar_pose outside = pose_at(0, 0), oblique = {{-0.0337, 2e-3, -0.1825}, {0.9962, 0, 0.0872, 0}}; /* oblique: same tip, tilted by 10 degrees */
         OK(trocar_sim_reset(sim, 0, &outside, &why));
         push(sim, 0, 0, TICKS, outputs);
         OK(trocar_sim_reset(sim, 0, &oblique, &why));

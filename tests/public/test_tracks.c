@@ -412,8 +412,7 @@ static void tracks_are_told(void **state) {
     (void)state;
     static trocar_track_point points[TROCAR_MAX_TRACK_POINTS];
     fixture f = make(load_scene(1.0));
-    assert_int_equal(trocar_view_tracks(trocar_sim_view(f.sim), 0, points, TROCAR_MAX_TRACK_POINTS), 0); /* no points before the first reset, although the
-                                                                                                            needle is at the origin, inside the tissue */
+    assert_int_equal(trocar_view_tracks(trocar_sim_view(f.sim), 0, points, TROCAR_MAX_TRACK_POINTS), 0); /* none before the first reset */
     reset(&f);
     assert_int_equal(trocar_view_tracks(trocar_sim_view(f.sim), 0, points, TROCAR_MAX_TRACK_POINTS), 0);
     insert(&f, 0, FIRST);

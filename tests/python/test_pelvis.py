@@ -25,8 +25,7 @@ STEP = 1.0                 # mm, size of the labels' voxels
 GLAND = "prostate", "transition_zone", "urethra"
 PATHS = "E4", "H3.5", "F5.5", "G2.5"    # holes whose needles reach the gland
 FAULTS = trocar.Event.LATE | trocar.Event.FULL | trocar.Event.UNSTABLE | trocar.Event.INEXACT | trocar.Event.MISSED_GUIDE | trocar.Event.OUTSIDE_MODEL
-COARSE = {"urethra": 0.15, "seminal_vesicles": 0.2, "rectal_content": 0.15}     # relative error in the volume of thin round regions, whose surface has few
-                                                                                # facets; 0.07 for the others
+COARSE = {"urethra": 0.15, "seminal_vesicles": 0.2, "rectal_content": 0.15}     # relative volume error of thin regions with few facets; 0.07 for others
 
 
 def labelled():

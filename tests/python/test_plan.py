@@ -319,7 +319,7 @@ class Dicom(Case):
         self.assertEqual(data.Modality, "RTPLAN")
 
     def test_what_ends_too_early_is_refused(self):
-        """The file may be cut off anywhere, in every uncompressed transfer syntax, with sequences of defined and of undefined length. dcmtk writes the files."""
+        """The file may be cut off anywhere, in every uncompressed transfer syntax, with sequences of defined and undefined length. dcmtk writes the files."""
         path, expected = self.exported(), len(plans.planned_seeds(plans.read(EXAMPLE), MODEL))
         for options in (["+te", "+e"], ["+te", "-e"], ["+ti", "+e"], ["+ti", "-e"], ["+tb", "+e"], ["+tb", "-e"], ["+td"]):
             with self.subTest(options=options):

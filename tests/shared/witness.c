@@ -78,8 +78,7 @@ static void *observe(void *context) {
 /* Passes on the command's output until the command ends. Returns whether a sanitizer reported an error. A process left in the background may keep the pipe
    open and write to it forever, so after the command has ended, no more than a pipe's capacity is read. */
 static bool pass_on(int pipe_end, int process) {
-    enum { PIPE_HOLDS = 65536, CARRIED = 32 }; /* CARRIED: bytes kept from one piece of output to the next, longer than a report's marker
-                                                */
+    enum { PIPE_HOLDS = 65536, CARRIED = 32 }; /* CARRIED: bytes kept from one piece of output to the next, longer than a report's marker */
     static const char *const reports[] = {"Sanitizer: ", "runtime error: "};
     static char text[CARRIED + 4096];
     struct pollfd sources[] = {{.fd = pipe_end, .events = POLLIN}, {.fd = process, .events = POLLIN}};

@@ -62,9 +62,7 @@ struct Mesh {
 
 static void set_up(FakeServer &server, const Mesh &mesh) {
     server.nodes = mesh.nodes();
-    for (int i = 0; i <= 40; i++) server.centreline.push_back({0.01 + 0.005 * std::min(i, 20), 0.02, 0.03 + 0.005 * std::max(i - 20, 0)}); /* a centreline
-                                                                                                                                              bent by 90
-                                                                                                                                              degrees */
+    for (int i = 0; i <= 40; i++) server.centreline.push_back({0.01 + 0.005 * std::min(i, 20), 0.02, 0.03 + 0.005 * std::max(i - 20, 0)}); /* bent by 90° */
     for (double &q : server.orientation) q = 0.5; /* the needle's x, y and z axes are the mesh's y, z and x axes */
     server.tip_lead = 0.5 * M_PI;
     server.force = {1, 2, 3};

@@ -442,9 +442,7 @@ static void a_bad_address_is_refused_with_a_message(void **state) {
 int main(int count, char **arguments) {
     if (count != 2) return 2;
     server_path = arguments[1];
-    sched_setscheduler(0, SCHED_FIFO, &(struct sched_param){.sched_priority = 70}); /* the priority a real device would use; it does not matter if it is not
-                                                                                       permitted
-                                                                                     */
+    sched_setscheduler(0, SCHED_FIFO, &(struct sched_param){.sched_priority = 70}); /* as a real device would use; may be refused */
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(a_bad_address_is_refused_with_a_message),
         cmocka_unit_test_setup_teardown(poses_go_out_and_wrenches_come_in, open_client, close_client),

@@ -103,7 +103,7 @@ class Gland:
         return float(np.linalg.norm(field[self.nodes][self.surface, :2], axis=1).mean())
 
     def distortion(self, field):
-        """Returns a node's largest displacement (m) along x, y and z relative to the gland's rigid motion, for comparison with published marker displacements."""
+        """Returns a node's largest displacement (m) along x, y and z relative to the gland's rigid motion, to compare with published marker displacements."""
         moved = field[self.nodes]
         fitted = (self.rest - self.rest.mean(0)) @ self.turn(moved).T + (self.rest + moved).mean(0)
         return np.abs(self.rest + moved - fitted).max(0)

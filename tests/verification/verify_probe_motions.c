@@ -13,8 +13,8 @@ static const double TICK = 1e-3, SLOWEST = 3e-3, FASTEST = 6e-3; /* s, m/s */
 static const double NOTICED = 0.07, NOTICED_LEAST = 0.05; /* just noticeable difference in force: as a fraction, and in N */
 static const double CLEARANCE = 1e-3; /* m, between the probe and the surface at rest when a motion begins */
 static const double UNFELT = 1e-3;    /* N; a smaller force on the probe counts as none */
-enum { SET_EVERY = 3, LOOK_EVERY = 100, PARTS = 8, RECOIL = 30 }; /* SET_EVERY: ticks between probe poses; LOOK_EVERY: ticks between checks; PARTS: pieces an
-                                                                     edge is sampled in; RECOIL: ticks after a puncture */
+enum { SET_EVERY = 3, LOOK_EVERY = 100, PARTS = 8, RECOIL = 30 }; /* SET_EVERY: ticks between probe poses; LOOK_EVERY: ticks between checks;
+                                                                     PARTS: samples per edge; RECOIL: ticks after a puncture */
 
 typedef enum { WITHOUT, HELD, RESTING } needle_use;
 

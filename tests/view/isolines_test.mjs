@@ -6,8 +6,7 @@ import path from 'node:path'
 import { pathToFileURL } from 'node:url'
 
 const { Isolines } = await import(pathToFileURL(path.join(path.resolve(process.argv[2]), 'clients/view/page/src/procedure/isolines.js')))
-const COUNT = 41, SPACING = 1e-3, MIDDLE = [0.003, -0.002, 0.05], TOP = 3, RADIUS = 0.016 // lengths in m; the dose is TOP prescriptions at MIDDLE, and falls to
-                                                                                          // 0 at the distance RADIUS
+const COUNT = 41, SPACING = 1e-3, MIDDLE = [0.003, -0.002, 0.05], TOP = 3, RADIUS = 0.016 // m; dose: TOP prescriptions at MIDDLE, 0 at the distance RADIUS
 const vector = (array) => ({ value: { toArray: () => array } }), data = new Uint8Array(COUNT ** 3)
 for (let x = 0, i = 0; x < COUNT; x++)
   for (let y = 0; y < COUNT; y++)

@@ -35,7 +35,7 @@ export async function until(page, expression) {
   assert.fail(`never: ${expression}; status ${await page.evaluate('JSON.stringify({ ...trocar.status, values: undefined })')}`)
 }
 
-/** Holds a key down until the expression is true. Presses it up to `times` times, because on a busy machine the needle or the probe may stop in the meantime. */
+/** Holds a key down until the expression is true. Presses it up to `times` times, because on a busy machine the needle or the probe may stop. */
 export async function pressUntil(page, key, done, times = 20) {
   for (let i = 0; i < times && !await page.evaluate(done); i++) {
     await page.keyboard.down(key)

@@ -120,8 +120,7 @@ try {
   })
 
   await driven('a strand is dropped, and taken back while it is in the needle', page, async () => {
-    await press('w', `trocar.procedure.tipError(trocar.stage.needles[0].tip).along < 0.018`) // a busy page draws the needle back too far, where a strand does
-                                                                                             // not fit
+    await press('w', `trocar.procedure.tipError(trocar.stage.needles[0].tip).along < 0.018`) // a busy page draws back too far, where a strand does not fit
     await page.selectOption('#strand', '2')
     await page.click('#drop')
     await until(page, 'trocar.procedure.seeds.pending[0] === 2')

@@ -80,8 +80,7 @@ typedef struct {
     double most, at_end;     /* N */
     /* N/m, largest ratio of change in force to hand motion before buckling, i.e. the stiffness the hand works against */
     double stiffest;
-    double jump;             /* largest change in force per tick after buckling, relative to the larger of the just noticeable change and the one due to
-                                `stiffest` */
+    double jump;             /* largest change in force per tick after buckling, relative to the just noticeable change or that due to `stiffest` */
     double work, most_work;  /* J; work: done by the hand so far; most_work: its maximum along the path */
     int passes;              /* largest number of passes in a tick */
 } path;

@@ -277,8 +277,7 @@ static void degenerate_paths_are_handled(void **unused) {
     int aimed = 0;
     for (int i = 0; i < m->node_count && aimed < 24; i++) {
         vec3 x = m->nodes[i];
-        if (x.z > 0.0 || fabs(x.x) > 0.04 || fabs(x.y) > 0.03) continue; /* at each node of the skin, the needle first goes in straight, then points toward
-                                                                            inner nodes */
+        if (x.z > 0.0 || fabs(x.x) > 0.04 || fabs(x.y) > 0.03) continue; /* at each node of the skin, first goes in straight, then toward inner nodes */
         aimed++;
         int inner = (i * 37 + 11) % m->node_count;
         vec3 way = v3_sub(m->nodes[inner], x);

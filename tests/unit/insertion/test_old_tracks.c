@@ -31,8 +31,7 @@ static double stiffness_of(lockstep *l) {
    therefore drops by the elastic force over that length, and by the viscous force, which is zero while the tip rests at the end. */
 static void a_short_track_gives_back_its_length(void **state) {
     (void)state;
-    static const double LENGTHS[] = {1.5e-5, 1e-4, 3e-4}; /* m; without resistance beyond the piece of track, the tip would spring forward by more than any
-                                                             of these */
+    static const double LENGTHS[] = {1.5e-5, 1e-4, 3e-4}; /* m; without resistance beyond the track, the tip would spring forward by more than this */
     for (int i = 0; i < 3; i++) {
         simulation_config config = lockstep_config();
         lockstep *l = lockstep_create(&config, lockstep_start());

@@ -36,8 +36,7 @@ static void needle_without_bevel_goes_straight(void **unused) {
                   1e3 * steering_deflection(&stiff, v3(0, 1, 0)), 1e3 * steering_deflection(&thin, v3(1, 0, 0)), 1e3 * steering_deflection(&thin, v3(0, 1, 0)));
     assert_true(fabs(steering_deflection(&stiff, v3(1, 0, 0))) < 1e-4);
     assert_true(fabs(steering_deflection(&stiff, v3(0, 1, 0))) < 1e-4);
-    assert_true(fabs(steering_deflection(&thin, v3(1, 0, 0))) < 5e-4); /* not zero: a coarse mesh deflects a thin needle (verify_steering measures by how
-                                                                          much) */
+    assert_true(fabs(steering_deflection(&thin, v3(1, 0, 0))) < 5e-4); /* not zero: a coarse mesh deflects a thin needle (see verify_steering) */
     assert_true(fabs(steering_deflection(&thin, v3(0, 1, 0))) < 5e-4);
 }
 

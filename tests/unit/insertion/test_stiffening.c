@@ -45,8 +45,7 @@ static void laws_are_integrals_of_the_shear(void **unused) {
     (void)unused;
     for (double stiffening = 0.05; stiffening < 100; stiffening *= 8.0)
         for (double stress = 0.05; stress < 50; stress *= 5.0) {
-            double force = stress * 2.0 * M_PI * MU * RADIUS * 0.01, stiffness = 2.0 * M_PI * MU * 0.01; /* force on 10 mm of shaft, and stiffness of the
-                                                                                                            tissue around it */
+            double force = stress * 2.0 * M_PI * MU * RADIUS * 0.01, stiffness = 2.0 * M_PI * MU * 0.01; /* 10 mm of shaft */
             stiffening_law law = stiffening_of_shaft(stiffening, RADIUS, stiffness, INFINITY);
             double expected = shift_by_quadrature(stress, stiffening, 1), got = stiffening_at(&law, force).shift;
             assert_close(got, expected, 1e-5 * fabs(expected));

@@ -1,4 +1,5 @@
-/* Tests that the first snapshot does not wait for the factorisation when two threads need a condensed inverse for the first time at once. */
+/* Tests that the first displacement field, as for a picture, does not wait for the factorisation when two threads need a condensed inverse for the first time
+   at once. */
 #include <pthread.h>
 #include <semaphore.h>
 #include <setjmp.h>
@@ -17,7 +18,7 @@
 
 enum { REGION = 30, PATIENCE = 20 }; /* s */
 
-/* While `held` is set, factorising waits until a snapshot of the state has been taken. */
+/* While `held` is set, factorising waits until the displacement field has been computed. */
 static sem_t factoring, drawn;
 static bool held, was_drawn;
 

@@ -398,7 +398,7 @@ static void more_than_the_machine_has_is_bad_input(void **state) {
     tissue_free(&t);
 }
 
-/* Even if there was too little memory for the factor when a node outside the region was first needed, it is tried again later. */
+/* Even if there was too little memory for the factor when a node outside the region was first needed, factorising is tried again later. */
 static void a_passing_shortage_is_not_final(void **state) {
     (void)state;
     condensed c;

@@ -4,8 +4,7 @@
 
    usage: bench_implants [COUNT [SCENE]]     by default 200 meshes/figure8.yaml. Exit status 1 if the resident memory after the last implant is more than 1 %
    above that after the first tenth of the implants, or if the force on a hand differs from that in the identical implant by more than 1e-6 of the peak
-   force.
- */
+   force. */
 #include <math.h>
 #include <stdbool.h>
 #include <stdio.h>

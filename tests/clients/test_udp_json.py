@@ -1,7 +1,8 @@
 #!/usr/bin/python3
 """Tests trocar-top --udp-json with a running server and a listener: the datagrams must be JSON and have the values of the LCM messages.
 
-usage: test_udp_json.py BUILD_DIR SOURCE_DIR Exit status 77: network namespaces are not available.
+usage: test_udp_json.py BUILD_DIR SOURCE_DIR
+Exit status 77: network namespaces are not available.
 """
 import collections
 import json

@@ -218,8 +218,7 @@ static double axis_after(joystick *j, unsigned code, int value, int axis) {
     return state.axes[axis];
 }
 
-/* A trigger rests at 0 in a range of 0 .. 1023. A stick that reads 0 because it has not reported anything yet is at rest where its first report says it is.
- */
+/* A trigger rests at 0 in a range of 0 .. 1023. A stick that reads 0 because it has not reported anything yet is at rest where its first report says it is. */
 static void untouched_axes_are_at_rest(void **unused) {
     (void)unused;
     joystick j = open_stick();

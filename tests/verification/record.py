@@ -1,8 +1,8 @@
 #!/usr/bin/python3
 """Runs the full form of one verification check and keeps its results: the rows in results/NAME.csv, its line in results/runs.csv, and its figures in plots/.
 
-usage: record.py FOLDER NAME COMMAND...     COMMAND FOLDER writes FOLDER/NAME.json (rows.h, rows.py) The exit status is that of the check. A check that
-crashes leaves one failing row. A commit that ends with -dirty had uncommitted changes in the mechanics or the checks.
+usage: record.py FOLDER NAME COMMAND...     COMMAND FOLDER writes FOLDER/NAME.json (rows.h, rows.py)
+The exit status is that of the check. A check that crashes leaves one failing row. A commit that ends with -dirty had uncommitted changes in the mechanics or the checks.
 """
 import datetime
 import json

@@ -1,9 +1,9 @@
 """Rows of the verification results for checks in Python: `verify_NAME.py [--short] [--build FOLDER] FOLDER` writes FOLDER/NAME.json. The functions correspond
 to those in rows.h:
 
-rows = Rows.from_arguments(__doc__, "Tissue: patch test")
-rows.compare("displacement", "u = G x", value, expected, 1e-9, "m")
-sys.exit(rows.end())
+    rows = Rows.from_arguments(__doc__, "Tissue: patch test")
+    rows.compare("displacement", "u = G x", value, expected, 1e-9, "m")
+    sys.exit(rows.end())
 """
 import argparse
 import json

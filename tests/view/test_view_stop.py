@@ -1,7 +1,8 @@
 #!/usr/bin/python3
 """Tests that if trocar-view is stopped while a browser drives, the needle is released and the program exits cleanly.
 
-usage: test_view_stop.py BUILD_DIR SOURCE_DIR Recorded wrenches, played back with LCM, replace a server.
+usage: test_view_stop.py BUILD_DIR SOURCE_DIR
+Recorded wrenches, played back with LCM, replace a server.
 """
 import base64
 import json

@@ -184,7 +184,7 @@ static void displaced_nearby(trocar_sim *sim, const resting_needle *r, int held,
 /* Solves a single problem for all needles, with the bases of resting needles free and the forces of the held needle given. The unknowns are the changes in
    the resting needles' forces since their release, and the motions of their bases. For each resting needle
 
-   (G + C) df + C_held f = R q,    R^T df = 0
+       (G + C) df + C_held f = R q,    R^T df = 0
 
    where G and R are those at the needle's release, C includes the part of the compliance between needles that is finer than the mesh, and df is relative to
    `reference`, the forces when no needle was held. The dense system is solved by LU. Returns the largest difference from the simulation's forces (N), and

@@ -3,7 +3,7 @@
 
 The needle of the case depth_r0.635_nu0.45 of resolved_needle.py is moved by up to 5 mm on a coarser mesh of quadratic tetrahedra: linearly, and with large
 displacements (NLGEOM) in two nearly incompressible hyperelastic materials with the same initial moduli,
-neo-Hookean   C10 = mu / 2,  D1 = 2 / K
+    neo-Hookean   C10 = mu / 2,  D1 = 2 / K
 Yeoh          the same and C20 = S C10, S = 0.2; it stiffens Writes large_deflection.json, which verify_large_deflection.py and scripts/figures read, next to
 this script. Takes a quarter of an hour on one core.
 

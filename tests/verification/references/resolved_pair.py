@@ -3,7 +3,8 @@
 
 Each needle is represented by a cylindrical hole with a flat end in a block of tissue. All nodes of one needle's surface are moved by 1 mm, without rotation;
 those of the others are held. The summed reactions on the needles form a column of the stiffness matrix between them. No code of trocar is used: Gmsh creates
-the mesh, and CalculiX solves it with quadratic tetrahedra (C3D10). See README.md next to this file. Lengths are in m, forces in N, moduli in Pa.
+the mesh, and CalculiX solves it with quadratic tetrahedra (C3D10). See README.md next to this file.
+Lengths are in m, forces in N, moduli in Pa.
 """
 import argparse
 import json

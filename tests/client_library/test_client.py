@@ -1,12 +1,12 @@
 #!/usr/bin/python3
-"""Tests one of the free clients in a bridge that inserts a needle: insertion.c, built for this system or for Windows (under Wine), Insertion.cs
-and UnityInsertion.cs (under Mono), or insertion.py.
+"""Tests one of the free clients in a bridge that inserts a needle: insertion.c, built for this system or for Windows (under Wine), Insertion.cs and
+UnityInsertion.cs (under Mono), or insertion.py.
 
-- On a good network, and on one that loses every tenth datagram, duplicates every twentieth and shuffles their order within 4 ms, the needle comes to
-  rest with the force and depth that the library gives. No wrench is followed by an older one, and the force stays within the client's rate limit.
-  The needle follows the hand rigidly, because a virtual coupling would be softer for a longer round trip.
+- The needle comes to rest with the force and depth that the library gives, both on a good network and on one that loses every tenth datagram, duplicates
+  every twentieth and shuffles their order within 4 ms. No wrench is followed by an older one, and the force stays within the client's rate limit. The needle
+  follows the hand rigidly, because a virtual coupling would be softer for a longer round trip.
 - The bridge survives crafted packets and a flood of fuzzed fragments, and still gets answers.
-- The insertion is the same over udp://, without multicast; a client with another secret is refused with one clear message.
+- The insertion is the same over udp://, without multicast. A client with another secret is refused with one clear message.
 - Wrenches that arrive in fragments and out of order are rendered as well.
 - With ttl=0, wrenches from another machine are not rendered; with ttl=1 they are.
 

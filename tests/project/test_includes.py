@@ -1,10 +1,11 @@
 #!/usr/bin/env python3
-"""Tests the structure of the source tree.
+"""Tests the structure of the source tree:
 
-Core, server and clients have no circular includes, neither between files (a .c and its .h count as one) nor between folders. A folder of core includes only
-folders above it in the table in core/README.md, and the tick (core/insertion) none of those that only the worker calls. Clients include only common/ and intake/ of server/. Only kernels and linalg include vector types. No folder
-has more than 25 files, and each of core, lcmtypes, server, clients and tests has a README of at most 150 lines. Inside core/insertion and core/api, the tables in
-their READMEs give the order in the same way.
+- Core, server and clients have no circular includes, neither between files (a .c and its .h count as one) nor between folders.
+- A folder of core includes only folders above it in the table in core/README.md. The tick (core/insertion) includes none of those that only the worker calls.
+  Inside core/insertion and core/api, the tables in their READMEs give the order in the same way.
+- Clients include only common/ and intake/ of server/. Only kernels and linalg include vector types.
+- No folder has more than 25 files, and each of core, lcmtypes, server, clients and tests has a README of at most 150 lines.
 
 usage: test_includes.py SOURCE_DIR
 """

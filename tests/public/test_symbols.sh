@@ -1,6 +1,6 @@
 #!/bin/bash
-# Tests that the libraries export exactly the declared functions, that each public header compiles on its own as C and C++, is short and does not share its name
-# with a system header, and that the binary interface (ABI) equals tests/public/libtrocar.abi. --renew records an intended change to the interface there.
+# Tests that the libraries export exactly the declared functions; that each public header compiles on its own as C and C++, is short, and is not named like a
+# system header; and that the binary interface (ABI) equals tests/public/libtrocar.abi. With --renew, records an intended change to the interface there.
 # usage: test_symbols.sh BUILD_DIR SOURCE_DIR [--renew]
 set -euo pipefail
 build=$1 source=$2 # absolute

@@ -1,12 +1,12 @@
 #!/usr/bin/python3
-"""Unicast clients on another machine (a network namespace at the other end of a cable), and attacks on them.
+"""Tests unicast clients on another machine (a network namespace at the other end of a cable), and attacks on them.
 
 - An insertion over udp:// ends with the same force and depth as over multicast on the server's machine.
-- An attacker between client and server replays, reorders, truncates, forges and floods, while a client holds a needle still. No pose that the client has
-  not sent, or has sent before, reaches LCM, nothing stops the server, and the client still gets wrenches. Prints what each attack has cost.
-- A restarted server accepts nothing of an earlier connection, and the client connects to it again.
+- An attacker between client and server replays, reorders, truncates, forges and floods while a client holds a needle still. Only poses that the client has
+  sent reach LCM, each of them once, nothing stops the server, and the client still gets wrenches. Prints what each attack cost.
+- A restarted server accepts nothing from an earlier connection, and the client connects to it again.
 - SHUTDOWN is accepted only from a session that holds a needle.
-- Without a secret, with a short one or with one that others can read, the server does not start.
+- Without a secret, or with one that is short or that others can read, the server does not start.
 
 usage: test_unicast.py BUILD_DIR SOURCE_DIR
 """

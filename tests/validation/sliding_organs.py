@@ -1,13 +1,14 @@
 #!/usr/bin/python3
-"""Measures, with CalculiX, how the motion of the gland in meshes/pelvis.msh changes if organs slide without friction along the surrounding fat instead of being
-bonded to it. No code of trocar is used.
+"""Uses CalculiX to measure how the motion of the gland in meshes/pelvis.msh changes if organs slide without friction along the surrounding fat instead of being
+bonded to it. Uses none of trocar's code.
 
-The elements are quadratic tetrahedra (C3D10), with the moduli of meshes/pelvis.yaml. A needle's friction is represented by a force that is evenly distributed
-along its track in the gland and points towards the head. There are two tracks: one near the middle, and one 20 mm to the side. Bonded surfaces and surfaces
-that slide but stay in contact (the displacement along the normal is the same on both sides) are the two extremes between which fascia may lie. At the rim of a
-surface, where a third region begins, both sides stay joined. For comparison, the shear modulus of the layer of fat elements on the gland is lowered, with the
-same bulk modulus, which is the simplest model of sliding, and the modulus of all fat is set to the ends of its published range. The model is linear, so
-relative changes do not depend on the force. Displacements are given for 1 N.
+The elements are quadratic tetrahedra (C3D10) with the moduli of meshes/pelvis.yaml. A needle's friction is represented by a force spread evenly along its
+track in the gland and pointing towards the head. There are two tracks, one near the middle and one 20 mm to the side.
+
+Fascia may lie anywhere between two extremes: bonded surfaces, and surfaces that slide but stay in contact (with the same displacement along the normal on
+both sides). At the rim of a surface, where a third region begins, both sides stay joined. Two other changes are computed for comparison. The simplest model
+of sliding lowers the shear modulus of the layer of fat elements on the gland and keeps their bulk modulus. And the modulus of all fat is set to the ends of
+its published range. The model is linear, so relative changes do not depend on the force. Displacements are given for 1 N.
 
 usage: sliding_organs.py OUTPUT.csv     takes some minutes; needs Debian's calculix-ccx, python3-gmsh, python3-numpy and python3-yaml
 """

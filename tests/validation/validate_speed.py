@@ -1,11 +1,11 @@
 #!/usr/bin/python3
 """Compares the effect of speed with measurements on porcine and lamb hearts, using relaxing tissue under a membrane. The relaxation series is that of
-meshes/implant.yaml. The membrane is assumed to rupture at a fixed force. The model predicts that the force rises more steeply for a faster needle. With a fixed
-force at rupture, a smaller displacement and less work follow from this, so they do not count as further predictions.
+meshes/implant.yaml, and the membrane is assumed to rupture at a fixed force. The model predicts that the force rises more steeply for a faster needle. With a
+fixed force at rupture, less displacement and less work follow from this, so they do not count as further predictions.
 
 In measurements, the force at rupture falls with speed. To test whether a constant fracture energy would explain this, the needle dents the tissue to the same
-force at each speed, without rupture, and is immediately drawn back fast. The energy is either the hand's work or the energy that the tissue gives back. The
-force at rupture is then the force at which a needle reaches the energy of the slowest needle at its rupture.
+force at each speed, without rupture, and is then drawn back fast. The energy is either the hand's work or what the tissue gives back. The force at rupture is
+then the force at which a needle reaches the energy that the slowest needle has at its rupture.
 """
 import sys
 

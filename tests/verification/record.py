@@ -2,7 +2,7 @@
 """Runs the full form of one verification check and keeps its results: the rows in results/NAME.csv, its line in results/runs.csv, and its figures in plots/.
 
 usage: record.py FOLDER NAME COMMAND...     COMMAND FOLDER writes FOLDER/NAME.json (rows.h, rows.py)
-The exit status is that of the check. A check that crashes leaves one failing row. A commit that ends with -dirty had uncommitted changes in the mechanics or the checks.
+The exit status is the check's. A check that crashes leaves one failing row. A commit ending in -dirty had uncommitted changes in the mechanics or the checks.
 """
 import datetime
 import json

@@ -1,4 +1,4 @@
-/* Checks the energy balance of complete insertions: the work of the hand is stored (in tissue, local compliances and needle) or dissipated.
+/* Checks the energy balance of complete insertions: the hand's work is either stored (in tissue, local compliances and needle) or dissipated.
 
    Between two ticks, with f the mean of a point's forces before and after:
    - the shaft slides past a contact node by the slip of the later solve: friction dissipates f.t slip;
@@ -9,7 +9,7 @@
      reduces the work of cutting. This energy is computed by another solve, with the forces after the tick and the tip at its position before it.
    - the shaft turns in the tissue by the angle of the later solve: friction dissipates the torque times it;
    - the damper at the tip, which keeps the tissue from springing back faster than waves propagate, dissipates its force times the motion of the tissue there.
-     These are all the physical terms. The rest of the imbalance is due to the method:
+   These are all the physical terms. The rest of the imbalance is due to the method:
    - contact nodes are added and removed and tributary lengths change, so that local compliances change under load. This part is computed as the work f.(du +
      de) on tissue (du) and local compliances (de), plus the work of the torques on the tissue around the shaft, minus the energy that they store and that the
      tip releases.

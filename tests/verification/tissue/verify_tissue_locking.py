@@ -1,16 +1,17 @@
 #!/usr/bin/python3
-"""Measures volumetric locking: the excess stiffness of the tissue's tetrahedra as Poisson's ratio approaches 0.5.
+"""Measures volumetric locking, i.e. by how much the tissue's tetrahedra become too stiff as Poisson's ratio approaches 0.5.
 
-The prostate's mesh is loaded by a pressure patch on the skin, and along a needle's track. The compliance of a load of total force F,
-(f . u) / F^2, is compared with that of CalculiX's quadratic tetrahedra (C3D10, straight sides):
-- Loads that do not depend on the mesh (the pressure patch, and a force spread around the track over a radius that every mesh resolves)
-  are compared with C3D10 on the finest mesh that CalculiX solves. The difference is the total error, due to both locking and coarseness.
-- Point forces along the track, each distributed to the corners of its tetrahedron like a needle's forces, are compared with C3D10 on the same
-  mesh under the same nodal forces. Under a point force, the displacement of a continuum is infinite, so elements of different order
-  differ at any nu; the contacts' local compliance accounts for that.
-Locking is the increase of the error relative to that at nu = 0.3. The figures show three formulations: volumetric strain by patch (the default), by
-node, and by element (the standard linear tetrahedron). Strain by element locks, so it is shown for comparison only: it has no rows, and
-its point at nu = 0.499 lies outside the figures.
+The prostate's mesh is loaded by a pressure patch on the skin, and along a needle's track. The compliance of a load of total force F, (f . u) / F^2, is
+compared with that of CalculiX's quadratic tetrahedra (C3D10, straight sides):
+- Loads that do not depend on the mesh (the pressure patch, and a force spread around the track over a radius that every mesh resolves) are compared with
+  C3D10 on the finest mesh that CalculiX solves. The difference is the total error, due to both locking and coarseness.
+- Point forces along the track, each distributed to the corners of its tetrahedron as a needle's forces are, are compared with C3D10 on the same mesh under
+  the same nodal forces. Under a point force, the displacement of a continuum is infinite, so elements of different order differ at any nu. The contacts'
+  local compliance accounts for that.
+
+Locking is the increase in error over that at nu = 0.3. The figures show three formulations: volumetric strain by patch (the default), by node, and by element
+(the standard linear tetrahedron). Strain by element locks and is shown only for comparison: it has no rows, and its point at nu = 0.499 lies outside the
+figures.
 """
 import itertools
 import json

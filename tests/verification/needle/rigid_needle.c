@@ -1,11 +1,12 @@
 /* Computes the force on a rigid straight needle that displaces the tissue, from the insertion's contact nodes, tributary lengths and local compliances. For
    comparison with a needle whose surface is resolved by the mesh (resolved_needle.py).
    usage: rigid_needle MESH RADIUS NU X Y TIP_Z YOUNGS_MODULUS YOUNGS_MODULUS_OF_"lower" [ANGLE AZIMUTH | STIFFENING | skin N_PER_M NU]
-   X Y TIP_Z: position of the tip. The needle enters at the top (z = 0.1 m), either along -z or obliquely, at ANGLE degrees to the top and towards AZIMUTH degrees from x. Prints
-   the number of nodes, the number of contacts, and the tick's own forces (N) for a motion by 1 mm: sideways (x; oblique: in the vertical plane of the
-   needle), along the needle, and across (y; oblique: horizontally). Then, unless the needle is oblique, prints the sums of the springs in each direction:
-   sideways, along, and that of the tip alone along z. With STIFFENING (C20 / C10), prints instead the number of nodes, the number of contacts, and the
-   forces along the needle for motions by 1, 2, 3, 4 and 5 mm. With `skin`, this surface is a membrane with a stiffness and a Poisson's ratio. */
+   X Y TIP_Z: position of the tip. The needle enters at the top (z = 0.1 m), either along -z or obliquely, at ANGLE degrees to the top and towards AZIMUTH
+   degrees from x. Prints the number of nodes, the number of contacts, and the tick's own forces (N) for a motion by 1 mm: sideways (x; oblique: in the
+   vertical plane of the needle), along the needle, and across (y; oblique: horizontally). Then, unless the needle is oblique, prints the sums of the springs
+   in each direction: sideways, along, and that of the tip alone along z. With STIFFENING (C20 / C10), prints instead the number of nodes, the number of
+   contacts, and the forces along the needle for motions by 1, 2, 3, 4 and 5 mm. With `skin`, this surface is a membrane with a stiffness and a Poisson's
+   ratio. */
 #include <lapacke.h>
 #include <stdlib.h>
 #include <string.h>

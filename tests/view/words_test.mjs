@@ -47,11 +47,11 @@ await check('a text that a language lacks is English, with English plurals', () 
 
 const root = path.resolve(process.argv[2]), sources = async (files) => (await Promise.all(files.map((file) => readFile(path.join(root, file), 'utf8')))).join('\n')
 const german = new Messages('de', files.de, files.en), said = Object.entries(files.en).filter(([key]) => key.startsWith('said.'))
-// sources of trocar-view, the server and the library with messages that trainees see
+// sources of trocar-view, the server and the library that contain messages shown to trainees
 const SPEAKERS = ['clients/view/hand/pilot.c', 'clients/view/training/training.c', 'server/haptic.c', 'server/io.c', 'server/telemetry.c', 'server/intake/pose_arbiter.c', 'server/intake/probe_arbiter.c',
                   'server/intake/changes.c', 'core/api/api_seeds.c', 'core/api/api_sim.c', 'core/api/api_change.c', 'core/api/worker_resting.c', 'core/resting/resting_needle.c']
 
-/** Returns the strings of a C source, with {} for each printf conversion and adjacent strings joined. */
+/** Returns the strings of a C source, with {} for each conversion of printf; adjacent strings are joined. */
 function stringsOf(source) {
   const joined = source.replace(/"\s*PRI[diux]64\b\s*(")?/g, (all, more) => (more ? 'd' : 'd"')).replace(/([^\\])"\s*"/g, '$1')
   return [...joined.matchAll(/"((?:[^"\\]|\\.)*)"/g)].map(([, text]) => text.replace(/\\"/g, '"').replace(/%[-+0#]*\d*(?:\.[\d*]+)?(?:ll|l|z)?[diuxgefs]/g, '{}'))
@@ -120,7 +120,8 @@ await check('index.html has no texts', () => {
 const IDS = ['shape at rest', 'slice frame', 'Gy', 'Pa'] // names of layers, which are shown by the texts layer.*, and units
 const { parseAst } = createRequire(path.join(page, 'package.json'))('rollup/parseAst')
 
-/** Returns the strings of a script that look like text: several words, or a capitalised word. Single lower-case words cannot be told from identifiers. */
+/** Returns the strings of a script that look like a text: several words, or a capitalized word. Single words in lower case cannot be distinguished from
+ * identifiers. */
 function textsOf(code) {
   const texts = []
   const look = (value) => {

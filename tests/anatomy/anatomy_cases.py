@@ -1,4 +1,4 @@
-"""Shapes of known volume for the tests of meshes/anatomy/. Importing this module also adds the sources to sys.path."""
+"""Shapes of known volume for the tests of meshes/anatomy/. Importing this module also puts the sources on sys.path."""
 import math
 import os
 import sys
@@ -25,7 +25,7 @@ def ellipsoid_volume(a, b, c):
 
 
 def trousers(spacing=4.0):
-    """Returns one outline on each upper slice and two outlines on each lower slice."""
+    """Returns one outline on each upper slice and two on each lower slice."""
     rings = []
     for z in np.arange(0, 41, spacing):
         if z >= 24:

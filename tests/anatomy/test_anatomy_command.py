@@ -25,7 +25,7 @@ SHIPPED = os.path.join(SOURCE, "meshes/synthetic.dcm")
 
 
 def anatomy(*arguments):
-    """Returns exit status, stdout and stderr. Runs in this process, because starting another one takes seconds."""
+    """Returns exit status, stdout and stderr. Runs in this process, because starting another takes seconds."""
     printed, complained = io.StringIO(), io.StringIO()
     with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(complained), unittest.mock.patch.object(sys, "argv", ["anatomy", *arguments]):
         try:
@@ -85,7 +85,7 @@ class Command(unittest.TestCase):
     def test_all_regions_of_a_patient(self):
         os.mkdir("a")
         rois = {"prostate": "Prostate", "urethra": "Urethra", "rectum": "Rectum", "bladder": "Bladder"}
-        with unittest.mock.patch.object(meshing, "TRIES", 3):    # limits the search for better angles, which takes a long time
+        with unittest.mock.patch.object(meshing, "TRIES", 3):    # limits the search for better angles, which takes long
             self.make(SHIPPED, *[argument for roi in rois.values() for argument in ("--roi", roi)], "--bone", "Pubic arch", "--nodes", "1400",
                       "--output", "a/five")
         nodes, _, mesh = read_msh("a/five.msh")
@@ -111,7 +111,7 @@ class Command(unittest.TestCase):
 
     def test_surfaces_and_a_corridor(self):
         self.write_surface("gland.stl", vtk.vtkSTLWriter(), 30)
-        with unittest.mock.patch.object(meshing, "TRIES", 2):    # limits the search for better angles, which takes a long time
+        with unittest.mock.patch.object(meshing, "TRIES", 2):    # limits the search for better angles, which takes long
             status, _, complained = anatomy("gland.stl", "--nodes", "700", "--corridor", "10", "0", "4", "--output", "x", "--picture", "x.svg")
         self.assertEqual(status, 0, complained)
         self.assertGreater(content("x.svg").decode().count("gland, z ="), 10)
@@ -131,14 +131,14 @@ class Command(unittest.TestCase):
         for name, writer, size in (("coarse.ply", text, 14), ("fine.ply", binary, 60), ("coarse.stl", vtk.vtkSTLWriter(), 14)):
             count = self.write_surface(name, writer, size, torn=True)
             self.assertEqual(count, {14: 336, 60: 6960}[size])
-            with unittest.mock.patch.object(organ, "MOST_CHECKED", 6000):    # lowered so that the fine surface is decimated before the search for crossings
+            with unittest.mock.patch.object(organ, "MOST_CHECKED", 6000):    # lowered, so that the fine surface is decimated before the search for crossings
                 found = organ.of_surface("x", "x", False, *reading.read_surface(name, 1.0))
             self.assertIn("were closed", found.notes[0])
             self.assertAlmostEqual(found.volume / ellipsoid_volume(24, 17, 20), 1, delta=0.08 if size == 14 else 0.005)
 
     @staticmethod
     def write_surface(name, writer, size, torn=False, scale=1.0):
-        """Writes an ellipsoid with size x 2 size facets; if `torn`, with holes and duplicate facets. Returns the number of facets."""
+        """Writes an ellipsoid with size x 2 size facets and, if `torn`, with holes and duplicate facets. Returns the number of facets."""
         sphere = vtk.vtkSphereSource()
         sphere.SetRadius(1)
         sphere.SetThetaResolution(size)
@@ -301,7 +301,7 @@ def read_msh(path):
 
 
 class Committed(unittest.TestCase):
-    """Tests the mesh of the default scene, which is made from the shipped outlines."""
+    """Tests the default scene's mesh, which is made from the shipped outlines."""
 
     def test_it_has_the_papers_size_and_quality(self):
         nodes, _, mesh = read_msh(os.path.join(SOURCE, "meshes/prostate.msh"))

@@ -17,7 +17,7 @@ def area(*rings):
 
 class Outlines(unittest.TestCase):
     def setUp(self):
-        self.area = area(SQUARE)  # slightly below 400, because the morphological opening rounds the corners
+        self.area = area(SQUARE)  # slightly below 400, because morphological opening rounds the corners
 
     def test_a_square(self):
         self.assertAlmostEqual(self.area, 400, delta=1)

@@ -21,13 +21,13 @@ from anatomy.shapes import contours, label_image, shells, voxels
 from anatomy.trials import inputs, label_stress, nrrd
 
 SPACING = (1.0, 1.25, 2.0)
-MIDDLE = np.array([30.0, -20.0, 100.0])    # LPS, mm, centre of two touching half balls, of which the first is on the patient's left
+MIDDLE = np.array([30.0, -20.0, 100.0])    # LPS, mm: centre of two touching half balls, the first of which is on the patient's left
 RADIUS = 18.0
 
 
 def two_halves(degrees=0.0):
-    """Returns the label array (k, j, i) of a ball whose left half (+x) is label 1 and whose right half is label 2, inside a larger ball of label 3; and the
-    voxel-to-patient transform."""
+    """Returns the label array (k, j, i) of a ball inside a larger ball of label 3, and the voxel-to-patient transform. The left half (+x) of the inner ball is
+    label 1, its right half label 2."""
     size = np.array([60, 48, 30])
     x, y, z = np.meshgrid(*(np.arange(n) * s - n * s / 2 for n, s in zip(size, SPACING)), indexing="ij")
     radius = np.sqrt(x ** 2 + y ** 2 + z ** 2)
@@ -49,7 +49,7 @@ class Files(unittest.TestCase):
         os.chdir(directory.name)
 
     def check_map(self, found, place, values, tolerance=1e-4):
-        """Checks that the map contains the voxels of two_halves at their positions, whatever the order of its axes."""
+        """Checks that the map has the voxels of two_halves in the right places, whatever the order of its axes."""
         for name, value in values.items():
             mask = found.mask(name)
             self.assertEqual(np.count_nonzero(mask), np.count_nonzero(self.labels == value), name)
@@ -70,12 +70,12 @@ class Files(unittest.TestCase):
             inputs.write_nifti("d.nii.gz", self.labels, place)
         except ImportError:
             self.skipTest("nibabel is not installed")
-        self.check_map(reading.read_image("d.nii.gz", names=NAMES), place, by_name, 1e-3)     # the header of this format stores single-precision numbers
+        self.check_map(reading.read_image("d.nii.gz", names=NAMES), place, by_name, 1e-3)     # this format's header stores single-precision numbers
         inputs.write_nifti("e.nii", self.labels, place, np.float32)
         self.check_map(reading.read_image("e.nii"), place, {"1": 1, "2": 2}, 1e-3)
 
     def test_images_that_end_too_early_are_refused(self):
-        """Files may be truncated anywhere, even after the last voxel, inside the checksum that ends a compressed file."""
+        """A file may be cut off anywhere, even after the last voxel, inside the checksum that ends a compressed file."""
         self.labels, place = two_halves()
         nrrd.write_nrrd("a.seg.nrrd", self.labels, place, NAMES, "right-anterior-superior")
         inputs.write_seg("b.dcm", self.labels, place, NAMES)
@@ -96,8 +96,8 @@ class Files(unittest.TestCase):
                     reading.read_outlines(f"cut-{name}") if name.endswith(".dcm") else reading.read_image(f"cut-{name}")
 
     def test_dicom_label_map_with_planes_left_out(self):
-        """Segmentation type LABELMAP: the value of a pixel is the number of its segment. Only every second plane has a frame, so the thickness of a plane is
-        known only from the header."""
+        """Segmentation type LABELMAP: a pixel's value is the number of its segment. Only every other plane has a frame, so only the header tells how thick a
+        plane is."""
         self.labels, place = two_halves(20)
         self.labels[1::2] = 0
         inputs.write_seg("a.dcm", self.labels, place, NAMES)
@@ -120,7 +120,7 @@ class Files(unittest.TestCase):
             reading.read_outlines("c.dcm")
 
     def test_a_code_of_3d_slicer(self):
-        """Codes are in the form written by 3D Slicer 5, with the anatomic region after the type."""
+        """Codes in the form written by 3D Slicer 5, with the anatomic region after the type."""
         found, place = two_halves()
         nrrd.write_nrrd("x.seg.nrrd", found, place, {1: "Segment_1"})
         with open("x.seg.nrrd", "rb") as file:
@@ -171,7 +171,7 @@ class Files(unittest.TestCase):
             surface, _ = reading.read_mesh("x.msh", "cm", "LPS")["gland"]
             self.assertAlmostEqual(surface.signed_volume(), 60e3, places=6)     # mm^3
             self.assertTrue(np.allclose(surface.centre(), [15, 20, 25]))
-            self.assertEqual(len(surface.points) < nodes / 3, order == 2)     # of second-order elements, only the corner nodes remain
+            self.assertEqual(len(surface.points) < nodes / 3, order == 2)     # of second-order elements, only the corner nodes are kept
 
     def test_files_that_cannot_be_used_say_why(self):
         found, place = two_halves()
@@ -272,7 +272,7 @@ def approach_sphere(centre, radius):
 
 
 def two_boxes():
-    """Two cubes of side 1, one on top of the other, made of tetrahedra."""
+    """Two unit cubes, one on top of the other, made of tetrahedra."""
     points = np.array([[x, y, z] for z in (0, 1, 2) for y in (0, 1) for x in (0, 1)], float)
     cube = [[0, 1, 3, 7], [0, 1, 7, 5], [0, 5, 7, 4], [0, 3, 2, 7], [0, 2, 6, 7], [0, 6, 4, 7]]
     tets = np.array([[n + 4 * k for n in tet] for k in (0, 1) for tet in cube])
@@ -364,7 +364,7 @@ class Approach(unittest.TestCase):
             self.assertAlmostEqual(np.linalg.norm(start.position - start.entry), 0.001 + length)
 
     def test_the_base_of_the_needle_never_has_to_pass_the_template(self):
-        """Scripted motions push the needle until its tip is at the target; its base must then still be in front of the template's plate."""
+        """Scripted motions push the needle until its tip is at the target. Its base must then still be in front of the template's plate."""
         skin = approach_sphere((0, 0, 0), 0.1)
         mesh = quality.Mesh(skin.points, np.array([[0, 1, 2, 3]]), np.array([0]), ["gland"], {"skin": skin})
         for depth, before, wanted in ((0.04, 0.05, 0.2), (0.16, 0.025, 0.2), (0.16, 0.05, 0.25), (0.04, 0.3, 0.35)):
@@ -410,7 +410,7 @@ class Whole(unittest.TestCase):
         directory = tempfile.TemporaryDirectory()
         self.addCleanup(directory.cleanup)
         os.chdir(directory.name)
-        patch = unittest.mock.patch.object(meshing, "TRIES", 3)     # limits the search for better angles, which takes a long time
+        patch = unittest.mock.patch.object(meshing, "TRIES", 3)     # limits the search for better angles, which takes long
         patch.start()
         self.addCleanup(patch.stop)
 
@@ -447,7 +447,7 @@ class Whole(unittest.TestCase):
         spacing, size, radius = 1.0, 90, 4.0
         axes = np.meshgrid(*[(np.arange(size) - size / 2) * spacing] * 3, indexing="ij")
         found = np.where(sum(axis ** 2 for axis in axes) < 42 ** 2, 1, 0).astype(np.uint8)
-        golden = np.pi * (3 - np.sqrt(5))       # the lesions are spread evenly over a sphere, about 12 mm apart
+        golden = np.pi * (3 - np.sqrt(5))       # spreads the lesions evenly over a sphere, about 12 mm apart
         for k in range(20):
             z = 24 * (1 - (2 * k + 1) / 20)
             middle = np.sqrt(24 ** 2 - z ** 2) * np.cos(golden * k), np.sqrt(24 ** 2 - z ** 2) * np.sin(golden * k), z
@@ -518,7 +518,7 @@ class Whole(unittest.TestCase):
 
 
 class Random(unittest.TestCase):
-    """Runs two of the maps of label_stress; running them all would take too long."""
+    """Runs two of the maps in label_stress; running them all would take too long."""
 
     def test_random_maps_are_meshed_or_refused_with_a_cause(self):
         with tempfile.TemporaryDirectory() as folder, unittest.mock.patch.object(meshing, "TRIES", 2):

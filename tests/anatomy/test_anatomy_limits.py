@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Tests stages that do not terminate, or that crash their process."""
+"""Tests stages that never finish or that crash their process."""
 import os
 import signal
 import subprocess
@@ -70,7 +70,7 @@ class Limits(unittest.TestCase):
             limits.run("x", os.abort)
         with self.assertRaises(limits.Crashed) as caught:
             limits.run("x", limits.run, "y", os.abort)
-        self.assertEqual(caught.exception.number, signal.SIGABRT)      # the outer stage passes on the signal number
+        self.assertEqual(caught.exception.number, signal.SIGABRT)      # the outer stage passes the signal number on
 
     def test_sigterm_ends_the_program_and_its_stage(self):
         program = subprocess.Popen([sys.executable, "-c", FOREVER], stdout=subprocess.PIPE, env={**os.environ, "PYTHONPATH": os.path.join(SOURCE, "meshes")})
@@ -86,7 +86,7 @@ class Limits(unittest.TestCase):
         program.send_signal(signal.SIGTERM)
         self.assertEqual(program.wait(20), 128 + signal.SIGTERM)
         program.stdout.close()
-        for _ in range(200): # the kernel kills the process when the program exits; the process disappears once init has reaped it
+        for _ in range(200): # the kernel kills the process when the program exits; it is gone once init has reaped it
             if not running(child):
                 break
             time.sleep(0.05)

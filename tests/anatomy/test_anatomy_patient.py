@@ -3,12 +3,12 @@
 import tempfile
 import unittest
 
-import anatomy_cases  # noqa: F401  adds the sources to the path
+import anatomy_cases  # noqa: F401  puts the sources on the path
 from anatomy import session
 from anatomy.shapes import contours
 from anatomy.trials import patient, stress
 
-NUMBER = 11     # number of one of the fifty patients of `python3 -m anatomy.trials.stress`, listed in docs/results/anatomy/patients.csv
+NUMBER = 11     # one of the fifty patients of `python3 -m anatomy.trials.stress`, listed in docs/results/anatomy/patients.csv
 
 
 class Patients(unittest.TestCase):

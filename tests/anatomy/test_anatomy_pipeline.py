@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Tests names and materials of regions, and the handling of surfaces that cannot be meshed."""
+"""Tests names and materials of regions, and what happens to surfaces that cannot be meshed."""
 import csv
 import math
 import os
@@ -136,7 +136,7 @@ class Crossing(unittest.TestCase):
     def test_the_search_for_a_large_mesh_goes_between_one_with_too_few_and_one_with_too_many_nodes(self):
         wanted, sizes = 30000, []
 
-        def attempt(_stage, _work, _domain, fine, path):    # the first size gives a fifth of the desired nodes; halving it, far too many
+        def attempt(_stage, _work, _domain, fine, path):    # the first size gives a fifth of the nodes wanted, and half of it far too many
             sizes.append(fine)
             points = np.zeros((round(0.2 * wanted * (sizes[0] / fine) ** 5), 3))
             with open(path, "w", encoding="ascii"):
@@ -166,8 +166,7 @@ class Crossing(unittest.TestCase):
             return meshing.Attempt(mesh, [missed])
 
         def sizes_of(first, *others):
-            """Returns the element size of each attempt relative to the previous one, when the attempts give these results in turn and then keep repeating
-            the last."""
+            """Returns each attempt's element size relative to the previous one's, if the attempts give these results in turn and then repeat the last."""
             sizes, coming = [], [made(*first), *(made(*other) for other in others)]
 
             def attempt(_stage, _work, _domain, fine, path):
@@ -178,12 +177,12 @@ class Crossing(unittest.TestCase):
                     unittest.mock.patch.object(meshing, "MOST_WORK", 3000), unittest.mock.patch.object(meshing, "LARGE_WORK", 1):
                 meshing.search(self.sphere, 1000, self.path)
             return np.array(sizes[1:]) / sizes[:-1]
-        self.assertAlmostEqual(sizes_of((125, 0.05))[0], 0.5)       # with an eighth of the desired nodes, the size is halved
+        self.assertAlmostEqual(sizes_of((125, 0.05))[0], 0.5)       # with an eighth of the nodes wanted, the size is halved
         self.assertAlmostEqual(sizes_of((1500, 0.05))[0], 0.98)
-        self.assertEqual(len(sizes_of((1000, 0.0), (1000, 0.05))), 3)     # further attempts until the mesh has more than 3000 nodes
+        self.assertEqual(len(sizes_of((1000, 0.0), (1000, 0.05))), 3)     # tries again until the mesh has more than 3000 nodes
 
     def test_the_search_prefers_usable_angles_then_whole_surfaces_then_the_number_of_nodes(self):
-        tries = [(1490, 50.0, 0.0), (1480, 0.9, 0.05), (1200, 2.0, 0.0), (1000, 0.9, 0.0)]     # tuples (nodes, badness, missing fraction of a surface)
+        tries = [(1490, 50.0, 0.0), (1480, 0.9, 0.05), (1200, 2.0, 0.0), (1000, 0.9, 0.0)]     # (nodes, badness, missing fraction of a surface)
         for count in range(1, len(tries) + 1):
             coming = iter(tries[:count])
 

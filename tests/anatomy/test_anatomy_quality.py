@@ -4,7 +4,7 @@ import unittest
 
 import numpy as np
 
-import anatomy_cases  # noqa: F401  adds the sources to the path
+import anatomy_cases  # noqa: F401  puts the sources on the path
 from anatomy import quality, relocate
 from anatomy.shapes import shells
 
@@ -32,7 +32,7 @@ class Quality(unittest.TestCase):
             self.assertEqual(quality.Mesh(CORNERS.points, CORNERS.tets, CORNERS.region, CORNERS.regions, surfaces).torn(), torn)
 
     def test_badness_has_its_limit_at_the_papers_angles(self):
-        def wedge(angle):  # a tetrahedron in which two faces meet at this angle
+        def wedge(angle):  # a tetrahedron with this angle between two of its faces
             radians = np.radians(angle)
             points = np.array([[0, 0, 0], [1, 0, 0], [0.5, 1, 0], [0.5, np.cos(radians), np.sin(radians)]])
             return quality.Mesh(points, np.array([[0, 1, 2, 3]]), np.array([0]), ["x"])
@@ -50,7 +50,7 @@ class Quality(unittest.TestCase):
         return quality.Mesh(corners, tets, np.zeros(len(tets), int), ["x"], {"skin": shells.Shell(corners, triangles)})
 
     def test_nodes_are_moved_to_widen_flat_angles(self):
-        """A node close to a face is moved back to the middle, and the surface does not change."""
+        """A node close to a face is moved back to the middle without changing the surface."""
         mesh, held = self.ball(0.97), np.arange(9) < 8
         corners = mesh.points.copy()
         self.assertTrue(np.allclose(relocate.badness(corners[mesh.tets]).max(), mesh.badness()))
@@ -62,7 +62,7 @@ class Quality(unittest.TestCase):
 
     def test_nodes_are_moved_until_angles_are_above_10_degrees(self):
         mesh = next(m for m in map(self.ball, np.linspace(0.9, 0.7, 500)) if m.badness() < 0.999)
-        self.assertGreater(mesh.badness(), 0.99)      # corresponds to a smallest angle between 9.94 and 10 degrees, which is sufficient
+        self.assertGreater(mesh.badness(), 0.99)      # corresponds to a smallest angle between 9.94 and 10 degrees, which is enough
         mesh.points = relocate.relocated(mesh, np.arange(9) < 8)
         self.assertLess(mesh.badness(), 0.99)
 

@@ -1,6 +1,6 @@
 #!/usr/bin/python3
-"""Tests for problems revealed by real scans, reproduced with shapes of known position and volume: files, names, choice of regions, skin, entry point, and
-individual parts. Meshes that take longer are in tests/verification/verify_anatomy.py.
+"""Tests for problems that real scans have revealed, reproduced with shapes of known position and volume: files, names, choice of regions, skin, entry point,
+and individual parts. Meshes that take longer are in tests/verification/verify_anatomy.py.
 """
 import contextlib
 import io
@@ -30,7 +30,7 @@ class Case(unittest.TestCase):
         os.chdir(directory.name)
 
     def run_(self, *arguments, tries=2):
-        """Returns the result of run(), and its output on stderr."""
+        """Returns the result of run() and its output on stderr."""
         said = io.StringIO()
         with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(said), unittest.mock.patch.object(meshing, "TRIES", tries):
             made = command.run(options.parse([str(argument) for argument in arguments]))
@@ -113,8 +113,8 @@ Segmentation_Extent:={extent}
 
 
 def write_old_nrrd(path, labels_, origin, extent, first=True, name="Liver", four=False):
-    """Writes a segmentation as 3D Slicer 4.6 does, with a segment axis of length 1 and data that start at Segmentation_Extent. If `first` is true, the segment
-    axis comes first; if `four` is true, all directions have four coordinates."""
+    """Writes a segmentation as 3D Slicer 4.6 does, with a segment axis of length 1 and data that start at Segmentation_Extent. With `first`, the segment axis
+    comes first. With `four`, all directions have four coordinates."""
     sizes = list(map(str, labels_.shape[::-1]))
     axes, nothing = (["(1,0,0,0)", "(0,1,0,0)", "(0,0,1,0)"], "(0,0,0,1)") if four else (["(1,0,0)", "(0,1,0)", "(0,0,1)"], "none")
     fields = {"sizes": " ".join(["1", *sizes] if first else [*sizes, "1"]), "axes": " ".join([nothing, *axes] if first else [*axes, nothing]),
@@ -275,7 +275,7 @@ class Files(Case):
 
 class Way(Case):
     def test_the_border_of_the_image_is_no_skin(self):
-        """The body extends beyond the image on all sides except the front, and the kidney is close to its back."""
+        """The body extends beyond the image on all sides but the front, and the kidney is close to its back."""
         grid = torso.Grid((2.5, 2.5, 2.5), (-100, -90, -80), (100, 90, 80))
         labels_ = np.zeros(grid.shape, np.uint8)
         labels_[np.broadcast_to(grid.y > -75 + 0.002 * grid.x ** 2, grid.shape)] = 1
@@ -292,8 +292,7 @@ class Way(Case):
             approach.through_skin(np.array([50.0, 50, 50]), all_.shells, [], cut=all_.border)
 
     def test_the_target_in_an_organ_is_in_none_of_its_lesions(self):
-        """The centre of the liver is inside a lesion: in map 94 the lesion touches itself along an edge of voxels, and in map 159 another lesion is 0.1 mm
-        away."""
+        """The liver's centre is inside a lesion. In map 94, that lesion touches itself along an edge of voxels; in map 159, another lesion is 0.1 mm away."""
         for number in (94, 159):
             labels_, place, names, _ = label_stress.crowded_map(number, label_stress.SMALL)
             map_ = voxels.LabelMap([labels_], place, {name: voxels.Segment(0, value) for value, name in names.items()})
@@ -302,7 +301,7 @@ class Way(Case):
             within = scipy.ndimage.distance_transform_edt(own, np.linalg.norm(place[:3, :3], axis=0)[::-1])
 
             def room(point, place=place, within=within):
-                """mm, distance from a voxel of the liver to the nearest voxel of another part"""
+                """mm, from a voxel of the liver to the nearest voxel of another part"""
                 return within[tuple(np.rint(np.linalg.solve(place[:3, :3], point - place[:3, 3])).astype(int)[::-1])]
             self.assertLess(room(liver[0].centre()), approach.ASIDE)
             self.assertGreater(room(approach.middle_of(liver)), approach.ASIDE)
@@ -400,7 +399,7 @@ class Parts(Case):
         self.assertIn("material of", said)
 
     def test_a_small_part_far_away_is_kept(self):
-        """The part has a volume of 0.43 ml, 0.3 % of the bowel to which it belongs."""
+        """The part has a volume of 0.43 ml, 0.3 % of the bowel it belongs to."""
         grid = torso.Grid((1.5, 1.5, 1.5), (-80, -40, -40), (80, 40, 40))
         labels_ = (grid.ellipsoid((-35, 0, 0), (40, 30, 30)) | grid.ellipsoid((65, 20, 10), (4.7,) * 3)).astype(np.uint8)
         found = voxels.outlined(voxels.LabelMap([labels_], grid.place, {"small_bowel": voxels.Segment(0, 1)}), ["small_bowel"])["small_bowel"]

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Tests lofts, distance fields and the separation of regions with shapes of known volume."""
+"""Tests lofts, distance fields and the separation of regions on shapes of known volume."""
 import collections
 import unittest
 
@@ -16,7 +16,7 @@ def stack(rings):
 
 
 def around_cells(cells):
-    """Returns the surface of a set of unit cubes, given by their lowest corners; adjacent cubes share points."""
+    """Returns the surface of a set of unit cubes, given by their lowest corners. Adjacent cubes share points."""
     numbers, triangles = {}, []
     for cell in sorted(cells):
         for axis in range(3):
@@ -47,7 +47,7 @@ class Surfaces(unittest.TestCase):
 
     @staticmethod
     def coarse_sphere():
-        """A sphere with few triangles, because the search for crossings proceeds edge by edge."""
+        """A sphere with few triangles, because the search for crossings goes edge by edge."""
         return shells.decimated(field.of_stack(stack(ellipsoid(20, 20, 20, 4))).surfaces()[0], 2000)
 
     def test_both_ways_give_the_volume_of_an_ellipsoid(self):
@@ -112,7 +112,7 @@ class Surfaces(unittest.TestCase):
             self.assertAlmostEqual(found.signed_volume() / sphere.volume(), 1)
 
     def test_a_surface_that_touches_itself_along_an_edge_keeps_its_inside(self):
-        """Tests the surface around two cells that share only an edge, alone and also connected by a chain of further cells. Triangles in files may have any
+        """Tests the surface around two cells that share only an edge, alone and also joined by a chain of further cells. Triangles in files may have any
         orientation and order."""
         random = np.random.default_rng(1)
         for cells in ({(0, 0, 0), (1, 1, 0)}, {(0, 0, 0), (1, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1)}):
@@ -172,14 +172,14 @@ class Surfaces(unittest.TestCase):
 
 
 def shared(found, a, b):
-    """Returns the area of the boundary between two regions, and whether this boundary closes the surface of either region."""
+    """Returns the area of the boundary between two regions, and whether this boundary closes either region's surface."""
     between = {tuple(pair) for pair in ((a, b), (b, a))}
     mine = [(found.cells[i] if i >= 0 else None, found.cells[j] if j >= 0 else None) in between for i, j in found.sides]
     return found.areas()[mine].sum()
 
 
 def is_watertight(shell):
-    """True if each edge is traversed equally often in both directions."""
+    """Returns whether each edge is traversed equally often in both directions."""
     ways = collections.Counter(tuple(way) for pair in ((0, 1), (1, 2), (2, 0)) for way in shell.triangles[:, pair].tolist())
     return all(ways[b, a] == count for (a, b), count in list(ways.items()))
 
@@ -201,7 +201,7 @@ class Shared(unittest.TestCase):
 
     @staticmethod
     def channelled(count=9, half=30.0, narrow=0.5, high=30.0):
-        """Returns the complex of a block with a slot that is 2 * narrow wide, is open at the top, and ends above the bottom."""
+        """Returns the complex of a block with a slot 2 * narrow wide, open at the top, that ends above the bottom."""
         x = np.concatenate([np.linspace(-half, -narrow, count), np.linspace(narrow, half, count)])
         y = np.linspace(-half, half, count)
         cells = np.zeros((2 * count - 1, count - 1, 2), bool)
@@ -242,7 +242,7 @@ class Shared(unittest.TestCase):
 
     @staticmethod
     def made(regions, volumes, edge, *box):
-        """Returns the complex of regions whose parts have these volumes, and the pieces of which it consists."""
+        """Returns the complex of regions whose parts have these volumes, and the pieces it consists of."""
         image, pieces, lost = label_image.image_for(regions, edge, *box)
         found, missed = labels.shared_surfaces(image, pieces, lost, regions, volumes, edge)
         return image, pieces, found, lost, missed
@@ -293,7 +293,7 @@ class Shared(unittest.TestCase):
     def test_a_sheet_goes_to_what_is_around_it(self):
         image = self.image((36, 36, 40))
         image.labels[4:32, 4:32, 4:10] = 1
-        image.labels[4:32, 4:32, 10] = 2        # a sheet of the second region, one voxel thick, that covers the first region and juts out beside the second
+        image.labels[4:32, 4:32, 10] = 2        # a one-voxel sheet of the second region that covers the first and sticks out beside the second
         image.labels[4:32, 12:32, 10:34] = 2
         image.sources[:] = image.labels
         label_image.drop_thin(image, 2, 1.0)
@@ -324,7 +324,7 @@ class Shared(unittest.TestCase):
             self.assertLess(np.abs(shells.distances(bone, shell.points)).max(), 5.0)
 
     def test_corners_of_triangles_lie_on_the_region(self):
-        """The surface must not include the border of the image, because CGAL would treat it as a surface."""
+        """The surface must not include the border of the image, which CGAL would treat as a surface."""
         ball = field.of_stack(stack(ellipsoid(40, 40, 40, 4))).surfaces()[0]
         image, _, found, _, _ = self.made([[ball]], [None], 20.0)
         self.assertLess(np.abs(shells.distances(ball, found.points)).max(), image.step)

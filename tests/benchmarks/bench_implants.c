@@ -1,10 +1,10 @@
-/* bench_implants: performs many implants, one after the other, in one simulation, as over days of use, to check that memory does not grow. Needles are
-   inserted, deposit seeds, rest, and are taken and withdrawn in random order; one is removed while it rests; a state is saved and restored in between. Every
-   tenth implant is identical, and must give identical forces.
+/* bench_implants: does many implants in one simulation, one after another, as over days of use, to check that memory does not grow. Needles are inserted,
+   drop seeds, rest, and are taken and withdrawn in random order. One is removed while it rests, and a state is saved and restored in between. Every tenth
+   implant is the same and must give the same forces.
 
    usage: bench_implants [COUNT [SCENE]]     by default 200 meshes/figure8.yaml. Exit status 1 if the resident memory after the last implant is more than 1 %
-   above that after the first tenth of the implants, or if the force on a hand differs from that in the identical implant by more than 1e-6 of the peak force.
-   */
+   above that after the first tenth of the implants, or if the force on a hand differs from that in the identical implant by more than 1e-6 of the peak
+   force. */
 #include <math.h>
 #include <stdbool.h>
 #include <stdio.h>
@@ -30,7 +30,7 @@ static long resident_kib(void) {
 }
 
 /* first: largest axial force on the hand while each needle is inserted and withdrawn, in the first implant of each kind, N; peak: largest of all forces, N;
-   drift: largest difference from the first implant of the same kind, N. */
+   drift: largest difference from the first implant of the same kind, N */
 static double first[KINDS][NEEDLES][2], peak, drift;
 
 static void compare(int kind, bool again, int needle, bool out, double force) {
@@ -39,7 +39,7 @@ static void compare(int kind, bool again, int needle, bool out, double force) {
     drift = fmax(drift, fabs(force - first[kind][needle][out]));
 }
 
-/* Moves at 0.2 m/s. Updates `most` with the largest axial force. */
+/* Moves at 0.2 m/s, updating `most` with the largest axial force. */
 static int move(trocar_sim *sim, int needle, trocar_pose *base, int mm, double *most) {
     trocar_output out;
     int ticks = 5 * abs(mm);

@@ -1,4 +1,4 @@
-/* Benchmarks of parts of the library that trocar.h cannot time: each remeshing method, and how late each contact node becomes active. */
+/* Benchmarks for parts of the library that trocar.h cannot time: each remeshing method, and how late each contact node becomes active. */
 #include "bench/bench_main.h"
 #include "bench_remesh.h"
 #include "bench_scale.h"

@@ -1,5 +1,5 @@
-/* bench_probe: the time that a moving probe adds to the tick and the worker. A needle is pushed in repeatedly, in real time, alternately without
-   the probe and with the probe sliding along the skin beside the needle. The worker runs in its own thread, as in a server.
+/* bench_probe: measures the time that a moving probe adds to the tick and the worker. A needle is pushed in repeatedly, in real time, alternately without
+   the probe and with it sliding along the skin beside the needle. The worker runs in its own thread, as in a server.
 
    usage: bench_probe [SCENE]     by default meshes/implant.yaml; the probe is pressed against its surface "skin" */
 #include <math.h>
@@ -17,10 +17,10 @@ static trocar_error why;
 #define OK(call) must(call, "bench_probe: " #call, &why)
 
 typedef struct {
-    histogram ticks, latency, between; /* `between` is the time between two solutions for the probe */
+    histogram ticks, latency, between; /* `between`: time between two solves for the probe */
 } measured;
 
-/* Returns the probe's pose: along x, 12 mm from the needle and 3 mm deep; its tip moves back and forth by 20 mm at 50 mm/s. */
+/* Returns the probe's pose: along x, 12 mm from the needle and 3 mm deep, with its tip moving back and forth by 20 mm at 50 mm/s. */
 static trocar_pose across(double time) {
     double half = sqrt(0.5), x = 0.02 * fabs(fmod(time / 0.4, 2.0) - 1.0);
     return (trocar_pose){{x - 0.15, -0.012, 0.003 - 0.010}, {half, 0, half, 0}};

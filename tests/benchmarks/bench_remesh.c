@@ -100,7 +100,7 @@ static trocar_status measure_row(bench *b, inverse *inv, remesh_method method, r
     return status;
 }
 
-/* Measures the time that the memory accesses alone take: a lower bound for the sweeps of the dense methods. */
+/* Measures the time that the memory accesses alone take, a lower bound for the sweeps of the dense methods. */
 static void measure_sweep(inverse *inv, histogram *time) {
     size_t n = (size_t)inverse_tissue(inv)->dof_count;
     histogram_clear(time);

@@ -1,10 +1,10 @@
-/* bench_resting: the time that resting needles add to the tick and the worker. Needles are left in the implant scene, through holes of its
-   template; then another one is pushed in, five times for each number of resting needles, in the same simulation. The worker runs in its own thread, as in a
+/* bench_resting: measures the time that resting needles add to the tick and the worker. Needles are left in the implant scene, through holes of its
+   template. Then another is pushed in, five times for each number of resting needles, in the same simulation. The worker runs in its own thread, as in a
    server. Under chrt -f 20, other programs disturb the benchmark as little as they would disturb a server.
 
-   With --processor-time, for a busy machine, ticks and worker alternate in one thread, on a clock that counts the processor time of the worker's
-   calls, as if the worker had its own processor. The worker then evicts the ticks' data from the caches, so the tick times cannot be
-   compared with those of the other mode.
+   With --processor-time, for a busy machine, ticks and worker alternate in one thread, on a clock that counts the processor time of the worker's calls, as
+   if the worker had its own processor. The worker then evicts the ticks' data from the caches, so the tick times cannot be compared with those of the other
+   mode.
 
    usage: bench_resting [--processor-time] [SCENE [COUNT...]]     by default meshes/implant.yaml, 0 1 5 25 */
 #include <stdio.h>
@@ -22,7 +22,7 @@ static trocar_error why;
 
 static trocar_pose at(double x, double y, double z) { return (trocar_pose){{x, y, z}, {1, 0, 0, 0}}; }
 
-/* Returns the pose for a hole near the middle of the template, whose holes are 5 mm apart. The last hole is for the needle that is inserted. */
+/* Returns the pose for a hole near the middle of the template, whose holes are 5 mm apart. The last hole is for the needle being inserted. */
 static trocar_pose hole(int needle, double z) {
     int k = needle + (needle >= 12);
     return needle == MOST ? at(0.0, 0.0, z) : at(0.005 * (k % 5 - 2), 0.005 * (k / 5 - 2), z);
@@ -43,17 +43,17 @@ static void push_timed(trocar_sim *sim, int needle, histogram *ticks) {
     }
 }
 
-static int64_t clock_offset; /* ns, difference between the clock of --processor-time and this thread's processor time */
+static int64_t clock_offset; /* ns, the clock of --processor-time minus this thread's CPU time */
 
 static int64_t shared_clock(void) { return processor_ns() + clock_offset; }
 
 static void set_clock(int64_t ns) { clock_offset = ns - processor_ns(); }
 
-/* Measures the ticks with a worker in the same thread: a tick begins at each millisecond of the clock, however long the preceding call of the worker took. */
+/* Measures the ticks with a worker in the same thread. A tick begins at each millisecond of the clock, however long the preceding call of the worker took. */
 static void push_by_turns(trocar_sim *sim, int needle, histogram *ticks, histogram *latency) {
     trocar_pose base = hole(MOST, -0.201);
     trocar_output out;
-    int64_t worker = 0; /* ns, time at which the current call of the worker ends */
+    int64_t worker = 0; /* ns, when the worker's current call ends */
     trocar_sim_set_clock(sim, shared_clock);
     OK(trocar_sim_reset(sim, needle, &base, &why));
     for (int t = 0; t < DEPTH_TICKS; t++) {

@@ -16,14 +16,13 @@
 enum { SPEEDS = 3, COUNTS = 6, MAX_SCENES = 32 };
 static const double speeds[SPEEDS] = {0.005, 0.02, 0.05};        /* m/s */
 static const int contact_counts[COUNTS] = {5, 10, 20, 30, 40, 60};
-static const double TIMED_SPACING = 1e-3;                        /* m, spacing of contact nodes when times are measured against their number; it allows 60 nodes
-                                                                    */
+static const double TIMED_SPACING = 1e-3;                        /* m, between contact nodes when times are measured against their number; room for 60 nodes */
 
 typedef struct {
     const char *scene_paths[MAX_SCENES], *json_path;
     int scene_count, ticks;
     double depth;
-    const char *inverse;     /* kind of inverse; NULL: the one that the scene sets */
+    const char *inverse;     /* kind of inverse, or NULL for the one the scene sets */
 } options;
 
 /* Results for one scene with one kind of inverse. */
@@ -32,8 +31,8 @@ typedef struct {
     trocar_model *model;
     trocar_sim *sim;
     double start_seconds, start_processor_seconds;
-    double peak_bytes;       /* resident memory of the process, which grows from scene to scene */
-    int counts;              /* number of contact counts that the mesh permits */
+    double peak_bytes;       /* the process's resident memory, which grows from scene to scene */
+    int counts;              /* number of contact counts the mesh permits */
     tick_timing ticks[COUNTS];
     scale_timing speeds[SPEEDS], figure8;
     scale_timing with, without; /* the second speed again, with all nodes cached; only `with` includes the time to measure the mesh's resolution */
@@ -88,7 +87,7 @@ static const struct argp parser = {
 
 /* ---- measuring --------------------------------------------------------------------------------------------------- */
 
-static const double APPROACH = 0.02; /* m, additional distance at the start, so that the needle's line has been measured before it touches the skin */
+static const double APPROACH = 0.02; /* m, extra distance at the start, so that the needle's line has been measured before it touches the skin */
 
 static trocar_status create(const options *o, const char *path, measured *m, trocar_error *why) {
     const trocar_model_options options = {.watch.progress = progress_show};
@@ -126,7 +125,7 @@ static trocar_status measure(const options *o, measured *m, trocar_error *why) {
     scale_timing_set_spacing(m->model, TIMED_SPACING);
     for (; m->counts < COUNTS && status == TROCAR_OK; m->counts++) {
         timing_case wanted = {.start = MOTION_START, .dt = dt, .contacts = contact_counts[m->counts], .ticks = o->ticks, .motion = TIMED_ADVANCE};
-        /* the needle's path permits fewer contacts than requested */
+        /* the needle's path has room for fewer contacts than requested */
         if (tick_timing_measure(m->sim, m->scene, &wanted, &m->ticks[m->counts], why) != TROCAR_OK) break;
     }
     struct rusage usage;

@@ -1,5 +1,5 @@
-/* Times the ultrasound images of a scene, without server and browser: both images, with two needles, in tissue that moves. Processor time is shown beside
-   elapsed time, because it depends less on other load. usage: bench_ultrasound [SCENE] (default: the pelvis) */
+/* Times the ultrasound images of a scene, without server and browser: both images, with two needles, in tissue that moves. CPU time is shown next to elapsed
+   time, because it depends less on other load. usage: bench_ultrasound [SCENE] (default: the pelvis) */
 #define _GNU_SOURCE
 #include <stdio.h>
 #include <stdlib.h>

@@ -23,7 +23,7 @@ void live_worker_start(live_worker *w, trocar_sim *sim);
 /* Stops the worker thread, adds the times from request to answer to the histogram, and reports the first failed request. */
 void live_worker_stop(live_worker *w, histogram *latency);
 
-/* Prints the median, the 99th percentile and the maximum, multiplied by `unit`, in columns of this width. */
+/* Prints median, 99th percentile and maximum, multiplied by `unit`, in columns of this width. */
 void print_times(const histogram *times, double unit, int width, int digits);
 
 #endif

@@ -4,7 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { NEAR = 32, LEAST_SAMPLES = 3 };       /* NEAR: number of nodes in the window, about as many as are requested ahead of a tip */
+enum { NEAR = 32, LEAST_SAMPLES = 3 };       /* NEAR: nodes in the window, about as many as are requested ahead of a tip */
 
 typedef struct {
     const tissue *tissue;
@@ -64,7 +64,7 @@ static bool change_mesh(timing_run *run, remesh_change change, int tet) {
     }
 }
 
-/* Adds a contact node in a random element; returns the element, or -1 if the mesh has no suitable one. */
+/* Adds a contact node in a random element. Returns the element, or -1 if the mesh has no suitable one. */
 static int change_somewhere(timing_run *run, remesh_change change) {
     int all = run->tissue->mesh->tet_count, first = (int)(draw(run) * all);
     for (int k = 0; k < all; k++)
@@ -99,7 +99,7 @@ static trocar_status serve(timing_run *run, int64_t *time, trocar_error *why) {
     return status;
 }
 
-/* Requests the window, untimed; then adds the node and removes it, and times both. */
+/* Requests the window, untimed, then adds the node and removes it, timing both. */
 static trocar_status time_one(timing_run *run, int tet, remesh_timing *result, trocar_error *why) {
     int64_t unused, add = 0, removal = 0;
     look_around(run, tet);

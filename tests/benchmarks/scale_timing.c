@@ -10,30 +10,30 @@
 
 static const double REST = 0.5; /* s, rest before a script starts, so that the needle's line has been measured */
 
-/* A contact node of the needle, tracked from its request to its activation. */
+/* A contact node of the needle, followed from its request to its activation. */
 typedef struct {
     uint64_t id;
     double asked;            /* s, time of the request */
-    double due;              /* s, time at which the node should be active because the tip has left its element; INFINITY until then */
+    double due;              /* s, when the node should be active because the tip has left its element; INFINITY until then */
     bool answered, active, late;
 } followed;
 
 typedef struct {
     trocar_sim *sim;
     insertion_state state;
-    compliance_snapshot *snapshot, *next; /* the snapshot in use, and the one being computed */
-    double speed;            /* m/s, speed of the hand, but at least 1 mm/s */
-    double now, ready;       /* s; now: model time; ready: time at which `next` is finished, negative if the worker is idle */
-    double idle;             /* s, time up to which the worker's idle time has been spent */
-    int tet;                 /* element that contains the tip */
-    double entered_at, entered_depth; /* time (s) and depth (m) at which the tip entered the element */
+    compliance_snapshot *snapshot, *next; /* the one in use, and the one being computed */
+    double speed;            /* m/s, of the hand, but at least 1 mm/s */
+    double now, ready;       /* s; now: model time; ready: when `next` is finished, negative if the worker is idle */
+    double idle;             /* s, time up to which the worker's idle time has been used */
+    int tet;                 /* the element the tip is in */
+    double entered_at, entered_depth; /* when (s) and how deep (m) the tip entered the element */
     int contact_count;
-    followed contacts[MAX_CONTACTS];  /* the contacts of the needle's state */
+    followed contacts[MAX_CONTACTS];  /* the contacts in the needle's state */
     bool free_patches;
     scale_timing *result;
 } scale_run;
 
-/* Spends the worker's idle time since the last answer on preparing nodes in advance. A slice that takes longer than the elapsed time delays the next slice. */
+/* Uses the worker's idle time since the last answer to prepare nodes in advance. A slice that takes longer than the elapsed time delays the next one. */
 static void look_ahead(scale_run *run) {
     bool more = true;
     while (more && run->idle < run->now) {
@@ -44,7 +44,7 @@ static void look_ahead(scale_run *run) {
     if (!more) run->idle = fmax(run->idle, run->now);
 }
 
-/* When the worker has finished a request, it takes the newest one. After computing the rows, it measures the mesh's resolution along new lines, one line at a
+/* When the worker has finished a request, it takes the newest one. After computing the rows, it measures the mesh's resolution along new lines, one at a
    time, until a newer request arrives. */
 static trocar_status work(scale_run *run, trocar_error *why) {
     if (run->ready >= 0.0 && run->ready <= run->now) {
@@ -85,7 +85,7 @@ static void follow_contacts(scale_run *run) {
         run->contacts[run->contact_count] = (followed){.id = now->nodes[now->order[run->contact_count]].id, .asked = run->now, .due = INFINITY};
 }
 
-/* The contact node of an element should be active when the tip leaves the element or, after a jump at a membrane, when the tip would have left it at the hand's
+/* An element's contact node should be active when the tip leaves the element or, after a jump at a membrane, when the tip would have left it at the hand's
    speed. */
 static void leave_element(scale_run *run) {
     double depth = run->state.tip.place.depth, due = fmax(run->now, run->entered_at + (depth - run->entered_depth) / run->speed);

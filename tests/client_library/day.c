@@ -1,7 +1,7 @@
-/* Sends as many wrenches as a server sends in a day, as fast as they can be received, and checks that the client does not lose, repeat, reorder or alter any.
+/* Sends as many wrenches as a server does in a day, as fast as they can be received, and checks that the client does not lose, repeat, reorder or alter any.
    liblcm sends them, from another process, through a real socket. Each wrench is computed from its tick on both sides. It is compared after the client has
-   stored it and before the client asks for the next datagram (recvfrom is replaced). The device's loop reads the newest wrench once per millisecond.
-   The client is included as source, so that its internal data can be read.
+   stored it and before the client asks for the next datagram (recvfrom is replaced). The device's loop reads the newest wrench once per millisecond. The
+   client is included as source, so that its internal data can be read.
    usage: day [COUNT]     (in a private network namespace; a day at 1 kHz: 86400000, the default) */
 #define _GNU_SOURCE
 #include "trocar_client.c"
@@ -15,13 +15,13 @@
 
 #include "trocar_needle_wrench_t.h"
 
-enum { AHEAD = 100 }; /* wrenches that the sender may be ahead, so that they fit into the socket's buffer */
+enum { AHEAD = 100 }; /* how many wrenches the sender may be ahead, so that they fit into the socket's buffer */
 static const char url[] = "udpm://239.255.76.67:7667?ttl=0";
 static const double PERIOD = 1e-3, LONGEST_SILENCE = 60; /* s */
 
 /* Shared by the two processes. */
 static struct {
-    int64_t received; /* number of wrenches that have been received; also the tick of the next one */
+    int64_t received; /* wrenches received so far, and the tick of the next one */
     int64_t session;
 } *both;
 
@@ -30,7 +30,7 @@ static double number_of(int64_t tick, int i) {
     uint64_t bits = (uint64_t)tick * UINT64_C(0x9e3779b97f4a7c15) + (uint64_t)i * UINT64_C(0xbf58476d1ce4e5b9);
     double number;
     bits ^= bits >> 31, bits *= UINT64_C(0x94d049bb133111eb);
-    bits = (bits ^ bits >> 29) & ~(UINT64_C(1) << 62); /* clears a bit of the exponent, so that the number is neither infinite nor NaN */
+    bits = (bits ^ bits >> 29) & ~(UINT64_C(1) << 62); /* clears an exponent bit, so that the number is neither infinite nor NaN */
     memcpy(&number, &bits, sizeof number);
     return number;
 }
@@ -52,7 +52,7 @@ static void send_all(int64_t count) {
 
 /* ---- the client's thread ------------------------------------------------------------------------------------------------- */
 
-static int64_t wrong; /* number of wrenches that differ from the expected one */
+static int64_t wrong; /* wrenches that differ from the expected one */
 static double received_at;
 
 static bool is_expected(const trocar_client_wrench *w, int64_t tick) {

@@ -1,5 +1,5 @@
-/* A bridge for tests, in C99, for any system that trocar_client.h supports: resets the needle, pushes it 21 mm in at 10 mm/s, and holds it for half a
-   second. With SECONDS, it only holds still in front of the skin for that time. Prints the measured values, one number with its name per line.
+/* A test bridge in C99, for any system that trocar_client.h supports. Resets the needle, pushes it in by 21 mm at 10 mm/s, and holds it for half a second.
+   With SECONDS, it only holds still in front of the skin for that long. Prints the measured values, one number with its name per line.
    usage: insertion URL [SECONDS] */
 #ifndef _WIN32
 #define _DEFAULT_SOURCE
@@ -41,8 +41,8 @@ static double length_of(const double a[3]) { return sqrt(a[0] * a[0] + a[1] * a[
 
 typedef struct {
     trocar_client_wrench wrench;
-    double force, most, step; /* N; force: last force; most: largest force; step: largest change from one period to the next */
-    long periods, answered, outages, back; /* `back` is the number of returns to an older wrench */
+    double force, most, step; /* N; force: last; most: largest; step: largest change from one period to the next */
+    long periods, answered, outages, back; /* `back`: returns to an older wrench */
     int was_answered;
 } felt_so_far;
 
@@ -64,7 +64,7 @@ static void exchange(trocar_client *c, double advance, felt_so_far *f) {
     f->was_answered = answered;
 }
 
-/* Resets the needle; returns how many times the command had to be sent until the server replied. */
+/* Resets the needle. Returns how many times the command had to be sent before the server replied. */
 static int reset(trocar_client *c, felt_so_far *f) {
     for (int times = 1; times <= 5; times++) {
         trocar_client_reset(c);

@@ -1,6 +1,6 @@
-/* Measures round trips of the free client (over multicast and over unicast) and of liblcm, alternating between them in one run. A round trip lasts from sending
-   a pose until the wrench with which another process answers has arrived; over unicast, both pass through the server's relay thread. A program with liblcm
-   waits in lcm_handle; the free client's device loop polls for the newest wrench until it arrives.
+/* Measures round trips of the free client (over multicast and over unicast) and of liblcm, alternating between them in one run. A round trip is the time
+   from sending a pose until the wrench that another process sends in reply has arrived. Over unicast, both pass through the server's relay thread. A program
+   with liblcm waits in lcm_handle; the free client's device loop polls for the newest wrench until it arrives.
    usage: latency ROUNDS     (in a private network namespace) */
 #define _GNU_SOURCE
 #include <arpa/inet.h>
@@ -177,7 +177,7 @@ int main(int count, char **arguments) {
                        {"liblcm", lcm_round, &l, malloc((size_t)rounds * sizeof(double)), 0, 0}};
     for (int done = 0; done < rounds; done += BLOCK)
         for (int i = 0; i < ALL; i++) {
-            while (lcm_handle_timeout(l.lcm, 0) > 0) continue; /* discards messages for the other client */
+            while (lcm_handle_timeout(l.lcm, 0) > 0) continue; /* discards messages meant for the other client */
             measure(&all[i], rounds - done < BLOCK ? rounds - done : BLOCK);
         }
     printf("%s\n", real_time ? "SCHED_FIFO" : "without real time");

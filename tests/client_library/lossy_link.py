@@ -1,9 +1,9 @@
 #!/usr/bin/python3
-"""A bad network between two LCM groups: datagrams sent to one group arrive in the other, but some are lost, some are duplicated, and some are overtaken by
-others. Prints `ready`; on SIGTERM, prints the counts as JSON and exits.
+"""Simulates a bad network between two LCM groups: datagrams sent to one group arrive in the other, but some are lost, duplicated, or overtaken by others.
+Prints `ready`; on SIGTERM, prints the counts as JSON and exits.
 
-usage: lossy_link.py GROUP:PORT GROUP:PORT LOSS TWICE DELAY    LOSS, TWICE: fractions of the datagrams; DELAY: largest delay, s; each datagram has
-a random delay
+usage: lossy_link.py GROUP:PORT GROUP:PORT LOSS TWICE DELAY    LOSS, TWICE: fractions of the datagrams; DELAY: largest delay, s; each datagram has a random
+delay
 """
 import heapq
 import json
@@ -47,7 +47,7 @@ def main():
                     packet, (_, port) = s.recvfrom(65536)
                 except BlockingIOError:
                     break
-                if port == own:     # sent by this program, for the opposite direction
+                if port == own:     # sent by this program, in the other direction
                     continue
                 if rng.random() < loss:
                     done["lost"][way] += 1

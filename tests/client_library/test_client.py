@@ -1,12 +1,12 @@
 #!/usr/bin/python3
-"""Tests one of the free clients in a bridge that inserts a needle: insertion.c, built for this system or for Windows (under Wine), Insertion.cs
-and UnityInsertion.cs (under Mono), or insertion.py.
+"""Tests one of the free clients in a bridge that inserts a needle: insertion.c, built for this system or for Windows (under Wine), Insertion.cs and
+UnityInsertion.cs (under Mono), or insertion.py.
 
-- On a good network, and on one that loses every tenth datagram, duplicates every twentieth and shuffles their order within 4 ms, the needle comes to
-  rest with the force and depth that the library gives. No wrench is followed by an older one, and the force stays within the client's rate limit.
-  The needle follows the hand rigidly, because a virtual coupling would be softer for a longer round trip.
+- The needle comes to rest with the force and depth that the library gives, both on a good network and on one that loses every tenth datagram, duplicates
+  every twentieth and shuffles their order within 4 ms. No wrench is followed by an older one, and the force stays within the client's rate limit. The needle
+  follows the hand rigidly, because a virtual coupling would be softer for a longer round trip.
 - The bridge survives crafted packets and a flood of fuzzed fragments, and still gets answers.
-- The insertion is the same over udp://, without multicast; a client with another secret is refused with one clear message.
+- The insertion is the same over udp://, without multicast. A client with another secret is refused with one clear message.
 - Wrenches that arrive in fragments and out of order are rendered as well.
 - With ttl=0, wrenches from another machine are not rendered; with ttl=1 they are.
 
@@ -49,7 +49,7 @@ AT_ONCE = ["chrt", "--fifo", "20"] if subprocess.run(["chrt", "--fifo", "20", "t
 
 
 def build(folder):
-    """Returns the command that runs the bridge. Compiles the bridge, if necessary, with the compiler's strictest warnings as errors."""
+    """Returns the command that runs the bridge. Compiles the bridge first if necessary, with the compiler's strictest warnings as errors."""
     if LANGUAGE == "c":
         return [f"{BUILD}/tests/client_library/insertion"]
     if LANGUAGE == "python":
@@ -140,7 +140,7 @@ def same_insertion(bridge, folder):
         server.kill()
     force, depth = library(scene)
     print(f"link: {done}\nlibrary: force {force:.6f} depth {depth:.6f}")
-    for way in (0, 1):  # the two directions: from the server, and to the server
+    for way in (0, 1):  # both directions: from the server, and to it
         total = done["passed"][way] + done["lost"][way]
         assert total > 500 and abs(done["lost"][way] - LOSS * total) < 4 * math.sqrt(LOSS * total) and done["overtaken"][way] > 0.05 * total, f"the link is another one: {done}"
     for felt in (good, bad, unicast):
@@ -173,7 +173,7 @@ def plug_in():
     libc = ctypes.CDLL(None, use_errno=True)
     with open(f"/proc/{other.pid}/ns/net") as far, open("/proc/self/ns/net") as near:
         assert libc.setns(far.fileno(), 0) == 0
-        distant = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)  # remains in the other namespace
+        distant = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)  # stays in the other namespace
         assert libc.setns(near.fileno(), 0) == 0
     return other, distant
 
@@ -202,7 +202,7 @@ def whole(message, _):
 
 
 def fragments(message, sequence):
-    """Returns four fragments, of which fragment 0 is first and one is included twice."""
+    """Returns four fragments, with fragment 0 first and one of them twice."""
     size = -(-len(message) // 4)
     for number in (0, 2, 1, 2, 3):
         part = message[size * number:size * (number + 1)]
@@ -210,7 +210,7 @@ def fragments(message, sequence):
 
 
 def answered(bridge, types, sender, ttl, cut=whole):
-    """Returns the fraction of its periods in which the bridge renders the wrenches that `sender` sends to the group and directly to the bridge's machine."""
+    """Returns the fraction of periods in which the bridge renders the wrenches that `sender` sends to the group and directly to the bridge's machine."""
     client = subprocess.Popen([*bridge, f"udpm://{NEAR}:{PORT}?ttl={ttl}", "2"], stdout=subprocess.PIPE, text=True)
     wrench, pose = types.needle_wrench_t(), hear_pose(types)
     wrench.session, wrench.server, wrench.force = pose.session, 5, [1.0, 0.0, 0.0]

@@ -1,6 +1,6 @@
 #!/usr/bin/python3
-"""Compares the messages of the Python and C# clients with those of lcm-gen: random messages are decoded and re-encoded to the same bytes, damaged messages are
-refused, random datagrams do not crash the Python client, and it waits for pending changes. (test_client.py and tests/fuzz send them to the other clients.)
+"""Compares the messages of the Python and C# clients with those of lcm-gen. Random messages are decoded and re-encoded to the same bytes, and damaged ones are
+refused. Random datagrams do not crash the Python client, and it waits for pending changes. (test_client.py and tests/fuzz cover the other clients.)
 
 usage: test_messages.py SOURCE_DIR python|csharp
 """
@@ -49,7 +49,7 @@ def make(types, letter):
 
 
 def damage(data):
-    """Corrupts the bytes until they no longer form a valid message."""
+    """Corrupts the bytes until they are no longer a valid message."""
     kind = rng.randrange(3)
     if kind == 0:
         return data[:rng.randrange(len(data))]
@@ -110,9 +110,9 @@ def datagrams(client, messages):
 
 
 def pending(client, types):
-    """While the server reports that a change is pending, the client waits longer than usual for the reply."""
+    """As long as the server reports that a change is pending, the client waits longer than usual for the reply."""
     c, clock = Alone(client), [100.0]
-    client.time = SimpleNamespace(**{**vars(time), "monotonic": lambda: clock[0]})     # a clock that the test controls
+    client.time = SimpleNamespace(**{**vars(time), "monotonic": lambda: clock[0]})     # a clock under the test's control
     c._send = lambda channel, message: None
     reply = types.command_reply_t()
     reply.server, reply.session, reply.command = 1, c._session, types.command_t.CHANGE

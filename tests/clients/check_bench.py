@@ -3,7 +3,7 @@
 
 usage: check_bench.py BENCH.json CONTACTS...
 
-Only ratios of times are compared; with TROCAR_CHECK_TIMING=no, ratios to the time of the matrix product are not checked.
+Only ratios of times are compared. With TROCAR_CHECK_TIMING=no, ratios to the time of the matrix product are not checked.
 """
 import json
 import os
@@ -12,7 +12,7 @@ from pathlib import Path
 
 MOTIONS = ("advance", "sweep")
 MOST_GROWTH = 16            # ratio of the times for 2 n and n contacts; the solve is cubic, and there may be a second Newton pass
-MOST_PER_BASELINE = 0.5     # ratio of the time for 10 contacts to that of a matrix product of order 256; about 0.05 on an idle machine
+MOST_PER_BASELINE = 0.5     # time for 10 contacts over that of a matrix product of order 256; about 0.05 on an idle machine
 
 
 def check(holds, what):

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Checks the JSON of `trocar-bench dose`. Only ratios of times are compared; with TROCAR_CHECK_TIMING=no, ratios to the baseline are not checked.
+"""Checks the JSON of `trocar-bench dose`. Only ratios of times are compared. With TROCAR_CHECK_TIMING=no, ratios to the baseline are not checked.
 
 usage: check_dose_bench.py DOSE.json VOXELS SEEDS
 """
@@ -9,7 +9,7 @@ import sys
 
 from check_bench import check, check_quantiles
 
-MOST_PER_VOXEL = 2e-4       # ratio of the time per voxel for adding a seed to that of a matrix product of order 256; about 2.5e-5 on an idle machine
+MOST_PER_VOXEL = 2e-4       # time per voxel for adding a seed, over that of a matrix product of order 256; about 2.5e-5 on an idle machine
 
 
 def main():

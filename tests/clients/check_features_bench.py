@@ -11,7 +11,7 @@ import sys
 
 from check_bench import check, check_quantiles
 
-MOST_RATIO = 2              # ratio of the tick times with and without the features while the needle advances; about 1.25 on an idle machine
+MOST_RATIO = 2              # tick time with the features over that without, while the needle advances; about 1.25 on an idle machine
 
 
 def main():

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Checks the JSON of `bench_parts scale`: every part is present and plausible. usage: check_scale_bench.py SCALE.json OWNER..."""
+"""Checks the JSON of `bench_parts scale`: every part must be there and plausible. usage: check_scale_bench.py SCALE.json OWNER..."""
 import json
 import sys
 

@@ -16,7 +16,7 @@ TETRAHEDRON = 10  # VTK's cell type
 
 
 class Grid:
-    """An ASCII VTU file with one piece, and its arrays, keyed by name."""
+    """An ASCII VTU file with one piece, and its arrays by name."""
 
     def __init__(self, path):
         root = ElementTree.parse(path).getroot()
@@ -45,7 +45,7 @@ class Grid:
 
 
 class Table:
-    """Prints rows `what, value, limit`, and records whether all values are within their limits."""
+    """Prints rows `what, value, limit` and records whether all values are within their limits."""
 
     def __init__(self):
         self.good = True
@@ -62,7 +62,7 @@ class Table:
 
 
 def relative(error, scale):
-    """Returns the norm of the error relative to the scale; if both are zero, returns zero."""
+    """Returns the norm of the error relative to the scale, or zero if both are zero."""
     error = np.max(np.abs(error), initial=0.0)
     return 0.0 if error == 0.0 else error / scale if scale > 0 else np.inf
 
@@ -112,7 +112,7 @@ def internal_forces(grid, tets):
 
 
 def membrane_forces(membranes, points):
-    """Returns the internal nodal forces of triangles in plane stress, from N = C strain in axes that lie in each triangle."""
+    """Returns the internal nodal forces of triangles in plane stress, from N = C strain in axes lying in each triangle."""
     corners = membranes.connectivity.reshape(-1, 3)
     x, u = points[corners], membranes.point_data["displacement"][corners]
     first = x[:, 1] - x[:, 0]
@@ -140,7 +140,7 @@ def patch_volumetric_stress(grid, volumes, divergence, modulus):
 
 
 def nodal_volumetric_stress(grid, volumes, divergence, modulus):
-    """Returns lambda div u, where div u is averaged by volume at each node, region by region, and then over the four nodes of each cell."""
+    """Returns lambda div u, with div u averaged by volume at each node, region by region, and then over each cell's four nodes."""
     nodes = grid.cell_data["volumetric_nodes"].astype(int) + len(grid.points) * grid.cell_data["region"].astype(int)[:, None]
     size = nodes.max() + 1
     volume, change = np.zeros(size), np.zeros(size)
@@ -157,7 +157,7 @@ def most_tets_on_a_face(tets):
 
 
 def check_tissue(grid, table, volume, membranes=None):
-    """Checks the residual, the supports and the mesh of the tissue; returns the sum of the forces that the needle exerts on it."""
+    """Checks the tissue's residual, supports and mesh. Returns the sum of the forces that the needle exerts on it."""
     if np.any(grid.types != TETRAHEDRON):
         raise ValueError("the tissue has cells other than linear tetrahedra")
     tets = grid.connectivity.reshape(-1, 4)
@@ -183,7 +183,7 @@ def check_tissue(grid, table, volume, membranes=None):
 
 
 def check_needle(grid, table):
-    """Checks the balance between the needle's forces and its base; returns the sum of the forces exerted on the needle."""
+    """Checks the balance between the needle's forces and its base. Returns the sum of the forces exerted on the needle."""
     force, base = grid.point_data["force"], {name: grid.field[name].reshape(3) for name in
                                              ("base_position", "base_force", "base_torque")}
     arm = grid.points - base["base_position"]
@@ -198,7 +198,7 @@ def check_needle(grid, table):
 
 
 def check(prefix, volume=None, unloaded=False):
-    """Prints the table for one pair of files; returns True if all checks pass."""
+    """Prints the table for one pair of files. Returns whether all checks pass."""
     tissue, needle, table = Grid(prefix + "-tissue.vtu"), Grid(prefix + "-needle.vtu"), Table()
     membranes = Grid(prefix + "-membranes.vtu") if os.path.exists(prefix + "-membranes.vtu") else None
     on_tissue = check_tissue(tissue, table, volume, membranes)

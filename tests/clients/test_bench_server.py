@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Tests the parsing of scripts/bench_server with made-up results; no program is run.
+"""Tests how scripts/bench_server parses results, using made-up ones. No program is run.
 
 usage: test_bench_server.py SOURCE_DIR
 """

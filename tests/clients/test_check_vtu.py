@@ -1,6 +1,6 @@
 #!/usr/bin/python3
-"""Tests check_vtu.py on a case solved by hand: it accepts the solution and rejects each damaged copy. A block of two materials, fixed at z = 0, has the
-displacement u = a(z) with a constant slope in each layer and a traction that is continuous between the layers; all other sides carry the traction of that
+"""Tests check_vtu.py on a case solved by hand: it must accept the solution and reject every damaged copy. A block of two materials, fixed at z = 0, has the
+displacement u = a(z) with a constant slope in each layer and a traction that is continuous between the layers. All other sides carry the traction of that
 stress.
 """
 import contextlib
@@ -15,7 +15,7 @@ import numpy as np
 import check_vtu
 
 SIZE = np.array([0.02, 0.03, 0.04])       # m
-CELLS = 2                                 # number of cells along each axis; the layers meet at half the height
+CELLS = 2                                 # cells along each axis; the layers meet at half the height
 LAYERS = ((20e3, 0.3), (50e3, 0.45))      # Pa, Poisson's ratio
 MEMBRANE = (400.0, 0.3)                   # stiffness (N/m) and Poisson's ratio of the membrane on the side x = 0
 
@@ -26,7 +26,7 @@ def lame(youngs_modulus, poisson_ratio):
 
 
 def slopes():
-    """Returns du/dz (x, y, z) of each layer, for which the shear stresses and the normal stress along z are continuous."""
+    """Returns du/dz (x, y, z) of each layer such that the shear stresses and the normal stress along z are continuous."""
     (lambda_0, mu_0), (lambda_1, mu_1) = (lame(*layer) for layer in LAYERS)
     first = np.array([0.02, -0.01, 0.015])
     shear, normal = mu_0 / mu_1, (lambda_0 + 2 * mu_0) / (lambda_1 + 2 * mu_1)
@@ -41,7 +41,7 @@ def stress(layer):
 
 
 def block():
-    """Returns the points, the Kuhn tetrahedra and the layer of each tetrahedron."""
+    """Returns the points, the Kuhn tetrahedra and each tetrahedron's layer."""
     side = CELLS + 1
     points = np.array([[i, j, k] for k in range(side) for j in range(side) for i in range(side)]) / CELLS * SIZE
     tets, layer = [], []
@@ -93,8 +93,8 @@ def solved_case():
 
 
 def membrane_case():
-    """Returns the solved case with a membrane on the side x = 0. In its plane it has the layers' strain, and therefore a constant stress in each layer; its forces
-    per length load the sides y = 0, y = SIZE and z = SIZE, and the interface."""
+    """Returns the solved case with a membrane on the side x = 0. In its plane it has the layers' strain, and therefore a constant stress in each layer. Its
+    forces per length load the sides y = 0, y = SIZE and z = SIZE, and the interface."""
     case = solved_case()
     points, tets, stiffness, nu = case["points"], case["tets"], *MEMBRANE
     triangles = np.array([face for tet in tets for face in itertools.combinations(tet, 3) if np.all(points[list(face), 0] == 0)])

@@ -10,7 +10,7 @@ cd "$work"
 
 fail() { echo "FAILED: $*" >&2; exit 1; }
 
-# Checks that the command exits with status 2 and a message that contains this text, and leaves no files behind.
+# Checks that the command exits with status 2 and a message that contains this text, leaving no files behind.
 refuses() {
     local text=$1 status=0
     shift
@@ -113,7 +113,7 @@ bad_input() {
     done
 }
 
-# Two runs give bit-identical results; the wrenches in the log equal the rows of the table.
+# Two runs give bit-identical results, and the wrenches in the log equal the rows of the table.
 replay() {
     "$programs/trocar-device" --write-log poses.log
     for run in a b; do
@@ -123,7 +123,7 @@ replay() {
         cmp "a$part" "b$part"
     done
     [ "$(wc -l <a.csv)" -eq 2402 ] || fail "rows: $(wc -l <a.csv)"
-    # the poses in the log replay to the same table; the wrenches in the log are ignored
+    # replaying the poses in the log gives the same table; its wrenches are ignored
     "$programs/trocar-replay" --scene "$scene" --poses a.log --csv again.csv --shift shift.csv --quiet
     cmp a.csv again.csv
     # if the scene has no needle with the recorded index, needle 0 is simulated; the log keeps the recorded index
@@ -135,7 +135,7 @@ channel, size = struct.unpack(">ii", log[20:28])
 needle, needles, _, _, _ = struct.unpack(">iiiqi", log[28 + channel + size - 24:28 + channel + size])  # status_t's last fields
 sys.exit(not (log[28:28 + channel] == b"TROCAR_STATUS" and needle == 1 and needles == 2))
 END
-    # the gland is pushed along with the needle, pulled back beyond its initial position, and at rest again after the needle has been withdrawn
+    # the gland is pushed along with the needle, pulled back beyond its starting position, and at rest again once the needle is out
     awk -F, 'NR > 1 { if (NF != 7) exit 2; low = $4 < low ? $4 : low; high = $4 > high ? $4 : high; last = $4 }
              END { exit !(NR == 2402 && high > 0.05 && low < -0.05 && last == 0) }' shift.csv || fail "shift of the gland"
     grep -q 'puncture:skin' a.csv || fail "no puncture of the skin"
@@ -151,7 +151,7 @@ series() {
     /usr/bin/python3 - <<'EOF'
 import os, xml.etree.ElementTree as tree
 sets = tree.parse("part/series.pvd").getroot().findall("Collection/DataSet")
-assert len(sets) == 2 * 73, len(sets)  # 2.4 s at 30 a second, first and last
+assert len(sets) == 2 * 73, len(sets)  # 2.4 s at 30 per second, first and last
 assert all(os.path.getsize("part/" + s.get("file")) > 1000 for s in sets)
 times = [float(s.get("timestep")) for s in sets[::2]]
 assert all(0 <= t - k / 30 < 2e-3 for k, t in enumerate(times)), times
@@ -162,8 +162,8 @@ EOF
     "$source/tests/clients/check_vtu.py" part/series-0039
 }
 
-# Golden recordings with their wrenches: two replays are bit-identical, and agree with the recording within a tolerance that any change to the mechanics would
-# exceed.
+# Golden recordings with their wrenches: two replays are bit-identical, and agree with the recording to within a tolerance that any change to the mechanics
+# would exceed.
 golden() {
     local traces=$source/tests/traces trace status=0
     for trace in figure8 again hand lossy; do
@@ -182,7 +182,7 @@ golden() {
     grep -qE '^  first: .*fz off by .* N, .* of its peak, at [0-9.]+ s, pose [0-9]+$' difference || fail "the first difference is not explained"
 }
 
-# Short benchmark runs, which check the output but not the speed of this machine.
+# Short benchmark runs that check the output, but not how fast this machine is.
 bench() {
     "$programs/trocar-bench" tick --scene "$scene" --contacts 5,10 --ticks 100 --json bench.json >bench.txt
     cat bench.txt
@@ -207,14 +207,14 @@ bench() {
     grep -q '10 contacts' tick.svg && grep -q 'dense, 20 mm/s' worker.svg || fail "no figures of scale"
 }
 
-# Positions deep in the tissue, with the base moved up, during retraction, and with the tip still close to the skin.
+# Tip positions deep in the tissue, with the base moved up, during retraction, and still close to the skin.
 balance() {
     "$programs/trocar-device" --write-log poses.log
     for at in 0.3 1.0 1.38 1.8; do
         "$programs/trocar-replay" --scene "$scene" --poses poses.log --vtu "at-$at" --at $at --quiet
         "$source/tests/clients/check_vtu.py" "at-$at"
     done
-    # membranes that are stiff in their plane, with each kind of inverse
+    # membranes with in-plane stiffness, with each kind of inverse
     for inverse in dense sparse condensed; do
         sed "s|^mesh: |mesh: $source/meshes/|; /^inverse:/d; /puncture_force:/a\\    stiffness: 300" "$scene" >stiff.yaml
         printf 'inverse: %s\ncache: .\n' $inverse >>stiff.yaml
@@ -225,8 +225,8 @@ balance() {
     done
 }
 
-# At rest, the spring of the hand balances the needle's force: z = target + force / stiffness. The virtual coupling is off, because it does not come to rest
-# while the delay varies, as happens on a busy machine. Exit status 77: network namespaces are not permitted.
+# At rest, the hand's spring balances the needle's force: z = target + force / stiffness. The virtual coupling is off, because it does not come to rest while
+# the delay varies, as happens on a busy machine. Exit status 77: network namespaces are not permitted.
 hand() {
     "$source/scripts/netns" true || exit 77
     "$source/scripts/netns" "$source/tests/clients/test_clients.sh" "$programs" "$source" hand_inside
@@ -253,7 +253,7 @@ hand_inside() {
     /usr/bin/python3 -m json.tool hand.json >/dev/null || fail "the report is not JSON"
 }
 
-# The figure is drawn from the table and contains labels for the events.
+# The figure is drawn from the table and has labels for the events.
 figure() {
     "$programs/trocar-device" --write-log poses.log
     "$programs/trocar-replay" --scene "$scene" --poses poses.log --csv forces.csv --quiet

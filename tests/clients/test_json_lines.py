@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""trocar-replay --json-lines gives the values of --csv, to the last bit, under the names listed in docs/studies/plotting.md.
+"""Tests that trocar-replay --json-lines gives the values of --csv, to the last bit, under the names listed in docs/studies/plotting.md.
 
 usage: test_json_lines.py BUILD_DIR SOURCE_DIR
 """
@@ -27,7 +27,7 @@ def replay(folder, scene, poses, *options):
 
 
 def expected(row):
-    """Returns the JSON object that corresponds to a row of the CSV table."""
+    """Returns the JSON object for a row of the CSV table."""
     def vector(form):
         return {axis: float(row[form.format(axis)]) for axis in "xyz"}
     unit = "mm" if "base_x [mm]" in row else "m"

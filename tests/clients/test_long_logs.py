@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""trocar-replay needs no more memory for a long log than for a short one, even when it compares wrenches and writes files.
+"""Tests that trocar-replay needs no more memory for a long log than for a short one, even when it compares wrenches and writes files.
 
 usage: test_long_logs.py BUILD_DIR SOURCE_DIR
 """
@@ -11,11 +11,11 @@ from pathlib import Path
 
 BUILD, SOURCE = Path(sys.argv[1]), Path(sys.argv[2])
 REPLAY, DEVICE = BUILD / "clients/trocar-replay", BUILD / "clients/trocar-device"
-SHORT, LONG = 2, 150    # s, durations of the logs, which contain a thousand poses per second
+SHORT, LONG = 2, 150    # s, durations of the logs, which have a thousand poses per second
 
 
 def peak(*command):
-    """Returns the peak memory use of the command in MB."""
+    """Returns the command's peak memory in MB."""
     process = os.posix_spawn(command[0], [str(part) for part in command], os.environ)
     _, status, used = os.wait4(process, 0)
     if status != 0:

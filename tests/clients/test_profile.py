@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Tests trocar-device --profile: margins against eigenvalues, and against the server's own loop; travel, scale and clutch; bad input.
+"""Tests trocar-device --profile: its margins against eigenvalues and against the server's own loop, travel, scale and clutch, and bad input.
 
 usage: test_profile.py BUILD_DIR SOURCE_DIR
 """
@@ -28,7 +28,7 @@ def check(profile, *options, status=0):
 
 
 def step(mass, damping, stiffness, period):
-    """Returns the state transition over a period of hand and device under a constant force, and the effect of that force, from the matrix exponential."""
+    """Returns the state transition of hand and device over a period under a constant force, and the effect of that force, from the matrix exponential."""
     rates = np.array([[0, 1, 0], [-stiffness / mass, -damping / mass, 1 / mass], [0, 0, 0]])
     result, term = np.eye(3), np.eye(3)
     squarings = 10
@@ -41,7 +41,7 @@ def step(mass, damping, stiffness, period):
 
 
 def growth(r, gain, damping=None, mass=None, stiffness=None):
-    """Returns the largest magnitude of the loop's eigenvalues; below 1, every motion decays. The state is position, velocity, and the earlier positions."""
+    """Returns the largest magnitude of the loop's eigenvalues; below 1, every motion decays. The state is position, velocity and the earlier positions."""
     motion, push = step(mass or r["mass_kg"], r["damping_Ns_per_m"] if damping is None else damping, stiffness or r["hand_stiffness_N_per_m"], r["period_s"])
     delay = r["delay_periods"]
     matrix = np.zeros((delay + 3, delay + 3))
@@ -69,9 +69,9 @@ def margins_are_those_of_the_eigenvalues():
 
 
 def passivity_is_the_damping_against_the_worst_hand():
-    """The worst hand is a spring with which a heavy device oscillates at the frequency that requires the most damping. The force is held for each period, which
-    reduces its fundamental at this frequency by the factor sin(a) / a, with a = w T / 2. Colgate and Schenkel's condition, which also covers hands that respond
-    to the harmonics, is stricter by the square of this factor. A device of 1000 kg changes the frequency by less than 1e-4."""
+    """The worst hand is a spring with which a heavy device oscillates at the frequency that needs the most damping. The force is held for each period, which
+    reduces its fundamental at this frequency by the factor sin(a) / a, with a = w T / 2. Colgate and Schenkel's condition, which also covers hands that
+    respond to the harmonics, is stricter by the square of this factor. A device of 1000 kg changes the frequency by less than 1e-4."""
     for profile, options in CASES:
         r, _ = check(profile, *options)
         frequency = 2 * np.pi * r["passivity_frequency_Hz"]
@@ -83,8 +83,8 @@ def passivity_is_the_damping_against_the_worst_hand():
 
 
 def the_limit_is_that_of_the_servers_loop():
-    """docs/results/stability/limit.csv: the server's tick, a bridge and a device in one process, with a stiffness and a device delay that the server does not
-    know. The server's oscillation observer became active above the limit. docs/real-time.md: both agree within a factor of 1.4."""
+    """docs/results/stability/limit.csv was measured with the server's tick, a bridge and a device in one process, with a stiffness and a device delay unknown
+    to the server. The server's oscillation observer became active above the limit. docs/real-time.md: both agree within a factor of 1.4."""
     rows = list(csv.DictReader((source / "docs/results/stability/limit.csv").open()))
     for delay in sorted({row["delay_ms"] for row in rows}, key=float):
         active = {float(row["max_stiffness"]): row["active"] == "1" for row in rows if row["delay_ms"] == delay}
@@ -113,7 +113,7 @@ def travel_fits_with_scale_or_clutch():
 
 
 def scale_keeps_the_coupling_within_the_device():
-    """To the hand, the coupling is scale * force_scale times as stiff as it is to the needle; the server allows for this."""
+    """To the hand, the coupling is scale * force_scale times as stiff as to the needle. The server allows for this."""
     plain, _ = check({"profile": "omega.3"})
     for scale, force_scale in ((0.5, 1), (2, 1), (1, 3), (4, 0.25)):
         r, _ = check({"profile": "omega.3", "scale": scale, "force_scale": force_scale})

@@ -1,5 +1,5 @@
-/* Checks that trocar-replay gives the same forces as the corresponding library calls, for a log of several needles with commands (--all) and for a log with
-   poses of the probe. */
+/* Checks that trocar-replay gives the same forces as the corresponding library calls, for a log of several needles with commands (--all) and for one with
+   probe poses. */
 #define _DEFAULT_SOURCE
 #include <math.h>
 #include <setjmp.h>
@@ -32,7 +32,7 @@ typedef struct {
     lcm_eventlog_t *log;
     int64_t utime, seq;
     trocar_output last;
-    double (*force)[3];      /* N, force in each tick; NULL if it is not recorded */
+    double (*force)[3];      /* N, force in each tick; NULL if not recorded */
     int ticks;
     int64_t moved[2];        /* us, utime of each needle's last pose; 0 if the next pose starts an insertion */
 } recording;
@@ -53,7 +53,7 @@ static void command(recording *r, int what, int needle) {
     OK(log_write_command(r->log, &m, path, &why));
 }
 
-/* Writes a pose to the log, displaced by `aside` (m) from the pose at which the simulation holds the needle. */
+/* Writes a pose to the log, displaced by `aside` (m) from the one at which the simulation holds the needle. */
 static void pose_at(recording *r, int needle, double x, double z, double aside) {
     trocar_pose base = {{x, 0.003, z}, {1, 0, 0, 0}};
     trocar_needle_pose_t m = {.utime = r->utime += 1000, .session = 10 + needle, .seq = r->seq++, .needle = needle,
@@ -78,8 +78,8 @@ static void leave(recording *r, int needle) {
     OK(trocar_sim_work(r->sim, NULL, &why));
 }
 
-/* Records two needles that are inserted and released. The first is taken where it rests, although the hand is somewhere else, and withdrawn; the
-   second is removed. */
+/* Records two needles that are inserted and released. The first is taken where it rests, although the hand is somewhere else, and withdrawn. The second is
+   removed. */
 static void record(recording *r) {
     const trocar_pose away = {{0, 0, -10}, {1, 0, 0, 0}};
     for (int i = 0; i < 2; i++) OK(trocar_sim_reset(r->sim, i, &away, &why));
@@ -102,8 +102,8 @@ static void record(recording *r) {
     command(r, TROCAR_COMMAND_T_TAKE, 1); /* refused, because the needle has been removed */
 }
 
-/* Records two needles next to each other. The first is reset twice, once while it is held, and once after it has been released and taken. It is inserted again
-   elsewhere while the second one moves on. */
+/* Records two needles side by side. The first is reset twice, once while held and once after being released and taken, and is inserted again elsewhere while
+   the second one moves on. */
 static void record_resets(recording *r) {
     const trocar_pose away = {{0, 0, -10}, {1, 0, 0, 0}};
     for (int i = 0; i < 2; i++) OK(trocar_sim_reset(r->sim, i, &away, &why));
@@ -123,7 +123,7 @@ static void record_resets(recording *r) {
     push(r, 0, 0.02);
 }
 
-/* Creates a scene of two needles in its own folder, and the log written by `record`. Returns the model; the simulation belongs to the recording. */
+/* Creates a scene of two needles in a folder of its own, and the log written by `record`. Returns the model; the simulation belongs to the recording. */
 static trocar_model *log_two_needles(recording *r, void (*record)(recording *)) {
     trocar_scene *scene;
     trocar_model *model;
@@ -188,7 +188,7 @@ static const char probe_keys[] = "probe: {surface: skin, radius: 0.008, tip_radi
 
 static trocar_pose probe_at(int tick) { return (trocar_pose){{0.02, -0.015, -LENGTH - 0.001 + 2e-5 * tick}, {1, 0, 0, 0}}; }
 
-/* Reads the forces of all ticks as rows (x, y, z); returns the number of ticks. */
+/* Reads the forces of all ticks as rows (x, y, z). Returns the number of ticks. */
 static int read_forces(double (*force)[3], int room) {
     FILE *file = fopen(csv, "r");
     char row[1024];
@@ -240,7 +240,7 @@ static void carry_out(recording *r, trocar_change *change) {
     trocar_change_free(change);
 }
 
-/* Records changes of moduli. The reply to the first comes after 40 ms. The second takes effect when the first is complete, although its reply is recorded
+/* Records changes of moduli. The reply to the first comes after 40 ms. The second takes effect when the first is complete, although its reply was recorded
    earlier. The third is refused. */
 static void record_changes(recording *r) {
     enum { BUILT = 40, END = 400 };
@@ -292,7 +292,7 @@ static void changes_take_effect_at_the_reply(void **state) {
             for (int a = 0; a < 3; a++) assert_close(force[k][a], r.force[k][a], 1e-9);
         snprintf(line, sizeof line, "grep -q '^4 changes of the tissue' %s/text", folder);
         assert_int_equal(system(line), 0);
-        rename(out, path); /* the output is replayed in turn: its changes must take effect at the same times */
+        rename(out, path); /* replays the output in turn: its changes must take effect at the same times */
     }
     remove_folder();
     trocar_sim_free(r.sim);
@@ -300,7 +300,7 @@ static void changes_take_effect_at_the_reply(void **state) {
     free(r.force);
 }
 
-/* The probe is pressed 5 mm into the skin next to a needle, with a pose in every tenth tick. Poses of another session and old poses are ignored. */
+/* The probe is pressed 5 mm into the skin next to a needle, with a pose in every tenth tick. Old poses and those of another session are ignored. */
 static void record_with_probe(recording *r) {
     trocar_pose base = {{0, 0.003, -0.201}, {1, 0, 0, 0}};
     OK(trocar_sim_reset(r->sim, 0, &base, &why));
@@ -314,7 +314,7 @@ static void record_with_probe(recording *r) {
     }
 }
 
-/* All points in the file lie on the surface of the probe, and the force equals that of the simulation. */
+/* All points in the file lie on the probe's surface, and the force equals the simulation's. */
 static void check_probe_file(const char *name, const trocar_probe *p) {
     char line[512], file_path[96];
     snprintf(file_path, sizeof file_path, "%s/%s", folder, name);
@@ -380,7 +380,7 @@ static void the_probe_of_a_log_moves_as_it_did(void **state) {
              folder, folder, folder);
     assert_int_equal(system(line), 0);
 
-    rename(out, path); /* the next run replays this output; its results must be bit-identical */
+    rename(out, path); /* the next run replays this output, with bit-identical results */
     snprintf(line, sizeof line, "-q --csv %s.2", csv);
     assert_int_equal(run(line), 0);
     snprintf(line, sizeof line, "cmp %s %s.2 && rm -r %s", csv, csv, folder);

@@ -10,7 +10,7 @@ cd "$work"
 fail() { echo "FAILED: $*" >&2; cat screen once 2>/dev/null || true; exit 1; }
 screen() { tmux -S tmux capture-pane -p >screen; }
 
-# Waits up to 10 s until a line on the screen matches this pattern.
+# Waits up to 10 s for a line on the screen that matches this pattern.
 appears() {
     for _ in $(seq 100); do
         screen

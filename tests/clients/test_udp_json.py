@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""trocar-top --udp-json with a running server and a listener: the datagrams are JSON and have the values of the LCM messages.
+"""Tests trocar-top --udp-json with a running server and a listener: the datagrams must be JSON and have the values of the LCM messages.
 
 usage: test_udp_json.py BUILD_DIR SOURCE_DIR
 Exit status 77: network namespaces are not available.
@@ -46,7 +46,7 @@ def listen(listener, seconds):
 
 
 class Wrenches(threading.Thread):
-    """The wrenches on the network, keyed by tick, with force, depth and contacts, decoded from LCM's packets."""
+    """The wrenches on the network, by tick, with force, depth and contacts, decoded from LCM's packets."""
 
     def __init__(self):
         super().__init__(daemon=True)
@@ -72,7 +72,7 @@ def xyz(vector):
 
 
 def compare(objects, wrenches):
-    """Checks that the values are bit-identical to those of the tick's wrench. Returns the JSON objects that contain a wrench."""
+    """Checks that the values are bit-identical to those of the tick's wrench. Returns the JSON objects that have a wrench."""
     time.sleep(0.1)  # the thread may not have received the last wrench yet
     found = [o for o in objects if "tick" in o.get("needle0", {})]
     for o in found:
@@ -153,7 +153,7 @@ def live():
     assert len(loops) > 3 and all(0 < loop["compute_p50_s"] < 0.1 and loop["rate_Hz"] == 1000 for loop in loops), loops
     assert len(states) > 3 and states[-1]["owned"] is True and states[-1]["poses_accepted"] > states[0]["poses_accepted"] > 0, states
 
-    # The listener stops and is started again, and the server as well.
+    # The listener stops and is started again, and so is the server.
     listener.close()
     time.sleep(0.5)
     listener = bind(9870)
@@ -180,7 +180,7 @@ def live():
     time.sleep(1.2)
     said = end(top)
     assert "udp json    127.0.0.1:9870: " in said[0] and "lateness" in said[0], said
-    # Events in wrenches that are not forwarded are reported with the next wrench that is.
+    # Events in wrenches that are not forwarded are reported with the next one that is.
     listener.close()                             # discards the datagrams received in the meantime
     listener = bind(9870)
     top = start(TOP, "--udp-json", "127.0.0.1:9870", "--udp-rate", "5", stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
@@ -202,7 +202,7 @@ def main():
     for to in ("localhost", "localhost:", "localhost:0", "localhost:65536", "localhost:9870x", ":9870", "::1:9870", "[]:1", "x" * 300 + ":1", ""):
         refuses("--udp-json", to, why="expected HOST:PORT")
     refuses("--udp-json", "host.invalid:9870", why="the host is not known")
-    refuses("--udp-json", "203.0.113.1:9870", why="cannot be reached: Network is unreachable")     # there is no route out of the namespace
+    refuses("--udp-json", "203.0.113.1:9870", why="cannot be reached: Network is unreachable")     # no route leads out of the namespace
     refuses("--udp-rate", "10", why="--udp-rate needs --udp-json")
     refuses("--udp-json", "localhost:1", "--udp-rate", "-1", why="--udp-rate")
     refuses("--once", "--udp-json", "localhost:1", why="--once")

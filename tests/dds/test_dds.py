@@ -1,6 +1,6 @@
 #!/usr/bin/python3
-"""Tests trocar-dds between a server and dds_peer, which plays the part of a ROS node: names and types of the topics; the bytes of the messages, decoded here
-from the ROS message definitions; poses and wrenches compared with those on LCM; refused poses; a second publisher; and the release of the needle.
+"""Tests trocar-dds between a server and dds_peer, which plays the part of a ROS node: the topics' names and types; the bytes of the messages, decoded here from
+the ROS message definitions; poses and wrenches, compared with those on LCM; refused poses; a second publisher; and the release of the needle.
 
 usage: test_dds.py BUILD_DIR SOURCE_DIR     Exit status 77: network namespaces are not available.
 """
@@ -22,7 +22,7 @@ from lcm_packets import lcm_socket, message_of, wait
 
 BUILD, SOURCE = sys.argv[1:3]
 BRIDGE = f"{BUILD}/clients/bridges/dds/trocar-dds"
-START = (0.005, 0.003, -0.201)      # m, pose with the tip 1 mm in front of the skin
+START = (0.005, 0.003, -0.201)      # m, tip 1 mm in front of the skin
 DOMAIN = "7"
 
 
@@ -138,7 +138,7 @@ def refuses_bad_options():
 
 
 def meets_as_ros_would(peer):
-    """Names as in https://design.ros2.org/articles/topic_and_service_names.html; types as rosidl names them."""
+    """Names follow https://design.ros2.org/articles/topic_and_service_names.html; types are named as by rosidl."""
     wanted = {"rt/arm/needle/pose geometry_msgs::msg::dds_::PoseStamped_ best-effort", "rt/arm/needle/wrench geometry_msgs::msg::dds_::WrenchStamped_ best-effort",
               "rt/arm/needle/joint_states sensor_msgs::msg::dds_::JointState_ best-effort"}
     wait(lambda: set(peer.samples["endpoint"]) == wanted, lambda: f"endpoints {peer.samples['endpoint']}")
@@ -203,7 +203,7 @@ def refuses_poses(peer, network, bridge):
         peer.publish(position, orientation, frame)
         bridge.says(text)
         peer.publish(place[:3], place[3:])
-        time.sleep(1.1)      # at most one line is printed each second
+        time.sleep(1.1)      # at most one line is printed per second
         peer.publish(place[:3], place[3:])
     assert network.poses and all(abs(pose[2] - place[2]) < 1e-12 for pose in network.poses), "a refused pose moves the needle"
 

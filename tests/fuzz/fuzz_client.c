@@ -1,10 +1,10 @@
-/* Sends datagrams to the free client, several in a row: the two bytes before each datagram give its length and its sender. For any input, the wrench to be
-   rendered stays within the limits, and texts are printable. The client is included as source, so that its static functions can be called. */
+/* Sends several datagrams in a row to the free client. The two bytes before each give its length and its sender. For any input, the wrench to render must
+   stay within the limits, and texts must be printable. The client is included as source, so that its static functions can be called. */
 #include "fuzz.h"
 
 #include "trocar_client.c"
 
-/* The session and the server named in the seeds of the corpus. */
+/* The session and the server named in the seed corpus. */
 enum { SESSION = 1 };
 
 static void check(trocar_client *c) {
@@ -33,7 +33,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
         const struct sockaddr_in from = {.sin_family = AF_INET, .sin_port = data[2]};
         data += 3, size -= 3;
         if (length > size) length = size;
-        unsigned char *datagram = malloc(length + 1); /* a separate allocation, so that reading beyond its end is detected */
+        unsigned char *datagram = malloc(length + 1); /* a separate allocation, so that reading past its end is detected */
         REQUIRE(datagram != NULL);
         memcpy(datagram + 1, data, length);
         take_datagram(c, datagram + 1, length, &from);

@@ -1,4 +1,4 @@
-/* Reads a seed's dose table: it is either refused with a message that begins with the file's name, or the dose is finite and not negative everywhere. */
+/* Reads a seed's dose table. Either it is refused with a message that begins with the file's name, or the dose is finite and not negative everywhere. */
 #include "fuzz.h"
 
 #include <math.h>

@@ -18,7 +18,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
         REQUIRE(v3_norm(state.position) <= 1.0);
         REQUIRE(fabs(q->w * q->w + q->x * q->x + q->y * q->y + q->z * q->z - 1) < 1e-9);
         REQUIRE(choice->device[0] ? strcmp(state.device, choice->device) == 0 : state.device[0] != '\0');
-        /* With the device's id requested, the message can still be read and gives the same id. */
+        /* If the device's id is requested, the message can still be read and gives the same id. */
         haply_state again;
         size_t length = haply_write_force(text, sizeof text, state.device, "vector", v3(-1e3, 1e3, 1e3), true);
         REQUIRE(length == strlen(text) && length < sizeof text);

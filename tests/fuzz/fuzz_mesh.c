@@ -1,10 +1,10 @@
-/* Reads a mesh file, MSH 2.2 or 4.1, text or binary. It is either refused with a message, or all indices are in range and all tetrahedra have positive
+/* Reads a mesh file, MSH 2.2 or 4.1, text or binary. Either it is refused with a message, or all indices are in range and all tetrahedra have positive
    orientation. Other formats are refused, because Gmsh's own readers are not under test. */
 #include "fuzz.h"
 
 #include "mesh/mesh.h"
 
-/* Imitates a machine on which Gmsh is not installed. */
+/* Simulates a machine without Gmsh. */
 void *__wrap_dlopen(const char *path, int flags);
 void *__wrap_dlopen(const char *path, int flags) {
     (void)path;

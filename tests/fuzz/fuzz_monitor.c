@@ -1,4 +1,4 @@
-/* Decodes messages to monitors and viewers; the first byte selects the type. LCM must decode every message of the right size completely and without leaks. */
+/* Decodes messages to monitors and viewers. The first byte selects the type. LCM must decode every message of the right size completely and without leaks. */
 #include "fuzz.h"
 
 #include <string.h>

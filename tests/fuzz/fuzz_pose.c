@@ -1,5 +1,5 @@
-/* Processes a stream of TROCAR_POSE messages: the eight bytes before each message give its length and time. Accepted poses must always be
-   finite, have unit quaternions, respect the speed limits, be in order, and come from only one owner per needle. */
+/* Processes a stream of TROCAR_POSE messages. The eight bytes before each give its length and time. Accepted poses must always be finite, have unit
+   quaternions, respect the speed limits, be in order, and come from only one owner per needle. */
 #include "fuzz.h"
 
 #include <string.h>
@@ -9,7 +9,7 @@
 
 enum { NEEDLES = 2 };
 
-/* Returns the needle whose pose was accepted, or -1. `refused` is the number of poses refused since each needle's last accepted pose. */
+/* Returns the needle whose pose was accepted, or -1. `refused`: poses refused since each needle's last accepted one. */
 static int check(const pose_arbiter *in, const arbiter_needle before[NEEDLES], pose_verdict verdict, int64_t now, const int refused[NEEDLES]) {
     int changed = -1;
     for (int i = 0; i < NEEDLES; i++) {

@@ -1,6 +1,6 @@
-/* Reads a log of poses: it is either refused with the file's name in the message, or its poses are finite, belong to one session and are in chronological
-   order, and its commands are in the order of the poses. The same bytes are also read as a log of golden wrenches: they are refused in the same way, or every
-   wrench answers a pose. */
+/* Reads a log of poses. Either it is refused with the file's name in the message, or its poses are finite, belong to one session and are in chronological
+   order, and its commands are in the order of the poses. The same bytes are also read as a log of golden wrenches: either they are refused in the same way,
+   or every wrench answers a pose. */
 #include "fuzz.h"
 
 #include <math.h>

@@ -1,4 +1,4 @@
-/* Reads a scene file: it is either refused with a message that begins with the file's name, or every number lies in its permitted range. */
+/* Reads a scene file. Either it is refused with a message that begins with the file's name, or every number is in its permitted range. */
 #include "fuzz.h"
 
 #include <string.h>

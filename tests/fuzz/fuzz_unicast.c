@@ -1,7 +1,7 @@
-/* Sends datagrams to the server's gate for unicast clients and to the free client, several in a row. Three bytes before each datagram give its sender, what
-   is done to it, and its length. Random bytes never have the right tag, so the fuzzer may ask for one, and for the token of the gate's last answer. For any
-   input, only messages with the right tag and a new counter are relayed, no answer to a stranger is larger than what it sent, and the client renders
-   no more than its limits. */
+/* Sends several datagrams in a row to the server's gate for unicast clients and to the free client. Three bytes before each give its sender, what is done to
+   it, and its length. Random bytes never have the right tag, so the fuzzer may ask for one, and for the token in the gate's last answer. For any input, only
+   messages with the right tag and a new counter may be relayed, no answer to a stranger may be larger than what it sent, and the client must render no more
+   than its limits. */
 #include "fuzz.h"
 
 #define TROCAR_CLIENT_UNICAST
@@ -100,7 +100,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
         size_t length = (size_t)data[1] << 8 | data[2];
         data += 3, size -= 3;
         if (length > size) length = size;
-        unsigned char *datagram = malloc(length + 1); /* a separate allocation, so that reading beyond its end is detected */
+        unsigned char *datagram = malloc(length + 1); /* a separate allocation, so that reading past its end is detected */
         REQUIRE(datagram != NULL);
         memcpy(datagram + 1, data, length);
         if ((what & WITH_TOKEN) && length >= WIRE_HANDSHAKE) memcpy(datagram + 1 + 20, last_token, WIRE_TOKEN);

@@ -30,8 +30,8 @@ def wait_for(condition, what, seconds=5.0):
 
 
 class Wrenches:
-    """Records the arrival times of the server's wrenches as time-stamped by the kernel, in seconds of time.monotonic. (A process that has been sent SIGSTOP may
-    continue to run for a few milliseconds until it is scheduled.)"""
+    """Records when the server's wrenches arrive, as time-stamped by the kernel, in seconds of time.monotonic. (A process that has been sent SIGSTOP may go on
+    running for a few milliseconds until it is scheduled.)"""
 
     SO_TIMESTAMPNS = 35
 
@@ -63,10 +63,9 @@ class Wrenches:
 
 class Rig:
     def __init__(self, build, source, folder, realtime=False, device=None, **service):
-        """`device` is a simulated device (simulated_device.py) that feels the force; if there is none, the test sets the positions."""
+        """`device`: a simulated device (simulated_device.py) that feels the force. Without one, the test sets the positions."""
         self.build, self.source, self.folder = Path(build), Path(source), Path(folder)
-        # The test sets the positions of the stand-in, so there is no closed loop to be stabilised, and a coupling would only make the force depend on the
-        # delay.
+        # The test sets the stand-in's positions, so there is no closed loop to stabilise, and a coupling would only make the force depend on the delay.
         figure8 = (self.source / "meshes/figure8.yaml").read_text().replace("mesh: ", f"mesh: {self.source.resolve()}/meshes/", 1)
         self.scene = self.folder / "scene.yaml"
         self.scene.write_text(figure8 + "device: {max_stiffness: .inf}\n")

@@ -1,4 +1,4 @@
-"""A simulated device (../stability/simulated_device.h) that is connected through the stand-in for the Haply Inverse Service."""
+"""A simulated device (../stability/simulated_device.h), connected through the stand-in for the Haply Inverse Service."""
 import ctypes
 import time
 
@@ -13,7 +13,7 @@ class Vector(ctypes.Structure):
 
 
 class Properties(ctypes.Structure):
-    """Mass (kg), damping (N s/m) and stiffness (N/m) at the handle; delay (s, each way), period (s) and resolution (m) of the device."""
+    """Mass (kg), damping (N s/m) and stiffness (N/m) at the handle, and the device's delay (s, each way), period (s) and resolution (m)."""
     _fields_ = [(name, ctypes.c_double) for name in ("mass", "damping", "stiffness", "delay", "period", "resolution")]
 
 
@@ -44,7 +44,7 @@ class Device:
 
 
 class DeviceService(Service):
-    """Applies the received forces to a device, and reports the device's position."""
+    """Applies the received forces to a device and reports its position."""
 
     def __init__(self, device, **service):
         self.held = device

@@ -41,7 +41,7 @@ def insert(rig, depth=0.04, speed=0.05):
 
 
 def round_trips(rig, count):
-    """Lets the resting hand make small steps. Returns the times from the first state that contains a step to the first force that differs, or inf if no force
+    """Makes small steps with the resting hand. Returns the times from the first state that contains a step to the first force that differs, or inf if none
     differs within 80 ms."""
     insert(rig)
     times = []
@@ -77,7 +77,7 @@ def stops(rig, count):
 
 
 def hangs(rig, count):
-    """Checks that when the service has not answered for 0.3 s, the first force that it receives afterwards is zero."""
+    """Checks that after the service has not answered for 0.3 s, the first force it gets is zero."""
     for _ in range(count):
         rig.wait_for_force(0.1, "no force before a hang")
         hung = []
@@ -116,7 +116,7 @@ def damaged(state, change):
 
 
 class Faults:
-    """Makes the service faulty: on average, it answers one message in `every` incorrectly. Each force is checked immediately."""
+    """Makes the service answer one message in `every` incorrectly, on average. Each force is checked at once."""
 
     def __init__(self, rig, random):
         self.rig, self.random, self.counts, self.judged, self.violations, self.greatest = rig, random, {}, len(rig.service.forces), [], 0.0
@@ -157,7 +157,7 @@ class Faults:
     bad = False
 
     def judge(self):
-        """Checks the forces received since the last call. Called before each answer, after the force in response to the previous answer has arrived."""
+        """Checks the forces received since the last call. Called before each answer, when the force in response to the previous one has arrived."""
         forces = self.rig.service.forces
         for at, force, _ in forces[self.judged:]:
             size = math.hypot(*force)
@@ -213,7 +213,7 @@ def random_faults(rig, minutes, seed):
             rig.service.start()
         if rig.bridge.poll() is not None:
             raise AssertionError(f"the bridge ended: {rig.bridge.returncode}\n{rig.said()}")
-    # Both the server and the service work again: the needle feels a force inside the tissue and none outside.
+    # Server and service work again: the needle feels a force inside the tissue and none outside.
     rig.service.answer = json.dumps
     time.sleep(2)
     seen, end = [], time.monotonic() + 9

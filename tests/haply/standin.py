@@ -27,7 +27,7 @@ def frame(payload, opcode=1):
 
 
 class Service:
-    """One device, and a handle unless `handle` is None. A test changes its attributes while it runs in its own thread.
+    """One device, with a handle unless `handle` is None. Runs in a thread of its own while a test changes its attributes.
 
     position   m, right, forward, up: a function of the time (time.monotonic) or a constant
     frozen     True: a constant position is reported with the same digits every time
@@ -39,7 +39,7 @@ class Service:
         self.version, self.position, self.orientation, self.handle = version, (0.0, 0.1, 0.1), (1.0, 0.0, 0.0, 0.0), "wireless_verse_grip"
         self.buttons, self.calibrated, self.answer, self.device = {"a": False, "b": False, "c": False}, True, json.dumps, "049D"
         self.forces, self.first, self.states, self.inquiries = [], [], [], 0
-        self.frozen, self.counted = False, 0  # frozen: if true, the same state is sent again and again
+        self.frozen, self.counted = False, 0  # frozen: whether to send the same state again and again
         self.port, self.realtime = port, realtime
         self.start()
 
@@ -155,7 +155,7 @@ class Service:
 
 
 def use_realtime():
-    """Uses real-time priority for this thread, if permitted, so that a busy machine does not look like a fault."""
+    """Gives this thread real-time priority, if permitted, so that a busy machine does not look like a fault."""
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(20))
     except PermissionError:

@@ -27,13 +27,13 @@ from standin import use_realtime
 
 PUSH = {"bone": (1e-3, 11e-3), "liver": (1e-3, 41e-3), "air": (60e-3, 40e-3)}    # m: distance from the tip to the skin, and length of the push
 SPEED, WINDOW, WINDOWS, LARGE = 0.1, 0.25, 20, 0.5e-3    # m/s, s, dimensionless, m; as in stability_map.c
-# number of consecutive windows in which the hand must rest, and maximum number of windows; a stall of the machine sets a resting hand in motion again
+# consecutive windows in which the hand must rest, and the most windows to wait for; a stall of the machine sets a resting hand in motion again
 REST, PATIENCE = 4, 60
 COLUMNS = "profile,tissue,hand,device,mass_kg,delay_ms,told,swing_mm,quiet_s,widest_mm,force_n,stiffness_n_per_m,active".split(",")
 
 
 def write_scene(source, path, point):
-    """Writes the scene of figure 8 with the same changes as stability_map.c."""
+    """Writes the figure-8 scene with the same changes as stability_map.c."""
     text = (Path(source) / "meshes/figure8.yaml").read_text().replace("mesh: ", f"mesh: {source}/meshes/")
     if point["tissue"] == "bone":
         text = re.sub(r"youngs_modulus: (60|30)e3", "youngs_modulus: 10e9", text).replace("puncture_force: 0.6", "puncture_force: .inf")
@@ -51,13 +51,13 @@ def device_of(build, point):
 
 
 def coupling(build):
-    """Returns the stiffness of the coupling (N/m) and whether the server reports ACTIVE, both from trocar-top."""
+    """Returns the coupling's stiffness (N/m) and whether the server reports ACTIVE, both from trocar-top."""
     text = subprocess.run([f"{build}/clients/trocar-top", "--once"], capture_output=True, text=True, timeout=20).stdout
     return float(re.search(r"coupling ([0-9]+) N/m", text).group(1)), "ACTIVE" in text.upper()
 
 
 def run(build, source, point):
-    """Runs one point; returns its row."""
+    """Runs one point and returns its row."""
     gap, push = PUSH[point["tissue"]]
     device = device_of(build, point)
     with tempfile.TemporaryDirectory() as folder:
@@ -107,7 +107,7 @@ def check_points(build, source, slow):
 
 
 def measure_delay(build, source, mass, delay):
-    """Returns the delay (s, round trip) and mass (kg) of a device as measured by --measure-delay."""
+    """Returns a device's delay (s, round trip) and mass (kg) as measured by --measure-delay."""
     device = Device(build, Properties(mass, 3.0, 300.0, delay, 0.0, 2e-5), (0.0, 0.1, 0.1))
     with tempfile.TemporaryDirectory() as folder:
         rig = Rig(build, source, folder, realtime=True, device=device)

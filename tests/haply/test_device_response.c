@@ -1,4 +1,4 @@
-/* trocar-haply --measure-delay finds the delay and mass of simulated devices. */
+/* Tests that trocar-haply --measure-delay finds the delay and mass of simulated devices. */
 #include <stdio.h>
 
 #include "device_response.h"
@@ -10,9 +10,9 @@
 #include <stdint.h>
 #include <cmocka.h>
 
-static const double PERIOD = 1e-3; /* s, interval between two messages of the bridge */
+static const double PERIOD = 1e-3; /* s, between two messages of the bridge */
 
-/* Runs the measurement as the bridge does; `drift` is the hand's voluntary motion, m/s. */
+/* Runs the measurement as the bridge does. `drift`: the hand's voluntary motion, m/s. */
 static bool measure(const device_properties *properties, double drift, double reply, response_model *found) {
     static simulated_device device;
     device_response r;

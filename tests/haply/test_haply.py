@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""trocar-haply between trocar-server and a stand-in for the Haply Inverse Service: tests forces, the clutch, and faults of either side.
+"""Tests trocar-haply between trocar-server and a stand-in for the Haply Inverse Service: forces, the clutch, and faults on either side.
 
 usage: test_haply.py BUILD_DIR SOURCE_DIR [--slow]     --slow: for instrumented programs, whose timing is not checked
 """
@@ -15,8 +15,8 @@ import time
 
 BUILD, SOURCE = sys.argv[1:3]
 SLOW = "--slow" in sys.argv
-WATCHDOG = 0.02    # s, timeout of the watchdogs in the server and the bridge
-SLACK = 1.0 if SLOW else 0.012  # s, allowance for scheduling in addition to the watchdog's timeout
+WATCHDOG = 0.02    # s, timeout of the watchdogs in server and bridge
+SLACK = 1.0 if SLOW else 0.012  # s, allowance for scheduling on top of the watchdog's timeout
 LIMIT = 0.6        # N, --max-force
 HOME = (0.0, 0.1, 0.1)
 DEPTH = 0.04       # m, depth of the insertion
@@ -31,8 +31,7 @@ in_namespace(SOURCE)
 
 
 def push(rig, distance=DEPTH, speed=0.05, start=HOME):
-    """Pushes the hand forward from `start` and then holds it at rest. Returns as soon as the hand is at rest; the result is the time at which the push
-    began."""
+    """Pushes the hand forward from `start` and then holds it. Returns the time at which the push began, as soon as the hand is at rest."""
     begin = time.monotonic()
     rig.service.position = lambda now: (start[0], start[1] + min(distance, speed * max(0.0, now - begin)), start[2])
     time.sleep(distance / speed)
@@ -45,7 +44,7 @@ def settled(rig, seconds=0.15):
 
 
 def becomes(rig, expected, what):
-    """Waits until the force equals `expected` within 5 %. (Until then, it may be zero because the machine stalls.)"""
+    """Waits until the force is within 5 % of `expected`. (Until then, it may be zero because the machine stalls.)"""
     wait_for(lambda: math.dist(rig.force(), expected) < 0.05 * math.hypot(*expected) + 0.005, f"{what}: {rig.force()} N, expected {expected} N")
 
 
@@ -65,7 +64,7 @@ def library_force(distance, speed):
 
 
 def check_force(rig):
-    """Forward is the scene's z axis, right is its -x axis, and up is its y axis; the force equals the library's."""
+    """Forward is the scene's z axis, right is its -x axis, and up is its y axis. The force equals the library's."""
     expected = None
     if not SLOW:
         fx, fy, fz = library_force(DEPTH, 0.05)
@@ -80,14 +79,14 @@ def check_force(rig):
 
 
 def check_greeting(rig):
-    """The first message of a session names the program; later messages do not."""
+    """A session's first message names the program; later ones do not."""
     greeting = rig.service.first[0]
     assert greeting["session"]["configure"]["profile"]["name"] == "trocar-haply", greeting
     assert {key for _, _, key in rig.service.forces} == {"vector"}, "the force's name for 3.5"
 
 
 def check_clutch(rig):
-    """While the clutch is pressed, the hand moves without feeling a force, and the needle stays where it is; afterwards, it follows the hand from there."""
+    """While the clutch is pressed, the hand moves without feeling a force, and the needle stays where it is. Afterwards, it follows the hand from there."""
     before, home = rig.force(), rig.service.position(time.monotonic())
     rig.service.buttons["a"] = True
     time.sleep(0.1 if not SLOW else 0.5)
@@ -104,7 +103,7 @@ def check_clutch(rig):
 
 
 def check_handle(rig):
-    """Without a handle, the needle keeps its direction, and the force increases again."""
+    """Without a handle, the needle keeps its direction, and the force ramps up again."""
     before = settled(rig, 0.3)
     start = time.monotonic()
     rig.service.handle = None
@@ -112,7 +111,7 @@ def check_handle(rig):
     wait_for(lambda: min(rig.norms_since(start)) < 0.1 * math.hypot(*before), "no new ramp without a handle")
     becomes(rig, before, "not the same force without a handle")
     rig.service.handle = "wireless_verse_grip"
-    rig.service.orientation = (2.0, 0.0, 0.0, 0.0)  # not a rotation, so the orientation is treated as missing
+    rig.service.orientation = (2.0, 0.0, 0.0, 0.0)  # not a rotation, so the orientation counts as missing
     time.sleep(0.1)
     rig.service.orientation = (1.0, 0.0, 0.0, 0.0)
     settled(rig, 0.25)
@@ -120,7 +119,7 @@ def check_handle(rig):
 
 
 def damaged(**changes):
-    """Returns a function for `answer` that gives these members of the device's object these values."""
+    """Returns a function for `answer` that sets these members of the device's object."""
     def answer(state):
         state["inverse3"][0].update(changes)
         return json.dumps(state)
@@ -149,7 +148,7 @@ BAD = {
 
 
 def check_bad_messages(rig):
-    """Only a message that contains a state produces a force. Each kind of fault is reported once, together with what was expected."""
+    """Only a message with a state produces a force. Each kind of fault is reported once, together with what was expected."""
     for name, (answer, expected) in BAD.items():
         rig.wait_for_force(0.1, f"no force before the message: {name}")
         begin, inquiries = time.monotonic(), rig.service.inquiries
@@ -174,7 +173,7 @@ def check_bad_messages(rig):
 
 
 def check_late_reply(rig):
-    """The next message to a service that does not respond contains a force of zero."""
+    """The next message to a service that does not respond has zero force."""
     rig.wait_for_force(0.1, "no force")
     rig.service.answer = lambda state: time.sleep(0.2) or json.dumps(state)
     time.sleep(0.1)
@@ -187,7 +186,7 @@ def check_late_reply(rig):
 
 
 def check_catching_up(rig):
-    """After one reply that takes 0.1 s, every reply takes three periods: the force is back 0.5 s after the slow reply began."""
+    """After one reply that takes 0.1 s, every reply takes three periods. The force is back 0.5 s after the slow reply began."""
     rig.wait_for_force(0.1, "no force")
     began = []
 
@@ -202,7 +201,7 @@ def check_catching_up(rig):
 
 
 def check_lost_reply(rig):
-    """A reply never arrives: one more message is sent, with zero force. After 1 s a new connection is made, and the force returns within 2 s."""
+    """A reply never arrives. One more message is sent, with zero force. After 1 s a new connection is made, and the force is back within 2 s."""
     rig.wait_for_force(0.1, "no force")
     lost = []
     rig.service.answer = lambda state: json.dumps(state) if lost else lost.append(time.monotonic())
@@ -217,7 +216,7 @@ def check_lost_reply(rig):
 
 
 def check_frozen_state(rig):
-    """The service repeats its last state: the force ends after 0.5 s, and this is reported. When the state changes again, the force increases from zero."""
+    """The service repeats its last state. The force ends after 0.5 s, and this is reported. When the state changes again, the force ramps up from zero."""
     rig.wait_for_force(0.1, "no force")
     rig.service.frozen = True
     began = time.monotonic()
@@ -236,7 +235,7 @@ def check_frozen_state(rig):
 
 
 def check_disconnection(rig):
-    """The bridge reconnects and sends its first message again, and the force increases from zero."""
+    """The bridge reconnects and sends its first message again, and the force ramps up from zero."""
     opened = rig.said().count("connected to the service")
     for _ in range(2):
         begin, sessions = time.monotonic(), len(rig.service.first)
@@ -249,7 +248,7 @@ def check_disconnection(rig):
 
 
 def check_server(rig):
-    """The force ends shortly after the server has stopped, and this is reported. It returns when the server continues or another one starts."""
+    """The force ends shortly after the server has stopped, and this is reported. It is back when the server continues or another one starts."""
     rig.wait_for_force(0.1, "no force")
     rig.server.send_signal(signal.SIGSTOP)
     stopped = time.monotonic()
@@ -275,7 +274,7 @@ def check_server(rig):
 
 
 def check_end(rig):
-    """The last message contains a zero force."""
+    """The last message has zero force."""
     rig.wait_for_force(0.1, "no force")
     begin = time.monotonic()
     assert rig.stop_bridge() == 0, "status"
@@ -286,7 +285,7 @@ def check_end(rig):
 
 
 def check_options():
-    """Invalid options and profiles cause exit status 2 and a message that states the location and what was expected."""
+    """Invalid options and profiles lead to exit status 2 and a message that says where the error is and what was expected."""
     program = f"{BUILD}/clients/bridges/haply/trocar-haply"
     with tempfile.TemporaryDirectory() as folder:
         path = f"{folder}/profile.yaml"

@@ -1,4 +1,4 @@
-/* Tests the force limits of trocar-haply: maximum force, rate, ramps, and rejection of non-finite values. */
+/* Tests trocar-haply's force limits: maximum force, rate, ramps, and rejection of values that are not finite. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -14,7 +14,7 @@ static const vec3 NONE = {0, 0, 0};
 
 static limiter make(double max_force, double max_rate) { return (limiter){.max_force = max_force, .max_rate = max_rate}; }
 
-/* Requests a constant force for `seconds`; each step must stay within both limits. */
+/* Requests a constant force for `seconds`. Every step must stay within both limits. */
 static vec3 hold(limiter *l, vec3 felt, vec3 carried, double seconds) {
     vec3 last = l->force;
     for (int k = 0; k < lround(seconds / PERIOD); k++) {
@@ -29,8 +29,7 @@ static vec3 hold(limiter *l, vec3 felt, vec3 carried, double seconds) {
 static void force_rises_in_a_tenth_of_a_second(void **state) {
     (void)state;
     limiter l = make(10, 1e5);
-    assert_close(hold(&l, v3(0, -2, 0), NONE, 0.04).y, -2 * 0.4 * 0.4, 1e-9); /* both gains are applied: the gain after an interruption, and the gain of the
-                                                                                 grip */
+    assert_close(hold(&l, v3(0, -2, 0), NONE, 0.04).y, -2 * 0.4 * 0.4, 1e-9); /* both gains apply: the gain after an interruption, and that of the grip */
     assert_close(hold(&l, v3(0, -2, 0), NONE, 0.07).y, -2, 1e-12);
 }
 
@@ -42,7 +41,7 @@ static void force_and_rate_are_limited(void **state) {
     assert_close(force.z, -2.4, 1e-9);
     force = hold(&l, v3(-30, 0, 40), NONE, 0.06);
     assert_close(v3_norm(force), 0, 1e-9); /* half-way from 3 N to -3 N, at 50 N/s */
-    assert_close(limiter_next(&l, v3(-300, 0, 0), NONE, 5).x, -50 * 0.01, 1e-9); /* a late call does not permit a larger change */
+    assert_close(limiter_next(&l, v3(-300, 0, 0), NONE, 5).x, -50 * 0.01, 1e-9); /* a late call does not allow a larger change */
 }
 
 static void a_cut_is_immediate(void **state) {

@@ -1,5 +1,4 @@
-/* Tests the workspace of trocar-haply: axes, scale, base or tip, orientation of the handle, the clutch, and the transformation of the force back to the
-   device. */
+/* Tests trocar-haply's workspace: axes, scale, base or tip, orientation of the handle, the clutch, and transforming the force back to the device. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -110,7 +109,7 @@ static void the_clutch_holds_and_lets_go_without_a_jump(void **state) {
         mapping_pose(&m, v3(0, 0, 0), &first, false);
         pose pressed = mapping_pose(&m, v3(0, 0.05, 0), &first, true);
         assert_same(mapping_pose(&m, v3(0.03, 0.01, -0.02), &other, true), pressed);
-        assert_same(mapping_pose(&m, v3(0.03, 0.01, -0.02), NULL, false), pressed); /* the handle is missing, so the state of its button is unknown */
+        assert_same(mapping_pose(&m, v3(0.03, 0.01, -0.02), NULL, false), pressed); /* without a handle, the state of its button is unknown */
         assert_same(mapping_pose(&m, v3(0.04, 0.01, -0.02), &other, false), pressed);
         pose after = mapping_pose(&m, v3(0.04, 0.02, -0.02), &further, false);
         vec3 was = v3_axpy(tip * 0.2, q_axis(pressed.orientation), pressed.position), is = v3_axpy(tip * 0.2, q_axis(after.orientation), after.position);

@@ -1,4 +1,4 @@
-/* Tests messages of the Haply Inverse Service: selection of device and handle, events, and outgoing messages. test_haply.py tests invalid messages. */
+/* Tests messages of the Haply Inverse Service: choice of device and handle, events, and outgoing messages. Invalid messages are tested in test_haply.py. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>

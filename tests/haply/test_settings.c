@@ -1,5 +1,5 @@
-/* Tests how the options of trocar-haply and the server's scene place the needle. */
-#include "settings.h" /* included before cmocka.h, whose macro hides `fail` */
+/* Tests how trocar-haply's options and the server's scene place the needle. */
+#include "settings.h" /* before cmocka.h, whose macro hides `fail` */
 
 #include <setjmp.h>
 #include <stdarg.h>

@@ -20,7 +20,7 @@ static int pivot_row(tridiagonal_block a, int column) {
     return best;
 }
 
-/* Inverts in place by Gauss-Jordan elimination with row exchanges; at the end, the corresponding columns of the inverse are exchanged. */
+/* Inverts in place by Gauss-Jordan elimination with row exchanges, then exchanges the corresponding columns of the inverse. */
 static void invert(tridiagonal_block a) {
     int exchanged[TRIDIAGONAL_ROWS];
     for (int p = 0; p < TRIDIAGONAL_ROWS; p++) {

@@ -1,4 +1,4 @@
-/* The whole inverse as a single matrix, as updated by the paper's methods. */
+/* The whole inverse as a single matrix, which the paper's methods update. */
 #ifndef TROCAR_ORACLES_DENSE_MATRIX_H
 #define TROCAR_ORACLES_DENSE_MATRIX_H
 
@@ -6,7 +6,7 @@
 
 #include "inverse/inverse.h"
 
-/* Returns true if the inverse stores the whole matrix. */
+/* Returns whether the inverse stores the whole matrix. */
 bool is_dense(const inverse *inv);
 
 /* Returns the matrix, dof_count x dof_count, in the tissue's numbering, or NULL if out of memory. Release it with free(). */

@@ -20,7 +20,7 @@
 
 /* ---- the mesh -------------------------------------------------------------------------------------------------------- */
 
-/* Returns a node of a layer; in mirrored layers, the upper and lower sections are exchanged. */
+/* Returns a node of a layer. In mirrored layers, the upper and lower sections are swapped. */
 static int layer_node(bool above, bool mirrored, int node) { return (above != mirrored ? SOLID_SECTION : 0) + node; }
 
 static vec3 rest_of(const solid_model *model, int node) {
@@ -80,7 +80,7 @@ static void place_section(const solid_model *model, solid_state *state, int sect
         state->rim[section][i] = v3_add(state->line.joints[section], q_rotate(state->line.base.orientation, model->solid.rim[i]));
 }
 
-/* Returns the quaternion of the orthonormal axes in the columns of m (Shepperd 1978), computed starting from its largest component. */
+/* Returns the quaternion of the orthonormal axes in the columns of m, computed from its largest component (Shepperd 1978). */
 static quat q_of_axes(const mat3 *m) {
     double trace = m->m[0][0] + m->m[1][1] + m->m[2][2];
     if (trace > 0.0)
@@ -95,7 +95,7 @@ static quat q_of_axes(const mat3 *m) {
     return q_unit((quat){m->m[k][j] - m->m[j][k], v[0], v[1], v[2]});
 }
 
-/* Computes the axis of a segment from its centre nodes, and its roll angle from the first two rim nodes at both ends. */
+/* Computes a segment's axis from its centre nodes, and its roll angle from the first two rim nodes at both ends. */
 static void find_frames(const solid_model *model, solid_state *state) {
     for (int k = 0; k < model->line.given.segments; k++) {
         vec3 axis = v3_unit(v3_sub(state->line.joints[k + 1], state->line.joints[k]));
@@ -112,8 +112,8 @@ void solid_rest(const solid_model *model, pose base, solid_state *state) {
     for (int k = 0; k < model->line.given.segments; k++) state->line.frames[k] = base.orientation;
 }
 
-/* Rolls all sections together with the base. If only the first layer rolled, a fast roll would strain it so much that Newton's method would not converge within
-   a tick. */
+/* Rolls all sections together with the base. If only the first layer rolled, a fast roll would strain it so much that Newton's method would not converge
+   within a tick. */
 void solid_hold(const solid_model *model, pose base, solid_state *state) {
     vec3 shift = v3_sub(base.position, state->line.base.position);
     double roll = q_roll_between(state->line.base.orientation, base.orientation);
@@ -139,7 +139,7 @@ typedef struct {
 
 static mat3 deformation_of(const layer_tet *tet, const solid_state *state, int layer) {
     mat3 f = {{{0}}};
-    vec3 origin = position_of(state, layer, tet->nodes[3]); /* the gradients sum to zero, so positions relative to a local origin reduce rounding errors */
+    vec3 origin = position_of(state, layer, tet->nodes[3]); /* the gradients add up to zero, so positions relative to a local origin reduce rounding errors */
     for (int a = 0; a < 3; a++) {
         vec3 x = v3_sub(position_of(state, layer, tet->nodes[a]), origin), g = tet->gradients[a];
         const double p[3] = {x.x, x.y, x.z}, q[3] = {g.x, g.y, g.z};
@@ -168,14 +168,14 @@ static strained strain_tet(const solid_mesh *solid, const layer_tet *tet, const 
     return s;
 }
 
-/* Returns the force on node a of the tetrahedron that is in equilibrium with its stress: V F S g_a. */
+/* Returns the force on node a of the tetrahedron that balances its stress: V F S g_a. */
 static vec3 nodal_force(const solid_mesh *solid, const layer_tet *tet, const strained *s, int a) {
     vec3 traction = m3_apply(&s->stress, tet->gradients[a]);
     return v3_scale(solid->volume, m3_apply(&s->deformation, traction));
 }
 
-/* Computes the derivative of the force on node a = nodes[0] with respect to the position of node b = nodes[1], and adds it to a 3 x 3 block of `out`. `spread`
-   is F F^T, and the derivative is V [(g_a . S g_b) 1 + lambda (F g_a)(F g_b)^T + mu (F g_b)(F g_a)^T + mu (g_a . g_b) F F^T]. */
+/* Adds the derivative of the force on node a = nodes[0] with respect to the position of node b = nodes[1] to a 3 x 3 block of `out`. With F F^T in `spread`,
+   the derivative is V [(g_a . S g_b) 1 + lambda (F g_a)(F g_b)^T + mu (F g_b)(F g_a)^T + mu (g_a . g_b) F F^T]. */
 static void add_stiffness(const solid_mesh *solid, const layer_tet *tet, const strained *s, const mat3 *spread, const int nodes[2],
                           double (*out)[TRIDIAGONAL_LD]) {
     vec3 ga = tet->gradients[nodes[0]], gb = tet->gradients[nodes[1]];
@@ -225,7 +225,7 @@ static void assemble(const solid_model *model, const solid_state *state, solid_t
         }
 }
 
-/* Computes the displacements of sections 1..n of the linearised needle under `load` on its centre nodes, or under no load if it is NULL. */
+/* Computes the displacements of sections 1..n of the linearised needle under `load` on its centre nodes, or under no load if that is NULL. */
 static void solve_step(int n, const solid_tangent *tangent, const vec3 *load, double (*step)[TRIDIAGONAL_ROWS]) {
     for (int k = 0; k < n; k++)
         for (int i = 0; i < SOLID_SECTION; i++) {
@@ -238,7 +238,7 @@ static void solve_step(int n, const solid_tangent *tangent, const vec3 *load, do
 
 void solid_linearise(const solid_model *model, const solid_state *state, const vec3 *load, int first,
                            solid_tangent *tangent) {
-    (void)load; /* constant forces add no stiffness; the stress that they cause is already contained in the shape */
+    (void)load; /* constant forces add no stiffness, and the shape already reflects the stress they cause */
     int n = model->line.given.segments;
     double step[NEEDLE_MAX_SEGMENTS][TRIDIAGONAL_ROWS];
     tangent->line.unstable = 0;
@@ -280,7 +280,7 @@ static vec3 turned_arm(vec3 arm, vec3 change, vec3 turn) {
     return q_rotate(q_exp(turn), rest);
 }
 
-/* Moves the rim nodes of a section whose centre node has already been moved. Returns the rotation, rad. */
+/* Moves the rim nodes of a section whose centre node has already been moved. Returns the rotation (rad). */
 static double move_rim(solid_state *state, int section, vec3 centre_before, double (*step)[TRIDIAGONAL_ROWS]) {
     vec3 arm[SOLID_RIM], change[SOLID_RIM];
     for (int i = 0; i < SOLID_RIM; i++) {
@@ -313,7 +313,7 @@ double solid_advance(const solid_model *model, const solid_tangent *tangent, con
 
 /* ---- moment and energy ----------------------------------------------------------------------------------------------- */
 
-/* Computes the moment that the forces of the first layer exert on the base section. */
+/* Computes the moment that the first layer's forces exert on the base section. */
 vec3 solid_root_moment(const solid_model *model, const solid_state *state) {
     vec3 moment = v3(0, 0, 0);
     for (int t = 0; t < SOLID_LAYER_TETS; t++) {

@@ -1,5 +1,5 @@
-/* Replaces the rod in an insertion by the solid needle. The library stores only the centreline of a needle's shape. The rims of recent shapes are stored here,
-   and are looked up by the centreline. */
+/* Puts the solid needle in place of the rod in an insertion. The library stores only the centreline of a needle's shape, so the rims of recent shapes are
+   stored here and looked up by the centreline. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -103,7 +103,7 @@ double __wrap_needle_advance(const needle_model *model, const needle_tangent *ta
     return turn;
 }
 
-/* Predicts no next shape for the solid needle. */
+/* Makes no prediction for the solid needle. */
 void __wrap_needle_motion_of(const needle_model *model, const needle_state *before, const needle_state *after, double dt, needle_motion *motion) {
     if (s.on) motion->time = 0.0;
     else __real_needle_motion_of(model, before, after, dt, motion);

@@ -1,7 +1,6 @@
 #include "oracles/refinement_move.h"
 
-static const double LEAST_SHAPE = 0.03; /* lower limit for elements of a moved node: ratio of the volume to that of the regular tetrahedron with the same
-                                           longest edge */
+static const double LEAST_SHAPE = 0.03; /* least volume of a moved node's elements, relative to the regular tetrahedron with the same longest edge */
 
 static int free_slot(const refinement *r) {
     for (int slot = 0;; slot++) {
@@ -23,7 +22,7 @@ static int closest_corner(const mesh *m, const refinement *r, const leaf_point *
     return closest;
 }
 
-/* Returns the shape measure, which is 1 for a regular tetrahedron and negative for an inverted element. */
+/* Returns the shape measure: 1 for a regular tetrahedron, negative for an inverted element. */
 static double shape_of(const vec3 x[4]) {
     double longest = 0.0;
     for (int i = 0; i < 4; i++)
@@ -40,7 +39,7 @@ static bool well_shaped(const mesh *m, const refinement *r, const leaf *leaves, 
     return true;
 }
 
-/* Returns the number of nodes affected by the moves so far, or MAX_MOVED_PATCHES or more if `node` itself has been moved. */
+/* Returns how many nodes the moves so far affect, or MAX_MOVED_PATCHES or more if `node` itself has been moved. */
 static int moved_patches(const refinement *r, int node) {
     int sum = 0;
     for (int i = 0; i < r->count; i++) {

@@ -37,20 +37,20 @@ static trocar_status undo(dense_remesher *r, const dense_change *c, switching sw
 
 /* ---- one by one --------------------------------------------------------------------------------------------------- */
 
-/* Prefetches columns. They are short, and without prefetching, the processor would wait for memory at the start of each column. */
+/* Prefetches columns. They are short, and without this the processor would wait for memory at the start of each. */
 static void fetch_ahead(const double *entries) {
     enum { LINES = 16, PER_LINE = 8 };
     for (int k = 0; k < LINES; k++) __builtin_prefetch(entries + k * PER_LINE, 1);
 }
 
-/* A dof to be switched (-1 for none), and its column of the matrix. */
+/* A dof to be switched (-1 for none) and its column of the matrix. */
 typedef struct {
     int dof;
     double *column;
 } dof_switch;
 
-/* Applies the rank-one change in a single pass over the triangle, limited only by memory bandwidth. During the pass, the scaled `column` is stored as the dof's
-   own row and column, and the row and column of the next dof to be switched (-1 for none) are collected. */
+/* Applies the rank-one change in a single pass over the triangle, limited only by memory bandwidth. The pass also stores the scaled `column` as the dof's
+   own row and column, and collects the row and column of the next dof to be switched (-1 for none). */
 static void sweep(dense_remesher *r, int n, const dof_switch *now, const dof_switch *then, double back) {
     int dof = now->dof, next = then->dof;
     const double *column = now->column;
@@ -86,8 +86,8 @@ trocar_status remesher_create_bcs(inverse *inv, remesher **created, trocar_error
 
 /* ---- all at once -------------------------------------------------------------------------------------------------- */
 
-/* With P = +-(block of the dofs) = L L^T, and X the columns of the dofs, (X L^-T) (X L^-T)^T is subtracted from or added to the rest of the matrix, X becomes
-   X P^-1, and the block becomes -+P^-1. */
+/* With P = +-(block of the dofs) = L L^T, and X the columns of the dofs, (X L^-T) (X L^-T)^T is subtracted from or added to the rest of the matrix, X
+   becomes X P^-1, and the block becomes -+P^-1. */
 static trocar_status switch_block(dense_remesher *r, int n, int count, const int *dofs, double back, trocar_error *why) {
     double *columns = r->columns, *scaled = r->weighted, *pivot = r->block;
     if (count == 0) return TROCAR_OK; /* nothing to switch: all neighbours of the new node are fixed */

@@ -36,7 +36,7 @@ void dense_isolate(dense_remesher *r, const dense_change *change, double diagona
 
 /* ---- one contact node more or less ---------------------------------------------------------------------------------- */
 
-/* Returns the first of a node's three dofs; `node` is coded and must not be fixed. */
+/* Returns the first of a node's three dofs. `node` is coded and must not be fixed. */
 static int first_dof(const remesher *r, int node) { return node >= 0 ? r->tissue->dof[node] : r->tissue->dof_count + 3 * (-1 - node); }
 
 /* Collects the change due to the node in `slot`, before which `position` other nodes were added. */
@@ -69,7 +69,7 @@ static trocar_status dense_add(remesher *shared, int slot, trocar_error *why) {
     return status;
 }
 
-/* Restores the nominal inverse from a copy, so that no rounding error remains when the last contact node has been removed. */
+/* Restores the nominal inverse from a copy, so that no rounding error is left once the last contact node has been removed. */
 static void restore(dense_remesher *r) {
     size_t n = (size_t)r->shared.tissue->dof_count;
     for (size_t j = 0; j < n; j++) memcpy(r->matrix + j * (size_t)r->ld + j, r->nominal + j * n + j, (n - j) * sizeof *r->nominal);
@@ -79,12 +79,12 @@ static void restore(dense_remesher *r) {
 static void dense_remove(remesher *shared, int slot, int position) {
     dense_remesher *r = (dense_remesher *)shared;
     const refinement *refined = &shared->refined;
-    trocar_error unused; /* if undoing fails, all remaining nodes are added again, and that reports any error */
+    trocar_error unused; /* if undoing fails, all remaining nodes are added again, which reports any error */
     if (refined->count == 0) restore(r);
     if (r->spoilt || refined->count == 0) return;
     collect_change(r, slot, position);
     r->spoilt = r->operations->undo(r, &r->change, &unused) != TROCAR_OK;
-    dense_isolate(r, &r->change, 0.0); /* later changes leave free slots untouched */
+    dense_isolate(r, &r->change, 0.0); /* later changes leave free slots alone */
 }
 
 /* Adds all nodes again, starting from the nominal inverse, after an update that failed half-way has left the matrix unusable. */
@@ -142,7 +142,7 @@ trocar_status dense_remesher_create(inverse *inv, const dense_operations *operat
     r->ld = (int)n;
     r->matrix = large_matrix(n);
     r->nominal = dense_matrix(inv);
-    r->columns = calloc(n * ranks, sizeof(double)); /* memory pages that no change has reached are never touched */
+    r->columns = calloc(n * ranks, sizeof(double)); /* memory pages that no change reaches are never touched */
     r->weighted = calloc(n * ranks, sizeof(double));
     if (!r->matrix || !r->nominal || !r->columns || !r->weighted)
         return fail(why, TROCAR_NO_MEMORY, "no memory for two more dense inverses (%.1f GB)",

@@ -1,7 +1,7 @@
-/* Implicit low-rank form: the stiffness change of every contact node is kept as a factor that is never multiplied out, inverse(a, b) = C(a, b) - sum_j F_j(a)
-   M_j F_j(b)^T, F_j(a) = C(a, touched_j) - sum_(i<j) F_i(a) M_i F_i(touched_j)^T (Woodbury, one change after the other: these are the block factors of a
-   single capacitance matrix over all touched dofs). C is the inverse of the nominal mesh. In C, each added node is held by an auxiliary spring, which the
-   node's change removes again. Rows are formed at the handles only. */
+/* Implicit low-rank form: the stiffness change of every contact node is kept as a factor that is never multiplied out, inverse(a, b) = C(a, b) - sum_j
+   F_j(a) M_j F_j(b)^T, F_j(a) = C(a, touched_j) - sum_(i<j) F_i(a) M_i F_i(touched_j)^T (Woodbury, one change after the other: these are the block factors
+   of a single capacitance matrix over all touched dofs). C is the inverse of the nominal mesh. In C, each added node is held by an auxiliary spring, which
+   the node's change removes again. Rows are formed only at the handles. */
 #include "oracles/remesh_dense.h"
 
 #include <cblas.h>
@@ -9,15 +9,15 @@
 #include <string.h>
 
 typedef struct {
-    int first, rank;                      /* index of its first column among those of all changes, and number of its columns */
+    int first, rank;                      /* its first column among those of all changes, and how many it has */
     int nodes[MAX_PATCH];                 /* touched, coded */
     double middle[MAX_RANK * MAX_RANK];   /* M, rank square, N/m */
 } low_rank;
 
 typedef struct {
     remesher shared;
-    double spring;                        /* m/N, compliance of the auxiliary spring of an added node */
-    low_rank changes[MAX_CONTACTS];       /* changes, in the order of the nodes */
+    double spring;                        /* m/N, compliance of an added node's auxiliary spring */
+    low_rank changes[MAX_CONTACTS];       /* in the order of the nodes */
     double *factors;                      /* SNAPSHOT_LD x ALL_RANKS, row-major: F of the handles in use */
     double *chain;                        /* ALL_RANKS square, row-major: column block j contains M_i F_i(touched_j)^T for i < j */
     double *touched;                      /* MAX_RANK x ALL_RANKS: F of the nodes touched by a new change */
@@ -41,7 +41,7 @@ static void start_block(implicit_remesher *r, int node, int other, double *out, 
         for (int b = 0; b < 3; b++) out[a * ld + b] = node == other && a == b ? r->spring : 0.0;
 }
 
-/* Computes F_j of a node for change j = `index`; F of earlier changes is already in `row`. */
+/* Computes F_j of a node for change j = `index`. F of earlier changes is already in `row`. */
 static void extend_factors(implicit_remesher *r, int index, int node, double *row) {
     const low_rank *change = &r->changes[index];
     for (int q = 0; 3 * q < change->rank; q++) start_block(r, node, change->nodes[q], row + change->first + 3 * q, ALL_RANKS);
@@ -156,7 +156,7 @@ static trocar_status implicit_add(remesher *shared, int slot, trocar_error *why)
     int handles[MAX_HANDLES], count = handles_in_use(shared, handles);
     for (int i = 0; i < count; i++) extend_factors(r, index, handle_node(shared, handles[i]), factor_row(r, handles[i]));
     update_rows(r, index, -1.0);
-    shared->refined.count++; /* the node's row is computed like that of any handle */
+    shared->refined.count++; /* the node's row is computed like any handle's */
     find_factors(r, slot);
     form_row(r, slot);
     shared->refined.count--;
@@ -199,6 +199,6 @@ trocar_status remesher_create_implicit(inverse *inv, remesher **created, trocar_
     int node = 0;
     while (inverse_tissue(inv)->fixed[node] || !inverse_holds(inv, node)) node++;
     if (status == TROCAR_OK) status = inverse_gather(inv, &(inverse_blocks){1, &node, 1, &node, row, 3}, why);
-    r->spring = row[0]; /* an arbitrary value, because the spring is removed again; with the magnitude of the compliances, no digits are lost */
+    r->spring = row[0]; /* any value would do, because the spring is removed again; one as large as the compliances loses no digits */
     return status;
 }

@@ -11,10 +11,9 @@
 #include <cblas.h>
 #include <string.h>
 
-enum { BLOCK = 192 };        /* number of columns of the triangle that are updated together; updating whole rectangles is wasteful only in the diagonal blocks
-                                */
+enum { BLOCK = 192 };        /* columns of the triangle updated together; whole rectangles waste work only in the diagonal blocks */
 
-/* Leaves A in the part of `columns` that belongs to the change, and A M in the same part of `weighted`, from which `undo` reads them. */
+/* Leaves A in the change's part of `columns`, and A M in the same part of `weighted`, where `undo` reads them. */
 static trocar_status factor_change(dense_remesher *r, const dense_change *c, trocar_error *why) {
     int n = c->count;
     double spring = r->matrix[0], *middle = r->block, block[MAX_RANK * MAX_RANK];

@@ -18,7 +18,7 @@ name=$(podman load --quiet --input "$image" | sed 's/^Loaded image: //')
 echo "loaded after $((($(now) - began) / 1000000)) ms"
 trap 'podman kill trocar-trial >/dev/null 2>&1 || true; rm -rf "$work"' EXIT
 
-# start [OPTION...] -- [ARGUMENT...]: runs the container in the background, and waits for server and page.
+# start [OPTION...] -- [ARGUMENT...]: runs the container in the background and waits for server and page.
 start() {
     local given=()
     while [ "$1" != -- ]; do given+=("$1"); shift; done

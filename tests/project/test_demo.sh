@@ -69,7 +69,7 @@ exec 8<&-
 has_results || fail "the other demo's results are gone"
 
 echo "Ctrl-C half way"
-set -m # so that Ctrl-C reaches a job in the background
+set -m # lets Ctrl-C reach a background job
 scripts/demo >"$work/said" 2>&1 &
 until [ -e out/forces.csv.part ]; do sleep 0.05; kill -0 $! || fail "$(cat "$work/said")"; done
 sleep 1
@@ -92,7 +92,7 @@ timeout 5 flock scripts/demo true || fail "the demo is still running"
 ! has_results || fail "results of half a motion"
 rm -f out/forces.csv.part
 
-# Simulates root in a container: without these capabilities and without user namespaces, and with the loopback interface as the only network.
+# Simulates root in a container: without these capabilities and without user namespaces, and with loopback as the only network interface.
 rights=-sys_admin,-net_admin
 # shellcheck disable=SC2016
 as_in_a_container() {

@@ -1,6 +1,6 @@
 #!/usr/bin/python3
-"""Tests the documentation: the site builds without warnings, every link and anchor has a target, and every code block of docs/ and of
-the READMEs listed below runs, unless a comment before it states why it cannot (see docs/source.md).
+"""Tests the documentation: the site builds without warnings, every link and anchor has a target, and every code block in docs/ and in the READMEs listed below
+runs, unless a comment before it says why it cannot (see docs/source.md).
 
 usage: test_docs.py BUILD_DIR SOURCE_DIR
 """
@@ -72,7 +72,7 @@ for request in sys.stdin:
 
 
 class Page:
-    """The folder in which the blocks of a page run. It resembles the source folder but has files of its own; the programs are the installed ones."""
+    """The folder in which a page's blocks run. It resembles the source folder but has files of its own; the programs are the installed ones."""
 
     def __init__(self, build, source, prefix, folder):
         self.source, self.prefix, self.folder = source, prefix, folder
@@ -88,7 +88,7 @@ class Page:
         self.environment = dict(os.environ, PATH=f"{folder}/.bin:{prefix}/bin:{os.environ['PATH']}", LC_ALL="C.UTF-8",
                                 PKG_CONFIG_PATH=f"{library}/pkgconfig", LD_LIBRARY_PATH=str(library), PYTHONPATH=f"{build}/clients/python",
                                 TROCAR_LIBRARY=f"{library}/libtrocar.so", XDG_CACHE_HOME=str(folder / "out"), MPLBACKEND="svg",
-                                MPLCONFIGDIR=str(prefix / "matplotlib"))    # a single font cache for all pages
+                                MPLCONFIGDIR=str(prefix / "matplotlib"))    # one font cache for all pages
 
     def run(self, block):
         """Returns a description of the fault, or None if there is none."""
@@ -101,7 +101,7 @@ class Page:
         if block.language in SHELL:
             return self.start(code) if "background" in block.marks else self.shell(code)
         if block.language == "csharp":
-            return None     # not run here, because a command on the page compiles it
+            return None     # not run here: a command on the page compiles it
         return {"c": self.compile, "cpp": self.compile, "python": self.interpret, "yaml": self.load}[block.language](block, code)
 
     def shell(self, code):
@@ -182,7 +182,7 @@ class Page:
 
 
 def run_page(build, source, prefix, page):
-    """Runs the blocks of one page in order; returns the exit status."""
+    """Runs the blocks of one page in order. Returns the exit status."""
     with tempfile.TemporaryDirectory() as folder:
         site = Page(build, source, prefix, Path(folder))
         try:
@@ -225,12 +225,12 @@ class Site(html.parser.HTMLParser):
 
 
 def check_site(source, out):
-    """Builds the site; returns the faults."""
+    """Builds the site. Returns the faults."""
     done = subprocess.run([source / "scripts/docs", out], capture_output=True, text=True)
     if done.returncode != 0 or done.stderr:
         return [f"scripts/docs: status {done.returncode}\n{done.stdout}{done.stderr}"]
     pages = {path: Site(path.read_text()) for path in out.rglob("*.html")}
-    # Python-Markdown takes the two asterisks in "X* ... X*" as emphasis.
+    # Python-Markdown would take the two asterisks in "X* ... X*" as emphasis.
     faults = [f"{path.relative_to(out)}: accidental emphasis: {match[0]}" for path in pages for match in re.finditer(r"<em>(\s[^<]*|[^<]*\s)</em>", path.read_text())]
     count = 0
     for path, page in pages.items():
@@ -262,7 +262,7 @@ def github_anchors(text):
 
 
 def check_links(source, docs):
-    """Checks links between the documents in the repository, including their anchors. Returns the faults."""
+    """Checks links between the documents in the repository, anchors included. Returns the faults."""
     faults, count = [], 0
     for page in docs.documents():
         if page.suffix != ".md":
@@ -282,7 +282,7 @@ def check_links(source, docs):
 
 
 def check_blocks(source):
-    """Checks markers and languages. Returns the faults, the number of blocks that are run, and the number of those that are not."""
+    """Checks markers and languages. Returns the faults, and the numbers of blocks that are run and that are not."""
     faults, run, excused = [], 0, 0
     for page in pages_of(source):
         blocks = blocks_of(source, page)
@@ -298,7 +298,7 @@ def check_blocks(source):
 
 
 def check_examples(source):
-    """Compiles the device bridges against the replacement headers in tests/project/standins. Returns the faults."""
+    """Compiles the device bridges against the headers in tests/project/standins. Returns the faults."""
     faults = []
     for path in sorted((source / "docs/examples").glob("bridge*.c*")):
         compiler = ["c++", "-std=c++17"] if path.suffix == ".cpp" else ["cc", "-std=gnu17"]

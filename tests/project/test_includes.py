@@ -1,10 +1,11 @@
 #!/usr/bin/env python3
-"""Tests the structure of the source tree.
+"""Tests the structure of the source tree:
 
-Core, server and clients have no circular includes, neither between files (a .c and its .h count as one) nor between folders. A folder of core includes only
-folders above it in the table in core/README.md, and the tick (core/insertion) none of those that only the worker calls. Clients include only common/ and intake/ of server/. Only kernels and linalg include vector types. No folder
-has more than 25 files, and each of core, lcmtypes, server, clients and tests has a README of at most 150 lines. Inside core/insertion and core/api, the tables in
-their READMEs give the order in the same way.
+- Core, server and clients have no circular includes, neither between files (a .c and its .h count as one) nor between folders.
+- A folder of core includes only folders above it in the table in core/README.md. The tick (core/insertion) includes none of those that only the worker calls.
+  Inside core/insertion and core/api, the tables in their READMEs give the order in the same way.
+- Clients include only common/ and intake/ of server/. Only kernels and linalg include vector types.
+- No folder has more than 25 files, and each of core, lcmtypes, server, clients and tests has a README of at most 150 lines.
 
 usage: test_includes.py SOURCE_DIR
 """
@@ -97,13 +98,13 @@ MOST_FILES, MOST_LINES = 25, 150
 
 
 def crowded(files):
-    """Returns the folders that contain more than MOST_FILES of these files."""
+    """Returns the folders that have more than MOST_FILES of these files."""
     counts = collections.Counter(file.rpartition('/')[0] or '.' for file in files)
     return [f'{folder} has {count} files; at most {MOST_FILES}' for folder, count in sorted(counts.items()) if count > MOST_FILES]
 
 
 def undescribed(root, files):
-    """Returns which of core, lcmtypes, server, clients, tests and their folders have no README or too long a README."""
+    """Returns which of core, lcmtypes, server, clients, tests and their folders have no README, or one that is too long."""
     faults = []
     for folder in sorted({match[0] for match in (re.match(r'(core|lcmtypes|server|clients|tests)(/[^/]+(?=/))?', file) for file in files) if match}):
         readme = root / folder / 'README.md'

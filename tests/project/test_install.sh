@@ -15,7 +15,7 @@ package=$(echo "$build"/packages/trocar_*.deb) python_package=$(echo "$build"/pa
 for archive in "$package" "$python_package" "$bridges"; do dpkg-deb --extract "$archive" root; done
 prefix=$work/root/usr
 
-# Every library that a program needs is provided by a package in Depends, and apt can install these packages.
+# Every library a program needs comes from a package in Depends, and apt can install these packages.
 for archive in "$package" "$bridges"; do
     for path in $(dpkg-deb --fsys-tarfile "$archive" | tar -t --wildcards './usr/bin/*'); do
         for library in $(objdump -p "root/$path" 2>objdump.txt | awk '$1 == "NEEDED" && !/ld-linux/ { print $2 }'); do
@@ -25,7 +25,7 @@ for archive in "$package" "$bridges"; do
     done
 done >needed
 [ -s needed ] || fail "no program needs a library"
-# One call for all libraries, because each call takes half a second; packages may list /usr/lib as /lib.
+# One call for all libraries, because each call takes half a second. Packages may list /usr/lib as /lib.
 dpkg -S $(awk '{ print $4; sub("^/usr/", "/", $4); print $4 }' needed | sort -u) >owners 2>/dev/null || true
 while read -r archive path library file; do
     depends=$(dpkg-deb --field "$archive" Depends)
@@ -53,7 +53,7 @@ libraries=$prefix/lib/$(cc -print-multiarch)
 for library in "$libraries"/libtrocar{_types,}.a; do
     objdump -h "$library" >sections && ! grep -F .debug sections || fail "$library contains debug information and with it paths of the build"
 done
-# The viewer's page contains third-party libraries, whose licences require a notice.
+# The viewer's page includes third-party libraries, whose licences require a notice.
 for library in three.js uPlot; do
     [ ! -d "$prefix/share/trocar/page" ] || grep -qx "Files: $library" "$prefix/share/doc/trocar/copyright" || fail "no notice of $library"
 done
@@ -122,7 +122,7 @@ touch scene.yaml scene.csv scene.jsonl
 [ "$(offers trocar-replay --json-lines sc)" = scene.jsonl ] || fail "trocar-replay --json-lines sc<TAB>: $(offers trocar-replay --json-lines sc)"
 [ "$(offers trocar-replay --scene sc)" = scene.yaml ] || fail "trocar-replay --scene sc<TAB>: $(offers trocar-replay --scene sc)"
 
-# The implant's report is installed, finds the definition of the messages, and evaluates an incomplete recording as far as possible.
+# The implant report is installed, finds the message definitions, and evaluates an incomplete recording as far as it goes.
 /usr/bin/python3 - poses.log <<'END'
 import struct, sys
 event = lambda number, channel, data: struct.pack(">IqqII", 0xEDA1DA01, number, number, len(channel), len(data)) + channel + data
@@ -143,7 +143,8 @@ cmake -S bridge -B bridge/build -DCMAKE_PREFIX_PATH="$prefix" >cmake.txt && cmak
 cc bridge/bridge.c -o bridge/with-pkg-config $(pkg-config --cflags --libs trocar-client) || fail "pkg-config trocar-client"
 cc bridge/bridge.c -o bridge/unicast $(pkg-config --cflags --libs trocar-client-unicast) || fail "pkg-config trocar-client-unicast"
 c++ -std=c++17 bridge/bridge.cpp -o bridge/in-c++ $(pkg-config --cflags --libs trocar-client) || fail "the bridge in C++"
-# Builds the bridge with the free client alone, as on a system that has only a compiler: first with the static library through pkg-config, then from source.
+# Builds the bridge with only the free client, as on a system that has nothing but a compiler: first with the static library through pkg-config, then from
+# source.
 for how in "$(PKG_CONFIG_PATH= PKG_CONFIG_LIBDIR=$libraries/pkgconfig pkg-config --cflags --libs trocar-client)" \
            "-std=gnu99 -I$prefix/share/trocar/client $prefix/share/trocar/client/trocar_client.c -lpthread -lm"; do
     cc -Wall -Wextra -Werror bridge/bridge.c -o alone $how || fail "the client alone: $how"
@@ -154,7 +155,7 @@ examples=$prefix/share/doc/trocar/examples figure8=$prefix/share/trocar/scenes/f
 export LD_LIBRARY_PATH=$(dirname "$(find "$prefix/lib" -name libtrocar.so)")
 cmake -S "$source/tests/project/install" -B planner -DCMAKE_PREFIX_PATH="$prefix" >cmake.txt && cmake --build planner >>cmake.txt || fail "$(cat cmake.txt)"
 c++ -std=c++17 "$examples/insert.cpp" -o insert_cpp $(pkg-config --cflags --libs trocar) || fail "pkg-config trocar"
-# Builds without files from any other package, as on a system with only a compiler and pkg-config.
+# Builds without files from any other package, as on a system with nothing but a compiler and pkg-config.
 alone=$(PKG_CONFIG_PATH= PKG_CONFIG_LIBDIR=$(dirname "$(find "$prefix" -name trocar.pc)") pkg-config --cflags --libs trocar 2>&1) || fail "pkg-config alone: $alone"
 [ "$(xargs -n 1 <<<"$alone" | sort -u)" = "$(xargs -n 1 <<<"$(pkg-config --cflags --libs trocar)" | sort -u)" ] || fail "pkg-config alone: $alone"
 ! pkg-config --libs --static trocar | grep gfortran || fail "the static library needs a Fortran compiler"
@@ -174,11 +175,11 @@ sed -n '/^```c$/,/^```$/{/^```/!p}' "$prefix/share/doc/trocar/README.md" | diff 
 mkdir filled_in && cp bridge/bridge.c filled_in
 cc -I "$source/tests/project/install" filled_in/bridge.c -o filled $(pkg-config --cflags --libs trocar-client) -lm || fail "the bridge with a device"
 
-# The installed server answers the bridge: a recording contains wrenches for the bridge's poses. When the server dies in the middle of an insertion, the
-# device's force becomes zero within 50 ms; the next server provides a force again.
+# The installed server answers the bridge: a recording has wrenches for the bridge's poses. When the server dies in the middle of an insertion, the device's
+# force drops to zero within 50 ms; the next server provides a force again.
 netns=$source/scripts/netns
 "$netns" true || { echo "passed, except the running bridge: no network namespace here"; exit 0; }
-at_once=$(chrt --fifo 20 true 2>/dev/null && echo chrt --fifo 20) || true # real-time priority as for a bridge
+at_once=$(chrt --fifo 20 true 2>/dev/null && echo chrt --fifo 20) || true # real-time priority, as for a bridge
 cat >session <<END
 trap 'kill \$(jobs -p); wait' EXIT
 start_server() {
@@ -187,11 +188,11 @@ start_server() {
     until grep -qsx ready ready; do sleep 0.05; kill -0 \$server || exit 1; done
 }
 wait_for() { for _ in {1..100}; do "\$@" && return; sleep 0.05; done; echo "timed out after 5 s: \$*"; return 1; }
-felt() { tail -n +\$1 forces | awk '\$2 > '\$2' { found = 1 } END { exit !found }'; } # true if a force since line \$1 exceeds \$2
+felt() { tail -n +\$1 forces | awk '\$2 > '\$2' { found = 1 } END { exit !found }'; } # succeeds if a force since line \$1 exceeds \$2
 
 start_server
 lcm-logger --quiet --force session.log >logger.txt & logger=\$!
-wait_for test -s session.log # the server's monitoring: the logger receives
+wait_for test -s session.log # monitors the server: waits until the logger receives something
 timeout 1 bridge/build/bridge || [ \$? -eq 124 ]
 kill \$logger
 sleep 2.2 # until the needle may have another owner

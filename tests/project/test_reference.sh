@@ -12,10 +12,10 @@ for table in "$work"/*; do
     diff "$source/docs/reference/$(basename "$table")" "$table" || { echo "FAILED: $(basename "$table") is out of date: run scripts/pages/reference" >&2; exit 1; }
 done
 "$source/scripts/pages/reference" --pages "$work"
-# Every field and every constant of the messages is present, counted independently.
+# Every field and every constant of the messages is there, counted independently.
 lcm=$source/lcmtypes/trocar.lcm
 [ "$(grep -cE '^ +(const )?[a-z0-9_]+ [A-Za-z]' "$lcm")" -eq "$(grep -c '^| `' "$work/messages.md")" ] || { echo "FAILED: fields are missing" >&2; exit 1; }
-/usr/bin/python3 - "$source/tests/fuzz" "$work/scene.csv" <<'EOF' # the fuzzer of scenes starts from a scene with every key, and knows their words
+/usr/bin/python3 - "$source/tests/fuzz" "$work/scene.csv" <<'EOF' # the scene fuzzer starts from a scene with every key, and knows their words
 import csv, pathlib, re, sys
 import yaml
 
@@ -32,7 +32,7 @@ faults = [f"{key} is missing from scene.csv" for key in given - listed] + [f"{ke
 faults += [f"{word} is in only one of scene.csv and scene.dict" for word in words ^ {word for key in listed for word in key.replace("[]", "").split(".")}]
 sys.exit("FAILED: " + "; ".join(sorted(faults)) if faults else 0)
 EOF
-# Every option in the programs' tables and every script is present, and the documentation gives advice about every flag.
+# Every option in the programs' tables and every script is there, and the documentation says what to do about every flag.
 for option in $(sed -nE 's/^    \{"([a-z][a-z-]+)", .*/--\1/p' "$source"/server/main.c "$source"/clients/{device/device,replay/replay,top/top,bench/bench_*}.c "$source"/clients/view/view_options.c "$source"/clients/bridges/*/*.c); do
     grep -qE "^trocar-[a-z -]*,\"?(-., )?$option(,|=|\[=|\")" "$work/programs.csv" || { echo "FAILED: no option $option in programs.csv" >&2; exit 1; }
 done

@@ -41,13 +41,13 @@ for program in man:man-db col:bsdextrautils; do # used by the tests
     grep -q "^ .*[^-]\b${program#*:}\b" "$source/scripts/test" || fail "scripts/test does not install ${program#*:} for ${program%:*}"
 done
 
-# scripts/anatomy requests only the packages that it uses; here, its library has already been built.
+# scripts/anatomy asks only for the packages it uses; here, its library has already been built.
 rm asked && mkdir -p tree/scripts tree/meshes && cp "$source/scripts/anatomy" "$source/scripts/setup" tree/scripts
 PATH=$work/bin:$PATH WORK=$work TROCAR_LIBRARY=there tree/scripts/anatomy --help >said 2>&1 || true
 for package in python3-gmsh python3-vtk9 python3-pygalmesh python3-nibabel; do grep -q " $package" asked || fail "no $package: $(cat asked)"; done
 ! grep -qE 'npm|nodejs|cmocka|cmake|gcc|websockets|igtlink' asked || fail "more than anatomy needs: $(cat asked)"
 
-# If apt is locked, the script waits, eventually gives up, and names the process that holds the lock.
+# If apt is locked, the script waits, gives up in the end, and names the process that holds the lock.
 stand_in apt-get 'echo "E: Could not get lock /var/lib/dpkg/lock-frontend. It is held by process 4711 (unattended-upgr)" >&2; exit 100'
 setup --demo
 [ $status -eq 1 ] || fail "status $status with a lock"
@@ -62,7 +62,7 @@ stand_in apt-get 'echo "E: Unable to locate package" >&2; exit 100'
 setup --demo
 [ $status -eq 1 ] && grep -q 'is there a network' said || fail "status $status: $(cat said)"
 
-# Hides everything that the demo does not use: .pc files cannot be found, and programs fail.
+# Hides everything the demo does not use: .pc files cannot be found, and programs fail.
 mkdir pkgconfig
 for file in $(pkg-config --variable pc_path pkg-config | tr : ' '); do
     [ ! -d "$file" ] || find "$file" -name '*.pc' ! -name 'ncurses*' ! -name 'cmocka*' ! -name 'libwebsockets*' \
@@ -77,7 +77,7 @@ cmake --build build --target trocar_types >../said 2>&1 || fail "$(cat ../said)"
 ! PKG_CONFIG_LIBDIR=$work/pkgconfig cmake --preset view >../said 2>&1 || fail "the view is configured without libwebsockets"
 grep -q libwebsockets ../said || fail "$(cat ../said)"
 
-# help2man passes the program's path to a shell. Therefore, the command that CMake generated for a man page is run here with a script as the program.
+# help2man passes the program's path to a shell. To test this, the command that CMake generated for a man page is run here with a script as the program.
 rm ../bin/help2man
 for folder in tests scripts docs README.md CHANGELOG.md LICENSE LICENSES; do [ ! -e "$source/$folder" ] || ln -s "$source/$folder" "$folder"; done
 cmake --preset release >../said 2>&1 || fail "$(cat ../said)"

@@ -17,7 +17,7 @@ echo "${wheel##*/}: $(stat -c %s "$wheel") bytes"
 /usr/bin/python3 -m pip install --quiet --no-index --no-deps --target "$work/installed" "$wheel" || fail "pip"
 libraries=$work/installed/trocar/libraries
 
-# Every library that is needed comes from the wheel, or is one of those that PEP 600 expects on every system; none is bundled without its licence.
+# Every library needed comes from the wheel, or is one that PEP 600 expects on every system. None is bundled without its licence.
 for library in "$libraries"/*; do
     # libraries that resolve elsewhere, or not at all
     ldd "$library" | grep -vE "$libraries/|linux-vdso|ld-linux|lib(c|m|gcc_s)\.so" && fail "$library needs libraries of this system"
@@ -28,7 +28,7 @@ for licence in trocar libopenblas0-pthread libcholmod3 libmetis5; do
     [ -s "$work"/installed/trocar-*.dist-info/licenses/$licence ] || fail "no licence of $licence"
 done
 
-# The wheel's name promises a version of glibc.
+# The wheel's name promises a glibc version.
 promised=$(sed -E 's/.*manylinux_([0-9]+)_([0-9]+)_.*/\1.\2/' <<<"$wheel")
 used=$(objdump -T "$libraries"/* 2>/dev/null | grep -oE 'GLIBC_[0-9.]+' | sort -Vu | tail -n1)
 [ "$used" = "GLIBC_$promised" ] || fail "the wheel needs $used, its name says $promised"

@@ -1,5 +1,4 @@
-/* A cube with edges of 40 mm, divided into boxes of five tetrahedra each, both as arrays and as a Gmsh file. The skin is at z = 0; the face z = 40 mm is
-   fixed. */
+/* A 40 mm cube divided into boxes of five tetrahedra each, both as arrays and as a Gmsh file. The skin is at z = 0; the face at z = 40 mm is fixed. */
 #ifndef TROCAR_CUBE_MESH_H
 #define TROCAR_CUBE_MESH_H
 
@@ -22,7 +21,7 @@ static void add_triangle(cube_mesh *c, int a, int b, int d, int surface) {
     c->triangle_surface[c->triangle_count++] = surface;
 }
 
-/* Fills a box with five tetrahedra. Every second box is mirrored, so that the face diagonals of neighbouring boxes match. */
+/* Splits a box into five tetrahedra. Every other box is mirrored, so that the face diagonals of neighbouring boxes match. */
 static void fill_box(cube_mesh *c, int x, int y, int z, int32_t (*tet)[4]) {
     static const int CORNERS[2][5][4] = {{{0, 1, 3, 5}, {0, 3, 2, 6}, {0, 5, 6, 4}, {3, 6, 5, 7}, {0, 3, 6, 5}},
                                          {{1, 0, 4, 2}, {1, 2, 7, 3}, {1, 4, 5, 7}, {2, 4, 7, 6}, {1, 2, 4, 7}}};
@@ -30,7 +29,7 @@ static void fill_box(cube_mesh *c, int x, int y, int z, int32_t (*tet)[4]) {
     for (int k = 0; k < 8; k++) n[k] = cube_node(x + k % 2, y + k / 2 % 2, z + k / 4);
     for (int t = 0; t < 5; t++)
         for (int k = 0; k < 4; k++) tet[t][k] = n[CORNERS[odd][t][k]];
-    if (z == 0) { /* the diagonal of the bottom face connects corners 0 and 3 in even boxes, 1 and 2 in odd boxes */
+    if (z == 0) { /* the bottom face's diagonal joins corners 0 and 3 in even boxes, 1 and 2 in odd ones */
         add_triangle(c, n[0], n[1], n[odd ? 2 : 3], 0);
         add_triangle(c, n[odd ? 1 : 0], n[odd ? 2 : 3], n[odd ? 3 : 2], 0);
     }

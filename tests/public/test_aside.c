@@ -1,5 +1,5 @@
-/* Tests through trocar.h needles that are inserted 5 mm beside another needle or beside their own old track, on meshes whose elements are larger than that
-   distance: forces must not depend on the mesh. */
+/* Tests, through trocar.h, needles inserted 5 mm away from another needle or from their own old track, on meshes whose elements are larger than that
+   distance. The forces must not depend on the mesh. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -26,7 +26,7 @@ static const int COARSE[AXES] = {7, 7, 6}, FINE[AXES] = {14, 14, 11}; /* boxes a
 
 static int32_t node_of(const int boxes[AXES], const int at[AXES]) { return at[0] + (boxes[0] + 1) * (at[1] + (boxes[1] + 1) * at[2]); }
 
-/* Sets the block's mesh: each box is divided into six tetrahedra around its diagonal. */
+/* Meshes the block, splitting each box into six tetrahedra around its diagonal. */
 static void set_block(trocar_scene *scene, const int boxes[AXES]) {
     static const int ORDER[WAYS][AXES] = {{0, 1, 2}, {0, 2, 1}, {1, 0, 2}, {1, 2, 0}, {2, 0, 1}, {2, 1, 0}};
     static const char *const regions[] = {"tissue"}, *const surfaces[] = {"low"};
@@ -49,7 +49,7 @@ static void set_block(trocar_scene *scene, const int boxes[AXES]) {
                         corner[ORDER[way][k]]++;
                         tets[tet][k + 1] = node_of(boxes, corner);
                     }
-                    if (at[2] > 0 || ORDER[way][2] != 2) continue; /* if the last step is along z, the first three corners are at the bottom */
+                    if (at[2] > 0 || ORDER[way][2] != 2) continue; /* if the last step is along z, the first three corners lie on the bottom */
                     for (int k = 0; k < 3; k++) triangles[triangle_count][k] = tets[tet][k];
                     triangle_count++;
                 }
@@ -90,7 +90,7 @@ typedef struct {
 
 static trocar_pose above(double x) { return (trocar_pose){{x, FIRST[1], HIGH[2] + ABOVE + LENGTH}, {0, 1, 0, 0}}; }
 
-/* Moves the base of one needle by x and z (m) within `seconds`, while the other needle, if any, is held. */
+/* Moves the base of one needle by x and z (m) over `seconds`; the other needle, if there is one, is held still. */
 static void move(hands *h, int needle, double x, double z, double seconds) {
     int ticks = (int)lround(seconds * 1e3);
     for (int i = 0; i < ticks; i++) {
@@ -109,8 +109,8 @@ static hands start(const int boxes[AXES], int count, bool relaxes, trocar_model 
     return h;
 }
 
-/* Inserts a needle, moves it aside, holds it for three relaxation times, withdraws it, inserts it 5 mm beside its old track, and holds it for one relaxation
-   time. Meanwhile the relaxing tissue returns to its original shape and pushes the needle sideways. */
+/* Inserts a needle, moves it sideways, holds it for three relaxation times, withdraws it, inserts it again 5 mm from its old track, and holds it for one
+   relaxation time. Meanwhile the relaxing tissue recovers its original shape and pushes the needle sideways. */
 static trocar_output beside_old_track(const int boxes[AXES]) {
     trocar_model *model;
     hands h = start(boxes, 1, true, &model);
@@ -135,7 +135,7 @@ static void the_mesh_is_not_felt_beside_an_old_track(void **state) {
     assert_true(fabs(sideways) < 0.08 && fabs(along) < 0.01);
 }
 
-/* A straight needle inserted into elastic tissue that another needle holds displaced is not pushed sideways. */
+/* If a needle held to the side has displaced elastic tissue, a straight needle inserted next to it is not pushed sideways. */
 static void displaced_tissue_does_not_push_a_needle_that_enters(void **state) {
     (void)state;
     trocar_model *model;

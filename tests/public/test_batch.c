@@ -1,4 +1,4 @@
-/* Compares batches with single simulations that are stepped one by one. */
+/* Compares batches with single simulations stepped one by one. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -50,7 +50,7 @@ static trocar_scene *cube_scene(void) {
     return scene;
 }
 
-/* Two models, used by the rows alternately; the model of the even rows has less friction. */
+/* Two models, used alternately by the rows. The model of the even rows has less friction. */
 typedef struct {
     trocar_model *made[2];
     trocar_model *of_row[ROWS];
@@ -86,7 +86,6 @@ static void fill_poses(void) {
         }
 }
 
-/* All outputs of a call. */
 typedef struct {
     double force[ALL][3], torque[ALL][3], depth[ALL];
     trocar_pose tip[ALL];
@@ -98,7 +97,7 @@ static trocar_batch_outputs arrays_of(results *r) {
     return (trocar_batch_outputs){r->force[0], r->torque[0], r->depth, r->tip, r->contacts, r->events, r->membrane, r->passes, r->switches, r->seeds, r->status, r->done};
 }
 
-/* Computes the same steps with single simulations, one after another. */
+/* Runs the same steps in single simulations, one after another. */
 static void compute_singly(const models *m, results *r) {
     memset(r, 0, sizeof *r);
     for (int row = 0; row < ROWS; row++) {
@@ -173,8 +172,7 @@ static void rows_equal_single_simulations(void **state) {
             const double *q = together->tip[i].orientation;
             assert_true(1.0 - 2.0 * (q[1] * q[1] + q[2] * q[2]) > 0.99);
         }
-        OK(trocar_batch_reset(batch, starts[0], NULL, &why)); /* nothing before the reset affects the results, and stepping with one call per step gives the
-                                                                 same results */
+        OK(trocar_batch_reset(batch, starts[0], NULL, &why)); /* undoes everything before it, and one call per step gives the same results */
         for (int s = 0; s < STEPS; s++) {
             static trocar_pose now[ROWS][NEEDLES];
             static double force[ROWS][NEEDLES][3];
@@ -238,7 +236,7 @@ static void rows_are_saved_and_restored(void **state) {
     OK(trocar_batch_save(batch, states, size, NULL, &why));
     for (int row = 0; row < ROWS; row++) sizes[row] = trocar_state_bytes(states[row]);
     OK(trocar_batch_step(batch, late[0][0], HALF, 1e-3, NULL, NULL, &out, &why));
-    const void *shared[ROWS] = {states[2], states[1], states[2], states[3], states[0]}; /* rows 0, 2 and 4 have the same model */
+    const void *shared[ROWS] = {states[2], states[1], states[2], states[3], states[0]}; /* rows 0, 2 and 4 share a model */
     const size_t of_shared[ROWS] = {sizes[2], sizes[1], sizes[2], sizes[3], sizes[0]};
     OK(trocar_batch_restore(batch, shared, of_shared, NULL, &why));
     memcpy(late[0], late[2], sizeof late[0]);
@@ -277,7 +275,7 @@ static void a_row_takes_another_model(void **state) {
     models_free(&m);
 }
 
-/* A resting needle is not ticked, but it affects the other needle as in a single simulation. */
+/* A resting needle is not ticked, but it affects the other needle just as in a single simulation. */
 static void a_needle_rests_in_a_row(void **state) {
     (void)state;
     models m = models_made();
@@ -306,7 +304,7 @@ static void a_needle_rests_in_a_row(void **state) {
     }
     assert_int_equal(trocar_sim_needle_state(trocar_batch_sim(batch, 0), 0), TROCAR_NEEDLE_RESTING);
     OK(trocar_sim_leave(trocar_batch_sim(batch, 1), 0, &why));
-    OK(trocar_sim_leave(trocar_batch_sim(batch, 1), 1, &why)); /* no needle of this row is ticked */
+    OK(trocar_sim_leave(trocar_batch_sim(batch, 1), 1, &why)); /* now no needle of this row is ticked */
     for (int s = 0; s < 2; s++) OK(trocar_batch_step(batch, last[0], 1, 1e-3, NULL, NULL, &out, &why));
     for (int n = 0; n < NEEDLES; n++) assert_int_equal(trocar_sim_needle_state(trocar_batch_sim(batch, 1), n), TROCAR_NEEDLE_RESTING);
     free(r);
@@ -384,7 +382,7 @@ static void a_call_is_watched_and_cancelled(void **state) {
     OK(trocar_batch_step(batch, poses[0][0], STEPS, 1e-3, NULL, &watch, &out, &why));
     assert_true(w.calls == ROWS * ((STEPS + 63) / 64) && w.fraction == 1.0);
     OK(trocar_batch_reset(batch, starts[0], NULL, &why));
-    w = (watcher){.until = ROWS + 1}; /* cancels in the second pass over the rows */
+    w = (watcher){.until = ROWS + 1}; /* cancels during the second pass over the rows */
     assert_int_equal(trocar_batch_step(batch, poses[0][0], STEPS, 1e-3, NULL, &watch, &out, &why), TROCAR_CANCELLED);
     for (int row = 0; row < ROWS; row++) {
         int done = row < 2 ? 128 : 64;
@@ -396,10 +394,10 @@ static void a_call_is_watched_and_cancelled(void **state) {
     models_free(&m);
 }
 
-/* After a fork, the batch's threads no longer exist in the child, but the child can still step the batch. */
+/* After a fork, the batch's threads are gone in the child, but the child can still step the batch. */
 static void a_batch_goes_on_after_a_fork(void **state) {
     (void)state;
-#ifdef __SANITIZE_THREAD__ /* ThreadSanitizer does not support threads that are started after a fork */
+#ifdef __SANITIZE_THREAD__ /* ThreadSanitizer does not support starting threads after a fork */
     skip();
 #endif
     models m = models_made();
@@ -422,7 +420,7 @@ static void a_batch_goes_on_after_a_fork(void **state) {
     models_free(&m);
 }
 
-/* A rollout gives the same results as single simulations with the same poses, models and needles. From a saved state, it continues exactly as the insertion
+/* A rollout gives the same results as single simulations with the same poses, models and needles. Started from a saved state, it continues the insertion
    from which the state was saved. */
 static void rollouts_have_models_needles_and_states(void **state) {
     (void)state;
@@ -467,7 +465,7 @@ static void rollouts_have_models_needles_and_states(void **state) {
             assert_memory_equal(late + (size_t)row * count, all + ((size_t)row * STEPS + HALF) * NEEDLES, count * sizeof *late);
         assert_memory_not_equal(late, all + (size_t)HALF * NEEDLES, count * sizeof *late);
     }
-    sizes[2] = 3; /* damages one state; the other insertions are still computed */
+    sizes[2] = 3; /* one corrupt state; the other insertions are still computed */
     trocar_rollout_options options = {.dt = 1e-3, .threads = 2, .needles = NEEDLES, .models = m.of_row, .states = (const void *const *)states, .state_sizes = sizes};
     assert_refused(trocar_rollout(NULL, rest, ROWS, STEPS - HALF, &options, late, &why), "insertion 2, step 0");
     assert_memory_equal(late + (ROWS - 1) * (STEPS - HALF) * NEEDLES, all + ((ROWS - 1) * STEPS + HALF) * NEEDLES, (STEPS - HALF) * NEEDLES * sizeof *late);
@@ -499,7 +497,7 @@ static void too_little_memory_is_told(void **state) {
     models m = models_made();
     fill_poses();
     trocar_batch *batch = batch_of(&m, 2);
-    trocar_batch_free(batch); /* creating this batch made BLAS allocate its memory for two threads */
+    trocar_batch_free(batch); /* creating the batch made BLAS allocate its memory for two threads */
     int told = 0, made = 0;
     for (double room = 5e6; room < 600e6; room *= 1.3) {
         limit(mapped() + (size_t)room);

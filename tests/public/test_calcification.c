@@ -1,4 +1,4 @@
-/* Tests calcifications through trocar.h: balls in the tissue that are harder to cut. */
+/* Tests, through trocar.h, calcifications: balls in the tissue that are harder to cut. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -20,12 +20,13 @@ static trocar_error why;
 static const double X = 0.005, Y = 0.003, LENGTH = 0.2, DT = 1e-3, SPEED = 0.05; /* m, s, m/s */
 static const double CUTTING = 0.2; /* N */
 
-/* Balls on the needle's path. Once the tip has passed the first ball, the tissue springs back over it by more than the second ball's thickness. The first ball
-   has the default factor. The forces are too small to buckle the needle. */
+/* Balls in the needle's path. Once the tip has passed the first ball, the tissue springs back by more than the second ball's thickness. The first ball uses
+   the default factor. The forces are too small to buckle the needle. */
 static const struct { const char *centre; double depth, radius, factor; } BALLS[] = {
     {"[0.005, 0.003, 0.03]", 0.03, 4e-3, 5.0}, {"[0.005, 0.003, 0.0365]", 0.0365, 1e-3, 8.0}};
 
-/* Returns figure 8 with the same cutting force everywhere and without friction, viscosity or puncture forces, so that the hand feels only the cutting force. */
+/* Returns the figure-8 scene with the same cutting force everywhere and without friction, viscosity or puncture forces, so that cutting is the only force
+   the hand feels. */
 static trocar_scene *load_scene(void) {
     static const char *const NONE[] = {"cutting_viscosity", "friction.kinetic", "friction.static", "friction.viscous"};
     trocar_scene *scene;
@@ -53,8 +54,8 @@ static trocar_scene *load_scene(void) {
 
 static trocar_pose base_at(double depth) { return (trocar_pose){{X, Y, depth - LENGTH}, {1, 0, 0, 0}}; }
 
-/* Inside a ball, the force on the hand is the cutting force times the factor; in front of and behind the balls, it is the cutting force itself. At the boundary
-   of a ball, the tip stops until it has dented the tissue far enough to cut it. The tolerance is 1 %, because the needle is not quite straight. */
+/* Inside a ball, the hand feels the cutting force times the ball's factor; in front of and behind the balls, the plain cutting force. At the boundary of a
+   ball, the tip stops until it has dented the tissue enough to cut it. The tolerance is 1 % because the needle is not perfectly straight. */
 static void cutting_a_calcification_takes_its_factor(void **state) {
     (void)state;
     static const double NEAR = 1e-4; /* m, more than the tip advances per tick in front of a ball or inside it */
@@ -92,7 +93,7 @@ static void cutting_a_calcification_takes_its_factor(void **state) {
     trocar_model_free(model);
 }
 
-/* The centre of a ball must be in the tissue. This can be checked only once the mesh has been read, but the message still names the line in the scene. */
+/* A ball's centre must lie in the tissue. This can only be checked once the mesh has been read, but the message still names the line in the scene. */
 static void a_centre_outside_the_tissue_is_refused_with_its_line(void **state) {
     (void)state;
     char path[] = "/tmp/calcification_XXXXXX", expected[128];

@@ -1,4 +1,4 @@
-/* Tests through trocar.h that the hand feels no artefacts caused by mesh nodes, by skin that other needles have displaced, or by buckling. */
+/* Tests, through trocar.h, that the hand feels no artefacts caused by mesh nodes, by skin that other needles have displaced, or by buckling. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -35,10 +35,10 @@ static trocar_sim *simulate(trocar_scene *scene, trocar_model **model) {
 
 static double norm(const double v[3]) { return sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]); }
 
-enum { RECOIL = 30 }; /* duration of the tissue's recoil after a puncture, ms */
+enum { RECOIL = 30 }; /* ms, how long the tissue recoils after a puncture */
 
-/* Moves the base along z by `way` (m), by at most `step` (m) per 1 ms tick. Returns the magnitude of the last force. If `most` is given, it receives the
-   largest change in the force (N) in any tick that reports one of `events`, except shortly after a puncture. */
+/* Moves the base along z by `way` (m), in 1 ms ticks of at most `step` (m), and returns the magnitude of the last force. `most`, if given, receives the
+   largest change in force (N) over the ticks that report any of `events`, except shortly after a puncture. */
 static double move(trocar_sim *sim, int needle, trocar_pose *base, double way, double step, unsigned events, double *most) {
     trocar_output out = {0};
     double last[3] = {0}, change[3];
@@ -60,7 +60,7 @@ static void hold(trocar_sim *sim, int needle, const trocar_pose *base, int ticks
 
 static trocar_pose above(double x, double y) { return (trocar_pose){{x, y, -0.202}, {1, 0, 0, 0}}; }
 
-/* Inserts a needle into intact tissue, and then along its old track, where the tip's cutting resistance is smaller than the friction assigned to the tip. */
+/* Inserts a needle into intact tissue and then along its old track, where the tip's cutting resistance is smaller than the friction attributed to the tip. */
 static void nodes_that_are_added_are_not_felt(void **state) {
     (void)state;
     trocar_model *model;
@@ -104,8 +104,7 @@ static void nodes_that_are_removed_are_not_felt(void **state) {
     trocar_model_free(model);
 }
 
-/* Presses on skin without puncturing it. With an infinite puncture force, the tissue below must respond in the same way as with a puncture force of a million
-   newtons. */
+/* Presses on the skin without puncturing it. The tissue must respond in the same way whether the puncture force is infinite or a million newtons. */
 static void infinite_force_leaves_the_tissue_as_soft(void **state) {
     (void)state;
     double force[2];
@@ -124,7 +123,7 @@ static void infinite_force_leaves_the_tissue_as_soft(void **state) {
     assert_true(force[0] > 0.1 && fabs(force[1] / force[0] - 1.0) < 1e-6);
 }
 
-/* A needle buckles against the pubic arch, is moved sideways, withdrawn, and inserted at another point. */
+/* A needle buckles against the pubic arch, is moved sideways and withdrawn, and is then inserted at another point. */
 static void a_buckled_needle_recovers_off_its_axis(void **state) {
     (void)state;
     trocar_model *model;
@@ -140,7 +139,7 @@ static void a_buckled_needle_recovers_off_its_axis(void **state) {
         base.position[1] -= 6e-5;
         OK(trocar_sim_step(sim, 0, &base, 1e-3, &out, &why));
     }
-    assert_true(norm(out.force) > 5.0 && !(out.events & TROCAR_EVENT_UNSTABLE)); /* the needle has buckled and still transmits force */
+    assert_true(norm(out.force) > 5.0 && !(out.events & TROCAR_EVENT_UNSTABLE)); /* it has buckled but still bears load */
     move(sim, 0, &base, -0.21 - base.position[2], 1e-4, 0, NULL);
     for (int i = 0; i < 200; i++) {
         base.position[0] -= 6e-5, base.position[1] -= 5e-5;
@@ -153,11 +152,11 @@ static void a_buckled_needle_recovers_off_its_axis(void **state) {
     trocar_model_free(model);
 }
 
-/* Inserts twelve needles into soft tissue. The needles already inserted have displaced the skin at the next entry point. */
+/* Inserts twelve needles into soft tissue. Each time, the needles already in place have displaced the skin at the entry point. */
 static void no_needle_goes_in_unfelt(void **state) {
     (void)state;
     static const double across[] = {-0.015, -0.005, 0.005, 0.015}, up[] = {-0.010, -0.005, 0.005, 0.010};
-    for (int tip = 0; tip < 2; tip++) { /* two depths of the tip: 72.8 and 73.5 mm */
+    for (int tip = 0; tip < 2; tip++) { /* two tip depths: 72.8 and 73.5 mm */
         trocar_model *model;
         trocar_scene *scene = load("implant");
         double end = tip ? 73.5e-3 : 72.8e-3;
@@ -177,7 +176,7 @@ static void no_needle_goes_in_unfelt(void **state) {
     }
 }
 
-/* Moves the base by 12 mm in a single tick of 1 ms, starting at the skin. */
+/* Moves the base by 12 mm in a single 1 ms tick, starting at the skin. */
 static void a_gap_in_the_poses_is_no_buckling(void **state) {
     (void)state;
     trocar_model *model;
@@ -196,8 +195,8 @@ static void a_gap_in_the_poses_is_no_buckling(void **state) {
     trocar_model_free(model);
 }
 
-/* The worker releases a needle in a single update. A hand that holds a nearby needle must nevertheless feel the release spread over 0.1 s, as if the other hand
-   opened its fingers gradually. */
+/* The worker releases a needle in a single update. A hand that holds a nearby needle must still feel the release spread over 0.1 s, as if the other hand
+   were opening its fingers gradually. */
 static void letting_go_of_a_needle_is_no_knock_for_its_neighbours(void **state) {
     (void)state;
     trocar_model *model;
@@ -206,7 +205,7 @@ static void letting_go_of_a_needle_is_no_knock_for_its_neighbours(void **state) 
     trocar_sim *sim = simulate(scene, &model);
     trocar_pose base[3];
     trocar_output out, before;
-    for (int n = 0; n < 3; n++) { /* the first needle rests, the second is held, and the third is released while it is being pushed */
+    for (int n = 0; n < 3; n++) { /* the first rests, the second is held, and the third is released while being pushed */
         base[n] = (trocar_pose){{5e-3 * (n - 1), 0.0, -0.23}, {1, 0, 0, 0}};
         OK(trocar_sim_reset(sim, n, &base[n], &why));
         move(sim, n, &base[n], n == 2 ? 0.09 : 0.08, 1e-4, 0, NULL);
@@ -227,7 +226,7 @@ static void letting_go_of_a_needle_is_no_knock_for_its_neighbours(void **state) 
     }
     print_message("let go of: %.3f N beside it, at most %.4f N in a tick\n", norm(way), most);
     assert_true(norm(way) > 0.1 && most < 0.05);
-    OK(trocar_sim_restore(sim, half_way, size, &why)); /* the simulation must also continue from a state saved half-way */
+    OK(trocar_sim_restore(sim, half_way, size, &why)); /* a state saved half-way must continue in the same way */
     hold(sim, 1, &base[1], 150, &out);
     for (int a = 0; a < 3; a++) assert_true(fabs(out.force[a] - last[a]) < 1e-9);
     free(half_way);
@@ -235,8 +234,7 @@ static void letting_go_of_a_needle_is_no_knock_for_its_neighbours(void **state) 
     trocar_model_free(model);
 }
 
-/* Relaxing tissue springs back slowly. A needle inserted again after a withdrawal must touch the skin at the skin's current position, not at its final
-   position. */
+/* Relaxing tissue springs back slowly. A needle that is withdrawn and inserted again must meet the skin where it is now, not where it will end up. */
 static void a_needle_returns_to_skin_that_is_still_displaced_with_one_touch(void **state) {
     (void)state;
     trocar_model *model;
@@ -261,7 +259,7 @@ static void a_needle_returns_to_skin_that_is_still_displaced_with_one_touch(void
     trocar_model_free(model);
 }
 
-/* A tip slides over the skin from one element to the next. The tissue's compliance at the tip must be available in every tick. */
+/* The tip slides over the skin from one element to the next. The tissue's compliance at the tip must be available in every tick. */
 static void gliding_over_the_skin_is_never_late(void **state) {
     (void)state;
     static const double tilts[] = {0.0, M_PI / 6.0};
@@ -289,10 +287,10 @@ static void gliding_over_the_skin_is_never_late(void **state) {
     }
 }
 
-enum { PUSHES = 600 }; /* number of ticks in which the needle is pushed in after it has touched the skin */
+enum { PUSHES = 600 }; /* ticks during which the needle is pushed in after touching the skin */
 
-/* Touches the skin in a tick in which the tip moves by `aside` (m) along x and by 10 um along the needle, then pushes the needle in by 12 mm. Writes the axial
-   force in each tick to `along`. Returns the tick of the puncture. */
+/* Touches the skin in a tick in which the tip moves by `aside` (m) along x and 10 um along the needle, then pushes the needle in by 12 mm. Writes the axial
+   force of each tick to `along`. Returns the tick in which the skin was punctured. */
 static int push_after_touch(double aside, double *along) {
     trocar_model *model;
     trocar_scene *scene = load("figure8");
@@ -317,7 +315,7 @@ static int push_after_touch(double aside, double *along) {
     return punctured;
 }
 
-/* The path on which the hand reached the skin does not affect the later forces. */
+/* How the hand approached the skin does not affect the forces afterwards. */
 static void a_needle_that_comes_from_the_side_feels_the_same_skin(void **state) {
     (void)state;
     static double straight[PUSHES], aside[PUSHES];

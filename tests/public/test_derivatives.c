@@ -1,4 +1,4 @@
-/* Tests the derivatives of a step against central differences, in random states, with respect to the pose of the base and to properties of the tissue. */
+/* Compares the derivatives of a step, with respect to the base pose and to tissue properties, with central differences in random states. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -19,11 +19,11 @@ static trocar_error why;
 enum { BASE = TROCAR_BASE_VARIABLES, PARAMETERS = 12, UNIFORM = BASE + PARAMETERS, VARIABLES = UNIFORM + 1, TARGETS = 2, BLOCKS = 4 + TARGETS, VALUES = 3 * BLOCKS };
 static const char *const BLOCK_NAMES[BLOCKS] = {"force", "torque", "tip", "direction", "target", "target"};
 static const double DT = 1e-3; /* s */
-#define LENGTH 0.2             /* m, length of the needle; converts a rotation into the distance by which it moves the end of a straight needle */
+#define LENGTH 0.2             /* m, length of the needle; converts a rotation into how far it moves the end of a straight needle */
 
 /* ---- a simulation and its values ------------------------------------------------------------------------------------------------ */
 
-/* Sets a negligible contact tolerance. With a larger one, a step stops iterating early, and its results are smooth functions of its input only to within the
+/* Makes the contact tolerance negligible. Otherwise a step stops iterating early, and its results are smooth functions of the input only to within the
    tolerance. */
 static trocar_scene *exact_scene(void) {
     trocar_scene *scene;
@@ -54,7 +54,7 @@ static void set_down(set_up *s) {
     free(s->displacements);
 }
 
-/* Chooses random tetrahedra of the mesh as targets. */
+/* Picks random tetrahedra of the mesh as targets. */
 static void choose_targets(set_up *s) {
     const double *nodes = trocar_model_nodes(s->model);
     const int32_t *tets = trocar_model_tets(s->model);
@@ -67,7 +67,7 @@ static void choose_targets(set_up *s) {
     }
 }
 
-/* Reads the values to be differentiated, after a step. */
+/* Reads the values to differentiate, after a step. */
 static void read_values(const set_up *s, const trocar_output *out, double values[VALUES]) {
     double joints[TROCAR_MAX_JOINTS][3], length = 0.0;
     const trocar_view *view = trocar_sim_view(s->sim);
@@ -101,7 +101,7 @@ static void differentiate(const set_up *s, const trocar_pose *base, const trocar
 
 /* ---- poses ------------------------------------------------------------------------------------------------------------------ */
 
-/* Turns an orientation about the world's axes by a rotation vector (rad). */
+/* Rotates an orientation by a rotation vector (rad) given in world axes. */
 static void turn(const double by[3], double q[4]) {
     double angle = sqrt(by[0] * by[0] + by[1] * by[1] + by[2] * by[2]), half = angle > 0.0 ? sin(0.5 * angle) / angle : 0.5, w = cos(0.5 * angle);
     double x = half * by[0], y = half * by[1], z = half * by[2];
@@ -125,7 +125,7 @@ static trocar_pose moved(trocar_pose base, int variable, double by) {
 /* ---- random states ------------------------------------------------------------------------------------------------------------ */
 
 /* Inserts the needle at a random speed and angle, then pushes, slows down, holds or withdraws it while its base moves sideways and tilts. Saves the state
-   before the last step in `state`, and returns the pose of that step. */
+   before the last step in `state` and returns the pose of that step. */
 static trocar_pose reach_state(const set_up *s, void *state, size_t size) {
     trocar_pose base = {{random_between(1e-3, 9e-3), random_between(-1e-3, 7e-3), -0.201}, {1, 0, 0, 0}};
     trocar_output out;
@@ -186,7 +186,7 @@ static bool difference(const set_up *s, const void *state, size_t size, const tr
     return same;
 }
 
-/* Returns the norm of a block's derivatives, minus those in `minus` if given; each derivative is multiplied by the scale of its variable. */
+/* Returns the norm of one block of derivatives, or of its difference from `minus` if given. Each derivative is multiplied by the scale of its variable. */
 static double norm_of(double derivatives[VALUES][VARIABLES], double minus[VALUES][VARIABLES], int block, int from, int to, const double scales[VARIABLES]) {
     double sum = 0.0;
     for (int i = 3 * block; i < 3 * block + 3; i++)
@@ -196,12 +196,12 @@ static double norm_of(double derivatives[VALUES][VARIABLES], double minus[VALUES
 
 typedef struct {
     int switches;
-    double largest[BLOCKS];  /* largest relative error in states that are not at a switch */
+    double largest[BLOCKS];  /* largest relative error, over states that are not at a switch */
 } comparison;
 
-/* Compares the derivatives with central differences in `count` random states. At a switch, a contact starts or stops sliding within the step of a difference;
-   `range` also covers switches that the contacts do not show, such as those of the shaft next to the tip. The steps are small because friction on a turning
-   shaft changes direction within a slip of about 10 nm. */
+/* Compares the derivatives with central differences in `count` random states. At a switch, a contact starts or stops sliding within the difference step.
+   `range` also detects switches that do not show in the contacts, such as those of the shaft next to the tip. The difference steps are small because
+   friction on a turning shaft changes direction within about 10 nm of slip. */
 static comparison compare(int count) {
     static const double scales[VARIABLES] = {1, 1, 1, 1 / LENGTH, 1 / LENGTH, 1 / LENGTH};
     static const double steps[BASE] = {1e-9, 1e-9, 1e-9, 1e-8, 1e-8, 1e-8}; /* m, rad */
@@ -239,9 +239,9 @@ static comparison compare(int count) {
     return found;
 }
 
-/* The derivatives neglect that the path cut in this step turns with the needle. This path is at most 60 um long, and turning it moves the tip by the path's
-   length times the rotation; a straight needle's end moves by the needle's length times the rotation. The derivatives also neglect that friction against
-   turning depends on the slip along the needle, which affects only the torque about the needle's axis. */
+/* The derivatives neglect that the path cut in this step turns with the needle. That path is at most 60 um long, so turning it moves the tip by at most 60
+   um times the rotation, whereas the end of a straight needle moves by the needle's length times the rotation. They also neglect that friction against
+   turning depends on the axial slip, which only affects the torque about the needle's axis. */
 static void check(comparison found, int count) {
     const double path = 60e-3 * DT / LENGTH;
     for (int block = 0; block < BLOCKS; block++) assert_true(found.largest[block] < (block == 1 ? 2e-3 : path));
@@ -253,7 +253,7 @@ static void derivatives_are_those_of_small_motions(void **unused) {
     check(compare(20), 20);
 }
 
-/* The environment variable TROCAR_TEST_STATES overrides the number of states; 1000 take a few minutes. */
+/* TROCAR_TEST_STATES in the environment overrides the number of states; 1000 states take a few minutes. */
 static void derivatives_are_those_of_small_motions_in_many_states(void **unused) {
     (void)unused;
     const char *given = getenv("TROCAR_TEST_STATES");
@@ -270,16 +270,16 @@ static const struct {
                   {"friction.kinetic", TROCAR_FRICTION_KINETIC}, {"friction.viscous", TROCAR_FRICTION_VISCOUS},
                   {"youngs_modulus", TROCAR_YOUNGS_MODULUS}};
 static const char *const REGIONS[] = {"prostate", "surrounding"};
-enum { MODULI = 10 }; /* index of the first modulus among the parameters; a parameter's index is twice that of its property plus that of its region */
+enum { MODULI = 10 }; /* index of the first modulus among the parameters; a parameter's index is 2 * property + region */
 
-/* Starts with the needle in the tissue and holds it for two steps. No force acts yet, so the state does not depend on the properties. */
+/* Starts with the needle in the tissue and holds it for two steps. No force acts yet, so the state does not depend on the tissue's properties. */
 static void start_in_tissue(const set_up *s, const trocar_pose *start) {
     trocar_output out;
     OK(trocar_sim_reset(s->sim, 0, start, &why));
     for (int t = 0; t < 2; t++) OK(trocar_sim_step(s->sim, 0, start, DT, &out, &why));
 }
 
-/* Returns a scene whose viscosity is so low that a tip can cut in a single step from rest. Its membranes have a stiffness that does not depend on the regions'
+/* Returns a scene whose viscosity is so low that the tip can cut in a single step from rest. The stiffness of its membranes does not depend on the regions'
    moduli. */
 static trocar_scene *scene_without_haste(void) {
     static const char *const keys[] = {"cutting_viscosity", "friction.viscous"};
@@ -295,8 +295,8 @@ static trocar_scene *scene_without_haste(void) {
     return scene;
 }
 
-/* Returns a model with one property or, if `parameter` is PARAMETERS, both moduli multiplied by `factor`. `value` receives the original property, or 1 for both
-   moduli. Only a modulus changes the stiffness matrix; models with other changes are derived from `base`. */
+/* Returns a model with one property multiplied by `factor`, or both moduli if `parameter` is PARAMETERS. `value` receives the original property, or 1 for
+   both moduli. Only a modulus changes the stiffness matrix, so models with other changes are derived from `base`. */
 static trocar_model *model_with(const trocar_model *base, int parameter, double factor, double *value) {
     trocar_scene *scene = scene_without_haste();
     trocar_model *model;
@@ -314,7 +314,7 @@ static trocar_model *model_with(const trocar_model *base, int parameter, double 
     return model;
 }
 
-/* Creates a new simulation: after a reset in the tissue, the first step may still use the mesh's resolution along the needle from before the reset. */
+/* Creates a new simulation, because the first step after a reset in the tissue may still use the mesh resolution along the needle from before the reset. */
 static active_set values_with(const set_up *like, trocar_model *model, const trocar_pose *start, const trocar_pose *base, double values[VALUES]) {
     trocar_output out;
     set_up s = *like;
@@ -327,8 +327,9 @@ static active_set values_with(const set_up *like, trocar_model *model, const tro
     return set;
 }
 
-/* Groups of values whose errors are combined: force and torque, position and direction of the needle's end, and the targets. Torque and direction are scaled by
-   the needle's length. The tissue's properties hardly bend a straight needle, so torque and direction alone would be small differences of large numbers. */
+/* Groups of values whose errors are combined: force and torque, position and direction of the needle's end, and the targets. Torque and direction are scaled
+   by the needle's length. They are not compared separately, because the tissue's properties hardly bend a straight needle, and torque and direction alone
+   would be small differences of large numbers. */
 enum { GROUPS = 3 };
 static const char *const GROUP_NAMES[GROUPS] = {"wrench", "needle's end", "targets"};
 
@@ -338,9 +339,9 @@ static double norm_of_group(double derivatives[VALUES][VARIABLES], double minus[
     return hypot(first, lengths[group] * second);
 }
 
-/* Kinds of parameters that are compared together. If both moduli change by the same factor, only the stiffness changes. If their ratio changes, so do the
-   resolved radii at the boundary between the regions. The derivatives neglect this change, whose sign is opposite for the two moduli. For a single modulus,
-   theory therefore gives no error bound; the test uses the documented accuracy. */
+/* Kinds of parameters compared together. If both moduli change by the same factor, only the stiffness changes. If their ratio changes, so do the resolved
+   radii at the boundary between the regions, which the derivatives neglect; the sign of this error is opposite for the two moduli. Theory therefore gives no
+   error bound for a single modulus, and the test uses the documented accuracy. */
 enum { KINDS = 3 };
 static const struct {
     const char *name;
@@ -348,8 +349,7 @@ static const struct {
 } KIND[KINDS] = {{"cutting and friction", BASE, BASE + MODULI}, {"both moduli", UNIFORM, UNIFORM + 1}, {"each modulus", BASE + MODULI, UNIFORM}};
 static const double EACH_MODULUS = 1e-2;
 
-/* If a property changes by 0.1 %, central differences of a smooth function have relative errors of about the square of that, 1e-6. Ten times as much is
-   allowed. */
+/* For a property changed by 0.1 %, central differences of a smooth function have a relative error of about 0.001^2 = 1e-6. Ten times that is allowed. */
 #define CHANGE 1e-3
 static const double CENTRAL = 10.0 * CHANGE * CHANGE;
 
@@ -465,7 +465,7 @@ static void bad_requests_are_refused_before_the_step(void **unused) {
     assert_int_equal(trocar_sim_differentiate(s.sim, 0, &base, 2e-3, NULL, &out, &results, &why), TROCAR_BAD_INPUT);
     assert_int_equal(trocar_sim_differentiate(s.sim, 1, &base, DT, NULL, &out, &results, &why), TROCAR_BAD_INPUT);
     assert_true(trocar_view_time(trocar_sim_view(s.sim)) == 0.0);
-    OK(trocar_sim_differentiate(s.sim, 0, &base, DT, NULL, &out, &results, &why)); /* in the air, no force acts, whatever the variables */
+    OK(trocar_sim_differentiate(s.sim, 0, &base, DT, NULL, &out, &results, &why)); /* in the air no force acts, whatever the variables */
     for (int i = 0; i < 36; i++) assert_true(derivatives[i] == 0.0);
     set_down(&s);
     trocar_model_free(model);

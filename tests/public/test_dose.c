@@ -1,4 +1,5 @@
-/* Tests which inputs the dose functions refuse, that refused calls change nothing, and how long it takes to add a seed. test_dose.py tests the doses. */
+/* Tests which inputs the dose functions refuse, that a refused call changes nothing, and how long adding a seed takes. The doses themselves are tested in
+   test_dose.py. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -159,7 +160,7 @@ static void refusals_change_nothing(void **state) {
     assert_memory_equal(before, after, sizeof before);
     assert_int_equal(trocar_dose_add(dose, &good, &second, NULL), TROCAR_OK);
     assert_int_equal(trocar_dose_remove(dose, id, NULL), TROCAR_OK);
-    assert_int_equal(trocar_dose_remove(dose, id, &why), TROCAR_BAD_INPUT); /* an id is never reused */
+    assert_int_equal(trocar_dose_remove(dose, id, &why), TROCAR_BAD_INPUT); /* ids are never reused */
     assert_int_equal(trocar_dose_seed_count(dose), 1);
     trocar_dose_values(dose, after);
     assert_memory_equal(before, after, sizeof before);
@@ -190,7 +191,7 @@ static void bad_grids_and_points_are_refused(void **state) {
     trocar_dose_source_free(source);
 }
 
-/* Places as many seeds as allowed at one point, each with the largest possible dose: the sum must not overflow. */
+/* Puts as many seeds as allowed at one point, each with the largest possible dose. The sum must not overflow. */
 static void sums_do_not_overflow(void **state) {
     (void)state;
     trocar_dose_source *source = create_source();
@@ -226,7 +227,7 @@ static void bad_meshes_are_refused(void **state) {
     int64_t count = trocar_structure_count(s);
     trocar_structure_free(s);
     assert_int_equal(trocar_structure_from_surface(&mesh, 0, 1e-3, &s, &why), TROCAR_OK);
-    assert_int_equal(trocar_structure_count(s), count); /* the same tetrahedron, described by its faces; no voxel centre lies on a face */
+    assert_int_equal(trocar_structure_count(s), count); /* the same tetrahedron, given by its faces; no voxel centre lies on a face */
     assert_int_equal(trocar_structure_displacements(s, nodal, moved, &why), TROCAR_BAD_INPUT);
     trocar_structure_free(s);
     free(moved);
@@ -262,8 +263,8 @@ static double processor_time(void) {
     return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }
 
-/* Adding a seed to a dose grid of a million voxels takes less than 50 ms of processor time. Only the fastest of several runs counts, because other programs
-   share the processor's caches and execution units. */
+/* Adding a seed to a dose grid of a million voxels takes less than 50 ms of CPU time. Only the fastest of several runs counts, because other programs
+   compete for the caches and execution units. */
 static void a_seed_is_added_quickly(void **state) {
     (void)state;
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)

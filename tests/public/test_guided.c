@@ -1,4 +1,4 @@
-/* Tests guides through trocar.h: scene keys, the hole that each needle occupies, contacts, restored states and refused scenes. */
+/* Tests, through trocar.h, guides: scene keys, the hole each needle occupies, contacts, restored states and refused scenes. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -17,9 +17,9 @@ static trocar_error why;
 
 #define OK(call) do { if ((call) != TROCAR_OK) fail_msg("%s: %s", #call, why.text); } while (0)
 
-enum { IN = 500 }; /* duration of the insertion in ticks of 1 ms */
+enum { IN = 500 }; /* length of the insertion in 1 ms ticks */
 
-/* A template of 5 x 3 holes, 5 mm apart, whose back face is 5 mm in front of the skin. */
+/* A template with 5 x 3 holes, 5 mm apart, whose back face is 5 mm in front of the skin. */
 static const char *const TEMPLATE[][2] = {
     {"guides[template].origin", "[0.005, 0.003, -0.025]"}, {"guides[template].normal", "[0, 0, 1]"}, {"guides[template].along", "[1, 0, 0]"},
     {"guides[template].columns", "5"}, {"guides[template].rows", "3"}, {"guides[template].hole_diameter", "1.47e-3"},
@@ -42,8 +42,8 @@ static trocar_model *create_model(const char *needles) {
     return model;
 }
 
-/* Returns the base's pose. Needle 0 starts in front of hole 6, left of the centre, and needle 1 in front of hole 8. Both tips start 5 mm in front of the plate,
-   and the needles drift sideways. */
+/* Returns the base's pose. Needle 0 starts in front of hole 6, left of the centre, and needle 1 in front of hole 8. Both tips start 5 mm in front of the
+   plate, and the needles drift sideways on the way in. */
 static trocar_pose base_at(int needle, int tick) {
     return (trocar_pose){{needle == 0 ? 0.0 - 4e-6 * tick : 0.010, 0.003 + 4e-6 * needle * tick, -0.23 + 1.2e-4 * tick}, {1, 0, 0, 0}};
 }
@@ -68,7 +68,7 @@ static void each_needle_has_its_hole(void **state) {
     assert_int_equal(trocar_view_hole(trocar_sim_view(sim), 0, 0), 6);
     assert_int_equal(trocar_view_hole(trocar_sim_view(sim), 1, 0), 8);
     assert_int_equal(trocar_view_hole(trocar_sim_view(sim), 0, 1), TROCAR_NO_HOLE);
-    for (int n = 0; n < 2; n++) { /* the forces on the hand, the tissue and the guide sum to zero */
+    for (int n = 0; n < 2; n++) { /* forces on hand, tissue and guide add up to zero */
         trocar_contact contacts[TROCAR_MAX_POINTS];
         int count = trocar_view_contacts(trocar_sim_view(sim), n, contacts, TROCAR_MAX_POINTS), guided = 0;
         double sum[3] = {0};
@@ -133,7 +133,8 @@ static void the_model_tells_where_the_holes_are(void **state) {
     trocar_scene_free(scene);
 }
 
-/* The library detects this error when it reads the mesh. The message gives the file, the line of the key `origin`, the key itself and the remedy. */
+/* This error is only detected when the library reads the mesh. The message still names the file, the line of the `origin` key, the key itself and the
+   remedy. */
 static void a_guide_in_the_tissue_is_refused(void **state) {
     (void)state;
     char path[] = "/tmp/test_guided.XXXXXX.yaml", expected[128];

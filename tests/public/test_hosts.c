@@ -1,4 +1,4 @@
-/* Tests through trocar.h what the library guarantees to any host program in rare cases, with little memory, with threads and when calls are cancelled. */
+/* Tests, through trocar.h, what the library guarantees to any host program: in rare cases, when memory is short, with threads, and when calls are cancelled. */
 #include <math.h>
 #include <pthread.h>
 #include <setjmp.h>
@@ -18,7 +18,7 @@
 #include <cmocka.h>
 
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-#define SANITIZED 1 /* set if a sanitizer, whose shadow memory takes most of the address space, is active */
+#define SANITIZED 1 /* set under sanitizers, whose shadow memory takes most of the address space */
 #else
 #define SANITIZED 0
 #endif
@@ -27,7 +27,7 @@ static trocar_error why;
 
 #define OK(call) do { if ((call) != TROCAR_OK) fail_msg("%s: %s", #call, why.text); } while (0)
 
-/* Creates the cube; tetrahedra deeper than `bone` (m) are bone. With INFINITY there is no bone. */
+/* Creates the cube, with bone in the tetrahedra deeper than `bone` (m), or without bone if that is INFINITY. */
 static trocar_scene *cube_scene(double bone) {
     static const char *const regions[] = {"body", "bone"};
     cube_mesh *cube = malloc(sizeof *cube);
@@ -65,8 +65,8 @@ static trocar_pose at(double x, double y, double tip) { return (trocar_pose){{x,
 
 /* ---- contracts ---------------------------------------------------------------------------------------------------------- */
 
-/* A needle that is reset with its tip in bone counts as inserted. Only the skin counts as punctured: bone is no membrane, and the scene has no other
-   membrane. */
+/* A needle that is reset with its tip in bone counts as inserted. Only the skin counts as punctured, because bone is no membrane and the scene has no
+   others. */
 static void bone_is_no_membrane(void **state) {
     (void)state;
     trocar_model *model = model_of(cube_scene(0.015));
@@ -93,7 +93,7 @@ static void bone_is_no_membrane(void **state) {
     trocar_model_free(model);
 }
 
-/* A rigid needle is pressed through the tissue onto a fixed bone surface. The force equals the base's travel past that surface divided by
+/* A rigid needle is pressed through the tissue onto a fixed bone surface. The force equals the base's travel beyond that surface divided by
    contact.bone_compliance, because nothing else yields. */
 static void bone_yields_as_its_key_says(void **state) {
     (void)state;
@@ -114,7 +114,7 @@ static void bone_yields_as_its_key_says(void **state) {
         OK(trocar_sim_reset(sim, 0, &base, &why));
         for (int t = 0; t < 2100; t++, base.position[2] += 2e-5) {
             OK(trocar_sim_step(sim, 0, &base, 1e-3, &out, &why));
-            double way = base.position[2] + 0.2 - 0.04; /* m, travel past the surface of the bone */
+            double way = base.position[2] + 0.2 - 0.04; /* m, travel beyond the bone's surface */
             if (way > 0.1e-3) assert_float_equal(-out.force[2] * compliance, way, 0.01 * way);
         }
         trocar_sim_free(sim);
@@ -122,8 +122,8 @@ static void bone_yields_as_its_key_says(void **state) {
     }
 }
 
-/* An inclined tip is pushed along its axis onto skin that it does not puncture. The tip slides as soon as the force leaves the friction cone, and the force
-   then stays on the edge of the cone. */
+/* A tilted tip is pushed along its axis onto skin that it does not puncture. It slides as soon as the force leaves the friction cone; from then on, the
+   force stays on the edge of the cone. */
 static void a_leaning_tip_slides_at_the_cone_of_friction(void **state) {
     (void)state;
     static const double LEAN = 0.6; /* rad */
@@ -157,7 +157,7 @@ static trocar_model *model_from(const char *name, const char *key, const char *v
     return model_of(scene);
 }
 
-/* Functions that, according to trocar.h, fill at most `room` entries write nothing if `room` is 0. */
+/* Functions documented in trocar.h to fill at most `room` entries write nothing if `room` is 0. */
 static void no_room_is_no_fault(void **state) {
     (void)state;
     trocar_model *model = model_from("template.yaml", NULL, NULL);
@@ -193,7 +193,7 @@ static void go(trocar_sim *sim, int needle, trocar_pose *base, double to) {
     }
 }
 
-/* Returns the pose in which the second needle's base comes to rest in a track cut by needle `first`. */
+/* Returns the pose at which the second needle's base comes to rest in a track cut by needle `first`. */
 static trocar_pose rest_in_track_of(trocar_model *model, int first) {
     const trocar_pose far = {{0.05, 0.05, -0.4}, {1, 0, 0, 0}};
     trocar_pose base = {{0.005, 0.003, -0.201}, {1, 0, 0, 0}};
@@ -204,7 +204,7 @@ static trocar_pose rest_in_track_of(trocar_model *model, int first) {
     go(sim, first, &base, -0.202);
     if (first != 1) OK(trocar_sim_reset(sim, 1, &base, &why));
     go(sim, 1, &base, -0.16);
-    go(sim, 1, &base, -0.163); /* drawn back so that the needle springs forward when it is released */
+    go(sim, 1, &base, -0.163); /* drawn back, so that the needle springs forward on release */
     OK(trocar_sim_leave(sim, 1, &why));
     OK(trocar_sim_work(sim, NULL, &why));
     assert_int_equal(trocar_sim_needle_state(sim, 1), TROCAR_NEEDLE_RESTING);
@@ -214,7 +214,7 @@ static trocar_pose rest_in_track_of(trocar_model *model, int first) {
     return rest;
 }
 
-/* A released needle comes to rest at the same pose in another needle's track as in its own, because tissue that any needle has cut stays cut. */
+/* A released needle comes to rest at the same pose in another needle's track as in its own, because tissue stays cut whichever needle cut it. */
 static void a_needle_is_let_go_in_anothers_track_as_in_its_own(void **state) {
     (void)state;
     trocar_model *model = model_from("figure8.yaml", "needles", "2");
@@ -223,7 +223,7 @@ static void a_needle_is_let_go_in_anothers_track_as_in_its_own(void **state) {
     trocar_model_free(model);
 }
 
-/* The needle also comes to rest at the same pose if the state is saved and restored between the command to release it and the worker's update. */
+/* It also comes to rest at the same pose if the state is saved and restored between the release command and the worker's update. */
 static void saved_before_it_is_let_go_it_comes_to_the_same(void **state) {
     (void)state;
     trocar_model *model = model_from("figure8.yaml", "needles", "2");
@@ -255,7 +255,7 @@ static void saved_before_it_is_let_go_it_comes_to_the_same(void **state) {
     trocar_model_free(model);
 }
 
-/* Objects may be freed in any order: an object that uses the model keeps the model alive. */
+/* Objects can be freed in any order, because whatever uses the model keeps it alive. */
 static void the_model_goes_with_its_last_user(void **state) {
     (void)state;
     trocar_scene *scene;
@@ -310,7 +310,7 @@ static void *read_keys(void *context) {
     return NULL;
 }
 
-/* Must run before all other tests, while no scene key has been looked up. Intended for ThreadSanitizer. */
+/* Must run before all other tests, while no scene key has been looked up yet. Intended for ThreadSanitizer. */
 static void the_table_of_keys_is_made_once(void **state) {
     (void)state;
     pthread_t thread[THREADS];
@@ -331,8 +331,8 @@ static void *look_at_field(void *context) {
     return NULL;
 }
 
-/* With a condensed inverse, the stiffness matrix is assembled when the first displacement field is requested, while other threads derive models from the same
-   model. Intended for ThreadSanitizer. */
+/* With a condensed inverse, the stiffness matrix is only assembled when the first displacement field is requested. Here this happens while other threads
+   derive models from the same model. Intended for ThreadSanitizer. */
 static void models_are_derived_beside_a_first_field(void **state) {
     (void)state;
     char cache[] = "/tmp/test_hosts.XXXXXX", command[64];
@@ -341,7 +341,7 @@ static void models_are_derived_beside_a_first_field(void **state) {
         trocar_scene *scene;
         OK(trocar_scene_load(MESHES "/figure8.yaml", &scene, &why));
         OK(trocar_scene_set(scene, "inverse", "condensed", &why));
-        /* a region of interest that contains the needle, so that no other call assembles the matrix */
+        /* the region of interest contains the needle, so no other call assembles the matrix */
         OK(trocar_scene_set(scene, "region_of_interest.corridor.from", "[0.005, 0.003, 0.0]", &why));
         OK(trocar_scene_set(scene, "region_of_interest.corridor.to", "[0.005, 0.003, 0.04]", &why));
         OK(trocar_scene_set(scene, "region_of_interest.corridor.radius", "0.03", &why));
@@ -405,7 +405,7 @@ static bool is_zero(const trocar_output *out) {
     return memcmp(out, &zero, sizeof zero) == 0;
 }
 
-/* Up to the tick in which an insertion was cancelled, its outputs equal those of the complete rollout. From then on, they are zero. */
+/* Up to the tick in which an insertion was cancelled, its outputs equal those of the complete rollout. After that, they are zero. */
 static void a_rollout_is_watched_and_cancelled(void **state) {
     (void)state;
     static trocar_pose poses[BATCH][STEPS];
@@ -467,7 +467,7 @@ static void a_run_is_watched_and_cancelled(void **state) {
     trocar_model_free(model);
 }
 
-/* With each kind of inverse, the creation of a model can be cancelled at every call of its `cancelled` function. Afterwards, all its memory has been freed. */
+/* With each kind of inverse, creating a model can be cancelled at any call of `cancelled`, and all its memory is freed. */
 static void a_model_is_cancelled_at_any_question(void **state) {
     (void)state;
     static const char *const kinds[] = {"dense", "sparse", "condensed"};
@@ -520,7 +520,7 @@ static void limit(size_t bytes) {
     setrlimit(RLIMIT_AS, &limits);
 }
 
-/* If memory suffices only for fewer threads than requested, all insertions are still simulated. */
+/* If there is only enough memory for fewer threads than requested, all insertions are still simulated. */
 static void threads_without_memory_leave_the_work_to_others(void **state) {
     (void)state;
     if (SANITIZED) skip();
@@ -548,13 +548,13 @@ static void threads_without_memory_leave_the_work_to_others(void **state) {
         if (status != TROCAR_OK)
             for (int i = 0; i < BATCH; i++) assert_true(is_zero(&some[i][0]));
         short_of_memory += status != TROCAR_OK;
-        if (room > 2.0) assert_int_equal(status, TROCAR_OK); /* `room` suffices for one simulation and its saved state */
+        if (room > 2.0) assert_int_equal(status, TROCAR_OK); /* there is enough room for one simulation and its saved state */
     }
     assert_true(short_of_memory > 0);
     trocar_model_free(model);
 }
 
-/* Creates a model, a simulation and a picture in a new process of this program. The exit status is the status of the first call that fails. */
+/* Creates a model, a simulation and a snapshot in a new process running this program. The exit status is that of the first call that fails. */
 static int live(void) {
     trocar_scene *scene;
     trocar_model *model = NULL;
@@ -572,12 +572,12 @@ static int live(void) {
     _exit((int)status);
 }
 
-/* Whatever the limit on address space, the status is OK or NO_MEMORY, and the process ends in time. */
+/* Whatever the address-space limit, the status is OK or NO_MEMORY, and the process ends in time. */
 static void too_little_address_space_is_told(void **state) {
     (void)state;
     if (SANITIZED) skip();
     int told = 0, done = 0;
-    for (size_t room = 250; room <= 900; room += 25) { /* MB, of which the program and its libraries use about 180 MB */
+    for (size_t room = 250; room <= 900; room += 25) { /* MB, of which the program and its libraries take about 180 */
         pid_t child = fork();
         if (child == 0) {
             setenv("OPENBLAS_NUM_THREADS", "2", 1);

@@ -1,4 +1,4 @@
-/* Tests libtrocar through its public header trocar.h alone. */
+/* Tests libtrocar through its public header, trocar.h, alone. */
 #include <gmshc.h>
 #include <math.h>
 #include <pthread.h>
@@ -37,7 +37,7 @@ static trocar_scene *cube_scene(void) {
     trocar_mesh arrays = cube_arrays(cube);
     OK(trocar_scene_create(&scene, &why));
     OK(trocar_scene_set_mesh(scene, &arrays, &why));
-    free(cube); /* the scene has its own copy */
+    free(cube); /* the scene keeps its own copy */
     OK(trocar_scene_set_number(scene, "regions[body].youngs_modulus", 20e3, &why));
     OK(trocar_scene_set(scene, "membranes[skin].puncture_force", "0.5", &why));
     OK(trocar_scene_set(scene, "fixed", "[back]", &why));
@@ -54,7 +54,7 @@ static trocar_model *model_of(trocar_scene *scene) {
 
 enum { TICKS = 500 };
 
-/* Returns the base's pose in an insertion at 50 mm/s with a slow sideways motion and a slow rotation. */
+/* Returns the base's pose during an insertion at 50 mm/s with a slow sideways motion and a slow rotation. */
 static trocar_pose pose_at(int tick) {
     double turn = 1e-3 * tick;
     return (trocar_pose){{1e-3 + 1e-6 * tick, 2e-3, -0.2005 + 50e-6 * tick}, {cos(0.5 * turn), 0, 0, sin(0.5 * turn)}};
@@ -135,7 +135,7 @@ static void keys_are_set_and_told(void **state) {
     trocar_scene_free(scene);
 }
 
-/* The default of every key can be read from a scene, and setting a key to its default changes nothing. */
+/* Every key's default can be read from a scene, and setting a key to its default changes nothing. */
 static void the_table_of_keys_is_whole(void **state) {
     (void)state;
     trocar_scene *scene = cube_scene();
@@ -200,7 +200,7 @@ static void bad_input_is_refused_in_words(void **state) {
     assert_int_equal(trocar_sim_tick(sim, 0, &crooked, 1e-3, &out), TROCAR_BAD_INPUT);
     char small[8];
     assert_refused(trocar_sim_save(sim, small, sizeof small, &why), "8");
-    assert_int_equal(trocar_scene_load("/nowhere", &scene, NULL), TROCAR_BAD_INPUT); /* called without a buffer for the message */
+    assert_int_equal(trocar_scene_load("/nowhere", &scene, NULL), TROCAR_BAD_INPUT); /* without a message buffer */
     trocar_sim_free(sim);
     trocar_model_free(model);
     trocar_sim_free(NULL);
@@ -224,7 +224,7 @@ static void a_restored_state_goes_on_as_before(void **state) {
     OK(trocar_sim_restore(other, saved, size, &why));
     run(other, TICKS / 2, TICKS, b);
     assert_same(a, b);
-    OK(trocar_sim_restore(sim, saved, size, &why)); /* restores the state into the same simulation, which has continued in the meantime */
+    OK(trocar_sim_restore(sim, saved, size, &why)); /* restores the state into the same simulation, which has moved on in the meantime */
     run(sim, TICKS / 2, TICKS, b);
     assert_same(a, b);
 
@@ -241,7 +241,7 @@ static void a_restored_state_goes_on_as_before(void **state) {
     trocar_model_free(model);
 }
 
-/* A step equals a tick followed by work. */
+/* A step does the same as a tick followed by work. */
 static void split_calls_agree_with_lockstep(void **state) {
     (void)state;
     static trocar_output a[TICKS], b[TICKS];
@@ -262,7 +262,7 @@ static void split_calls_agree_with_lockstep(void **state) {
 typedef struct {
     trocar_sim *sim;
     volatile bool stop;
-    int rounds; /* number of rounds of work after which no request was pending */
+    int rounds; /* rounds of work after which no request was pending */
 } worker;
 
 static void *work(void *context) {
@@ -287,15 +287,15 @@ static void end_worker(worker *w, pthread_t thread) {
     pthread_join(thread, NULL);
 }
 
-/* Computes a tick and, to be independent of the machine's speed, waits for a round of work that began after it. This is certain once two rounds have been
-   completed, because the second one began after the tick. */
+/* Computes a tick and then waits for a full round of work, so that the result does not depend on the machine's speed. Waits for two rounds to complete,
+   because only the second is certain to have begun after the tick. */
 static void tick_and_wait(worker *w, int tick, trocar_output *out) {
     trocar_pose base = pose_at(tick);
     assert_int_equal(trocar_sim_tick(w->sim, 0, &base, 1e-3, out), TROCAR_OK);
     for (int seen = __atomic_load_n(&w->rounds, __ATOMIC_ACQUIRE); __atomic_load_n(&w->rounds, __ATOMIC_ACQUIRE) - seen < 2;) usleep(50);
 }
 
-/* With an asynchronous worker, the forces agree with those in lockstep, apart from a delay of one or two ticks. */
+/* With an asynchronous worker, forces agree with those in lockstep except for a delay of one or two ticks. */
 static void a_worker_thread_serves_the_tick(void **state) {
     (void)state;
     static trocar_output a[TICKS];
@@ -354,7 +354,7 @@ static void moduli_change_beside_a_worker_thread(void **state) {
     trocar_model_free(model);
 }
 
-/* Contacts, centreline and displacements are consistent with the force: the forces on the tissue and on the hand sum to zero. */
+/* Contacts, centreline and displacements are consistent with the force, and the forces on tissue and hand add up to zero. */
 static void what_is_seen_fits_the_force(void **state) {
     (void)state;
     static trocar_output a[TICKS];
@@ -388,7 +388,7 @@ static void what_is_seen_fits_the_force(void **state) {
     trocar_model_free(model);
 }
 
-/* A picture taken in another thread does not change while the simulation continues. */
+/* A snapshot taken in another thread does not change while the simulation continues. */
 static void a_picture_keeps_what_was_seen(void **state) {
     (void)state;
     enum { ROOM = TROCAR_MAX_POINTS, MIDWAY = 4 * TICKS / 5 };
@@ -409,7 +409,7 @@ static void a_picture_keeps_what_was_seen(void **state) {
     OK(trocar_view_displacements(trocar_sim_view(sim), field[0][0], &why));
     run(sim, MIDWAY, TICKS, a);
     trocar_picture_copy(picture, copy);
-    assert_true(count >= 2); /* at least the tip and one other contact */
+    assert_true(count >= 2); /* at least the tip and one more contact */
     assert_int_equal(trocar_view_contacts(trocar_picture_view(copy), 0, kept, ROOM), count);
     assert_memory_equal(kept, seen, (size_t)count * sizeof *seen);
     assert_int_equal(trocar_view_centreline(trocar_picture_view(copy), 0, joints[1][0], TROCAR_MAX_JOINTS), joint_count);
@@ -426,7 +426,7 @@ static void a_picture_keeps_what_was_seen(void **state) {
     trocar_model_free(model);
 }
 
-/* The refined mesh fills the body. The forces on its nodes are those of the contacts and of the damper at the tip. */
+/* The refined mesh fills the body. Its nodal forces are those of the contacts and of the damper at the tip. */
 static void the_refined_mesh_carries_the_contacts(void **state) {
     (void)state;
     static trocar_output a[TICKS];
@@ -467,7 +467,7 @@ static void the_refined_mesh_carries_the_contacts(void **state) {
 static int64_t made_time;
 static int64_t made_clock(void) { return made_time; }
 
-/* While no worker runs, the age of the oldest request grows. Once the request has been answered, none is pending. */
+/* While no worker runs, the oldest request keeps ageing. Once it has been answered, none is pending. */
 static void waiting_and_latency_are_told(void **state) {
     (void)state;
     trocar_model *model = model_of(cube_scene());
@@ -485,7 +485,7 @@ static void waiting_and_latency_are_told(void **state) {
     OK(trocar_sim_work(sim, &done, &why));
     assert_true(done.answered == 1 && done.latency >= 7000000 && done.latency <= made_time);
     trocar_pose base = pose_at(TICKS - 1);
-    for (int i = 0; i < 5; i++) { /* repeated until no request is left */
+    for (int i = 0; i < 5; i++) { /* until no request is left */
         assert_int_equal(trocar_sim_tick(sim, 0, &base, 1e-3, &out), TROCAR_OK);
         OK(trocar_sim_work(sim, &done, &why));
     }
@@ -497,7 +497,7 @@ static void waiting_and_latency_are_told(void **state) {
     trocar_model_free(model);
 }
 
-/* A base on a spring moves by the force times the compliance. The force is therefore lower than with a rigid base. */
+/* A base on a spring gives way by the force times the compliance, so the force is lower than with a rigid base. */
 static void a_base_on_a_spring_yields(void **state) {
     (void)state;
     static trocar_output rigid[TICKS], soft[TICKS];
@@ -506,7 +506,7 @@ static void a_base_on_a_spring_yields(void **state) {
     run(sim, 0, TICKS, rigid);
     trocar_pose start = pose_at(0), given = pose_at(TICKS - 1);
     trocar_sim_set_base_compliance(sim, 0, 2e-3);
-    OK(trocar_sim_reset(sim, 0, &start, &why)); /* a reset does not change the spring */
+    OK(trocar_sim_reset(sim, 0, &start, &why)); /* a reset keeps the spring */
     run(sim, 0, TICKS, soft);
     trocar_pose base = trocar_view_base(trocar_sim_view(sim), 0);
     const double *force = soft[TICKS - 1].force;
@@ -516,7 +516,7 @@ static void a_base_on_a_spring_yields(void **state) {
     trocar_model_free(model);
 }
 
-/* A model created with mesh_only, as a viewer does, provides the mesh and the names, but refuses calls that need the stiffness. */
+/* A model created with mesh_only, as viewers do, provides the mesh and the names but refuses calls that need the stiffness. */
 static void a_model_may_be_its_mesh_alone(void **state) {
     (void)state;
     trocar_scene *scene = cube_scene();
@@ -541,7 +541,7 @@ static void a_model_may_be_its_mesh_alone(void **state) {
     int tets = trocar_model_tet_count(model);
     assert_null(trocar_model_strain_patches(model));
     for (int i = 0; i < tets; i++) assert_in_range(trocar_model_strain_patches(whole)[i], 0, tets - 1);
-    for (int i = 0; i < 4 * tets; i++) { /* the neighbour relation is mutual; a face on the skin has no neighbour */
+    for (int i = 0; i < 4 * tets; i++) { /* adjacency is mutual; a face on the skin has no neighbour */
         int neighbour = trocar_model_neighbours(model)[i], mutual = 0;
         for (int f = 0; neighbour >= 0 && f < 4; f++) mutual += trocar_model_neighbours(model)[4 * neighbour + f] == i / 4;
         assert_int_equal(mutual, neighbour >= 0);
@@ -573,7 +573,7 @@ static void the_device_is_that_of_the_scene(void **state) {
     assert_true(limits.max_stiffness == 400.0 && limits.max_force == 3.3 && limits.ramp_time == 0.25);
     OK(trocar_scene_set_number(scene, "device.scale", 2, &why));
     OK(trocar_scene_set_number(scene, "device.force_scale", 0.25, &why));
-    limits = trocar_scene_device(scene); /* limits at the needle: the hand moves half as far as the needle, and feels a quarter of its force */
+    limits = trocar_scene_device(scene); /* limits at the needle: the hand moves half as far as the needle and feels a quarter of its force */
     assert_true(limits.max_force == 3.3 / 0.25 && limits.mass == 0.1 / 0.5 && limits.max_stiffness == 400 / 0.5 && limits.max_speed == 4);
     OK(trocar_scene_set_number(scene, "rate_hz", TROCAR_MAX_RATE, &why));
     assert_refused(trocar_scene_set_number(scene, "rate_hz", TROCAR_MAX_RATE + 1, &why), "rate_hz");
@@ -639,7 +639,7 @@ static void a_host_keeps_its_gmsh_session_and_its_floating_point(void **state) {
     trocar_sim *sim = sim_at_start(model);
     run(sim, 0, 10, a);
 #if defined(__SSE2__)
-    assert_int_equal(_mm_getcsr() & ~0x3fu, before & ~0x3fu); /* unchanged except for the sticky exception flags */
+    assert_int_equal(_mm_getcsr() & ~0x3fu, before & ~0x3fu); /* unchanged apart from the sticky exception flags */
 #endif
     double version = 0, binary = 1;
     gmshOptionGetNumber("Mesh.MshFileVersion", &version, &error);

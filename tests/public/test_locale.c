@@ -1,5 +1,5 @@
-/* In a host with a decimal comma, the library reads, writes and computes as in the C locale, and does not change the host's locale. The locale de_DE.UTF-8 must
-   exist (test_locale.sh creates it); otherwise the exit status is 77. */
+/* In a host whose locale uses a decimal comma, the library reads, writes and computes as in the C locale, and leaves the host's locale alone. Needs the
+   locale de_DE.UTF-8, which test_locale.sh creates; without it, the exit status is 77. */
 #include <locale.h>
 #include <math.h>
 #include <setjmp.h>
@@ -17,7 +17,7 @@
 
 enum { ROOM = 1 << 18, TICKS = 300 };
 
-/* Collects everything that the library writes and computes, as text. Numbers returned by functions are printed in hexadecimal, which does not depend on the
+/* Collects everything the library writes and computes as text. Numbers returned by functions are printed in hexadecimal, which does not depend on the
    locale. */
 typedef struct {
     char text[ROOM];
@@ -110,7 +110,7 @@ static void note_model(record *r, const trocar_scene *scene, const char *inverse
     assert_true(strcmp(inverse, "condensed") != 0 || called > 0);
 }
 
-/* Records the messages about a mesh file in another unit (a note about its size), about guides that do not fit, and about a dose table given as text. */
+/* Records three messages: the note on the size of a mesh file in another unit, and the errors about guides that do not fit and about a malformed dose table. */
 static void note_others(record *r) {
     trocar_error why = {""};
     trocar_scene *scene;

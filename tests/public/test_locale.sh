@@ -49,7 +49,7 @@ LC_ALL=de_DE.UTF-8 /usr/bin/python3 "$work/host.py" "$source/meshes/implant.yaml
 diff "$work/plain" "$work/german" || fail "Python differs"
 fi
 
-# Tests the programs: options, tables, JSON, .vtu files, logs, reports, messages.
+# Tests the programs: options, tables, JSON, .vtu files, logs, reports and messages.
 study() {
     cat <<END
 scene: $source/meshes/figure8.yaml
@@ -74,10 +74,10 @@ run_programs() { # FOLDER
         if [ -z "${TROCAR_SANITIZED:-}" ]; then
             study >study.yaml
             /usr/bin/python3 -m trocar.studies.study run study.yaml --out results --quiet >study.out 2>&1 || fail "$(cat study.out)"
-            # the rows of this file are in the order in which the runs finished; those of result.csv are sorted
+            # rows are in the order in which the runs finished; result.csv is sorted
             LC_ALL=C sort -o results/rows-1-of-1.csv results/rows-1-of-1.csv
         fi
-        # Tests a server and a device: their measured values differ from run to run, but every number must be written in the C locale's format.
+        # Tests a server and a device. Their measured values differ from run to run, but every number must be written in the C locale's format.
         "$build/server/trocar-server" --scene "$source/meshes/figure8.yaml" --rate 500.5 --allow-non-rt >server.live 2>&1 &
         server=$!
         until grep -qx ready server.live; do kill -0 $server || fail "$(cat server.live)"; sleep 0.05; done

@@ -1,4 +1,4 @@
-/* Tests several needles in the same tissue through trocar.h. */
+/* Tests, through trocar.h, several needles in the same tissue. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -15,7 +15,7 @@ static trocar_error why;
 
 #define OK(call) do { if ((call) != TROCAR_OK) fail_msg("%s: %s", #call, why.text); } while (0)
 
-enum { IN = 500 }; /* number of ticks of 1 ms; at 0.1 mm per tick, the insertion is 50 mm deep */
+enum { IN = 500 }; /* 1 ms ticks; at 0.1 mm per tick, the insertion is 50 mm deep */
 
 static trocar_model *create_model(const char *needles) {
     trocar_scene *scene;
@@ -27,7 +27,7 @@ static trocar_model *create_model(const char *needles) {
     return model;
 }
 
-/* Returns the base's pose. Needle 0 enters on the left and needle 1 on the right, `apart` (m) from each other. */
+/* Returns the base's pose. Needle 0 enters on the left and needle 1 on the right, `apart` (m) apart. */
 static trocar_pose base_at(int needle, double apart, int tick) {
     return (trocar_pose){{(needle - 0.5) * apart, 0.003, -0.201 + 1e-4 * tick}, {1, 0, 0, 0}};
 }
@@ -50,8 +50,8 @@ static trocar_sim *push_in(trocar_model *model, double apart, const int *held, t
 
 static double distance(const double a[3], const double b[3]) { return sqrt(pow(a[0] - b[0], 2) + pow(a[1] - b[1], 2) + pow(a[2] - b[2], 2)); }
 
-/* Two needles are 60 mm apart. According to Kelvin's solution (mu = 10 kPa), a force F on one displaces the tissue at the other by at most F / (8 pi mu d) (3 -
-   4 nu + cos^2) / (2 (1 - nu)), that is 0.13 mm per N. This displacement exerts less than a tenth of F on a shaft that sticks over 50 mm. */
+/* The needles are 60 mm apart. By Kelvin's solution (mu = 10 kPa), a force F on one displaces the tissue at the other by at most F / (8 pi mu d) (3 - 4 nu +
+   cos^2) / (2 (1 - nu)), which is 0.13 mm per N. That displacement exerts less than a tenth of F on a shaft that sticks over 50 mm. */
 static void needles_far_apart_feel_what_they_feel_alone(void **state) {
     (void)state;
     static trocar_output both[2][IN], alone[2][IN];
@@ -74,7 +74,7 @@ static void needles_far_apart_feel_what_they_feel_alone(void **state) {
     trocar_model_free(model);
 }
 
-/* Returns the change (N) of the equilibrium force on needle `felt` when the base of needle `moved` moves by 50 um along `axis`. */
+/* Returns the change (N) in the equilibrium force on needle `felt` when the base of needle `moved` moves by 50 um along `axis`. */
 static void nudge(trocar_sim *sim, const void *start, int moved, int axis, double change[3]) {
     trocar_output before, after;
     int felt = 1 - moved;
@@ -89,7 +89,7 @@ static void nudge(trocar_sim *sim, const void *start, int moved, int axis, doubl
     for (int a = 0; a < 3; a++) change[a] = after.force[a] - before.force[a];
 }
 
-/* Reciprocity (Maxwell-Betti): the force on needle A due to B's displacement equals the force on B due to A's displacement. */
+/* Reciprocity (Maxwell-Betti): the force on needle A due to a displacement of B equals the force on B due to the same displacement of A. */
 static void the_coupling_is_reciprocal(void **state) {
     (void)state;
     static trocar_output outputs[2][IN];
@@ -101,9 +101,8 @@ static void the_coupling_is_reciprocal(void **state) {
     size_t size = trocar_sim_state_size(sim);
     void *start = malloc(size);
     OK(trocar_sim_save(sim, start, size, &why));
-    double of_0[3][3], of_1[3][3], largest = 0.0; /* force on the other needle when needle 0 or needle 1 is moved; indices: axis of the motion, axis of the
-                                                     force */
-    for (int axis = 0; axis < 2; axis++) { /* the axes transverse to the needles, along which no contact slides */
+    double of_0[3][3], of_1[3][3], largest = 0.0; /* force on the other needle when needle 0 or 1 moves; indices: axis of motion, axis of force */
+    for (int axis = 0; axis < 2; axis++) { /* the lateral axes, along which no contact slides */
         nudge(sim, start, 0, axis, of_0[axis]);
         nudge(sim, start, 1, axis, of_1[axis]);
         largest = fmax(largest, fmax(fabs(of_0[axis][0]), fabs(of_0[axis][1])));
@@ -148,7 +147,7 @@ static void what_follows_a_restore_follows_the_save(void **state) {
     trocar_model_free(model);
 }
 
-/* The worker answers between ticks, as in real time, and serves both needles. */
+/* The worker answers between ticks, as it does in real time, and serves both needles. */
 static void ticks_and_worker_serve_every_needle(void **state) {
     (void)state;
     static trocar_output outputs[2][IN];
@@ -177,7 +176,7 @@ static void ticks_and_worker_serve_every_needle(void **state) {
 
 enum { ROOM = 2 * TROCAR_MAX_CONTACTS, MOST_IDS = 256 };
 
-/* Gets all contacts except the tip, with the active contacts first, each group ordered from base to tip. */
+/* Gets all contacts except the tip: first the active ones, then the others, each ordered from base to tip. */
 static int all_contacts(const trocar_sim *sim, int needle, trocar_contact contacts[ROOM]) {
     int count = trocar_view_contacts(trocar_sim_view(sim), needle, contacts, ROOM);
     if (count > 0 && contacts[count - 1].kind == TROCAR_CONTACT_TIP) count--;
@@ -185,11 +184,11 @@ static int all_contacts(const trocar_sim *sim, int needle, trocar_contact contac
 }
 
 typedef struct {
-    int slots[MOST_IDS], status[MOST_IDS]; /* values in the last tick, indexed by contact id; a status of -1 means not seen yet, and -2 removed */
+    int slots[MOST_IDS], status[MOST_IDS]; /* values in the last tick, indexed by contact id; status -1: not seen yet, -2: removed */
     int seen[5];                           /* how often each status occurred */
 } history;
 
-/* Checks that a contact's status only advances, from planned to adding to sticking or sliding, and that a removed contact never reappears. */
+/* Checks that a contact's status only moves forward, from planned to adding to sticking or sliding, and that a removed contact never reappears. */
 static void follow(history *h, const trocar_contact *contacts, int count) {
     int last[MOST_IDS];
     memcpy(last, h->status, sizeof last);
@@ -210,7 +209,7 @@ static void follow(history *h, const trocar_contact *contacts, int count) {
     }
 }
 
-/* Inserts a needle and withdraws it half-way. The worker answers only every 30 ms, which is too late for some contacts. */
+/* Inserts a needle and withdraws it half-way. The worker answers only every 30 ms, too late for some contacts. */
 static void contacts_keep_their_id_and_slot(void **state) {
     (void)state;
     trocar_model *model = create_model(NULL);

@@ -1,4 +1,4 @@
-/* Tests the virtual operator without a simulation: needles go exactly where they are held, and the tissue either does not move or moves as a whole. */
+/* Tests the virtual operator without a simulation. Needles go exactly where they are held, and the tissue either does not move or moves as a whole. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -17,12 +17,12 @@ static trocar_error why;
 #define OK(call) do { if ((call) != TROCAR_OK) fail_msg("%s: %s", #call, why.text); } while (0)
 
 enum { NEEDLES = 16, SEEDS = 3 };
-static const double LENGTH = 0.2, HALF_SEED = 2.25e-3;                              /* m; LENGTH: of the scene's needle; HALF_SEED: half the length of a seed */
-static const double THICKNESS = 0.02, LIMIT = (1.5e-3 - 1.27e-3) / 0.02;            /* THICKNESS: m, of the template; LIMIT: rad, tilt at which a needle touches
+static const double LENGTH = 0.2, HALF_SEED = 2.25e-3;                              /* m; LENGTH: the scene's needle; HALF_SEED: half a seed */
+static const double THICKNESS = 0.02, LIMIT = (1.5e-3 - 1.27e-3) / 0.02;            /* THICKNESS: m, the template; LIMIT: rad, tilt at which a needle touches
                                                                                        both edges of its hole */
 static const double TIPS[SEEDS] = {0.0875, 0.0775, 0.0675};                         /* m, depth of the tip at which each seed is dropped */
 
-/* Returns a needle of a 4 x 4 grid in the gland, spaced at 5 mm. */
+/* Returns a needle of a 4 x 4 grid in the gland, with 5 mm spacing. */
 static trocar_operator_needle needle_at(int index, int seeds) {
     return (trocar_operator_needle){.entry = {{0.005 * (index % 4) - 0.01, 0.005 * (index / 4) - 0.01, -0.025}, {1, 0, 0, 0}}, .depth = TIPS[0], .seeds = TIPS,
                                     .seed_count = seeds};
@@ -47,13 +47,13 @@ static trocar_operator *create_operator(const trocar_operator_options *options) 
     return op;
 }
 
-/* A seed that stayed at the position where it was dropped, in tissue displaced uniformly by `shift`. */
+/* Returns a seed that stayed where it was dropped, in tissue displaced uniformly by `shift`. */
 typedef struct {
     int needle;
     double rest[3];          /* m, position in the undeformed tissue */
 } left_seed;
 
-/* Carries out the plan. `shift`: m, displacement of the tissue. Returns the number of seeds. */
+/* Carries out the plan in tissue displaced by `shift` (m). Returns the number of seeds. */
 static int carry_out(trocar_operator *op, const double shift[3], left_seed *seeds) {
     static double field[3 * 5000];
     for (int i = 0; i < 5000; i++) memcpy(&field[3 * i], shift, 3 * sizeof *shift);
@@ -124,7 +124,7 @@ static void marks_are_followed_blindly(void **state) {
     expect(op, &sight, TROCAR_OPERATOR_DROP, 0, sight.depth, 0, 0, __LINE__);
     expect(op, &sight, TROCAR_OPERATOR_MOVE, 0, -0.005, fabs(-0.005 - sight.depth) / speed, 0, __LINE__);
     expect(op, &sight, TROCAR_OPERATOR_TAKE, 1, sight.depth, 0, 0, __LINE__);
-    sight.depth = 0.05; /* the first seed's planned position is deeper than the tip */
+    sight.depth = 0.05; /* planned deeper than the tip is */
     expect(op, &sight, TROCAR_OPERATOR_MOVE, 1, TIPS[0], fabs(TIPS[0] - 0.05) / speed, 0.1, __LINE__);
     expect(op, &sight, TROCAR_OPERATOR_DROP, 1, TIPS[0], 0, 0, __LINE__);
     expect(op, &sight, TROCAR_OPERATOR_MOVE, 1, -0.005, fabs(-0.005 - TIPS[0]) / speed, 0, __LINE__);
@@ -136,7 +136,7 @@ static void marks_are_followed_blindly(void **state) {
     trocar_model_free(model);
 }
 
-/* A target that moves with the needle is approached at most six times. */
+/* If the target moves along with the needle, the operator makes at most six strokes. */
 static void corrections_end(void **state) {
     (void)state;
     double field[3 * 909];
@@ -198,7 +198,7 @@ static void stabilising_needles_come_first_and_last(void **state) {
 
 /* ---- misplacement ----------------------------------------------------------------------------------------------------------------------- */
 
-/* In tissue that does not move, the misplacement along the needle is the image error, and the misplacement across the needle is due to the tilt. */
+/* In tissue that does not move, the misplacement along the needle is the image error, and the misplacement across it comes from the tilt. */
 static void in_rigid_tissue_errors_are_those_drawn(void **state) {
     (void)state;
     static left_seed left[TROCAR_MAX_SEEDS];
@@ -214,7 +214,7 @@ static void in_rigid_tissue_errors_are_those_drawn(void **state) {
         assert_int_equal(s->needle, left[i].needle);
         assert_int_equal(s->number, i % SEEDS);
         assert_close(s->planned[2], -0.025 + TIPS[s->number] - HALF_SEED, 1e-12);
-        assert_close(error, seeds[i / SEEDS * SEEDS].image[2], 0.1e-3); /* the image error is that of the needle; the tilt shortens it by up to 6 um */
+        assert_close(error, seeds[i / SEEDS * SEEDS].image[2], 0.1e-3); /* the needle's image error; the tilt shortens it by up to 6 um */
         for (int a = 0; a < 3; a++) assert_close(left[i].rest[a] - s->planned[a], s->tissue[a] + s->image[a] + s->splay[a], 1e-12);
         assert_true(s->image[0] == 0.0 && s->image[1] == 0.0);
         for (int a = 0; a < 3; a++) assert_close(s->tissue[a], 0.0, 1e-12);
@@ -224,8 +224,8 @@ static void in_rigid_tissue_errors_are_those_drawn(void **state) {
     trocar_operator_free(op);
 }
 
-/* In tissue that moves as a whole, an operator who follows an error-free image misplaces a seed only by the motion across the needle. An operator who goes by
-   the marks misplaces it by the whole motion. */
+/* If the tissue moves as a whole, an operator who follows an error-free image misplaces a seed only by the motion across the needle. One who goes by the
+   marks misplaces it by the whole motion. */
 static void motion_is_followed_along_the_needle(void **state) {
     (void)state;
     static left_seed left[TROCAR_MAX_SEEDS];
@@ -271,7 +271,7 @@ static void drawn(const trocar_model *model, const trocar_operator_options *opti
     trocar_operator_free(op);
 }
 
-/* Checks the means, the standard deviations and the correlations of 4000 draws, each with a tolerance of four standard errors. */
+/* Checks the means, standard deviations and correlations of 4000 draws, each to within four standard errors. */
 static void draws_have_the_stated_spreads(void **state) {
     (void)state;
     enum { DRAWS = 4000 };

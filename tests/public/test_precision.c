@@ -1,4 +1,4 @@
-/* Compares the forces of an insertion with a condensed inverse in single precision and in double precision. */
+/* Compares the forces of an insertion with the condensed inverse in single and in double precision. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -17,9 +17,9 @@ static trocar_error why;
 
 #define OK(call) do { if ((call) != TROCAR_OK) fail_msg("%s: %s", #call, why.text); } while (0)
 
-enum { IN = 700, TICKS = 1000 }; /* number of ticks of 1 ms: 700 for an insertion by 70 mm, then a sideways motion by 6 mm */
+enum { IN = 700, TICKS = 1000 }; /* 1 ms ticks: 700 to insert by 70 mm, then a sideways motion of 6 mm */
 
-/* Uses its own cache folder, which is removed at the end, so that this test computes the inverse itself and no other test reads it. */
+/* Uses its own cache folder and removes it at the end, so that this test computes the inverse itself and no other test reads it. */
 static trocar_model *create_model(const char *precision) {
     char directory[] = "/tmp/test_precision.XXXXXX", command[64];
     trocar_scene *scene;
@@ -67,7 +67,7 @@ static void forces_in_single_precision_are_those_in_double_precision(void **stat
     }
     print_message("largest force %.3f N, largest difference %.2g of it\n", largest, error / largest);
     assert_true(largest > 1.0);
-    assert_true(error > 0.0); /* not zero, because the two precisions must give different results */
+    assert_true(error > 0.0); /* not zero, because the two precisions must differ */
     assert_true(error < 1e-5 * largest);
 }
 

@@ -1,4 +1,4 @@
-/* Ticks, releases, takes and removes needles in one thread while a worker serves them. Intended for the sanitizers, and to show that no command blocks. */
+/* One thread ticks, releases, takes and removes needles while a worker serves them. Meant for the sanitizers, and to show that no command blocks. */
 #include <pthread.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -55,7 +55,7 @@ static void push(trocar_sim *sim, int needle, trocar_picture *picture, double de
     trocar_pose base = {{0.005 * needle, 0.003, -0.201}, {1, 0, 0, 0}};
     OK(trocar_sim_reset(sim, needle, &base, &why));
     const int moving = (int)(depth / 2e-4);
-    /* After the insertion, the needle is held until the worker has answered, which may take a long time. */
+    /* After the insertion, keeps holding the needle until the worker has answered, which may take a long time. */
     for (int t = 0; t < moving || (out.contacts == 0 && t < PATIENCE); t++) {
         if (t < moving) base.position[2] += 2e-4;
         OK(trocar_sim_tick(sim, needle, &base, 1e-3, &out));

@@ -1,4 +1,4 @@
-/* Tests seeds through trocar.h: they are dropped, stay in the tissue and move with it, and drops can be undone. */
+/* Tests, through trocar.h, seeds: dropping them, how they stay in the tissue and move with it, and undoing a drop. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -15,13 +15,13 @@ static trocar_error why;
 
 #define OK(call) do { if ((call) != TROCAR_OK) fail_msg("%s: %s", #call, why.text); } while (0)
 
-static const double LENGTH = 4.5e-3, STEP = 1e-4; /* m; LENGTH: length of a seed; STEP: travel of the base in a 1 ms tick */
+static const double LENGTH = 4.5e-3, STEP = 1e-4; /* m; LENGTH: of a seed; STEP: travel of the base per 1 ms tick */
 
 typedef struct {
     trocar_model *model;
     trocar_sim *sim;
     trocar_output output;
-    double out;              /* m, distance by which the base is drawn back from the position at which the tip would touch the skin */
+    double out;              /* m, how far the base is drawn back from where the tip would touch the skin */
 } insertion;
 
 static trocar_pose base_of(double out) { return (trocar_pose){{0.005, 0.003, -0.2 - out}, {1, 0, 0, 0}}; }
@@ -52,7 +52,7 @@ static void tick(insertion *in, double out) {
     OK(trocar_sim_step(in->sim, 0, &base, 1e-3, &in->output, &why));
 }
 
-/* Moves the base until the tip is `depth` (m) deep in the tissue; a negative depth is outside the tissue. */
+/* Moves the base until the tip is at `depth` (m) in the tissue; a negative depth is outside it. */
 static void go_to(insertion *in, double depth) {
     double way = in->output.depth < depth ? -STEP : STEP;
     while (way < 0.0 ? in->output.depth < depth : in->output.depth > depth) tick(in, in->out + way);
@@ -65,8 +65,8 @@ static void tip_of(const insertion *in, double tip[3]) {
     memcpy(tip, joints[trocar_view_centreline(trocar_sim_view(in->sim), 0, joints[0], TROCAR_MAX_JOINTS) - 1], 3 * sizeof *tip);
 }
 
-/* In very stiff tissue, rest positions and world positions coincide. The needle is held still during the drop, because the tip's position in the tissue lags
-   the needle by one tick. */
+/* In very stiff tissue, rest and world positions coincide. The needle is held still during the drop, because the tip's position in the tissue lags the
+   needle by one tick. */
 static void a_seed_is_left_where_the_tip_was(void **state) {
     (void)state;
     static const setting stiff[] = {{"regions[prostate].youngs_modulus", "1e9"}, {"regions[surrounding].youngs_modulus", "1e9"},
@@ -115,14 +115,14 @@ static void a_strand_is_left_seed_by_seed(void **state) {
     assert_int_equal(all_seeds(in.sim, seeds), 4);
     for (int i = 0; i < 4; i++) {
         assert_int_equal(seeds[i].strand, i);
-        /* the track is straight except for slight steering by the bevel */
+        /* straight, except for slight steering by the bevel */
         assert_true(fabs(seeds[i].position[2] - (dropped - 0.01 * i - 0.5 * LENGTH)) < 2e-5);
     }
     OK(trocar_sim_drop_seeds(in.sim, 0, 1, 0.0, &why));
     end(&in);
 }
 
-/* If the needle is pushed in again, the seeds re-enter it, as if held by a stylet, and are pending as before. */
+/* If the needle is pushed back in, it takes the seeds up again, as if a stylet held them, and they are pending as before. */
 static void a_pending_seed_waits_for_the_needle_to_be_drawn_back(void **state) {
     (void)state;
     insertion in = begin(NULL);
@@ -212,7 +212,7 @@ static void seeds_move_with_the_tissue_and_stay(void **state) {
     for (int i = 0; i < count; i++) {
         double at[3], along[3];
         trocar_model_displace_seed(in.model, u, &seeds[i], at, along);
-        for (int k = 0; k < 3; k++) assert_true(fabs(at[k] - seeds[i].position[k]) < 1e-12); /* at rest, because the tissue is elastic and unloaded */
+        for (int k = 0; k < 3; k++) assert_true(fabs(at[k] - seeds[i].position[k]) < 1e-12); /* at rest: the tissue is elastic and unloaded */
     }
     trocar_seed wrong = {.tet = trocar_model_tet_count(in.model)};
     assert_int_equal(trocar_model_displace_seed(in.model, u, &wrong, u, u), 0);

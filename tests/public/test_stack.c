@@ -1,5 +1,5 @@
-/* Tests that the ticking thread needs no more stack than trocar.h states. The thread has exactly that stack, with a guard page below it, and makes every call
-   that it is allowed to make. The worker, which may need more stack, is the main thread. */
+/* Tests that the ticking thread needs no more stack than trocar.h says. The thread gets exactly that much stack, with a guard page below, and makes every
+   call it is allowed to make. The worker, which may need more stack, is the main thread. */
 #define _GNU_SOURCE
 #include <pthread.h>
 #include <semaphore.h>
@@ -18,7 +18,7 @@
 #include <cmocka.h>
 
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-#define SANITIZED 1 /* set if a sanitizer is active, because stack frames are then larger */
+#define SANITIZED 1 /* set under a sanitizer, which makes stack frames larger */
 #else
 #define SANITIZED 0
 #endif
@@ -35,7 +35,7 @@ typedef struct {
     trocar_pose base[2];
     sem_t ticked, worked;    /* make the two threads take turns */
     bool ended;
-    const char *failed;      /* the first call that was refused; cmocka's assertions may only be used in the main thread */
+    const char *failed;      /* the first call that was refused; cmocka's assertions work only in the main thread */
     uint32_t events;         /* of all ticks */
     bool rested;
 } ticking;
@@ -84,7 +84,7 @@ static void wait_for(ticking *t, trocar_needle_state state) {
     expect(t, trocar_sim_needle_state(t->sim, 0) == state, "the worker's part");
 }
 
-/* Makes invalid calls. Each produces a message, and formatting the message also needs stack. */
+/* Makes invalid calls. Formatting their error messages also needs stack. */
 static void be_refused(ticking *t) {
     trocar_error reason;
     const trocar_pose no_pose = {{0}, {0}};
@@ -123,21 +123,21 @@ static void *insert(void *context) {
     wait_for(t, TROCAR_NEEDLE_HELD);
     t->base[0] = trocar_view_base(trocar_sim_view(t->sim), 0);
     for (int i = 0; i < 100; i++) tick(t, 0, -1e-4);
-    t->base[1].position[0] += 5e-3; /* a sideways jump, for which the solver needs many passes */
+    t->base[1].position[0] += 5e-3; /* a sideways jump that costs the solver many passes */
     for (int i = 0; i < 20; i++) tick(t, 1, 0.0);
     trocar_sim_stages(t->sim, stages);
     trocar_sim_waiting(t->sim);
     expect(t, trocar_sim_reset(t->sim, 0, &t->base[1], NULL) == TROCAR_OK, "reset in the tissue");
     for (int i = 0; i < 20; i++) tick(t, 0, 1e-4);
     trocar_output out;
-    const trocar_pose far = {{1e200, 0, 0}, {1, 0, 0, 0}}; /* the square of this coordinate overflows, so the insertion restarts */
+    const trocar_pose far = {{1e200, 0, 0}, {1, 0, 0, 0}}; /* squaring this coordinate overflows, so the insertion restarts */
     expect(t, trocar_sim_tick(t->sim, 1, &far, 1e-3, &out) == TROCAR_NUMERIC && out.events & TROCAR_EVENT_UNSTABLE, "a tick that is not finite");
     t->ended = true;
     sem_post(&t->ticked);
     return NULL;
 }
 
-/* Runs `insert` in a thread with `size` bytes of stack, and serves as its worker. Returns how many bytes of the stack were used. */
+/* Runs `insert` in a thread with `size` bytes of stack while acting as its worker. Returns how many bytes of the stack were used. */
 static size_t run_with_stack(ticking *t, size_t size) {
     size_t page = (size_t)sysconf(_SC_PAGESIZE);
     unsigned char *memory = mmap(NULL, page + size, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
@@ -167,7 +167,7 @@ static void a_tick_runs_on_the_stated_stack(void **state) {
     if (SANITIZED) skip();
     trocar_scene *scene;
     trocar_model *model;
-    OK(trocar_scene_load(MESHES "/implant.yaml", &scene, &why)); /* this scene has guides, relaxing and stiffening tissue, old tracks and seeds */
+    OK(trocar_scene_load(MESHES "/implant.yaml", &scene, &why)); /* has guides, relaxing and stiffening tissue, old tracks and seeds */
     OK(trocar_scene_set(scene, "needles", "2", &why));
     OK(trocar_model_create(scene, NULL, &model, &why));
     ticking t = {.base = {{{-0.005, 0.005, -0.23}, {1, 0, 0, 0}}, {{0.005, 0.005, -0.23}, {1, 0, 0, 0}}}};

@@ -1,4 +1,4 @@
-/* Tests saved states in files: their size, which states are refused, and that another process can continue them. */
+/* Tests saved states in files: their size, which ones are refused, and that another process can continue from them. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -22,7 +22,7 @@ static trocar_error why;
 
 enum { TICKS = 400, HALF = TICKS / 2, NEEDLES = 2 };
 
-/* Returns a model with relaxing tissue and two needles. The tests insert the first needle, let it rest, and insert the second one beside it. */
+/* Returns a model with relaxing tissue and two needles. The tests insert the first needle, let it rest, and insert the second beside it. */
 static trocar_model *model_with(const char *key, const char *value) {
     cube_mesh *cube = malloc(sizeof *cube);
     trocar_scene *scene;
@@ -55,7 +55,7 @@ static void push(trocar_sim *sim, int needle, int from, int to, trocar_output *o
     }
 }
 
-/* Returns a simulation whose first needle rests and whose second has been inserted halfway. */
+/* Returns a simulation in which the first needle rests and the second is half-way in. */
 static trocar_sim *half_done(trocar_model *model) {
     static trocar_output outputs[TICKS];
     trocar_sim *sim;
@@ -81,7 +81,7 @@ static size_t save(const trocar_sim *sim, void **state) {
     return trocar_state_bytes(*state);
 }
 
-/* Runs in a new process of this program: reads the state from the file and continues it. The outputs replace the state in the file. */
+/* Runs in a new process of this program: reads the state from the file, continues from it, and overwrites the file with the outputs. */
 static int go_on(const char *path) {
     static trocar_output outputs[TICKS];
     static char state[1 << 23];
@@ -153,7 +153,7 @@ static void a_wrong_state_is_refused_and_changes_nothing(void **unused) {
     char *damaged = malloc(bytes);
     assert_refused(sim, state, 5, "5 bytes");
     assert_refused(sim, state, bytes - 1, "are given");
-    for (size_t at = 0; at < bytes; at += at < 64 ? 1 : 997) { /* a changed bit is detected wherever it is */
+    for (size_t at = 0; at < bytes; at += at < 64 ? 1 : 997) { /* a flipped bit is detected wherever it is */
         memcpy(damaged, state, bytes);
         damaged[at] ^= 4;
         assert_int_equal(trocar_sim_restore(sim, damaged, bytes, &why), TROCAR_BAD_INPUT);
@@ -181,12 +181,12 @@ static void a_wrong_state_is_refused_and_changes_nothing(void **unused) {
     trocar_model_free(other);
 }
 
-/* Resets the needle to a pose inside the tissue, either directly or, if `elsewhere` is set, after it has been at other poses, and then pushes it further. */
+/* Resets the needle to a pose inside the tissue, either directly or (`elsewhere`) after it has been at other poses, and then pushes it further. */
 static void run_from_inside(trocar_model *model, bool elsewhere, trocar_output *outputs) {
     trocar_sim *sim;
     OK(trocar_sim_create(model, &sim, &why));
     if (elsewhere) {
-        trocar_pose outside = pose_at(0, 0), oblique = {{-0.0337, 2e-3, -0.1825}, {0.9962, 0, 0.0872, 0}}; /* oblique: the same tip, tilted by 10 degrees */
+        trocar_pose outside = pose_at(0, 0), oblique = {{-0.0337, 2e-3, -0.1825}, {0.9962, 0, 0.0872, 0}}; /* oblique: same tip, tilted by 10 degrees */
         OK(trocar_sim_reset(sim, 0, &outside, &why));
         push(sim, 0, 0, TICKS, outputs);
         OK(trocar_sim_reset(sim, 0, &oblique, &why));

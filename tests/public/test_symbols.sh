@@ -1,6 +1,6 @@
 #!/bin/bash
-# Tests that the libraries export exactly the declared functions, that each public header compiles on its own as C and C++, is short and does not share its name
-# with a system header, and that the binary interface (ABI) equals tests/public/libtrocar.abi. --renew records an intended change to the interface there.
+# Tests that the libraries export exactly the declared functions; that each public header compiles on its own as C and C++, is short, and is not named like a
+# system header; and that the binary interface (ABI) equals tests/public/libtrocar.abi. With --renew, records an intended change to the interface there.
 # usage: test_symbols.sh BUILD_DIR SOURCE_DIR [--renew]
 set -euo pipefail
 build=$1 source=$2 # absolute
@@ -24,13 +24,13 @@ for header in "$include"/trocar.h "$include"/trocar/*.h; do
         ${CXX:-c++} -std=$standard -Wall -Wextra -pedantic-errors -Werror -I "$include" -fsyntax-only -x c++ "$header" || fail "$header: $standard"
     done
     [ "$(wc -l <"$header")" -lt 200 ] || fail "$header has 200 lines or more"
-    # Clients of the server are compiled with -I include/trocar, where a header with the name of a system header would hide it.
+    # Clients of the server are compiled with -I include/trocar, so a header named like a system header would hide it.
     name=$(basename "$header")
     ! ${CC:-cc} -E -x c -include "$name" /dev/null >/dev/null 2>&1 || fail "$name is also a system header"
     [ "$name" = trocar.h ] || grep -qF "#include \"trocar/$name\"" "$include/trocar.h" || fail "trocar.h does not include trocar/$name"
 done
 
-# Dumps the binary interface. The paths of source files are shortened to start at core, so that they do not depend on the machine.
+# Dumps the binary interface. Source paths are cut to start at core, so that the dump does not depend on the machine.
 dump() {
     abidw --no-corpus-path --no-comp-dir-path --exported-interfaces-only --drop-undefined-syms --drop-private-types --headers-dir "$include" \
         --no-show-locs "$library" | sed "s| path='[^']*/core/| path='core/|"

@@ -1,4 +1,4 @@
-/* Tests old tracks through trocar.h: tissue that has been cut stays cut. */
+/* Tests, through trocar.h, old tracks: tissue that has been cut stays cut. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -19,9 +19,9 @@ static trocar_error why;
 
 static const double DEGREE = M_PI / 180, DT = 1e-3, SPEED = 0.1, DEPTH = 0.06, LENGTH = 0.2;
 
-/* A straight path into the tissue through a point on the skin, tilted about an axis in the skin's plane. */
+/* A straight path into the tissue through a point on the skin, tilted about an axis in the plane of the skin. */
 typedef struct {
-    double x, y, tilt, about; /* x, y: entry point relative to the first path, m; tilt, about: tilt angle and direction of the tilt axis, rad */
+    double x, y, tilt, about; /* x, y: entry point relative to the first path, m; tilt, about: tilt angle and direction of its axis, rad */
 } line;
 
 static const line FIRST = {0};
@@ -34,7 +34,7 @@ static trocar_pose base_at(const line *l, double depth, double roll) {
                          {c * cos(0.5 * roll), s * cos(about), s * sin(about), c * sin(0.5 * roll)}};
 }
 
-/* Loads the scene of figure 8 with its friction multiplied by `friction`; with 0, only puncture and cutting dissipate energy. */
+/* Loads the figure-8 scene with its friction multiplied by `friction`. With 0, only puncturing and cutting dissipate energy. */
 static trocar_scene *load_scene(double friction) {
     trocar_scene *scene;
     OK(trocar_scene_load(MESHES "/figure8.yaml", &scene, &why));
@@ -72,12 +72,12 @@ static void reset(const fixture *f) {
     for (int n = 0; n < trocar_model_needles(f->model); n++) OK(trocar_sim_reset(f->sim, n, &start, &why));
 }
 
-/* The hand's motion, and the work it has done since the needle was in the air. */
+/* The hand's motion, and the work it has done since the needle was last in the air. */
 typedef struct {
     int needle;
     line way;
-    double depth, roll;      /* depth: depth that the tip would have if the needle were straight, m; roll: rad */
-    double work, lowest;     /* J; work: work so far; lowest: its minimum */
+    double depth, roll;      /* depth: tip depth if the needle were straight, m; roll: rad */
+    double work, lowest;     /* J; work: done so far; lowest: its minimum */
     double peak;             /* N, largest force along z while pushing */
     int punctures;
     uint32_t events;
@@ -122,7 +122,7 @@ static place tip_of(const fixture *f, int needle) {
 
 static double distance(place a, place b) { return sqrt(pow(a.x - b.x, 2) + pow(a.y - b.y, 2) + pow(a.z - b.z, 2)); }
 
-/* Inserts the needle and withdraws it into the air, where no elastic energy is stored: all the hand's work must have been dissipated. */
+/* Inserts the needle and withdraws it into the air. No elastic energy is stored there, so all the work done by the hand has been dissipated. */
 static hand insert(const fixture *f, int needle, line way) {
     hand h = {.needle = needle, .way = way};
     move_to(f, &h, DEPTH);
@@ -172,8 +172,8 @@ static void tissue_closes_if_the_scene_says_so(void **state) {
     discard(&f);
 }
 
-/* A track's influence fades between 1 and 1.5 times its reach, and likewise between 1 and 1.5 times its angle. In between, the resistance lies between that of
-   an open track and that of a closed one. */
+/* A track's influence fades out between 1 and 1.5 times its reach, and likewise between 1 and 1.5 times its angle. There, the resistance lies between that
+   of an open track and that of a closed one. */
 static void a_track_fades_with_distance_and_angle(void **state) {
     (void)state;
     static const double DIAMETER = 1.27e-3, ANGLE = 0.09, TIMES[] = {0.9, 1.25, 1.6};
@@ -194,7 +194,8 @@ static void a_track_fades_with_distance_and_angle(void **state) {
     discard(&f);
 }
 
-/* A track does not guide a needle that points in another direction: from the same hole in the skin, the needle cuts the same path as in intact tissue. */
+/* A track does not guide a needle that points in another direction: starting from the same hole in the skin, that needle cuts the same path as in intact
+   tissue. */
 static void needle_is_steered_out(void **state) {
     (void)state;
     fixture f = make(load_scene(0.0));
@@ -213,8 +214,8 @@ static void needle_is_steered_out(void **state) {
     discard(&f);
 }
 
-/* Returns the lateral position (m) of a bevelled needle's tip after 50 mm. If `before` is set, the needle is first inserted to that depth and withdrawn to 20
-   mm. At 20 mm it is rolled by `roll` (rad). */
+/* Returns the lateral position (m) of a bevelled needle's tip after 50 mm. If `before` is set, the needle has first been inserted to that depth and
+   withdrawn to 20 mm. At 20 mm it is rolled by `roll` (rad). */
 static double steered(const fixture *f, bool before, double roll) {
     hand h = {0};
     reset(f);
@@ -225,9 +226,8 @@ static double steered(const fixture *f, bool before, double roll) {
     return tip_of(f, 0).y - 0.003;
 }
 
-/* A bevelled needle is drawn back, rolled by half a turn and inserted again. If twice the bevel's slope exceeds 1.5 times tracks.angle, the needle nearly
-   follows the path of a needle rolled at the same depth in intact tissue. Otherwise, as with the default angle and a slope of 0.045, it stays in its old
-   track. */
+/* A bevelled needle is drawn back, rolled by half a turn and inserted again. If twice the bevel's slope exceeds 1.5 times tracks.angle, it follows nearly
+   the path of a needle rolled at the same depth in intact tissue. Otherwise, as with the default angle and a slope of 0.045, it stays in its old track. */
 static void a_turned_bevel_leaves_its_track(void **state) {
     (void)state;
     static const struct { double angle, slope, least, most; } CASES[] = {
@@ -247,7 +247,7 @@ static void a_turned_bevel_leaves_its_track(void **state) {
     }
 }
 
-/* A second needle, inserted from the far side, meets the end of the first needle's track and follows the track in reverse. */
+/* A second needle, inserted from the far side, meets the end of the first needle's track and follows it in reverse. */
 static void a_track_is_followed_backwards(void **state) {
     (void)state;
     static const line BACK = {0, 0, M_PI, 0}; /* the tip is at z = 1 mm - depth */
@@ -271,7 +271,8 @@ static void a_track_is_followed_backwards(void **state) {
     assert_true(work[1] < 0.1 * work[0]);
 }
 
-/* A needle that is drawn back and inserted again meets no cutting resistance up to its former depth. Beyond that, it cuts as if it had not been drawn back. */
+/* A needle that is drawn back and inserted again meets no cutting resistance up to its former depth. Beyond that, it cuts as if it had never been drawn
+   back. */
 static void partly_withdrawn_needle_cuts_on_where_it_was(void **state) {
     (void)state;
     fixture f = make(load_scene(0.0));
@@ -292,8 +293,8 @@ static void partly_withdrawn_needle_cuts_on_where_it_was(void **state) {
     discard(&f);
 }
 
-/* Barnett 2015, two insertions at the same point: tearing, spreading and friction account for 61 %, 18 % and 21 % of the first insertion's force. The scene is
-   fitted to these fractions at a depth of 40 mm in a body without membranes; the ratio of the second force to the first is then a prediction of the model. */
+/* Barnett 2015, two insertions at the same point: tearing, spreading and friction make up 61 %, 18 % and 21 % of the force of the first insertion. The scene
+   is fitted to these fractions at a depth of 40 mm in a body without membranes, so the ratio of the second force to the first is a prediction of the model. */
 static void published_shares_leave_39_percent(void **state) {
     (void)state;
     static const double WHOLE = 1.0, AT = 0.04; /* N, m */
@@ -332,8 +333,8 @@ static void published_shares_leave_39_percent(void **state) {
     discard(&f);
 }
 
-/* A membrane is punctured at its puncture force or at the force with which the tip cuts and spreads the tissue, whichever is larger. After the puncture,
-   the spreading force still acts there. */
+/* A membrane gives way at its puncture force or at the force with which the tip cuts and spreads the tissue, whichever is larger. After the puncture, the
+   spreading force still acts there. */
 static void spreading_stays_where_a_membrane_was_punctured(void **state) {
     (void)state;
     static const double CUTTING = 0.3, SPREADING = 0.5, PUNCTURES[] = {0.6, 1.5}; /* N */
@@ -352,7 +353,7 @@ static void spreading_stays_where_a_membrane_was_punctured(void **state) {
         fixture f = make(scene);
         reset(&f);
         hand first = insert(&f, 0, FIRST), second = {0};
-        move_to(&f, &second, 0.8 * DEPTH); /* short of the end of the track, beyond which the needle would cut */
+        move_to(&f, &second, 0.8 * DEPTH); /* short of the track's end, beyond which it would cut */
         print_message("puncture force %.1f N: %.3f N at most, then %.3f N\n", PUNCTURES[i], first.peak, second.peak);
         assert_true(fabs(first.peak - fmax(CUTTING + SPREADING, PUNCTURES[i])) < 0.05);
         assert_true(second.punctures == 0 && fabs(second.peak - SPREADING) < 0.05);
@@ -364,8 +365,7 @@ static void spreading_stays_where_a_membrane_was_punctured(void **state) {
 
 static double uniform(unsigned *seed) { return (double)rand_r(seed) / RAND_MAX; }
 
-/* Whatever motion the hand makes around an old track, it never receives more energy than it has supplied. Friction is absent, because it would hide an
-   error. */
+/* However the hand moves around an old track, it never gets back more energy than it has put in. Friction is switched off, because it would hide an error. */
 static void tracks_never_give_energy(void **state) {
     (void)state;
     trocar_scene *scene = load_scene(0.0);
@@ -407,14 +407,12 @@ static void one_needle_follows_the_others_track(void **state) {
     discard(&f);
 }
 
-/* The points of a track run from skin to tip, lie where the needle has cut, and record the punctures. After a reset there are none. */
+/* A track's points run from skin to tip, lie where the needle has cut, and record the punctures. After a reset there are none. */
 static void tracks_are_told(void **state) {
     (void)state;
     static trocar_track_point points[TROCAR_MAX_TRACK_POINTS];
     fixture f = make(load_scene(1.0));
-    assert_int_equal(trocar_view_tracks(trocar_sim_view(f.sim), 0, points, TROCAR_MAX_TRACK_POINTS), 0); /* before the first reset, there are no points although
-                                                                                                            the needle is at the origin, which is in the
-                                                                                                            tissue */
+    assert_int_equal(trocar_view_tracks(trocar_sim_view(f.sim), 0, points, TROCAR_MAX_TRACK_POINTS), 0); /* none before the first reset */
     reset(&f);
     assert_int_equal(trocar_view_tracks(trocar_sim_view(f.sim), 0, points, TROCAR_MAX_TRACK_POINTS), 0);
     insert(&f, 0, FIRST);
@@ -454,7 +452,7 @@ static void saved_state_has_its_tracks(void **state) {
     discard(&f);
 }
 
-/* If there are more tracks than can be stored, the oldest is discarded and counts as closed. An event reports this. */
+/* When there are more tracks than can be stored, the oldest one is discarded and counts as closed, and an event reports this. */
 static void the_oldest_track_is_dropped(void **state) {
     (void)state;
     fixture f = make(load_scene(0.0));
@@ -468,7 +466,7 @@ static void the_oldest_track_is_dropped(void **state) {
         assert_int_equal(h.punctures, 1);
     }
     assert_true(h.events & TROCAR_EVENT_TRACK_DROPPED);
-    for (int old = 1; old >= 0; old--) { /* the oldest track is closed, the second oldest is still open */
+    for (int old = 1; old >= 0; old--) { /* the oldest track is closed, the second oldest still open */
         h = (hand){.way = {2.5e-3 * old - 15e-3, -15e-3, 0, 0}};
         move_to(&f, &h, 14e-3);
         assert_int_equal(h.punctures, old == 0);

@@ -1,4 +1,4 @@
-/* Tests views of a simulation and of its pictures, simulated time, default options and the log, all through trocar.h. */
+/* Tests, through trocar.h, views of a simulation and of its snapshots, simulated time, default options and the log. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -39,7 +39,7 @@ static trocar_model *create(trocar_scene *scene, const trocar_model_options *opt
     return model;
 }
 
-/* Returns the base's pose in an insertion at 50 mm/s; the needles are 20 mm apart. */
+/* Returns the base's pose during an insertion at 50 mm/s; the needles are 20 mm apart. */
 static trocar_pose pose_at(int needle, int tick) { return (trocar_pose){{-10e-3 + 20e-3 * needle, 2e-3, -0.2005 + 50e-6 * tick}, {1, 0, 0, 0}}; }
 
 static trocar_output step(trocar_sim *sim, int needle, int tick, double dt) {
@@ -61,7 +61,6 @@ static trocar_sim *sim_at_start(trocar_model *model) {
 
 /* ---- views ---- */
 
-/* Everything that a view shows. */
 typedef struct {
     double time;
     struct {
@@ -97,7 +96,7 @@ static sight *look(const trocar_view *view) {
     return s;
 }
 
-/* A picture and its copy show the same data as the simulation, byte for byte, and still do so after more ticks of the simulation. */
+/* A snapshot and a copy of it show the same data as the simulation, byte for byte, and still do after the simulation has ticked on. */
 static void a_picture_shows_what_the_simulation_showed(void **state) {
     (void)state;
     trocar_model *model = create(cube_scene(), NULL);
@@ -105,7 +104,7 @@ static void a_picture_shows_what_the_simulation_showed(void **state) {
     trocar_picture *picture, *copy;
     OK(trocar_picture_create(model, &picture, &why));
     OK(trocar_picture_create(model, &copy, &why));
-    trocar_sim_set_base_compliance(sim, 0, 1e-3); /* so that the base's position differs from the one given to the tick */
+    trocar_sim_set_base_compliance(sim, 0, 1e-3); /* makes the base's position differ from the one passed to the tick */
     for (int tick = 0; tick < 400; tick++) {
         step(sim, 0, tick, 1e-3);
         step(sim, 1, tick, 1e-3);
@@ -157,7 +156,7 @@ static void time_advances_by_dt(void **state) {
     assert_int_equal(trocar_sim_tick(sim, 0, &base, 0.0, &out), TROCAR_BAD_INPUT);
     assert_int_equal(trocar_sim_step(sim, 7, &base, 1e-3, &out, &why), TROCAR_BAD_INPUT);
     OK(trocar_sim_reset(sim, 0, &base, &why));
-    assert_time(sim, 0.0215); /* neither a refused tick nor a reset advances the simulated time */
+    assert_time(sim, 0.0215); /* neither a refused tick nor a reset advances simulated time */
     trocar_sim_free(sim);
     trocar_model_free(model);
 }
@@ -195,7 +194,7 @@ static void time_is_saved_and_restored(void **state) {
     OK(trocar_sim_restore(sim, saved, size, &why));
     OK(trocar_sim_restore(other, saved, size, &why));
     assert_true(time_of(sim) == then && time_of(other) == then);
-    step(other, 1, 1, 1e-3); /* needle 1 had already ticked in the saved round, so this tick begins another round */
+    step(other, 1, 1, 1e-3); /* needle 1 already ticked in the saved round, so this tick starts a new one */
     assert_time(other, then + 1e-3);
     free(saved);
     trocar_sim_free(sim);
@@ -207,11 +206,11 @@ static void time_is_saved_and_restored(void **state) {
 
 static void insert(trocar_model *model, trocar_output *outputs) {
     trocar_sim *sim = sim_at_start(model);
-    for (int tick = 0; tick < 60; tick++) outputs[tick] = step(sim, 0, 6 * tick, 6e-3); /* long ticks, which are divided into several steps */
+    for (int tick = 0; tick < 60; tick++) outputs[tick] = step(sim, 0, 6 * tick, 6e-3); /* long ticks, which are split into several steps */
     trocar_sim_free(sim);
 }
 
-/* Default options, no options and zeroed options give the same result; another value makes a difference. */
+/* Default, missing and zeroed options give the same result; any other value makes a difference. */
 static void default_options_are_those_without_options(void **state) {
     (void)state;
     static trocar_output without[60], with[60], zeroed[60], other[60];
@@ -297,7 +296,7 @@ static void the_log_says_when_an_insertion_starts_over(void **state) {
     trocar_output out = {0};
     for (int tick = 0; tick < 200; tick++) step(sim, 1, tick, 1e-3);
     j.count = 0;
-    trocar_pose far = {{1e200, 0, 0}, {1, 0, 0, 0}}; /* the square of this coordinate overflows */
+    trocar_pose far = {{1e200, 0, 0}, {1, 0, 0, 0}}; /* squaring this coordinate overflows */
     OK(trocar_sim_step(sim, 1, &far, 1e-3, &out, &why));
     assert_true(out.events & TROCAR_EVENT_UNSTABLE);
     assert_int_equal(j.count, 1);

@@ -1,5 +1,5 @@
-"""A stand-in for the package gymnasium with the few names that trocar.gym uses, for tests on machines on which the package cannot be installed. Seeds
-and spaces behave as in Gymnasium 1.x; nothing else is implemented."""
+"""A stand-in for the gymnasium package with the few names that trocar.gym uses, for tests on machines where the package cannot be installed. Seeds and spaces
+behave as in Gymnasium 1.x; nothing else is implemented."""
 import enum
 import sys
 import types

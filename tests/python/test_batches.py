@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Compares batches of the Python package with single simulations.
+"""Compares the Python package's batches with single simulations.
 
 usage: test_batches.py BUILD_DIR SOURCE_DIR
 """

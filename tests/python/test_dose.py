@@ -27,7 +27,7 @@ def table_of(name):
 
 
 def rate(table, position, direction, points):
-    """Returns the dose rate (Gy/h) of a seed of 1 U according to AAPM TG-43U1 and its supplement. Lengths are in cm, angles in degrees."""
+    """Returns the dose rate (Gy/h) of a 1 U seed according to AAPM TG-43U1 and its supplement. Lengths are in cm, angles in degrees."""
     axis = np.asarray(direction) / np.linalg.norm(direction)
     v = 100 * (np.asarray(points) - position)
     z, rho = v @ axis, np.linalg.norm(np.cross(v, axis), axis=1)
@@ -64,7 +64,7 @@ def implant(count, seed):
 
 
 def icosphere(radius, centre, times):
-    """Returns a closed surface: an octahedron that is refined and projected onto a sphere."""
+    """Returns a closed surface: an octahedron, refined and projected onto a sphere."""
     nodes = [np.array(p, float) for p in ((1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1))]
     triangles = [(x, y, z) for x in (0, 1) for y in (2, 3) for z in (4, 5)]
     for _ in range(times):
@@ -103,8 +103,7 @@ def as_set(points, h):
 class DoseTest(unittest.TestCase):
     def test_check_values(self):
         """Checks dose rates (cGy/h) on the transverse axis and on the seed's axis, and the total dose, for model 6711 and 1 U. The expected values were
-        published with the
-        consensus data."""
+        published with the consensus data."""
         source = brachy.Source("I-125 6711")
         points = [[0.005, 0, 0], [0.01, 0, 0], [0, 0.02, 0], [0, -0.05, 0], [0, 0, 0.01], [0, 0, -0.01]]
         found = 100 * source.rates([[0, 0, 0]], [[0, 0, 2]], [1], points)
@@ -143,7 +142,7 @@ class DoseTest(unittest.TestCase):
         np.testing.assert_allclose(listed.values, values.ravel()[::97], rtol=1e-12, atol=1e-9)
 
     def test_seeds_come_and_go_without_a_trace(self):
-        """The doses are bit-identical for any order of the seeds, even if seeds were removed and moved in between."""
+        """Doses are bit-identical whatever the order of the seeds, even if seeds were removed and moved in between."""
         source, seeds = brachy.Source("I-125 6711"), list(zip(*implant(20, 1)))
         grid = dict(GRID, shape=(20, 20, 20))
         direct, wandering, random = brachy.Dose(source, **grid), brachy.Dose(source, **grid), np.random.default_rng(2)
@@ -167,8 +166,8 @@ class DoseTest(unittest.TestCase):
         np.testing.assert_array_equal(wandering.values, direct.values)
 
     def test_voxels_of_a_surface(self):
-        """The voxels inside a surface are compared with the surface's solid angle at their centres. Spacing and position are chosen so that some voxel centres
-        lie on edges and corners of the surface."""
+        """Compares the voxels inside a surface with the surface's solid angle at their centres. Spacing and position are chosen so that some voxel centres lie
+        on edges and corners of the surface."""
         for centre, h in (([0.0005, -0.0005, 0.0015], 1e-3), ([0.00213, 0.01, -0.0377], 1.3e-3)):
             nodes, triangles = icosphere(0.01, np.array(centre), 2)
             a, b, c = (nodes[triangles[:, k]] - centre for k in range(3))
@@ -223,8 +222,8 @@ class DoseTest(unittest.TestCase):
         np.testing.assert_array_equal(rest.values, before)
 
     def test_dose_volume_histogram(self):
-        """For gland, urethra and rectum with 60 seeds, every dose index is within 0.1 % of the value from histograms (bins of 0.01 Gy) that this script
-        computes from its own voxels."""
+        """For gland, urethra and rectum with 60 seeds, every dose index is within 0.1 % of the value from histograms (0.01 Gy bins) that this script computes
+        from its own voxels."""
         table, source = table_of("I-125 6711"), brachy.Source("I-125 6711")
         positions, directions, _ = implant(60, 11)
         for radius, centre, h in ((0.02, (0, 0, 0), 1e-3), (0.004, (0, 0.002, 0.003), 3e-4), (0.012, (0, -0.03, 0), 8e-4)):
@@ -249,7 +248,7 @@ class DoseTest(unittest.TestCase):
             found = brachy.DVH(dose.values, structure.voxel)
             figures = found.summary(145.0)
             counts, edges = np.histogram(np.minimum(expected, 3000), np.arange(0, 3000.02, 0.01))
-            above = np.append(counts[::-1].cumsum()[::-1], 0) / len(own)               # fraction of voxels with at least the dose at the lower edge of each bin
+            above = np.append(counts[::-1].cumsum()[::-1], 0) / len(own)               # fraction of voxels with at least the dose at each bin's lower edge
             for name, fraction in (("d10", 0.1), ("d30", 0.3), ("d80", 0.8), ("d90", 0.9)):
                 by_script = np.interp(-fraction, -above, edges)
                 self.assertAlmostEqual(figures[name] / by_script, 1, delta=1e-3, msg=name)

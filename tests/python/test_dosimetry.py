@@ -40,7 +40,7 @@ OBJECTS = {"structures.dcm": "RTStructureSet", "planned-plan.dcm": "RTPlan", "pl
 
 
 def seed_dose(position, axis, strength, points):
-    """Returns the dose (Gy) of a permanent seed of I-125 at points (n, 3) cm, by the two-dimensional formula of AAPM TG-43U1 with the line source."""
+    """Returns the dose (Gy) of a permanent I-125 seed at points (n, 3) cm, by the two-dimensional formula of AAPM TG-43U1 with the line source."""
     off, length = points - position, TABLE["active_length"]
     along = off @ axis
     across = np.maximum(np.linalg.norm(off - np.outer(along, axis), axis=1), 1e-9)
@@ -58,7 +58,7 @@ def seed_dose(position, axis, strength, points):
 
 
 def implant_dose(seeds, strength, points):
-    """Returns the dose (Gy) of seeds, by position and direction, at points; all in cm."""
+    """Returns the dose (Gy) at points of seeds given by position and direction, all in cm."""
     return sum(seed_dose(position, axis / np.linalg.norm(axis), strength, points) for position, axis in seeds)
 
 
@@ -73,7 +73,7 @@ def outside_capsules(seeds, points, margin=0.02):
 
 
 def seeds_of_dicom(path):
-    """Returns the seeds of an RT Plan in cm, and their strength in U, with pydicom alone."""
+    """Returns the seeds of an RT Plan in cm, and their strength in U, read with pydicom alone."""
     data = pydicom.dcmread(path)
     points = [channel.BrachyControlPointSequence[0] for channel in data.ApplicationSetupSequence[0].ChannelSequence]
     seeds = [(0.1 * np.array(p.ControlPoint3DPosition, float), np.array(p.ControlPointOrientation, float)) for p in points]
@@ -166,7 +166,7 @@ class Chain(unittest.TestCase):
 
     def test_rt_dose_is_the_sum_of_the_seeds_of_its_rt_plan(self):
         """Compares doses at random points of the grid with doses of the seeds in the RT Plan. The tolerance covers half a quantisation step of the stored
-        doses, and rounding of positions."""
+        doses, and the rounding of positions."""
         rng = np.random.default_rng(1)
         for kind in ("planned", "implanted"):
             data = pydicom.dcmread(self.report / f"{kind}-dose.dcm")
@@ -182,8 +182,8 @@ class Chain(unittest.TestCase):
             np.testing.assert_allclose(scale * stored[tuple(index.T)][out], expected[out], atol=0.6 * scale, rtol=1e-3)
 
     def test_histograms_are_those_of_the_outlines(self):
-        """Compares the gland's volume and D90 in the report with those from the RT Dose at points inside the patient's ellipses, on a different grid
-        from the program's."""
+        """Compares the gland's volume and D90 in the report with those from the RT Dose at points inside the patient's ellipses, on a grid other than the
+        program's."""
         data = pydicom.dcmread(self.report / "implanted-dose.dcm")
         seeds, strength = seeds_of_dicom(self.report / "implanted-plan.dcm")
         own = []
@@ -208,7 +208,7 @@ class Chain(unittest.TestCase):
 
     def test_figures_are_those_of_the_tg43_formula(self):
         """Compares all dose figures, for the planned seeds and for the seeds after the needles have been withdrawn, with NumPy's at the program's voxels. The
-        tolerance is needed for voxels inside seeds."""
+        tolerance is there for voxels inside seeds."""
         frame = plans.Frame(self.model)
         placed = plans.read_seeds(self.out / "seeds.csv", self.model)
         for name, seeds in (("planned", plans.planned_seeds(self.plan, self.model)), ("needles out", placed)):
@@ -266,7 +266,7 @@ class Chain(unittest.TestCase):
             self.assertAlmostEqual(moved.figures[name], value, delta=1e-6 * max(value, 1), msg=name)
 
     def test_a_stretch_moves_seeds_and_organs(self):
-        """The displacement field of a 5 % stretch along z is linear, so its interpolation is exact."""
+        """The displacement field of a 5 % stretch along z is linear, so interpolating it is exact."""
         field = self.model.nodes * [0.0, 0.0, 0.05]
         done = self.evaluated(field)
         moved = next(s for s in done.states if s.name == "at the last seed")
@@ -279,8 +279,8 @@ class Chain(unittest.TestCase):
     # ---- swelling ----
 
     def test_the_dose_of_a_swelling_gland_is_the_integral_over_time(self):
-        """The reference is the trapezoidal rule over ten half-lives, with NumPy's doses, for points in the gland, where distances scale with the cube
-        root of the volume."""
+        """The reference is the trapezoidal rule over ten half-lives with NumPy's doses, for points in the gland, where distances scale with the cube root of
+        the volume."""
         seeds = [(s.position, s.direction) for s in plans.read_seeds(self.out / "seeds.csv", self.model)]
         swollen, points = Swollen(self.organs["gland"].points), self.organs["gland"].points[::150]
         points = points[outside_capsules([(100 * p, d) for p, d in seeds], 100 * points, 0.1)]
@@ -293,7 +293,7 @@ class Chain(unittest.TestCase):
                 rate = implant_dose([(grown(p), d) for p, d in seeds], 0.6, grown(points)) * math.log(2) / 59.4 * 0.5**(day / 59.4)
                 rates.append(rate)
             expected = np.trapz(rates, days, axis=0) + implant_dose([(100 * p, d) for p, d in seeds], 0.6, 100 * points) * 0.5**(days[-1] / 59.4)
-            # seeds just outside the gland move slightly differently, which this reference does not include
+            # seeds just outside the gland move slightly differently, which this reference leaves out
             inside = [s for s in seeds if np.linalg.norm(self.organs["gland"].points - s[0], axis=1).min() < 1e-3]
             self.assertGreater(len(inside), len(seeds) - 6)
             np.testing.assert_allclose(delivered(self.source, seeds, 0.6, points, swollen, chosen), expected, rtol=0.01)
@@ -308,7 +308,7 @@ class Chain(unittest.TestCase):
 
     def test_no_swelling_changes_nothing_and_published_effects_are_met(self):
         """Published effects: swelling reduced D90 by about 2 % in three implants with I-125 (Sloboda et al. 2012). In a model of the mean dose (Cambridge
-        Core), swelling to 1.05 and 1.6 times the volume, with half-lives of 4 and 34 days, reduces the dose by 0.3 and 17.5 %; D90 falls less, because seeds
+        Core), swelling to 1.05 and 1.6 times the volume, with half-lives of 4 and 34 days, reduces the dose by 0.3 and 17.5 %. D90 falls less, because seeds
         lie around the coldest points."""
         for chosen, least, most in ((Swelling(1.0), 0.0, 1e-9), (Swelling(), 0.01, 0.035), (Swelling(1.05, None, 4.0), 0.001, 0.005), (Swelling(1.6, None, 34.0), 0.10, 0.19)):
             out, after = (next(s for s in self.evaluated(swelling=chosen).states if s.name == name).figures["D90"] for name in ("needles out", "after swelling"))

@@ -1,6 +1,6 @@
 #!/usr/bin/python3
-"""Tests trocar-fit: least squares against scipy, recordings in CSV and LCM logs, parameters of a simulated insertion, warnings, files, and bad input.
-tests/verification/verify_fit.py checks the confidence intervals.
+"""Tests trocar-fit: least squares against scipy, recordings in CSV and LCM logs, parameters of a simulated insertion, warnings, files, and bad input. The
+confidence intervals are checked in tests/verification/verify_fit.py.
 
 usage: test_fit.py BUILD_DIR SOURCE_DIR
 """
@@ -17,7 +17,7 @@ from pathlib import Path
 
 BUILD, SOURCE = Path(sys.argv[1]), Path(sys.argv[2])
 os.environ["TROCAR_LIBRARY"] = str(BUILD / "core/libtrocar.so")
-sys.path[:0] = [str(BUILD / "clients/python"), str(SOURCE / "clients/python")]    # the second folder has trocar_client
+sys.path[:0] = [str(BUILD / "clients/python"), str(SOURCE / "clients/python")]    # the second folder is for trocar_client
 sys.dont_write_bytecode = True
 
 import numpy as np
@@ -110,7 +110,7 @@ class Case(unittest.TestCase):
 
 
 class SolverTest(unittest.TestCase):
-    """Fits an exponential and a constant to noisy data; the reference is scipy's solution."""
+    """Fits an exponential and a constant to noisy data. The reference is scipy's solution."""
 
     def setUp(self):
         self.time = np.linspace(0.0, 2.0, 400)
@@ -141,7 +141,7 @@ class SolverTest(unittest.TestCase):
         self.assertLess(found.residuals @ found.residuals, 1.001 * 2 * reference.cost)
 
     def test_goes_round_points_that_cannot_be_computed(self):
-        """Points that cannot be computed occur in fits, for example where kinetic friction would exceed static friction."""
+        """Fits run into points that cannot be computed, for example where kinetic friction would exceed static friction."""
         evaluate = lambda points: [self.residuals(p) if p[0] + p[1] < 1.05 else None for p in points]
         found = solver.minimise(evaluate, np.array([0.2, 0.8, 0.2]))
         self.assertTrue(found.converged)
@@ -230,7 +230,7 @@ class FitTest(Case):
         self.assertTrue((self.out / "fit/residuals.svg").read_text().startswith("<?xml"))
         self.assertLess(found["chi2"], 1.3 * found["degrees_of_freedom"])
 
-        # The fragment, merged with a mesh and a fixed surface, is a scene.
+        # Merged with a mesh and a fixed surface, the fragment is a scene.
         merged = self.out / "merged.yaml"
         merged.write_text(f"mesh: {SOURCE / 'meshes/prostate-570.msh'}\nfixed: [fixed]\n" + (self.out / "fit/fitted.yaml").read_text())
         scene = trocar.Scene.load(merged)
@@ -238,7 +238,7 @@ class FitTest(Case):
             self.assertEqual(scene[key], found["parameters"][key]["value"])
 
     def test_check_names_what_the_motion_does_not_determine(self):
-        """The needle does not reach the prostate, so the data do not determine its cutting force; they do determine the friction outside it."""
+        """The needle does not reach the prostate, so the data do not determine its cutting force. They do determine the friction outside it."""
         self.measure()
         text = FIT + "  regions[prostate].cutting_force: {within: [0.1, 2]}\n"
         status, out, err = self.run_program("check", self.problem(text))

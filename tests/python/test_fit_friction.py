@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Tests that scripts/fit_friction recovers the parameters of simulated insertions from data with noise and outliers, and refuses bad input.
+"""Tests that scripts/fit_friction recovers the parameters of simulated insertions from data with noise and outliers and refuses bad input.
 
 usage: test_fit_friction.py BUILD_DIR SOURCE_DIR
 """
@@ -26,8 +26,8 @@ import trocar
 
 RATE = 1000          # Hz
 NOISE = 0.02         # N, standard deviation
-OUTLIERS = 0.01      # fraction of samples with errors of up to 2 N
-START = -0.201       # m, position of the needle's base with the tip 1 mm in front of the skin
+OUTLIERS = 0.01      # fraction of samples that are off by up to 2 N
+START = -0.201       # m, needle's base when the tip is 1 mm in front of the skin
 CAPSULE = 36.8       # mm, depth at which this track crosses the capsule
 REGIONS = ["--region", "surrounding=0", "--region", f"prostate={CAPSULE}"]
 PUNCTURES = ["--puncture", "skin=0", "--puncture", f"capsule={CAPSULE}"]
@@ -48,7 +48,7 @@ SCRIPT = load_script()
 
 
 def fit(*arguments):
-    """Runs the script's main function in this process, to avoid starting Python and NumPy for each run. Exceptions are passed on."""
+    """Runs the script's main function in this process, which saves starting Python and NumPy for each run. Exceptions are passed on."""
     out, err, status = io.StringIO(), io.StringIO(), 0
     sys.argv = [FIT, *arguments]
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
@@ -63,14 +63,14 @@ def fit(*arguments):
 
 
 def in_and_out(speed, depth=0.072, rest=0.3):
-    """Returns z of the base (m) for an insertion and a withdrawal at this speed (m/s)."""
+    """Returns the base's z (m) during an insertion and a withdrawal at this speed (m/s)."""
     steps = int(depth / speed * RATE)
     way = speed / RATE * np.arange(steps)
     return np.concatenate([START + way, np.full(int(rest * RATE), START + depth), START + depth - way, np.full(50, START)])
 
 
 def insertion(model, positions):
-    """Returns the outputs of all ticks as a structured array, for a needle that is moved to these successive values of z."""
+    """Returns the outputs of all ticks as a structured array, for a needle moved to these values of z in turn."""
     poses = np.zeros((1, len(positions), 7))
     poses[..., :4] = [0.005, 0.003, 0, 1]
     poses[0, :, 2] = positions
@@ -92,7 +92,7 @@ def write_scene(path, youngs_modulus):
 
 
 def measure(model, speed, *paths):
-    """Writes measurements as a laboratory would, depth in mm and force in N, each with independent noise."""
+    """Writes measurements as a laboratory would: depth in mm and force in N, each with independent noise."""
     out = insertion(model, in_and_out(speed))
     for path in paths:
         random = np.random.default_rng(len(path) + ord(path[-5]))
@@ -140,7 +140,7 @@ def assert_truth(values, keys, limit=0.05):
 
 
 def parameters_come_back():
-    """In soft tissue, all parameters are recovered except the static friction, for which a lower bound is reported."""
+    """In soft tissue, all parameters are recovered except static friction, for which a lower bound is reported."""
     write_scene("soft.yaml", 40e3)
     soft = model_of("soft.yaml")
     measure(soft, 0.005, "slow.csv")
@@ -173,7 +173,7 @@ def punctures_are_found():
 
 
 def other_records_of_the_same_do():
-    """Tests data with a tenth of the samples, with noise in the depth, without time, or in the format of another program."""
+    """Tests data with a tenth of the samples, with noise in the depth, without time, or in another program's format."""
     random = np.random.default_rng(1)
     changed("coarse.csv", lambda text: "\n".join(text.splitlines()[::10]))
     changed("noisy.csv", of_each_row(lambda t, d, f: f"{t},{float(d) + 0.01 * random.standard_normal():.5f},{f}"))

@@ -1,6 +1,6 @@
 #!/usr/bin/python3
-"""Tests the Gymnasium environments: compares them with simulations that are stepped here and with each other, and runs Gymnasium's checker. If
-gymnasium is not installed, a stand-in is used (gymnasium_standin.py), and the checker is not run.
+"""Tests the Gymnasium environments by comparing them with simulations stepped here and with each other, and runs Gymnasium's checker. If gymnasium is not
+installed, a stand-in takes its place (gymnasium_standin.py), and the checker is not run.
 
 usage: test_gym.py BUILD_DIR SOURCE_DIR
 """
@@ -35,7 +35,7 @@ from trocar.gym import NeedleEnv, VectorNeedleEnv
 
 SCENE = SOURCE / "meshes/figure8.yaml"
 TARGET = np.array([1e-3, -2e-3, 0.03])    # m, relative to the entry point
-ENTRY = np.array([0.005, 0.003, 0.0])     # m: where the needle meets the skin, from its default start
+ENTRY = np.array([0.005, 0.003, 0.0])     # m: where the needle meets the skin from its default start
 TASK = f"""scene: {SCENE}
 set: {{needle.bevel_slope: 0.1}}
 target: {{x: [{TARGET[0]}, {TARGET[0]}], y: [{TARGET[1]}, {TARGET[1]}], depth: [{TARGET[2]}, {TARGET[2]}]}}
@@ -85,8 +85,7 @@ def place_in(model, point):
 
 class MechanicsTest(Case):
     def test_steps_are_those_of_a_simulation(self):
-        """Compares depth, force, error and the observed target with a `Sim` that is given the specified poses: 50 mm/s and 12 rad/s for 20 ticks of 1
-        ms."""
+        """Compares depth, force, error and the observed target with a `Sim` given the specified poses: 50 mm/s and 12 rad/s for 20 ticks of 1 ms."""
         env = NeedleEnv("reach", self.file())
         actions = [HALF] * 30 + [np.array([1.0, -0.5], np.float32)] * 20
         observations, _, _, infos = self.episode(env, actions)
@@ -110,8 +109,8 @@ class MechanicsTest(Case):
         self.assertGreater(out.depth, 0.02)
 
     def test_target_is_observed_in_the_frame_of_the_tip(self):
-        """Before the insertion, the needle is straight, so the target's coordinates are those of the file, plus 1 mm along the needle. After a roll by
-        a right angle in the air, the direction that was +y (the bevel's side) is +x."""
+        """Before the insertion, the needle is straight, so the target's coordinates are those in the file plus 1 mm along the needle. After a roll by a right
+        angle in the air, what was +y (the bevel's side) is +x."""
         env = NeedleEnv("reach", self.file())
         observation, _ = env.reset(seed=1)
         np.testing.assert_allclose(observation[:3], 1e3 * (TARGET + [0, 0, 1e-3]), atol=1e-4)
@@ -131,8 +130,8 @@ class MechanicsTest(Case):
         self.assertFalse(infos[-1]["is_success"])
 
     def test_episode_ends_when_the_tip_passes_the_target(self):
-        """The distance from the tip to the target along z is positive until the last step. After this step, the tip is beyond the target by at most the
-        1 mm of a step plus the tissue's displacement."""
+        """The tip's distance from the target along z is positive until the last step. After that, the tip is beyond the target by at most the 1 mm of a step
+        plus the tissue's displacement."""
         straight = TASK.replace("needle.bevel_slope: 0.1", "needle.bevel_slope: 0").replace(str(TARGET[0]), "0").replace(str(TARGET[1]), "0")
         observations, _, ends, infos = self.episode(NeedleEnv("reach", self.file(straight)), [PUSH] * 60)
         self.assertTrue(ends)
@@ -148,8 +147,8 @@ class MechanicsTest(Case):
         np.testing.assert_array_equal(observation, first)
 
     def test_obstacle_on_the_line_is_hit(self):
-        """A straight needle with a diameter of 1.27 mm hits a sphere with a radius of 1 mm in its path, at a cost of 20 mm, and misses one whose surface
-        is 0.4 mm from the needle or more."""
+        """A straight 1.27 mm needle hits a sphere of 1 mm radius in its path, at a cost of 20 mm, and misses one whose surface is at least 0.4 mm from the
+        needle."""
         straight = TASK.replace("needle.bevel_slope: 0.1", "needle.bevel_slope: 0").replace(str(TARGET[0]), "0").replace(str(TARGET[1]), "0")
         observations, rewards, ends, infos = self.episode(NeedleEnv("avoid", self.file(straight + OBSTACLE % (0, 0))), [PUSH] * 60)
         self.assertTrue(ends and infos[-1]["hit"] and not infos[-1]["is_success"])
@@ -279,8 +278,8 @@ class VectorTest(Case):
 
 class PictureTest(Case):
     def test_target_and_needle_are_where_they_should_be(self):
-        """The rendered image shows 80 mm, from 10 mm in front of the skin to 20 mm beyond the target's range. The target is 30 mm deep, 1 mm along x and -2 mm
-        along y."""
+        """The rendered image shows 80 mm, from 10 mm in front of the skin to 20 mm beyond the range of targets. The target is 30 mm deep, 1 mm along x and -2
+        mm along y."""
         env = NeedleEnv("reach", self.file(TASK.replace("depth: [0.03, 0.03]", "depth: [0.03, 0.05]")), render_mode="rgb_array")
         env.reset(seed=1)
         picture = env.render()
@@ -296,7 +295,7 @@ class PictureTest(Case):
         self.assertIsNone(NeedleEnv("reach", self.file()).render())
 
     def test_borders_of_regions_are_drawn(self):
-        """The section shows the skin at depth 0, and the gland, an ellipsoid with its centre 55 mm deep and a semi-axis of 20 mm along the needle."""
+        """The section shows the skin at depth 0, and the gland, an ellipsoid centred 55 mm deep with a semi-axis of 20 mm along the needle."""
         env = NeedleEnv("reach", self.file(TASK.replace("depth: [0.03, 0.03]", "depth: [0.07, 0.07]")), render_mode="rgb_array")
         env.reset(seed=1)
         border = np.all(env.render()[:, :400] == (138, 146, 155), axis=2)
@@ -349,8 +348,7 @@ class CheckerTest(Case):
             self.assertTrue(30.0 < observation[2] < 70.0 and not info["is_success"])
 
     def test_vector_environment_is_that_of_gymnasium(self):
-        """Observations, rewards, termination, truncation and infos of every step equal those of Gymnasium's SyncVectorEnv with the time limit of its
-        wrapper."""
+        """At every step, observations, rewards, termination, truncation and infos equal those of Gymnasium's SyncVectorEnv with its wrapper's time limit."""
         from gymnasium.vector import SyncVectorEnv
         for task, text, mode in (("reach", QUICK, "NextStep"), ("avoid", QUICK + OBSTACLE % (0, 0), "SameStep"), ("implant", QUICK, "NextStep")):
             with self.subTest(task):

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Compares meshes in all variants of MSH 2.2 and 4.1, as written by Gmsh, with what Gmsh's own API returns for the same file: nodes, tetrahedra, their order,
+"""Compares meshes that Gmsh has written in all variants of MSH 2.2 and 4.1 with what Gmsh's own API returns for the same file: nodes, tetrahedra, their order,
 groups, named surfaces. Needs python3-gmsh.
 
 usage: test_mesh_formats.py BUILD_DIR SOURCE_DIR
@@ -32,8 +32,8 @@ def model_of(path, regions):
 
 
 def by_gmsh(path):
-    """Returns the nodes used by tetrahedra, ordered by tag; the tetrahedra, ordered by volume, and their regions; the groups in Gmsh's order; and the triangles
-    of each surface."""
+    """Returns the nodes used by tetrahedra, ordered by tag; the tetrahedra, ordered by volume, and their regions; the groups in Gmsh's order; and each
+    surface's triangles."""
     gmsh.clear()
     gmsh.merge(str(path))
     tags, coordinates, _ = gmsh.model.mesh.getNodes()
@@ -83,7 +83,7 @@ class Formats(unittest.TestCase):
             self.assertEqual({tuple(sorted(f)) for f in model.surface(name).tolist()}, triangles, name)
 
     def compare_variants(self, name, versions=(2.2, 4.1)):
-        """Writes Gmsh's current model in each variant of the format, and compares the results."""
+        """Writes Gmsh's current model in each variant of the format and compares the results."""
         paths = []
         for version in versions:
             for binary in 0, 1:
@@ -98,7 +98,7 @@ class Formats(unittest.TestCase):
                 self.compare(path)
 
     def boxes(self, named=True, periodic=False):
-        """Tests three boxes in two regions, with surfaces that belong to one or two groups, some of which have no name, and with an edge and a point."""
+        """Tests three boxes in two regions, with an edge and a point, and with surfaces that belong to one or two groups, some of them unnamed."""
         gmsh.clear()
         occ = gmsh.model.occ
         boxes = occ.addBox(0, 0, 0, 1, 1, 1), occ.addBox(1, 0, 0, 1, 1, 1), occ.addBox(0, 1, 0, 2, 1, 1)

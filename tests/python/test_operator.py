@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Tests the virtual operator in simulations: the misplacement that remains in stiff tissue, parts of the misplacement, repeated runs, and studies.
+"""Tests the virtual operator in simulations: the misplacement left in stiff tissue, the parts of a misplacement, repeated runs, and studies.
 
 usage: test_operator.py BUILD_DIR SOURCE_DIR
 """
@@ -28,13 +28,13 @@ PERFECT = dict(image_error=0.0, splay=0.0, speed_spread=0.0)
 
 
 def only(*holes, seeds=2):
-    """Returns the plan with only the needles in these holes, and only the first seeds of each needle."""
+    """Returns the plan with only the needles in these holes and only each needle's first seeds."""
     return replace(PLAN, needles=[replace(needle, seeds=needle.seeds[:seeds]) for needle in PLAN.needles if needle.hole in holes])
 
 
 def stiff_scene():
-    """Returns the scene with tissue a thousand times stiffer and a tenth of the cutting force and friction, so that it does not move. The template's
-    holes are wide, so that a needle can tilt in them."""
+    """Returns the scene with tissue a thousand times as stiff and a tenth of the cutting force and friction, so that it does not move. The template's holes are
+    wide, so that needles can tilt in them."""
     scene = trocar.Scene.load(SCENE)
     for name in scene.names("regions"):
         scene[f"regions[{name}].youngs_modulus"] = 1e3 * scene[f"regions[{name}].youngs_modulus"]
@@ -82,9 +82,9 @@ class Rigid(unittest.TestCase):
 
 class Soft(unittest.TestCase):
     def test_the_image_is_followed(self):
-        """For an operator without errors who follows the image, the misplacement is less than the tolerance of an approach, 0.3 mm, plus the tissue's
-        motion while the needle is drawn back; for an operator who reads the marks, it includes all of the tissue's motion. Misplacement is the same
-        as that found by comparing seeds and plan."""
+        """An error-free operator who follows the image misplaces a seed by less than the tolerance of an approach, 0.3 mm, plus the tissue's motion while the
+        needle is drawn back. For one who reads the marks, the misplacement includes all of the tissue's motion. It is the same misplacement as found by
+        comparing seeds and plan."""
         plan = only("E3", "F3")
         followed, sim = carry_out(SOFT, plan, follows_image=True, **PERFECT)
         marks, _ = carry_out(SOFT, plan)

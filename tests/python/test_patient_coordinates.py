@@ -1,5 +1,4 @@
-"""Tests programs with a scene in patient coordinates: needle.start and --patient. The expected values are computed here with
-NumPy.
+"""Tests programs with a scene in patient coordinates: needle.start and --patient. Expected values are computed here with NumPy.
 
 usage: test_patient_coordinates.py BUILD_DIR SOURCE_DIR"""
 import re
@@ -13,8 +12,8 @@ import numpy as np
 
 BUILD, SOURCE = Path(sys.argv[1]).resolve(), Path(sys.argv[2]).resolve()
 ROTATION = np.array([[-1, 0, 0], [0, np.cos(2.8), -np.sin(2.8)], [0, -np.sin(2.8), -np.cos(2.8)]])  # a rotation by almost half a turn
-ORIGIN = np.array([0.012, -0.034, 0.056])  # m, position of the patient's origin in the mesh
-START, TILT = np.array([0.004, 0.055, -0.185]), 0.3  # START: m; TILT: angle about x, rad, so that the direction is (0, -sin, cos)
+ORIGIN = np.array([0.012, -0.034, 0.056])  # m, the patient's origin in the mesh
+START, TILT = np.array([0.004, 0.055, -0.185]), 0.3  # START: m; TILT: angle about x, rad, so the direction is (0, -sin, cos)
 QUATERNION = [np.cos(TILT / 2), np.sin(TILT / 2), 0, 0]
 AXIS = np.array([0, -np.sin(TILT), np.cos(TILT)])
 

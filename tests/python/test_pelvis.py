@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Tests the scene meshes/pelvis.yaml: its regions against the labels from which its mesh was made, the shape of its tetrahedra, and needles through the template.
+"""Tests the scene meshes/pelvis.yaml: its regions against the labels its mesh was made from, the shape of its tetrahedra, and needles through the template.
 
 usage: test_pelvis.py BUILD_DIR SOURCE_DIR
 """
@@ -25,11 +25,11 @@ STEP = 1.0                 # mm, size of the labels' voxels
 GLAND = "prostate", "transition_zone", "urethra"
 PATHS = "E4", "H3.5", "F5.5", "G2.5"    # holes whose needles reach the gland
 FAULTS = trocar.Event.LATE | trocar.Event.FULL | trocar.Event.UNSTABLE | trocar.Event.INEXACT | trocar.Event.MISSED_GUIDE | trocar.Event.OUTSIDE_MODEL
-COARSE = {"urethra": 0.15, "seminal_vesicles": 0.2, "rectal_content": 0.15}     # relative error in the volume of round thin regions, whose surface has few facets; 0.07 for the others
+COARSE = {"urethra": 0.15, "seminal_vesicles": 0.2, "rectal_content": 0.15}     # relative volume error of thin regions with few facets; 0.07 for others
 
 
 def labelled():
-    """Returns a dictionary {region: volume of its voxels, m^3}, the name of the region at each voxel, and the voxels' coordinates along the axes."""
+    """Returns {region: volume of its voxels, m^3}, the name of the region at each voxel, and the voxels' coordinates along the axes."""
     regions, (low, high) = pelvis.regions(), pelvis.block(60)
     label, axes = pelvis.labels(regions, low, high, STEP)
     names = np.array(["", *(region.name for region in regions)])
@@ -37,7 +37,7 @@ def labelled():
 
 
 def dihedral_angles(corners):
-    """Returns the six angles (degrees) between the faces of each tetrahedron; corners: (m, 4, 3)."""
+    """Returns the six angles (degrees) between the faces of each tetrahedron. corners: (m, 4, 3)."""
     angles = []
     for i in range(4):
         for j in range(i):
@@ -58,14 +58,14 @@ class Pelvis(unittest.TestCase):
         cls.volume, cls.label, cls.axes = labelled()
 
     def hole(self, name):
-        """Returns the position of a hole of the template, such as C3.5, and the direction of its axis."""
+        """Returns the position of a template hole, such as C3.5, and the direction of its axis."""
         guide = self.model.guides[0]
         column, row = ord(name[0]) - ord("A"), 2 * (float(name[1:]) - 1)
         offset = np.array([column - (guide.columns - 1) / 2, row - (guide.rows - 1) / 2]) * guide.spacing
         return guide.origin + offset @ guide.across, guide.normal
 
     def poses(self, name, depths):
-        """Returns poses (n, 7) with the tip at these depths behind the template's face, in m."""
+        """Returns poses (n, 7) with the tip at these depths (m) behind the template's face."""
         place, along = self.hole(name)
         poses = np.zeros((len(depths), 7))
         poses[:, 3] = 1
@@ -91,7 +91,7 @@ class Pelvis(unittest.TestCase):
             self.assertTrue(float(low) <= float(value) <= float(high), name)
 
     def test_tetrahedra_lie_in_the_voxels_of_their_regions(self):
-        """The position in patient coordinates is checked as well: the mesh may be shifted relative to the labels by less than a voxel."""
+        """This also checks the position in patient coordinates: the mesh may be shifted relative to the labels by less than a voxel."""
         place = np.linalg.inv(self.model.patient_to_mesh)
         at = (self.middles @ place[:3, :3].T + place[:3, 3]) * [-1, -1, 1]
         index = tuple(np.clip(np.round((at[:, a] - self.axes[a][0]) / STEP).astype(int), 0, len(self.axes[a]) - 1) for a in (2, 1, 0))
@@ -108,7 +108,7 @@ class Pelvis(unittest.TestCase):
         self.assertLess(angles.max(), 163)
 
     def test_the_gland_is_held_by_fat_all_around(self):
-        """Nodes of the fixed surfaces do not belong to the gland, and most elements next to its surface are fat."""
+        """Nodes on the fixed surfaces do not belong to the gland, and most elements next to its surface are fat."""
         fixed = np.unique(np.concatenate([self.model.surface(name).ravel() for name in ("fixed", "bone")]))
         gland = np.isin(self.model.tet_regions, [self.model.groups.index(name) for name in GLAND])
         self.assertFalse(np.isin(fixed, np.unique(self.model.tets[gland])).any())
@@ -118,7 +118,7 @@ class Pelvis(unittest.TestCase):
         self.assertGreater(self.volumes[fat].sum() / self.volumes[beside].sum(), 0.5)
 
     def test_needles_reach_the_gland_and_are_felt_all_the_way(self):
-        """Each needle punctures skin and capsule, meets a force as soon as it touches the skin, and never loses it before its depth is reached."""
+        """Each needle punctures skin and capsule, meets a force as soon as it touches the skin, and does not lose it before reaching its depth."""
         target = 0.09
         for name in PATHS:
             with self.subTest(hole=name):

@@ -79,8 +79,8 @@ class Reader(Case):
         seeds = plans.planned_seeds(plan, MODEL)
         self.assertEqual((len(plan.needles), len(seeds)), (16, 60))
         self.assertEqual(plans.check(plan, MODEL), {"prostate": 60})
-        # Column F is the sixth of 13 columns, which are 5 mm apart, and the seventh is in the middle; row 4 is the seventh of 13 rows; the face of the
-        # template is at z = -25 mm.
+        # Column F is the sixth of 13 columns, 5 mm apart, of which the seventh is in the middle. Row 4 is the seventh of 13 rows. The template's face is at z =
+        # -25 mm.
         first = next(s for s in seeds if s.hole == "F4")
         np.testing.assert_allclose(first.position, [0.005, 0.0, -0.025 + 0.09975 - 0.00225], atol=1e-12)
         np.testing.assert_allclose(plans.Frame(MODEL).position(first.position), [-5, 0, 72.5], atol=1e-9)
@@ -319,8 +319,7 @@ class Dicom(Case):
         self.assertEqual(data.Modality, "RTPLAN")
 
     def test_what_ends_too_early_is_refused(self):
-        """The file may be truncated anywhere, in every transfer syntax without compression, with sequences of known and of unknown length. dcmtk writes the
-        files."""
+        """The file may be cut off anywhere, in every uncompressed transfer syntax, with sequences of defined and undefined length. dcmtk writes the files."""
         path, expected = self.exported(), len(plans.planned_seeds(plans.read(EXAMPLE), MODEL))
         for options in (["+te", "+e"], ["+te", "-e"], ["+ti", "+e"], ["+ti", "-e"], ["+tb", "+e"], ["+tb", "-e"], ["+td"]):
             with self.subTest(options=options):
@@ -431,7 +430,7 @@ class Program(Case):
         self.assertEqual(self.run_plan("import", self.out / "b.dcm", *scene, "--seeds", self.out / "b.csv"), (0, "", ""))
         self.assertEqual(self.run_plan("compare", EXAMPLE, self.out / "b.csv", *scene), self.run_plan("compare", EXAMPLE, table, *scene))
         status, _, error = self.run_plan("import", self.out / "b.dcm", *scene, "--out", self.out / "b.yaml")
-        self.assertEqual((status, error), (0, ""))    # no remark, because the seed is on the axis of its hole
+        self.assertEqual((status, error), (0, ""))    # no remark, because the seed is on its hole's axis
         shifted = SCENE.read_text().replace("origin: [0, 0, -0.025]", "origin: [0.0004, 0, -0.025]").replace("implant.msh", str(SOURCE / "meshes/implant.msh"))
         self.assertIn("0.0004", shifted)
         status, _, error = self.run_plan("import", self.out / "a.dcm", "--scene", self.write(shifted, "shifted.yaml"), "--out", self.out / "c.yaml")
@@ -522,7 +521,7 @@ class Replay(Case):
             log.add("TROCAR_COMMAND", message)
             self.events.append(("TROCAR_COMMAND", message))
 
-        tell(command_t.DROP_SEED, 1)                     # precedes the first pose, so it is skipped
+        tell(command_t.DROP_SEED, 1)                     # comes before the first pose, so it is skipped
         for hole in ("F4", "I3.5"):
             ways = {"in": np.arange(-0.02, 0.0900, 8e-4), "out": np.arange(0.0900, -0.02, -8e-4)}
             for tip in ways["in"]:
@@ -555,7 +554,7 @@ class Replay(Case):
                                        [s.position for s in plans.seeds_of(sim, now=True)], atol=1e-9)
             (self.out / "copy.log").rename(self.out / "again.log")
         self.assertEqual(self.replay_answered(command_reply_t.REFUSED), ["F4"] * 2 + ["I3.5"] * 3)
-        # The server has already accepted the drop, which waits until the three earlier seeds have been released. UNDO cancels it.
+        # The server had already accepted the drop, which waits until the three earlier seeds have been released. UNDO cancels it.
         self.assertEqual(self.replay_answered(command_reply_t.DONE), ["F4"] * 3 + ["I3.5"] * 3)
 
     def types(self):

@@ -1,6 +1,6 @@
 #!/usr/bin/python3
-"""Tests planning: plans with entry points, rolls and turns; distances from obstacles compared with formulas; insertions whose plan is known from geometry; the
-planner's results, reproduced step by step; the robust plan in newly built samples; seeds; invalid problems.
+"""Tests planning: plans with entry points, rolls and turns; distances from obstacles, compared with formulas; insertions whose plan is known from geometry; the
+planner's results, reproduced step by step; the robust plan in newly built samples; seeds; and invalid problems.
 
 usage: test_planner.py BUILD_DIR SOURCE_DIR
 """
@@ -56,7 +56,7 @@ class Case(unittest.TestCase):
         return self.out / name
 
     def main(self, *arguments):
-        """Returns (status, stdout, stderr) of the program."""
+        """Returns the program's (status, stdout, stderr)."""
         output, errors = io.StringIO(), io.StringIO()
         with contextlib.redirect_stdout(output), contextlib.redirect_stderr(errors):
             status = planner.main([str(argument) for argument in arguments])
@@ -69,7 +69,7 @@ class Case(unittest.TestCase):
 
 
 def moved(model, point, field):
-    """Returns the present position (3,), in m, of a point of the tissue; the tetrahedron that contains it is found by solving for its weights."""
+    """Returns the present position (3,), in m, of a point of the tissue. Finds the tetrahedron that contains it by solving for its weights."""
     corners = model.nodes[model.tets]
     matrix = np.concatenate([corners.transpose(0, 2, 1), np.ones((len(corners), 1, 4))], axis=1)
     weights = np.linalg.solve(matrix, np.array([*point, 1.0])[None, :, None])[:, :, 0]
@@ -154,7 +154,7 @@ class PlanFormat(Case):
         line = np.array(needle.entry) + np.linspace(0, needle.depth, 7)[:, None] * needle.direction
         np.testing.assert_allclose(tips[-1][0][-1], line[-1], atol=1e-12)
         np.testing.assert_allclose(tips[0][0][-1], line[3], atol=1e-12)
-        self.assertLess(np.ptp(tips[1][0], axis=0).max(), 1e-12)    # the needle is at rest while it turns
+        self.assertLess(np.ptp(tips[1][0], axis=0).max(), 1e-12)    # the needle stays in place while it turns
         for bevel, roll in ((tips[0][1][0], -1.5), (tips[-1][1][-1], 3.14 - 1.5)):
             np.testing.assert_allclose(bevel[0], -np.sin(roll), atol=5e-3)    # the bevel is rotated about z, apart from the effect of the tilt
         self.assertEqual(len(tips[-1][0]), 3)
@@ -183,7 +183,7 @@ class Obstacles(Case):
         self.assertLessEqual(capsule.distance(shaft, 1e-3, Embedding(model), field, enough=0.0), found + 1e-12)
 
     def test_in_tissue_that_does_not_move_it_is_as_at_rest(self):
-        """With zero displacements, rounding errors in the search radius must not exclude the obstacle's point that is nearest to the needle."""
+        """With zero displacements, rounding errors in the search radius must not exclude the obstacle's point nearest to the needle."""
         model = trocar.Model(trocar.Scene.load(SCENE), mesh_only=True)
         embedding, still, random = Embedding(model), np.zeros_like(model.nodes), np.random.default_rng(1)
         for _ in range(300):
@@ -213,7 +213,7 @@ class Geometry(Case):
         np.testing.assert_allclose(end, [0.006, 0.004, 0.05], atol=2e-5)
         self.assertTrue(-0.004 <= needle.entry[0] <= -0.002)
         self.assertAlmostEqual(np.arctan(needle.direction[0] / needle.direction[2]), np.arctan((0.006 - needle.entry[0]) / 0.05), delta=1e-3)
-        self.assertAlmostEqual(result.unplanned.error, 8e-3, delta=1e-4)    # the distance from a straight line that starts at the edge of the permitted area
+        self.assertAlmostEqual(result.unplanned.error, 8e-3, delta=1e-4)    # distance from a straight line that starts at the edge of the permitted area
 
     def test_tilt_that_does_not_suffice_is_told(self):
         text = PROBLEM.replace("set: {needle.bevel_slope: 0.05}", WITHOUT_FORCES).replace("[-0.02, 0.02], y", "[-0.004, -0.002], y").replace("tilt: 0.2", "tilt: 0.1")
@@ -255,7 +255,7 @@ avoid:
         self.assertGreater(result.rigid.clearance, -1e-4)
         shaft = np.array(result.expected.shaft)
         inside = shaft[-1] + np.linspace(0, 1, 4001)[:, None] * (shaft[0] - shaft[-1])
-        box = np.maximum(np.abs(inside - [0.006, 0.004, 0.010]) - [3e-3, 3e-3, 7.5e-3], 0.0)    # the region extends by half a slice beyond the last slice
+        box = np.maximum(np.abs(inside - [0.006, 0.004, 0.010]) - [3e-3, 3e-3, 7.5e-3], 0.0)    # the region extends half a slice beyond the last slice
         self.assertGreater(np.linalg.norm(box, axis=1).min(), 2e-3 + 0.6e-3)    # clearance, plus the radius of the 18 G needle, 0.635 mm
 
 
@@ -285,10 +285,10 @@ class Promises(Case):
         self.assertAlmostEqual(max(errors), result.expected.worst, delta=1e-5)
         self.assertAlmostEqual(np.mean(errors), result.expected.mean, delta=1e-5)
         self.assertLess(result.expected.worst, 0.95 * result.nominal.worst)
-        self.assertGreater(result.expected.error, result.nominal.error)    # for the nominal values, the robust plan is worse than the nominal one
+        self.assertGreater(result.expected.error, result.nominal.error)    # at the nominal values, the robust plan is worse than the nominal one
 
     def test_few_insertions_suffice(self):
-        """The search reuses its Jacobian: finite differences over all variables would take 7 insertions per step, and 35 with five samples."""
+        """The search reuses its Jacobian. Finite differences over all variables would take 7 insertions per step, or 35 with five samples."""
         text = (SOURCE / "docs/examples/planning.yaml").read_text().replace("../../meshes", str(SOURCE / "meshes"))
         problem = planner.read(self.write(text))
         models, targets = planner.models_of(problem), dict(problem.targets)
@@ -358,7 +358,7 @@ class Seeds(Case):
         self.assertEqual([needle for needle in before.needles if needle.hole != "F4"], [dataclasses.replace(needle, line=old.line) for needle, old in
                                                                                         zip(after.needles, before.needles) if needle.hole != "F4"])
         means = []
-        for plan in (before, after):    # each plan is executed and compared with the original plan
+        for plan in (before, after):    # each plan is executed and compared with the original one
             only = lambda plan: dataclasses.replace(plan, needles=[needle for needle in plan.needles if needle.hole == "F4"])
             sim = trocar.Sim(model)
             for poses in Implant(plan=only(plan)).play(sim, 1e-3):

@@ -52,7 +52,7 @@ def cube(n=3, h=0.01):
 
 
 def measured(work):
-    """Returns the result of `work`, its processor time (s), and the growth of the process's memory (bytes)."""
+    """Returns the result of `work`, its CPU time (s), and by how much it grew the process's memory (bytes)."""
     resident = lambda: int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
     results, before, peak = [], resident(), 0
     start = time.process_time()
@@ -84,7 +84,7 @@ class PythonTest(unittest.TestCase):
         np.testing.assert_allclose(model.start, [0, 0, -0.21, 0.8, 0.6, 0, 0], atol=1e-15)
 
     def test_forces_are_those_of_replay(self):
-        """The poses of a golden trace, applied tick by tick, give the same digits as trocar-replay."""
+        """Applied tick by tick, a golden trace's poses give the same digits as trocar-replay."""
         with tempfile.TemporaryDirectory() as folder:
             table = Path(folder) / "out.csv"
             log = SOURCE / "tests/traces/figure8.log"
@@ -102,8 +102,8 @@ class PythonTest(unittest.TestCase):
         self.assertGreater(sim.centreline().shape[0], 10)
 
     def test_rollout_is_the_same_insertions_one_by_one(self):
-        """64 insertions on two threads: each step is bit-identical to that of a single simulation, and the rollout is faster than real time and keeps
-        one simulation for each thread."""
+        """64 insertions on two threads. Each step is bit-identical to that of a single simulation, and the rollout is faster than real time and keeps one
+        simulation per thread."""
         batch, steps, dt = 64, 200, 0.001
         poses = np.zeros((batch, steps, 7))
         poses[..., 0] = 0.005 + 1e-4 * np.arange(batch)[:, None]
@@ -165,7 +165,7 @@ class PythonTest(unittest.TestCase):
         sim = trocar.Sim(trocar.Model(scene))
         pose = lambda tick: [0.005, 0.003, -0.201 + 1.5e-4 * min(tick, 400 - tick), 1, 0, 0, 0]
         sim.reset(pose(0), needle=1)
-        held, seen = {}, set()  # held: slot and depth of each contact, keyed by its id
+        held, seen = {}, set()  # held: slot and depth of each contact, by id
         for tick in range(400):
             out = sim.step(pose(tick), 0.001, needle=1)
             self.assertEqual(sim.contacts(), [])
@@ -207,7 +207,7 @@ class PythonTest(unittest.TestCase):
         self.assertEqual(sim.needle_state(0), "held")
         out = sim.step(sim.base(0), 0.001)
         self.assertLess(np.linalg.norm(out.force), 2e-3)
-        np.testing.assert_allclose([c.force for c in sim.contacts(0)], forces, atol=1e-3)  # the forces are those at the moment when the needle was released
+        np.testing.assert_allclose([c.force for c in sim.contacts(0)], forces, atol=1e-3)  # the forces at the moment the needle was released
 
     def test_tracks_are_where_the_needle_went(self):
         sim = trocar.Sim(self.model)
@@ -226,7 +226,7 @@ class PythonTest(unittest.TestCase):
         self.assertEqual(sim.tracks(), [])
 
     def test_changes_during_a_run(self):
-        """After a change, the forces are those of a derived model that has had the new values from the beginning; bad values change nothing."""
+        """After a change, the forces are those of a derived model that had the new values from the start. Bad values change nothing."""
         values = {"membranes[skin].puncture_force": 1.5, "regions[surrounding].cutting_force": 0.8}
         at = lambda depth: [0.005, 0.003, depth - 0.2, 1, 0, 0, 0]
         model = trocar.Model(trocar.Scene.load(FIGURE8))
@@ -280,7 +280,7 @@ class PythonTest(unittest.TestCase):
         scene.set_mesh(cube())
         scene["regions[body].youngs_modulus"] = 20e3
         scene["fixed"] = ["back"]
-        scene["needle.length"] = 5.0    # so much longer than the body that the unit of the mesh is suspicious
+        scene["needle.length"] = 5.0    # so much longer than the body that the mesh unit looks wrong
         with self.assertLogs("trocar", "INFO") as logged:
             model = trocar.Model(scene)
         self.assertEqual([record.levelname for record in logged.records], ["WARNING", "INFO"])
@@ -288,7 +288,7 @@ class PythonTest(unittest.TestCase):
         self.assertIn(model.description, logged.records[1].getMessage())
 
     def test_the_gil_is_released(self):
-        """This thread continues to run during a rollout in another thread."""
+        """This thread keeps running during a rollout in another thread."""
         poses = np.zeros((4, 500, 7))
         poses[..., 0:3] = [0.005, 0.003, -0.201]
         poses[..., 2] += 1e-4 * np.arange(500)
@@ -334,7 +334,7 @@ class PythonTest(unittest.TestCase):
 
 
 def read_poses(path):
-    """Returns (utime, pose) of the poses in an LCM event log. Its values are big-endian: an 8-byte fingerprint, then the fields of needle_pose_t."""
+    """Returns (utime, pose) of the poses in an LCM event log. Values are big-endian: an 8-byte fingerprint, then the fields of needle_pose_t."""
     data, at = path.read_bytes(), 0
     while at < len(data):
         assert data[at:at + 4] == bytes.fromhex("EDA1DA01")

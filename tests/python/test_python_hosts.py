@@ -26,7 +26,7 @@ import trocar
 from trocar import brachy
 
 FIGURE8, IMPLANT, TRUS = (SOURCE / f"meshes/{name}.yaml" for name in ("figure8", "implant", "trus"))
-PATIENCE = 60  # s, time after which a process counts as hung
+PATIENCE = 60  # s, after which a process counts as hung
 
 
 def pushed(model, ticks=300):
@@ -49,7 +49,7 @@ def last_force(scene_path):
 
 
 def in_child(work):
-    """Runs `work` in a forked child and returns its exit status, or None if it hangs."""
+    """Runs `work` in a forked child. Returns its exit status, or None if it hangs."""
     child = os.fork()
     if child == 0:
         try:
@@ -77,7 +77,7 @@ class ProcessTest(unittest.TestCase):
         self.assertEqual(in_child(lambda: trocar.Model(trocar.Scene.load(FIGURE8))), 0)
 
     def test_a_child_forked_while_another_thread_makes_models(self):
-        """Forking works regardless of the locks that the other thread holds at the time."""
+        """Forking works whatever locks the other thread holds at that moment."""
         over = threading.Event()
 
         def make():
@@ -107,7 +107,7 @@ class ProcessTest(unittest.TestCase):
         self.assertIsInstance(pickle.loads(pickle.dumps(caught.exception)), trocar.Error)
 
     def test_the_threads_of_other_programs_openmp_are_left_alone(self):
-        """After a model has been created, OpenMP's limit on nested regions is again the limit set by the host program."""
+        """Once a model has been created, OpenMP's limit on nested regions is back to what the host program had set."""
         program = ("import ctypes, trocar, sys; openmp = ctypes.CDLL('libgomp.so.1'); openmp.omp_set_max_active_levels(3); "
                    "trocar.Model(trocar.Scene.load(sys.argv[1])); print(openmp.omp_get_max_active_levels())")
         done = subprocess.run([sys.executable, "-c", program, FIGURE8], env={**os.environ, "PYTHONPATH": str(BUILD / "clients/python")}, capture_output=True,
@@ -150,7 +150,7 @@ class ObjectTest(unittest.TestCase):
         sim.contacts()
 
     def test_threads_that_make_models_of_one_scene(self):
-        """Every thread may read the scene. Changing the scene is refused while any thread is reading it."""
+        """Any thread may read the scene. Changing it is refused while any thread is reading it."""
         scene, models, refused, both = trocar.Scene.load(FIGURE8), [], [], threading.Barrier(2, timeout=PATIENCE)
         scene["inverse"], scene["region_of_interest.regions"] = "condensed", ["prostate"]
 
@@ -196,7 +196,7 @@ class ObjectTest(unittest.TestCase):
         np.testing.assert_array_equal(results, [expected] * 4)
 
     def test_models_may_go_before_their_simulations(self):
-        """Python frees the objects of a reference cycle in any order; at exit, it does so with all objects."""
+        """Python frees the objects of a reference cycle in any order. At exit, it does so with all objects."""
         for _ in range(20):
             model = trocar.Model(trocar.Scene.load(FIGURE8))
             circle = [model, model.derive(trocar.Scene.load(FIGURE8))]
@@ -288,7 +288,7 @@ class SceneTest(unittest.TestCase):
 
 
 class InterruptionTest(unittest.TestCase):
-    """Long calls report their progress, and end when the program requests it."""
+    """Long calls report their progress, and stop when the program asks them to."""
 
     @classmethod
     def setUpClass(cls):

@@ -1,6 +1,6 @@
 #!/bin/bash
 # Runs a study with Debian's Slurm (munged, slurmctld, slurmd) on one node in a network namespace, as a job array of four tasks that is cancelled in the middle
-# and submitted again. The result is the same, byte for byte, as without Slurm. usage: test_slurm.sh BUILD_DIR SOURCE_DIR
+# and submitted again. The result must be the same, byte for byte, as without Slurm. usage: test_slurm.sh BUILD_DIR SOURCE_DIR
 set -euo pipefail
 PATH=$PATH:/usr/sbin:/sbin
 for program in munged slurmctld slurmd sbatch; do
@@ -77,13 +77,13 @@ END
 study() { /usr/bin/python3 -m trocar.studies.study "$@"; }
 study run study.yaml --out local --workers 2 --quiet >/dev/null || fail "without Slurm"
 
-# Prints the total number of rows in the files of all tasks, without the header rows.
+# Prints the total number of rows in all tasks' files, without the header rows.
 rows() { cat study/rows-*.csv 2>/dev/null | grep -vc '^run,' || true; }
 some_rows() { [ "$(rows)" -ge 3 ]; }
 submitted=$(study run study.yaml --out study --engine slurm --tasks 4) || fail "submission"
 job=$(sed -n 's/.* as job \([0-9]*\);.*/\1/p' <<<"$submitted")
 await some_rows || fail "no rows"
-scancel --signal=KILL --full "$job" # the running tasks, with their children
+scancel --signal=KILL --full "$job" # the running tasks, children included
 scancel "$job"                      # and those that wait
 is_over() { [ -z "$(timeout 1 squeue --noheader)" ]; }
 await is_over || fail "the job is not cancelled"
@@ -93,14 +93,14 @@ before=$(rows)
 grep -q "$before of 12 runs are done" collect.log || fail "$(cat collect.log)"
 printf '5,ok,torn' >>study/rows-2-of-4.csv
 
-study run study.yaml --out study --engine slurm --tasks 4 >/dev/null || fail "submission again" # not --wait: sbatch then looks only now and then
+study run study.yaml --out study --engine slurm --tasks 4 >/dev/null || fail "submission again" # not --wait: sbatch then polls only now and then
 await is_over || fail "the job is not over"
 study collect study.yaml --out study >/dev/null || fail "collect"
 grep -q 'incomplete last line' study/slurm-2.txt || fail "the torn line is not reported"
 cmp study/result.csv local/result.csv || fail "the results differ"
 [ "$(rows)" -eq 12 ] || fail "$(rows) rows: some runs were done twice"
 
-# Submits, waits and collects in one command, for a study of which only two runs are missing.
+# Submits, waits and collects in one command, for a study that lacks only two runs.
 sed -i 2,3d study/rows-3-of-4.csv
 rm study/result.csv
 study run study.yaml --out study --engine slurm --tasks 4 --wait >wait.log || fail "--wait: $(cat wait.log)"

@@ -1,6 +1,6 @@
 #!/usr/bin/python3
-"""Tests studies: derived models, motions equal to trocar-device's, strict reading, samples, resumption after a kill, records, frames, and the Sobol
-indices of a function whose indices are known.
+"""Tests studies: derived models, motions equal to trocar-device's, strict reading, samples, resuming after a kill, records, frames, and the Sobol indices of a
+function for which they are known.
 
 usage: test_study.py BUILD_DIR SOURCE_DIR
 """
@@ -61,7 +61,7 @@ class Case(unittest.TestCase):
         self.out = Path(folder.name)
 
     def write(self, text=STUDY, **edits):
-        """Returns the text of a study in which some lines are replaced; relative paths refer to its folder."""
+        """Returns the text of a study with some lines replaced. Relative paths refer to its folder."""
         for old, new in edits.values():
             self.assertIn(old, text)
             text = text.replace(old, new)
@@ -70,7 +70,7 @@ class Case(unittest.TestCase):
         return self.out / "study.yaml"
 
     def main(self, *arguments):
-        """Returns (status, stdout, stderr) of the program."""
+        """Returns the program's (status, stdout, stderr)."""
         output, errors = io.StringIO(), io.StringIO()
         with contextlib.redirect_stdout(output), contextlib.redirect_stderr(errors):
             status = studies.main([str(argument) for argument in arguments])
@@ -90,7 +90,7 @@ class Derived(unittest.TestCase):
             scene[key] = value
         base = trocar.Model(trocar.Scene.load(SCENE))
         derived = base.derive(scene)
-        del base    # the memory of the base model remains in use
+        del base    # the base model's memory stays in use
         poses = motion.script("insert", speed=4).poses(motion.START, 1e-3)
         forces = []
         for model in (derived, trocar.Model(scene), MODEL):
@@ -278,8 +278,8 @@ class Sensitivity(unittest.TestCase):
             self.assertTrue((interval[:, 0] <= exact + 0.005).all() and (exact - 0.005 <= interval[:, 1]).all())
 
     def test_values_that_are_nearly_constant(self):
-        """The indices are undefined for bootstrap samples that contain none of the points at which the function departs from its constant value. If there is
-        one such point, this is the case for 36 % of the samples; if there are four, for 2 %."""
+        """The indices are undefined for bootstrap samples without any of the points at which the function departs from its constant value. If there is one such
+        point, that is 36 % of the samples; if there are four, 2 %."""
         for points, has_interval in ((1, False), (4, True)):
             values = np.zeros((64, 3))
             values[:points] = [[1, 2, 3]]
@@ -292,7 +292,7 @@ class Running(Case):
     def test_tasks_and_a_kill_change_nothing(self):
         path = self.write()
         whole = self.result(path, "whole", "--workers", "2")
-        for task in ("1/3", "2/3", "3/3"):    # the tasks run sequentially, with the arguments that GNU parallel would pass
+        for task in ("1/3", "2/3", "3/3"):    # the tasks run one after another, with the arguments GNU parallel would pass
             self.assertEqual(self.main("run", path, "--out", self.out / "parts", "--task", task, "--workers", "1", "--quiet")[0], 0)
         self.assertEqual(self.main("collect", path, "--out", self.out / "parts")[0], 0)
         self.assertEqual((self.out / "parts/result.csv").read_bytes(), whole)
@@ -398,7 +398,7 @@ class Running(Case):
         self.assertEqual(self.result(path, "o"), whole)
 
     def test_a_random_study_grows(self):
-        """Finished runs are kept. The result equals that of the larger study run at once. A smaller study omits runs."""
+        """Finished runs are kept. The result equals that of the larger study run at once. A smaller study leaves runs out."""
         stiffness = ("regions[surrounding].friction.kinetic: {uniform: [5, 13]}", "regions[surrounding].youngs_modulus: {values: [20e3, 30e3]}")
         for kind, edit in (("motion", ("count: 12", "count: 12")), ("stiffness", stiffness)):
             small, large, smaller = ({"a": edit, "b": ("count: 12", f"count: {count}")} for count in (4, 11, 3))
@@ -440,7 +440,7 @@ class Running(Case):
         self.assertEqual(*manifests)
 
     def test_each_run_with_a_stiffness_of_its_own(self):
-        """Runs the test several times with the sparse inverse, and once with the dense inverse."""
+        """Runs the test several times with the sparse inverse, and once with the dense one."""
         path = self.write(a=("count: 12", "count: 3"), b=("regions[surrounding].friction.kinetic: {uniform: [5, 13]}", "regions[surrounding].youngs_modulus: {uniform: [20e3, 40e3]}"))
         whole = self.result(path, "o", "--hdf5")
         for task in ("1/2", "2/2"):
@@ -489,7 +489,7 @@ class Running(Case):
             self.assertLessEqual(len({int(groups.of_run[index]) for index in task}), 2)
 
     def test_a_run_that_fails_gives_no_base(self):
-        """In the first two runs, the inner diameter exceeds the outer diameter. The model of the third run is reused for the remaining runs."""
+        """In the first two runs, the inner diameter exceeds the outer one. The third run's model is reused for the remaining runs."""
         path = self.write(a=("random, count: 12, seed: 3", "grid"), b=("normal: [0, 1e-3], within: [-2e-3, 2e-3]", "values: [0, 1e-3]"),
                           c=("regions[surrounding].friction.kinetic: {uniform: [5, 13]}", "needle.inner_diameter: {values: [2e-3, 0.8e-3]}"))
         with mock.patch.object(runs, "Model", wraps=trocar.Model) as made:    # counts the models created in this process
@@ -510,7 +510,7 @@ class Running(Case):
                           d=("regions[surrounding].friction.kinetic: {uniform: [5, 13]}\n  motion.x: {normal: [0, 1e-3], within: [-2e-3, 2e-3]}", "motion.roll: {uniform: [0, 3]}"),
                           e=("  - tip: {at: [0.02, 0.06]}\n", "  - seed_error\n"))
         study = studies.read(path)
-        (self.out / "one.yaml").unlink()    # the study has already read the plan, and does not read it again
+        (self.out / "one.yaml").unlink()    # the study has already read the plan and does not read it again
         found = studies.simulate(study, 0)
         mean, worst = found["seed_error.mean [m]"], found["seed_error.worst [m]"]
         self.assertTrue(1e-4 < mean <= worst < 0.02, (mean, worst))
@@ -545,14 +545,14 @@ class Slurm(Case):
 
 
 def opened_by(insertions):
-    """Runs in a worker process; returns the id of the process that opened the file it reads, its own process id, and the last insertion."""
+    """Runs in a worker process. Returns the id of the process that opened the file it reads, its own process id, and the last insertion."""
     found = insertions[len(insertions) - 1]["force"]
     return insertions.opened[0], os.getpid(), found
 
 
 class Estimates(Case):
     def test_the_estimate_is_what_runs_cost(self):
-        """Compares the predicted processor time with that of other runs, and the predicted sizes with those of the files."""
+        """Compares the predicted CPU time with that of other runs, and the predicted sizes with those of the files."""
         path = self.write(edit=("count: 12", "count: 40"), safe=("[5, 13]", "[5, 11]"))
         cost = costs.estimate(studies.read(path, True))
         self.assertEqual((cost.runs, cost.pilots, cost.models), (40, 3, 1))
@@ -560,7 +560,7 @@ class Estimates(Case):
         self.assertFalse((self.out / "o").exists())
         before = sum(os.times()[:4])
         self.result(path, "o", "--record", "frames", "--workers", "1")
-        spent = sum(os.times()[:4]) - before    # processor time of this process and its children
+        spent = sum(os.times()[:4]) - before    # CPU time of this process and its children
         self.assertTrue(0.5 < cost.seconds / spent < 1.5, (cost, spent))
         sizes = [file.stat().st_size for file in (self.out / "o/frames").glob("*.h5")]
         self.assertEqual(len(sizes), 40)
@@ -625,7 +625,7 @@ class Labels(Case):
 
 class Frames(Case):
     def test_the_size_is_said_before_it_starts(self):
-        """Compares the predicted size with the file of a run with a longer motion; also tests the prediction for a study that is too large to run."""
+        """Compares the predicted size with the file of a run with a longer motion. Also tests the prediction for a study that is too large to run."""
         longer = ("straight: {depth: 0.006, speed: 0.1}", "script: insert")
         study = studies.read(self.write(edit=longer, more=("count: 12", "count: 1")), True)
         said = []
@@ -655,7 +655,7 @@ class Frames(Case):
                 np.testing.assert_array_equal(found, expected)
         read, write = os.pipe()
         child = os.fork()
-        if child == 0:    # like a forked worker of PyTorch, the child inherits the object unchanged
+        if child == 0:    # like a forked PyTorch worker, the child inherits the object unchanged
             opened, process, found = opened_by(insertions)
             os.write(write, bytes([opened == process and np.array_equal(found, expected)]))
             os._exit(0)
@@ -681,7 +681,7 @@ class Frames(Case):
     def test_frames(self):
         path = self.write(edit=("count: 12", "count: 3"))
         self.result(path, "o", "--record", "frames")
-        for command in ("collect", "summary"):    # both commands learn from the manifest that frames are recorded
+        for command in ("collect", "summary"):    # both learn from the manifest that frames are recorded
             self.assertEqual(self.main(command, path, "--out", self.out / "o", *(["--no-plots"] if command == "summary" else []))[0], 0)
         status, _, errors = self.main("run", path, "--out", self.out / "o")
         self.assertEqual(status, 2)

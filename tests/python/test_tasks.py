@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Tests that the shipped tasks can be done: a virtual operator without errors, who follows the image, carries them out in a simulation, and meets all criteria.
+"""Tests that the shipped tasks can be done: an error-free virtual operator who follows the image carries them out in a simulation and meets all criteria.
 
 usage: test_tasks.py BUILD_DIR SOURCE_DIR [whole]        whole: only the two whole implants, which take five minutes
 """
@@ -8,7 +8,7 @@ import tempfile
 import unittest
 from pathlib import Path
 
-from test_training import SOURCE, Log    # also chooses the library and the package of the build
+from test_training import SOURCE, Log    # also selects the build's library and package
 
 import numpy as np
 
@@ -21,12 +21,12 @@ from trocar.training import Task, score
 
 WHOLE = sys.argv[3:] == ["whole"]
 DT = 4e-3          # s
-FRAME = 25         # number of steps between two recorded frames of the tissue
+FRAME = 25         # steps between two recorded frames of the tissue
 PERFECT = dict(image_error=0.0, splay=0.0, speed_spread=0.0)
 
 
 def plan_for(task):
-    """Returns the plan of a task; for targets, a plan with a seed behind each, because the operator brings the tip to the distal end of a seed."""
+    """Returns a task's plan. For targets, it is a plan with a seed behind each, because the operator brings the tip to the distal end of a seed."""
     if task.plan:
         return task.plan
     guide, half = task.model.guides[0], 0.5 * task.model.seed_size.length
@@ -35,7 +35,7 @@ def plan_for(task):
 
 
 def add_state(log, sim, needle):
-    """Adds the messages of the server that describe the tissue, a needle and the seeds."""
+    """Adds the server's messages that describe the tissue, a needle and the seeds."""
     line, tracks, seeds = sim.centreline(needle), sim.tracks(needle), sim.seeds()
     log.add("TROCAR_CONTACTS", "contacts_t", needle=needle, joint_count=len(line), centreline=line.tolist(), pose_utime=0, orientation=[1, 0, 0, 0], tip_lead=0.0,
             contact_count=0, position=[], force=[], arc=[], state=b"", kind=b"")
@@ -47,9 +47,9 @@ def add_state(log, sim, needle):
 
 
 class CarefulHand:
-    """Carries out a plan, one needle after the other. Tissue sticks to the shaft, so the hand pushes the tip past the position of each needle's first seed,
-    draws it back to where the image shows that position, and corrects until it is there; then it drops the seed. Iterating yields the poses of each stroke,
-    as Operator does."""
+    """Carries out a plan, one needle after another. Tissue sticks to the shaft, so the hand pushes the tip past the position of each needle's first seed, draws
+    it back to where the image shows that position, and corrects until it is there. Then it drops the seed. Iterating yields the poses of each stroke, as
+    Operator does."""
 
     SPEED = 0.04       # m/s
     PAST = 6e-3        # m

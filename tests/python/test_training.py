@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Tests trocar.training: the reader of tasks and courses, the score of recordings whose numbers are known, and the reports.
+"""Tests trocar.training: reading tasks and courses, scoring recordings whose numbers are known, and the reports.
 
 usage: test_training.py BUILD_DIR SOURCE_DIR
 """
@@ -58,7 +58,7 @@ criteria:
 
 
 def message_types():
-    """Returns the classes that lcm-gen makes of lcmtypes/trocar.lcm, by name."""
+    """Returns the classes that lcm-gen generates from lcmtypes/trocar.lcm, by name."""
     with tempfile.TemporaryDirectory() as folder:
         subprocess.run(["lcm-gen", "-p", "--ppath", folder, SOURCE / "lcmtypes/trocar.lcm"], check=True, capture_output=True)
         found = {}
@@ -98,7 +98,7 @@ class Log:
         self.add("TROCAR_DEFORMATION", "deformation_t", node_count=len(moved), displacement=moved.tolist())
 
     def look(self, tip, moved=np.zeros((NODES, 3)), needle=0):
-        """Logs a frame of the tissue in which the needle's tip is at `tip` (3,), m."""
+        """Logs a frame of the tissue with the needle's tip at `tip` (3,), m."""
         self.add("TROCAR_CONTACTS", "contacts_t", needle=needle, joint_count=2, centreline=[[0, 0, -0.1], list(tip)], pose_utime=0, orientation=[1, 0, 0, 0], tip_lead=0.0,
                  contact_count=0, position=[], force=[], arc=[], state=b"", kind=b"")
         self.tissue(moved)
@@ -124,7 +124,7 @@ class Log:
 
 
 def straight(x, y, end):
-    """A track that is parallel to z, from the skin to depth `end` (m)."""
+    """Returns a track parallel to z, from the skin to depth `end` (m)."""
     return [[x, y, z] for z in np.linspace(0.0, end, 17)]
 
 
@@ -159,7 +159,7 @@ class Scores(Case):
 
     def test_every_measure_of_a_run_with_known_numbers(self):
         log = self.log()
-        log.wrench(0.0, (9, 9, 9))                 # a wrench outside the tissue, whose force and time do not count
+        log.wrench(0.0, (9, 9, 9))                 # outside the tissue, where force and time do not count
         log.stroke(0, 63)
         log.wrench(0.063, (2, -3, 6))              # 7 N
         log.look((0.010, -0.005, 0.063))
@@ -185,8 +185,8 @@ class Scores(Case):
         self.assertAlmostEqual(measures["path"], 0.123, places=7)
         self.assertAlmostEqual(measures["force"], 7.0, places=12)
         self.assertAlmostEqual(measures["displacement"], 0.003, places=9)
-        # time from the first tick with a depth above 0 to the last one: 630 ticks inward, one at rest, one without a hand, 630 outward, where the depth ends at
-        # 0, and 560 inward
+        # time from the first tick with a depth above 0 to the last: 630 ticks inward, one at rest, one without a hand, 630 outward, where the depth ends at 0,
+        # and 560 inward
         self.assertAlmostEqual(measures["time"], 1e-3 * (630 + 1 + 1 + 630 + 560 - 1), places=9)
         self.assertEqual(measures["organs_touched"], 1)
         self.assertTrue(result.passed)
@@ -204,13 +204,13 @@ class Scores(Case):
         still = np.zeros((NODES, 3))
         self.assertAlmostEqual(errors([(0.050, 0.060, moved)])[0], np.hypot(0.001, 0.004), places=8)
         self.assertAlmostEqual(errors([(0.050, 0.064, moved)])[0], 0.001, places=8)
-        self.assertAlmostEqual(errors([(0.050, 0.060, still), (0.060, 0.067, still)])[0], 0.007, places=8)                    # tip went on past the target
+        self.assertAlmostEqual(errors([(0.050, 0.060, still), (0.060, 0.067, still)])[0], 0.007, places=8)                    # the tip went on past the target
         self.assertAlmostEqual(errors([(0.060, 0.064, still), (0.0597, 0.062, still), (0.050, 0.060, still)])[0], 0.002, places=8)  # drawn back
         self.assertAlmostEqual(errors([(0.060, 0.067, still), (0.0, 0.0, still)], [(0.053, 0.061, still)])[0], 0.001, places=8)     # a second needle path
         self.assertEqual(errors([(0.0, 0.060, still)]), [None, None])
 
     def test_regions_are_those_along_the_path(self):
-        """Boundaries of the layers in meshes/implant.msh: skin and perineum 6 mm, muscle to 26 mm."""
+        """Layer boundaries in meshes/implant.msh: skin and perineum 6 mm, muscle to 26 mm."""
         log = self.log()
         log.stroke(0, 60)
         log.tracks(straight(0.0, 0.0, 0.060))
@@ -243,7 +243,7 @@ class Scores(Case):
         log = self.log()
         log.stroke(0, 20)
         log.tracks(straight(0, 0, 0.020))
-        log.tracks(straight(0, 0, 0.030))          # each message contains all tracks of its needle
+        log.tracks(straight(0, 0, 0.030))          # each message has all tracks of its needle
         log.tracks()
         log.tracks()
         log.tracks(straight(0, 0, 0.040))
@@ -406,7 +406,7 @@ class Shipped(Case):
 
 
 class Page(HTMLParser):
-    """Collects the cells of tables, and checks that the page is self-contained and that all tags are closed."""
+    """Collects the cells of tables, and checks that the page is self-contained and closes all its tags."""
 
     def __init__(self, text):
         super().__init__()
@@ -456,7 +456,7 @@ class Reports(Case):
         self.assertTrue(said.endswith("passed\n"))
         result = score(Task.read(path), self.out / "run.log")
         report = json.loads((self.out / "r.json").read_text())
-        self.assertEqual(report["measures"], result.measures)              # the report contains every digit
+        self.assertEqual(report["measures"], result.measures)              # the report has every digit
         self.assertEqual((report["task"], report["began"], report["passed"]), ("task", "2023-11-14T22:13:20Z", True))
         table = {row["measure"]: row for row in csv.DictReader((self.out / "r.csv").read_text().splitlines())}
         self.assertEqual({name: float(row["value"]) for name, row in table.items()}, result.measures)

@@ -3,13 +3,13 @@
 #include <errno.h>
 #include <stddef.h>
 
-/* With the TLS model initial-exec, access to the variable never allocates, even in a shared library. */
+/* With the initial-exec TLS model, accessing the variable never allocates, not even in a shared library. */
 static _Thread_local int64_t calls __attribute__((tls_model("initial-exec")));
 
 int64_t allocator_calls(void) { return calls; }
 
 #if ALLOCATIONS_ARE_COUNTED
-/* These functions replace those of the C library in the whole process, including its shared libraries. */
+/* These functions replace the C library's in the whole process, shared libraries included. */
 void *__libc_malloc(size_t);
 void *__libc_calloc(size_t, size_t);
 void *__libc_realloc(void *, size_t);

@@ -1,4 +1,4 @@
-/* A needle under a dead load on its tip, and the beam theory for comparison. */
+/* A needle under a dead load at its tip, and the beam theory to compare it with. */
 #ifndef TROCAR_TESTS_BENDING_H
 #define TROCAR_TESTS_BENDING_H
 
@@ -26,7 +26,7 @@ static inline needle_model needle_made(int segments) {
 
 static inline vec3 needle_tip_of(const needle_model *model, const needle_state *state) { return state->joints[model->given.segments]; }
 
-/* Solves for the equilibrium under a constant force on the tip by Newton's method, applying the load in increments. */
+/* Solves for equilibrium under a constant force at the tip by Newton's method, applying the load in increments. */
 static inline void bend(const needle_model *model, needle_state *state, vec3 tip_force, needle_tangent *tangent) {
     vec3 load[NEEDLE_MAX_SEGMENTS + 1];
     memset(load, 0, sizeof load);
@@ -40,8 +40,7 @@ static inline void bend(const needle_model *model, needle_state *state, vec3 tip
     needle_linearise(model, state, load, 0, tangent);
 }
 
-/* Returns the curvature at the tip for theta'' = -p cos(theta), integrated from the base by the midpoint rule. With the correct curvature at the base, the
-   result is zero. */
+/* Returns the tip curvature for theta'' = -p cos(theta), integrated from the base by the midpoint rule. It is zero if the curvature at the base is right. */
 static inline double elastica_shot(double base_curvature, double p, double *x, double *y) {
     int n = 20000;
     double theta = 0.0, kappa = base_curvature, ds = 1.0 / n;
@@ -56,7 +55,7 @@ static inline double elastica_shot(double base_curvature, double p, double *x, d
     return kappa;
 }
 
-/* Computes the tip position of a cantilever of length 1 under a transverse dead load p = F L^2 / EI: the elastica, by the shooting method. */
+/* Computes the tip position of a cantilever of length 1 under a transverse dead load p = F L^2 / EI: the elastica, solved by shooting. */
 static inline void elastica(double p, double *x, double *y) {
     double low = 0.0, high = 10.0;
     for (int i = 0; i < 100; i++) {

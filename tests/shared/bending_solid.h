@@ -18,7 +18,7 @@ static inline solid_model solid_made(int segments) {
 
 static inline vec3 solid_tip_of(const solid_model *model, const solid_state *state) { return state->line.joints[model->line.given.segments]; }
 
-/* Solves for the equilibrium under a constant force on the tip by Newton's method, applying the load in increments. */
+/* Solves for equilibrium under a constant force at the tip by Newton's method, applying the load in increments. */
 static inline void solid_bend(const solid_model *model, solid_state *state, vec3 tip_force, solid_tangent *tangent) {
     vec3 load[NEEDLE_MAX_SEGMENTS + 1];
     int n = model->line.given.segments;

@@ -1,4 +1,4 @@
-/* Bodies for tests: blocks of tetrahedra, written as a mesh file and a scene. Needles enter them along +z through the surface "skin". */
+/* Test bodies: blocks of tetrahedra, written as a mesh file and a scene. Needles enter along +z through the surface "skin". */
 #ifndef TROCAR_TESTS_BLOCKS_H
 #define TROCAR_TESTS_BLOCKS_H
 
@@ -8,17 +8,17 @@
 
 #include "lockstep.h"
 
-/* A box of cells, each made of six tetrahedra. Cells from layer `split` onwards along z belong to region `below`, the others to `above`. */
+/* A box of cells, each made of six tetrahedra. Cells from layer `split` on along z belong to region `below`, the others to `above`. */
 typedef struct {
     vec3 low, high;          /* m */
     int cells[3], split;
-    int above, below;        /* indices of regions, counted from 1 */
-    bool skin;               /* true if the face at the smallest z belongs to "skin" */
+    int above, below;        /* region indices, counted from 1 */
+    bool skin;               /* whether the face at the smallest z belongs to "skin" */
 } block;
 
 typedef struct {
     FILE *file;
-    char *elements;          /* the lines that describe the elements in the file */
+    char *elements;          /* the element lines of the file */
     FILE *lines;
     size_t size;
     int nodes, element_count;
@@ -26,7 +26,7 @@ typedef struct {
     unsigned seed;
 } block_writer;
 
-/* Returns a random number in [-0.5, 0.5]; the sequence is the same on every machine. */
+/* Returns a random number in [-0.5, 0.5]. The sequence is the same on every machine. */
 static inline double blocks_random(block_writer *w) {
     w->seed = w->seed * 1664525u + 1013904223u;
     return w->seed / 4294967296.0 - 0.5;
@@ -36,7 +36,7 @@ static inline int block_node(const block *b, int first, const int at[3]) {
     return first + at[0] + (b->cells[0] + 1) * (at[1] + (b->cells[1] + 1) * at[2]);
 }
 
-/* Writes the nodes. Nodes inside a region are displaced at random by up to a sixth of a cell. */
+/* Writes the nodes. Those inside a region are displaced at random by up to a sixth of a cell. */
 static inline void write_block_nodes(block_writer *w, const block *b) {
     int n[3] = {b->cells[0] + 1, b->cells[1] + 1, b->cells[2] + 1};
     vec3 size = v3_sub(b->high, b->low), cell = v3(size.x / b->cells[0], size.y / b->cells[1], size.z / b->cells[2]);
@@ -49,7 +49,7 @@ static inline void write_block_nodes(block_writer *w, const block *b) {
     }
 }
 
-/* Writes the triangle of the tetrahedron whose three nodes have the coordinate `value` along `axis`, if it exists, as a member of `group`. */
+/* If three of the tetrahedron's nodes have the coordinate `value` along `axis`, writes their triangle as a member of `group`. */
 static inline void write_triangle(block_writer *w, const int nodes[4], int at[4][3], int axis, int value, int group) {
     int on[4], count = 0;
     for (int k = 0; k < 4; k++)
@@ -74,7 +74,7 @@ static inline void write_block_elements(block_writer *w, const block *b, int fir
     }
 }
 
-/* Writes blocks as a mesh in units of `unit` (m), with regions "r1" to "r<regions>"; the surface "fixed" consists of the sides normal to x. */
+/* Writes blocks as a mesh in units of `unit` (m) with regions "r1" to "r<regions>". The surface "fixed" consists of the sides normal to x. */
 static inline void blocks_write_mesh(const char *path, const block *blocks, int count, int regions, double unit) {
     block_writer w = {.file = fopen(path, "w"), .unit = unit};
     w.lines = open_memstream(&w.elements, &w.size);
@@ -94,7 +94,7 @@ static inline void blocks_write_mesh(const char *path, const block *blocks, int 
     fclose(w.file);
 }
 
-/* Returns a configuration for such a mesh: regions with a modulus of 20 kPa, and a skin that is punctured at 0.6 N. */
+/* Returns a configuration for such a mesh: 20 kPa in every region, and a skin that is punctured at 0.6 N. */
 static inline simulation_config blocks_config(const char *path, int regions) {
     simulation_config c;
     simulation_defaults(&c);

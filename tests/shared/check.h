@@ -1,4 +1,4 @@
-/* Comparisons in double precision (cmocka's own comparisons use float). Include this file after cmocka.h. */
+/* Comparisons in double precision; cmocka's own use float. Include after cmocka.h. */
 #ifndef TROCAR_TESTS_CHECK_H
 #define TROCAR_TESTS_CHECK_H
 

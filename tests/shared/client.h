@@ -1,5 +1,5 @@
-/* A device on the real network for end-to-end tests, which sends a pose every millisecond and checks every answer. Include this file after cmocka.h, and run
-   the test in a private network namespace. */
+/* A device on a real network for end-to-end tests. It sends a pose every millisecond and checks every answer. Include after cmocka.h, and run the test in a
+   private network namespace. */
 #ifndef TROCAR_TESTS_CLIENT_H
 #define TROCAR_TESTS_CLIENT_H
 
@@ -24,7 +24,7 @@ enum { NEWS_REMEMBERED = 256 };
 typedef struct {
     int count;
     double lateness_p99[NEWS_REMEMBERED], compute_p99[NEWS_REMEMBERED]; /* s */
-    int64_t misses, ticks;           /* values in the first message since then */
+    int64_t misses, ticks;           /* as of the first message since then */
 } timing_record;
 
 typedef struct {
@@ -35,24 +35,24 @@ typedef struct {
     trocar_loop_timing_t_subscription_t *timing_subscription;
     int64_t session, seq;
     pose base;
-    bool sends;                      /* true while a pose is sent every millisecond */
+    bool sends;                      /* whether a pose is sent every millisecond */
     trocar_needle_wrench_t wrench;   /* newest */
     trocar_status_t *status;
     trocar_loop_timing_t timing;
     int64_t wrenches;
     timing_record record;            /* since watch() */
     double oldest_snapshot;          /* s, largest age of a snapshot since watch() */
-    int seen, always;                /* seen: flags set in any wrench since watch(); always: flags set in all of them */
+    int seen, always;                /* since watch(): flags set in any wrench (seen) and in all of them (always) */
     int told;                        /* flags set in any status since watch() */
     int64_t sent;                    /* ns, time of the last pose, 0 before the first */
     double silence;                  /* s, longest time between two poses since watch() */
-    double least, most;              /* N, smallest (least) and largest (most) force since watch() */
+    double least, most;              /* N, smallest and largest force since watch() */
 } client;
 
 static inline double norm3(const double a[3]) { return sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2]); }
 static inline double force_of(const client *c) { return norm3(c->wrench.force); }
 
-/* Checks the invariants that hold during every fault: wrenches are finite, and their magnitude and their change per tick stay within the device's limits. */
+/* Checks what must hold during every fault: wrenches are finite, and their magnitude and change per tick stay within the device's limits. */
 static inline void check_wrench(const client *c, const trocar_needle_wrench_t *w) {
     double step[3], turn[3];
     for (int a = 0; a < 3; a++) {
@@ -137,7 +137,7 @@ static inline void pass(client *c, double seconds) {
     for (int64_t end = monotonic_ns() + (int64_t)(1e9 * seconds); monotonic_ns() < end;) step(c);
 }
 
-/* Steps until the condition holds; fails after five seconds. */
+/* Steps until the condition holds. Fails after five seconds. */
 #define PASS_UNTIL(c, condition)                                                                        \
     do {                                                                                                \
         for (int64_t end_ = monotonic_ns() + 5000000000; !(condition); step(c))                         \
@@ -149,7 +149,7 @@ static inline void command(client *c, int64_t session, int what) {
     trocar_command_t_publish(c->lcm, "TROCAR_COMMAND", &m);
 }
 
-/* Returns true if the test may check timing; with sanitizers, it may not. */
+/* Returns whether the test may check timing, which it may not under sanitizers. */
 static inline bool in_time(void) {
     const char *wanted = getenv("TROCAR_CHECK_TIMING");
     return wanted == NULL || strcmp(wanted, "no") != 0;
@@ -163,7 +163,7 @@ static inline void hear_news(client *c) {
 
 static inline int faulty_flags(const client *c) { return c->wrench.flags & ~FLAG(NOT_REALTIME); }
 
-/* Checks the state before each fault and after the recovery from it: the needle is at rest, 20 mm deep, and its full force acts. */
+/* Checks the state before each fault and after recovering from it: the needle is at rest, 20 mm deep, and its full force acts. */
 static inline void expect_health(client *c) {
     PASS_UNTIL(c, faulty_flags(c) == 0 && c->wrench.pose_seq > 0 && force_of(c) > 0.2);
     int64_t ticks = c->wrench.tick, start = monotonic_ns();
@@ -188,13 +188,13 @@ static inline void client_insert(client *c) {
     watch(c);
 }
 
-/* Opens the client; its LCM reader thread inherits the priority of the calling thread. */
+/* Opens the client. Its LCM reader thread inherits the calling thread's priority. */
 static inline bool client_open(client *c, const char *scene_path) {
     scene s;
     trocar_error why;
     if (scene_load(scene_path, &s, &why) != TROCAR_OK) return false;
     *c = (client){.session = 77, .limits = s.device};
-    sched_setscheduler(0, SCHED_FIFO, &(struct sched_param){.sched_priority = 70}); /* ignored if the priority is not permitted */
+    sched_setscheduler(0, SCHED_FIFO, &(struct sched_param){.sched_priority = 70}); /* it does not matter if this is not permitted */
     c->lcm = lcm_create(NULL);
     if (c->lcm == NULL) return false;
     c->wrench_subscription = trocar_needle_wrench_t_subscribe(c->lcm, "TROCAR_WRENCH", on_wrench, c);

@@ -1,5 +1,4 @@
-/* An irregular cube of tissue for tests, with Kuhn's six tetrahedra per cell, randomly displaced inner nodes, a soft region below a stiff one, and fixed
-   nodes at z = 0. */
+/* An irregular cube of test tissue: Kuhn's six tetrahedra per cell, inner nodes displaced at random, a soft region below a stiff one, fixed nodes at z = 0. */
 #ifndef TROCAR_TESTS_CUBE_H
 #define TROCAR_TESTS_CUBE_H
 
@@ -14,7 +13,7 @@ static const double CUBE_EDGE = 0.1; /* m */
 
 typedef struct {
     mesh mesh;
-    region_material materials[2]; /* materials of the lower and the upper half */
+    region_material materials[2]; /* of the lower and the upper half */
     bool fixed[CUBE_NODES];
     tissue tissue;
     inverse *inverse;
@@ -27,7 +26,7 @@ static inline vec3 cube_random_vector(double size) {
 
 static inline bool cube_inside(int i) { return i > 0 && i < CUBE_CELLS; }
 
-/* `irregular` is the largest displacement of inner nodes, as a fraction of the cell size; with 0.1, every tetrahedron remains well shaped. */
+/* `irregular`: largest displacement of inner nodes, as a fraction of the cell size. With 0.1, every tetrahedron is still well shaped. */
 static inline void cube_nodes(mesh *m, double irregular) {
     double cell = CUBE_EDGE / CUBE_CELLS;
     m->node_count = CUBE_NODES;
@@ -40,7 +39,7 @@ static inline void cube_nodes(mesh *m, double irregular) {
     }
 }
 
-/* Kuhn's six tetrahedra of a cell follow the paths along the axes from one corner to the opposite corner, one for each order of the axes. */
+/* Kuhn's six tetrahedra of a cell follow the paths along its edges from one corner to the opposite one, one path for each order of the axes. */
 static inline void cube_tets(mesh *m) {
     static const int orders[6][3] = {{0, 1, 2}, {1, 2, 0}, {2, 0, 1}, {0, 2, 1}, {2, 1, 0}, {1, 0, 2}};
     m->tet_count = 6 * CUBE_CELLS * CUBE_CELLS * CUBE_CELLS;
@@ -90,7 +89,7 @@ static inline void cube_loosen(tissue *t) {
     memset(t->stiffness->x, 0, entries * sizeof(double));
 }
 
-/* Returns a random point in this tetrahedron, with each barycentric weight at least `margin`. */
+/* Returns a random point in this tetrahedron whose barycentric weights are all at least `margin`. */
 static inline vec3 cube_point(const cube *c, int tet, double margin) {
     double w[4], sum = 0.0;
     for (int i = 0; i < 4; i++) sum += w[i] = cube_random(0.0, 1.0);
@@ -98,7 +97,7 @@ static inline vec3 cube_point(const cube *c, int tet, double margin) {
     return mesh_point(&c->mesh, tet, w);
 }
 
-/* Adds nodes at random points: `each` nodes in each of `elements` elements, one element after the other. */
+/* Adds nodes at random points, `each` per element, to `elements` elements, one element after another. */
 static inline void cube_refine(const cube *c, refinement *r, int each, int elements) {
     for (int i = 0; i < each * elements; i++) {
         int tet = (37 * (i % elements) + 11) % c->mesh.tet_count;

@@ -1,4 +1,4 @@
-/* Plays the figure-8 motion in lockstep, and measures the difference between two runs. */
+/* Plays the figure-8 motion in lockstep and measures how far two runs differ. */
 #ifndef TROCAR_TESTS_FIGURE8_H
 #define TROCAR_TESTS_FIGURE8_H
 
@@ -12,7 +12,7 @@ static const double FIGURE8_DURATION = 2.4, FIGURE8_SLOWEST_PERIOD = 4e-3; /* s 
 typedef struct {
     double rate;
     int ticks, punctures;
-    double worst_jump;       /* largest change in the force per tick, as a multiple of the limit max(7 %, 0.05 N), except close to punctures */
+    double worst_jump;       /* largest change in force per tick, as a multiple of the limit max(7 %, 0.05 N), except close to punctures */
     unsigned events;
     double wrench[FIGURE8_MOST_TICKS][6];
 } figure8_record;
@@ -62,8 +62,8 @@ static inline double figure8_peak(const figure8_record *r, int from, int to) {
     return largest;
 }
 
-/* Returns the largest difference between the components [from, to) of a and those of b at the same time or at most `shift` s earlier or later (because
-   punctures may occur in neighbouring ticks), relative to b's peak. */
+/* Compares the components [from, to) of a with those of b at the same time or up to `shift` s earlier or later, because punctures may fall in neighbouring
+   ticks. Returns the largest difference, relative to b's peak. */
 static inline double figure8_difference(const figure8_record *a, const figure8_record *b, int from, int to, double shift) {
     double largest = 0.0;
     for (int i = 0; i < a->ticks; i++) {

@@ -1,4 +1,4 @@
-/* A simulation of a scene for tests, created in the same way as by a program that uses the library. */
+/* A simulation of a scene for tests, created as a program using the library would. */
 #ifndef TROCAR_TESTS_HOST_H
 #define TROCAR_TESTS_HOST_H
 
@@ -11,10 +11,10 @@ typedef struct {
     trocar_scene *scene;
     trocar_model *model;
     trocar_sim *sim;
-    trocar_output output;    /* output of the last tick */
+    trocar_output output;    /* of the last tick */
 } host;
 
-/* Creates the simulation with one key of the scene set to another value, unless `key` is NULL. */
+/* Creates the simulation, with one key of the scene set to another value unless `key` is NULL. */
 static inline host host_open_with(const char *path, const char *key, const char *value) {
     host h = {NULL};
     trocar_error why;

@@ -7,7 +7,7 @@ INSIDE = "TROCAR_TEST_INSIDE"
 
 
 def in_namespace(source):
-    """Runs this program again inside a private network namespace; exits with status 77 if this is not permitted."""
+    """Runs this program again inside a private network namespace. Exits with status 77 if that is not permitted."""
     if os.environ.get(INSIDE):
         return
     netns = f"{source}/scripts/netns"

@@ -1,4 +1,4 @@
-"""Receives LCM's packets without liblcm, and waits for conditions that depend on them."""
+"""Receives LCM packets without liblcm, and waits for conditions that depend on them."""
 import socket
 import time
 
@@ -14,7 +14,7 @@ def lcm_socket():
 
 
 def message_of(packet):
-    """Returns the channel and the data of a packet, without the fingerprint of its type; (b"", b"") for a fragment of a message."""
+    """Returns a packet's channel and its data without the type's fingerprint, or (b"", b"") if it is a fragment of a message."""
     if packet[:4] != b"LC02":
         return b"", b""
     channel = packet[8:].split(b"\0")[0]
@@ -22,7 +22,7 @@ def message_of(packet):
 
 
 def wait(condition, what, patience=15):
-    """Waits until the condition holds; fails with `what`, a text or a function that returns one, after `patience` (s)."""
+    """Waits until the condition holds. After `patience` (s), fails with `what`, a text or a function that returns one."""
     end = time.monotonic() + patience
     while not condition():
         if time.monotonic() > end:

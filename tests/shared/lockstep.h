@@ -1,4 +1,4 @@
-/* A simulation in lockstep for tests: a scene, a state, and one call per tick. */
+/* A lockstep simulation for tests: a scene, a state, and one call per tick. */
 #ifndef TROCAR_TESTS_LOCKSTEP_H
 #define TROCAR_TESTS_LOCKSTEP_H
 
@@ -17,10 +17,10 @@ typedef struct {
     compliance_snapshot *snapshot;
     tick_output wrench;
     pose base;
-    double base_compliance;  /* m/N, compliance of the spring that holds the base */
+    double base_compliance;  /* m/N, of the spring that holds the base */
 } lockstep;
 
-/* Returns the pose of the base for a straight needle above the gland of the figure-8 scene, with the tip 1 mm in front of the skin. */
+/* Returns the base pose of a straight needle above the gland of the figure-8 scene, with its tip 1 mm in front of the skin. */
 static inline pose lockstep_start(void) { return (pose){v3(0.005, 0.003, -0.201), {1, 0, 0, 0}}; }
 
 static inline simulation_config lockstep_scene(const char *path) {

@@ -1,11 +1,11 @@
-/* A needle as clients receive it: nodes connected by straight segments. */
+/* A needle as clients receive it: nodes joined by straight segments. */
 #ifndef TROCAR_TESTS_NEEDLE_LINE_H
 #define TROCAR_TESTS_NEEDLE_LINE_H
 
 #include <math.h>
 
-/* Returns the distance (m) of a position from the chord between nodes at this arc length (m from the base), or INFINITY beyond the needle's end. Between its
-   nodes, the needle itself deviates from the chord by a few µm. */
+/* Returns a position's distance (m) from the chord between nodes at this arc length (m from the base), or INFINITY beyond the needle's end. Between nodes,
+   the needle itself deviates from the chord by a few µm. */
 static inline double distance_from_needle(const double (*nodes)[3], int count, double arc, const double position[3]) {
     for (int s = 0; s + 1 < count; s++) {
         double along[3], length = 0.0, distance = 0.0;

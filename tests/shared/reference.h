@@ -1,5 +1,5 @@
-/* Textbook finite elements for comparison with the core: the stiffness is computed as B^T D B, assembled as a dense matrix and solved by LAPACK. Only the
-   mesh's nodes and tetrahedra are shared with the core. */
+/* Textbook finite elements to compare the core with: the stiffness is B^T D B, assembled as a dense matrix and solved by LAPACK. All it shares with the core
+   are the mesh's nodes and tetrahedra. */
 #ifndef TROCAR_TESTS_REFERENCE_H
 #define TROCAR_TESTS_REFERENCE_H
 
@@ -9,7 +9,7 @@
 
 #include "refinement/refinement.h"
 
-/* A mesh of elements with their materials. */
+/* Elements with their materials. */
 typedef struct {
     int node_count, tet_count;
     vec3 *nodes;                     /* m */
@@ -17,10 +17,10 @@ typedef struct {
     int *parent;                     /* the nominal tetrahedron that contains each element */
     const region_material **material;
     bool *fixed;
-    double *matrix;                  /* (3 node_count) x (3 node_count), the stiffness or its inverse; rows and columns of fixed dofs are zero */
+    double *matrix;                  /* (3 node_count) x (3 node_count), stiffness or its inverse; rows and columns of fixed dofs are zero */
 } reference;
 
-/* Computes the gradients of the shape functions, whose coefficients are the rows of the inverse of [1 x y z]. Returns the volume, which is positive. */
+/* Computes the shape functions' gradients, whose coefficients are the rows of the inverse of [1 x y z]. Returns the volume, which is positive. */
 static inline double reference_gradients(const vec3 x[4], double gradients[4][3]) {
     double a[4][4], inverse[4][4] = {{1, 0, 0, 0}, {0, 1, 0, 0}, {0, 0, 1, 0}, {0, 0, 0, 1}}, determinant = 1.0;
     lapack_int pivots[4];
@@ -42,7 +42,7 @@ static inline void reference_elasticity(double e, double nu, double d[6][6]) {
     }
 }
 
-/* Computes V B^T D B with the strains in the order xx yy zz xy yz zx (engineering shear). */
+/* Computes V B^T D B, with the strains in the order xx yy zz xy yz zx (engineering shear). */
 static inline void reference_element(const vec3 x[4], double e, double nu, double k[12][12]) {
     double g[4][3], b[6][12] = {{0}}, d[6][6], volume = reference_gradients(x, g);
     reference_elasticity(e, nu, d);
@@ -60,7 +60,7 @@ static inline void reference_element(const vec3 x[4], double e, double nu, doubl
         }
 }
 
-static const double REFERENCE_ON_FACE = 1e-10; /* if a weight is smaller, the point counts as lying on the face */
+static const double REFERENCE_ON_FACE = 1e-10; /* a point with a smaller weight counts as lying on the face */
 
 static inline void reference_weights(const vec3 corners[4], vec3 x, double weights[4]) {
     double g[4][3];
@@ -80,7 +80,7 @@ static inline double reference_least_weight(const reference *r, int tet, vec3 x)
     return least;
 }
 
-/* Splits the element at the node into one child for each face that does not contain the node. */
+/* Splits the element at the node into one child for each face that does not contain it. */
 static inline void reference_split_one(reference *r, int tet, int node) {
     int corners[4], next = tet;
     double weights[4];
@@ -99,7 +99,7 @@ static inline void reference_split_one(reference *r, int tet, int node) {
     r->tet_count--;
 }
 
-/* Splits the elements that contain x (two if x is on a face), which are found by linear search. */
+/* Splits the elements that contain x (two if x is on a face). Finds them by linear search. */
 static inline void reference_split(reference *r, vec3 x) {
     int node = r->node_count++, tets = r->tet_count;
     r->nodes[node] = x;
@@ -108,7 +108,7 @@ static inline void reference_split(reference *r, vec3 x) {
         if (reference_least_weight(r, t, x) > -REFERENCE_ON_FACE) reference_split_one(r, t, node);
 }
 
-/* Moves a node of the mesh. Afterwards, no element uses the entry for the added node. */
+/* Moves a mesh node. Afterwards, no element uses the entry for the added node. */
 static inline void reference_move(reference *r, int node, vec3 x) {
     r->nodes[node] = r->nodes[r->node_count] = x;
     r->fixed[r->node_count++] = true;
@@ -118,7 +118,7 @@ static inline double *reference_entry(const reference *r, int node, int a, int o
     return r->matrix + (size_t)(3 * node + a) * (size_t)(3 * r->node_count) + (size_t)(3 * other + b);
 }
 
-/* Assembles the stiffness. If `deviatoric` is true, lambda is zero, as for a material with the same mu and nu = 0. */
+/* Assembles the stiffness. With `deviatoric`, lambda is zero, as for a material with the same mu and nu = 0. */
 static inline void reference_assemble(reference *r, bool deviatoric) {
     r->matrix = calloc((size_t)(9 * r->node_count * r->node_count), sizeof(double));
     for (int t = 0; t < r->tet_count; t++) {
@@ -133,7 +133,7 @@ static inline void reference_assemble(reference *r, bool deviatoric) {
     }
 }
 
-/* Sets the rows and columns of fixed dofs to zero, and their diagonal entries to `diagonal` (1 before the inversion, 0 afterwards). */
+/* Zeroes the rows and columns of fixed dofs and sets their diagonal entries to `diagonal` (1 before the inversion, 0 afterwards). */
 static inline void reference_isolate(reference *r, double diagonal) {
     for (int n = 0; n < r->node_count; n++) {
         if (!r->fixed[n]) continue;
@@ -154,8 +154,7 @@ static inline void reference_invert(reference *r) {
     reference_isolate(r, 0.0);
 }
 
-/* Adds the fraction `share` of the volume integral of div u over an element, expressed as coefficients of u. Returns the same fraction of the element's
-   volume. */
+/* Adds the fraction `share` of an element's volume integral of div u, as coefficients of u. Returns the same fraction of its volume. */
 static inline double reference_add_divergence(const vec3 *nodes, const int tet[4], double share, double *b) {
     double g[4][3];
     vec3 x[4];
@@ -165,7 +164,7 @@ static inline double reference_add_divergence(const vec3 *nodes, const int tet[4
     return share;
 }
 
-/* Adds the stiffness lambda V b b^T of a mean strain whose integral over `volume` is `b`, and sets b to zero. */
+/* Adds the stiffness lambda V b b^T of a mean strain whose integral over `volume` is `b`, then sets b to zero. */
 static inline void reference_add_mean(reference *r, const region_material *material, double *b, double volume) {
     double lambda = material->youngs_modulus * material->poisson_ratio / ((1.0 + material->poisson_ratio) * (1.0 - 2.0 * material->poisson_ratio));
     for (int p = 0; p < 3 * r->node_count && volume > 0.0; p++)
@@ -173,7 +172,7 @@ static inline void reference_add_mean(reference *r, const region_material *mater
     memset(b, 0, (size_t)(3 * r->node_count) * sizeof *b);
 }
 
-/* Adds the stiffness of the strain averaged around each node over the elements of one region of the nominal mesh. */
+/* Adds the stiffness of the strain averaged around each node, over the elements of one region of the nominal mesh. */
 static inline void reference_average_nodes(reference *r, const tissue *t) {
     const mesh *m = t->mesh;
     double *b = calloc((size_t)(3 * r->node_count), sizeof *b);
@@ -206,7 +205,7 @@ static inline void reference_average_patches(reference *r, const tissue *t, cons
     free(b);
 }
 
-/* Splits this tissue's nominal mesh at these contact nodes, one after the other. */
+/* Splits this tissue's nominal mesh at these contact nodes, one after another. */
 static inline void reference_refine(const tissue *t, const refinement *added, reference *r) {
     size_t nodes = (size_t)(t->mesh->node_count + added->count), tets = (size_t)(t->mesh->tet_count + 4 * added->count + 1);
     *r = (reference){.node_count = t->mesh->node_count, .tet_count = t->mesh->tet_count};
@@ -238,7 +237,7 @@ static inline void reference_build(const tissue *t, const refinement *added, ref
         reference_average_patches(r, t, t->mesh->nodes, t->mesh->tet_count, t->mesh->tets, r->parent);
 }
 
-/* Like reference_build, but inverts the stiffness. */
+/* Same as reference_build, but inverts the stiffness. */
 static inline void reference_create(const tissue *t, const refinement *added, reference *r) {
     reference_build(t, added, r);
     reference_invert(r);

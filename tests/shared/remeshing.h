@@ -1,5 +1,5 @@
-/* Compares a remeshing method's snapshots with the modified mesh, which is assembled and inverted from scratch. Shared by the tests of all methods. Include
-   this file instead of cmocka. */
+/* Compares a remeshing method's snapshots with the modified mesh, assembled and inverted from scratch. Shared by the tests of all methods. Include this file
+   instead of cmocka.h. */
 #ifndef TROCAR_TESTS_REMESHING_H
 #define TROCAR_TESTS_REMESHING_H
 
@@ -22,7 +22,7 @@
 enum { MOST_NODES = 1000 };
 
 static cube body;
-static const tissue *tested; /* the tissue under test, by default the cube's */
+static const tissue *tested; /* tissue under test, by default the cube's */
 static inverse *tested_inverse;
 static compliance_snapshot snapshot, before;
 static remesh_request request;
@@ -57,7 +57,7 @@ static void serve(remesher *r) {
     if (remesher_serve(r, &request, &snapshot, &why) != TROCAR_OK) fail_msg("%s", why.text);
 }
 
-/* Chooses `count` different nodes in random order. */
+/* Picks `count` different nodes in random order. */
 static inline void choose_window(int count) {
     static int nodes[MOST_NODES];
     int all = tested->mesh->node_count;
@@ -89,7 +89,7 @@ static vec3 point_in(int tet, double margin) {
     return mesh_point(tested->mesh, tet, w);
 }
 
-/* Adds nodes of one kind in a few elements, so that each of them contains several nodes. */
+/* Adds nodes of one kind in a few elements, several to each. */
 static inline void add_nodes(kind wanted, int count) {
     for (int i = 0; i < count; i++) {
         int tet = (61 * (rand() % 6) + 3) % tested->mesh->tet_count;
@@ -162,7 +162,7 @@ static void check(remesher *r) {
     assert_blocks_right(1e-8);
 }
 
-/* Nodes are added and removed at random, and the window changes randomly. */
+/* Adds and removes nodes at random while the window changes at random. */
 static void snapshots_equal_an_inversion_from_scratch(void **state) {
     (void)state;
     remesher *r = start(method);
@@ -217,7 +217,7 @@ static void check_among_fixed(void) {
     remesher *r = start(method);
     choose_window(20);
     for (int i = 0; i < 8; i++) {
-        int tet = 11 * i; /* a tetrahedron in the lowest layer */
+        int tet = 11 * i; /* in the lowest layer */
         add_node(i % 2 ? ON_FACE : INSIDE, tet, point_in(tet, 0.1));
         if (method != REMESH_NESTED) assert_int_equal(add_node(MOVED, tet, point_in(tet, 0.1)), -1);
     }
@@ -242,7 +242,7 @@ static void nodes_among_fixed_ones(void **state) {
     tissue_free(&t);
 }
 
-/* Adds nodes of one kind in the elements along a line, each at the midpoint of the line's segment inside its element. */
+/* Adds nodes of one kind in the elements along a line, each at the midpoint of the line's segment in its element. */
 static void add_track(vec3 from, vec3 to) {
     vec3 along = v3_sub(to, from);
     for (surface_hit at = mesh_enter(tested->mesh, from, to); at.tet >= 0;) {
@@ -260,7 +260,7 @@ static void add_track(vec3 from, vec3 to) {
     }
 }
 
-/* The tracks of two needles cross in the gland, so that their nodes share elements. */
+/* The tracks of two needles cross in the gland, so their nodes share elements. */
 static void check_tracks(void) {
     remesher *r = start(method);
     choose_window(60);
@@ -324,7 +324,7 @@ static void nodes_aimed_at_corners_edges_and_faces(void **state) {
     }
 }
 
-/* Nodes are added and removed many times while other nodes remain. The remaining nodes are compared each time, and the original mesh is compared at the end. */
+/* Nodes are added and removed many times while others stay. Those that stay are compared each time, and the original mesh at the end. */
 static void removal_restores_the_original(void **state) {
     (void)state;
     remesher *r = start(method);
@@ -356,7 +356,7 @@ static void removal_restores_the_original(void **state) {
     remesher_free(r);
 }
 
-/* Nodes that share elements and faces with others are removed in random order, and some are added in between. The remaining nodes keep their slots. */
+/* Nodes that share elements and faces with others are removed in random order, and some are added in between. Those that stay keep their slots. */
 static void nodes_go_in_any_order(void **state) {
     (void)state;
     remesher *r = start(method);
@@ -381,7 +381,7 @@ static void nodes_go_in_any_order(void **state) {
     remesher_free(r);
 }
 
-/* Returns the interpolated displacement at a point of the nominal mesh under a force at another point, from a matrix inverted from scratch. */
+/* Returns the interpolated displacement at one point of the nominal mesh under a force at another, from a matrix inverted from scratch. */
 static mat3 nominal_between(const reference *nominal, const added_node *node, const added_node *other) {
     mat3 sum = {{{0}}};
     double w[4], v[4];
@@ -394,7 +394,7 @@ static mat3 nominal_between(const reference *nominal, const added_node *node, co
     return sum;
 }
 
-/* Contacts do not become more compliant, whether many nodes are added in one element, nodes are added on faces, or nodes are moved. */
+/* Contacts do not become more compliant when many nodes are added in one element, when nodes are added on faces, or when nodes are moved. */
 static void contacts_yield_as_in_the_nominal_mesh(void **state) {
     (void)state;
     static const refinement none = {.count = 0};

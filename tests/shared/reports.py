@@ -1,4 +1,4 @@
-"""Functions that write the reports of tests/verification and tests/validation: REPORT.md and plots/ in the script's folder."""
+"""Writes the reports of tests/verification and tests/validation: REPORT.md, and plots/ in the script's folder."""
 import contextlib
 import subprocess
 
@@ -9,7 +9,7 @@ matplotlib.rcParams["svg.fonttype"] = "none"  # keeps text as text in the SVG fi
 matplotlib.rcParams["svg.hashsalt"] = "trocar"  # makes the output file reproducible
 import matplotlib.pyplot as plt  # noqa: E402
 
-# The palette of Okabe and Ito, which people with colour-vision deficiency can tell apart.
+# The palette of Okabe and Ito, whose colours people with colour-vision deficiency can tell apart.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 
 
@@ -34,7 +34,7 @@ def commit_of(folder):
 
 @contextlib.contextmanager
 def axes_for(curves, path):
-    """Provides axes for the curves, labelled as the first curve specifies; saves the plot on exit."""
+    """Provides axes for the curves, labelled as the first curve says, and saves the plot on exit."""
     figure, axes = plt.subplots(figsize=(6.4, 4.0), layout="constrained")
     yield axes
     axes.set_xlabel(curves[0]["x_label"])

@@ -1,7 +1,7 @@
-/* The main function of a program with several tests. It runs one of the tests; each test is a source file whose main function is renamed to the file's name.
+/* The main function of a program with several tests, of which it runs one. Each test is a source file whose main function is renamed to the file's name.
    usage:
-   PROGRAM TEST [--only CASES | --except CASES] TEST may be left out if the program has only one. CASES: names of the file's test cases, as patterns with * and
-   ?, separated by commas. Without arguments, a program with several tests prints their names. */
+   PROGRAM TEST [--only CASES | --except CASES] TEST may be left out if the program has only one. CASES: names of the file's test cases, as patterns with *
+   and ?, separated by commas. Without arguments, a program with several tests prints their names. */
 #include <fnmatch.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -30,7 +30,7 @@ enum { TESTS_COUNT = sizeof programs_tests / sizeof *programs_tests, MOST_PATTER
 
 static char *patterns[MOST_PATTERNS];
 static int pattern_count;
-static bool except; /* if true, runs all cases except those that match */
+static bool except; /* if set, runs all cases except those that match */
 
 static bool fits(const char *name, bool *used) {
     bool any = false;
@@ -39,7 +39,7 @@ static bool fits(const char *name, bool *used) {
     return any;
 }
 
-/* The linker replaces cmocka's function by this one, because cmocka's filter accepts only a single pattern. */
+/* The linker puts this function in place of cmocka's, whose filter accepts only a single pattern. */
 int __real__cmocka_run_group_tests(const char *group, const struct CMUnitTest *cases, size_t count, CMFixtureFunction setup, CMFixtureFunction teardown);
 int __wrap__cmocka_run_group_tests(const char *group, const struct CMUnitTest *cases, size_t count, CMFixtureFunction setup, CMFixtureFunction teardown);
 int __wrap__cmocka_run_group_tests(const char *group, const struct CMUnitTest *cases, size_t count, CMFixtureFunction setup, CMFixtureFunction teardown) {

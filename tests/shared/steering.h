@@ -1,22 +1,22 @@
-/* Pushes bevelled needles through uniform tissue and records the tracks that they cut; used by test_steering.c and verify_steering.c. */
+/* Pushes bevelled needles through uniform tissue and records the tracks they cut, for test_steering.c and verify_steering.c. */
 #ifndef TROCAR_TESTS_STEERING_H
 #define TROCAR_TESTS_STEERING_H
 
 #include "lockstep.h"
 
 typedef struct {
-    const char *mesh;            /* path of the mesh, or NULL for that of the figure-8 scene */
+    const char *mesh;            /* path of the mesh, or NULL for the figure-8 scene's */
     needle_parameters needle;
     double tissue_modulus;       /* Pa, everywhere */
-    double strength;             /* factor on the strength of membranes, the friction and the cutting resistance, relative to those of tissue with 60 kPa */
+    double strength;             /* factor on membrane strength, friction and cutting resistance, relative to those of 60 kPa tissue */
     double x, y;                 /* m, entry point */
     double roll;                 /* rad, initial roll about the needle's axis; at 0, the bevel faces +y */
     double half_turn_at;         /* m, base travel at which the needle is rolled by half a turn; INFINITY for never */
     double bevel_from;           /* m, base travel from which the bevel has an effect; 0 for the start */
-    double way;                  /* m, travel of the base along +z, starting with the tip 1 mm in front of the skin */
+    double way;                  /* m, base travel along +z, starting with the tip 1 mm in front of the skin */
 } steering_case;
 
-/* The nominal track, from the skin to the tip. */
+/* The nominal track, from skin to tip. */
 typedef struct {
     int count;
     vec3 points[MAX_CONTACTS + 2]; /* m */
@@ -80,11 +80,11 @@ static inline steering_track steering_run(const steering_case *given) {
     return track;
 }
 
-/* Returns the initial direction of steering, which points away from the bevel's face. */
+/* Returns the direction in which the needle first steers, away from the bevel's face. */
 static inline vec3 steering_direction(double roll) { return v3(sin(roll), -cos(roll), 0); }
 
-/* Returns the position at which the track of a needle rolled by half a turn at `at` must end, computed by superposition: for small deflections, cutting is
-   linear in the bevel's slope, so the half turn subtracts twice the track of a bevel that has an effect only after that point. */
+/* Returns where the track of a needle rolled by half a turn at `at` must end, by superposition. For small deflections, cutting is linear in the bevel's
+   slope, so the half turn subtracts twice the track of a bevel that only has an effect after that point. */
 static inline double steering_superposed(const steering_case *given, double at, vec3 sideways) {
     steering_case always = *given, later = *given;
     always.half_turn_at = INFINITY;
@@ -95,8 +95,8 @@ static inline double steering_superposed(const steering_case *given, double at, 
     return v3_dot(v3_sub(a, whole.points[0]), sideways) - 2.0 * v3_dot(v3_sub(b, part.points[0]), sideways);
 }
 
-/* Returns the signed curvature (1/m) of the part of the track between these depths (z, m) in the plane of +z and `sideways`, positive toward `sideways`. It is
-   the curvature of a least-squares parabola over the chord of this part. */
+/* Returns the signed curvature (1/m) of the track between these depths (z, m) in the plane of +z and `sideways`, positive toward `sideways`. It is the
+   curvature of a least-squares parabola over that part's chord. */
 static inline double steering_curvature(const steering_track *track, double from, double to, vec3 sideways) {
     int first = 0, last = track->count - 1;
     while (first < last && track->points[first].z < from) first++;
@@ -117,7 +117,7 @@ static inline double steering_curvature(const steering_track *track, double from
     return 2.0 * m3_apply(&inverse, t).z / (length * length);
 }
 
-/* Returns the deviation (m) of the tip from a straight path, toward `sideways`. */
+/* Returns how far (m) the tip deviates from a straight path, toward `sideways`. */
 static inline double steering_deflection(const steering_track *track, vec3 sideways) {
     return v3_dot(v3_sub(track->points[track->count - 1], track->points[0]), sideways);
 }

@@ -1,11 +1,11 @@
 #!/bin/sh
-# Tests the witness: a failure on a stalled machine does not count; a sanitizer's report is
-# detected wherever it appears in the output; and a process left in the background does not delay the witness.
+# Tests the witness: a failure on a stalled machine does not count, a sanitizer's report is detected wherever it appears in the output, and a process left in
+# the background does not delay the witness.
 # usage: test_witness.sh WITNESS
 set -eu
 witness=$1
 
-# ends_with STATUS [OPTION...] COMMAND runs the command in a shell under the witness and checks its exit status.
+# ends_with STATUS [OPTION...] COMMAND: runs the command in a shell under the witness and checks its exit status.
 ends_with() {
     wanted=$1 status=0 options=
     shift
@@ -19,7 +19,7 @@ ends_with 0 'exit 0'
 export TROCAR_WITNESS_STALLED=yes
 ends_with 77 'echo "0 is not 1"; exit 1'
 unset TROCAR_WITNESS_STALLED
-if chrt -f 98 true 2>/dev/null; then # every wake-up is late by more than nothing
+if chrt -f 98 true 2>/dev/null; then # every wake-up is later than zero, so all of them count
     ends_with 77 --tolerates 0 'sleep 0.1; exit 1'
 fi
 ends_with 77 'exit 77'

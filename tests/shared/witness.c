@@ -1,17 +1,17 @@
-/* Runs a test that depends on time, and distinguishes a slow program from a machine that was stalled.
+/* Runs a test that depends on time, and tells a slow program from a stalled machine.
    usage: witness [--once | --reports] [--tolerates MS] COMMAND [ARGUMENT...]
 
    A hypervisor that takes the processors away for milliseconds makes any real-time program late. One thread per processor, with a higher priority than
    everything under test, wakes up every millisecond and records its own lateness. A failure on a machine without stalls counts. A test that fails while the
-   machine was stalled is run once more; if it fails again while the machine was stalled, the status is 77 (skipped), and the
-   message says how long the machine was stalled.
+   machine was stalled is run once more; if it fails again while the machine was stalled, the status is 77 (skipped), and the message says how long the
+   machine was stalled.
 
-   A sanitizer's report in the command's output is a failure on any machine, and so is a program killed by a signal. (The reports are not
-   written to a file, because with several sanitizers UBSan, as of GCC 12, writes to standard error regardless of the option log_path.)
+   A sanitizer's report in the command's output is a failure on any machine, and so is a program killed by a signal. (The reports are not written to a file,
+   because with several sanitizers UBSan, as of GCC 12, writes to standard error regardless of the option log_path.)
    --once: no second run; for instrumented programs, which are slow. --reports: a test that ran to its end without a report has passed, whatever its status.
-   This is for ThreadSanitizer, under which a tick sometimes takes milliseconds (its shadow memory is mapped on first
-   touch); all other failures are detected by the other presets. --tolerates: a single stall that is longer than this counts as well, however rare stalls are. This
-   is for tests that send a pose every millisecond and check every flag: after device.hold_time without a pose, the server says that poses are stale. */
+   This is for ThreadSanitizer, under which a tick sometimes takes milliseconds (its shadow memory is mapped on first touch); all other failures are detected
+   by the other presets. --tolerates: a single stall that is longer than this counts as well, however rare stalls are. This is for tests that send a pose
+   every millisecond and check every flag: after device.hold_time without a pose, the server says that poses are stale. */
 #define _GNU_SOURCE
 #include <errno.h>
 #include <fcntl.h>
@@ -32,7 +32,7 @@
 
 enum {
     SKIPPED = 77,
-    CANNOT_RUN = 126,                /* this status or a higher one means that there is no such program, or that a signal killed it */
+    CANNOT_RUN = 126,                /* a status from here on means that there is no such program, or that a signal killed it */
     MAX_PROCESSORS = 64,
     PRIORITY = 98,                   /* above the server (80) and below the kernel's own threads (99) */
     PERIOD_NS = 1000000,
@@ -44,7 +44,7 @@ static const double QUIET = 2e-3;    /* fraction of late wake-ups that a test mu
 typedef struct {
     int processor;
     bool real_time;
-    long wakes, late;                /* number of wake-ups, and of late ones; whole periods in which the thread did not wake up also count as late */
+    long wakes, late;                /* wake-ups, and late ones among them; whole periods without a wake-up also count as late */
     long long longest_ns;
 } observer;
 
@@ -75,11 +75,10 @@ static void *observe(void *context) {
     return NULL;
 }
 
-/* Passes on the command's output until the command has ended. Returns true if a sanitizer reported an error. A process left in the background may keep the pipe
-   open and write to it indefinitely. Therefore, after the command has ended, no more than the capacity of a pipe is read. */
+/* Passes on the command's output until the command ends. Returns whether a sanitizer reported an error. A process left in the background may keep the pipe
+   open and write to it forever, so after the command has ended, no more than a pipe's capacity is read. */
 static bool pass_on(int pipe_end, int process) {
-    enum { PIPE_HOLDS = 65536, CARRIED = 32 }; /* CARRIED: number of bytes kept from one piece of output to the next, more than the length of a report's marker
-                                                  */
+    enum { PIPE_HOLDS = 65536, CARRIED = 32 }; /* CARRIED: bytes kept from one piece of output to the next, longer than a report's marker */
     static const char *const reports[] = {"Sanitizer: ", "runtime error: "};
     static char text[CARRIED + 4096];
     struct pollfd sources[] = {{.fd = pipe_end, .events = POLLIN}, {.fd = process, .events = POLLIN}};
@@ -125,7 +124,7 @@ static int run(char *const command[], bool *reported) {
     return WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
 }
 
-/* Returns the command's exit status. *quiet is set to true if the machine did not stall in the meantime, or could not be monitored. */
+/* Returns the command's exit status. *quiet is set to true if the machine did not stall in the meantime or could not be monitored. */
 static int run_watched(char *const command[], long long tolerated_ns, bool *quiet, bool *reported) {
     pthread_t threads[MAX_PROCESSORS];
     observer observers[MAX_PROCESSORS] = {0};

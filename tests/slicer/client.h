@@ -1,4 +1,4 @@
-/* Clients of an OpenIGTLink server: one built on Debian's OpenIGTLink library, and a plain connection for anything that the library cannot do. */
+/* Clients of an OpenIGTLink server: one built on Debian's OpenIGTLink library, and a plain connection for whatever the library cannot do. */
 #ifndef TROCAR_TESTS_SLICER_CLIENT_H
 #define TROCAR_TESTS_SLICER_CLIENT_H
 
@@ -19,7 +19,7 @@
 
 #include "expect.h"
 
-struct Columns { /* a transform, in the order in which it is sent: the three columns of the rotation, then the position */
+struct Columns { /* a transform in the order in which it is sent: the three columns of the rotation, then the position */
     float numbers[12];
 };
 
@@ -40,7 +40,7 @@ public:
     explicit Client(int port) : socket(igtl::ClientSocket::New()) { EXPECT(socket->ConnectToServer("127.0.0.1", port) == 0, "port %d", port); }
     ~Client() { socket->CloseSocket(); }
 
-    /* Receives one message; returns false if the connection has ended. */
+    /* Receives one message. Returns false if the connection has ended. */
     bool receive() {
         igtl::MessageHeader::Pointer head = igtl::MessageHeader::New();
         head->InitPack();
@@ -61,7 +61,7 @@ public:
     void receive_for(double s) {
         for (double end = seconds() + s; seconds() < end && receive();) continue;
     }
-    /* Waits until the condition holds; returns false after `patience` s. */
+    /* Waits until the condition holds. Returns false after `patience` s. */
     template <typename Condition> bool until(Condition holds, double patience = 10) {
         for (double end = seconds() + patience; seconds() < end && receive();)
             if (holds()) return true;
@@ -86,7 +86,7 @@ public:
 
     igtl::ClientSocket::Pointer socket;
     std::map<std::string, int> counts;
-    std::map<std::string, std::vector<double>> ages; /* s, ages of the messages on arrival, according to their time stamps */
+    std::map<std::string, std::vector<double>> ages; /* s, ages of the messages on arrival, by their time stamps */
     std::map<std::string, igtl::TransformMessage::Pointer> transforms;
     std::map<std::string, igtl::StringMessage::Pointer> strings;
     std::map<std::string, igtl::ImageMessage::Pointer> images;
@@ -122,7 +122,7 @@ public:
     ~Connection() { close(descriptor); }
     void send(const std::vector<unsigned char> &bytes) { EXPECT(::send(descriptor, bytes.data(), bytes.size(), MSG_NOSIGNAL) == static_cast<ssize_t>(bytes.size())); }
     bool receive(void *bytes, size_t size) { return recv(descriptor, bytes, size, MSG_WAITALL) == static_cast<ssize_t>(size); }
-    bool is_closed() { /* returns true if the other side has closed the connection; discards received bytes */
+    bool is_closed() { /* whether the other side has closed the connection; discards received bytes */
         unsigned char bytes[65536];
         ssize_t count;
         for (double end = seconds() + 10; (count = recv(descriptor, bytes, sizeof bytes, 0)) > 0 && seconds() < end;) continue;

@@ -1,4 +1,4 @@
-/* Checks that continue after a failure; the program's exit status shows whether all of them passed. */
+/* Checks that do not stop the test when they fail. The program's exit status tells whether all of them passed. */
 #ifndef TROCAR_TESTS_SLICER_EXPECT_H
 #define TROCAR_TESTS_SLICER_EXPECT_H
 
@@ -23,7 +23,7 @@ inline double seconds() { return std::chrono::duration<double>(std::chrono::stea
 inline double epoch_seconds() { return std::chrono::duration<double>(std::chrono::system_clock::now().time_since_epoch()).count(); }
 inline void wait(double s) { std::this_thread::sleep_for(std::chrono::duration<double>(s)); }
 
-/* Waits until the condition holds; returns false after `patience` s. */
+/* Waits until the condition holds. Returns false after `patience` s. */
 template <typename Condition> bool soon(Condition holds, double patience = 10) {
     for (double end = seconds() + patience; seconds() < end; wait(0.01))
         if (holds()) return true;

@@ -1,4 +1,4 @@
-/* Sends trocar-server's messages with values that the test chooses, and receives the messages sent to it. */
+/* Sends trocar-server's messages with values chosen by the test, and receives the messages sent to it. */
 #ifndef TROCAR_TESTS_SLICER_FAKE_SERVER_H
 #define TROCAR_TESTS_SLICER_FAKE_SERVER_H
 
@@ -28,7 +28,7 @@ using Vector = std::array<double, 3>;
 
 class FakeServer {
 public:
-    /* These members must be set before start(). `displace` returns the displacement (m) of a node at a time (s). */
+    /* Set these members before calling start(). `displace` returns the displacement (m) of a node at a time (s). */
     std::vector<Vector> nodes, centreline;
     std::function<Vector(const Vector &, double)> displace = [](const Vector &, double) { return Vector{0, 0, 0}; };
     double orientation[4] = {1, 0, 0, 0}, tip_lead = 0;
@@ -36,7 +36,7 @@ public:
     double probe_orientation[4] = {1, 0, 0, 0};
     std::atomic<int64_t> number{77};
     std::atomic<bool> silent{false};
-    std::atomic<size_t> most_nodes{SIZE_MAX}; /* maximum number of nodes in its messages */
+    std::atomic<size_t> most_nodes{SIZE_MAX}; /* most nodes in its messages */
 
     FakeServer() {
         hearing = lcm_create(nullptr);

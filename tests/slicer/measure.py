@@ -1,11 +1,11 @@
 #!/usr/bin/python3
-"""Measures the time that trocar-slicer takes, and its effect on the haptic loop, in a private network. Run it by hand:
+"""Measures how long trocar-slicer takes and what it does to the haptic loop, in a private network. Run it by hand:
 
     scripts/netns tests/slicer/measure.py BUILD_DIR SCENE [SECONDS [ROUNDS [STREAMED]]]
 
-One server and one device that plays figure 8 run throughout. If another scene, STREAMED, is given, the bridge shows that scene instead; a stand-in for its
-server sends 30 frames per second on another LCM port, because a real server sends fewer frames of such a large mesh. Rounds without the bridge alternate
-with rounds with the bridge and two clients, one of which never reads. They alternate because other load on the machine also changes the loop's times; the
+One server, and one device that plays figure 8, run throughout. If another scene, STREAMED, is given, the bridge shows that one instead, and a stand-in for
+its server sends 30 frames per second on another LCM port, because a real server sends fewer frames of such a large mesh. Rounds without the bridge alternate
+with rounds with the bridge and two clients, one of which never reads. They alternate because other load on the machine also changes the loop's times. The
 medians of the rounds are compared.
 """
 import os

@@ -1,4 +1,4 @@
-/* A program under test, with its output. */
+/* A program under test and its output. */
 #ifndef TROCAR_TESTS_SLICER_PROGRAM_H
 #define TROCAR_TESTS_SLICER_PROGRAM_H
 

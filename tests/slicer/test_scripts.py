@@ -1,6 +1,6 @@
 #!/usr/bin/python3
-"""Tests the scripts for 3D Slicer, docs/examples/slicer_*.py, with a stand-in that provides only those classes and functions of Slicer and SlicerOpenIGTLink,
-as declared in their sources, that the scripts may use.
+"""Tests the scripts for 3D Slicer, docs/examples/slicer_*.py, with a stand-in for Slicer and SlicerOpenIGTLink. It provides only the classes and functions that
+the scripts may use, as declared in the originals' sources.
 
 usage: test_scripts.py SOURCE_DIR
 """

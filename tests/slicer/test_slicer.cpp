@@ -1,6 +1,6 @@
-/* Tests trocar-slicer from outside: values in patient coordinates, compared with hand calculations; images, compared with surfaces; slow clients, malformed
-   messages, restarts and trackers. usage: test_slicer TROCAR_SLICER TROCAR_SERVER MESHES CASE (values, faults, slow, trackers or server), in a private network
-   namespace */
+/* Tests trocar-slicer from outside: values in patient coordinates, compared with hand calculations; images, compared with surfaces; slow clients; malformed
+   messages; restarts; and trackers. usage: test_slicer TROCAR_SLICER TROCAR_SERVER MESHES CASE (values, faults, slow, trackers or server), in a private
+   network namespace */
 #include <algorithm>
 #include <cstdlib>
 #include <filesystem>
@@ -19,7 +19,7 @@ static std::string bridge_path, server_path, meshes, work;
 
 /* ---- the scene: trus.yaml with other patient coordinates ---- */
 
-/* mesh = (head, left, back) / 1000 + (0.01, -0.02, 0.03): the axes are permuted, so that a transposed or mirrored matrix is noticed. */
+/* mesh = (head, left, back) / 1000 + (0.01, -0.02, 0.03): the axes are permuted, so that a transposed or mirrored matrix shows up. */
 static const char PATIENT[] = "patient_to_mesh: [0, 0, 1e-3, 0.01,   1e-3, 0, 0, -0.02,   0, 1e-3, 0, 0.03,   0, 0, 0, 1]";
 static Vector turned_to_ras(const Vector &v) { return {-v[1], -v[2], v[0]}; }
 static Vector to_ras(const Vector &m) { return {-1e3 * (m[1] + 0.02), -1e3 * (m[2] - 0.03), 1e3 * (m[0] - 0.01)}; }
@@ -62,8 +62,7 @@ struct Mesh {
 
 static void set_up(FakeServer &server, const Mesh &mesh) {
     server.nodes = mesh.nodes();
-    for (int i = 0; i <= 40; i++) server.centreline.push_back({0.01 + 0.005 * std::min(i, 20), 0.02, 0.03 + 0.005 * std::max(i - 20, 0)}); /* a centreline bent
-                                                                                                                                              by 90 degrees */
+    for (int i = 0; i <= 40; i++) server.centreline.push_back({0.01 + 0.005 * std::min(i, 20), 0.02, 0.03 + 0.005 * std::max(i - 20, 0)}); /* bent by 90° */
     for (double &q : server.orientation) q = 0.5; /* the needle's x, y and z axes are the mesh's y, z and x axes */
     server.tip_lead = 0.5 * M_PI;
     server.force = {1, 2, 3};
@@ -99,7 +98,7 @@ struct Surface {
             triangles.push_back({static_cast<int>(corners[0]), static_cast<int>(corners[1]), static_cast<int>(corners[2])});
         }
     }
-    double volume() const { /* computed with the divergence theorem; positive if the faces point outwards */
+    double volume() const { /* by the divergence theorem; positive if the faces point outwards */
         double sum = 0;
         for (const auto &t : triangles) {
             const Vector &a = points[t[0]], &b = points[t[1]], &c = points[t[2]];
@@ -107,7 +106,7 @@ struct Surface {
         }
         return sum / 6;
     }
-    /* Returns true if a ray from the point, in a direction parallel to no edge, crosses the surface an odd number of times. */
+    /* Returns whether a ray from the point, in a direction parallel to no edge, crosses the surface an odd number of times. */
     bool contains(const Vector &x) const {
         static const Vector along = {0.4358, 0.5123, 0.7399};
         int crossings = 0;
@@ -124,11 +123,11 @@ struct Surface {
     static Vector cross(const Vector &a, const Vector &b) { return {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]}; }
 };
 
-static const std::vector<std::string> ORGANS = {"prostate", "surrounding", "perineum", "muscle"}; /* names of the organs, in the order of the scene */
+static const std::vector<std::string> ORGANS = {"prostate", "surrounding", "perineum", "muscle"}; /* organ names, in the order of the scene */
 
 static Vector shear(const Vector &x, double) { return {0.04 * x[2], -0.03 * x[0], 0.05 * x[1] + 0.002}; }
 
-/* Compares the volume (mm^3) and the points of the message with those of the displaced mesh. */
+/* Compares the message's volume (mm^3) and points with those of the displaced mesh. */
 static void check_surface(const Mesh &mesh, const std::string &name, const Surface &surface) {
     const int32_t *tets = trocar_model_tets(mesh.model), *regions = trocar_model_tet_regions(mesh.model), *neighbours = trocar_model_neighbours(mesh.model);
     int region = trocar_model_find_region(mesh.model, name.c_str(), 3);
@@ -162,7 +161,7 @@ static void check_surface(const Mesh &mesh, const std::string &name, const Surfa
 
 /* ---- images ---- */
 
-/* Returns a position as Slicer interprets the message (OpenIGTLinkIO, igtlioConverterUtilities.cxx): the position of an image is that of its centre. */
+/* Returns a position as Slicer interprets the message (OpenIGTLinkIO, igtlioConverterUtilities.cxx): an image's position is that of its centre. */
 static Vector place_of(igtl::ImageMessage::Pointer m, double i, double j) {
     igtl::Matrix4x4 matrix;
     float spacing[3];
@@ -176,7 +175,7 @@ static Vector place_of(igtl::ImageMessage::Pointer m, double i, double j) {
     return x;
 }
 
-/* Determines from the surfaces which organ contains the centre of each pixel. The image must agree, except for pixels on a surface. */
+/* Works out from the surfaces which organ contains each pixel's centre. The image must agree, except for pixels on a surface. */
 static void check_image(igtl::ImageMessage::Pointer m, const std::vector<Surface> &organs, const char *name) {
     int size[3], differing = 0, further = 0, tissue = 0;
     m->GetDimensions(size);
@@ -191,7 +190,7 @@ static void check_image(igtl::ImageMessage::Pointer m, const std::vector<Surface
             int here = grey[j * size[0] + i];
             tissue += wanted[j * size[0] + i] != 0;
             if (here == wanted[j * size[0] + i]) continue;
-            bool beside = false; /* true if an adjacent pixel should have this value */
+            bool beside = false; /* whether an adjacent pixel should have this value */
             for (int y = std::max(0, j - 1); y <= std::min(size[1] - 1, j + 1); y++)
                 for (int x = std::max(0, i - 1); x <= std::min(size[0] - 1, i + 1); x++) beside |= wanted[y * size[0] + x] == here;
             differing++;
@@ -214,7 +213,7 @@ static void test_values() {
     EXPECT(bridge.ready(), "%s", bridge.errors_text().c_str());
     Client client(bridge.port());
     EXPECT(client.has({"NeedleToReference", "NeedleTipToReference", "NeedleForce", "ProbeToReference", "ProbeForce", "TrocarStatus", "Needle", "AxialImage", "SagittalImage"}));
-    client.receive_for(0.5); /* wait until all messages have arrived; they belong to the same frame */
+    client.receive_for(0.5); /* waits until all messages have arrived; they belong to the same frame */
     for (auto &ages : client.ages) EXPECT(ages.second.back() > 0 && ages.second.back() < 1, "%s is %g s old", ages.first.c_str(), ages.second.back());
 
     expect_columns(client.transform("NeedleToReference"), {{-1, 0, 0, 0, -1, 0, 0, 0, 1, -40, 0, 0}}, 1e-4, "base");
@@ -256,7 +255,7 @@ static void test_values() {
     EXPECT(bridge.stop(SIGTERM) == 0);
 }
 
-/* As in ultrasound, the gland is darker than the surrounding tissue, and the needle is a bright spot where it crosses the plane. */
+/* As in ultrasound, the gland is darker than the tissue around it, and the needle is a bright spot where it crosses the plane. */
 static void test_echo() {
     Mesh mesh(write_scene());
     FakeServer server;
@@ -274,7 +273,7 @@ static void test_echo() {
     m->GetDimensions(size);
     const auto *grey = static_cast<const unsigned char *>(m->GetScalarPointer());
     double sum[2] = {}, count[2] = {};
-    Vector needle = to_ras({0.005, 0.002, 0.061}); /* the point where the needle crosses the plane at z = 61 mm */
+    Vector needle = to_ras({0.005, 0.002, 0.061}); /* where the needle crosses the plane at z = 61 mm */
     for (int j = 0; j < size[1]; j++)
         for (int i = 0; i < size[0]; i++) {
             Vector x = place_of(m, i, j);
@@ -315,7 +314,7 @@ static std::vector<unsigned char> raw_columns(const Columns &c) {
     return body;
 }
 
-static const Columns STYLUS = {{-1, 0, 0, 0, -1, 0, 0, 0, 1, -40, 0, 0}}; /* the transform with which the needle's base is where set_up() puts it */
+static const Columns STYLUS = {{-1, 0, 0, 0, -1, 0, 0, 0, 1, -40, 0, 0}}; /* the transform that puts the needle's base where set_up() puts it */
 
 static void test_slow_client(const Mesh &mesh) {
     FakeServer server;
@@ -340,11 +339,11 @@ static void test_slow_client(const Mesh &mesh) {
     std::printf("beside clients that never read: %g surfaces a second, needle %.1f ms old at p50, %.1f ms at p99; memory %+ld kB\n", client.counts["prostate"] / time,
                 1e3 * ages[ages.size() / 2], 1e3 * ages[ages.size() * 99 / 100], (bridge.memory() - memory) / 1024);
     EXPECT(ages[ages.size() / 2] < 0.02, "needle %g s old", ages[ages.size() / 2]);
-#ifndef __SANITIZE_ADDRESS__ /* the memory is not checked under the sanitizer, which does not release freed memory immediately */
+#ifndef __SANITIZE_ADDRESS__ /* not under the sanitizer, which does not release freed memory at once */
     EXPECT(bridge.memory() - memory < 16 << 20, "%ld bytes", bridge.memory() - memory);
 #endif
 
-    /* One of these clients finally reads: it has missed values, but soon receives the newest ones. */
+    /* One of these clients reads at last: it has missed values, but soon receives the newest ones. */
     int needles = 0;
     double age = 1e9;
     for (double end = seconds() + 10; age > 0.2 && seconds() < end;) {
@@ -425,8 +424,8 @@ static void test_garbage(const Mesh &mesh) {
     }
     EXPECT(bridge.said("sent no OpenIGTLink header: disconnected") && bridge.said("announced a message of more than 256 MB: disconnected"), "%s", bridge.errors_text().c_str());
 
-    /* These messages are skipped, and the messages after them are accepted. Each is sent on its own connection, because faults are reported at most once
-       per second and connection. */
+    /* These messages are skipped, and those after them are accepted. Each is sent on its own connection, because faults are reported at most once per second
+       and connection. */
     float nan = std::numeric_limits<float>::quiet_NaN(), infinity = std::numeric_limits<float>::infinity();
     std::vector<unsigned char> good = raw_columns(STYLUS);
     struct { std::vector<unsigned char> bytes; const char *said; } faults[] = {
@@ -453,7 +452,7 @@ static void test_garbage(const Mesh &mesh) {
     }
     wait(0.1);
     EXPECT(server.poses().empty(), "a faulty matrix moves the needle");
-    for (int i : {0, 5, 12, 13}) { /* these connections still accept valid messages; the first of several senders moves the needle */
+    for (int i : {0, 5, 12, 13}) { /* these connections still accept valid messages; of several senders, the first moves the needle */
         std::vector<unsigned char> whole = raw(1, "TRANSFORM", "StylusToReference", good, 48);
         connections[i]->send({whole.begin(), whole.begin() + 30}); /* in two parts */
         wait(0.02);
@@ -474,7 +473,7 @@ static void test_garbage(const Mesh &mesh) {
     EXPECT(bridge.stop(SIGTERM) == 0);
 }
 
-/* A client that sends headers of version 2 receives such headers. A query returns values even if they have not changed. */
+/* A client that sends version 2 headers gets version 2 headers. A query returns values even if they have not changed. */
 static void test_versions(const Mesh &mesh) {
     FakeServer server;
     set_up(server, mesh);
@@ -536,7 +535,7 @@ static void test_server_restart(const Mesh &mesh) {
     client.counts.clear();
     client.receive_for(1);
     EXPECT(client.counts["NeedleToReference"] >= 25, "%d", client.counts["NeedleToReference"]);
-    server.most_nodes = 10; /* a mesh that differs from the bridge's */
+    server.most_nodes = 10; /* not the bridge's mesh */
     EXPECT(soon([&] { return bridge.said("is --scene " + std::string(trocar_scene_path(mesh.scene)) + " its scene"); }));
     EXPECT(bridge.stop(SIGINT) == 0);
 }
@@ -585,7 +584,7 @@ static void test_trackers() {
     EXPECT(bridge.ready());
     EXPECT(soon([&] { return bridge.said("no tracker at 127.0.0.1:18945"); }));
 
-    /* Two poses of a tracker are 50 ms and 10 mm apart; the needle moves from one to the other at constant speed, in small steps. */
+    /* Two poses of a tracker are 50 ms and 10 mm apart. The needle moves from one to the other at constant speed, in small steps. */
     igtl::ClientSocket::Pointer client = igtl::ClientSocket::New();
     EXPECT(client->ConnectToServer("127.0.0.1", bridge.port()) == 0);
     Columns moved = STYLUS;
@@ -615,7 +614,7 @@ static void test_trackers() {
     EXPECT(between >= 5 && largest < 0.006, "%d poses between, the largest step %g m", between, largest);
     EXPECT(!poses.empty() && std::fabs(poses.back().position[1] - 0.01) < 1e-8);
 
-    /* If poses are missing, the needle stops and is then released; the next pose takes it again. */
+    /* If poses fail to arrive, the needle stops and is then released. The next pose takes it again. */
     wait(1);
     poses = server.poses();
     EXPECT(poses.size() > 100 && server.releases == 0, "%zu poses", poses.size());
@@ -626,7 +625,7 @@ static void test_trackers() {
     send_transform(client, "StylusToReference", moved);
     EXPECT(soon([&] { return !server.poses().empty(); }));
 
-    /* A stepper moves the probe: the mesh's x, y and z axes point to the head, from right to left, and from front to back. */
+    /* A stepper moves the probe. The mesh's x, y and z axes point to the head, from right to left, and from front to back. */
     server.probes();
     send_transform(client, "StepperToReference", {{0, 0, 1, -1, 0, 0, 0, -1, 0, 12, 110, -10}});
     std::vector<trocar_probe_pose_t> probes;
@@ -639,7 +638,7 @@ static void test_trackers() {
     }
     client->CloseSocket();
 
-    /* Connects to a tracker that acts as a server; the tracker then disappears and returns. */
+    /* Connects to a tracker that acts as a server. The tracker then disappears and comes back. */
     EXPECT(soon([&] { return server.releases == 2; }, 5));
     EXPECT(plus->CreateServer(18945) == 0);
     for (int i = 0; i < 2; i++) {
@@ -687,7 +686,7 @@ static void test_server() {
     EXPECT(std::fabs(base.numbers[9] - 5) < 1e-3 && std::fabs(base.numbers[10] - 3) < 1e-3 && std::fabs(base.numbers[11] - last) < 0.01, "base at z = %g mm", base.numbers[11]);
     EXPECT(std::fabs(tip.numbers[11] - (last + 200)) < 1 && std::hypot(tip.numbers[9] - 5, tip.numbers[10] - 3) < 10, "tip at z = %g mm", tip.numbers[11]);
 
-    /* The server is killed and started again: clients remain connected and are informed, and the tracker holds the needle again. */
+    /* The server is killed and started again. Clients stay connected and are informed, and the tracker holds the needle again. */
     server->stop(SIGKILL);
     EXPECT(client.until([&] { return client.text("TrocarStatus").find("\"server\": false") != std::string::npos; }));
     server = std::make_unique<Program>(work + "/server", std::vector<std::string>{server_path, "--scene", scene, "--allow-non-rt"});

@@ -1,4 +1,4 @@
-/* Tests the axes, buttons and joystick of trocar-spacemouse: instead of the kernel's device, libevdev is given a device in memory and a socket, so that no
+/* Tests the axes, buttons and joystick of trocar-spacemouse. Instead of the kernel's device, libevdev is given a device in memory and a socket, so no
    joystick is needed. If /dev/uinput exists, a virtual joystick is tested as well. */
 #define _GNU_SOURCE
 #include "joystick.h"
@@ -28,11 +28,11 @@
 
 /* ---- a device in memory ---------------------------------------------------------------------------------------------- */
 
-static int ends[2];                     /* the driver's and the test's end of a socket pair */
-static struct libevdev *memory;         /* the device that was opened, or NULL for a real device */
+static int ends[2];                     /* driver's end and test's end of a socket pair */
+static struct libevdev *memory;         /* the device that was opened, or NULL for a real one */
 typedef struct { int uploads, removals; struct ff_effect last; } rendered;
 static rendered motors;                 /* protected by `lock`, because the driver may run in a thread */
-static int refusal;                     /* errno returned by the next uploads, or 0 for success */
+static int refusal;                     /* errno that the next uploads return, or 0 for success */
 static pthread_mutex_t lock = PTHREAD_MUTEX_INITIALIZER;
 
 int __real_libevdev_new_from_fd(int fd, struct libevdev **dev);
@@ -61,7 +61,7 @@ static struct libevdev *make_device(void) {
 
 int __wrap_libevdev_new_from_fd(int fd, struct libevdev **dev) {
     if (ends[0] == 0) return __real_libevdev_new_from_fd(fd, dev);
-    dup2(ends[0], fd); /* makes the descriptor of the opened file refer to the socket */
+    dup2(ends[0], fd); /* makes the opened file's descriptor refer to the socket */
     fcntl(fd, F_SETFL, O_NONBLOCK);
     *dev = memory = make_device();
     return 0;
@@ -109,7 +109,7 @@ static void send_event(unsigned type, unsigned code, int value) {
     assert_int_equal(send(ends[1], &e, sizeof e, 0), sizeof e);
 }
 
-/* Returns the last request to play or to stop the effect, or -1 if there was none. */
+/* Returns the last request to play or stop the effect, or -1 if there was none. */
 static int played(void) {
     int value = -1;
     for (struct input_event e; recv(ends[1], &e, sizeof e, MSG_DONTWAIT) == sizeof e;)
@@ -144,9 +144,9 @@ static void the_mapping_scales_turns_and_cuts(void **unused) {
     assert_true(mapping_parse_axes(&m, "forward=-y,right=x,up=z,pitch=-rx,yaw=ry,roll=rz", joystick_driver.axis_names, why, sizeof why));
     rate_control_command c = mapping_command(&m, &state);
     assert_close(c.right, -0.5, 1e-12);  /* (0.6 - 0.2) / 0.8; the home pose's x axis points to the left */
-    assert_close(c.forward, 0, 0);       /* the value is within the dead zone */
+    assert_close(c.forward, 0, 0);       /* within the dead zone */
     assert_close(c.up, -1, 0);
-    assert_close(c.pitch, 0, 1e-12);     /* the value is at the edge of the dead zone */
+    assert_close(c.pitch, 0, 1e-12);     /* at the edge of the dead zone */
     assert_close(c.yaw, 1, 0);
     assert_close(c.roll, -0.5, 1e-12);
     assert_true(mapping_parse_axes(&m, "forward=-hat0y", joystick_driver.axis_names, why, sizeof why));
@@ -166,7 +166,7 @@ static void the_push_is_along_the_needle(void **unused) {
     assert_close(axial_push((double[]){2, 7, 0}, q), -sqrt(2), 1e-12);
 }
 
-/* Checks the level for a force (N) that opposes forward motion against hand calculation. */
+/* Compares the level for a force (N) that opposes forward motion with a hand calculation. */
 static void the_level_is_proportional_and_limited(void **unused) {
     (void)unused;
     joystick_force f = {.full_force = 10, .limit = 0.5};
@@ -191,11 +191,11 @@ static void axes_and_buttons_arrive(void **unused) {
     send_event(EV_ABS, ABS_X, 511);
     send_event(EV_ABS, ABS_Y, -256);
     send_event(EV_ABS, ABS_RZ, 255);
-    send_event(EV_KEY, BTN_TRIGGER, 1);  /* button 0: the codes from BTN_JOYSTICK onwards come first */
+    send_event(EV_KEY, BTN_TRIGGER, 1);  /* button 0: codes from BTN_JOYSTICK on come first */
     send_event(EV_KEY, BTN_TOP, 1);
     send_event(EV_KEY, BTN_TOP, 0);      /* button 1: even a short press counts */
-    send_event(EV_KEY, BTN_MISC, 1);     /* button 2: the codes from BTN_MISC onwards come last */
-    send_event(EV_KEY, BTN_SOUTH, 1);    /* the device does not have this button */
+    send_event(EV_KEY, BTN_MISC, 1);     /* button 2: codes from BTN_MISC on come last */
+    send_event(EV_KEY, BTN_SOUTH, 1);    /* a button the device does not have */
     assert_true(joystick_driver.read(&j, 0, &state, text, sizeof text));
     assert_close(state.axes[0], 1, 0);
     assert_close(state.axes[1], -0.5, 1e-12);  /* 256 of 512 */
@@ -218,8 +218,7 @@ static double axis_after(joystick *j, unsigned code, int value, int axis) {
     return state.axes[axis];
 }
 
-/* A trigger rests at 0 in a range of 0 .. 1023. A stick whose value is 0 because it has not reported anything yet is at rest at the value of its first report.
-   */
+/* A trigger rests at 0 in a range of 0 .. 1023. A stick that reads 0 because it has not reported anything yet is at rest where its first report says it is. */
 static void untouched_axes_are_at_rest(void **unused) {
     (void)unused;
     joystick j = open_stick();
@@ -297,7 +296,7 @@ static void the_thread_bounds_the_rate_and_lets_go(void **unused) {
     ends[0] = 0;
 }
 
-/* Tests a virtual joystick provided by the kernel. It has no motors, because a thread would be needed to answer the uploads on uinput's side. */
+/* Tests a virtual joystick provided by the kernel. It has no motors, because answering the uploads on uinput's side would take a thread. */
 static void a_virtual_joystick_is_read(void **unused) {
     (void)unused;
     int uinput = open("/dev/uinput", O_RDWR | O_CLOEXEC);

@@ -1,6 +1,6 @@
 #!/usr/bin/python3
 """Tests trocar-spacemouse between a stand-in for spacenavd, written from its protocol, and a real server: directions and speeds of the needle's base, compared
-with hand calculation; the dead zone; the buttons; and the device, the daemon and the server, each of which disappears and returns.
+with hand calculations; the dead zone; the buttons; and the device, the daemon and the server each disappearing and coming back.
 
 usage: test_spacemouse.py BUILD_DIR SOURCE_DIR motion|events [uncertain]    uncertain: for instrumented programs, whose timing is checked less strictly Exit
 status 77: network namespaces are not available.
@@ -25,14 +25,14 @@ from lcm_packets import lcm_socket, message_of, wait
 
 BUILD, SOURCE = sys.argv[1:3]
 BRIDGE = f"{BUILD}/clients/bridges/spacemouse/trocar-spacemouse"
-START = (0.005, 0.003, -0.201)      # m, pose with the tip 1 mm in front of the skin
+START = (0.005, 0.003, -0.201)      # m, tip 1 mm in front of the skin
 SPEED, TURN = 0.02, 0.4             # m/s and rad/s, maximum speeds given to the bridge as options
 MOTION, PRESS, RELEASE, DEVICE = range(4)
 CHANGE_PROTOCOL, SET_EVENT_MASK, DEVICE_NAME = 0x7faa5500, 0x1003, 0x2000
 
 
 class Daemon:
-    """A stand-in for spacenavd: events and responses consist of eight 32-bit integers. Protocol 0 is that of old daemons, which accept only a sensitivity."""
+    """A stand-in for spacenavd: events and responses are eight 32-bit integers. Protocol 0 is that of old daemons, which accept only a sensitivity."""
 
     def __init__(self, path, protocol=1, name=b"SpaceNavigator"):
         self.path, self.protocol, self.name, self.requests = path, protocol, name, []
@@ -135,12 +135,12 @@ def check(what, value, wanted, tolerance):
 
 
 def velocity(poses):
-    """Returns the velocity (m/s) of the base."""
+    """Returns the base's velocity (m/s)."""
     return typical(poses, lambda a, b: [q - p for p, q in zip(a[1], b[1])])
 
 
 def rotation(one, other):
-    """Returns the rotation vector (rad) in the world's axes from one pose to another."""
+    """Returns the rotation vector (rad), in world axes, from one pose to another."""
     a, b = one[2], other[2]
     w = sum(p * q for p, q in zip(a, b))
     x = b[1] * a[0] - b[0] * a[1] - b[2] * a[3] + b[3] * a[2]
@@ -151,12 +151,12 @@ def rotation(one, other):
 
 
 def rotation_rate(poses):
-    """Returns the angular velocity (rad/s) in the world's axes."""
+    """Returns the angular velocity (rad/s) in world axes."""
     return typical(poses, rotation)
 
 
 def typical(poses, change, step=20):
-    """Returns the median of the rates of change over 20 poses, computed from their own time stamps, so that occasional stalls of the machine have no effect."""
+    """Returns the median of the rates of change over 20 poses, by their own time stamps, so that occasional stalls of the machine have no effect."""
     pairs = [(a, b) for a, b in zip(poses, poses[step:]) if b[0] > a[0]]
     rates = [[each / (b[0] - a[0]) for each in change(a, b)] for a, b in pairs]
     return [statistics.median(axis) for axis in zip(*rates)]
@@ -207,7 +207,7 @@ class Trial:
         wait(lambda: meanwhile() or self.poses.take() and along * (self.poses.newest[1][0] - begin) > 1e-3, f"the base does not go along {along} x")
 
     def moves(self, daemon):
-        """Compares the motions of the base with the axes' counts. For a user who looks along +z, with +y up, -x is to the right."""
+        """Compares the base's motions with the axes' counts. For a user who looks along +z, with +y up, -x is to the right."""
         dead = 0.05
         for counts, speed in (({"z": -350}, (0, 0, -SPEED)), ({"x": 350, "y": 175}, (-SPEED / 2, SPEED / 2 * (0.5 - dead) / (1 - dead), 0)),
                               ({"x": -9999, "y": -350, "z": 175}, (SPEED / 2, -SPEED / 2, SPEED * (0.5 - dead) / (1 - dead)))):
@@ -219,7 +219,7 @@ class Trial:
                 check(f"{counts}: rad/s about {name}", value, wanted, 2 * self.slack * TURN + 0.01)
 
     def buttons(self, daemon, bridge):
-        daemon.deflect(z=17)          # 4.9 % of 350, which is within the dead zone of 5 %
+        daemon.deflect(z=17)          # 4.9 % of 350, within the dead zone of 5 %
         self.stands_still()
         daemon.event(PRESS, 0)        # clutch
         daemon.deflect(z=-350)
@@ -251,7 +251,7 @@ class Trial:
         daemon.event(PRESS, 3)
         bridge.says("seed: done")
         daemon.event(PRESS, 99)       # an unused button, whose number is too high
-        daemon.event(77)              # an event of a later version of the protocol
+        daemon.event(77)              # an event from a later version of the protocol
 
     def interruptions(self, daemon, bridge):
         daemon.deflect(x=350)
@@ -282,7 +282,7 @@ class Trial:
         bridge.says("spacenavd has stopped")
         self.comes_to_rest()
 
-        # An old daemon does not report that the device is gone; after half a second of silence, the device counts as released.
+        # An old daemon does not report that the device is gone. After half a second of silence, the device counts as released.
         daemon = Daemon(self.path, protocol=0)
         bridge.says("protocol 0")
         self.goes(1, meanwhile=lambda: daemon.deflect(x=-350))
@@ -301,7 +301,7 @@ class Trial:
         self.poses.take()
 
     def starts_where_the_patient_is_told(self):
-        """Start positions are in millimetres along the patient's axes; the direction remains that of the scene."""
+        """Start positions are in millimetres along the patient's axes. The direction stays that of the scene."""
         scene = Path(self.path).with_name("scene.yaml")
         text = Path(f"{SOURCE}/meshes/figure8.yaml").read_text()
         assert text.count("\nneedle:\n") == 1

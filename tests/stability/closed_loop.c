@@ -65,7 +65,7 @@ static void deliver_pose(closed_loop *l) {
     }
 }
 
-/* Lets the worker answer immediately. */
+/* Lets the worker answer at once. */
 static void serve_worker(closed_loop *l) {
     trocar_error why;
     trocar_work done = {0};
@@ -89,7 +89,7 @@ static void run_server(closed_loop *l) {
     l->next_tick += to_ns(l->properties.period);
 }
 
-/* Returns the newest wrench that has arrived, or NULL if none has arrived yet. */
+/* Returns the newest wrench that has arrived, or NULL if none has yet. */
 static const trocar_needle_wrench_t *newest_wrench(const closed_loop *l) {
     for (int64_t i = l->tick; i > 0 && i > l->tick - LOOP_FLIGHT; i--)
         if (l->wrenches[i % LOOP_FLIGHT].arrival <= l->now) return &l->wrenches[i % LOOP_FLIGHT].wrench;

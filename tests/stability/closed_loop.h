@@ -1,5 +1,5 @@
-/* The closed loop of hand, device, bridge, network and server in one process on a simulated clock: the server's own tick (haptic.h), a
-   bridge that works like trocar-haply, and a simulated device. */
+/* The closed loop of hand, device, bridge, network and server, in one process on a simulated clock. It uses the server's own tick (haptic.h), a bridge that
+   works like trocar-haply, and a simulated device. */
 #ifndef TROCAR_TESTS_CLOSED_LOOP_H
 #define TROCAR_TESTS_CLOSED_LOOP_H
 
@@ -9,14 +9,14 @@
 #include "simulated_device.h"
 #include "trocar_needle_wrench_t.h"
 
-enum { LOOP_FLIGHT = 128 };    /* maximum number of messages in transit */
+enum { LOOP_FLIGHT = 128 };    /* most messages in transit at once */
 
 typedef struct {
-    double period, sampling; /* s; period: period of the server's tick; sampling: interval between two messages of the bridge */
+    double period, sampling; /* s; period: of the server's tick; sampling: between two messages of the bridge */
     double network;          /* s, one-way delay between bridge and server */
-    double max_force, max_force_rate; /* N and N/s, limits of the bridge */
+    double max_force, max_force_rate; /* N and N/s, the bridge's limits */
     double scale, force_scale; /* motion of the needle per motion of the hand, and force on the hand per force on the needle */
-    bool names_wrenches;     /* true if the bridge reports which wrench it renders */
+    bool names_wrenches;     /* whether the bridge reports which wrench it renders */
 } loop_properties;
 
 typedef struct {
@@ -26,18 +26,18 @@ typedef struct {
     haptic haptic;
     loop_properties properties;
     simulated_device device;
-    vec3 start;              /* m, position at which needle and hand coincide */
+    vec3 start;              /* m, where needle and hand coincide */
     limiter limiter;
-    passivity passivity;     /* controller of the bridge; active if it has a period */
+    passivity passivity;     /* the bridge's controller, active if it has a period */
     int64_t now, next_tick, next_message; /* ns */
     int64_t tick, seq;
     pose_sample poses[LOOP_FLIGHT];          /* poses sent, indexed by seq modulo LOOP_FLIGHT */
     struct { int64_t arrival; trocar_needle_wrench_t wrench; } wrenches[LOOP_FLIGHT]; /* wrenches sent, indexed by tick modulo LOOP_FLIGHT */
-    int64_t felt;            /* tick of the wrench that the bridge renders; -1 if there is none yet */
-    trocar_needle_wrench_t newest; /* wrench of the last tick */
-    int flags;               /* flags set in any wrench since rig_watch */
+    int64_t felt;            /* tick of the wrench that the bridge renders, -1 before the first */
+    trocar_needle_wrench_t newest; /* of the last tick */
+    int flags;               /* set in any wrench since rig_watch */
     double greatest_force;   /* N, since then */
-    vec3 lowest_base, highest_base; /* m, range of the base positions that the server has received since rig_watch */
+    vec3 lowest_base, highest_base; /* m, range of the base positions received by the server since rig_watch */
 } closed_loop;
 
 /* Creates a simulation of `model` at `period`, and a device that rests at `start` with the needle along z. Aborts on failure. */

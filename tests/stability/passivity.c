@@ -2,7 +2,7 @@
 
 static const double SMOOTHING = 2e-3;        /* s, smoothing of the velocity: a step of 0.05 mm in 1 ms is 0.05 m/s */
 
-/* A mass m braked by a force -b v(t - T) is stable for b T / m < pi / 2; with this value, even a third of the mass is still stable. */
+/* A mass m braked by a force -b v(t - T) is stable for b T / m < pi / 2. With this value, even a third of the mass is still stable. */
 double passivity_damping(double mass, double delay) { return mass / (2.0 * (delay + SMOOTHING)); }
 
 /* Adds the work done on the device by the force that acted during its last motion. */

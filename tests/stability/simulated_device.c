@@ -61,8 +61,7 @@ static void advance(simulated_device *d, double t) {
 }
 
 void device_apply(simulated_device *d, double now, vec3 force) {
-    if (d->sent - d->applied >= DEVICE_FORCES) d->applied = d->sent - DEVICE_FORCES + 1; /* if no program reads positions, the buffer is full, and the oldest
-                                                                                            force is dropped */
+    if (d->sent - d->applied >= DEVICE_FORCES) d->applied = d->sent - DEVICE_FORCES + 1; /* full because nobody reads positions: drop the oldest force */
     d->forces[d->sent % DEVICE_FORCES].due = sample_after(d, now + d->properties.delay);
     d->forces[d->sent % DEVICE_FORCES].force = force;
     d->sent++;

@@ -1,5 +1,5 @@
-/* Computes the stability map: with devices of various masses and delays, a hand pushes the needle onto bone, into liver or through air, and then keeps still.
-   Prints one CSV row for each combination. scripts/figures draws docs/figures/stability-map.svg from the resulting files in docs/results/stability. */
+/* Computes the stability map: with devices of various masses and delays, a hand pushes the needle onto bone, into liver or through air, and then keeps
+   still. Prints one CSV row for each combination. scripts/figures draws docs/figures/stability-map.svg from the files in docs/results/stability. */
 #include <getopt.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -45,8 +45,8 @@ static struct {
 
 #define EACH(value, list) for (char **value = (list).values; value < (list).values + (list).count; value++)
 
-/* The scene of figure 8 with these keys changed; the needle's tip starts `gap` (m) in front of the skin, and the hand pushes by `push` (m). For bone, the
-   tissue has the modulus of cortical bone, because skin that cannot be punctured would only be as stiff as the tissue below it (40 N/m), and the needle is
+/* The figure-8 scene with these keys changed. The needle's tip starts `gap` (m) in front of the skin, and the hand pushes by `push` (m). For bone, the
+   tissue has the modulus of cortical bone, because skin that cannot be punctured would only be as stiff as the tissue below it (40 N/m). The needle is then
    too thick to buckle, because buckling would end the force and with it any oscillation. */
 typedef struct { const char *name; double gap, push; const char *keys[4][2]; } surroundings;
 static const surroundings EVERYWHERE[] = {
@@ -56,7 +56,7 @@ static const surroundings EVERYWHERE[] = {
                             {"regions[prostate].cutting_force", "0.25"}}},
     {"air", 60e-3, 40e-3, {{NULL}}},
 };
-static const double SPEED = 0.1;             /* m/s, speed of the push */
+static const double SPEED = 0.1;             /* m/s, of the push */
 static const double SETTLED = 2.0;           /* s, rest before the push */
 static const double WINDOW = 0.25;           /* s */
 enum { WINDOWS = 20 };                       /* after it */
@@ -84,7 +84,7 @@ int __wrap_swing_observe(swing_observer *s, vec3 position, vec3 force, int64_t n
     return is_server_in_control() ? __real_swing_observe(s, position, force, now) : 0;
 }
 
-/* The position that results from a command is read one round trip and one period of the device's loop later. */
+/* A command's effect on the position is read one round trip and one period of the device's loop later. */
 static passivity controller_of(const device_properties *d, double period, double max_force) {
     int delay = strcmp(choice.control, "blind") == 0 ? 1 : 1 + (int)lround(2.0 * d->delay / period);
     double damping = strcmp(choice.control, "none") == 0 ? 0.0 : passivity_damping(0.1, delay * period);
@@ -130,7 +130,7 @@ static trocar_scene *open_scene(const char *profile, const surroundings *in) {
 /* Simulates one point of the map and prints its row. */
 static void judge(trocar_model *model, trocar_scene *scene, const char *profile, const surroundings *in, const char *hand, const char *mass,
                   const char *delay, const char *device) {
-    /* Imitates a bridge such as trocar-haply with its default settings. */
+    /* Behaves like a bridge such as trocar-haply with its default settings. */
     loop_properties p = {.period = 1e-3, .sampling = 1e-3, .network = 0.1e-3, .max_force = 3, .max_force_rate = 400, .names_wrenches = true};
     device_properties d = {.mass = atof(mass), .delay = 1e-3 * atof(delay)};
     pair(choice.scale, &p.scale, &p.force_scale);

@@ -1,4 +1,4 @@
-/* Tests the passivity observer and controller with energies that are known in closed form. */
+/* Tests the passivity observer and controller with energies known in closed form. */
 #include <math.h>
 
 #include "passivity.h"
@@ -11,8 +11,8 @@
 
 static const double PERIOD = 1e-4, STIFFNESS = 400.0, AMPLITUDE = 2e-3, FREQUENCY = 10.0;
 
-/* A device moves as A sin(w t), its position is read `delay` periods later, and a spring K responds to each position. Returns the energy (J)
-   observed in `cycles` by an observer that assumes `known` periods from a command to the reading that it affects. */
+/* A device moves as A sin(w t), its position is read `delay` periods later, and a spring K responds to each position. Returns the energy (J) observed in
+   `cycles` by an observer that assumes `known` periods from a command to the reading it affects. */
 static double observed(int delay, int known, int cycles) {
     passivity p = {.period = PERIOD, .delay = known, .max_force = 20};
     double w = 2 * M_PI * FREQUENCY, begin = 0;
@@ -25,8 +25,8 @@ static double observed(int delay, int known, int cycles) {
     return p.energy - begin;
 }
 
-/* A spring K with a delay T does the work pi K A^2 sin(w T) on a motion A sin(w t) in each cycle. T is `delay`
-   periods minus half a period, because the midpoint of an interval of the motion lies half a period before its end, when the position is read. */
+/* A spring K with a delay T does the work pi K A^2 sin(w T) per cycle on a motion A sin(w t). T is `delay` periods minus half a period, because the midpoint
+   of a motion interval lies half a period before its end, when the position is read. */
 static void a_delayed_spring_makes_this_energy(void **unused) {
     (void)unused;
     for (int delay = 1; delay <= 60; delay += 7) {
@@ -35,8 +35,8 @@ static void a_delayed_spring_makes_this_energy(void **unused) {
     }
 }
 
-/* The observed energy depends on the delay that the observer assumes, not on that of the device, because the observer sees only commands and readings, which
-   could come from any device. */
+/* The observed energy depends on the delay the observer assumes, not on the device's, because the observer sees only commands and readings, which could come
+   from any device. */
 static void an_unknown_delay_is_not_seen(void **unused) {
     (void)unused;
     for (int delay = 0; delay <= 50; delay += 10) assert_true(fabs(observed(delay, 1, 5) - observed(0, 1, 5)) < 1e-9);
@@ -55,7 +55,7 @@ static void a_passive_force_passes_unchanged(void **unused) {
     assert_true(p.most <= 0.0);
 }
 
-/* The force drives the device, and the controller brakes it with at most the maximum damping. */
+/* The force drives the device, and the controller brakes it with no more than the maximum damping. */
 static void energy_is_dissipated_within_the_bound(void **unused) {
     (void)unused;
     passivity p = {.period = 1e-3, .delay = 1, .most_damping = passivity_damping(0.1, 3e-3), .max_force = 20};

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Sends packets to LCM's default group that no LCM library would send: first every crafted packet on every channel, then fuzzed fragments.
+"""Sends packets to LCM's default group that no LCM library would send: first all crafted packets on every channel, then fuzzed fragments.
 
 usage: crafted_packets.py SECONDS     (in a private network namespace: scripts/netns)
 """
@@ -18,21 +18,21 @@ def fragment(seq, size, offset, number, count, rest):
 
 
 def crafted(channel):
-    """Yields packets, each of which may crash an unprotected receiver, whether or not it has subscribed to the channel."""
+    """Yields packets that can each crash an unprotected receiver, whether or not it subscribes to the channel."""
     name = channel + b"\0"
     begin = fragment(1, 1000, 0, 0, 2, name + b"\1" * 400)
     yield fragment(1, 1000, 2**32 - 256, 0, 2, name + b"\1" * 400)          # offset + length overflows
     yield begin
     yield fragment(1, 1000, 2**32 - 4096, 1, 2, b"\1" * 5000)               # offset + length overflows in a later fragment
     yield begin
-    yield fragment(1, 1000, 400, 1, 2, b"")[:12]                            # the packet is shorter than a fragment header
-    yield fragment(1, 1000, 0, 0, 1, channel)                               # the channel name is not terminated
+    yield fragment(1, 1000, 400, 1, 2, b"")[:12]                            # shorter than a fragment header
+    yield fragment(1, 1000, 0, 0, 1, channel)                               # channel name not terminated
     yield fragment(1, 2**28, 0, 0, 2, name + b"\1" * 400)                   # 256 MB
     yield fragment(1, 1000, 0, 0, 0, name + b"\1" * 400)                    # zero fragments
-    yield fragment(1, 1000, 0, 0, 1, name + b"\1" * 40)                     # most of the data of this single fragment is missing
+    yield fragment(1, 1000, 0, 0, 1, name + b"\1" * 40)                     # a single fragment with most of its data missing
     yield begin
     yield begin
-    yield b"LC02\0\0\0\1" + channel                                         # the channel name is not terminated
+    yield b"LC02\0\0\0\1" + channel                                         # channel name not terminated
     yield b"LC02\0\0\0\1" + b"x" * 60000
     yield b"LC02"
     yield b""

@@ -1,4 +1,4 @@
-/* Tests clients/client/trocar_client.h against a live server: it sends poses and receives wrenches, and its force becomes zero when the server dies. usage:
+/* Tests clients/client/trocar_client.h against a live server: sending poses, receiving wrenches, and dropping the force to zero when the server dies. usage:
    device_client SERVER     (in a private network namespace) */
 #define _GNU_SOURCE
 #include <math.h>
@@ -53,14 +53,14 @@ static void kill_server(void) {
     server = 0;
 }
 
-/* Runs one period of the device's loop. */
+/* Runs one period of the device loop. */
 static int exchange(trocar_client *c, trocar_client_wrench *w) {
     nanosleep(&(struct timespec){.tv_nsec = 1000000}, NULL);
     assert_true(trocar_client_publish(c, position, orientation));
     return trocar_client_newest(c, w);
 }
 
-/* Exchanges poses and wrenches without moving the needle until the force exceeds `least` (N). */
+/* Holds the needle still and exchanges poses and wrenches until the force exceeds `least` (N). */
 static void feel(trocar_client *c, trocar_client_wrench *w, double least) {
     double end = now() + 10;
     do {
@@ -90,7 +90,7 @@ static int close_client(void **state) {
     return 0;
 }
 
-/* Tests that poses arrive unchanged, as the depth reported by the server shows, and that the exchange allocates no memory. */
+/* Tests that poses arrive unchanged, judging by the depth the server reports, and that the exchange allocates no memory. */
 static void poses_go_out_and_wrenches_come_in(void **state) {
     trocar_client *c = *state;
     trocar_client_wrench w;
@@ -104,14 +104,14 @@ static void poses_go_out_and_wrenches_come_in(void **state) {
     feel(c, &w, 0.2);
     assert_int_equal(allocator_calls(), allocations);
     print_message("depth %.1f mm\n", 1e3 * w.depth);
-    assert_true(w.depth > 0.010 && w.depth < 0.0201); /* the base advanced by 20 mm, and the tissue yielded by part of that distance */
+    assert_true(w.depth > 0.010 && w.depth < 0.0201); /* the base advanced by 20 mm, and the tissue gave way by part of that */
     assert_true(w.contacts > 0 && w.tick > 0);
 
     double nowhere[3] = {NAN, 0, 0};
     assert_false(trocar_client_publish(c, nowhere, orientation));
 }
 
-/* A second device feels no force while the first one owns the needle; it can take over the needle after the first one has stopped. */
+/* A second device feels no force while the first owns the needle, and can take the needle over once the first has stopped. */
 static void one_device_at_a_time(void **state) {
     trocar_client *first = *state, *second = trocar_client_open(NULL, NULL, 0);
     trocar_client_wrench w;
@@ -130,14 +130,14 @@ static void one_device_at_a_time(void **state) {
     for (double end = now() + 1; !exchange(second, &w);) assert_true(now() < end);
 }
 
-/* Writes the scene with two needles to a temporary file; `path` is a template for mkstemp. */
+/* Writes the scene with two needles to a temporary file. `path` is a template for mkstemp. */
 static void write_pair(char path[]) {
     FILE *in = fopen(MESHES "/figure8.yaml", "r"), *out = fdopen(mkstemp(path), "w");
     assert_true(in && out);
     for (char line[256]; fgets(line, sizeof line, in);)
         if (strncmp(line, "mesh: ", 6) == 0) fprintf(out, "mesh: " MESHES "/%s", line + 6);
         else fputs(line, out);
-    /* rigid, because with a virtual coupling, the force would also depend on the delay, which varies on a busy machine */
+    /* rigid, because through a virtual coupling the force would also depend on the delay, which varies on a busy machine */
     fputs("needles: 2\ndevice: {max_stiffness: .inf}\n", out);
     fclose(in);
     fclose(out);
@@ -153,7 +153,7 @@ static void exchange_pair(trocar_client *const clients[2], trocar_client_wrench 
     }
 }
 
-/* Resetting one needle removes its force and does not affect the other needle. A third client is given no needle. */
+/* Resetting one needle removes its force without affecting the other. A third client gets no needle. */
 static void two_clients_hold_two_needles(void **state) {
     char scene[] = "/tmp/trocar-pair-XXXXXX";
     write_pair(scene);
@@ -183,7 +183,7 @@ static void two_clients_hold_two_needles(void **state) {
         assert_true(fabs(norm(w[1].force) - force) < 0.1 * force && fabs(w[1].depth - depth) < 1e-3);
     }
     print_message("after the reset of one %.3f N and %.3f N\n", norm(w[0].force), norm(w[1].force));
-    assert_true(norm(w[0].force) < 0.1 * force); /* after a reset inside the tissue, the needle counts as inserted and bears no force */
+    assert_true(norm(w[0].force) < 0.1 * force); /* after a reset inside the tissue, the needle counts as inserted and carries no force */
 
     assert_false(exchange(none, &nothing));
     trocar_client_close(clients[1]);
@@ -196,8 +196,8 @@ static void on_pose(const lcm_recv_buf_t *received, const char *channel, const t
     *(int64_t *)session = m->session;
 }
 
-/* The device must ignore wrenches that answer its own session but concern another needle, which the session may have held before. The test sends the wrenches
-   in place of a server. */
+/* The device must ignore wrenches that answer its own session but concern another needle, which the session may have held before. The test sends these
+   wrenches in the server's place. */
 static void wrenches_of_other_needles_are_ignored(void **state) {
     trocar_client *c = *state;
     trocar_client_wrench w;
@@ -218,13 +218,13 @@ static void wrenches_of_other_needles_are_ignored(void **state) {
     do {
         trocar_needle_wrench_t_publish(lcm, "TROCAR_WRENCH", &sent);
         assert_true(now() < end);
-    } while (!exchange(c, &w) || w.force[0] != 9); /* repeated because the force increases along a ramp */
+    } while (!exchange(c, &w) || w.force[0] != 9); /* repeated, because the force ramps up */
     trocar_needle_pose_t_unsubscribe(lcm, poses);
     lcm_destroy(lcm);
 }
 
-/* One wrench may overtake another on the network: the force must never return to that of an older wrench. Wrenches of a server that has restarted its numbering
-   are accepted once the last wrench before the restart has expired. */
+/* One wrench may overtake another on the network, but the force must never go back to that of an older one. If the server restarts its numbering, its
+   wrenches are accepted once the last one from before has expired. */
 static void overtaken_wrenches_are_dropped(void **state) {
     trocar_client *c = *state;
     trocar_client_wrench w;
@@ -243,7 +243,7 @@ static void overtaken_wrenches_are_dropped(void **state) {
         for (int i = 0; i < 4; i++) {
             sent.tick = tick + order[i];
             trocar_needle_wrench_t_publish(lcm, "TROCAR_WRENCH", &sent);
-            if (!exchange(c, &w)) continue; /* a wrench may be missed on a busy machine */
+            if (!exchange(c, &w)) continue; /* a busy machine may miss a wrench */
             assert_true(w.tick >= newest);
             dropped += w.tick > sent.tick;
             newest = w.tick;
@@ -262,8 +262,7 @@ static void overtaken_wrenches_are_dropped(void **state) {
     lcm_destroy(lcm);
 }
 
-/* Sends wrenches of 1000 N, as anyone on the network could who pretends to be the server: first a single wrench that appears to be the newest, then a
-   continuous stream. */
+/* Sends wrenches of 1000 N, as anyone on the network could by posing as the server: first a single one that looks like the newest, then a continuous stream. */
 static void forged_wrenches_are_limited(void **state) {
     const trocar_client_options limited = {.max_force = 8, .max_torque = 0.1, .max_force_rate = 500, .max_torque_rate = 10};
     trocar_client *const clients[] = {*state, trocar_client_open(&limited, NULL, 0)};
@@ -297,7 +296,7 @@ static void forged_wrenches_are_limited(void **state) {
             last = norm(w.force);
             forged = fmax(forged, last);
             torque = fmax(torque, norm(w.torque));
-            if (i >= 500 && answered) assert_true(w.flags & TROCAR_NEEDLE_WRENCH_T_SATURATED); /* the last 100 periods contain only forged wrenches */
+            if (i >= 500 && answered) assert_true(w.flags & TROCAR_NEEDLE_WRENCH_T_SATURATED); /* the last 100 periods have only forged wrenches */
         }
         print_message("1000 N rendered as %.2f N, 50 N m as %.2f N m\n", forged, torque);
         assert_true(forged > 0.9 * most[k] && torque > 0.9 * turn[k]);
@@ -315,7 +314,7 @@ static void on_command(const lcm_recv_buf_t *received, const char *channel, cons
     *(trocar_command_t *)newest = *m;
 }
 
-/* Waits for a command of this kind; the test acts as the server. */
+/* Acts as the server and waits for a command of this kind. */
 static trocar_command_t hear_command(lcm_t *lcm, const trocar_command_t *heard, int what) {
     for (double end = now() + 10; heard->command != what; lcm_handle_timeout(lcm, 10)) assert_true(now() < end);
     return *heard;
@@ -333,8 +332,8 @@ static trocar_client_answer await_answer(trocar_client *c, char why[64]) {
     return found;
 }
 
-/* Commands carry the caller's arguments, and only one command may be pending. Only a reply to the last command is accepted: replies to another session, another
-   needle or an older command are ignored, as are bytes that do not form a reply. */
+/* Commands carry the caller's arguments, and only one may be pending at a time. Only a reply to the last command is accepted. Replies to another session,
+   another needle or an older command are ignored, as are bytes that are not a reply. */
 static void commands_are_answered(void **state) {
     trocar_client *c = *state;
     char why[64];
@@ -372,7 +371,7 @@ static void commands_are_answered(void **state) {
         assert_string_equal(why, "");
         m = next;
     }
-    /* Tests a reply of two fragments, and a reply of three fragments, which is longer than the client accepts. */
+    /* Tests a reply of two fragments, and one of three, which is longer than the client accepts. */
     static char lengthy[150000];
     memset(lengthy, 'x', sizeof lengthy - 1);
     assert_true(trocar_client_undo(c));
@@ -399,8 +398,8 @@ static void commands_are_answered(void **state) {
     lcm_destroy(lcm);
 }
 
-/* The server is killed in the middle of an insertion. The force becomes zero within the watchdog's timeout and remains zero. With the next server, it increases
-   along a ramp. */
+/* The server is killed in the middle of an insertion. The force drops to zero within the watchdog's timeout and stays there. With the next server, it ramps
+   up. */
 static void no_force_from_a_dead_server(void **state) {
     trocar_client *c = *state;
     trocar_client_wrench w;
@@ -408,7 +407,7 @@ static void no_force_from_a_dead_server(void **state) {
     for (double end = now() + 10; !exchange(c, &w);) assert_true(now() < end);
     insert(c, &w);
     feel(c, &w, 0.2);
-    kill(server, SIGKILL); /* SIGKILL stops the server's threads immediately; waiting for its exit takes longer */
+    kill(server, SIGKILL); /* stops the server's threads at once; waiting for its exit takes longer */
     double killed = now(), last = killed;
     while (now() < killed + 0.3)
         if (exchange(c, &w)) last = now();
@@ -418,8 +417,7 @@ static void no_force_from_a_dead_server(void **state) {
 
     kill_server();
     start_server();
-    position[2] = -0.201 + 0.021; /* moves the needle further into the tissue, to cause friction; on a busy machine, the watchdog may remove the force in a
-                                     single step */
+    position[2] = -0.201 + 0.021; /* moves the needle deeper, to cause friction; on a busy machine, the watchdog may remove the force in a single step */
     double force = 0, largest_step = 0;
     for (double end = now() + 2; now() < end;) {
         position[2] += 2e-6;
@@ -444,8 +442,7 @@ static void a_bad_address_is_refused_with_a_message(void **state) {
 int main(int count, char **arguments) {
     if (count != 2) return 2;
     server_path = arguments[1];
-    sched_setscheduler(0, SCHED_FIFO, &(struct sched_param){.sched_priority = 70}); /* the priority that a real device would use; ignored if it is not permitted
-                                                                                       */
+    sched_setscheduler(0, SCHED_FIFO, &(struct sched_param){.sched_priority = 70}); /* as a real device would use; may be refused */
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(a_bad_address_is_refused_with_a_message),
         cmocka_unit_test_setup_teardown(poses_go_out_and_wrenches_come_in, open_client, close_client),

@@ -13,14 +13,14 @@ die() { echo "FAILED: $*"; cat "$work"/*.out 2>/dev/null || true; exit 1; }
 # Prints the number with this name from the device's report.
 value() { sed -n "s/^ *\"$1\": *\([-+0-9.eE]*\),*\$/\1/p" "$work/report.json"; }
 
-# True if the arithmetic condition is true.
+# Succeeds if the arithmetic condition is true.
 holds() { awk "BEGIN { exit !($1) }"; }
 
 # Prints the number of datagrams sent in this namespace so far.
 sent() { awk '/^Udp: [0-9]/ { print $5 }' /proc/net/snmp; }
 
 start_server() {
-    : >"$work/server.out" # no "ready" of the server before
+    : >"$work/server.out" # clears any earlier "ready"
     "$server" --scene "$scene" --allow-non-rt "$@" >"$work/server.out" 2>&1 &
     pid=$!
     for _ in $(seq 100); do
@@ -63,7 +63,7 @@ start_server --rate 500
 end_server INT
 [ "$(sent)" -gt "$silent" ] || die "the running server sent no datagram"
 
-# Checks that the command exits with this status and message, and that it sends no datagrams.
+# Checks that the command exits with this status and message, and sends no datagrams.
 ends_with() {
     wanted=$1 text=$2 status=0 before=$(sent)
     shift 2
@@ -86,8 +86,8 @@ head -c 20000 "${scene%/*}/prostate-570.msh" >"$work/cut.msh"
 sed "s|^mesh:.*|mesh: cut.msh|" "$scene" >"$work/mesh.yaml"
 refuses "the file ends inside \$" --scene "$work/mesh.yaml"
 
-# If real-time priorities are not permitted, the supervisor does not restart the server. As a service with raised limits but without capabilities, the server
-# runs in real time (where this machine permits raising the limits).
+# If real-time priorities are not permitted, the supervisor does not restart the server. As a service with raised limits but no capabilities, the server runs in
+# real time, provided this machine permits raising the limits.
 without="setpriv --bounding-set -sys_nice,-ipc_lock"
 ends_with 4 "Raise the limit" timeout 10 "$(dirname "$0")/../../scripts/keep_alive" prlimit --rtprio=0 --memlock=65536 $without "$server" --scene "$scene"
 [ "$(grep -c "Raise the limit" "$work/bad.out")" = 1 ] || die "the server was restarted: $(cat "$work/bad.out")"

@@ -1,6 +1,5 @@
-/* Injects every fault that a server must survive into a running server. The server is a child process with all its threads on a
-   real network; a client sends it poses and checks each wrench, status and timing before, during and after the fault. Must be run in a private network
-   namespace (see CMakeLists.txt).
+/* Injects every fault a server must survive into a running one. The server is a child process with all its threads on a real network. A client sends it
+   poses and checks every wrench, status and timing message before, during and after the fault. Must run in a private network namespace (see CMakeLists.txt).
 
    Faults that no message can cause are injected by functions that the linker wraps around the server's own (--wrap). */
 #define _GNU_SOURCE
@@ -17,7 +16,7 @@
 #include <time.h>
 #include <unistd.h>
 
-#include "api/api.h" /* gives access to the state, in order to put a NaN into it, and to the worker's answers, in order to delay them inside the library */
+#include "api/api.h" /* access to the state, to put a NaN into it, and to the worker's answers, to delay them inside the library */
 #include "coupling/virtual_coupling.h"
 #include "server.h"
 
@@ -35,17 +34,17 @@
 
 /* ---- faults inside the server ----------------------------------------------------------------------------------------- */
 
-/* Data shared by the client and the server. */
+/* Shared by client and server. */
 typedef struct {
     atomic_bool ready;
     atomic_llong wall_offset;        /* us, offset of the wall clock */
-    atomic_int worker_nap;           /* ms, time added to each request */
-    atomic_int tick_nap;             /* us, time added to each tick */
-    atomic_int pass_nap;             /* us, time added to each Newton iteration */
-    atomic_int stall;                /* us, time added to the next tick only */
-    _Atomic double spike;            /* N, force along x added to the model's force */
-    atomic_bool poison;              /* if true, the next tick starts with a NaN in the state */
-    _Atomic double stiffness;        /* N/m, stiffness of the virtual coupling; INFINITY for none */
+    atomic_int worker_nap;           /* ms, added to each request */
+    atomic_int tick_nap;             /* us, added to each tick */
+    atomic_int pass_nap;             /* us, added to each Newton iteration */
+    atomic_int stall;                /* us, added to the next tick only */
+    _Atomic double spike;            /* N along x, added to the model's force */
+    atomic_bool poison;              /* if set, the next tick starts with a NaN in the state */
+    _Atomic double stiffness;        /* N/m, of the virtual coupling; INFINITY for none */
 } injected;
 
 static injected *fault;
@@ -126,7 +125,7 @@ static double median(const double *values, int count) {
     return sorted[count / 2];
 }
 
-static timing_record calm; /* timing of the loop before the fault */
+static timing_record calm; /* the loop's timing before the fault */
 
 static int insert(void **state) {
     client *c = *state;
@@ -138,8 +137,8 @@ static int insert(void **state) {
     return 0;
 }
 
-/* Removes all faults. There is no virtual coupling unless a case requests one, because the force through a coupling also depends on the delay, which varies on
-   a busy machine. */
+/* Removes all faults. There is no virtual coupling unless a case asks for one, because through a coupling the force also depends on the delay, which varies
+   on a busy machine. */
 static int mend(void **state) {
     (void)state;
     atomic_store(&fault->stiffness, INFINITY);
@@ -150,7 +149,7 @@ static int mend(void **state) {
     return 0;
 }
 
-/* Also checks that the loop's timing has not degraded during or after the fault: the median of the reported percentiles is about the same as before. */
+/* Also checks that the fault has not degraded the loop's timing: the median of the reported percentiles is about the same as before. */
 static int mend_in_time(void **state) {
     client *c = *state;
     mend(state);
@@ -166,8 +165,8 @@ static int mend_in_time(void **state) {
     return -1;
 }
 
-/* Checks that no wrench or status had any flags except these and NOT_REALTIME. If the machine stopped this client for more than half of the hold time, the
-   server may have seen stale poses: stalls come in groups, and another one may have delayed the poses on their way. */
+/* Checks that no wrench or status had any flags except these and NOT_REALTIME. If the machine stopped this client for more than half the hold time, the
+   server may have seen stale poses: stalls come in groups, and another may have delayed the poses on their way. */
 static void expect_only(const client *c, int flags) {
     if (c->silence > 0.5 * c->limits.hold_time) flags |= FLAG(STALE) | FLAG(RAMPING);
     assert_int_equal((c->seen | c->told) & ~flags & ~FLAG(NOT_REALTIME), 0);
@@ -255,7 +254,7 @@ static void a_spike_is_clamped_and_flagged(void **state) {
     expect_health(c);
 }
 
-/* The insertion has restarted without a force; the force returns when the needle moves on. */
+/* The insertion has restarted without force. The force returns when the needle moves on. */
 static void push_on(client *c) {
     for (int i = 0; i < 50; i++) {
         c->base.position.z += 0.1e-3;
@@ -276,7 +275,7 @@ static void a_wrench_that_is_no_number_stays_inside(void **state) {
     expect_health(c);
 }
 
-/* A NaN in the state would persist. The test is run with a rigidly held base, and with a virtual coupling, whose extension then also becomes NaN. */
+/* A NaN in the state would stay there. Run with a rigidly held base, and with a virtual coupling, whose extension then becomes NaN as well. */
 static void a_number_that_is_none_in_the_model_begins_anew(void **state) {
     client *c = *state;
     for (int coupled = 0; coupled < 2; coupled++) {
@@ -307,8 +306,8 @@ static void publish_noise(client *c, const char *channel) {
     lcm_publish(c->lcm, channel, bytes, size);
 }
 
-/* Publishes a malformed message. The kinds are: a valid message of another type, a message of the right length from another version of the type, a message that
-   is too short, one that is too long, and random bytes. */
+/* Publishes a malformed message. The kinds are: a valid message of another type, one of the right length from another version of the type, one that is too
+   short, one that is too long, and random bytes. */
 static void publish_malformed(client *c, const char *channel, int kind) {
     trocar_needle_pose_t m = {.session = c->session, .seq = c->seq + 1, .orientation = {1}};
     uint8_t bytes[256] = {0};
@@ -319,13 +318,13 @@ static void publish_malformed(client *c, const char *channel, int kind) {
     else if (kind == 4) publish_noise(c, channel);
     else {
         if (!for_poses) size = trocar_command_t_encode(bytes, 0, sizeof bytes, &(trocar_command_t){.session = c->session, .command = 1});
-        if (kind == 1) bytes[7] ^= 1; /* changes the hash of the type */
+        if (kind == 1) bytes[7] ^= 1; /* corrupts the type's hash */
         lcm_publish(c->lcm, channel, bytes, (unsigned)(size - (kind == 2) + (kind == 3)));
     }
 }
 
-/* Sends datagrams to LCM's port that no LCM library would send, either without a magic number, or with the magic number of a message or a fragment followed by
-   random bytes. */
+/* Sends datagrams to LCM's port that no LCM library would send: either without a magic number, or with that of a message or a fragment followed by random
+   bytes. */
 static void send_datagrams(int count) {
     int s = socket(AF_INET, SOCK_DGRAM, 0);
     struct sockaddr_in to = {.sin_family = AF_INET, .sin_port = htons(7667), .sin_addr.s_addr = inet_addr("239.255.76.67")};
@@ -377,7 +376,7 @@ static void a_flood_does_not_touch_the_loop(void **state) {
         assert_true((double)(busy.ticks - calm.ticks) > 0.7 * 1e-6 * (double)(busy.utime - calm.utime) * busy.rate_hz);
         assert_true(busy.compute_p50 < 3 * calm.compute_p50 + 100e-6);
     }
-    assert_true(c->most < 1.1 * force); /* a busy machine may lose poses, but the force must not increase */
+    assert_true(c->most < 1.1 * force); /* a busy machine may lose poses, but the force must not grow */
     hear_news(c);
     int64_t counted = c->status->poses_malformed - before.poses_malformed;
     assert_true(counted > 100 && counted <= sent);
@@ -413,12 +412,12 @@ static void a_second_client_is_refused_and_told(void **state) {
     assert_true(fabs(force_of(c) - force) < 0.1 * force);
 }
 
-/* The server's messages that concern seeds. */
+/* The server's messages about seeds. */
 typedef struct {
     int replies, count, pending;
     trocar_command_reply_t reply;    /* the newest reply */
     char message[256];
-    float rest[3];                   /* m, position of the first seed with the tissue at rest */
+    float rest[3];                   /* m, the first seed with the tissue at rest */
 } seed_news;
 
 static void on_reply(const lcm_recv_buf_t *b, const char *channel, const trocar_command_reply_t *m, void *context) {
@@ -437,7 +436,7 @@ static void on_seeds(const lcm_recv_buf_t *b, const char *channel, const trocar_
     if (m->seed_count > 0) memcpy(news->rest, m->rest_position[0], sizeof news->rest);
 }
 
-/* Sends a command that concerns seeds and waits for the reply. The command must be refused with the message `words`, or done if `words` is NULL. */
+/* Sends a seed command and waits for the reply. The command must be refused with the message `words`, or done if that is NULL. */
 static void tell(client *c, seed_news *news, trocar_command_t m, const char *words) {
     static int64_t seq = 100;
     int before = news->replies;
@@ -503,7 +502,7 @@ static void old_and_repeated_poses_are_refused(void **state) {
     expect_only(c, FLAG(STALE) | FLAG(RAMPING));
 }
 
-/* Sends one pose with the owner's session and an arbitrary sequence number, and then does so once more. */
+/* Sends one pose with the owner's session and an arbitrary sequence number, then another. */
 static void a_forged_number_does_not_lock_the_owner_out(void **state) {
     static const int64_t forged[] = {INT64_MAX, 0, INT64_MIN};
     client *c = *state;
@@ -523,7 +522,7 @@ static void a_forged_number_does_not_lock_the_owner_out(void **state) {
     expect_only(c, 0);
 }
 
-/* The reset removes the needle immediately, although its owner sends no further pose; the hand feels the force decrease along a ramp. */
+/* The reset removes the needle at once, although its owner sends no more poses. The hand feels the force ramp down. */
 static void a_reset_needs_no_pose_to_take_effect(void **state) {
     client *c = *state;
     assert_true(norm3(c->wrench.raw_force) > 0.2 && c->wrench.depth > 0.01);
@@ -537,7 +536,7 @@ static void a_reset_needs_no_pose_to_take_effect(void **state) {
         largest = fmax(largest, (last - force_of(c)) / (double)(c->wrench.tick - tick));
         tick = c->wrench.tick;
     }
-    assert_true(largest < 0.1); /* N; the force rate limit alone would permit a change of 2 N per tick */
+    assert_true(largest < 0.1); /* N; the force rate limit alone would allow 2 N per tick */
     hear_news(c);
     assert_true(c->wrench.depth == 0.0 && c->status->owner == c->session);
     client_insert(c);
@@ -553,7 +552,7 @@ static void wall_clocks_may_jump(void **state) {
         atomic_store(&fault->wall_offset, 1000000 * jumps[i]);
         pass(c, 0.2);
         double moved = 1e-6 * (double)(c->wrench.utime - utime) - 1e-9 * (double)(monotonic_ns() - now);
-        assert_true(fabs(moved - (double)jumps[i] + 1e-6 * (double)before) < 1.0); /* the clock has actually jumped */
+        assert_true(fabs(moved - (double)jumps[i] + 1e-6 * (double)before) < 1.0); /* the clock really has jumped */
     }
     hear_news(c);
     assert_int_equal(c->seen & (FLAG(SATURATED) | FLAG(UNSTABLE) | FLAG(OVERRUN)), 0);
@@ -580,7 +579,7 @@ static void a_late_worker_does_not_stop_the_loop(void **state) {
     expect_health(c);
 }
 
-/* The worker answers nothing while the needle is inserted, starting in front of the skin, and then answers all requests at once. */
+/* The worker answers nothing while the needle is inserted, starting in front of the skin. Then it answers everything at once. */
 static void without_a_worker_the_tip_has_force(void **state) {
     client *c = *state;
     atomic_store(&fault->worker_nap, 100000);
@@ -622,7 +621,7 @@ static void overruns_in_a_row_ramp_down(void **state) {
     expect_health(c);
 }
 
-/* Each tick takes more than half of its period, so a loop that ran two steps to catch up would stay late indefinitely. */
+/* Each tick takes more than half its period, so a loop that ran two steps to catch up would stay late forever. */
 static void a_stall_makes_no_other_tick_late(void **state) {
     client *c = *state;
     atomic_store(&fault->pass_nap, 600);
@@ -652,7 +651,7 @@ static int start(void **state) {
     return atomic_load(&fault->ready) && client_open(&c, SCENE) ? 0 : -1;
 }
 
-/* After all these faults, the server still stops cleanly, and the wrench decreases to zero along a ramp. */
+/* After all these faults, the server still stops cleanly, and the wrench ramps down to zero. */
 static int stop(void **state) {
     client *c = *state;
     int status = 0;

@@ -5,9 +5,9 @@
 set -euo pipefail
 . "${0%/*}/../shared/in_namespace.sh"
 
-# Player and server have no common clock, so a tick may receive two new poses or none. Viscous friction (100 N s/m^2 over 50 mm, up to a third of the force)
-# then reacts as if the speed had changed, and reacts even more strongly if the machine stalls. Therefore, the limits are wide, except for the last wrench: at
-# the end, both needles are at rest.
+# Player and server have no common clock, so a tick may get two new poses or none. To viscous friction (100 N s/m^2 over 50 mm, up to a third of the force),
+# this looks like a change in speed, all the more so if the machine stalls. The limits are therefore wide, except for the last wrench, when both needles are at
+# rest.
 at_once=$(chrt --fifo 60 true 2>/dev/null && echo chrt --fifo 60) || true # real-time priority for the player, as for a device
 common=15   # limit for 95 % of the wrenches, in percent of the peak
 largest=100 # limit for all wrenches
@@ -15,7 +15,7 @@ last=1      # limit for the last wrench
 scene=$source/meshes/figure8.yaml
 trace=$work/poses.log
 
-"$build/clients/trocar-device" --script figure8 --write-log "$trace" # the recorded trace has the older message types
+"$build/clients/trocar-device" --script figure8 --write-log "$trace" # the recorded trace uses the older message types
 "$build/server/trocar-server" --scene "$scene" --rate 500 --allow-non-rt >"$work/server" 2>&1 &
 until grep -qx ready "$work/server"; do
     kill -0 $! || { cat "$work/server"; exit 1; }

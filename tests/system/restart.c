@@ -54,7 +54,7 @@ static int stop(void **state) {
     return WIFEXITED(status) && WEXITSTATUS(status) == 0 ? 0 : -1;
 }
 
-/* Kills the server; returns the time (s) until the next server's first wrench. */
+/* Kills the server. Returns the time (s) until the next server's first wrench. */
 static double kill_server(client *c) {
     pid_t killed = server_of(supervisor);
     assert_true(killed > 0);
@@ -65,13 +65,13 @@ static double kill_server(client *c) {
     pass(c, 0.05);
     assert_int_equal(c->wrenches, wrenches); /* no more wrenches have arrived; the device's own watchdog removes the force */
 
-    c->wrenches = 0; /* so that the first wrench of the new server is not compared with the last one of the old server */
+    c->wrenches = 0; /* keeps the new server's first wrench from being compared with the old server's last */
     PASS_UNTIL(c, c->wrenches > 0);
     assert_true(server_of(supervisor) != killed && c->wrench.tick < 1000);
     return 1e-9 * (double)(monotonic_ns() - died);
 }
 
-/* Returns false on an overloaded machine, on which starting the server takes seconds. */
+/* Returns false on a machine so overloaded that starting the server takes seconds. */
 static bool machine_has_room(void) {
     double load;
     return getloadavg(&load, 1) == 1 && load < 2.0 * (double)sysconf(_SC_NPROCESSORS_ONLN);
@@ -89,7 +89,7 @@ static void a_killed_server_is_back_and_engages_by_a_ramp(void **state) {
         assert_true(force_of(c) < 0.2 * force); /* no sudden force */
 
         watch(c);
-        /* (the force is not checked, because a needle that starts in the tissue bears no force at rest) */
+        /* (the force is not checked, because a needle that starts in the tissue carries no force at rest) */
         PASS_UNTIL(c, c->seen & FLAG(RAMPING) && c->wrench.pose_seq > 0);
         assert_true(c->most < 0.2 * force);
         pass(c, 0.3);
@@ -106,7 +106,7 @@ static int start_without_route(void **state) {
     return system("ip route del 224.0.0.0/4 dev lo") == 0 && start_supervisor() ? 0 : -1;
 }
 
-/* As during boot, the server is restarted until the network is available. */
+/* As during boot, the server is restarted until the network is up. */
 static void a_server_without_a_route_comes_up_once_there_is_one(void **state) {
     int64_t end = monotonic_ns() + 20000000000;
     pid_t first = 0, now = 0;

@@ -44,7 +44,7 @@ def checksum(data):
 
 
 def forged(source, to, payload):
-    """Returns an IP packet that contains a UDP datagram without a checksum, which IPv4 permits."""
+    """Returns an IP packet with a UDP datagram that has no checksum, which IPv4 permits."""
     udp = struct.pack(">HHHH", 40000, PORT, 8 + len(payload), 0) + payload
     head = struct.pack(">BBHHHBBH4s4s", 0x45, 0, 20 + len(udp), 0, 0, 64, socket.IPPROTO_UDP, 0, socket.inet_aton(source), socket.inet_aton(to))
     return head[:10] + struct.pack(">H", checksum(head)) + head[12:] + udp

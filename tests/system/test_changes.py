@@ -1,6 +1,7 @@
 #!/usr/bin/python3
-"""Changes the tissue of a running server a thousand times, and its moduli a few times, while a needle is in it, still and moving: no tick changes the force noticeably, no more ticks are missed than without
-changes, bad changes are refused without effect, and a replay of the recording gives the same forces. Exit status 77: network namespaces are not permitted.
+"""Changes the tissue of a running server a thousand times, and its moduli a few times, while a needle in it is still or moving. No tick may change the force
+noticeably, no more ticks may be missed than without changes, bad changes must be refused without effect, and a replay of the recording must give the same
+forces. Exit status 77: network namespaces are not permitted.
 
 usage: test_changes.py BUILD_DIR SOURCE_DIR
 """
@@ -26,12 +27,12 @@ import trocar_client
 from trocar_client import Answer
 
 CHANGES, PERIOD = 1000, 0.02    # PERIOD: s
-MODULI = 3     # number of changes of moduli while the needle is still, and again while it moves
+MODULI = 3     # changes of moduli while the needle is still, and again while it moves
 SCENE = SOURCE / "meshes/figure8.yaml"
-URL = "udpm://239.255.76.67:7667?ttl=0&recv_buf_size=4194304"   # recv_buf_size: bytes, enough for the messages of a second, in case the machine is busy
-RECOIL = 25     # number of ticks after a puncture that belong to its recoil, as in tests/public/changing/test_changes.c
-LATE = 2000     # us; if two ticks are further apart than this, one has missed its period
-NOTICED, NOTICED_LEAST = 0.07, 0.05     # just noticeable change in a force: a fraction, and N (tests/verification/verify_smoothness.c)
+URL = "udpm://239.255.76.67:7667?ttl=0&recv_buf_size=4194304"   # recv_buf_size: bytes, enough for a second's messages in case the machine is busy
+RECOIL = 25     # ticks after a puncture that belong to its recoil, as in tests/public/changing/test_changes.c
+LATE = 2000     # us; if two ticks are further apart, one has missed its period
+NOTICED, NOTICED_LEAST = 0.07, 0.05     # just noticeable difference in force: as a fraction, and in N (tests/verification/verify_smoothness.c)
 
 
 def check(good, what):
@@ -48,7 +49,7 @@ def smooth(part):
 
 
 def write_motion(types, path, still, moving):
-    """Writes a log of poses, 1000 per second: the needle is pushed into the tissue and drawn back slightly within 3 s, rests for `still` s, moves back and
+    """Writes a log with 1000 poses per second: the needle is pushed into the tissue and drawn back slightly within 3 s, rests for `still` s, moves back and
     forth by 4 mm for `moving` s, and rests for 2 s."""
     with open(path, "wb") as log:
         for i in range(int(1000 * (3 + still + moving + 2))):
@@ -74,8 +75,8 @@ def ask(client, values, seconds=0.0):
 
 
 def random_values(chance):
-    """Returns values between a third and three times those of the scene. Static and kinetic friction are scaled together, so that the moving shaft does not
-    stick and slip."""
+    """Returns values between a third and three times the scene's. Static and kinetic friction are scaled together, so that the moving shaft does not stick and
+    slip."""
     scale = lambda: 3.0 ** chance.uniform(-1, 1)
     region, kind = chance.choice([("prostate", (15, 9, 0.3)), ("surrounding", (12, 7, 0.25))]), chance.randrange(4)
     name, (static, kinetic, cutting) = region
@@ -96,8 +97,8 @@ BAD = (({"regions[prostate].poisson_ratio": 0.4}, "cannot change during a run"),
 
 
 def record(path):
-    """Writes the messages to an LCM log until the process is killed. lcm-logger is not used, because its queue has room for only 30 messages, and it loses some
-    on a busy machine."""
+    """Writes the messages to an LCM log until the process is killed. Replaces lcm-logger, whose queue holds only 30 messages, so that it loses some on a busy
+    machine."""
     channels = {f"TROCAR_{name}".encode() for name in ("POSE", "WRENCH", "TIMING", "VALUES", "CHANGE", "REPLY")}
     bus, number = lcm_socket(), 0
     bus.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 22)
@@ -111,7 +112,7 @@ def record(path):
 
 
 def events(path):
-    """Yields channel and data of each event of an LCM log."""
+    """Yields channel and data of each event in an LCM log."""
     data, at = path.read_bytes(), 0
     while at + 28 <= len(data):
         channel, size = (int.from_bytes(data[at + k:at + k + 4], "big") for k in (20, 24))
@@ -120,8 +121,8 @@ def events(path):
 
 
 def missed(timing, spans):
-    """Returns the numbers of ticks and of missed periods in these spans of time, which are pairs of wall-clock times (us), and the median of the compute time's
-    p99 (us)."""
+    """Returns the numbers of ticks and of missed periods in these spans, given as pairs of wall-clock times (us), and the median of the compute time's p99
+    (us)."""
     ticks = misses = 0
     compute = []
     for begin, end in spans:
@@ -133,9 +134,9 @@ def missed(timing, spans):
 
 
 def largest_jump(wrenches, spans):
-    """Returns the largest change in the model's force from tick to tick, in units of the just noticeable difference, and the number of ticks that exceed it.
-    The recoil of a puncture counts as part of the puncture. Ticks that came late, or whose poses came late, do not count, because such a tick contains the
-    hand's motion of several periods."""
+    """Returns the largest change in the model's force from tick to tick, in just noticeable differences, and the number of ticks that exceed one. The recoil of
+    a puncture counts as part of the puncture. Ticks that came late, or whose poses did, are left out, because such a tick contains several periods of the
+    hand's motion."""
     largest, noticed, since = 0.0, 0, 0
     for a, b in zip(wrenches, wrenches[1:]):
         since = 0 if b.tick != a.tick + 1 or b.events & b.EVENT_PUNCTURE else since + 1
@@ -204,7 +205,7 @@ def main(folder):
                 time.sleep(0.2)
                 spans.setdefault((moves, changes), []).append((begin, now()))
         begin = now()
-        for _ in range(MODULI):     # each change builds a model for about a second, and then moves the stiffness for another
+        for _ in range(MODULI):     # each change spends about a second building a model and another moving the stiffness
             answer, why = ask(other, random_moduli(chance), 0.3)
             check(answer is Answer.DONE, why)
         time.sleep(1.0)

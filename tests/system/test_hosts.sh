@@ -9,12 +9,12 @@ cd "$work"
 
 fail() { echo "FAILED: $*" >&2; cat server top report.json 2>/dev/null || true; exit 1; }
 
-declare -A hosts    # from the host's name to the process that keeps its namespace alive
+declare -A hosts    # from a host's name to the process that keeps its namespace alive
 ip link add switch type bridge mcast_snooping 0
 ip link set switch up
 
-# Creates a host named $1 with address 10.0.0.$2, connected to the switch by the cable "to-$1". The route is the one that docs/connect-a-device.md tells users
-# to configure.
+# Creates a host named $1 with address 10.0.0.$2, connected to the switch by the cable "to-$1". The route is the one docs/connect-a-device.md tells users to
+# configure.
 plug_in() {
     unshare --net sleep 1000 &
     hosts[$1]=$!
@@ -28,7 +28,7 @@ plug_in() {
 
 on() { nsenter --target "${hosts[$1]}" --net "${@:2}"; }
 
-# Runs a command on host $1, whose wall clock is offset by $2.
+# Runs a command on host $1 with its wall clock offset by $2.
 on_wrong() {
     on "$1" env LD_LIBRARY_PATH=/usr/lib/x86_64-linux-gnu/faketime LD_PRELOAD=libfaketime.so.1 FAKETIME="$2" \
         FAKETIME_DONT_FAKE_MONOTONIC=1 "${@:3}"
@@ -53,7 +53,7 @@ holds "$(value wrenches_lost) == 0"
 on_wrong monitor -5h "$build/clients/trocar-top" --lcm-url "$url" --once >top || fail "the monitor hears nothing"
 grep -E 'poses +taken [0-9]{4}' top || fail "the monitor shows no poses"
 
-# The cable is unplugged for 60 ms: longer than the hold time of the wrench, but shorter than the time after which the needle must be engaged again.
+# The cable is unplugged for 60 ms, which is longer than the wrench's hold time but shorter than the time after which the needle must be engaged again.
 (sleep 1.5; ip link set to-device down; sleep 0.06; ip link set to-device up) &
 play -1d
 echo "lost: $(value wrenches_lost) wrenches; unanswered: $(value poses_unanswered) poses"

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Tests trocar-device --plan against a live server: the positions of its needles, as reported by the server, when it drops their first seeds.
+"""Tests trocar-device --plan against a live server: where its needles are, according to the server, when it drops their first seeds.
 
 usage: test_implant_operator.py BUILD_DIR SOURCE_DIR
 """
@@ -49,7 +49,7 @@ def events(path):
 
 class Operator(unittest.TestCase):
     def server(self):
-        """Starts the server, with real-time priority if permitted, because a gap between the poses at the skin may make a needle buckle."""
+        """Starts the server, with real-time priority if permitted, because a gap between poses at the skin may make a needle buckle."""
         for options in ([], ["--allow-non-rt"]):
             server = subprocess.Popen([BUILD / "server/trocar-server", "--scene", SCENE, *options], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
             for line in server.stdout:
@@ -59,8 +59,8 @@ class Operator(unittest.TestCase):
         self.fail("the server does not start")
 
     def carry_out(self, *options):
-        """Returns two depths for each needle (mm behind the template's face, measured at the seed-side end of the needle's base), at the end of the insertion
-        and at the first drop; and the table of seeds."""
+        """Returns the table of seeds and two depths for each needle, at the end of the insertion and at the first drop. Depths are in mm behind the template's
+        face, measured at the seed-side end of the needle's base."""
         with tempfile.TemporaryDirectory() as name:
             folder = Path(name)
             (folder / "plan.yaml").write_text(PLAN)
@@ -110,7 +110,7 @@ class Operator(unittest.TestCase):
         return left, dropped, [row.along for row in rows]
 
     def test_depths_are_read_at_the_template(self):
-        """The second needle drags the first one deeper. When the first needle is taken again, the device still draws it to the planned depth."""
+        """The second needle drags the first one deeper. When the first is taken again, the device still draws it back to the planned depth."""
         (left, dropped, along), said, _ = self.carry_out()
         for needle, depth in enumerate((94.75, 99.75)):
             self.assertAlmostEqual(left[needle], depth, delta=0.3)
@@ -118,14 +118,14 @@ class Operator(unittest.TestCase):
         self.assertRegex(said, r"(?m)^greatest drag +-[2-9]\.\d mm while it rested, of the needle in hole [EF]3$")
         self.assertEqual(len(along), 4)
 
-        """The device moves to the positions at which the seeds appear in an image. These are deeper than planned, because the needles push the gland ahead."""
+        """The device moves to where the seeds appear in an image. That is deeper than planned, because the needles push the gland ahead of them."""
         (left, followed, closer), _, _ = self.carry_out("--operator", "image", "--image-error", "0", "--splay", "0", "--speed-spread", "0")
         for needle, depth in enumerate((94.75, 99.75)):
             self.assertGreater(left[needle], depth + 1)
         self.assertLess(np.abs(closer).mean(), np.abs(along).mean())
 
     def test_the_operator_of_a_simulation_is_the_same(self):
-        """The device and the Python package draw the same errors. Their seeds end up at only about the same positions, because the server's ticks and worker
+        """The device and the Python package draw the same errors. Their seeds end up only in about the same positions, because the server's ticks and worker
         run in real time."""
         _, said, table = self.carry_out("--operator", "image", "--seed", "3", "--errors", "errors.csv")
         rows = [dict(zip(table.splitlines()[0].split(","), line.split(","))) for line in table.splitlines()[1:]]
@@ -141,7 +141,7 @@ class Operator(unittest.TestCase):
         self.assertEqual([(row["hole"], int(row["seed"])) for row in rows], [(error.hole, error.number) for error in errors])
         for row, error in zip(rows, errors):
             np.testing.assert_allclose(vector(row, "image"), error.image, atol=1e-7)
-            np.testing.assert_allclose(vector(row, "splay"), error.splay, atol=2e-5)    # a tolerance, because the depths of the tips differ
+            np.testing.assert_allclose(vector(row, "splay"), error.splay, atol=2e-5)    # not exact, because the tip depths differ
             np.testing.assert_allclose(vector(row, "planned"), error.planned, atol=1e-6)
             np.testing.assert_allclose(vector(row, "total"), error.total, atol=0.6e-3)
             np.testing.assert_allclose(sum(vector(row, part) for part in ("tissue", "image", "splay", "remainder")), vector(row, "total"), atol=1e-6)

@@ -9,7 +9,7 @@ cd "$work"
 
 fail() { echo "FAILED: $*" >&2; exit 1; }
 
-# Makes the command end in each of these ways, one after the other. The last one, `never`, must remain unused.
+# Makes the command end in each of these ways, one after another. The last, `never`, must not be reached.
 ends_after() {
     local wanted=$1 status=0
     printf '%s\n' "${@:2}" >ends

@@ -12,7 +12,7 @@ fail() { echo "FAILED: $*" >&2; tail -n 8 server device; head -n 30 top 2>/dev/n
 
 lcm-gen -p --ppath types "$source/lcmtypes/trocar.lcm"
 
-# The cable joins the interfaces named `lan` of the two machines. This machine has the usual network configuration, in which multicast is sent over the cable.
+# The cable joins the two machines' interfaces, both named `lan`. This machine has the usual network configuration, in which multicast goes out over the cable.
 unshare --net sleep 1000 &
 other=$!
 until [ "$(readlink /proc/$other/ns/net)" != "$(readlink /proc/self/ns/net)" ]; do sleep 0.01; done
@@ -55,7 +55,7 @@ shows 'poses +taken 0'
 grep -q "another machine ($there)" server || fail "the server does not say that it drops packets"
 grep -q "another machine ($there)" top || fail "the status does not say so"
 
-# Meanwhile, this machine's own clients work as if the other machine did not exist.
+# Meanwhile, this machine's own clients work as if the other machine were not there.
 stranger flood 8 & flood=$!
 "$build/clients/trocar-device" --script insert --speed 2 --csv device.csv >device 2>&1 || fail "the device failed"
 grep -qE '^punctures +2' device || fail "the device did not feel both punctures"

@@ -4,7 +4,7 @@
 set -euo pipefail
 . "${0%/*}/../shared/in_namespace.sh"
 cd "$work"
-touch server view # they may be read before their programs have started
+touch server view # may be read before their programs have started
 
 fail() { echo "FAILED: $*" >&2; tail -n 5 server device top view report.json 2>/dev/null || true; exit 1; }
 declare -A programs # name: process
@@ -12,7 +12,7 @@ declare -A programs # name: process
 "$build/server/trocar-server" --scene "$source/meshes/figure8.yaml" --allow-non-rt >server 2>&1 & programs[server]=$!
 until grep -qx ready server; do kill -0 $! || fail "no server"; sleep 0.05; done
 "$build/clients/trocar-device" --script figure8 --duration 6 --report report.json >device 2>&1 & programs[device]=$!
-until "$build/clients/trocar-top" --once 2>/dev/null | grep "of session" >owner; do # the device owns the needle, not the bridge
+until "$build/clients/trocar-top" --once 2>/dev/null | grep "of session" >owner; do # the device, not the bridge, owns the needle
     kill -0 ${programs[device]} || fail "the device did not start"
 done
 "$build/clients/bridge" >bridge 2>&1 & programs[bridge]=$!
@@ -32,7 +32,7 @@ done
 [ -z "$dead" ] || fail "dead:$dead"
 wait ${programs[device]} || fail "the device: status $?"
 grep -q '"puncture_count": [2-9]' report.json || fail "the device did not feel both punctures"
-rm -f top # so that the new page is current
+rm -f top # makes sure that the page read next is a new one
 "$build/clients/trocar-top" --once >top || fail "the server is silent"
 /usr/bin/python3 - <<'END_OF_REQUEST' || fail "the viewer does not answer"
 import socket

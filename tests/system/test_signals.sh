@@ -17,8 +17,8 @@ start_server() {
 
 push() { "$build/clients/trocar-device" --script insert --speed 0.5 --realtime --csv "$1.csv" >device 2>&1 & device=$!; }
 
-# Checks that the wrenches in $1.csv end at zero and that the needle was in the tissue before the end. In no tick of the last 200 ms, 100 ms of which are the
-# ramp, may the force drop by more than a fifth; this allows for a puncture.
+# Checks that the wrenches in $1.csv end at zero and that the needle was in the tissue before that. In no tick of the last 200 ms, 100 ms of which are the ramp,
+# may the force drop by more than a fifth, which allows for a puncture.
 ends_by_a_ramp() {
     awk -F, -v name="$1" 'NR == 1 { next }
         { force[++n] = sqrt($2 * $2 + $3 * $3 + $4 * $4); tick[n] = $(NF - 4) }

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Tests the parsing and the verdict of scripts/soak with made-up results; no program is run.
+"""Tests how scripts/soak parses results and reaches its verdict, using made-up results. No program is run.
 
 usage: test_soak.py SOURCE_DIR
 """

@@ -25,7 +25,7 @@ hold() {
 top() { "$build/clients/trocar-top" --once >top || fail "no server for top"; }
 shows() { grep -qE "$1" top || fail "top does not show '$1'"; }
 
-# A device that requests an unavailable needle receives no answer, and prints a message that names the needle.
+# A device that asks for an unavailable needle gets no answer and prints a message that names the needle.
 refused() {
     local status=0
     (hold "$@" --wait 0.4) || status=$?
@@ -49,8 +49,8 @@ shows "^! last fault .* of session [0-9]+ refused for needle 2: the scene's .nee
 wait $first || fail "needle 0"
 wait $second || fail "needle 1"
 
-# Prints the mean axial force while the base is at rest half-way, from 0.75 s to 0.8 s. The influence of the other needle is less than a tenth of this force
-# (see tests/public/test_needles.c).
+# Prints the mean axial force while the base rests half-way, from 0.75 s to 0.8 s. The other needle contributes less than a tenth of it (see
+# tests/public/test_needles.c).
 force() {
     awk -F, 'NR == 1 { for (i = 1; i <= NF; i++) { split($i, name, " "); column[name[1]] = i } next }
              $column["needle"] != needle { exit 2 }
@@ -63,7 +63,7 @@ for needle in 0 1; do
     echo "needle $needle: $both N, alone $alone N"
     awk "BEGIN { exit !($alone < -0.2 && ($both - $alone) ^ 2 < (0.1 * $alone) ^ 2) }" || fail "needle $needle does not feel what it feels alone"
 done
-# A device is killed. Its needle becomes stale and loses its force, while the other needle is not affected.
+# A device is killed. Its needle becomes stale and loses its force; the other needle is not affected.
 (hold 0 survivor) & first=$!
 (hold 1 killed --duration 20) & second=$!
 sleep 0.9

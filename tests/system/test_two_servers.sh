@@ -9,7 +9,7 @@ cd "$work"
 fail() { echo "FAILED: $*" >&2; tail -n 20 first second device top 2>/dev/null || true; exit 1; }
 touch first second
 
-# Starts server $1 with its own scene file; $! is its process id.
+# Starts server $1 with its own scene file. $! is its process id.
 start() {
     sed "s|^mesh: *|mesh: $source/meshes/|" "$source/meshes/figure8.yaml" >"$1.yaml"
     "$build/server/trocar-server" --scene "$1.yaml" --allow-non-rt >"$1" 2>&1 &
@@ -36,7 +36,7 @@ grep -q '"puncture_count": 2' report.json || fail "not 2 punctures: $(grep count
 grep -q '"wrenches_lost": 0' report.json || fail "wrenches were lost: $(grep lost report.json)"
 grep -qE '"wrenches_of_other_servers": [1-9]' report.json || fail "no wrench of the other server was ignored"
 
-# When one server exits, the clients follow the other one, which stops reporting that there are two.
+# When one server exits, the clients follow the other, which stops reporting that there are two.
 "$build/clients/trocar-device" --script figure8 --report report.json >device 2>&1 & device=$!
 sleep 1
 kill $one

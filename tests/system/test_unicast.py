@@ -1,12 +1,12 @@
 #!/usr/bin/python3
-"""Unicast clients on another machine (a network namespace at the other end of a cable), and attacks on them.
+"""Tests unicast clients on another machine (a network namespace at the other end of a cable), and attacks on them.
 
 - An insertion over udp:// ends with the same force and depth as over multicast on the server's machine.
-- An attacker between client and server replays, reorders, truncates, forges and floods, while a client holds a needle still. No pose that the client has
-  not sent, or has sent before, reaches LCM, nothing stops the server, and the client still gets wrenches. Prints what each attack has cost.
-- A restarted server accepts nothing of an earlier connection, and the client connects to it again.
+- An attacker between client and server replays, reorders, truncates, forges and floods while a client holds a needle still. Only poses that the client has
+  sent reach LCM, each of them once, nothing stops the server, and the client still gets wrenches. Prints what each attack cost.
+- A restarted server accepts nothing from an earlier connection, and the client connects to it again.
 - SHUTDOWN is accepted only from a session that holds a needle.
-- Without a secret, with a short one or with one that others can read, the server does not start.
+- Without a secret, or with one that is short or that others can read, the server does not start.
 
 usage: test_unicast.py BUILD_DIR SOURCE_DIR
 """
@@ -41,7 +41,7 @@ rng = random.Random(1)
 
 
 def flood(descriptor, templates):
-    """Sends copies of these datagrams, with random changes, until standard input is closed; prints their number."""
+    """Sends copies of these datagrams, changed at random, until standard input is closed, and prints how many."""
     link, sent, begin = socket.socket(fileno=descriptor), 0, time.monotonic()
     while not select.select([sys.stdin], [], [], 0.001)[0]:
         while sent < FLOOD * (time.monotonic() - begin):
@@ -75,7 +75,7 @@ class Machine:
         libc = ctypes.CDLL(None, use_errno=True)
         with open(f"/proc/{self.keeper.pid}/ns/net") as far, open("/proc/self/ns/net") as near:
             assert libc.setns(far.fileno(), 0) == 0
-            made = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)     # remains in the other namespace
+            made = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)     # stays in the other namespace
             assert libc.setns(near.fileno(), 0) == 0
         return made
 
@@ -103,7 +103,7 @@ class Server:
         return self.log.read()
 
     def processor_time(self):
-        """Returns the processor time (s) of the relay thread."""
+        """Returns the relay thread's CPU time (s)."""
         for task in os.listdir(f"/proc/{self.process.pid}/task"):
             with open(f"/proc/{self.process.pid}/task/{task}/comm") as name, open(f"/proc/{self.process.pid}/task/{task}/schedstat") as times:
                 if name.read().strip() == "trocar-relay":
@@ -144,7 +144,7 @@ class Bus(threading.Thread):
 # ---- the attacker -------------------------------------------------------------------------------------------------------------
 
 class Between(threading.Thread):
-    """An attacker that passes datagrams between a client and the server. attack(datagram) returns the datagrams that the server receives instead."""
+    """An attacker that passes datagrams between a client and the server. attack(datagram) returns the datagrams the server gets instead."""
 
     def __init__(self, machine):
         super().__init__(daemon=True)
@@ -181,7 +181,7 @@ class Between(threading.Thread):
 
 
 def attacks(between, types, earlier):
-    """Yields the name and the function of each attack. `earlier` are the datagrams of an earlier connection."""
+    """Yields each attack's name and function. `earlier` are the datagrams of an earlier connection."""
     held, wrong = [], unicast.tag(b"", b"")
 
     def replayed(data):
@@ -192,7 +192,7 @@ def attacks(between, types, earlier):
 
     def reordered(data):
         held.append(data)
-        release = b"TROCAR_COMMAND" in data     # the client's last message: a pose that it overtakes would take the needle again
+        release = b"TROCAR_COMMAND" in data     # the client's last message: a pose overtaken by it would take the needle again
         if len(held) < 4 and not release:
             return []
         out = held[-2::-1] + [data] if release else held[::-1]
@@ -301,7 +301,7 @@ def wrong_secret(machine, url, folder):
 
 
 def restart(machine, between, bus, server, scene, secret):
-    """Returns the new server. The client connects to it; datagrams of its connection to the old server have no effect."""
+    """Returns the new server. The client connects to it; datagrams from its connection to the old server have no effect."""
     client = machine.client(f"udp://127.0.0.1:{PORT}", "8")
     between.sent = []
     time.sleep(2)

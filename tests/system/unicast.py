@@ -1,4 +1,4 @@
-"""The unicast protocol of docs/connect-a-device.md, for a test client and for an attacker. Shares no code with the clients or the server."""
+"""The unicast protocol of docs/connect-a-device.md, for a test client and an attacker. Shares no code with the clients or the server."""
 import hashlib
 import hmac
 import os
@@ -36,7 +36,7 @@ class Refused(Exception):
 
 
 class Connection:
-    """A connected client. `link` is a UDP socket that is connected to the server."""
+    """A connected client. `link` is a UDP socket connected to the server."""
 
     def __init__(self, link, path):
         self.link, self.key, self.nonce, self.counter = link, secret_key(path), os.urandom(16), 0

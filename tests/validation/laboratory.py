@@ -1,7 +1,7 @@
-"""Shared by the experiments: a block of one material, a needle held at its hub, insertions at constant speed.
+"""Shared by the experiments: a block of one material, a needle held at its hub, and insertions at constant speed.
 
-The block is the mesh of figure 8, 100 x 90 x 100 mm with its skin at z = 0, held at its far and lower faces. The package `trocar` is
-found through PYTHONPATH and TROCAR_LIBRARY, as described in docs/python.md.
+The block is the mesh of figure 8, 100 x 90 x 100 mm with its skin at z = 0, held at its far and lower faces. The package `trocar` is found through
+PYTHONPATH and TROCAR_LIBRARY, as described in docs/python.md.
 """
 from pathlib import Path
 
@@ -10,12 +10,12 @@ import trocar
 
 MESHES = Path(__file__).resolve().parents[2] / "meshes"
 DT = 1e-3                 # s
-AIR = 1e-3                # m, distance between tip and skin at the start
+AIR = 1e-3                # m, between tip and skin at the start
 
 
 def block(youngs_modulus, poisson_ratio=0.45, *, cutting=0.1, cutting_viscosity=0.0, friction=(0.0, 0.0, 0.0), puncture=0.0, needle=None,
           relaxation=(), more=None):
-    """Returns the scene of a block of one material. `friction` is (static, kinetic, viscous); `relaxation` is a list of pairs (weight, time)."""
+    """Returns the scene of a block of one material. `friction`: (static, kinetic, viscous). `relaxation`: list of pairs (weight, time)."""
     scene = trocar.Scene.load(str(MESHES / "figure8.yaml"))
     for name in ("prostate", "surrounding"):
         region = f"regions[{name}]"
@@ -53,7 +53,7 @@ class Bench:
         return self.sim.step(self.pose(), DT)
 
     def move(self, to, speed, turn=0.0):
-        """Moves the tip to z = `to` (m) at `speed` while turning at `turn` (rad/s); returns the outputs of all ticks."""
+        """Moves the tip to z = `to` (m) at `speed` while turning at `turn` (rad/s). Returns the outputs of all ticks."""
         way, start = to - self.tip, self.tip
         ticks = max(1, round(abs(way) / (speed * DT)))
         outputs = []
@@ -78,7 +78,7 @@ class Bench:
 
 
 def push(outputs):
-    """Returns the axial force that resists insertion at each tick, in N."""
+    """Returns the axial force (N) that resists insertion at each tick."""
     return np.array([-out.force[2] for out in outputs])
 
 

@@ -32,21 +32,21 @@ SCENE, PLAN = ROOT / "meshes/pelvis.yaml", ROOT / "docs/examples/implant-plan.ya
 GLAND = "prostate"
 DT, FINE = 0.02, 0.005      # s, time steps for an implant and for a single needle
 STROKE = 0.01               # m; after strokes longer than this, the gland's rotation is measured
-FASTER = 0.12               # m/s; a needle is fast if its hand's largest speed exceeds this (as in the Alberta study)
+FASTER = 0.12               # m/s; a needle is fast if its hand's top speed exceeds this (as in the Alberta study)
 
 # Ranges of Young's modulus from meshes/PARAMETERS.md, log-uniform. All parts of the gland have the same modulus.
 MODULI = {"prostate": (16e3, 54e3), "seminal_vesicles": (3e3, 35e3), "bladder": (10e3, 100e3), "urine": (0.3e3, 3e3), "rectum": (10e3, 100e3), "rectal_content": (1e3, 10e3),
           "levator_ani": (20e3, 30e3), "pelvic_floor": (11e3, 50e3), "obturator_internus": (7e3, 15e3), "fat": (3.2e3, 6.6e3), "perineum": (100e3, 600e3)}    # Pa
 PARTS = ("transition_zone", "urethra")
-POISSON = (0.45, 0.49)      # range of Poisson's ratio of all regions except the contents of bladder and rectum; uniform
-FORCE_SPREAD = 1.31 / 8.96  # relative standard deviation of friction and puncture forces: published scatter of the force on 18 G needles between patients
+POISSON = (0.45, 0.49)      # Poisson's ratio of all regions except the contents of bladder and rectum, uniform
+FORCE_SPREAD = 1.31 / 8.96  # relative standard deviation of friction and puncture forces: published scatter between patients of the force on 18 G needles
 CUTTING = (0.5, 2.0)        # range of the factor on cutting forces, assumed; log-uniform
 CONTENTS = ("urine", "rectal_content")
 NAMES = (*MODULI, "poisson", "friction", "puncture", "cutting")
 
 
 def values_of(unit):
-    """Returns the values of one run; `unit` contains their quantiles, from 0 to 1."""
+    """Returns the values of one run. `unit` has their quantiles, from 0 to 1."""
     values = {name: low * (high / low) ** u for (name, (low, high)), u in zip(MODULI.items(), unit)}
     poisson, friction, puncture, cutting = unit[len(MODULI):]
     values["poisson"] = POISSON[0] + (POISSON[1] - POISSON[0]) * poisson
@@ -72,7 +72,7 @@ def scene_of(values):
 
 
 class Gland:
-    """Motion of the gland, as in scripts/implant_report: the base is the 15 % of its nodes that are farthest from the template."""
+    """Motion of the gland, as in scripts/implant_report. The base is the 15 % of its nodes that are farthest from the template."""
 
     def __init__(self, model):
         tets = model.tets_of(GLAND)
@@ -90,28 +90,28 @@ class Gland:
         return v.T @ np.diag([1, 1, np.sign(np.linalg.det(v.T @ u.T))]) @ u.T
 
     def coronal(self, field):
-        """Returns the rotation in the coronal plane, degrees."""
+        """Returns the rotation in the coronal plane, in degrees."""
         turn = self.turn(field[self.nodes])
         return float(np.degrees(np.arctan2(turn[0, 2], turn[2, 2])))
 
     def shift(self, field):
-        """Returns the displacement of the base along the needles, m."""
+        """Returns the base's displacement along the needles (m)."""
         return float(field[self.nodes][self.base, 2].mean())
 
     def in_plane(self, field):
-        """Returns the mean motion of the surface in the axial plane, m."""
+        """Returns the mean motion of the surface in the axial plane (m)."""
         return float(np.linalg.norm(field[self.nodes][self.surface, :2], axis=1).mean())
 
     def distortion(self, field):
-        """Returns the largest displacement (m) of a node along x, y and z relative to the gland's rigid motion, for comparison with published displacements of
-        markers."""
+        """Returns a node's largest displacement (m) along x, y and z relative to the gland's rigid motion, to compare with published marker displacements."""
         moved = field[self.nodes]
         fitted = (self.rest - self.rest.mean(0)) @ self.turn(moved).T + (self.rest + moved).mean(0)
         return np.abs(self.rest + moved - fitted).max(0)
 
 
 def random_plan(model, rng):
-    """Returns a plan of 8 to 16 needles in holes drawn at random, at least 7 mm apart, and seeds at random multiples of 5 mm along each needle's path in the gland."""
+    """Returns a plan of 8 to 16 needles in holes drawn at random, at least 7 mm apart, with seeds at random multiples of 5 mm along each needle's path in the
+    gland."""
     plan = plans.read(PLAN)
     points = brachy.Structure.from_region(model, GLAND).points
     guide, needles, taken = plans.guide_of(plan, model), [], []
@@ -132,7 +132,7 @@ def random_plan(model, rng):
 
 
 def d90(plan, structure, seeds):
-    """Returns D90 of the gland, Gy."""
+    """Returns the gland's D90 (Gy)."""
     dose = brachy.Dose.at(brachy.Source(f"{plan.source.isotope} {plan.source.model}"), structure.points)
     for seed in seeds:
         dose.add(seed.position, seed.direction, plan.source.strength)
@@ -140,12 +140,12 @@ def d90(plan, structure, seeds):
 
 
 def implant(model, plan, operator):
-    """Carries out an implant; returns its numbers: lengths in mm, angles in degrees, doses in Gy, speeds in m/s."""
+    """Carries out an implant. Returns its numbers: lengths in mm, angles in degrees, doses in Gy, speeds in m/s."""
     sim, gland, structure = trocar.Sim(model), Gland(model), brachy.Structure.from_region(model, GLAND)
     work = operator.moves(sim, DT)
     turns, fastest, peak, last, full = [], {}, 0.0, None, None
     for needle, poses in work:
-        if full is None and needle != last and needle in fastest:    # all needles have been inserted, and the first one is taken again to drop its seeds
+        if full is None and needle != last and needle in fastest:    # all needles are in, and the first one is taken again to drop its seeds
             full = sim.displacements()
             lost = sum(not any(contact.kind != "guide" for contact in sim.contacts(i)) for i in range(len(work.needles)))
         out = sim.run(poses, DT, needle)
@@ -174,7 +174,7 @@ def implant(model, plan, operator):
 
 
 def single(model):
-    """Returns the displacement of the gland's base (mm) caused by a needle inserted to 80 mm, alone and with two stabilising needles in place."""
+    """Returns how far (mm) a needle inserted to 80 mm displaces the gland's base, alone and with two stabilising needles in place."""
     gland, template = Gland(model), plans.read(PLAN)
     guide = plans.guide_of(template, model)
 
@@ -196,7 +196,7 @@ def single(model):
 
 
 def run(study, index, unit, seed, most=16):
-    """Carries out one run with at most `most` needles; returns its row."""
+    """Does one run with at most `most` needles. Returns its row."""
     values = values_of(unit)
     rng = np.random.default_rng((seed, index))
     model = trocar.Model(scene_of(values))
@@ -217,14 +217,14 @@ def run(study, index, unit, seed, most=16):
 
 
 def units(study, count, seed):
-    """Returns the quantiles of each run, shape (count, parameters). In the study `random`, those of a run do not depend on the number of runs."""
+    """Returns each run's quantiles, shape (count, parameters). In the study `random`, they do not depend on the number of runs."""
     if study == "spreads":
         return qmc.LatinHypercube(len(NAMES), seed=seed).random(count)
     return np.random.default_rng(seed).random((count, len(NAMES)))
 
 
 def read(path):
-    """Returns the rows of a file of runs; cells that contain numbers are converted."""
+    """Returns the rows of a file of runs, with numeric cells converted."""
     def cell(text):
         try:
             return float(text)
@@ -235,7 +235,7 @@ def read(path):
 
 
 def append(path, row):
-    """Appends a row. A run that failed has fewer cells: the file's first row gives the columns, so it must be of a run that succeeded."""
+    """Appends a row. A failed run has fewer cells, so the file's first row, which gives the columns, must be of a run that succeeded."""
     new = not path.exists()
     columns = list(row) if new else next(csv.reader(open(path, newline="", encoding="utf-8")))
     with open(path, "a", newline="", encoding="utf-8") as file:

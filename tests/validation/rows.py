@@ -46,10 +46,10 @@ class Rows:
               + (f"; regression interval {held}" if held else "") + ("" if passed else "  <- FAILED"), flush=True)
 
     def add(self, quantity, source, sure, interval, ours, unit, *, published="", kind, fitted, reason="", note="", scatter="", digits=3, regression=None, weak=False):
-        """Adds a number; it is inside if it lies in the interval (low, high). `published` describes the published value if it is not simply low to high;
-        `scatter` is the variation of the model's number. A row that is outside needs a reason and `regression`, an interval around the number that this model
-        gives; the row fails if the number leaves this interval. `weak` marks a row that even a model in which nothing moves would pass; such a row also needs
-        `regression`."""
+        """Adds a number. It is inside if it lies in the interval (low, high). `published` describes the published value if it is not simply low to high.
+        `scatter` is how much the model's number varies. A row that is outside needs a reason and `regression`, an interval around the number that this model
+        gives; if the number leaves this interval, the row fails. `weak` marks a row that even a model in which nothing moves would pass; such a row also
+        needs `regression`."""
         low, high = interval
         if weak and not regression:
             raise ValueError(f"{quantity}: a weak row needs a regression interval")
@@ -57,24 +57,23 @@ class Rows:
                   kind, fitted, reason, note, ours, unit, regression, scatter, weak=weak)
 
     def interval(self, quantity, source, sure, published, value, ours, unit, *, kind, fitted, reason="", note="", digits=2, regression=None):
-        """Adds a published mean, median or maximum, and the numbers of many runs, `ours` = (5 %, median, 95 %); the row is inside if the published value lies between
-        5 and 95 %. `reason` and `regression` as in `add`, for the median."""
+        """Adds a published mean, median or maximum and the numbers of many runs, `ours` = (5 %, median, 95 %). The row is inside if the published value lies
+        between 5 and 95 %. `reason` and `regression` are as in `add`, for the median."""
         low, middle, high = ours
         self._add(quantity, source, sure, published, low <= value <= high, f"{low:.{digits}g} to {high:.{digits}g} {unit}".strip(), kind, fitted, reason, note, middle, unit,
                   regression, f"median {middle:.{digits}g}")
 
     def trend(self, quantity, source, sure, published, holds, ours, *, kind, fitted, reason="", note="", number=None, unit="", regression=None):
-        """Adds a published tendency without comparable numbers. If the tendency does not hold, the row needs a reason, and `number` and `regression` as in
-        `add`."""
+        """Adds a published tendency without comparable numbers. If it does not hold, the row needs a reason, and `number` and `regression` as in `add`."""
         self._add(quantity, source, sure, published, holds, ours, kind, fitted, reason, note, number, unit, regression, trend=True)
 
     def curve(self, figure, label, x, y, x_label, y_label, published=False):
-        """Adds a curve to FIGURE.svg, into which all curves of that figure are drawn."""
+        """Adds a curve to FIGURE.svg, where all curves of that figure are drawn."""
         self.entries.append({"entry": "curve", "section": self.section, "figure": figure, "label": label, "x": [float(v) for v in x],
                              "y": [float(v) for v in y], "x_label": x_label, "y_label": y_label, "published": published})
 
     def end(self):
-        """Writes the file; returns the program's exit status: 1 if a row is outside without a reason and a regression interval, or if a number lies outside its
+        """Writes the file. Returns the program's exit status: 1 if a row is outside without a reason and a regression interval, or if a number lies outside its
         regression interval; otherwise 0."""
         (self.folder / f"{self.name}.json").write_text(json.dumps(self.entries, indent=1) + "\n")
         return int(any(e["entry"] == "row" and not e["passed"] for e in self.entries))

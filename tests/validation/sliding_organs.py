@@ -1,13 +1,14 @@
 #!/usr/bin/python3
-"""Measures, with CalculiX, how the motion of the gland in meshes/pelvis.msh changes if organs slide without friction along the surrounding fat instead of being
-bonded to it. No code of trocar is used.
+"""Uses CalculiX to measure how the motion of the gland in meshes/pelvis.msh changes if organs slide without friction along the surrounding fat instead of being
+bonded to it. Uses none of trocar's code.
 
-The elements are quadratic tetrahedra (C3D10), with the moduli of meshes/pelvis.yaml. A needle's friction is represented by a force that is evenly distributed
-along its track in the gland and points towards the head. There are two tracks: one near the middle, and one 20 mm to the side. Bonded surfaces and surfaces
-that slide but stay in contact (the displacement along the normal is the same on both sides) are the two extremes between which fascia may lie. At the rim of a
-surface, where a third region begins, both sides stay joined. For comparison, the shear modulus of the layer of fat elements on the gland is lowered, with the
-same bulk modulus, which is the simplest model of sliding, and the modulus of all fat is set to the ends of its published range. The model is linear, so
-relative changes do not depend on the force. Displacements are given for 1 N.
+The elements are quadratic tetrahedra (C3D10) with the moduli of meshes/pelvis.yaml. A needle's friction is represented by a force spread evenly along its
+track in the gland and pointing towards the head. There are two tracks, one near the middle and one 20 mm to the side.
+
+Fascia may lie anywhere between two extremes: bonded surfaces, and surfaces that slide but stay in contact (with the same displacement along the normal on
+both sides). At the rim of a surface, where a third region begins, both sides stay joined. Two other changes are computed for comparison. The simplest model
+of sliding lowers the shear modulus of the layer of fat elements on the gland and keeps their bulk modulus. And the modulus of all fat is set to the ends of
+its published range. The model is linear, so relative changes do not depend on the force. Displacements are given for 1 N.
 
 usage: sliding_organs.py OUTPUT.csv     takes some minutes; needs Debian's calculix-ccx, python3-gmsh, python3-numpy and python3-yaml
 """
@@ -25,10 +26,10 @@ import tissue_model as tm  # noqa: E402
 MESHES = HERE.parents[1] / "meshes"
 GLAND = "prostate", "transition_zone", "urethra"
 ORGANS = {"gland": GLAND, "back of the gland": GLAND, "rectum": ("rectum",), "bladder": ("bladder",)}
-BEHIND = "back of the gland"       # the part of the gland's surface that faces the rectum: the normal is within 45 degrees of the -y axis
+BEHIND = "back of the gland"       # the part of the gland's surface that faces the rectum: its normal is within 45 degrees of the -y axis
 AROUND = "fat"
 TRACKS = {"middle": (0.005, 0.0), "side": (0.02, 0.0)}   # m, x and y of each track
-STEP = 0.5e-3                     # m, distance between points along a track
+STEP = 0.5e-3                     # m, between points along a track
 FACES = ((1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1))
 
 
@@ -46,7 +47,7 @@ def softened(material, factor):
 
 
 class Pelvis:
-    """The mesh with mid-side nodes; `region` is the name of each element's region."""
+    """The mesh with mid-side nodes. `region` is the name of each element's region."""
 
     def __init__(self):
         self.model = tm.read_mesh(MESHES / "pelvis.msh")
@@ -76,7 +77,7 @@ class Pelvis:
         return total / total.sum()
 
     def motion(self, displacements):
-        """Returns the displacement of the gland's base along the needle (m) and the rotation of the gland (rad), for small displacements."""
+        """Returns the displacement of the gland's base along the needle (m) and the gland's rotation (rad), for small displacements."""
         moved, rest = displacements[self.gland], self.model.nodes[self.gland]
         arm = rest - rest.mean(0)
         inertia = np.einsum("ni,nj->ij", arm, arm)
@@ -104,8 +105,8 @@ class Pelvis:
         return np.concatenate([faces, self.middle.middles(faces)], 1) if len(faces) else np.empty((0, 6), int)
 
     def split(self, organs):
-        """Gives the fat its own nodes on the organs' surfaces. Returns the nodes, the tetrahedra, and for each new node a tuple (node of the organ, new node,
-        unit normal)."""
+        """Gives the fat nodes of its own on the organs' surfaces. Returns the nodes, the tetrahedra, and for each new node a tuple (node of the organ, new
+        node, unit normal)."""
         regions_at = [set() for _ in self.middle.nodes]
         for name, corners in zip(self.region, self.middle.tets.tolist()):
             for node in corners:
@@ -148,7 +149,7 @@ class Pelvis:
             regions[AROUND] = np.setdiff1d(regions[AROUND], regions["layer"])
             material["layer"] = softened(material[AROUND], factor)
         equations = []
-        for own, other, normal in pairs:   # CalculiX eliminates the first displacement of an equation
+        for own, other, normal in pairs:   # CalculiX eliminates an equation's first displacement
             order = np.argsort(-np.abs(normal))
             terms = [f"{node + 1},{axis + 1},{sign * normal[axis]:.12e}" for node, sign in ((other, 1), (own, -1)) for axis in order]
             equations += ["*EQUATION", "6", ",".join(terms[:4]), ",".join(terms[4:])]

@@ -19,7 +19,7 @@ class TestRows(unittest.TestCase):
         self.rows = Rows("test", "Test", folder.name, short=True)
 
     def seeds(self, ours, **options):
-        """Returns the exit status for a single row, whose published range is 1.9 to 5.7 mm."""
+        """Returns the exit status for a single row whose published range is 1.9 to 5.7 mm."""
         self.rows.entries.clear()
         with contextlib.redirect_stdout(io.StringIO()):
             self.rows.add("seeds", "paper", ABSTRACT, (1.9, 5.7), ours, "mm", kind=PREDICTED, fitted="", **options)

@@ -1,9 +1,9 @@
 #!/usr/bin/python3
 """Compares meshes/implant.yaml and meshes/pelvis.yaml with measurements in patients.
 
-The first scene was fitted to two numbers: the puncture force of the skin so that an 18 G needle meets 8.9 N in the perineum, and friction so that it then meets
-5.6 N in the gland, both at 80 mm/s. The second has the same needles, skin and friction in the anatomy of a pelvis. Results for other gauges, and the effect
-of speed on the motion of the gland, are predictions. validate_intervals.py compares whole implants.
+The first scene was fitted to two numbers, both at 80 mm/s: the skin's puncture force was set so that an 18 G needle meets 8.9 N in the perineum, and friction
+so that it then meets 5.6 N in the gland. The second scene has the same needles, skin and friction in the anatomy of a pelvis. Results for other gauges, and
+the effect of speed on the gland's motion, are predictions. Whole implants are compared in validate_intervals.py.
 """
 import sys
 

@@ -1,9 +1,9 @@
 #!/usr/bin/python3
-"""Compares intervals of simulated implants in meshes/pelvis.yaml, with moduli, friction and forces drawn from their published spreads, with measurements in
-patients. Nothing is fitted here: the needles' forces were fitted elsewhere, to two forces in patients (validate_implant.py), and the operator's errors are
-published values.
+"""Compares implants simulated in meshes/pelvis.yaml with measurements in patients. Moduli, friction and forces are drawn from their published spreads, so each
+simulated number is an interval. Nothing is fitted here: the needles' forces were fitted elsewhere, to two forces in patients (validate_implant.py), and the
+operator's errors are published values.
 
-The runs are those of spreads.csv (pelvis_runs.py). The full form carries out missing runs first.
+The runs are those in spreads.csv (pelvis_runs.py). The full form does missing runs first.
 """
 import shutil
 import subprocess

@@ -1,9 +1,9 @@
 #!/usr/bin/python3
-"""Bovine liver: force against displacement up to the puncture of its capsule, then cutting and friction.
+"""Bovine liver: force against displacement until the needle punctures the capsule, then cutting and friction.
 
-Modulus and stiffening are fitted to the first half of the displacement, up to 8 mm (0.77 N), of a published polynomial; the rest of the curve is compared with
-the same polynomial, which was fitted to the whole trace. The puncture force, 2.50 N, is an input, so the displacement at the puncture only tests whether the
-model's curve has the right shape beyond 8 mm: this row is a test of consistency, not a prediction.
+Modulus and stiffening are fitted to the first half of the displacement, up to 8 mm (0.77 N), of a published polynomial; the rest of the curve is compared
+with the same polynomial, which was fitted to the whole trace. The puncture force, 2.50 N, is an input, so the displacement at the puncture only tests
+whether the model's curve has the right shape beyond 8 mm: this row is a test of consistency, not a prediction.
 """
 import sys
 
@@ -36,7 +36,7 @@ def curve(modulus, stiffening, depth=0.03):
 
 
 def fit_modulus():
-    """Returns the modulus, Pa, that gives the published linear term, 0.048 N/mm: without stiffening, the force is proportional to the modulus."""
+    """Returns the modulus (Pa) that gives the published linear term, 0.048 N/mm. Without stiffening, the force is proportional to the modulus."""
     way, force, _ = curve(30e3, 0, 0.005)
     return 30e3 * 0.0480 / (np.interp(4, way, force) / 4)
 

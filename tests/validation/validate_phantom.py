@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Compares the distribution of the force along a needle in a uniform phantom with a measurement."""
+"""Compares how the force is distributed along a needle in a uniform phantom with a measurement."""
 import sys
 
 import numpy as np
@@ -16,7 +16,7 @@ contacts = bench.sim.contacts()
 shaft = [c for c in contacts if c.kind == "tissue"]
 tip = next(c for c in contacts if c.kind == "tip")
 depth = np.array([c.depth for c in shaft])
-# A contact represents the part of the shaft that extends halfway to each neighbour.
+# A contact stands for the part of the shaft that extends halfway to each neighbour.
 edges = np.concatenate([[0], (depth[1:] + depth[:-1]) / 2, [tip.depth]])
 density = np.array([c.force[2] for c in shaft]) / np.diff(edges)
 inner = (depth > 0.01) & (depth < tip.depth - 0.01)

@@ -13,11 +13,11 @@ from rows import CONSISTENT, DOUBTFUL, FITTED, Rows
 
 SOURCE = "open data of needles held in tissue, provenance doubtful"
 TIMES = (0.15, 2.5)      # s
-LEFT = 0.5               # fraction of the peak force that remains after 8 s
+LEFT = 0.5               # fraction of the peak force left after 8 s
 
 
 def held(weight, seconds, speed=0.05):
-    """Returns the force while the needle is held, relative to the force when it stopped; `weight` is the weight of each term."""
+    """Returns the force while the needle is held, relative to the force when it stopped. `weight`: weight of each term."""
     scene = block(20e3, cutting=0.2, friction=(110, 90, 0), relaxation=[(weight, time) for time in TIMES])
     bench = Bench(trocar.Model(scene))
     peak = push(bench.move(0.06, speed))[-1]
@@ -40,8 +40,8 @@ weight = 0.34 if rows.short else fitted_weight()
 course = held(weight, 8)
 rows.add("force left 8 s after the needle stops", SOURCE, DOUBTFUL, (0.4, 0.6), course[-1], "of the peak", published="about 0.5 of the peak; tolerance 0.1", kind=FITTED,
          fitted=f"two terms of weight {weight:.2f}, at the published times")
-# This fraction tells the two terms apart: 0.75 s is five times the faster relaxation time, so the faster term has decayed completely by then, and the slower one
-# by 26 %.
+# This fraction tells the two terms apart: 0.75 s is five times the shorter relaxation time, so by then the faster term has decayed completely, and the slower
+# one by 26 %.
 early = (1 - course[750]) / (1 - course[-1])
 rows.trend("course of the decay", SOURCE, DOUBTFUL, "two time constants, near 0.15 and 2.5 s", 0.3 < early < 0.8,
            f"{100 * early:.0f} % of what is lost in 8 s is lost in the first 0.75 s", kind=CONSISTENT,

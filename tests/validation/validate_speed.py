@@ -1,11 +1,11 @@
 #!/usr/bin/python3
 """Compares the effect of speed with measurements on porcine and lamb hearts, using relaxing tissue under a membrane. The relaxation series is that of
-meshes/implant.yaml. The membrane is assumed to rupture at a fixed force. The model predicts that the force rises more steeply for a faster needle. With a fixed
-force at rupture, a smaller displacement and less work follow from this, so they do not count as further predictions.
+meshes/implant.yaml, and the membrane is assumed to rupture at a fixed force. The model predicts that the force rises more steeply for a faster needle. With a
+fixed force at rupture, less displacement and less work follow from this, so they do not count as further predictions.
 
 In measurements, the force at rupture falls with speed. To test whether a constant fracture energy would explain this, the needle dents the tissue to the same
-force at each speed, without rupture, and is immediately drawn back fast. The energy is either the hand's work or the energy that the tissue gives back. The
-force at rupture is then the force at which a needle reaches the energy of the slowest needle at its rupture.
+force at each speed, without rupture, and is then drawn back fast. The energy is either the hand's work or what the tissue gives back. The force at rupture is
+then the force at which a needle reaches the energy that the slowest needle has at its rupture.
 """
 import sys
 
@@ -20,7 +20,7 @@ SPEEDS = (0.005, 0.02, 0.1, 0.5)          # m/s
 
 
 def until_rupture(model, speed):
-    """Returns displacement (m) and force (N) up to the puncture of the skin."""
+    """Returns displacement (m) and force (N) until the needle punctures the skin."""
     bench = Bench(model)
     outputs = bench.move(0.04, speed)
     end = next(i for i, out in enumerate(outputs) if out.events & trocar.Event.PUNCTURED and out.membrane == 0) + 1
@@ -30,7 +30,7 @@ def until_rupture(model, speed):
 
 
 def energies(model, speed, force):
-    """Dents the tissue at `speed` up to this force (N), draws the needle back at the largest of SPEEDS, and returns the displacement (m) and force (N) while
+    """Dents the tissue at `speed` up to this force (N), then draws the needle back at the largest of SPEEDS. Returns the displacement (m) and force (N) while
     denting, and the work (J) that the tissue gives back."""
     bench, way, there = Bench(model), [0.0], [0.0]
     while there[-1] < force:
@@ -68,7 +68,7 @@ rows.trend("force at rupture", f"{MAHVASH}; {HEART}", ABSTRACT, "less when the n
            f"{peak[slow]:.2f} N at {1e3 * slow:g} mm/s, {peak[fast]:.2f} at {1e3 * fast:g}", kind=PREDICTED, fitted=fitted,
            number=peak[fast] / peak[slow], unit="of the force of the slow needle", regression=(0.99, 1.01),
            reason="a membrane breaks at a force that does not depend on speed; a constant fracture energy would not change this, see the next rows")
-# The forces at which both speeds reach the same energy: at each speed, both kinds of energy are proportional to the square of the force, because the tissue is
+# The forces at which both speeds reach the same energy. At each speed, both kinds of energy are proportional to the square of the force, because the tissue is
 # linear.
 strong = trocar.Model(block(35e3, puncture=50.0, relaxation=[(0.34, 0.15), (0.34, 2.5)]))
 dents = {speed: energies(strong, speed, peak[slow]) for speed in (slow, fast)}

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Compares the deflection of bevelled needles with measurements. One bevel slope is fitted to one needle; results for other gauges, depths and tissues are
+"""Compares the deflection of bevelled needles with measurements. One bevel slope is fitted to one needle. Results for other gauges, depths and tissues are
 predictions."""
 import sys
 
@@ -26,13 +26,13 @@ def track(youngs_modulus, slope, diameter, depth, *, length=0.09, stiffness=200e
 
 
 def deflection(*arguments, **options):
-    """Returns the tip's sideways deflection, mm."""
+    """Returns the tip's sideways deflection (mm)."""
     end = track(*arguments, **options)[-1]
     return 1e3 * float(np.hypot(end[0], end[1]))
 
 
 def fitted_slope(target, *arguments, **options):
-    """Returns the slope that gives this deflection (mm); deflections are nearly proportional to the slope."""
+    """Returns the slope that gives this deflection (mm). Deflections are nearly proportional to the slope."""
     slope = 0.05
     for _ in range(2):
         slope *= target / deflection(arguments[0], slope, *arguments[1:], **options)

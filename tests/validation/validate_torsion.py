@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Compares with measurements how far the tip of a needle turned in tissue lags behind, and how turning affects the axial force."""
+"""Turns a needle in tissue, and compares how far its tip lags behind and how the axial force changes with measurements."""
 import sys
 
 import numpy as np
@@ -11,7 +11,7 @@ REED = "Reed, Okamura, Cowan 2009, IEEE Trans. Robotics 25"
 LAG_SOURCE = f"{REED}; Reed 2008 (PMC2905605): more than 40 degrees"
 LIN = "Lin and Huang 2020, IEEE Trans. Biomed. Eng. 67, gelatine"
 NITINOL = {"outer_diameter": 0.57e-3, "inner_diameter": 0, "youngs_modulus": 75e9, "poisson_ratio": 0.33, "length": 0.105}
-DEPTH = 0.099            # m; the far face of the block is at a depth of 100 mm
+DEPTH = 0.099            # m; the far face of the block is 100 mm deep
 PATIENT = (63, 51, 0)   # static (N/m), kinetic (N/m) and viscous (N s/m^2) friction of a 1.27 mm needle in the gland of meshes/implant.yaml
 
 
@@ -29,7 +29,7 @@ def lag(friction, depths):
 
 
 rows = Rows.from_arguments(__doc__, "Torsion")
-# The friction per unit length of a thinner needle is smaller in proportion to its circumference.
+# Friction per unit length is proportional to the needle's circumference.
 thin = tuple(f * NITINOL["outer_diameter"] / 1.27e-3 for f in PATIENT)
 depths = np.array([DEPTH]) if rows.short else np.array([0.02, 0.04, 0.06, 0.08, DEPTH])
 lags = np.degrees(lag(thin, depths))

@@ -1,7 +1,7 @@
 #!/usr/bin/python3
-"""Compares a second insertion along the same track with a measurement. Forces at the tip and along the shaft are fitted to the shares of a first insertion:
-tearing 61 %, spreading 18 %, friction 21 %. The forces of
-a second and a third insertion follow from these shares if the needle finds its track again; a needle beside the track meets the full forces.
+"""Compares a second insertion along the same track with a measurement. Forces at the tip and along the shaft are fitted to what makes up the force of a first
+insertion: tearing 61 %, spreading 18 %, friction 21 %. The forces of a second and a third insertion follow from this if the needle finds its track again; a
+needle beside the track meets the full forces.
 """
 import sys
 

@@ -1,7 +1,7 @@
 #!/usr/bin/python3
-"""Creates the figure-8 anatomy on two meshes of other kinds, for verify_smoothness: FOLDER/figure8-structured.msh, cubes of 10 mm cut into
-six tetrahedra each (Kuhn), with a box as the gland; and FOLDER/figure8-graded.msh, unstructured, with elements of 2 mm at the skin and
-20 mm at a depth of 80 mm around the needle's line.
+"""Creates the figure-8 anatomy on two other kinds of mesh, for verify_smoothness. FOLDER/figure8-structured.msh has 10 mm cubes cut into six tetrahedra each
+(Kuhn), with a box as the gland. FOLDER/figure8-graded.msh is unstructured; around the needle's line, its elements grow from 2 mm at the skin to 20 mm at a
+depth of 80 mm.
 
 usage: figure8_meshes.py FOLDER
 """
@@ -26,7 +26,7 @@ TINY = 1e-9
 
 
 def faces_of(tets, wanted):
-    """Returns the triangular faces of these tetrahedra for which `wanted` holds at all corners."""
+    """Returns those triangular faces of these tetrahedra whose corners all satisfy `wanted`."""
     faces = np.concatenate([tets[:, face] for face in needle_meshes.FACES])
     return faces[wanted(faces)]
 

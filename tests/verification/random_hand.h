@@ -1,6 +1,6 @@
 /* Random hand motions for the smoothness check: realistic insertions with steering, retraction and reinsertion. They consist of minimum-jerk moves from rest
-   to rest, at no more than 50 mm/s along the needle. Steering, during which the tissue may stick to the needle, is limited to 30 mm/s (the
-   stiffness is 1.2 N/mm at depth, which gives 0.06 N per tick at 50 mm/s). */
+   to rest, at no more than 50 mm/s along the needle. Steering, during which the tissue may stick to the needle, is limited to 30 mm/s: at depth the
+   stiffness is 1.2 N/mm, which at 50 mm/s would give 0.06 N per tick. */
 #ifndef TROCAR_VERIFICATION_RANDOM_HAND_H
 #define TROCAR_VERIFICATION_RANDOM_HAND_H
 
@@ -8,17 +8,17 @@
 
 #include "shared/motion.h"
 
-static const double PEAK_OF_MEAN = 1.875;    /* ratio of the peak speed to the mean speed of a minimum-jerk move */
+static const double PEAK_OF_MEAN = 1.875;    /* peak speed over mean speed in a minimum-jerk move */
 static const double NEEDLE_LENGTH = 0.2;     /* m, length of the scene's needle */
 static const double FASTEST = 0.05, FASTEST_STEERING = 0.03; /* m/s */
 static const double FASTEST_ROLL = 6.0;      /* rad/s */
 static const double DEEPEST = 0.085;         /* m, largest depth of the tip below the skin */
 
-/* One move from rest to rest; components that are not used are zero. */
+/* One move from rest to rest. Unused components are zero. */
 typedef struct {
     double seconds;
-    double advance;          /* m, displacement along the needle */
-    vec3 sideways;           /* m, motion of the base across the needle */
+    double advance;          /* m, along the needle */
+    vec3 sideways;           /* m, of the base, across the needle */
     double roll;             /* rad */
     vec3 tilt;               /* rad, rotation about the entry point */
 } hand_leg;
@@ -26,7 +26,7 @@ typedef struct {
 enum { HAND_MAX_LEGS = 24 };
 
 typedef struct {
-    pose start;              /* pose with the tip 1 mm in front of the skin */
+    pose start;              /* tip 1 mm in front of the skin */
     double bevel_slope;
     int leg_count;
     hand_leg legs[HAND_MAX_LEGS];
@@ -34,7 +34,7 @@ typedef struct {
 
 static inline double hand_uniform(unsigned *seed, double low, double high) { return low + (high - low) * rand_r(seed) / RAND_MAX; }
 
-/* Adds a leg whose duration keeps each component below its maximum speed. */
+/* Adds a leg long enough to keep each component below its maximum speed. */
 static inline void hand_add(random_hand *hand, unsigned *seed, double fastest, hand_leg leg) {
     double speed = hand_uniform(seed, 0.01, fastest), mean = 0.0;
     mean = fmax(mean, fabs(leg.advance) / speed);
@@ -68,7 +68,7 @@ static inline void hand_insert_and_withdraw(random_hand *hand, unsigned *seed, i
     hand_add(hand, seed, FASTEST, (hand_leg){.advance = -depth - 0.004});
 }
 
-/* Returns a motion that consists of an insertion, steering, a withdrawal, and an insertion at the same point or close to it. */
+/* Returns an insertion, followed by steering, a withdrawal, and an insertion at the same point or close to it. */
 static inline random_hand random_hand_create(unsigned seed) {
     random_hand hand = {.bevel_slope = hand_chance(&seed, 0.5) ? hand_uniform(&seed, 0.0, 0.1) : 0.0};
     vec3 entry = v3(hand_uniform(&seed, -0.02, 0.02), hand_uniform(&seed, -0.015, 0.015), 0);
@@ -83,7 +83,7 @@ static inline random_hand random_hand_create(unsigned seed) {
     return hand;
 }
 
-/* Returns a motion that consists of one insertion in two moves and takes a few seconds. */
+/* Returns one insertion in two moves that take a few seconds. */
 static inline random_hand random_hand_brief(unsigned seed) {
     random_hand whole = random_hand_create(seed), hand = {.start = whole.start, .bevel_slope = whole.bevel_slope};
     seed += 1000;
@@ -91,7 +91,7 @@ static inline random_hand random_hand_brief(unsigned seed) {
     return hand;
 }
 
-/* Returns the pose at time t of a leg that started at `from`. A tilt rotates the needle about the point at the distance `free_length` from the base. */
+/* Returns the pose at time t of a leg that started at `from`. A tilt rotates the needle about the point `free_length` from the base. */
 static inline pose hand_pose(const hand_leg *leg, pose from, double free_length, double t) {
     double f = motion_fraction(0.0, leg->seconds, t);
     vec3 pivot = v3_axpy(free_length, q_rotate(from.orientation, v3(0, 0, 1)), from.position);

@@ -1,6 +1,6 @@
-/* Random scenes and hand motions with all features enabled, through trocar.h: blocks of two materials with random moduli, friction, cutting forces, stiffening,
-   relaxation and membranes; needles of 0.4 to 1.3 mm diameter; guides with several clearances; and needles that rest close to the moving one. A motion is
-   closed: it ends where it began, outside the tissue. */
+/* Random scenes and hand motions with all features enabled, through trocar.h. Scenes have blocks of two materials with random moduli, friction, cutting
+   forces, stiffening, relaxation and membranes, needles 0.4 to 1.3 mm thick, guides with various clearances, and needles that rest close to the moving one.
+   Motions are closed: they end where they began, outside the tissue. */
 #ifndef TROCAR_VERIFICATION_RANDOM_SCENE_H
 #define TROCAR_VERIFICATION_RANDOM_SCENE_H
 
@@ -12,7 +12,7 @@
 
 #include "trocar.h"
 
-/* Returns a random number in [low, high); the sequence is the same on every machine. */
+/* Returns a random number in [low, high). The sequence is the same on every machine. */
 static inline double random_between(uint64_t *seed, double low, double high) {
     *seed = *seed * 6364136223846793005u + 1442695040888963407u;
     return low + (high - low) * (double)(*seed >> 11) / 9007199254740992.0;
@@ -27,17 +27,17 @@ enum { MOST_CELLS = 9, MOST_SIDE = MOST_CELLS + 1 };
 static const double BLOCK_WIDTH = 0.08, BLOCK_DEPTH = 0.08; /* m */
 
 typedef struct {
-    int cells, split;        /* cells: number of cells along each axis; split: layer of cells at which the second material begins */
+    int cells, split;        /* cells: number of cells along each axis; split: layer at which the second material begins */
     double nodes[MOST_SIDE * MOST_SIDE * MOST_SIDE][3];
     int32_t tets[6 * MOST_CELLS * MOST_CELLS * MOST_CELLS][4], region[6 * MOST_CELLS * MOST_CELLS * MOST_CELLS];
-    int32_t triangles[6 * MOST_CELLS * MOST_CELLS + 1][3] /* one more triangle than needed, as room for a candidate face */, surface[6 * MOST_CELLS *
+    int32_t triangles[6 * MOST_CELLS * MOST_CELLS + 1][3] /* one more than needed, as room for a candidate face */, surface[6 * MOST_CELLS *
                                                              MOST_CELLS];
     int tet_count, triangle_count;
 } random_block;
 
 static inline int block_at(const random_block *b, const int at[3]) { return at[0] + (b->cells + 1) * (at[1] + (b->cells + 1) * at[2]); }
 
-/* Adds the face of a tetrahedron whose nodes are all in layer `value`, if it has such a face. */
+/* Adds the face of a tetrahedron whose nodes are all in layer `value`, if it has one. */
 static inline void block_triangle(random_block *b, const int32_t tet[4], int at[4][3], int value, int surface) {
     int32_t *t = b->triangles[b->triangle_count];
     int count = 0;
@@ -46,8 +46,8 @@ static inline void block_triangle(random_block *b, const int32_t tet[4], int at[
     if (count == 3) b->surface[b->triangle_count++] = surface;
 }
 
-/* Creates six tetrahedra per cell. Nodes that are not on a boundary are moved by up to a sixth of a cell. Surfaces: 0 is the skin, 1 the interface between the
-   materials, 2 the bottom. */
+/* Creates six tetrahedra per cell. Nodes that are not on a boundary are moved by up to a sixth of a cell. Surfaces: 0 is the skin, 1 the interface between
+   the materials, 2 the bottom. */
 static inline void block_create(random_block *b, uint64_t *seed) {
     static const int orders[6][3] = {{0, 1, 2}, {1, 2, 0}, {2, 0, 1}, {0, 2, 1}, {2, 1, 0}, {1, 0, 2}};
     int n = b->cells = (int)random_between(seed, 6, MOST_CELLS + 1);
@@ -92,9 +92,9 @@ static inline trocar_mesh block_arrays(const random_block *b) {
 typedef struct {
     random_block block;
     double length;           /* m, length of the needle */
-    double entry[2];         /* m, position at which the needle enters the skin */
+    double entry[2];         /* m, where the needle enters the skin */
     bool guided, leaning;
-    int needles;             /* number of needles, one of which moves while the others rest */
+    int needles;             /* one of them moves, the others rest */
     trocar_scene *scene;
 } random_scene;
 
@@ -198,7 +198,7 @@ typedef struct {
 
 enum { MOST_LEGS = 24 };
 typedef struct {
-    trocar_pose start;       /* pose with the tip in front of the skin */
+    trocar_pose start;       /* tip in front of the skin */
     int count;
     hand_leg legs[MOST_LEGS];
 } hand_motion;
@@ -237,8 +237,8 @@ static inline void hand_add(hand_motion *m, double speed, hand_leg leg) {
     if (m->count < MOST_LEGS) m->legs[m->count++] = leg;
 }
 
-/* Returns a motion that inserts the needle, moves it sideways, withdraws it, inserts it again along the old track or close to it, and finally returns to the
-   start. `speed` is the speed limit, m/s. */
+/* Returns a motion that inserts the needle, moves it sideways, withdraws it, inserts it again along its old track or close to it, and returns to the start.
+   `speed` is the speed limit (m/s). */
 static inline hand_motion random_motion(const random_scene *s, uint64_t number, double speed) {
     uint64_t state = 0xD1B54A32D192ED03u * (number + 7), *seed = &state;
     hand_motion m = {.start = {.orientation = {1, 0, 0, 0}}};
@@ -270,7 +270,7 @@ static inline hand_motion random_motion(const random_scene *s, uint64_t number, 
     return m;
 }
 
-/* Returns the pose in the last leg of a closed motion, which leads from the base's current pose back to the start. */
+/* Returns the pose in the last leg of a closed motion, from the current base pose back to the start. */
 static inline trocar_pose pose_towards(const trocar_pose *a, const trocar_pose *b, double f) {
     trocar_pose p;
     double norm = 0.0, sign = 0.0;
@@ -297,7 +297,7 @@ static inline void fail_if(trocar_status status, const trocar_error *why) {
 static inline double hand_work(const trocar_pose *a, const double force_a[3], const double torque_a[3], const trocar_pose *b, const double force_b[3], const double torque_b[3]) {
     double sum = 0.0, turn[3], sign = 0.0;
     for (int i = 0; i < 4; i++) sign += a->orientation[i] * b->orientation[i];
-    const double *p = a->orientation, *q = b->orientation; /* the vector part of the quaternion q p* */
+    const double *p = a->orientation, *q = b->orientation; /* vector part of the quaternion q p* */
     turn[0] = -q[0] * p[1] + q[1] * p[0] - q[2] * p[3] + q[3] * p[2];
     turn[1] = -q[0] * p[2] + q[2] * p[0] - q[3] * p[1] + q[1] * p[3];
     turn[2] = -q[0] * p[3] + q[3] * p[0] - q[1] * p[2] + q[2] * p[1];

@@ -1,8 +1,8 @@
 #!/usr/bin/python3
-"""Runs one verification check in its full form and keeps its results: the rows in results/NAME.csv, its line in results/runs.csv, and its figures in plots/.
+"""Runs the full form of one verification check and keeps its results: the rows in results/NAME.csv, its line in results/runs.csv, and its figures in plots/.
 
 usage: record.py FOLDER NAME COMMAND...     COMMAND FOLDER writes FOLDER/NAME.json (rows.h, rows.py)
-The exit status is that of the check. A check that crashes leaves one failing row. A commit that ends with -dirty had uncommitted changes in the mechanics or the checks.
+The exit status is the check's. A check that crashes leaves one failing row. A commit ending in -dirty had uncommitted changes in the mechanics or the checks.
 """
 import datetime
 import json
@@ -21,9 +21,9 @@ from rows import SKIPPED
 sys.path.insert(0, str(HERE.parent / "shared"))
 
 PACKAGES = ("libcholmod3", "libopenblas0-pthread", "libgmsh4.8", "calculix-ccx")
-JUDGED = ("core", "meshes", "tests", ":!tests/verification/results", ":!tests/verification/plots", ":!*.md")  # changes here make a commit -dirty
+JUDGED = ("core", "meshes", "tests", ":!tests/verification/results", ":!tests/verification/plots", ":!*.md")  # uncommitted changes here make a commit -dirty
 STYLES = ("-", "--", ":", "-.")
-MANY = 30  # curves with at least this many points have no markers
+MANY = 30  # curves with at least this many points are drawn without markers
 
 
 # ---- figures ----
@@ -42,7 +42,7 @@ def draw(curves, path):
 
 
 def figures(entries, folder):
-    """Draws or copies a check's figures into PLOTS; returns their file names."""
+    """Draws or copies a check's figures into PLOTS and returns their file names."""
     PLOTS.mkdir(exist_ok=True)
     curves, names = {}, []
     for entry in entries:

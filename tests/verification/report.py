@@ -1,5 +1,5 @@
-"""Generates the text of the verification report (REPORT.md), of its summary in docs/verification.md and of its row in README.md, from the tables in results/.
-scripts/pages/verification_summary writes it."""
+"""Generates the text of the verification report (REPORT.md), its summary in docs/verification.md and its row in README.md from the tables in results/.
+scripts/pages/verification_summary writes them."""
 import re
 
 import results

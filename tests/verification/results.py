@@ -1,4 +1,4 @@
-"""Results of the verification checks, kept in results/: the rows of each check in NAME.csv, and in runs.csv one line for each check's last full run."""
+"""Results of the verification checks, kept in results/: each check's rows in NAME.csv, and one line for its last full run in runs.csv."""
 import csv
 import hashlib
 import re
@@ -8,7 +8,7 @@ HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
 RESULTS, PLOTS = HERE / "results", HERE / "plots"
 ROW = ("section", "check", "reference", "value", "expected", "error", "limit", "unit", "pass", "note")  # pass: yes, no, or empty without a limit
-RUN = ("check", "commit", "mechanics", "date", "machine", "rows", "failed", "measured", "minutes", "figures")  # mechanics: a digest; minutes: processor time
+RUN = ("check", "commit", "mechanics", "date", "machine", "rows", "failed", "measured", "minutes", "figures")  # mechanics: a digest; minutes: CPU time
 
 
 def read(path):

@@ -20,9 +20,9 @@
 #include "shared/json.h"
 
 typedef struct {
-    const char *section;       /* section of the following rows; may be changed between rows */
+    const char *section;       /* section of the rows that follow; may be changed between rows */
     const char *folder;        /* for output; exists */
-    bool short_form;           /* true if --short was given, so that the check must take no more than a few seconds */
+    bool short_form;           /* if --short was given, so that the check must take no more than a few seconds */
     json file;
     int failed;
 } rows;
@@ -34,11 +34,11 @@ typedef struct {
     double value;
     double expected;           /* NAN: none */
     double error, limit;       /* relative error, unless the note says otherwise */
-    const char *unit;          /* unit of value and expected value, or NULL if they have none */
-    const char *note;          /* reason for a failure, or a comment; NULL if there is none */
+    const char *unit;          /* of value and expected value, or NULL if they have none */
+    const char *note;          /* why the row failed, or a comment; NULL for none */
 } row;
 
-/* A curve in a figure. Curves with the same figure name are drawn into FIGURE.svg; those with the same label have the same colour. */
+/* A curve in a figure. Curves with the same figure name go into FIGURE.svg; those with the same label have the same colour. */
 typedef struct {
     const char *figure;        /* file name without .svg */
     const char *label, *x_label, *y_label;
@@ -100,7 +100,7 @@ static inline void rows_add(rows *r, row entry) {
     fflush(stdout);
 }
 
-/* Writes a row without a limit: entry.limit is ignored. */
+/* Writes a row without a limit, ignoring entry.limit. */
 static inline void rows_measured(rows *r, row entry) {
     rows_values(r, "measured", &entry);
     json_close(&r->file, '}');
@@ -108,7 +108,7 @@ static inline void rows_measured(rows *r, row entry) {
     fflush(stdout);
 }
 
-/* Compares a value with the expected value by the relative error. */
+/* Compares a value with the expected one by relative error. */
 static inline void rows_compare(rows *r, const char *check, const char *reference, double value, double expected,
                                 double limit, const char *unit) {
     rows_add(r, (row){.check = check, .reference = reference, .value = value, .expected = expected,
@@ -132,7 +132,7 @@ static inline void rows_curve(rows *r, curve c) {
     json_close(&r->file, '}');
 }
 
-/* Returns the program's exit status, which is 0 if every row passed and 1 otherwise. */
+/* Returns the program's exit status: 0 if every row passed, 1 otherwise. */
 static inline int rows_end(rows *r) {
     json_close(&r->file, ']');
     fputc('\n', r->file.out);

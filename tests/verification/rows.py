@@ -1,5 +1,5 @@
-"""Rows of the verification results for checks in Python: `verify_NAME.py [--short] [--build FOLDER] FOLDER` writes
-FOLDER/NAME.json. The functions correspond to those of rows.h:
+"""Rows of the verification results for checks in Python: `verify_NAME.py [--short] [--build FOLDER] FOLDER` writes FOLDER/NAME.json. The functions correspond
+to those in rows.h:
 
     rows = Rows.from_arguments(__doc__, "Tissue: patch test")
     rows.compare("displacement", "u = G x", value, expected, 1e-9, "m")
@@ -12,7 +12,7 @@ import sys
 from pathlib import Path
 
 REPOSITORY = Path(__file__).resolve().parents[2]
-SKIPPED = 77  # exit status if something that the check needs is not installed
+SKIPPED = 77  # exit status if something the check needs is not installed
 
 
 def number(value):
@@ -21,7 +21,7 @@ def number(value):
 
 
 class Rows:
-    """Collects rows and curves; `section` may be changed between them."""
+    """Collects rows and curves. `section` may be changed between them."""
 
     def __init__(self, name, section, folder, build, short_form):
         self.name, self.section = name, section
@@ -38,7 +38,7 @@ class Rows:
         return cls(Path(sys.argv[0]).stem.removeprefix("verify_"), section, options.folder, options.build, options.short)
 
     def add(self, check, reference, value, expected, error, limit, unit="", note=""):
-        """Adds a row to the report; it passes if error <= limit. `error` is relative unless the note says otherwise."""
+        """Adds a row to the report. It passes if error <= limit. `error` is relative unless the note says otherwise."""
         passed = bool(error <= limit)
         self.entries.append({"kind": "row", "section": self.section, "check": check, "reference": reference,
                              "value": number(value), "expected": None if expected is None else number(expected),
@@ -52,7 +52,7 @@ class Rows:
         print(f"      {check}: {value:.6g} {unit} (error {error:.3g}, no limit)", flush=True)
 
     def compare(self, check, reference, value, expected, limit, unit="", note=""):
-        """Compares a value with the expected value by the relative error."""
+        """Compares a value with the expected one by relative error."""
         self.add(check, reference, value, expected, abs(value - expected) / abs(expected), limit, unit, note)
 
     def error(self, check, reference, error, limit, note=""):
@@ -60,7 +60,7 @@ class Rows:
         self.add(check, reference, error, None, abs(error), limit, note=note)
 
     def curve(self, figure, label, x, y, x_label, y_label, logarithmic=False):
-        """Adds a curve to FIGURE.svg, into which all curves of that figure are drawn."""
+        """Adds a curve to FIGURE.svg, where all curves of that figure are drawn."""
         self.entries.append({"kind": "curve", "section": self.section, "figure": figure, "label": label,
                              "x": [number(v) for v in x], "y": [number(v) for v in y],
                              "x_label": x_label, "y_label": y_label, "logarithmic": logarithmic})
@@ -70,6 +70,6 @@ class Rows:
         self.entries.append({"kind": "plot", "section": self.section, "plot": file})
 
     def end(self):
-        """Writes the file; returns the program's exit status, which is 0 if every row passed and 1 otherwise."""
+        """Writes the file. Returns the program's exit status: 0 if every row passed, 1 otherwise."""
         (self.folder / f"{self.name}.json").write_text(json.dumps(self.entries, indent=1) + "\n")
         return 0 if all(entry.get("pass", True) for entry in self.entries) else 1

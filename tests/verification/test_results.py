@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Tests how the results of checks are recorded and reported, in a copy of the scripts with checks of its own."""
+"""Tests how the results of checks are recorded and reported, in a copy of the scripts with its own checks."""
 import csv
 import shutil
 import subprocess
@@ -116,7 +116,7 @@ class TestResults(unittest.TestCase):
         self.assertEqual(self.pages("--check"), 1)
         self.run_check("rod")
         self.assertTrue(self.table("runs")[1]["commit"].endswith("-dirty"))
-        self.assertIn("have changed since all checks ran", self.report()) # a run of uncommitted mechanics proves nothing about a commit
+        self.assertIn("have changed since all checks ran", self.report()) # running uncommitted mechanics proves nothing about a commit
         self.commit()
         self.run_check("rod")
         self.assertIn("have changed since 1 of 2 checks ran", self.report())

@@ -1,10 +1,11 @@
 #!/usr/bin/python3
-"""Checks scenes made from crowded label maps: the library loads every scene, a needle is inserted, and every part keeps its volume or is named.
+"""Checks scenes made from crowded label maps. The library must load every scene, a needle is inserted, and every part must keep its volume or be reported by
+name.
 
-The maps are random: an organ with lesions in it, another organ that touches it, satellites, bones that touch or lie up to 3 mm apart, and a body around some of
-them (meshes/anatomy/trials/label_stress.py). Volumes are counted from voxels and from tetrahedra, without the program's own tables; the needle is pushed along
-the scene's path to its target. An insertion into the material of liver shows whether its surface is punctured at a displacement that was measured in bovine
-liver.
+The maps are random: an organ with lesions in it, another organ that touches it, satellites, bones that touch or lie up to 3 mm apart, and a body around some
+of them (meshes/anatomy/trials/label_stress.py). Volumes are counted from voxels and from tetrahedra, without the program's own tables; the needle is pushed
+along the scene's path to its target. An insertion into the material of liver shows whether its surface is punctured at a displacement that was measured in
+bovine liver.
 """
 import math
 import os
@@ -24,7 +25,7 @@ except ImportError as error:
 MAPS, FEW = 200, 1
 # N/mm^2 and N/mm, coefficients of the published force on bovine liver as a function of the needle's displacement, as in validate_liver.py
 BOVINE = 0.0061, 0.0480
-DENT = 0.2                  # fraction of that displacement, as a tolerance: 35 mm of other tissue in front of the region also deform
+DENT = 0.2                  # tolerance, as a fraction of that displacement: the 35 mm of other tissue in front of the region also deform
 
 
 def maps(rows):

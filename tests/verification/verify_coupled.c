@@ -5,10 +5,10 @@
 #include "rows.h"
 
 static const double TICK = 1e-3;              /* s */
-static const double FRICTION = 8.0, CUTTING = 0.4, SKIN = 1.0; /* N/m, N and N, values for the homogeneous tissue */
+static const double FRICTION = 8.0, CUTTING = 0.4, SKIN = 1.0; /* N/m, N and N, for the homogeneous tissue */
 
-/* Creates a scene with one material, without viscous terms and with equal static and kinetic friction, so that the axial force curve is known. The capsule does
-   not resist more than the tissue. */
+/* Creates a scene with one material, no viscous terms, and equal static and kinetic friction, so that the axial force curve is known. The capsule resists no
+   more than the tissue. */
 static simulation_config homogeneous(void) {
     simulation_config c = lockstep_config();
     for (int i = 0; i < c.region_count; i++) {
@@ -25,8 +25,8 @@ static simulation_config homogeneous(void) {
 
 /* ---- equilibrium -------------------------------------------------------------------------------------------------------- */
 
-/* The resultant of the needle's forces on the tissue, or of the reactions K u of the fixed nodes. As in linear elasticity, moments are about the origin, with
-   forces at nominal positions. */
+/* The resultant of the needle's forces on the tissue, or of the reactions K u at the fixed nodes. As in linear elasticity, moments are about the origin,
+   with forces at nominal positions. */
 typedef struct { vec3 force, moment; } resultant;
 
 static void add_to(resultant *sum, vec3 x, vec3 force) {
@@ -59,8 +59,8 @@ static double divergence_in(const mesh *m, int e, const vec3 *u, double *volume)
     return sum;
 }
 
-/* Returns the volumetric stress of each nominal element: lambda times the mean of div u at its corners, where the value at a corner is the volume-weighted mean
-   over the elements of one region around that corner. The caller frees the array. */
+/* Returns the volumetric stress of each nominal element: lambda times the mean of div u at its corners. The value at a corner is the volume-weighted mean
+   over the elements of one region around it. The caller frees the array. */
 static double *averaged_stress(const lockstep *l, const vec3 *u) {
     const mesh *m = &l->parts.mesh;
     double *stress = calloc((size_t)m->tet_count, sizeof *stress), *sum = calloc(2 * (size_t)m->node_count, sizeof *sum);
@@ -165,7 +165,7 @@ static void check_forces(rows *r, volumetric_strain strain) {
     lockstep_free(l);
 }
 
-/* Makes Newton's method continue until nothing changes, instead of stopping at 1e-8 m. */
+/* Lets Newton's method run until nothing changes, instead of stopping at 1e-8 m. */
 static void converge(simulation_config *c) {
     c->insertion.max_passes = 20;
     c->insertion.tolerance = 1e-15;
@@ -200,8 +200,8 @@ static bool whole_shaft_slides(const lockstep *l, friction_state way) {
     return contacts_active(&l->state) > 0 && l->state.tip.solved.friction == way && l->state.tip.shaft.friction == way && l->state.tip.barrier.blocked_by == NOT_BLOCKED;
 }
 
-/* Returns the largest error in the axial force during a move in which the whole shaft slides, relative to the sum of friction times depth and, during
-   insertion, the cutting force. */
+/* Returns the largest error in the axial force during a move in which the whole shaft slides, relative to friction times depth plus, during insertion, the
+   cutting force. */
 static double curve_error(lockstep *l, double way, friction_state slides, int *ticks, double *depth, double *force, int *count) {
     double worst = 0.0;
     int n = (int)(fabs(way) / 2e-5 + 0.5);
@@ -216,8 +216,8 @@ static double curve_error(lockstep *l, double way, friction_state slides, int *t
     return worst;
 }
 
-/* Returns the tissue's compliance (m/N) at the entry point, from a separate solve. Before the puncture, needle and tissue act in series, and this gives
-   the increase in force. */
+/* Returns the tissue's compliance (m/N) at the entry point, from a separate solve. Before puncture, needle and tissue act in series, which gives the
+   increase in force. */
 static double compliance_at_entry(lockstep *l) {
     const mesh *m = &l->parts.mesh;
     vec3 *force = calloc((size_t)m->node_count, sizeof *force), *u = calloc((size_t)m->node_count, sizeof *u);
@@ -305,8 +305,8 @@ static void push_and_pull(lockstep *l, double *force) {
     }
 }
 
-/* Inserts and withdraws ten times at the same point, each time after cutting a track 3 mm away, and compares the forces with those of the first time. Here, the
-   tissue closes behind the tip, because in an open track, the next insertion would not cut. */
+/* Inserts and withdraws ten times at the same point, each time after cutting a track 3 mm away, and compares the forces with the first time's. The tissue
+   closes behind the tip here, because in an open track, the next insertion would not cut. */
 static void check_repetition(rows *r) {
     simulation_config c = lockstep_config();
     c.insertion.track_reach = 0.0;
@@ -332,7 +332,7 @@ static void check_repetition(rows *r) {
     lockstep_free(l);
 }
 
-/* Inserts along x through the side of the body, in which the path is 100 mm long. */
+/* Inserts along x through the side of the body, where the path is 100 mm long. */
 static void check_exit(rows *r) {
     simulation_config c = homogeneous();
     lockstep *l = lockstep_create(&c, (pose){v3(-0.2505, 0.0, 0.03), q_exp(v3(0, M_PI / 2, 0))});

@@ -1,4 +1,4 @@
-/* Checks the energy balance of complete insertions: the work of the hand is stored (in tissue, local compliances and needle) or dissipated.
+/* Checks the energy balance of complete insertions: the hand's work is either stored (in tissue, local compliances and needle) or dissipated.
 
    Between two ticks, with f the mean of a point's forces before and after:
    - the shaft slides past a contact node by the slip of the later solve: friction dissipates f.t slip;
@@ -9,7 +9,7 @@
      reduces the work of cutting. This energy is computed by another solve, with the forces after the tick and the tip at its position before it.
    - the shaft turns in the tissue by the angle of the later solve: friction dissipates the torque times it;
    - the damper at the tip, which keeps the tissue from springing back faster than waves propagate, dissipates its force times the motion of the tissue there.
-     These are all the physical terms. The rest of the imbalance is due to the method:
+   These are all the physical terms. The rest of the imbalance is due to the method:
    - contact nodes are added and removed and tributary lengths change, so that local compliances change under load. This part is computed as the work f.(du +
      de) on tissue (du) and local compliances (de), plus the work of the torques on the tissue around the shaft, minus the energy that they store and that the
      tip releases.
@@ -23,17 +23,17 @@ static const uint64_t TIP = UINT64_MAX, TIP_SHAFT = UINT64_MAX - 1;
 
 /* One force on the tissue. */
 typedef struct {
-    uint64_t id;             /* id of the contact node, TIP or TIP_SHAFT */
+    uint64_t id;             /* of the contact node, or TIP or TIP_SHAFT */
     int tet;                 /* nominal element */
     vec3 nominal;            /* m */
-    vec3 force;              /* N, force of the needle on the tissue */
-    vec3 damping;            /* N, force that the damper at the tip exerts on the tissue */
+    vec3 force;              /* N, needle on tissue */
+    vec3 damping;            /* N, damper at the tip on tissue */
     vec3 moved;              /* m, displacement of the tissue plus that of the local compliance */
-    vec3 tangent;            /* tangent of the needle at the point */
-    double slip;             /* m, slip in the last solve */
-    double torque;           /* N m, torque of the shaft on the tissue around it */
-    double twisted;          /* rad, angle by which the shaft has rotated that tissue */
-    double turned;           /* rad, angle by which the shaft slid around its axis in the last solve */
+    vec3 tangent;            /* of the needle at the point */
+    double slip;             /* m, in the last solve */
+    double torque;           /* N m, shaft on the tissue around it */
+    double twisted;          /* rad, how far the shaft has rotated that tissue */
+    double turned;           /* rad, how far the shaft slid around its axis in the last solve */
     double end;              /* m/N, local compliance under the tip's end face; 0 for points other than the tip */
 } point;
 
@@ -47,14 +47,14 @@ typedef struct {
     double tip_weights[4];
     double tissue, local, needle; /* J, stored */
     pose base;
-    vec3 force, torque;      /* force and torque that the base exerts on the hand */
+    vec3 force, torque;      /* that the base exerts on the hand */
 } picture;
 
 typedef struct {
-    double work, friction, cutting; /* J, energy so far; work: of the hand; friction and cutting (including punctures): dissipated */
-    double damping;          /* J, energy dissipated by the damper at the tip */
-    double freed;            /* J, energy stored in the tissue as the tip advances; negative if it is released */
-    double handed;           /* J, energy lost when contact nodes and tributary lengths change */
+    double work, friction, cutting; /* J so far; work: by the hand; friction and cutting (including punctures): dissipated */
+    double damping;          /* J, dissipated by the damper at the tip */
+    double freed;            /* J, stored in the tissue as the tip advances; negative if released */
+    double handed;           /* J, lost when contact nodes and tributary lengths change */
 } energies;                  /* J, so far */
 
 static picture *picture_create(const lockstep *l) {
@@ -135,7 +135,7 @@ static void take_picture(lockstep *l, picture *s) {
     s->torque = l->wrench.torque;
 }
 
-/* Returns the same point in another state, with zero force if it is not active in that state. */
+/* Returns the same point in another state, with zero force if it is not active there. */
 static point find(const mesh *m, const picture *s, const point *p) {
     for (int i = 0; i < s->count; i++)
         if (s->points[i].id == p->id) return s->points[i];
@@ -175,8 +175,8 @@ static void add_tick(const mesh *m, const picture *before, const picture *after,
     e->handed -= after->tissue + after->local - before->tissue - before->local;
 }
 
-/* Returns the energy (J) stored in the tissue as the tip advances: 1/2 f dC f, summed over all forces before and after the tick. `stayed` contains the forces
-   after the tick with the tip at its previous position. */
+/* Returns the energy (J) stored in the tissue as the tip advances: 1/2 f dC f, summed over all forces before and after the tick. `stayed` has the forces
+   after the tick with the tip where it was before. */
 static double bound_by_tip(lockstep *l, const picture *before, const picture *after, picture *stayed) {
     if (before->tip_tet < 0 || after->tip_tet < 0) return 0.0;
     insertion_state state = l->state;
@@ -202,7 +202,7 @@ static const leg straight[] = {{1.0, {0, 0, 0.071}, {0, 0, 0}}, {1.0, {0, 0, -0.
 static const leg steered[] = {{0.6, {0, 0, 0.051}, {0, 0, 0}}, {0.2, {0.001, 0.004, 0}, {0.01, 0, 0.5}}, {0.3, {0, 0, 0.02}, {0, 0, 1.0}},
                               {0.3, {0, 0, -0.03}, {0, 0, 0}}, {0.3, {0, -0.003, 0.02}, {0, 0, 0}}, {1.0, {-0.001, -0.001, -0.066}, {0, 0, 0}}};
 
-/* Turns the needle back and forth: at rest, while it is inserted, and while it is withdrawn. */
+/* Turns the needle back and forth at rest, while it is inserted, and while it is withdrawn. */
 static const leg turned[] = {{0.4, {0, 0, 0.041}, {0, 0, 0}}, {0.3, {0, 0, 0}, {0, 0, 3.0}}, {0.3, {0, 0, 0}, {0, 0, -3.0}}, {0.3, {0, 0, 0.025}, {0, 0, 3.0}},
                              {0.2, {0, 0, 0}, {0, 0, -2.0}}, {0.5, {0, 0, -0.03}, {0, 0, -3.0}}, {0.4, {0, 0, -0.04}, {0, 0, 0}}};
 
@@ -210,7 +210,7 @@ typedef struct {
     energies total;
     double most_work;        /* J, peak */
     double worst;            /* J, largest imbalance during the motion */
-    double least_friction;   /* J, most negative increment of the friction work */
+    double least_friction;   /* J, most negative increment of friction work */
     int count;
     double time[4000], work[4000], stored[4000], dissipated[4000];
 } balance;

@@ -1,11 +1,10 @@
 #!/usr/bin/python3
-"""Verifies the confidence intervals of trocar-fit with synthetic noisy recordings whose parameters are known.
+"""Verifies trocar-fit's confidence intervals with noisy synthetic recordings whose parameters are known.
 
-Each data set is an insertion into a block of two layers by a hand that pauses (relaxation), turns the bevel by half a turn, moves sideways and draws
-back. Its parameters are drawn at random between the limits of TRUTH; the fit starts at the scene's own values, the same for all sets, and has bounds
-beyond those limits. Noise is normal: NOISE for each sample of force, torque and the position of tracked points. About 95 % of the 95 % intervals must
-contain the true value, and the errors divided by their computed standard deviations must have a root mean square of about 1. The full form also writes
-docs/results/fit.csv.
+Each data set is an insertion into a block of two layers by a hand that pauses (relaxation), turns the bevel by half a turn, moves sideways and draws back.
+Its parameters are drawn at random between the limits of TRUTH; the fit starts at the scene's own values, the same for all sets, and has bounds beyond those
+limits. Noise is normal: NOISE for each sample of force, torque and the position of tracked points. About 95 % of the 95 % intervals must contain the true
+value, and the errors divided by their computed standard deviations must have a root mean square of about 1. The full form also writes docs/results/fit.csv.
 """
 import csv
 import multiprocessing
@@ -35,13 +34,13 @@ SETS = 5 if rows.short_form else 100
 RATE = 500                                                            # Hz
 NOISE = {"force": 0.03, "torque": 2e-3, "position": 0.3e-3}           # standard deviations: N, N m, m
 POINTS = {"shallow": (0.008, 0.0, 0.080), "middle": (0.0, 0.010, 0.060), "below": (-0.008, 0.0, 0.040), "deep": (0.0, -0.006, 0.025)}    # m
-FORCE_PERIOD, POINT_PERIOD = 0.005, 0.05                              # s, time between two samples
-START = (0.0031, -0.0027, 0.301, 0.0, 1.0, 0.0, 0.0)                  # pose with the tip 1 mm above the skin, pointing down
+FORCE_PERIOD, POINT_PERIOD = 0.005, 0.05                              # s between samples
+START = (0.0031, -0.0027, 0.301, 0.0, 1.0, 0.0, 0.0)                  # tip 1 mm above the skin, pointing down
 HALF_TURN = (0.0, 0.0, np.pi)
 LEGS = [(0.0, 0.45, (0, 0, 0.045)), (0.7, 0.9, (0, 0, 0), HALF_TURN), (0.9, 1.2, (0, 0, 0.030)), (1.25, 1.32, (0, 0.003, 0)), (1.55, 1.85, (0, 0, -0.040))]
 SECONDS = 1.85
 
-# For each key: value in the scene, at which the fit starts; limits between which the true value is drawn; bounds of the fit.
+# For each key: value in the scene, where the fit starts; limits between which the true value is drawn; bounds of the fit.
 TRUTH = {
     "regions[upper].youngs_modulus": (20e3, (14e3, 28e3), (4e3, 100e3)),
     "regions[lower].youngs_modulus": (40e3, (28e3, 56e3), (8e3, 200e3)),
@@ -66,7 +65,7 @@ needle: {{bevel_slope: 0.1, segments: 20}}
 
 
 def write_problem(folder):
-    """Writes the scene, the mesh, the hand's poses and a fit, whose measurements are still empty."""
+    """Writes the scene, the mesh, the hand's poses and a fit whose measurements are still empty."""
     nodes, tets = nm.structured("five", (6, 6, 8))
     nm.write(folder / "block.msh", nodes, tets, nodes[tets].mean(axis=1)[:, 2] < 0.05)
     (folder / "scene.yaml").write_text(SCENE.format(rate=RATE))
@@ -89,8 +88,7 @@ def write_problem(folder):
 
 
 class Set(NamedTuple):
-    """A data set: true values, estimates, the limits of their intervals, whether the search converged, the processor time in s, and the number of
-    simulations."""
+    """A data set: true values, estimates, limits of their intervals, whether the search converged, CPU time (s), and number of simulations."""
 
     truth: list[float]
     value: list[float]
@@ -102,7 +100,7 @@ class Set(NamedTuple):
 
 
 def one_set(path, number):
-    """Creates and fits data set `number`; the number is also its random seed."""
+    """Creates and fits data set `number`, which is also the random seed."""
     begin = time.process_time()
     problem = fit.read(path)
     random = np.random.default_rng(number)
@@ -126,7 +124,7 @@ def report(sets):
     part, spread, lost = inside.mean(), float(np.sqrt(np.mean(errors ** 2))), sum(not each.converged for each in sets)
     rows.add("95 % intervals that contain the true value, all parameters", reference, part, 0.95, abs(part - 0.95), 0.10 if short else 0.03,
              note=f"{count} data sets; absolute difference")
-    # Five sets are too few to judge this value: the errors of a set are correlated.
+    # Five sets are too few to judge this value, because the errors within a set are correlated.
     judge = rows.measured if short else lambda *row: rows.add(*row, 0.1)
     judge("errors over their standard deviation, root mean square", reference, spread, 1.0, abs(spread - 1.0))
     rows.add("fits that do not converge", reference, float(lost), None, lost / count, 0.0 if short else 0.02, note=f"of {count}; part of them")

@@ -12,7 +12,7 @@ static void compare(rows *r, const char *what, const figure8_record *a, const ch
     rows_compare(r, check, reference, a->punctures, b->punctures, 0.0, NULL);
 }
 
-/* Punctures may occur in neighbouring ticks, so each force is compared with the other run's forces within one slowest period before and after. */
+/* Punctures may fall in neighbouring ticks, so each force is compared with the other run's forces within one slowest period before and after. */
 static void check_rates(rows *r) {
     simulation_config c = lockstep_config();
     figure8_record *reference = figure8_run(&c, 4000, 1);

@@ -1,5 +1,5 @@
-/* Runs the figure-8 motion and a sideways push at depth on prostate meshes of many sizes, and compares the peak forces, and, at each puncture, the force and
-   the base travel since the first touch. The reference is the finest of these meshes, so errors common to all meshes do not appear here. verify_resolution.py
+/* Runs the figure-8 motion and a sideways push at depth on prostate meshes of many sizes. Compares the peak forces and, at each puncture, the force and the
+   base travel since first touch. The reference is the finest of these meshes, so errors common to all of them do not show here; verify_resolution.py
    compares with a needle whose surface is resolved. */
 #include <unistd.h>
 
@@ -9,13 +9,13 @@
 
 static const char AFTER_PUNCTURE[] = "the peak occurs up to 20 ms after the capsule's puncture, while the needle springs forward; a coarse "
                                      "mesh then moves too little tissue around the tip";
-static const double LIMIT = 0.07; /* relative just noticeable difference of force (Pang, Tan and Durlach 1991) */
+static const double LIMIT = 0.07; /* relative just noticeable difference in force (Pang, Tan and Durlach 1991) */
 
 typedef struct {
     int nodes, punctures;
     double push, pull, sagittal, torque;   /* peak values in the figure-8 motion, N; torque: N m */
-    double way[4], force[4];               /* base travel since the first touch (m) and axial force (N) at each puncture */
-    double sideways;                       /* N, largest force of the sideways push */
+    double way[4], force[4];               /* at each puncture: base travel since first touch (m) and axial force (N) */
+    double sideways;                       /* N, largest force in the sideways push */
 } outcome;
 
 static void figure8(lockstep *l, outcome *o) {

@@ -1,7 +1,6 @@
-/* Checks random motions of the probe in random scenes: the probe is pressed, lifted, tilted, slid along the surface, rolled and withdrawn, with and without a
-   needle in the tissue. The probe must not penetrate the tissue without a force, the forces on the probe and on the needle must be continuous, a hand that
-   returns to
-   its starting point must not have gained energy, and the probe must stop where its force would exceed the scene's limit.
+/* Checks random probe motions in random scenes: the probe is pressed, lifted, tilted, slid along the surface, rolled and withdrawn, with and without a
+   needle in the tissue. The probe must not penetrate the tissue without a force, the forces on probe and needle must be continuous, a hand that returns to
+   where it started must not have gained energy, and the probe must stop where its force would exceed the scene's limit.
 
    usage: verify_probe_motions [--short] FOLDER, or verify_probe_motions --runs FIRST LAST, which prints its findings */
 #include <stdarg.h>
@@ -11,20 +10,20 @@
 #include "rows.h"
 
 static const double TICK = 1e-3, SLOWEST = 3e-3, FASTEST = 6e-3; /* s, m/s */
-static const double NOTICED = 0.07, NOTICED_LEAST = 0.05; /* just noticeable change, as a fraction of the force and in N */
-static const double CLEARANCE = 1e-3; /* m, distance between the probe and the surface at rest when a motion begins */
+static const double NOTICED = 0.07, NOTICED_LEAST = 0.05; /* just noticeable difference in force: as a fraction, and in N */
+static const double CLEARANCE = 1e-3; /* m, between the probe and the surface at rest when a motion begins */
 static const double UNFELT = 1e-3;    /* N; a smaller force on the probe counts as none */
-enum { SET_EVERY = 3, LOOK_EVERY = 100, PARTS = 8, RECOIL = 30 }; /* SET_EVERY: ticks between probe poses; LOOK_EVERY: ticks between checks; PARTS: parts of an
-                                                                     edge; RECOIL: ticks after a puncture */
+enum { SET_EVERY = 3, LOOK_EVERY = 100, PARTS = 8, RECOIL = 30 }; /* SET_EVERY: ticks between probe poses; LOOK_EVERY: ticks between checks;
+                                                                     PARTS: samples per edge; RECOIL: ticks after a puncture */
 
 typedef enum { WITHOUT, HELD, RESTING } needle_use;
 
-/* The quantities that are reported; most of them are checked against a limit. */
+/* What is reported. Most of it is checked against a limit. */
 typedef enum { NODE_DEPTH, UNFELT_DEPTH, FACE_DEPTH, JUMP, JUMP_AFTER_STOP, NEEDLE_JUMP, OVERLOAD, FORCE, GAIN, GAIN_WITH_NEEDLE, FINDINGS } finding_kind;
 
 typedef struct {
     double worst;            /* of all runs */
-    int above, run;          /* above: number of values that exceed the limit; run: the run with the worst value */
+    int above, run;          /* above: values that exceed the limit; run: the run with the worst value */
 } finding;
 
 typedef struct {
@@ -39,14 +38,14 @@ typedef struct {
     trocar_probe_shape shape;
     double max_force;        /* N */
     double *displacements;
-    int triangle_count;      /* number of triangles of the surface on which the probe presses */
+    int triangle_count;      /* triangles of the surface that the probe presses on */
     int32_t (*triangles)[3];
     trocar_pose asked;       /* of the probe */
     trocar_probe probe;      /* as last solved */
-    int needle;              /* the needle that is ticked */
+    int needle;              /* the one that is ticked */
     trocar_pose base[2];
     trocar_output last[2];
-    int since;               /* number of ticks since the needle's last puncture or exit */
+    int since;               /* ticks since the needle's last puncture or exit */
     double work, most_work;
     long ticks;
     bool moving;             /* the probe */
@@ -56,15 +55,14 @@ typedef struct {
 } trial;
 
 static const double LIMITS[FINDINGS] = {
-    [NODE_DEPTH] = 10e-6,    /* m; nodes are kept out of the probe to 1e-12 m, but needles displace them until the next solution */
-    [UNFELT_DEPTH] = 0.2929, /* in radii: sagitta of an arc of 90 degrees; edges may penetrate this deep before they touch
-                                (mechanics.md) */
+    [NODE_DEPTH] = 10e-6,    /* m; nodes are kept out of the probe to 1e-12 m, but needles move them until the next solve */
+    [UNFELT_DEPTH] = 0.2929, /* in radii: sagitta of a 90-degree arc; edges may penetrate this deep before they touch (mechanics.md) */
     [FACE_DEPTH] = INFINITY, [FORCE] = INFINITY, [JUMP] = 1.0, [JUMP_AFTER_STOP] = 1.0, [NEEDLE_JUMP] = 1.0, [OVERLOAD] = 1e-3, [GAIN] = 1e-3,
     [GAIN_WITH_NEEDLE] = 1e-3};
 
-enum { MOST_TOLD = 30 };     /* maximum number of messages of the same type that a run prints */
+enum { MOST_TOLD = 30 };     /* messages of one type that a run prints at most */
 
-/* Returns true if the value exceeds its limit and a message about it is to be printed. */
+/* Returns whether the value exceeds its limit and a message about it should be printed. */
 static bool exceeds(trial *t, finding_kind kind, double value) {
     finding *f = &t->found.of[kind];
     if (!(value <= f->worst)) f->worst = value, f->run = t->number;
@@ -103,8 +101,8 @@ static void findings_add(findings *sum, const findings *f) {
 
 /* ---- penetration ---------------------------------------------------------------------------------------------------------------- */
 
-/* Returns the depth (m) of a point in the probe, negative outside it. The solid is a cylinder with a rounded edge: away from the edge, its side or its end is
-   closest. It extends without limit behind its base. */
+/* Returns how deep (m) a point is inside the probe, negative outside. The solid is a cylinder with a rounded edge: away from the edge, its side or its end
+   is closest. It extends without limit behind its base. */
 static double depth_in_probe(const trocar_probe_shape *s, const trocar_pose *base, const double x[3]) {
     const double *q = base->orientation, *at = base->position, back[4] = {q[0], -q[1], -q[2], -q[3]}, away[3] = {x[0] - at[0], x[1] - at[1], x[2] - at[2]};
     double local[3];
@@ -139,7 +137,7 @@ static void look(trial *t) {
 
 /* ---- ticks --------------------------------------------------------------------------------------------------------------------- */
 
-/* Returns a change in the force relative to the just noticeable change. */
+/* Returns a change in force in just noticeable differences. */
 static double change_of(const double before[3], const double after[3]) {
     return distance3(before, after) / fmax(NOTICED_LEAST, NOTICED * length3(before));
 }
@@ -180,7 +178,7 @@ static void judge_needle(trial *t, const trocar_output *out) {
              out->events, length3(t->probe.force));
 }
 
-/* Runs a tick with the needle's base at `base`; the probe is at the pose last requested. */
+/* Runs a tick with the needle's base at `base` and the probe at the pose last requested. */
 static void tick(trial *t, const trocar_pose *base) {
     trocar_output out;
     trocar_error why;
@@ -244,16 +242,16 @@ static void push_needle(trial *t, double advance) {
 typedef struct {
     random_scene *block;     /* NULL: meshes/trus.yaml */
     trocar_scene *scene;
-    bool end_on;             /* true if the probe's end is pressed on the tissue instead of its side */
-    trocar_pose home;        /* pose of the probe, clear of the surface; its local x axis, or z if `end_on`, points into the tissue */
-    double pivot;            /* m, distance from the probe's base to the point about which it is tilted */
-    trocar_pose needle;      /* pose of the needle before the insertion */
+    bool end_on;             /* whether the probe's end, rather than its side, is pressed on the tissue */
+    trocar_pose home;        /* of the probe, clear of the surface; its local x axis, or z if `end_on`, points into the tissue */
+    double pivot;            /* m, from the probe's base to the point it is tilted about */
+    trocar_pose needle;      /* of the needle before the insertion */
     double advance;          /* m, length of the insertion */
     needle_use use;
     hand_motion motion;      /* of the probe */
 } probe_scene;
 
-/* Places the probe on a block of tissue: beside the needle's entry point, or anywhere if there is no needle. */
+/* Places the probe on a block of tissue, beside the needle's entry point if there is a needle, otherwise anywhere. */
 static void place_on_block(probe_scene *s, uint64_t *seed, double radius, double length) {
     const double *entry = s->block->entry, upright[3] = {0, 0, 1};
     double away = radius + random_between(seed, 3e-3, 10e-3), angle = random_between(seed, -M_PI, M_PI), dir[3];
@@ -263,7 +261,7 @@ static void place_on_block(probe_scene *s, uint64_t *seed, double radius, double
     if (s->end_on) {
         quaternion_turn(home->orientation, random_between(seed, -0.15, 0.15), random_between(seed, -0.15, 0.15), 0);
         quaternion_rotate(home->orientation, upright, dir);
-        double lowest = -CLEARANCE - radius * hypot(dir[0], dir[1]); /* low enough that the rim of the tilted probe does not touch the surface */
+        double lowest = -CLEARANCE - radius * hypot(dir[0], dir[1]); /* low enough that the tilted probe's rim does not touch the surface */
         const double tip[3] = {entry[0] + away * cos(angle), entry[1] + away * sin(angle), lowest};
         for (int a = 0; a < 3; a++) home->position[a] = tip[a] - length * dir[a];
         s->pivot = length;
@@ -391,8 +389,7 @@ static void close_trial(trial *t) {
     free(t->triangles);
 }
 
-/* Leaves the needle in the tissue at its current position; from then on, another needle, far away, is ticked. If the needle cannot be left, it continues to be
-   held. */
+/* Leaves the needle in the tissue where it is. From then on, another needle, far away, is ticked. If the needle cannot be left, it is still held. */
 static void leave_needle(trial *t) {
     trocar_error why;
     if (trocar_sim_leave(t->sim, 0, &why) == TROCAR_OK && trocar_sim_work(t->sim, NULL, &why) == TROCAR_OK) t->needle = 1;
@@ -444,8 +441,7 @@ static void run_trial(int number, bool talks, findings *sum) {
     for (int k = 0; k < s.motion.count; k++) follow(&t, &s.motion.legs[k]);
     go_home(&t, &s.home);
     t.moving = false;
-    f->touching_at_last = s.use == WITHOUT && t.probe.contacts > 0; /* not counted with a needle, which may have moved the tissue to the position at which the
-                                                                       probe started */
+    f->touching_at_last = s.use == WITHOUT && t.probe.contacts > 0; /* not counted with a needle, which may have moved the tissue to where the probe started */
     if (s.use != WITHOUT) withdraw_needle(&t, s.advance);
     exceeds(&t, s.use == WITHOUT ? GAIN : GAIN_WITH_NEEDLE, -t.work / fmax(t.most_work, 1e-6));
     f->runs = 1, f->uses[s.use]++, f->ticks = t.ticks;
@@ -509,8 +505,8 @@ int main(int argc, char **argv) {
         return 0;
     }
     rows r = rows_begin(argc, argv, "Coupled: probe motions");
-    static const int SHORT[] = {5, 71, 137, 150}; /* these runs pass; together they cover both scenes (block and rectum), the probe's side and end, a stop
-                                                     at the force limit, and everything that a needle does beside the probe */
+    static const int SHORT[] = {5, 71, 137, 150}; /* these runs pass; together they cover both scenes (block and rectum), the probe's side and end, a stop at
+                                                     the force limit, and everything that a needle does beside the probe */
     int runs = r.short_form ? (int)(sizeof SHORT / sizeof *SHORT) : 200;
     for (int i = 0; i < runs; i++) run_trial(r.short_form ? SHORT[i] : i, !r.short_form, &f);
     report(&r, &f);

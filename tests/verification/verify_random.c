@@ -1,22 +1,22 @@
-/* Checks random scenes with all features enabled, and random motions of a slow hand. Forces must be continuous except at punctures, a hand that returns to its
-   starting point must not have gained energy, and no needle's end may be in the tissue without a contact. */
+/* Checks random motions of a slow hand in random scenes with all features enabled. Forces must be continuous except at punctures, a hand that returns to
+   where it started must not have gained energy, and no needle's end may be in the tissue without a contact. */
 #include "random_scene.h"
 #include "rows.h"
 
 static const double TICK = 1e-3, SPEED = 8e-3;       /* s, m/s */
-static const double NOTICED = 0.07, NOTICED_LEAST = 0.05; /* just noticeable change, as a fraction of the force and in N */
+static const double NOTICED = 0.07, NOTICED_LEAST = 0.05; /* just noticeable difference in force: as a fraction, and in N */
 enum { RECOIL = 30, LOOK_EVERY = 50 };               /* ticks */
 
 typedef struct {
     int runs, jumps, spikes, unstable, lost, kept;
     long ticks;
-    double worst_jump, worst_spike; /* largest jump and spike of the force, in multiples of the just noticeable change */
-    double least_work;       /* work of the hand over a closed path, as a fraction of the largest work along the path */
+    double worst_jump, worst_spike; /* largest jump and spike of the force, in just noticeable differences */
+    double least_work;       /* work of the hand over a closed path, as a fraction of the largest work along it */
     int jump_run, spike_run, work_run;
-    int beyond;              /* number of jumps and spikes after the tip has slid over an edge of the block */
+    int beyond;              /* jumps and spikes after the tip has slid over an edge of the block */
     double worst_within;     /* largest jump or spike among the others */
     int within_run;
-    int unexplained;         /* number of lost needles that are deeper than the dents of the other needles, computed in closed form */
+    int unexplained;         /* lost needles that are deeper than the other needles' dents, computed in closed form */
     double deepest;          /* m, largest depth of such a needle below those dents */
     bool talks;
 } findings;
@@ -25,13 +25,13 @@ typedef struct {
     random_scene *scene;
     trocar_model *model;
     trocar_sim *sim;
-    double radius;           /* m, radius of the needles */
+    double radius;           /* m, of the needles */
     double *displacements;
     trocar_pose base[3];
     trocar_output last[3];
     double history[3][3];    /* N, forces of the last three ticks */
-    bool over_edge;          /* the tip has slid over an edge of the block, and has not been clear of the block since */
-    int since;               /* number of ticks since the last puncture, exit, or change in which needles rest */
+    bool over_edge;          /* the tip has slid over an edge of the block and has not been clear of the block since */
+    int since;               /* ticks since the last puncture, exit, or change in which needles rest */
     double work, most_work;
     long ticks;
     bool unstable;
@@ -41,7 +41,7 @@ typedef struct {
     int number;
 } trial;
 
-/* Returns true if a point is in the displaced tissue. */
+/* Returns whether a point is in the displaced tissue. */
 static bool in_tissue(const trial *t, const double x[3]) {
     const double *nodes = trocar_model_nodes(t->model);
     const int32_t *tets = trocar_model_tets(t->model);
@@ -64,9 +64,9 @@ static bool in_tissue(const trial *t, const double x[3]) {
     return false;
 }
 
-/* Returns how far (m) the other needles push the skin along the axis at the entry point of this needle. The displacement is that of a half-space in closed
-   form, including the part that the mesh represents. A tip on the skin acts as a flat punch, which fixes the surface whatever loads the tissue remembers
-   (Sneddon 1965). The forces of a tip inside the tissue are applied at the skin (Boussinesq), which gives an upper bound. */
+/* Returns how far (m) the other needles push the skin along the axis at this needle's entry point. Uses the closed-form displacement of a half-space,
+   including the part that the mesh represents. A tip on the skin acts as a flat punch, which fixes the surface whatever loads the tissue remembers (Sneddon
+   1965). The forces of a tip inside the tissue are applied at the skin (Boussinesq), which gives an upper bound. */
 static double dent_by_others(const trial *t, int needle, const double end[3], const double axis[3], double radius) {
     trocar_contact contacts[TROCAR_MAX_POINTS];
     trocar_material m = trocar_model_material(t->model, trocar_model_tet_regions(t->model)[0]);
@@ -88,7 +88,7 @@ static double dent_by_others(const trial *t, int needle, const double end[3], co
     return sum;
 }
 
-/* Compares the depth of the needle's end in the displaced mesh with the dents of the other needles (dent_by_others). */
+/* Compares the depth of the needle's end in the displaced mesh with the other needles' dents (dent_by_others). */
 static void explain(trial *t, int needle, const double end[3], const double axis[3]) {
     static const double FINE = 0.1e-3; /* m */
     double deep = 1e-3, x[3];
@@ -102,7 +102,7 @@ static void explain(trial *t, int needle, const double end[3], const double axis
     if (t->found->talks) printf("run %d, %.3f s: needle %d unfelt %.2f mm deep, others dent the skin by %.2f mm\n", t->number, t->ticks * TICK, needle, 1e3 * deep, 1e3 * dent);
 }
 
-/* Returns true if the needle's end is a millimetre or more deep in the tissue and has no contact. */
+/* Returns whether the needle's end is a millimetre or more deep in the tissue and has no contact. */
 static bool passes_unfelt(trial *t, int needle) {
     trocar_contact contacts[TROCAR_MAX_POINTS];
     double line[TROCAR_MAX_JOINTS][3], behind[3], length;
@@ -122,8 +122,8 @@ static bool passes_unfelt(trial *t, int needle) {
     return true;
 }
 
-/* Tracks whether the tip has slid over an edge of the block's skin. The needle then springs into the space beside the block, and meets the block from the
-   side, where the model bears no force, or from below. */
+/* Tracks whether the tip has slid over an edge of the block's skin. If it has, the needle springs into the space beside the block and meets the block from
+   the side, where the model carries no force, or from below. */
 static void note_edge(trial *t) {
     double line[TROCAR_MAX_JOINTS][3];
     trocar_contact contacts[TROCAR_MAX_POINTS];
@@ -198,7 +198,7 @@ static void go_to(trial *t, int needle, const trocar_pose *to, double seconds) {
     }
 }
 
-/* Inserts a needle beside the entry point of the moving needle, and leaves it. */
+/* Inserts a needle beside the moving needle's entry point, and leaves it. */
 static void leave_beside(trial *t, int needle, uint64_t *seed) {
     trocar_error why;
     double angle = random_between(seed, 0, 2 * M_PI), away = random_between(seed, 4e-3, 12e-3);
@@ -208,7 +208,7 @@ static void leave_beside(trial *t, int needle, uint64_t *seed) {
     hand_add(&m, 0.05, (hand_leg){.advance = random_between(seed, 0.02, 0.05)});
     follow(t, needle, &m.legs[0]);
     if (trocar_sim_leave(t->sim, needle, &why) != TROCAR_OK) return;
-    if (trocar_sim_work(t->sim, NULL, &why) != TROCAR_OK) { /* on failure, the needle continues to be held */
+    if (trocar_sim_work(t->sim, NULL, &why) != TROCAR_OK) { /* on failure, the needle is still held */
         t->found->kept++;
         if (t->found->talks) printf("run %d: %s\n", t->number, why.text);
     }
@@ -274,12 +274,11 @@ typedef struct {
     bool talks;
 } implant_findings;
 
-enum { COLUMNS = 7, ROWS = 5, ACROSS = -3, UP = -2 }; /* COLUMNS, ROWS: number of columns and rows of holes around the template's centre; ACROSS, UP: first
-                                                         column and row */
+enum { COLUMNS = 7, ROWS = 5, ACROSS = -3, UP = -2 }; /* holes around the template's centre; ACROSS, UP: first column and row */
 static const double PITCH = 5e-3;                     /* m */
 
-/* Inserts as many needles as the scene allows, one after the other, through random holes of the implant scene's template, in surroundings of 3 to 30 kPa
-   and at the speed of a hand. Each needle is left at its depth, so that the tissue is displaced for those inserted later. */
+/* Inserts as many needles as the scene allows, one after another, through random holes of the implant scene's template, in surroundings of 3 to 30 kPa and
+   at the speed of a hand. Each needle is left at its depth, so those inserted later find the tissue displaced. */
 static void run_implant(int number, implant_findings *f) {
     trial t = {.found = &(findings){0}, .number = number};
     trocar_error why;
@@ -325,7 +324,7 @@ static void run_implant(int number, implant_findings *f) {
     free(t.displacements);
 }
 
-/* Adds to a note the number of checks in which the dents of the other needles are not deep enough to explain why a needle in the tissue has no contact. */
+/* Adds to a note in how many checks the other needles' dents were not deep enough to explain why a needle in the tissue has no contact. */
 static void append_unexplained(char *note, size_t size, int unexplained, double deepest) {
     size_t at = strlen(note);
     if (unexplained > 0) snprintf(note + at, size - at, "%s%d deeper than the other needles' dents in closed form, by up to %.1f mm", at > 0 ? "; " : "", unexplained, 1e3 * deepest);
@@ -356,8 +355,8 @@ static void report(rows *r, const findings *f) {
     rows_measured(r, (row){.check = "random scenes: needles that found no rest when they were left", .reference = "held as before", .value = f->kept, .expected = NAN, .error = f->kept});
 }
 
-/* Reports two runs of the full form. In run 47, a thin needle bows by 20 mm and snaps to another shape: steps that find no equilibrium are undone. In run 270,
-   a needle enters tissue of 3 kPa at a point where the tip of another one has just entered. */
+/* Reports two runs of the full form. In run 47, a thin needle bows by 20 mm and snaps to another shape: steps that find no equilibrium are undone. In run
+   270, a needle enters 3 kPa tissue where another one's tip has just entered. */
 static void report_chosen_runs(rows *r) {
     findings snaps = {.talks = false}, enters = {.talks = false};
     run_trial(47, SPEED, &snaps);
@@ -368,7 +367,7 @@ static void report_chosen_runs(rows *r) {
 
 enum { RUNS = 500, IMPLANTS = 200, SHORT_RUNS = 6, SHORT_IMPLANTS = 1, TOLD_EVERY = 10 };
 
-/* Writes intermediate results, so that some are available if the run is terminated early. */
+/* Writes intermediate results, so that some exist if the run is killed early. */
 static void tell_progress(const findings *f, const implant_findings *implants) {
     if ((f->runs + implants->implants) % TOLD_EVERY > 0) return;
     fprintf(stderr, "%d runs: jumps %d (%.2f, run %d), spikes %d (%.2f, run %d), work %.3g (run %d), unstable %d, unfelt %d (%d unexplained), not at rest %d; %d implants: unfelt %d, not at rest %d\n",
@@ -377,7 +376,7 @@ static void tell_progress(const findings *f, const implant_findings *implants) {
     fflush(stderr);
 }
 
-/* Runs part `part` of `parts` (counted from 1) of the full form; its rows are written to random-PART-of-PARTS.json. */
+/* Runs part `part` of `parts` (counted from 1) of the full form. Its rows go to random-PART-of-PARTS.json. */
 static int check(int argc, char **argv, int part, int parts) {
     findings f = {.talks = parts > 1};
     implant_findings implants = {.talks = parts > 1};
@@ -397,7 +396,7 @@ static int check(int argc, char **argv, int part, int parts) {
 }
 
 /* `--runs FIRST LAST` runs only these and prints the findings; `--implants FIRST LAST` does the same for implants. `--part K N FOLDER` runs part K of the N
-   parts of the full form, and also prints the findings; the parts may run in parallel. */
+   parts of the full form, and also prints the findings. Parts may run in parallel. */
 int main(int argc, char **argv) {
     findings f = {.talks = true};
     implant_findings implants = {.talks = true};

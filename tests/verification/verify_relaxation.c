@@ -1,5 +1,5 @@
-/* Tests relaxing tissue: energy balance of random insertions, and independence from tick rate and mesh. Constant displacements and removed loads are tested in
-   tests/unit/insertion/test_creep.c. */
+/* Tests relaxing tissue: energy balance of random insertions, and independence from tick rate and mesh. Constant displacements and removed loads are tested
+   in tests/unit/insertion/test_creep.c. */
 #include "figure8.h"
 #include "insertion/laws/creep.h"
 #include "insertion/model/local_compliance.h"
@@ -9,7 +9,7 @@
 #include "twist.h"
 
 static const relaxation_term SERIES[] = {{0.25, 0.15}, {0.15, 2.5}, {0.10, 30.0}};
-enum { TERMS = 3, SAMPLE = 50 }; /* SAMPLE is the number of ticks between two checks of the energy */
+enum { TERMS = 3, SAMPLE = 50 }; /* SAMPLE: ticks between two checks of the energy */
 static const double TICK = 1e-3, STIFFENING = 2.0;
 
 static simulation_config relaxing_config(bool relaxing) {
@@ -42,7 +42,7 @@ static void spread(const mesh *m, int tet, const double weights[4], vec3 force, 
     for (int c = 0; c < 4; c++) nominal[m->tets[tet][c]] = v3_axpy(weights[c], force, nominal[m->tets[tet][c]]);
 }
 
-/* Adds the needle's forces (term -1), or those that a relaxation term remembers. */
+/* Adds the needle's forces (term -1), or those a relaxation term remembers. */
 static void put_loads(const lockstep *l, int term, vec3 *nominal) {
     const insertion_state *s = &l->state;
     const mesh *m = &l->parts.mesh;
@@ -58,14 +58,14 @@ static void put_loads(const lockstep *l, int term, vec3 *nominal) {
     for (int i = 0; i < s->memory.residual.count && term >= 0; i++) spread(m, s->memory.residual.loads[i].tet, s->memory.residual.loads[i].weights, s->memory.residual.loads[i].load[term], nominal);
 }
 
-/* Returns the fraction of the tip's force that the shaft bears; the rest acts one radius ahead of the tip. */
+/* Returns the fraction of the tip's force carried by the shaft. The rest acts one radius ahead of the tip. */
 static double shaft_part(const lockstep *l, const contact_point *p) {
     double length = p->share.to - p->share.from, radius = l->parts.needle.radius;
     return p->kind == POINT_TIP ? length / (length + radius) : 1.0;
 }
 
-/* Near the surface, the tissue under the end face becomes softer the harder the face presses (local_at_tip). A force F on it stores the integral of F over the
-   displacement, which exceeds 1/2 F times the displacement by the value returned. */
+/* Near the surface, the tissue under the end face becomes softer the harder the face presses (local_at_tip). A force F on it stores the integral of F over
+   the displacement, which exceeds 1/2 F times the displacement by the value returned. */
 static double softening_energy(const lockstep *l, double face) {
     const needle_tip *tip = &l->state.tip;
     enum { STEPS = 20 };
@@ -76,7 +76,7 @@ static double softening_energy(const lockstep *l, double face) {
     return sum;
 }
 
-/* Returns the needle's force (N) on the tissue around the shaft at a point; at the tip, the end face bears the remainder. */
+/* Returns the needle's force (N) on the tissue around the shaft at a point. At the tip, the end face carries the rest. */
 static vec3 force_around_shaft(const lockstep *l, int i) {
     const insertion_workspace *w = l->run.workspace;
     vec3 force = point_force(&l->state, &w->points.list[i]), needle = needle_along(&w->points.list[i].at);
@@ -114,7 +114,7 @@ static double local_energy(const lockstep *l, int term) {
     return 0.5 * sum / w->creep.yield + softening;
 }
 
-/* Returns the energy (J) of the tissue that the shaft has rotated, under the torques that a term remembers. */
+/* Returns the energy (J) of the tissue rotated by the shaft, under the torques a term remembers. */
 static double twist_energy(const lockstep *l, int term) {
     const insertion_workspace *w = l->run.workspace;
     double sum = 0.0;
@@ -125,8 +125,7 @@ static double twist_energy(const lockstep *l, int term) {
     return 0.5 * sum;
 }
 
-/* Returns the energy (J) that a stiffening spring stores in addition to the energy of a linear spring; it is the integral of the force over the additional
-   displacement. */
+/* Returns the energy (J) a stiffening spring stores beyond that of a linear one, i.e. the integral of the force over the additional displacement. */
 static double stiffening_energy(const stiffening_law *law, double force) {
     double energy = force * stiffening_at(law, force).shift;
     for (int i = 0; i < 100; i++) energy -= stiffening_at(law, force * (i + 0.5) / 100).shift * force / 100;
@@ -244,8 +243,8 @@ static void check_energy(rows *r) {
     check_energy_of_stiffening(r);
 }
 
-/* Shakes a sticking needle, so that only creep dissipates energy. If the dissipation is computed with the forces at the end of each tick, it must not be
-   negative in any tick. */
+/* Shakes a sticking needle, so that only creep dissipates energy. Computed with the forces at the end of each tick, the dissipation must not be negative in
+   any tick. */
 static void check_shaken(rows *r) {
     simulation_config c = relaxing_config(true);
     for (int i = 0; i < c.region_count; i++) {
@@ -291,7 +290,7 @@ static void check_rates(rows *r) {
     free(reference);
 }
 
-/* Forces along the needle and sideways after an insertion and a push, and the forces that remain after holding. */
+/* Forces along the needle and sideways after an insertion and a push, and what is left of them after holding. */
 typedef struct { double along, sideways, along_held, sideways_held; } held_forces;
 
 static held_forces push_and_hold(const char *path) {

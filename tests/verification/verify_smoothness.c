@@ -1,16 +1,16 @@
-/* Measures the largest change in the base force per tick at 1 kHz in random insertions with steering, retraction and reinsertion, on several meshes. People
-   notice changes of 7 %, or of 0.05 N if the force is small. In stiffening tissue, the force must also increase while a sticking needle is pushed. */
+/* Measures the largest change in the base force per tick at 1 kHz, in random insertions with steering, retraction and reinsertion, on several meshes. People
+   notice changes of 7 %, or of 0.05 N if the force is small. In stiffening tissue, the force must also keep rising while a sticking needle is pushed. */
 #include "lockstep.h"
 #include "random_hand.h"
 #include "rows.h"
 
 static const double TICK = 1e-3;              /* s */
-static const double NOTICED = 0.07, NOTICED_LEAST = 0.05; /* just noticeable change, as a fraction of the force and in N */
-static const int RECOIL = 25;                 /* maximum number of ticks for which a needle springs forward after a puncture */
+static const double NOTICED = 0.07, NOTICED_LEAST = 0.05; /* just noticeable difference in force: as a fraction, and in N */
+static const int RECOIL = 25;                 /* largest number of ticks for which a needle springs forward after a puncture */
 enum { BINS = 400, BINS_PER_DECADE = 80 };
 static const double FIRST_BIN = 1e-4;
 
-/* Histogram of changes relative to the just noticeable change, in logarithmic bins. */
+/* Histogram of changes, in just noticeable differences, with logarithmic bins. */
 typedef struct {
     double largest;
     long count, excesses;
@@ -40,7 +40,7 @@ typedef struct {
     unsigned events;
 } smoothness;
 
-/* Records one tick; `since` is the number of ticks since the last puncture or exit. */
+/* Records one tick. `since`: ticks since the last puncture or exit. */
 static void judge(smoothness *s, const lockstep *l, vec3 last, int *since, int run, int leg) {
     bool jumps = l->wrench.events & (EVENT_PUNCTURED | EVENT_EXITED);
     *since = jumps ? 0 : *since + 1;
@@ -111,7 +111,7 @@ static lockstep *create_insertions(const char *path, double stiffening) {
     return lockstep_create(&config, lockstep_start());
 }
 
-/* `chosen` lists the runs to be performed; if it is NULL, the first ones are performed. */
+/* `chosen` lists the runs to do; if it is NULL, the first ones are done. */
 static void check_runs(rows *r, const char *name, const char *path, double stiffening, int runs, const int *chosen) {
     lockstep *l = create_insertions(path, stiffening);
     smoothness *s = calloc(1, sizeof *s);
@@ -125,9 +125,9 @@ static void check_runs(rows *r, const char *name, const char *path, double stiff
 
 static void check_mesh(rows *r, const char *name, const char *path, double stiffening, int runs) { check_runs(r, name, path, stiffening, runs, NULL); }
 
-/* Insertions in stiffening tissue that test the continuity of forces near old tracks. In this order, they test the direction of cutting before the first
-   contact; the work of the holding force near the surface; a last contact that is released near the surface; a membrane close to its puncture; a short track
-   next to a long one; and tissue that springs back into a track, close to the puncture of the skin and close to that of the capsule. */
+/* Insertions in stiffening tissue that test whether forces are continuous near old tracks. In this order, they test the direction of cutting before first
+   contact; the work of the holding force near the surface; a last contact that is released near the surface; a membrane about to be punctured; a short track
+   next to a long one; and tissue that springs back into a track, just after puncturing the skin and the capsule. */
 static const int NEAR_OLD_TRACKS[] = {142, 114, 74, 170, 38, 182, 147};
 
 /* ---- monotone ----------------------------------------------------------------------------------------------------------------
@@ -139,13 +139,13 @@ static const int NEAR_OLD_TRACKS[] = {142, 114, 74, 170, 38, 182, 147};
 static const double STIFFENING = 2.0, PUSH = 3e-3, PUSH_SPEED = 0.02; /* m, m/s */
 
 typedef struct {
-    double least;            /* N, smallest increase of the force in a tick */
+    double least;            /* N, smallest increase in force in a tick */
     double most;             /* N, largest force */
     double hardest, softest; /* N/m, largest and smallest stiffness in any push */
     unsigned events;
 } pushes;
 
-/* Pushes by `way` (m) and records the forces until the end or until a membrane is punctured. */
+/* Pushes by `way` (m) and records the forces until the end or until it punctures a membrane. */
 static void push(lockstep *l, vec3 way, pushes *p) {
     vec3 direction = v3_unit(way);
     int ticks = (int)ceil(v3_norm(way) / (PUSH_SPEED * TICK));
@@ -212,7 +212,7 @@ static void check_pressed(rows *r, int count) {
     lockstep_free(l);
 }
 
-/* `--runs FIRST LAST S` performs only these insertions, on the scene's mesh, in tissue with the stiffening S, and prints the changes above the limit. */
+/* `--runs FIRST LAST S` does only these insertions, on the scene's mesh, in tissue with the stiffening S, and prints the changes above the limit. */
 static int look_at_runs(int first, int last, double stiffening) {
     lockstep *l = create_insertions(NULL, stiffening);
     smoothness *s = calloc(1, sizeof *s);

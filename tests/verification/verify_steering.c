@@ -2,7 +2,7 @@
 #include "rows.h"
 #include "steering.h"
 
-static const double FROM = 0.03, TO = 0.08; /* m, range of depths over which the track's curvature is fitted */
+static const double FROM = 0.03, TO = 0.08; /* m, depths over which the track's curvature is fitted */
 enum { MOST_SLOPES = 5 };
 
 static double curvature_of(const steering_case *c) {
@@ -33,7 +33,7 @@ static void draw_track(rows *r, const char *figure, const char *label, const ste
 
 static const char *nodes_of(const steering_case *c) { return !c->mesh ? "570 nodes" : strcmp(c->mesh, FINEST) ? "3300 nodes" : "6500 nodes"; }
 
-/* Asymmetric elements push the tip sideways. On coarse meshes, this deflection is reported but not checked; on a finer mesh, it has a limit. */
+/* Asymmetric elements push the tip sideways. On coarse meshes, this deflection is only reported; on a finer mesh, it has a limit. */
 static void on_mesh(rows *r, row entry, const steering_case *c, bool fine) {
     char check[160];
     snprintf(check, sizeof check, "%s, %s", entry.check, nodes_of(c));
@@ -50,7 +50,7 @@ static void check_straight(rows *r, const char *check, steering_case c) {
                      .note = "deflection of the tip at 79 mm, absolute error: unsymmetric elements push the tip aside"}, &c, c.mesh && !strcmp(c.mesh, FINEST));
 }
 
-/* Checks the S-shaped track after a half turn: its end and, for a needle whose bending decays within a few millimetres, also the curvature after the turn. */
+/* Checks the S-shaped track after a half turn: its end and, for a needle whose bending decays within a few millimetres, the curvature after the turn. */
 static void check_half_turn(rows *r, const char *name, steering_case c, bool decays_at_once) {
     char check[96];
     steering_track arc = steering_run(&c);
@@ -71,7 +71,7 @@ static void check_half_turn(rows *r, const char *name, steering_case c, bool dec
     draw_track(r, "steering-half-turn", check, &s);
 }
 
-/* A needle that is rolled by half a turn before the insertion cuts the mirrored track, as far as the mesh's asymmetry allows. */
+/* A needle rolled by half a turn before the insertion cuts the mirrored track, as far as the mesh's asymmetry allows. */
 static void check_mirror(rows *r, const char *check, steering_case c) {
     c.x = c.y = 0.0;
     double upright = curvature_of(&c);
@@ -108,8 +108,8 @@ static void check_nitinol_slopes(rows *r) {
                            .note = "an estimate"});
 }
 
-/* Compares moduli from the softest tissue to rubber. In tissue softer than 60 kPa, which would otherwise be dented by centimetres, the strength is proportional
-   to the modulus. */
+/* Compares moduli from the softest tissue to rubber. In tissue softer than 60 kPa, which would otherwise be dented by centimetres, the strength is
+   proportional to the modulus. */
 static void check_stiffness(rows *r, const char *name, steering_case c) {
     static const double moduli[] = {5e3, 15e3, 60e3, 250e3, 1e6, 3e6};
     for (int i = 0; i < 6; i++) {
@@ -126,7 +126,7 @@ static void check_stiffness(rows *r, const char *name, steering_case c) {
 
 /* Curvatures of one needle on one mesh with the bevel facing in four directions. */
 typedef struct {
-    double mean, spread; /* mean: 1/m; spread: difference between the largest and the smallest curvature, as a fraction of the mean */
+    double mean, spread; /* mean: 1/m; spread: largest minus smallest curvature, as a fraction of the mean */
 } curvatures;
 
 static curvatures curvatures_around(steering_case c, const char *mesh) {
@@ -141,7 +141,7 @@ static curvatures curvatures_around(steering_case c, const char *mesh) {
 }
 
 /* Asymmetric elements deflect the track by about the same amount on every mesh, but in different directions. The mean over four bevel directions therefore
-   shows the effect of the element size, and the spread shows that of the mesh's irregularity. */
+   shows the effect of element size, and the spread that of the mesh's irregularity. */
 static void check_meshes(rows *r) {
     static const int sizes[] = {570, 1700, 3300, 6500};
     steering_case cases[] = {steering_steel(0.05), steering_nitinol(0.05)};

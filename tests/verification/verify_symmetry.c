@@ -1,12 +1,12 @@
-/* Checks that a scene that is rotated and shifted together with its mesh gives the same wrench in its own frame, and that a mirrored scene gives the mirrored
-   wrench. The mesh is written to a new file, so that reading, search trees and refinement use different numbers. */
+/* Checks that a scene rotated and shifted together with its mesh gives the same wrench in its own frame, and that a mirrored scene gives the mirrored
+   wrench. The mesh is written to a new file, so that reading, search trees and refinement work with different numbers. */
 #include "lockstep.h"
 #include "rows.h"
 
 static const double TICK = 1e-3; /* s */
 enum { MOST_TICKS = 4000 };
 
-/* The map x -> linear x + shift, in which `linear` is a rotation, possibly after a reflection of x. */
+/* The map x -> linear x + shift, where `linear` is a rotation, possibly after a reflection of x. */
 typedef struct {
     mat3 linear;
     vec3 shift;
@@ -15,7 +15,7 @@ typedef struct {
 
 static vec3 place_point(const placing *p, vec3 x) { return v3_add(m3_apply(&p->linear, x), p->shift); }
 
-/* Returns the frame of a mirrored needle. Its local x axis is mirrored as well, so that the frame remains right-handed. */
+/* Returns the frame of a mirrored needle. Its local x axis is mirrored as well, so that the frame stays right-handed. */
 static pose place_pose(const placing *p, pose at) {
     const mat3 mirror = {{{-1, 0, 0}, {0, 1, 0}, {0, 0, 1}}};
     mat3 frame = q_matrix(at.orientation);
@@ -23,7 +23,7 @@ static pose place_pose(const placing *p, pose at) {
     if (p->mirrored) frame = m3_multiply(&frame, &mirror);
     vec3 x = v3(frame.m[0][0], frame.m[1][0], frame.m[2][0]), y = v3(frame.m[0][1], frame.m[1][1], frame.m[2][1]);
     vec3 z = v3_cross(x, y);
-    /* The quaternion whose matrix has these columns, computed starting from its largest component (Shepperd 1978). */
+    /* Returns the quaternion whose matrix has these columns, computed from its largest component (Shepperd 1978). */
     double t[4] = {1 + x.x + y.y + z.z, 1 + x.x - y.y - z.z, 1 - x.x + y.y - z.z, 1 - x.x - y.y + z.z};
     int k = 0;
     for (int i = 1; i < 4; i++)
@@ -33,11 +33,11 @@ static pose place_pose(const placing *p, pose at) {
     return (pose){place_point(p, at.position), q_unit(q[k])};
 }
 
-/* Copies a mesh in MSH format 2.2 and transforms the positions of its nodes. */
+/* Copies a mesh in MSH format 2.2, transforming the node positions. */
 static void place_mesh(const placing *p, const char *from, const char *to) {
     FILE *in = fopen(from, "r"), *out = fopen(to, "w");
     char line[512];
-    int left = -1; /* number of nodes still to be read, or -1 outside the section of nodes */
+    int left = -1; /* nodes still to be read, or -1 outside the node section */
     if (!in || !out) {
         perror(in ? to : from);
         exit(2);
@@ -62,7 +62,7 @@ static void place_mesh(const placing *p, const char *from, const char *to) {
     fclose(out);
 }
 
-/* Returns the pose of a tilted, bevelled needle that is pushed in, moved to the side and rolled, and pulled back. */
+/* Returns the pose of a tilted, bevelled needle that is pushed in, moved sideways and rolled, and pulled back. */
 static pose hand_at(double t) {
     double in = fmin(t / 1.0, 1.0), aside = fmin(fmax((t - 1.0) / 0.3, 0.0), 1.0), out = fmin(fmax((t - 1.3) / 0.5, 0.0), 1.0);
     quat lean = q_multiply(q_exp(v3(0.05, -0.08, 0)), q_exp(v3(0, 0, 0.6 + 0.5 * aside)));
@@ -73,7 +73,7 @@ static pose hand_at(double t) {
 
 typedef struct {
     int ticks;
-    vec3 force[MOST_TICKS], torque[MOST_TICKS]; /* force: N; torque: N m; in the frame of the original scene */
+    vec3 force[MOST_TICKS], torque[MOST_TICKS]; /* force: N; torque: N m; in the original scene's frame */
 } trace;
 
 static trace *play(const rows *r, const placing *p) {

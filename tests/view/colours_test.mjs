@@ -1,11 +1,11 @@
-/* Tests that the page's colours can be told apart, also with protanopia, deuteranopia and tritanopia, and that texts and curves stand out from their
+/* Tests that the page's colours can be told apart, with protanopia, deuteranopia and tritanopia as well, and that text and curves stand out from their
    background.
    usage: colours_test.mjs SOURCE_DIR
 
    Dichromacy is simulated with the matrices of G. M. Machado, M. M. Oliveira and L. A. F. Fernandes, "A physiologically-based model for simulation of color
-   vision deficiency", IEEE Transactions on Visualization and Computer Graphics 15 (2009), 1291-1298, for linear RGB and severity 1. Differences are CIEDE2000:
-   G. Sharma, W. Wu and E. N. Dalal, "The CIEDE2000 color-difference formula", Color Research and Application 30 (2005), 21-30, whose test data are used below.
-   Contrasts are those of WCAG 2.2: 4.5 for texts (1.4.3), 3 for graphics (1.4.11). */
+   vision deficiency", IEEE Transactions on Visualization and Computer Graphics 15 (2009), 1291-1298, for linear RGB and severity 1. Differences are
+   CIEDE2000: G. Sharma, W. Wu and E. N. Dalal, "The CIEDE2000 color-difference formula", Color Research and Application 30 (2005), 21-30, whose test data
+   are used below. Contrasts are those of WCAG 2.2: 4.5 for texts (1.4.3), 3 for graphics (1.4.11). */
 import assert from 'node:assert/strict'
 import { readFile } from 'node:fs/promises'
 import path from 'node:path'
@@ -26,7 +26,7 @@ const ULTRASOUND = '#06080b'
 
 /* ---- formulas ---- */
 
-/** Linear RGB, 0 to 1, of a colour such as #ffd23f (IEC 61966-2-1). */
+/** Returns the linear RGB, 0 to 1, of a colour such as #ffd23f (IEC 61966-2-1). */
 function linear(colour) {
   return [1, 3, 5].map((at) => parseInt(colour.slice(at, at + 2), 16) / 255).map((v) => (v <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4))
 }
@@ -34,7 +34,7 @@ function linear(colour) {
 const times = (matrix, [a, b, c]) => [0, 3, 6].map((row) => matrix[row] * a + matrix[row + 1] * b + matrix[row + 2] * c)
 const simulate = (matrix, rgb) => times(matrix, rgb).map((v) => Math.min(Math.max(v, 0), 1))
 
-/** CIELAB of linear sRGB, with white D65. */
+/** Returns the CIELAB of linear sRGB, with white D65. */
 function lab(rgb) {
   const white = [0.95047, 1, 1.08883], xyz = times([0.4124564, 0.3575761, 0.1804375, 0.2126729, 0.7151522, 0.0721750, 0.0193339, 0.1191920, 0.9503041], rgb)
   const [x, y, z] = xyz.map((v, i) => v / white[i]).map((v) => (v > 216 / 24389 ? Math.cbrt(v) : (24389 / 27 * v + 16) / 116))
@@ -96,7 +96,7 @@ for (const [name, colours] of Object.entries(sets))
     if (least.difference < LEAST) faults.push(words)
   }
 
-/** Returns the colours of a theme, from the first rule of style.css that has this selector. */
+/** Returns a theme's colours, from the first rule in style.css that has this selector. */
 async function theme(selector) {
   const css = await readFile(path.join(page, 'style.css'), 'utf8'), start = css.indexOf(`${selector} {`), rule = css.slice(start, css.indexOf('}', start))
   assert(start >= 0, selector)

@@ -1,18 +1,18 @@
-/* Tests the isodose lines that the page draws over computed ultrasound images: around a point whose dose falls linearly, they are circles of known radii, also in a
-   tilted plane.
+/* Tests the isodose lines that the page draws over computed ultrasound images. Around a point from which the dose falls linearly, they are circles of known
+   radii, even in a tilted plane.
    usage: isolines_test.mjs SOURCE_DIR */
 import assert from 'node:assert/strict'
 import path from 'node:path'
 import { pathToFileURL } from 'node:url'
 
 const { Isolines } = await import(pathToFileURL(path.join(path.resolve(process.argv[2]), 'clients/view/page/src/procedure/isolines.js')))
-const COUNT = 41, SPACING = 1e-3, MIDDLE = [0.003, -0.002, 0.05], TOP = 3, RADIUS = 0.016 // lengths in m; the dose is TOP prescriptions at MIDDLE, and falls to 0 at the distance RADIUS
+const COUNT = 41, SPACING = 1e-3, MIDDLE = [0.003, -0.002, 0.05], TOP = 3, RADIUS = 0.016 // m; dose: TOP prescriptions at MIDDLE, 0 at the distance RADIUS
 const vector = (array) => ({ value: { toArray: () => array } }), data = new Uint8Array(COUNT ** 3)
 for (let x = 0, i = 0; x < COUNT; x++)
   for (let y = 0; y < COUNT; y++)
     for (let z = 0; z < COUNT; z++, i++) data[i] = Math.round(255 * Math.max(0, 1 - SPACING * Math.hypot(x - 20, y - 20, z - 20) / RADIUS))
 
-/** Returns the ends of all pieces of the lines by colour, in the mesh's frame. */
+/** Returns the ends of all line segments by colour, in the mesh's frame. */
 function lines(across, up, origin) {
   const found = {}
   let colour

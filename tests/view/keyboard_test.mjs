@@ -1,4 +1,4 @@
-/* Tests that a trainee's task can be done with the keyboard alone, from loading the page to the report; also tests the page's sounds. axe-core checks each
+/* Tests that a trainee's task can be done with the keyboard alone, from loading the page to the report. Also tests the page's sounds. axe-core checks each
    dialog on the way. Run by test_view.sh in a private network.
    usage: keyboard_test.mjs BUILD_DIR SOURCE_DIR OUT_DIR */
 import assert from 'node:assert/strict'
@@ -63,7 +63,7 @@ try {
         const at = document.activeElement, controls = [...document.querySelectorAll('button, input, select, summary, canvas[tabindex], section[tabindex], div[tabindex]')]
         return at === document.body ? null : { index: controls.indexOf(at), name: at.id || at.textContent, drawn: at.checkVisibility({ visibilityProperty: true }) && getComputedStyle(at).outlineStyle !== 'none' }
       })
-      if (!here && seen.length === 0) continue // the focus moves from the closed dialog, at the end of the page, to the page's start
+      if (!here && seen.length === 0) continue // the dialog just closed was last in the page, so the first Tab wraps to the top; ignore that
       if (!here || seen.some(({ index }) => index === here.index)) break
       seen.push(here)
     }

@@ -1,4 +1,4 @@
-/* Tests the page's languages, its use by touch, and that two pages of one trocar-view can be told apart. Run by test_view.sh in a private network.
+/* Tests the page's languages, using it by touch, and telling two pages of one trocar-view apart. Run by test_view.sh in a private network.
    usage: language_test.mjs BUILD_DIR SOURCE_DIR OUT_DIR */
 import assert from 'node:assert/strict'
 import { readFile } from 'node:fs/promises'
@@ -14,7 +14,7 @@ const text = (id) => `document.getElementById('${id}').textContent`
 const live = "trocar.state.name === 'live' && document.body.classList.contains('procedure')"
 const shoot = (page, name) => shootPage(page, `language-${name}`)
 
-/** All messages, enclosed in brackets, so that a text without brackets on the page does not come from the message files. */
+/** All messages in brackets, so that any text without brackets on the page does not come from the message files. */
 const marked = Object.fromEntries(Object.entries(english).map(([key, message]) =>
   [key, typeof message === 'string' ? `⟦${message}⟧` : Object.fromEntries(Object.entries(message).map(([form, words]) => [form, `⟦${words}⟧`]))]))
 
@@ -98,7 +98,7 @@ try {
 
   await check('two pages are told apart', async () => {
     await page.setViewportSize({ width: 900, height: 600 })
-    assert.equal(await page.evaluate('document.getElementById("page-number").hidden'), true) // one page needs no number
+    assert.equal(await page.evaluate('document.getElementById("page-number").hidden'), true) // a single page needs no number
     second = await open({ width: 900, height: 600 })
     await until(second, `${live} && trocar.status.pages === 2`)
     await until(page, 'trocar.status.pages === 2')
@@ -146,8 +146,8 @@ try {
 }
 console.log('passed')
 
-/** Holds the lever with a finger until the expression is true; `part` is the finger's distance from the top, as a fraction of the lever's height. Takes the
- * needle again if it has been released, as may happen on a busy machine. */
+/** Holds the lever with a finger until the expression is true. `part`: the finger's distance from the top, as a fraction of the lever's height. Takes the
+   needle again if it has been released, as may happen on a busy machine. */
 async function touchLever(page, part, done) {
   const touch = await page.context().newCDPSession(page)
   for (let times = 0; times < 40 && !await page.evaluate(done); times++) {
@@ -160,8 +160,7 @@ async function touchLever(page, part, done) {
   await until(page, done)
 }
 
-/** Runs in the page: returns texts, titles, labels and texts drawn on canvases that have words outside brackets, other than names from the scene, units and
- * keys. */
+/** Runs in the page. Returns texts, titles, labels and texts drawn on canvases with words outside brackets, other than names from the scene, units and keys. */
 function textsBeside() {
   const { scene } = trocar.stage, found = new Set(), NAMES = ['English', 'Deutsch', 'trocar', scene.path, scene.path.split('/').pop(), ...scene.regions.flatMap(({ name, organ }) => [name, organ]), ...scene.membranes.map(({ name }) => name)]
   const UNITS = /^(s|mm|mm\/s|mN m|N|N\/m|Pa|s\/m²?|µs|ms|kHz|dB|Gy|U|cm³|min|auto|x|y|z|[A-Z]{1,2}|[A-Z]\d(\.5)?|[a-z_]+\[[^\]]*\]|JSON|CSV)$/

@@ -1,4 +1,4 @@
-/* Tests the page with a live server, as a person uses it, in headless Chromium; run by test_view.sh in a private network.
+/* Tests the page with a live server, as a person would use it, in headless Chromium. Run by test_view.sh in a private network.
    usage: live_test.mjs BUILD_DIR SOURCE_DIR OUT_DIR */
 import assert from 'node:assert/strict'
 import { once } from 'node:events'
@@ -8,9 +8,9 @@ import path from 'node:path'
 import { browser, check, checkLayout, driven, faults, open, shoot, until } from './page.mjs'
 import { ADDRESS, run, scene, source, start, stop } from './parts.mjs'
 
-// the last size is that of a screen of 1024 x 768 with the page zoomed to 150 %
+// the last size is that of a 1024 x 768 screen with the page zoomed to 150 %
 const SIZES = [[390, 844], [844, 390], [1280, 720], [1366, 768], [1280, 800], [1024, 768], [1440, 900], [1680, 1050], [1920, 1080], [768, 1024], [683, 512]]
-const SMALL = { width: 500, height: 400 } // a small page, which is drawn quickly
+const SMALL = { width: 500, height: 400 } // small, so that it is drawn quickly
 const startServer = () => start('server/trocar-server', '--allow-non-rt')
 const badge = (text) => `document.getElementById('link').textContent === '${text}'`
 const banner = (text) => `!document.getElementById('banner').hidden && document.getElementById('banner').textContent.includes('${text}')`
@@ -59,7 +59,7 @@ try {
     await until(first, 'trocar.history.columns[7][trocar.history.count - 1] > 0.01')
     assert(await first.evaluate('trocar.shown.displacement.some((count) => count !== 0)'), 'the tissue moves')
     assert(await first.evaluate('trocar.history.marks.some((mark) => mark.name === "skin")'), 'the puncture is marked')
-    await until(first, '!document.getElementById("track-key").hidden') // the legend contains the track
+    await until(first, '!document.getElementById("track-key").hidden') // the legend shows the track
   })
 
   await driven('a key released after the needle was released moves nothing', first, async () => {
@@ -111,7 +111,7 @@ try {
     const [here, there] = [await tip(first), 'trocar.stage.needles[0].tip?.z']
     await until(second, `Math.abs(${there} - ${here}) < 1e-4`) // the needle is at rest
     await until(second, 'document.getElementById("take").disabled')
-    await until(second, 'trocar.history.count > 50') // the page also receives the plots' data from before it connected
+    await until(second, 'trocar.history.count > 50') // the page also gets plot data from before it connected
     await second.setViewportSize(SMALL)
   })
 
@@ -290,7 +290,7 @@ try {
     await stop(view, 'SIGKILL')
     await until(second, badge('no connection'))
     view = await start('clients/view/trocar-view')
-    // nothing of the old scene may be kept
+    // nothing from the old scene may be left
     await until(second, `${badge('live')} && !trocar.stage.dirty && !trocar.echo.dirty && JSON.stringify(${graphicsHeld}) === '${JSON.stringify(held)}'`)
   })
 
@@ -320,7 +320,7 @@ try {
       await until(second, '!document.getElementById("take").disabled')
       await second.click('#take')
       await until(second, `trocar.status.drives && trocar.status.owned === "here" && trocar.shown?.needles[${needle}]`)
-      await until(second, 'document.getElementById("needle").disabled') // the selection is locked: the driven needle remains selected
+      await until(second, 'document.getElementById("needle").disabled') // the selection is locked: the driven needle stays selected
     }
     const push = async () => {
       await second.keyboard.down('w')
@@ -378,7 +378,7 @@ async function joinRaw() {
   return socket
 }
 
-/** Runs in the page: returns whether the curve of the force along z is drawn at each of the times (s). */
+/** Runs in the page. Returns whether the curve of the force along z is drawn at each of the times (s). */
 function forceDrawn(times) {
   const { chart, colours } = trocar.plots.plots[0], { top, height } = chart.bbox
   const wanted = [1, 3, 5].map((at) => parseInt(colours[2].slice(at, at + 2), 16))
@@ -389,7 +389,7 @@ function forceDrawn(times) {
   })
 }
 
-/** Runs in the page: returns the plots that are not tall enough to be read, or whose labels (10 px) touch. */
+/** Runs in the page. Returns the plots that are too low to be read, or whose labels (10 px) touch. */
 function touchingLabels() {
   return trocar.plots.plots.filter(({ holder }) => holder.clientHeight > 0).flatMap(({ title, chart }) => {
     const [, { _splits: splits, _values: words }] = chart.axes, height = chart.over.clientHeight

@@ -1,4 +1,4 @@
-/* Tests recorded insertions in the page and as pictures, in headless Chromium; run by test_view.sh in a private network.
+/* Tests recorded insertions in the page and as pictures, in headless Chromium. Run by test_view.sh in a private network.
    usage: log_test.mjs BUILD_DIR SOURCE_DIR OUT_DIR */
 import assert from 'node:assert/strict'
 import { once } from 'node:events'
@@ -47,7 +47,7 @@ try {
     await file.saveAs(path.join(out, 'button.png'))
     const saved = await page.evaluate(partsOf, await read(path.join(out, 'button.png')))
     assert(saved.height === 1000 && saved.width > 1400, JSON.stringify(saved))
-    assert(saved.slice > 25 && saved.stage > 10, JSON.stringify(saved)) // the brightness of the slice's area is 6 if the slice is not drawn
+    assert(saved.slice > 25 && saved.stage > 10, JSON.stringify(saved)) // if the slice is not drawn, its area has a brightness of 6
     await until(page, `trocar.stage.canvas.width / trocar.stage.canvas.height - trocar.stage.canvas.clientWidth / trocar.stage.canvas.clientHeight < 0.01`)
   })
 
@@ -89,8 +89,8 @@ try {
   await browser.close()
 }
 
-/** Runs in the page: depth (m), force along z (N), number of contacts, number of sticking contacts, mean displacement of the gland along z (m), number of ends
-   of the track lines, and distance of the last end from the tip (m). */
+/** Runs in the page. Returns depth (m), force along z (N), number of contacts, number of sticking contacts, mean displacement of the gland along z (m),
+   number of ends of the track lines, and distance of the last end from the tip (m). */
 function sceneryShown() {
   const { shown, history, stage: { scene } } = trocar, at = history.sampleIndex(shown.time), gland = new Set()
   const { group } = scene.regions.find(({ name }) => name === 'prostate'), states = shown.needles[0].contacts.filter((value, i) => i % 9 === 7)
@@ -102,14 +102,14 @@ function sceneryShown() {
            gland: along.reduce((sum, z) => sum + z, 0) / along.length }
 }
 
-/** Runs in the page: returns the colours of the cut surface. */
+/** Runs in the page. Returns the colours of the cut surface. */
 function coloursOfCut() {
   const { array, count } = trocar.stage.anatomy.cutTints
   return Array.from(array.subarray(0, count))
 }
 
-/** Runs in the page: returns the size of a picture; the mean brightness of its background, and of its slice (both at the position beside the 3D view and at
- *  that below it); and the spread of the 3D view's brightness. */
+/** Runs in the page. Returns a picture's size, the mean brightness of its background and of its slice (both where the slice is beside the 3D view and where
+   it is below), and the spread of the 3D view's brightness. */
 async function partsOf(url) {
   const image = new Image()
   image.src = url
@@ -127,7 +127,7 @@ async function read(file) {
   return `data:image/png;base64,${(await readFile(file)).toString('base64')}`
 }
 
-/** Runs in the page: returns the mean difference per channel, and the fraction of pixels that differ by more than 40. */
+/** Runs in the page. Returns the mean difference per channel, and the fraction of pixels that differ by more than 40. */
 async function compareImages(urls) {
   const pixels = await Promise.all(urls.map(async (url) => {
     const image = new Image()

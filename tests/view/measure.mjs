@@ -12,7 +12,7 @@ const median = (values) => quantile(values, 0.5)
 /** Returns the p50 and p99 (us) printed by the server. */
 const times = (said, name) => new RegExp(`^${name} +p50 ([0-9.]+) us, p99 ([0-9.]+) us`, 'm').exec(said).slice(1).map(Number)
 
-/** Plays the figure 8 with the device while `count` browsers show it. */
+/** Plays the figure-8 motion with the device while `count` browsers show it. */
 async function measure(count) {
   const server = await start('server/trocar-server'), view = await start('clients/view/trocar-view'), browser = count && await launch(), pages = [], pictures = []
   for (let i = 0; i < count; i++) {
@@ -29,10 +29,10 @@ async function measure(count) {
   await stop(view)
   const lateness = times(server.said, 'lateness'), tick = times(server.said, 'compute')
   console.log(`${count} browsers: lateness ${lateness.join(', ')} us, tick ${tick.join(', ')} us (p50, p99)`)
-  return { lateness, tick, pictures: pictures.slice(Math.floor(pictures.length / 5)) } // during the first pictures, the page is still loading
+  return { lateness, tick, pictures: pictures.slice(Math.floor(pictures.length / 5)) } // while the first pictures arrive, the page is still loading
 }
 
-/** Prints the medians over the runs; returns the medians of p99. */
+/** Prints the medians over the runs. Returns the medians of p99. */
 function summarise(count, runs) {
   const [late50, late99, tick50, tick99] = ['lateness', 'tick'].flatMap((name) => [0, 1].map((k) => median(runs.map((each) => each[name][k]))))
   const pictures = runs.flatMap((each) => each.pictures)

@@ -12,7 +12,7 @@ const page = await (await browser.newContext({ viewport: { width: 1280, height: 
 const wait = async (expression, again = () => {}) => { while (!await page.evaluate(`'trocar' in window && (${expression})`)) { await again(); await page.waitForTimeout(50) } }
 const take = async () => { if (!await page.evaluate('trocar.status.drives')) await page.click('#take') } // on a busy machine, the needle may have been released
 
-/** Returns the processor time (s: user, system) and the page faults of all processes so far, by kind. */
+/** Returns the CPU time (s: user, system) and the page faults of all processes so far, by kind. */
 function usage() {
   const found = {}
   for (const pid of readdirSync('/proc').filter((name) => /^\d+$/.test(name))) {

@@ -8,7 +8,8 @@ const PATIENCE = 150000 // ms, enough for a busy machine; the tests in this fold
 export const browser = await launch()
 export const faults = []
 
-/** Opens a page in its own window, with further options of its context, and calls `prepare` with the page before it is loaded; an error in the page fails the run. */
+/** Opens a page in a window of its own, with further options for its context, and calls `prepare` with the page before loading it. An error in the page fails
+   the run. */
 export async function open(size = { width: 1000, height: 640 }, options = {}, prepare = () => {}) {
   const page = await (await browser.newContext({ viewport: size, colorScheme: 'dark', ...options })).newPage()
   page.setDefaultTimeout(PATIENCE)
@@ -34,7 +35,7 @@ export async function until(page, expression) {
   assert.fail(`never: ${expression}; status ${await page.evaluate('JSON.stringify({ ...trocar.status, values: undefined })')}`)
 }
 
-/** Holds a key down until the expression is true; presses it up to `times` times, because on a busy machine the needle or the probe may stop in the meantime. */
+/** Holds a key down until the expression is true. Presses it up to `times` times, because on a busy machine the needle or the probe may stop. */
 export async function pressUntil(page, key, done, times = 20) {
   for (let i = 0; i < times && !await page.evaluate(done); i++) {
     await page.keyboard.down(key)
@@ -63,8 +64,8 @@ export async function hold(page, take = () => page.click('#take')) {
   await until(page, 'trocar.status.drives && trocar.status.owned === "here"')
 }
 
-/** Runs a check while the page holds the needle. If the server or the page is silent for too long, as on a busy machine, the needle is released, and
- * the check is repeated. `take`: as in hold(). */
+/** Runs a check while the page holds the needle. If the server or the page is silent for too long, as may happen on a busy machine, the needle is released
+   and the check is repeated. `take`: as in hold(). */
 export async function driven(name, page, body, take) {
   await check(name, async () => {
     for (let attempt = 1; ; attempt++) {
@@ -84,7 +85,7 @@ export async function driven(name, page, body, take) {
   })
 }
 
-/** Saves a screenshot of the page, to be inspected by people, if test_view.sh was given a folder for them. */
+/** Saves a screenshot of the page for people to look at, if test_view.sh was given a folder for them. */
 export async function shoot(page, name) {
   const folder = process.env.TROCAR_PICTURES
   if (folder) await page.screenshot({ path: path.join(folder, `${name}.png`) })
@@ -120,12 +121,12 @@ export async function checkPlaces(page, name) {
   assert.deepEqual(await page.evaluate(textFaults), [], name)
 }
 
-/** Checks that these elements, if they are shown, are fully visible without scrolling. */
+/** Checks that those of these elements that are shown are fully visible without scrolling. */
 export async function checkInView(page, selectors, name) {
   assert.deepEqual(await page.evaluate(hiddenParts, selectors), [], name)
 }
 
-/** Run in the page: stop and resume drawing, because drawing in software would take most of the time while axe-core checks the page. */
+/** Run in the page. Stop and resume drawing, because drawing in software would take up most of the time while axe-core checks the page. */
 function stopDrawing() {
   window.later = { draw: window.requestAnimationFrame, frames: [] }
   window.requestAnimationFrame = (frame) => later.frames.push(frame)
@@ -135,24 +136,24 @@ function drawAgain() {
   later.frames.forEach((frame) => requestAnimationFrame(frame))
 }
 
-/** Runs in the page: returns axe-core's violations, and whether it checked contrast. (Transferring all results takes longer than the check.) The size of click
- *  targets is checked only on touch screens. */
+/** Runs in the page. Returns axe-core's violations, and whether it checked contrast. (Transferring all results takes longer than the check.) The size of
+   click targets is only checked on touch screens. */
 async function objections() {
   const { violations, passes } = await axe.run({ resultTypes: ['violations'], rules: { 'target-size': { enabled: matchMedia('(pointer: coarse)').matches } } })
   return { violations: violations.map(({ id, nodes }) => `${id}: ${nodes.map(({ target, any }) => `${target} ${any.map(({ message }) => message)}`)}`),
            contrast: passes.some(({ id }) => id === 'color-contrast') }
 }
 
-/** Runs in the page: sets a plain background for the text on the 3D view, because axe-core cannot assess contrast on gradients and canvases. Uses the end of
- *  the gradient that has the lower contrast. */
+/** Runs in the page. Gives the text on the 3D view a plain background, because axe-core cannot assess contrast on gradients and canvases. Uses the end of the
+   gradient that has the lower contrast. */
 function plainGround(theme) {
   const stage = document.getElementById('stage'), hidden = theme ? 'hidden' : ''
   stage.style.background = { dark: '#1d2732', light: '#e0e7ee' }[theme] ?? ''
   for (const canvas of document.querySelectorAll('#stage canvas, #trus canvas, #sagittal canvas')) canvas.style.visibility = hidden
 }
 
-/** Runs in the page: returns texts that extend beyond their background, or beyond the element that clips them. Texts shortened by an ellipsis must have a title
-    with the full text. */
+/** Runs in the page. Returns texts that extend beyond their background, or beyond the element that clips them. Texts shortened by an ellipsis must have a
+   title with the full text. */
 function textFaults() {
   const faults = [], dialog = document.querySelector('dialog[open]'), walker = document.createTreeWalker(dialog ?? document.body, NodeFilter.SHOW_TEXT)
   while (walker.nextNode()) {
@@ -185,7 +186,7 @@ function hiddenParts(selectors) {
   })
 }
 
-/** Runs in the page: returns elements that overlap, are cut off, or are outside the window. */
+/** Runs in the page. Returns elements that overlap, are cut off, or are outside the window. */
 function layoutFaults() {
   const dialog = document.querySelector('dialog[open]'), SCROLLERS = 'dialog, #plots, #needle-list, #dose-pane, #implant'
   const parts = [...(dialog ? [dialog] : []), ...(dialog ?? document).querySelectorAll('h1, h2, button, label, summary, dt, dd, th, td, select, output, input[type=range], input[type=text], #next, #answer:not(:empty), #panes, canvas#timeline, .badge, .panel, #readout, #legend span, #banner, #drive-note:not(:empty), .stick-area, #scene-name, .u-series, #plots .uplot')]

@@ -1,4 +1,4 @@
-// Shared by page.mjs, measure.mjs and soak.mjs; the first two arguments of all these scripts are BUILD_DIR and SOURCE_DIR.
+// Shared by page.mjs, measure.mjs and soak.mjs. The first two arguments of all these scripts are BUILD_DIR and SOURCE_DIR.
 import assert from 'node:assert/strict'
 import { spawn } from 'node:child_process'
 import { createRequire } from 'node:module'
@@ -14,7 +14,7 @@ export const axe = modules('axe-core').source
 export const ADDRESS = 'http://127.0.0.1:8686/'
 export const scene = path.join(source, 'meshes/prostate.yaml')
 
-/** Starts a program; `said` is its output so far. */
+/** Starts a program. `said` is its output so far. */
 export function run(name, ...options) {
   const child = spawn(path.join(programs, name), options, { stdio: ['ignore', 'pipe', 'inherit'] })
   child.said = ''

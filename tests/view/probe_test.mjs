@@ -1,5 +1,5 @@
-/* Tests the ultrasound probe with a live server: it is shown at the position given in the scene, is moved with the keys, presses on the rectum's wall, and
-   moves the images with it. Run by test_view.sh in a private network.
+/* Tests the ultrasound probe with a live server: it is shown where the scene puts it, is moved with the keys, presses on the rectum's wall, and takes the
+   images with it. Run by test_view.sh in a private network.
    usage: probe_test.mjs BUILD_DIR SOURCE_DIR OUT_DIR */
 import assert from 'node:assert/strict'
 import path from 'node:path'

@@ -1,5 +1,5 @@
-/* Tests procedure mode with a live server, as a new user would use the page: chooses hole C3.5, inserts the needle, drops a seed, and draws the needle back.
-   Run by test_view.sh in a private network.
+/* Tests procedure mode with a live server, using the page as a new user would: chooses hole C3.5, inserts the needle, drops a seed, and draws the needle
+   back. Run by test_view.sh in a private network.
    usage: procedure_test.mjs BUILD_DIR SOURCE_DIR OUT_DIR */
 import assert from 'node:assert/strict'
 import { writeFile } from 'node:fs/promises'
@@ -54,7 +54,7 @@ try {
     await page.mouse.click(...await holeOnScreen(page, 'C3.5'))
     assert.equal(await page.inputValue('#hole'), 'C3.5')
     await says('next', /C3.5 is chosen/)
-    await says('target', /^C3.5, 86.0 mm/) // the distance from the template to the far end of the deepest planned seed
+    await says('target', /^C3.5, 86.0 mm/) // from the template to the far end of the deepest planned seed
     await shoot('hole')
   })
 
@@ -81,7 +81,7 @@ try {
   })
 
   await driven('W pushes the needle through the hole to the target', page, async () => {
-    // Stops well in front of the target: on a busy machine, the page sees the needle up to a second late, and must not push it out on the far side.
+    // Stops well short of the target: on a busy machine, the page sees the needle up to a second late, and must not push it out on the far side.
     await press('w', `trocar.procedure.tipError(trocar.stage.needles[0].tip).along < 0.018`)
     await says('needles', /driven hereC3.5/)
     assert((await tip())[2] > 0.04)
@@ -116,11 +116,11 @@ try {
     await press('u', 'trocar.procedure.seeds.seeds.length === 0')
     await says('answer', /The last seed is taken back/)
     await until(page, `/Dose of 0 seeds/.test(${text('dose')})`)
-    await says('target', /^C3.5, 86.0 mm/) // the target is again the first planned seed
+    await says('target', /^C3.5, 86.0 mm/) // the target is the first planned seed again
   })
 
   await driven('a strand is dropped, and taken back while it is in the needle', page, async () => {
-    await press('w', `trocar.procedure.tipError(trocar.stage.needles[0].tip).along < 0.018`) // a busy page draws the needle far back, where a strand does not fit
+    await press('w', `trocar.procedure.tipError(trocar.stage.needles[0].tip).along < 0.018`) // a busy page draws back too far, where a strand does not fit
     await page.selectOption('#strand', '2')
     await page.click('#drop')
     await until(page, 'trocar.procedure.seeds.pending[0] === 2')
@@ -206,7 +206,7 @@ try {
       await check(`layout, ${width} x ${height}${many ? ', all needles in use' : ''}`, async () => {
         await page.setViewportSize({ width, height })
         await page.waitForTimeout(300)
-        const one = await page.evaluate("document.getElementById('panes').checkVisibility()") // a small screen, on which one of the panes is shown
+        const one = await page.evaluate("document.getElementById('panes').checkVisibility()") // a small screen, which shows one of the panes
         for (const pane of one ? ['axial', 'stage'] : ['axial']) {
           await page.evaluate(`trocar.procedure.choosePane('${pane}')`) // chooses what a small screen shows
           const name = `${width} x ${height}, ${pane}`
@@ -241,7 +241,7 @@ try {
   await browser.close()
 }
 
-/** Runs in the page: returns the instructions that the page gives for each state of the needle. */
+/** Runs in the page. Returns the instructions that the page gives for each state of the needle. */
 function allSteps() {
   const { procedure, stage, chosen } = trocar, tip = stage.needles[chosen].tip, said = []
   const { steering } = procedure.drive, far = procedure.targetNow
@@ -260,14 +260,14 @@ function allSteps() {
   return [...said, document.getElementById('drive-note').textContent]
 }
 
-/** Runs in the page: returns the page's text about a seed in the first tetrahedron of each region. */
+/** Runs in the page. Returns the page's text about a seed in the first tetrahedron of each region. */
 function wordsForRegions() {
   const { procedure, stage: { scene } } = trocar
   const first = ({ group }) => scene.tets.findIndex((value, i) => i % 5 === 0 && value === group) / 5
   return scene.regions.map((region) => procedure.outOfTarget(first(region)))
 }
 
-/** Runs in the page: returns the next step for a needle whose tip is beyond the tissue. */
+/** Runs in the page. Returns the next step for a needle whose tip is beyond the tissue. */
 function throughTheTissue() {
   const { procedure, stage, chosen } = trocar
   procedure.choose(procedure.template.find('G4'))
@@ -281,7 +281,7 @@ function throughTheTissue() {
   return stopped ? said : 'it is not stopped'
 }
 
-/** Runs in the page: marks all needles except the driven one as resting in the tissue. */
+/** Runs in the page. Marks all needles except the driven one as resting in the tissue. */
 function fillWithNeedles() {
   const { procedure } = trocar, describe = procedure.describe.bind(procedure)
   procedure.isInUse = () => true

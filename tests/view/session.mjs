@@ -1,6 +1,6 @@
 /* Plays a new user's session, from loading the page to the report of the task that `scripts/demo --implant --view` opens: with the mouse alone, with the
-   keyboard alone, or by touch alone on a tablet. Saves a picture of each step, and counts minutes, clicks, keys and touches. The session fails if any other
-   kind of input is used. Run by hand, in a private network:
+   keyboard alone, or by touch alone on a tablet. Saves a picture of each step, and counts minutes, clicks, keys and touches. Fails if any other kind of
+   input is used. Run by hand, in a private network:
    scripts/netns node tests/view/session.mjs BUILD_DIR SOURCE_DIR OUT_DIR mouse|keyboard|touch */
 import assert from 'node:assert/strict'
 import { mkdir, rm, writeFile } from 'node:fs/promises'
@@ -22,7 +22,7 @@ const focus = () => page.evaluate('document.activeElement.id')
 async function press(key) { count.keys++; await page.keyboard.press(key) }
 async function tabTo(id) { for (let i = 0; i < 60 && await focus() !== id; i++) await press('Tab'); assert.equal(await focus(), id) }
 
-/** For each kind of input: begins and ends holding the control that moves the needle inward (`sign` 1) or outward (-1), slowly or fast. */
+/** For each kind of input: starts and stops holding the control that moves the needle inward (`sign` 1) or outward (-1), slowly or fast. */
 const HOLD = {
   mouse: { begin: async (sign, slow) => { const { x, y } = await onLever(0.5 - sign * (slow ? 0.15 : 0.48)); await page.mouse.move(x, y); await page.mouse.down(); count.clicks++ }, end: () => page.mouse.up() },
   keyboard: {
@@ -56,7 +56,7 @@ async function move(sign, slow, done) {
   await until(page, done)
 }
 
-/** Drops a seed; tries again if the page has released the needle in the meantime. */
+/** Drops a seed. Tries again if the page has released the needle in the meantime. */
 async function drop() {
   for (let times = 0; times < 10 && !await page.evaluate(pending); times++) {
     await hold()

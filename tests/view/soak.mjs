@@ -5,10 +5,10 @@ import { readdirSync, readFileSync } from 'node:fs'
 import { ADDRESS, launch, run, start, stop } from './parts.mjs'
 
 const FULL = 2        // minutes after which the one-minute history is certainly full
-const GROWTH = 1.1    // tolerated ratio of the second half's median to the first half's median
+const GROWTH = 1.1    // tolerated ratio of the second half's median to the first half's
 const minutes = Number(process.argv[4] ?? 10)
 
-/** Returns the private memory of a process plus its proportional share of shared memory, in MB, without file mappings. */
+/** Returns a process's private memory plus its proportional share of shared memory, in MB, without file mappings. */
 function resident(id) {
   try {
     const held = readFileSync(`/proc/${id}/smaps_rollup`, 'latin1')
@@ -22,7 +22,7 @@ function isChromium(id) {
   } catch { return false }
 }
 
-/** Returns the memory of all Chromium processes; only those of this run are visible, because a private network also has its own process ids. */
+/** Returns the memory of all Chromium processes. Only those of this run are visible, because a private network also has its own process ids. */
 const residentOfChromium = () => readdirSync('/proc').filter((id) => /^\d+$/.test(id) && isChromium(id)).reduce((sum, id) => sum + resident(id), 0)
 
 function grows(name) {

@@ -1,5 +1,5 @@
-/* Tests a trainee's task with a live server: the page says what to do, the needle is brought to the target, and the report has the numbers that trocar-score
-   gives for the recording. Run by test_view.sh in a private network.
+/* Tests a trainee's task with a live server: the page says what to do, the needle is brought to the target, and the report has the same numbers as
+   trocar-score gives for the recording. Run by test_view.sh in a private network.
    usage: task_test.mjs BUILD_DIR SOURCE_DIR OUT_DIR */
 import assert from 'node:assert/strict'
 import { execFileSync, spawnSync } from 'node:child_process'

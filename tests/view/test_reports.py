@@ -1,7 +1,7 @@
 #!/usr/bin/python3
-"""Tests that the report that trocar-view makes at the end of a task and the report that trocar-score makes later, from the viewer's recording and from one of
-lcm-logger, have the same numbers to the last digit. Each run is random: scene, targets or plan, holes, depths, speeds, seeds, and what the hand does. The runs
-are driven over the page's WebSocket, with a live server.
+"""Tests that trocar-view's report at the end of a task and the one trocar-score makes later, from the viewer's recording and from one by lcm-logger, have the
+same numbers to the last digit. Each run is random: scene, targets or plan, holes, depths, speeds, seeds, and what the hand does. The runs are driven over
+the page's WebSocket, with a live server.
 
 usage: test_reports.py BUILD_DIR SOURCE_DIR [RUNS [SEED [TABLE.csv]]]        exit status 77: namespaces or lcm-logger are not available
 """
@@ -40,7 +40,7 @@ EVENT = struct.Struct(">IqqII")                                   # header of an
 
 
 def random_needles(rng):
-    """Returns (column, row, depth, seeds): depth (m) of the tip from the template's face, and distances (m) of the seeds from it."""
+    """Returns (column, row, depth, seeds): depth (m) of the tip from the template's face, and the seeds' distances (m) from it."""
     holes = rng.sample([(column, row) for column in range(3, 10) for row in range(4, 9)], rng.randint(1, 3))
     return [(column, row, round(rng.uniform(0.075, 0.095), 5), [round(0.00225 + 0.01 * k, 5) for k in range(rng.randint(1, 3))]) for column, row in holes]
 
@@ -50,7 +50,7 @@ def hole_name(column, row):
 
 
 def write_task(folder, rng, scene, needles):
-    """Writes a task with random criteria; returns its path and its kind."""
+    """Writes a task with random criteria. Returns its path and its kind."""
     of_plan = rng.random() < 0.6
     lines = ["title: A random task", "text: Do something.", f"scene: {SOURCE}/meshes/{scene}.yaml", f"organs: {json.dumps(SCENES[scene])}", f"avoid: {json.dumps(AVOID[scene])}"]
     measures = ["passes", "redirections", "path", "time", "force", "displacement", "organs_touched"]
@@ -78,7 +78,7 @@ def write_task(folder, rng, scene, needles):
 
 class Hand:
     """Drives a needle with the commands that a page sends. A stroke that does not end in time, as may happen on a busy machine, is given up, and the run is
-    scored nevertheless."""
+    scored all the same."""
 
     def __init__(self, browser, rng):
         self.browser, self.rng = browser, rng
@@ -95,7 +95,7 @@ class Hand:
         return done()
 
     def stroke(self, needle, depth):
-        """Moves the tip to a depth in the tissue, m, with a random speed, roll and sideways motion."""
+        """Moves the tip to a depth (m) in the tissue, with a random speed, roll and sideways motion."""
         forward = self.browser.depth.get(needle, 0) < depth
         speed, roll, aside = self.rng.uniform(0.3, 1.0), self.rng.choice([0, 0, self.rng.uniform(-1, 1)]), self.rng.uniform(-0.02, 0.02)
         done = (lambda: self.browser.depth.get(needle, 0) >= depth) if forward else (lambda: self.browser.depth.get(needle, 0) <= depth)
@@ -104,7 +104,7 @@ class Hand:
         return reached
 
     def work(self, needle, column, row, depth, seeds):
-        """Inserts a needle, may draw it back and push it further, may drop seeds, and leaves or withdraws it. Returns the number of requested seeds."""
+        """Inserts a needle, may draw it back and push it further, may drop seeds, and leaves or withdraws it. Returns the number of seeds requested."""
         browser, rng, dropped = self.browser, self.rng, 0
         of_needle = lambda: browser.status.get("needles", [{}] * 16)[needle]
         self.until(lambda: browser.status.get("drives") and of_needle().get("owned") == "here", again=lambda: browser.say(web.TAKE, needle=needle))
@@ -146,8 +146,8 @@ def read_log(path):
 
 
 def same_part(recorded, other, path):
-    """Writes those events of the recording `other` that lie between the first and the last message in `recorded` that the score uses. Returns true if both
-    recordings contain the same messages."""
+    """Writes the events of the recording `other` between the first and the last message in `recorded` that the score uses. Returns whether both recordings have
+    the same messages."""
     used = [event[:2] for event in recorded if event[0].decode() in {f"TROCAR_{name}" for name in CHANNELS[8:-1].split("|")}]
     known = set(used)
     at = [i for i, event in enumerate(other) if event[:2] in known]
@@ -172,7 +172,7 @@ def offline(folder, log, task, runs):
 
 
 def one_run(seed):
-    """Carries out a random run. Returns the row of the table; raises AssertionError if a number differs."""
+    """Does a random run. Returns the row of the table; raises AssertionError if a number differs."""
     rng = random.Random(seed)
     scene = "pelvis" if rng.random() < 0.1 else "implant"
     with tempfile.TemporaryDirectory() as temporary:

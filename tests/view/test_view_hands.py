@@ -1,6 +1,6 @@
 #!/usr/bin/python3
-"""Tests needles that change hands in trocar-view with a live server: a browser that disconnects leaves its needle in the tissue unchanged, and another browser
-takes it unchanged; a needle that moves to a hole enters no other hole.
+"""Tests needles that change hands in trocar-view with a live server. A browser that disconnects leaves its needle in the tissue unchanged, and another browser
+takes it unchanged. A needle that moves to a hole enters no other hole.
 
 usage: test_view_hands.py BUILD_DIR SOURCE_DIR
 """
@@ -35,7 +35,7 @@ class Hands(unittest.TestCase):
         self.addCleanup(lambda: (self.view.kill(), self.view.wait()))
 
     def start_server(self):
-        """Starts the server, with real-time priority if permitted, because a gap between the poses at the skin may make a needle buckle."""
+        """Starts the server, with real-time priority if permitted, because a gap between poses at the skin may make a needle buckle."""
         try:
             return web.start(BUILD / "server/trocar-server", "--scene", SCENE)[0]
         except AssertionError:
@@ -74,7 +74,7 @@ class Hands(unittest.TestCase):
         self.ask(browser, lambda: browser.say(web.HOLE, 0, column, row), lambda: (browser.status.get("hole") or {}).get("column") == column)
 
     def insert(self, browser, depth, needle=0):
-        """Inserts a needle through hole E4 to a depth of `depth` (m) in the tissue, and waits for a short time."""
+        """Inserts a needle through hole E4 to a depth of `depth` (m) in the tissue, and waits a little."""
         self.take(browser, needle)
         self.go_to(browser, 4, 6)
         browser.until(lambda: browser.depth.get(needle, 0) > depth, (0, 0, 0.5))
@@ -87,13 +87,13 @@ class Hands(unittest.TestCase):
             browser.hear()
 
     def seen(self, browser, needle=0):
-        """Returns the position of the tip and the displacement of the tissue, in mm."""
+        """Returns the tip's position and the tissue's displacement, in mm."""
         browser.picture = None
         browser.until(lambda: browser.picture is not None and browser.needle(needle) is not None)
         return [1e3 * x for x in browser.needle(needle)[-1]], [1e3 * x for x in browser.displacements()]
 
     def settled(self, browser, needle=0):
-        """Like `seen`, but after the needle has come to rest, because the tissue pushes the needle back slightly when nobody holds it."""
+        """Like `seen`, but after the needle has come to rest, because the tissue pushes it back slightly when nobody holds it."""
         before, now = None, self.seen(browser, needle)
         for _ in range(60):
             if before and max(abs(a - b) for a, b in zip(before[0], now[0])) < 0.02:
@@ -104,7 +104,7 @@ class Hands(unittest.TestCase):
         self.fail(f"the needle does not come to rest: {before[0]}, {now[0]}")
 
     def check_same(self, before, after, tolerance):
-        """Checks that the position of the tip and the displacement of the tissue (mm) have not changed."""
+        """Checks that the tip's position and the tissue's displacement (mm) have not changed."""
         for a, b in zip(before[0], after[0]):
             self.assertAlmostEqual(a, b, delta=tolerance)
         self.assertGreater(max(map(abs, before[1])), 1)
@@ -114,7 +114,7 @@ class Hands(unittest.TestCase):
         browser = self.browse()
         self.insert(browser, 0.06)
         before = self.seen(browser)
-        browser.close()    # as if the page had been closed or the connection had been lost
+        browser.close()    # as if the page had been closed or the connection lost
         browser = self.browse()
         browser.until(lambda: self.state(browser, 0) == ("resting", "nobody"))
         rested = self.settled(browser)
@@ -123,7 +123,7 @@ class Hands(unittest.TestCase):
         self.check_same(rested, self.seen(browser), 0.2)
         self.check_same(before, rested, 3.0)
         self.assertEqual(browser.status["lost"], "")
-        browser.say(web.RELEASE)                # as the button "Let go" does
+        browser.say(web.RELEASE)                # as the "Let go" button does
         browser.until(lambda: self.state(browser, 0) == ("resting", "nobody") and not browser.status["drives"])
         self.take(browser)
         self.view.send_signal(signal.SIGTERM)   # the viewer ends
@@ -136,7 +136,7 @@ class Hands(unittest.TestCase):
         browser.until(lambda: browser.depth.get(0) == 0)
 
     def test_a_needle_that_nobody_holds_is_taken_as_it_is(self):
-        """The viewer is killed, so it cannot inform the server, which takes the needle away from it after two seconds."""
+        """The viewer is killed, so it cannot tell the server, which takes the needle away from it after two seconds."""
         browser = self.browse()
         self.insert(browser, 0.06)
         self.view.kill()

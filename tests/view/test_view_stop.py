@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Tests that, when trocar-view is stopped while a browser drives, the needle is released and the program exits cleanly.
+"""Tests that if trocar-view is stopped while a browser drives, the needle is released and the program exits cleanly.
 
 usage: test_view_stop.py BUILD_DIR SOURCE_DIR
 Recorded wrenches, played back with LCM, replace a server.
@@ -38,7 +38,7 @@ def write_log(path):
 
 
 def connect(port):
-    """Opens a WebSocket to trocar-view; returns the socket, and the stream after the handshake."""
+    """Opens a WebSocket to trocar-view. Returns the socket, and the stream after the handshake."""
     view = socket.create_connection(("127.0.0.1", port), timeout=30)
     view.sendall(f"GET / HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nOrigin: http://127.0.0.1:{port}\r\nUpgrade: websocket\r\n"
                  "Connection: Upgrade\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: 13\r\n"

@@ -1,4 +1,4 @@
-/* Tests the page's form for the tissue's values with a live server, by keyboard, in headless Chromium; run by test_view.sh in a private network.
+/* Tests the page's form for tissue values with a live server, by keyboard, in headless Chromium. Run by test_view.sh in a private network.
    usage: tissue_test.mjs BUILD_DIR SOURCE_DIR OUT_DIR */
 import assert from 'node:assert/strict'
 import { browser, check, checkLayout, faults, open, until } from './page.mjs'

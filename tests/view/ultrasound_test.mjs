@@ -1,5 +1,5 @@
-/* Tests the computed ultrasound images with a live server: they arrive, the knobs change them, the needle is in them, and they tilt when the probe turns.
-   Run by test_view.sh in a private network.
+/* Tests the computed ultrasound images with a live server: they arrive, the knobs change them, they show the needle, and they tilt when the probe turns. Run
+   by test_view.sh in a private network.
    usage: ultrasound_test.mjs BUILD_DIR SOURCE_DIR OUT_DIR */
 import assert from 'node:assert/strict'
 import path from 'node:path'
@@ -11,7 +11,7 @@ const SLICES = { axial: 'trocar.echo', sagittal: 'trocar.procedure.sagittal' }
 let shots = 0
 const shoot = (name) => shootPage(page, `ultrasound-${++shots}-${name}`)
 
-/** Returns the mean brightness of a canvas's pixels, without those outside the ultrasound image. */
+/** Returns the mean brightness of a canvas's pixels, leaving out those outside the ultrasound image. */
 const brightness = (slice) => page.evaluate((slice) => {
   slice = slice.split('.').slice(1).reduce((at, name) => at[name], trocar)
   slice.render(1)

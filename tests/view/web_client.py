@@ -1,4 +1,4 @@
-"""The browser's side of trocar-view's WebSocket, for tests: see clients/view/stream/wire_format.h and web.h."""
+"""The browser's side of trocar-view's WebSocket, for tests. See clients/view/stream/wire_format.h and web.h."""
 import json
 import socket
 import struct
@@ -9,7 +9,7 @@ PICTURE, SAMPLES, STATUS, REPLY = 2, 3, 4, 6
 
 
 def start(*command):
-    """Starts a program and waits until it is ready; returns it and the lines that it has printed before."""
+    """Starts a program and waits until it is ready. Returns it and the lines it printed before that."""
     program = subprocess.Popen([str(word) for word in command], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
     said = []
     for line in program.stdout:
@@ -20,7 +20,7 @@ def start(*command):
 
 
 class Browser:
-    """A browser; `status`, `picture` and `depth` are the latest ones received."""
+    """A browser. `status`, `picture` and `depth` are the latest received."""
 
     def __init__(self, port):
         self.socket = socket.create_connection(("127.0.0.1", port), timeout=30)
@@ -65,7 +65,7 @@ class Browser:
                 self.depth[struct.unpack_from("<i", content, at + 60)[0]] = struct.unpack_from("<f", content, at + 32)[0]
 
     def until(self, true, steer=None):
-        """Receives updates until `true()` holds, and steers in the meantime."""
+        """Receives updates, steering all the while, until `true()` holds."""
         for _ in range(4000):
             if true():
                 return
@@ -75,7 +75,7 @@ class Browser:
         raise AssertionError(f"never; {self.status}, {self.reply}, depth {self.depth}")
 
     def needle(self, index):
-        """Returns the needle's nodes (n, 3), in m, in the newest picture, or None if the needle is not in the picture."""
+        """Returns the needle's nodes (n, 3), in m, in the newest picture, or None if the needle is not in it."""
         at = 32 + (64 if struct.unpack_from("<I", self.picture, 28)[0] else 0)
         for _ in range(struct.unpack_from("<I", self.picture, 20)[0]):
             number, joints, contacts, points = struct.unpack_from("<4I", self.picture, at + 24)

@@ -1,5 +1,4 @@
-/* A device for the documentation's bridge example: pushes the needle 21 mm in and logs time and force. See tests/project/test_install.sh.
-   */
+/* A device for the documentation's bridge example: pushes the needle in by 21 mm and logs time and force. See tests/project/test_install.sh. */
 #include <math.h>
 #include <stdio.h>
 #include <time.h>

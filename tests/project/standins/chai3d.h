@@ -1,5 +1,5 @@
-/* Replaces CHAI3D's header of this name. It declares only what docs/examples/bridge_chai3d.cpp calls, so that the example can be
-   compiled without CHAI3D. It was written from the published class reference and does not drive a device. */
+/* Stands in for CHAI3D's header of this name. Declares only what docs/examples/bridge_chai3d.cpp calls, so that the example compiles without CHAI3D. Written
+   from the published class reference; does not drive a device. */
 #ifndef STANDIN_CHAI3D_H
 #define STANDIN_CHAI3D_H
 #include <memory>

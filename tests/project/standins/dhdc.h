@@ -1,5 +1,5 @@
-/* Replaces the Force Dimension SDK's header of this name. It declares only what docs/examples/bridge_forcedimension.cpp calls, so that
-   the example can be compiled without the SDK. It was written from the SDK's published function names and does not drive a device. */
+/* Stands in for the Force Dimension SDK's header of this name. Declares only what docs/examples/bridge_forcedimension.cpp calls, so that the example
+   compiles without the SDK. Written from the SDK's published function names; does not drive a device. */
 #ifndef STANDIN_DHDC_H
 #define STANDIN_DHDC_H
 extern "C" {

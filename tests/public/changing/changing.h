@@ -1,5 +1,5 @@
-/* Simulations of a hand that moves along a straight line, in which the scene's values change during the run, for the tests in this folder. Each file builds
-   `scene` and `model` once. */
+/* Shared setup for the tests in this folder: a hand moves the needle along a straight line while the scene's values change. Each test file builds `scene`
+   and `model` once. */
 #ifndef TROCAR_TEST_CHANGING_H
 #define TROCAR_TEST_CHANGING_H
 
@@ -24,7 +24,7 @@ static trocar_error why;
 static const double DT = 1e-3, LENGTH = 0.2;
 
 static trocar_scene *scene;
-static trocar_model *model; /* all simulations share its inverse */
+static trocar_model *model; /* shared by all simulations, so the inverse is computed once */
 
 static inline int build_figure8(void **state) {
     (void)state;
@@ -83,7 +83,7 @@ static inline double distance(const double a[3], const double b[3]) {
     return sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
 }
 
-/* Returns the just noticeable change in force (N): 7 %, but at least 0.05 N. */
+/* Returns the just noticeable difference in force (N): 7 % of the force, but at least 0.05 N. */
 static inline double noticed(const double force[3]) { return fmax(0.05, 0.07 * distance(force, (double[3]){0})); }
 
 #endif

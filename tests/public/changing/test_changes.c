@@ -1,8 +1,8 @@
-/* Tests changes of friction, cutting, puncture forces, calcifications and guides during a run, through trocar.h. */
+/* Tests, through trocar.h, changing friction, cutting, puncture forces, calcifications and guides during a run. */
 #include "changing.h"
 
-/* Returns the scene of figure 8 with a plate in front of the skin and a calcification in the needle's path, so that it has every kind of key that can
-   change. */
+/* Returns the figure-8 scene with a plate in front of the skin and a calcification in the needle's path, so that every kind of key that can change during a
+   run is present. */
 static trocar_scene *load_scene(void) {
     static const char *const keys[][2] = {
         {"guides[plate].origin", "[0.005, 0.003, -0.04]"}, {"guides[plate].normal", "[0, 0, 1]"}, {"guides[plate].hole_diameter", "1.5e-3"},
@@ -23,12 +23,12 @@ static int build(void **state) {
 
 /* ---- no jump ---------------------------------------------------------------------------------------------------------------- */
 
-/* Returns true for a key that test_moduli.c changes. */
+/* Returns true for keys that are left to test_moduli.c. */
 static bool needs_a_model(const char *key) {
     return strstr(key, "].youngs_modulus") || strstr(key, "].stiffening") || (strncmp(key, "membranes[", 10) == 0 && strstr(key, "].stiffness"));
 }
 
-/* Sets one to four random keys to 0 or to between a quarter and four times the scene's values. Kinetic friction stays below the static limit. */
+/* Sets one to four random keys, each either to 0 or to 0.25-4 times the scene's value. Kinetic friction is kept below the static limit. */
 static void set_some(trocar_change *c, const trocar_change *original, unsigned *seed) {
     char lines[1024] = "", key[TROCAR_CHANGE_KEY];
     int count = 1 + rand_r(seed) % 4;
@@ -53,13 +53,13 @@ static void set_some(trocar_change *c, const trocar_change *original, unsigned *
 }
 
 typedef struct {
-    double largest;          /* largest change in force per tick, in units of the just noticeable difference (tests/verification/verify_smoothness.c) */
+    double largest;          /* largest change in force per tick, in just noticeable differences (tests/verification/verify_smoothness.c) */
     double newton;           /* N, the same */
-    double caused;           /* largest difference in force from a tick without the change of values, in the same units */
+    double caused;           /* largest difference in force from the same tick without the change of values, in the same units */
     int changes, ticks, compared, punctures;
 } jumps;
 
-/* The values during linear changes, computed independently of the tested code. */
+/* Reference for the values while they change linearly, computed without the code under test. */
 enum { MOST_KEYS = 32 };
 typedef struct {
     char keys[MOST_KEYS][TROCAR_CHANGE_KEY];
@@ -77,7 +77,7 @@ static void take(law *l, const trocar_change *c, double time) {
     l->since = 0.0;
 }
 
-/* Repeats the tick from `state` with the values kept constant, and returns its output. */
+/* Repeats the tick from `state`, but with the values frozen, and returns its output. */
 static trocar_output frozen(trocar_sim *twin, const void *state, const law *l, trocar_pose base) {
     char lines[MOST_KEYS * 160] = "";
     size_t used = 0;
@@ -92,11 +92,11 @@ typedef struct {
     void *state;
     law values;
     trocar_output last;
-    int since;               /* ticks since the last puncture or exit; the jump in force and the recoil after it are meant to be felt */
+    int since;               /* ticks since the last puncture or exit; its jump in force and the recoil are meant to be felt, so they are skipped */
     jumps result;
 } trial;
 
-/* Runs one tick. `counts`: true if it contributes to the result. */
+/* Runs one tick. `counts`: whether the tick contributes to the result. */
 static void tick(trial *t, trocar_pose base, bool counts) {
     static const int RECOIL = 25;
     jumps *j = &t->result;
@@ -122,7 +122,7 @@ static void tick(trial *t, trocar_pose base, bool counts) {
     t->values.since += DT;
 }
 
-/* Moves the needle between random positions in the tissue, or holds it still at each of them, with or without changes. */
+/* Moves the needle between random positions in the tissue (`moves`) or holds it still at each, with or without changes. */
 static jumps run(bool moves, bool changes, int count, unsigned seed) {
     trial t = {.sim = sim_of(model), .twin = sim_of(model), .since = 100};
     trocar_change *original, *c;
@@ -135,7 +135,7 @@ static jumps run(bool moves, bool changes, int count, unsigned seed) {
     jumps *j = &t.result;
     unsigned hand = seed, values = seed + 1;
     while (j->changes < count) {
-        bool goes = moves || j->changes % 25 == 0; /* a still needle sometimes moves to another position, where the force differs */
+        bool goes = moves || j->changes % 25 == 0; /* even the still needle is moved now and then, because the force differs elsewhere */
         double to[3] = {uniform(&hand, 0.012, 0.07), uniform(&hand, -2e-3, 2e-3), uniform(&hand, -1.5, 1.5)};
         double seconds = fmax(0.2, 1.875 * fmax(fabs(to[0] - from[0]), fabs(to[1] - from[1])) / 0.03); /* at most 30 mm/s */
         int ticks = goes ? (int)ceil(seconds / DT) : 250, next = 0;
@@ -152,7 +152,7 @@ static jumps run(bool moves, bool changes, int count, unsigned seed) {
                 }
                 trocar_change_free(c);
                 j->changes++;
-                next = i + 50 + rand_r(&values) % 250; /* some changes replace others that have not ended */
+                next = i + 50 + rand_r(&values) % 250; /* may replace a change that is still in progress */
             }
             tick(&t, base_at(at[0], at[1], at[2]), moves == goes);
         }
@@ -165,8 +165,8 @@ static jumps run(bool moves, bool changes, int count, unsigned seed) {
     return t.result;
 }
 
-/* In tissue with random values, whose friction may be far above or below the scene's, a moving shaft may stick and slip even without a change. The effect of a
-   change is therefore the difference from the same tick with unchanged values. */
+/* Random values can put friction far from the scene's, so a moving shaft may stick and slip even without a change. The effect of a change is therefore
+   measured against the same tick with unchanged values. */
 static void check_jumps(bool moves, unsigned seed) {
     jumps with = run(moves, true, 500, seed), without = run(moves, false, 500, seed);
     printf("%s needle: %d changes in %d ticks, %d punctures: largest change per tick %.3f of what is noticed, %.4f N; caused by changes %.3f (%d ticks); without changes "
@@ -200,7 +200,7 @@ static void set_harder(trocar_sim *sim, double time) {
     change(sim, lines, time);
 }
 
-/* After a change, the results are bit-identical to those of a scene that has had the new values from the start. */
+/* After a change, results are bit-identical to those of a scene that had the new values from the start. */
 static void a_changed_simulation_is_that_of_the_changed_scene(void **state) {
     (void)state;
     trocar_scene *other;
@@ -229,14 +229,14 @@ static void a_changed_simulation_is_that_of_the_changed_scene(void **state) {
     trocar_scene_free(other);
 }
 
-/* The friction on a sliding shaft is the kinetic limit integrated along it, so the force changes linearly while the limit does. */
+/* Friction on a sliding shaft is the kinetic limit integrated along it, so while the limit changes linearly, so does the force. */
 static void friction_follows_its_ramp(void **state) {
     (void)state;
     trocar_sim *sim = sim_of(model);
     change(sim, "regions[prostate].friction.viscous: 0\nregions[surrounding].friction.viscous: 0\nregions[prostate].cutting_force: 0\nregions[surrounding].cutting_force: 0\n"
                 "regions[prostate].spreading_force: 0\nregions[prostate].cutting_viscosity: 0\nregions[surrounding].cutting_viscosity: 0\nguides[plate].friction: 0", 0.1);
     push(sim, -1e-3, 0.07, 0.02);
-    double before = push(sim, 0.07, 0.05, 0.02).force[2]; /* drawn back, so that friction is the only force */
+    double before = push(sim, 0.07, 0.05, 0.02).force[2]; /* draws the needle back, so that friction is the only force */
     change(sim, "regions[prostate].friction.static: 5\nregions[prostate].friction.kinetic: 5\nregions[surrounding].friction.static: 5\nregions[surrounding].friction.kinetic: 5", 0.4);
     double at[5];
     for (int i = 0; i <= 4; i++) at[i] = i == 0 ? before : push(sim, 0.05 - 2e-4 * (i - 1), 0.05 - 2e-4 * i, 2e-3).force[2];
@@ -247,7 +247,7 @@ static void friction_follows_its_ramp(void **state) {
     trocar_sim_free(sim);
 }
 
-/* A membrane under a constant force is punctured when its limit has fallen to that force, not before. */
+/* A membrane under a constant force is punctured once its limit has dropped to that force, and not before. */
 static void a_held_membrane_breaks_at_the_force_on_it(void **state) {
     (void)state;
     trocar_sim *sim = sim_of(model);
@@ -267,7 +267,7 @@ static void a_held_membrane_breaks_at_the_force_on_it(void **state) {
     trocar_sim_free(sim);
 }
 
-/* In a tick that follows the previous one after 80 ms, the values advance by at most a fiftieth of the change. */
+/* If 80 ms pass between two ticks, the values still advance by no more than a fiftieth of the change in one tick. */
 static void a_late_tick_does_not_catch_up(void **state) {
     (void)state;
     trocar_sim *sim = sim_of(model);
@@ -367,9 +367,9 @@ static void the_keys_are_those_of_the_scene(void **state) {
         OK(trocar_scene_get_number(scene, key, &expected, &why));
         assert_true(value == expected);
     }
-    OK(trocar_change_set(c, "membranes[1].puncture_force: 2", &why)); /* an entry may also be given by its index */
+    OK(trocar_change_set(c, "membranes[1].puncture_force: 2", &why)); /* entries can also be given by index */
     OK(trocar_sim_change(sim, c, 0.1, &why));
-    trocar_change *later; /* initially contains the simulation's current values */
+    trocar_change *later; /* starts out with the simulation's current values */
     OK(trocar_change_create(sim, &later, &why));
     bool found = false;
     for (int i = 0; trocar_change_at(later, i, key, &value); i++) found |= strcmp(key, "membranes[capsule].puncture_force") == 0 && value == 2.0;

@@ -1,4 +1,4 @@
-/* Tests changes of moduli, stiffening and the stiffness of membranes during a run, through trocar.h. */
+/* Tests, through trocar.h, changing moduli, stiffening and membrane stiffness during a run. */
 #include "changing.h"
 
 static void wait(trocar_sim *sim, double depth) {
@@ -23,8 +23,8 @@ static const char *const OTHER_KEYS[] = {"regions[prostate].youngs_modulus", "re
 static const char *const OTHER_VALUES[] = {"20e3", "40e3", "100", "2"};
 #define OTHER "regions[prostate].youngs_modulus: 20e3\nregions[surrounding].youngs_modulus: 40e3\nmembranes[skin].stiffness: 100\nregions[prostate].stiffening: 2"
 
-/* After a change while the needle is outside the tissue, the results equal those of the changed scene, for which the stiffness is assembled and inverted
-   anew. */
+/* If the change happens while the needle is outside the tissue, the results equal those of the changed scene, whose stiffness matrix is assembled and
+   inverted from scratch. */
 static void a_changed_simulation_is_that_of_the_changed_scene(void **state) {
     (void)state;
     trocar_model *built;
@@ -45,7 +45,7 @@ static void a_changed_simulation_is_that_of_the_changed_scene(void **state) {
     trocar_model_free(built);
 }
 
-/* As long as the shaft does not slide, a dent is elastic, so its force does not depend on when the moduli changed. */
+/* As long as the shaft does not slide, a dent is elastic, so its force does not depend on when the moduli were changed. */
 static void a_dent_has_the_force_of_the_new_moduli(void **state) {
     (void)state;
     trocar_model *built, *original;
@@ -54,7 +54,7 @@ static void a_dent_has_the_force_of_the_new_moduli(void **state) {
     trocar_sim *changed = sim_with(keys, values, 2, &original), *other = sim_with(keys, values, 5, &built);
     push(changed, -1e-3, 1e-3, 0.01);
     double before = 0.0;
-    for (int i = 0; i < 3000; i++) before = step_at(changed, 1e-3).force[2]; /* until the dent has settled */
+    for (int i = 0; i < 3000; i++) before = step_at(changed, 1e-3).force[2]; /* lets the dent settle */
     change(changed, "regions[prostate].youngs_modulus: 20e3\nregions[surrounding].youngs_modulus: 40e3\nmembranes[skin].stiffness: 100", 0.3);
     wait(changed, 1e-3);
     push(other, -1e-3, 1e-3, 0.01);
@@ -74,11 +74,11 @@ static void a_dent_has_the_force_of_the_new_moduli(void **state) {
     trocar_model_free(built);
 }
 
-/* The first key alone gives a scene with two needles; all keys together also make the tissue relax. */
+/* The first key alone makes a scene with two needles; with all keys, the tissue also relaxes. */
 static const char *const TWO_KEYS[] = {"needles", "relaxation[0].weight", "relaxation[0].time", "relaxation[1].weight", "relaxation[1].time"};
 static const char *const TWO_VALUES[] = {"2", "0.25", "0.15", "0.15", "0.5"};
 
-/* If all moduli fall by the same factor, so does the force on a needle that is held still, even in tissue that has relaxed. */
+/* If all moduli drop by the same factor, so does the force on a needle held still, even in relaxed tissue. */
 static void the_force_is_proportional_to_the_moduli(void **state) {
     (void)state;
     for (int relaxes = 0; relaxes <= 1; relaxes++) {
@@ -115,14 +115,14 @@ static void let_go(trocar_sim *sim) {
 
 typedef struct {
     trocar_output held;
-    double jump;             /* largest change per tick in the force on the held needle, in units of the just noticeable difference */
+    double jump;             /* largest change in force per tick on the held needle, in just noticeable differences */
     int count;
     trocar_contact contacts[TROCAR_MAX_POINTS];
 } both_needles;
 typedef enum { RESTS, LEFT_MEANWHILE, HELD } during_change; /* what the first needle does while the moduli change */
 
-/* Lets one needle rest in the tissue, inserts another 6 mm beside it, and holds the second needle pressed aside. */
-enum { HELD_LONG = 5000 }; /* ticks, ten times the longest relaxation time */
+/* Lets one needle rest in the tissue, inserts another 6 mm away, and holds that one pressed to the side. */
+enum { HELD_LONG = 5000 }; /* ticks, ten times the longest relaxation time constant */
 static trocar_sim *two_needles(trocar_model *of) {
     trocar_sim *sim;
     OK(trocar_sim_create(of, &sim, &why));
@@ -131,7 +131,7 @@ static trocar_sim *two_needles(trocar_model *of) {
         OK(trocar_sim_reset(sim, i, &start, &why));
         for (int t = 0; t <= 500; t++) step_of(sim, i, start.position[0], -1e-3 + 1e-4 * t);
         if (i > 0) break;
-        for (int t = 0; t < HELD_LONG; t++) step_of(sim, 0, 0.0055, 0.049); /* displaced sideways, so that relaxing tissue remembers a lateral force */
+        for (int t = 0; t < HELD_LONG; t++) step_of(sim, 0, 0.0055, 0.049); /* displaced sideways, so that relaxing tissue remembers a lateral load */
         let_go(sim);
     }
     for (int t = 0; t < 200; t++) step_of(sim, 1, 0.011 + 5e-6 * t, 0.049);
@@ -167,7 +167,7 @@ static both_needles after_change(trocar_model *of, const char *lines, during_cha
 
 #define SOFTER "regions[prostate].youngs_modulus: 40e3\nregions[surrounding].youngs_modulus: 20e3"
 
-/* Checks that the forces equal `part` times the expected ones. */
+/* Checks that the forces are `part` times the expected ones. */
 static void compare(const both_needles *found, const both_needles *expected, double part) {
     double worst = 0.0, largest = 0.0;
     assert_true(found->count == expected->count && found->count > 5);
@@ -181,9 +181,9 @@ static void compare(const both_needles *found, const both_needles *expected, dou
     assert_true(worst < 2e-3 && largest > 0.1 && found->jump < 1.0);
 }
 
-/* As long as nothing slides, the forces do not depend on whether the needle rested while the moduli changed or was held and released afterwards. The
-   equilibrium of a held needle is solved in ticks, that of a resting one follows from a linear response. Softer tissue lowers the forces, so nothing begins to
-   slide. After a release, at most 1 mN remains at the base, and the contacts bear it. */
+/* As long as nothing slides, it must make no difference whether the needle rested while the moduli changed, or was held and released afterwards. The two
+   cases take different code paths: a held needle's equilibrium is solved in every tick, a resting needle's follows from a linear response. Softer tissue
+   lowers the forces, so nothing starts to slide. After a release, up to 1 mN remains at the base and is taken up by the contacts. */
 static void a_resting_needle_follows_the_moduli(void **state) {
     (void)state;
     trocar_model *built;
@@ -194,8 +194,8 @@ static void a_resting_needle_follows_the_moduli(void **state) {
     trocar_model_free(built);
 }
 
-/* In relaxed tissue, up to 20 mN remains at the base of a released needle, so the forces are compared with those without the change. They fall by the same
-   factor as the moduli, because the needle is much stiffer than the tissue. */
+/* In relaxed tissue, up to 20 mN remains at the base of a released needle, so the forces are compared with those of a run without the change. The needle is
+   much stiffer than the tissue, so the forces drop by the same factor as the moduli. */
 static void a_needle_that_rests_in_relaxed_tissue_follows_the_moduli(void **state) {
     (void)state;
     trocar_model *built;
@@ -397,7 +397,7 @@ static void a_saved_state_contains_its_change(void **state) {
     trocar_sim_free(other);
 }
 
-/* A reset does not undo a change, even one in progress: the next insertion has the forces of the changed scene. */
+/* A reset does not undo a change, even one in progress: the next insertion feels the forces of the changed scene. */
 static void a_reset_does_not_undo_a_change(void **state) {
     (void)state;
     trocar_model *built;

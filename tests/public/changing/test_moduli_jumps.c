@@ -1,7 +1,7 @@
 /* Tests through trocar.h that the force does not jump when moduli change during a run. */
 #include "changing.h"
 
-enum { KEYS = 6, N_CHANGES = 500 }; /* N_CHANGES: number of changes for a still needle, and again for a moving one */
+enum { KEYS = 6, N_CHANGES = 500 }; /* N_CHANGES: changes made with a still needle, and again with a moving one */
 static const char *const KEY[KEYS] = {"regions[prostate].youngs_modulus", "regions[surrounding].youngs_modulus", "regions[prostate].stiffening",
                                       "membranes[skin].stiffness", "regions[prostate].friction.static", "regions[surrounding].cutting_force"};
 static const double GIVEN[KEYS] = {60e3, 30e3, 0.0, 0.0, 15.0, 0.25};
@@ -22,9 +22,9 @@ static void set_some(trocar_change *c, unsigned *seed) {
 
 typedef struct { double largest, newton; int changes, ticks, punctures; } jumps;
 
-/* Runs the motion with `count` changes of moduli or, if `changes` is 0, without any. */
+/* Runs the motion with `count` changes of moduli, or with none if `changes` is 0. */
 static jumps run(bool moves, double aside, int changes, int count, unsigned seed) {
-    enum { RECOIL = 25, HOLD = 400, POOL = 24 }; /* POOL: number of prepared changes, from which each change is drawn at random */
+    enum { RECOIL = 25, HOLD = 400, POOL = 24 }; /* POOL: number of prepared changes to draw from */
     jumps j = {0};
     trocar_sim *sim = sim_of(model);
     trocar_output last = push(sim, -1e-3, 0.045, 0.03);

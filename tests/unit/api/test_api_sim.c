@@ -1,4 +1,4 @@
-/* Tests the division of work between ticks and worker, with a mesh update that fails on demand (the linker replaces the real function with a wrapper). */
+/* Tests how work is divided between ticks and worker, with a mesh update that fails on demand (the linker wraps the real function). */
 #include "api/api.h"
 
 #include <setjmp.h>
@@ -18,7 +18,7 @@ trocar_status __wrap_remesher_serve(remesher *r, const remesh_request *request, 
 trocar_status __wrap_remesher_serve(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, trocar_error *why) {
     served++;
     if (!fails) return __real_remesher_serve(r, request, snapshot, why);
-    snapshot->serial = request->serial; /* claims to answer the request, but with compliances that are NaN */
+    snapshot->serial = request->serial; /* claims to answer the request, but with NaN compliances */
     memset(snapshot->compliance, 0xff, sizeof snapshot->compliance);
     snprintf(why->text, sizeof why->text, "no good");
     return TROCAR_NUMERIC;
@@ -57,7 +57,7 @@ static void only_the_newest_request_is_served(void **unused) {
     }
     assert_int_equal(served, 1);
     tick_on(&h, 500);
-    assert_true(h.sim->needles[0].link.answered + 1 >= h.sim->needles[0].link.posted); /* all requests are answered, except the one made by this tick */
+    assert_true(h.sim->needles[0].link.answered + 1 >= h.sim->needles[0].link.posted); /* everything has been answered except this tick's own request */
     host_close(&h);
 }
 
@@ -86,7 +86,7 @@ static void a_failure_leaves_the_last_answer_in_force(void **unused) {
     host_close(&h);
 }
 
-/* If the state contains a NaN, the status reports it, and the insertion restarts at the base's position. */
+/* If the state contains a NaN, the status says so, and the insertion restarts at the base's position. */
 static void a_tick_that_is_not_finite_starts_over(void **unused) {
     (void)unused;
     host h = inserted(300);

@@ -1,8 +1,8 @@
-/* Tests the probe: its shape; the complementarity problem, compared with a search over all subsets; its contact, compared with a projected Gauss-Seidel
-   iteration on the dense inverse; and its effect on needles, compared with dense linear algebra. Through trocar.h, the probe is saved and restored, moved in
-   lockstep and with a worker, and released; invalid probes are refused.
+/* Tests the probe. Its shape is checked against sampled points, the complementarity solver against a search over all subsets, its contact against projected
+   Gauss-Seidel on the dense inverse, and its effect on needles against dense linear algebra. Through trocar.h: saving and restoring, motion in lockstep and
+   with a worker, release, and refusal of invalid probes.
 
-   usage: [MOTIONS=N] [SEED=N] test_unit test_probe     MOTIONS and SEED of the case moved_at_random, by default 20 and 1 */
+   usage: [MOTIONS=N] [SEED=N] test_unit test_probe     MOTIONS and SEED apply to the case moved_at_random; default 20 and 1 */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -34,7 +34,7 @@ static trocar_error why;
 
 #define OK(call) do { if ((call) != TROCAR_OK) fail_msg("%s: %s", #call, why.text); } while (0)
 
-/* The upper face of the cube, at z = 0.1 m, is the surface on which the probe presses. */
+/* The probe presses on the upper face of the cube, at z = 0.1 m. */
 static int create(void **state) {
     (void)state;
     if (cube_create(&body, 0.1, &why) != TROCAR_OK || inverse_create_attached(body.inverse, &beneath, &why) != TROCAR_OK) return -1;
@@ -55,7 +55,7 @@ static int destroy(void **state) {
 
 /* ---- shape ---------------------------------------------------------------------------------------------------------------- */
 
-/* Computes the gap independently of the tested code, as the distance to the closest of many points on the meridian. */
+/* Computes the gap by brute force, as the distance to the closest of many points on the meridian. */
 static double sampled_gap(const probe_shape *s, double beside, double along) {
     enum { SAMPLES = 20000 };
     double nearest = INFINITY, flat = s->radius - s->tip_radius, corner = s->length - s->tip_radius;
@@ -101,7 +101,7 @@ static void complementarity_among_all_subsets(void **state) {
             }
         for (int i = 0; i < M; i++) q[i] = cube_random(-1, 1), z[i] = cube_random(-1, 1);
         int found = 0;
-        for (int set = 0; set < 1 << M; set++) { /* exactly one subset solves the problem */
+        for (int set = 0; set < 1 << M; set++) { /* exactly one subset is the solution */
             double part[M * M], right[M];
             int index[M], n = 0;
             for (int i = 0; i < M; i++)
@@ -132,7 +132,7 @@ static void complementarity_among_all_subsets(void **state) {
 
 static const probe_shape CAPSULE = {.radius = 0.02, .tip_radius = 0.02, .length = 0.1};
 
-/* Computes the distance to a capsule from the distance to its axis, independently of the tested code. */
+/* Reference for the distance to a capsule, computed from the distance to its axis. */
 static double capsule_gap(pose base, vec3 x, vec3 *normal) {
     vec3 axis = q_axis(base.orientation);
     double along = fmin(v3_dot(axis, v3_sub(x, base.position)), CAPSULE.length - CAPSULE.radius);
@@ -141,7 +141,7 @@ static double capsule_gap(pose base, vec3 x, vec3 *normal) {
     return v3_norm(off) - CAPSULE.radius;
 }
 
-/* Returns a pose along x over the middle of the upper face, with the tip at the middle and the probe at this depth. */
+/* Returns a pose along x, with the tip above the middle of the upper face and the probe at this depth. */
 static pose lying(double depth) {
     vec3 down = v3_axpy(CAPSULE.radius - depth, v3(0, 0, 1), v3(-0.04, 0.052, CUBE_EDGE));
     return (pose){down, q_exp(v3(0, 0.5 * M_PI + 0.05, 0))};
@@ -226,8 +226,8 @@ static void contact_against_sweeps(void **state) {
 
 /* ---- what needles feel ----------------------------------------------------------------------------------------------------------- */
 
-/* If the nodes are held along their normals, K^-1 becomes K^-1 - C P (P^T C P)^-1 P^T C. The field of the free forces plus the field of a needle's own forces
-   must equal the field of all forces. */
+/* Holding nodes along their normals turns K^-1 into K^-1 - C P (P^T C P)^-1 P^T C. The field of the free forces plus that of the needle's own forces must
+   equal the field of all forces. */
 static void needles_feel_it(void **state) {
     (void)state;
     static double expected[N * N], found[N * N], columns[TOP][N], small[TOP * TOP];
@@ -276,7 +276,7 @@ static void needles_feel_it(void **state) {
 
 /* ---- trocar.h ------------------------------------------------------------------------------------------------------------------------- */
 
-/* Creates the figure-8 scene with a probe that lies below the skin, next to the needle and perpendicular to it. */
+/* Creates the figure-8 scene with a probe below the skin, next to the needle and perpendicular to it. */
 static trocar_model *create_model(void) {
     static const char *const keys[][2] = {{"probe.surface", "skin"}, {"probe.radius", "0.012"}, {"probe.tip_radius", "0.006"}, {"probe.length", "0.1"}};
     trocar_scene *scene;
@@ -288,13 +288,13 @@ static trocar_model *create_model(void) {
     return model;
 }
 
-/* Returns a pose along x, with the side of the probe at this depth below the skin's rest position. */
+/* Returns a pose along x, with the probe's side at this depth below the skin's rest position. */
 static trocar_pose across(double x, double depth) {
     const double half = sqrt(0.5);
     return (trocar_pose){{x - 0.09, -0.012, depth - 0.012}, {half, 0, half, 0}};
 }
 
-/* Runs tick t of a motion in which the needle is inserted while the probe approaches, presses, moves along the skin and retreats. */
+/* Runs tick t of a motion in which the needle is inserted while the probe approaches, presses, slides along the skin and retreats. */
 static void run_tick(trocar_sim *sim, int t, trocar_output *out) {
     trocar_pose base = {{0.005, 0.01, -0.201 + 1e-4 * fmin(t, 400)}, {1, 0, 0, 0}};
     double depth = t < 200 ? -0.001 : t < 300 ? -0.001 + 7e-5 * (t - 200) : t < 500 ? 0.006 : 0.006 - 1e-4 * (t - 500), x = t < 300 ? 0.0 : 1e-4 * fmin(t - 300, 200);
@@ -346,7 +346,7 @@ static void pressed_and_released(void **state) {
         double lowest = smallest_gap(sim, model);
         print_message("t = %.3f s: %2d nodes, %.3f N, smallest gap %.4f mm, needle %.4f %.4f %.4f N, %.4f N of it by the probe\n", 1e-3 * t, probe.contacts, probe.force[2],
                       1e3 * lowest, out.force[0], out.force[1], out.force[2], felt);
-        if (probe.contacts > 0) assert_close(lowest, 0.0, 20e-6); /* 20 um allow for the needle's motion since the probe was last solved */
+        if (probe.contacts > 0) assert_close(lowest, 0.0, 20e-6); /* 20 um for the needle's motion since the probe was last solved */
         deepest = fmin(deepest, probe.force[2]);
     }
     assert_true(deepest < -3.0);
@@ -356,7 +356,7 @@ static void pressed_and_released(void **state) {
     trocar_model_free(model);
 }
 
-/* While the probe's contact is solved, the forces of a held needle change with it in the same way as the next tick will compute them. Solving the contact again
+/* While the probe's contact is being solved, the forces of a held needle change with it, just as the next tick will compute them. Solving the contact again
    later therefore hardly changes the result. */
 static void beside_a_held_needle(void **state) {
     (void)state;
@@ -377,13 +377,13 @@ static void beside_a_held_needle(void **state) {
     double last = trocar_view_probe(trocar_sim_view(sim)).force[2];
     print_message("%.4f N, deeper %.4f N with a gap of %.2f um, later %.4f N\n", before, first, 1e6 * gap, last);
     assert_true(last < before - 1.0);
-    assert_close(gap, 0.0, 5e-6);     /* the gap would be 50 um if the needle's forces were constant while the contact is solved */
+    assert_close(gap, 0.0, 5e-6);     /* it would be 50 um if the needle's forces were kept constant during the solve */
     assert_close(first, last, 0.005);
     trocar_sim_free(sim);
     trocar_model_free(model);
 }
 
-/* The probe keeps pressing while a needle rests, and the needle keeps resting while the probe presses; pictures show both. */
+/* The probe keeps pressing while a needle rests, and the needle keeps resting while the probe presses. Snapshots of the state show both. */
 static void beside_a_resting_needle(void **state) {
     (void)state;
     trocar_model *model = create_model();
@@ -442,11 +442,11 @@ static void saved_and_restored(void **state) {
     OK(trocar_sim_reset(sim, 0, &start, &why));
     for (int t = 0; t < 355; t++) run_tick(sim, t, &out);
     trocar_pose asked = across(0.006, 0.005);
-    OK(trocar_sim_set_probe(sim, &asked, &why)); /* this pose is still pending when the state is saved */
+    OK(trocar_sim_set_probe(sim, &asked, &why)); /* still pending when the state is saved */
     size_t size = trocar_sim_state_size(sim);
     void *saved = malloc(size);
     OK(trocar_sim_save(sim, saved, size, &why));
-    OK(trocar_sim_set_probe(other, &elsewhere, &why)); /* before the state is restored, the other simulation's probe is at another position */
+    OK(trocar_sim_set_probe(other, &elsewhere, &why)); /* the other simulation's probe starts somewhere else */
     OK(trocar_sim_reset(other, 0, &start, &why));
     OK(trocar_sim_step(other, 0, &start, 1e-3, &again, &why));
     OK(trocar_sim_set_probe(other, &start, &why));
@@ -464,7 +464,7 @@ static void saved_and_restored(void **state) {
     trocar_model_free(model);
 }
 
-/* Ticks and worker use the real-time calls, but take turns in one thread. The result equals that of lockstep. */
+/* Ticks and worker use the real-time calls but take turns in one thread. The result equals that of lockstep. */
 static void with_a_worker(void **state) {
     (void)state;
     trocar_model *model = create_model();
@@ -500,7 +500,7 @@ static void with_a_worker(void **state) {
     trocar_model_free(model);
 }
 
-/* In meshes/trus.yaml, the probe lies in the rectum, 1 mm from the wall. Once it is raised by more than that, it presses on the wall. */
+/* In meshes/trus.yaml, the probe lies in the rectum, 1 mm from the wall. Raised by more than that, it presses on the wall. */
 static void rests_at_the_scenes_place(void **state) {
     (void)state;
     trocar_scene *scene;
@@ -521,7 +521,7 @@ static void rests_at_the_scenes_place(void **state) {
         up.position[1] += 1e-3 * mm;
         OK(trocar_sim_set_probe(sim, &up, &why));
         OK(trocar_sim_step(sim, 0, &needle, 1e-3, &out, &why));
-        double force = -trocar_view_probe(trocar_sim_view(sim)).force[1]; /* the probe pushes the hand downwards */
+        double force = -trocar_view_probe(trocar_sim_view(sim)).force[1]; /* the probe pushes the hand down */
         assert_true(mm == 1 ? force < 1e-6 : force > before);
         before = force;
     }
@@ -537,11 +537,11 @@ static const probe_shape TRANSRECTAL = {.radius = 9e-3, .tip_radius = 9e-3, .len
 typedef struct {
     trocar_model *model;
     trocar_sim *sim;
-    int count, *wall;        /* nodes on the wall of the rectum */
+    int count, *wall;        /* nodes on the rectum's wall */
     double *u;
 } rectum;
 
-/* Opens the scene and finds the nodes of the rectum's wall, which lie 10 mm from the rectum's axis. */
+/* Opens the scene and finds the nodes of the rectum's wall, which are 10 mm from the rectum's axis. */
 static void open_rectum(rectum *r, const char *max_force) {
     trocar_scene *scene;
     trocar_pose needle = {{0, 0, -0.3}, {1, 0, 0, 0}};
@@ -584,7 +584,7 @@ static pose place_of(const trocar_probe *p) {
 
 static vec3 vector(const double v[3]) { return v3(v[0], v[1], v[2]); }
 
-/* Returns the smallest gap (m) between the probe and the wall's nodes, with the wall at rest or displaced. */
+/* Returns the smallest gap (m) between the probe and the wall's nodes, with the wall either at rest or displaced. */
 static double least_gap(rectum *r, pose at, bool rest) {
     const double *x = trocar_model_nodes(r->model);
     double least = INFINITY;
@@ -598,7 +598,7 @@ static double least_gap(rectum *r, pose at, bool rest) {
     return least;
 }
 
-/* Returns the largest change in force (N) over a short distance that does not count as a jump. */
+/* Returns the largest change in force (N) over a short distance that does not yet count as a jump. */
 static double smooth_change(double before, double after) { return fmax(0.05, 0.07 * fmax(before, after)); }
 
 static double change_of(const trocar_probe *from, const trocar_probe *to) {
@@ -606,8 +606,8 @@ static double change_of(const trocar_probe *from, const trocar_probe *to) {
     return v3_norm(v3_sub(vector(to->force), vector(from->force))) / smooth_change(before, after);
 }
 
-/* Raises the probe by 20 mm in steps of 0.25 mm, once without a force limit and once with the scene's limit. It must never pass through the wall. The limited
-   probe stops where the force of the unlimited one exceeds the limit. Far beyond that point, single nodes may slip past the rounded end, but the force must not
+/* Raises the probe by 20 mm in steps of 0.25 mm, once without a force limit and once with the scene's. It must never pass through the wall. The limited
+   probe stops where the force of the unlimited one exceeds the limit. Far beyond that, single nodes may slip past the rounded end, but the force must not
    jump. */
 static void does_not_pass_the_wall(void **state) {
     (void)state;
@@ -640,9 +640,9 @@ static void does_not_pass_the_wall(void **state) {
     }
 }
 
-/* Repeats the motion to `at` from the saved state in smaller parts. `change` is the change in force in the whole motion, in units of the largest change that
-   does not count as a jump. There are twice as many parts as a steady rise would need, so that a real jump still falls into a single part. Returns the largest
-   change per part, in the same unit. */
+/* Repeats the motion to `at` from the saved state in smaller parts. `change` is the change in force over the whole motion, relative to the largest change
+   that does not count as a jump. There are twice as many parts as a steady rise would need, so a real jump still falls into a single part. Returns the
+   largest change per part, in the same unit. */
 static double change_in_parts(rectum *r, const void *saved, size_t size, trocar_probe last, pose at, double change) {
     pose from = place_of(&last);
     double largest = 0.0;
@@ -658,13 +658,13 @@ static double change_in_parts(rectum *r, const void *saved, size_t size, trocar_
 
 static int motions = 20, seed = 1;
 
-/* Moves the probe along closed paths, as far as a hand would move it. Each path consists of four random motions that raise, tilt and shift the probe (the last
-   one also draws it back) and of the return to the home pose. */
+/* Moves the probe along closed paths, as far as a hand would. Each path has four random legs that raise, tilt and shift the probe (the last one also draws
+   it back), followed by the return home. */
 static void moved_at_random(void **state) {
     (void)state;
     enum { LEGS = 5 };
     const pose home = {v3(0, -0.032, -0.08), {1, 0, 0, 0}};
-    const double longest = 0.2e-3; /* m, distance moved between two solutions at 20 mm/s, the speed at which the viewer moves the probe */
+    const double longest = 0.2e-3; /* m, travel between two solutions at 20 mm/s, the speed at which the viewer moves the probe */
     rectum r;
     open_rectum(&r, "35");
     size_t size = trocar_sim_state_size(r.sim);
@@ -696,7 +696,7 @@ static void moved_at_random(void **state) {
                     change = change_in_parts(&r, saved, size, last, now, change);
                     p = trocar_view_probe(trocar_sim_view(r.sim));
                 }
-                if (change > 1.0 && last.contacts > 0 && p.contacts > 0) { /* a change in force at the beginning or end of contact does not count as a jump */
+                if (change > 1.0 && last.contacts > 0 && p.contacts > 0) { /* does not count as a jump when contact begins or ends */
                     jumps++;
                     print_message("motion %d, %.1f of it: %.3f to %.3f N, %d to %d points, on a way of %.3f mm\n", LEGS * path + leg, (double)i / steps,
                                   v3_norm(vector(last.force)), v3_norm(vector(p.force)), last.contacts, p.contacts, 1e3 * probe_way(&TRANSRECTAL, from, now));
@@ -724,7 +724,7 @@ static void moved_at_random(void **state) {
     close_rectum(&r);
 }
 
-/* Checks that the scene of figure 8 is refused if these keys are added. */
+/* Checks that the figure-8 scene is refused with these keys added. */
 static void refused_in_a_file(const char *keys, const char *says) {
     char folder[] = "/tmp/test_probe.XXXXXX", path[64], line[512];
     trocar_scene *scene;

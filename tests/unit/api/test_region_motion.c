@@ -1,4 +1,4 @@
-/* Tests the rigid motion of a region: known motions are recovered, and for a uniform strain, the result is the mean motion. */
+/* Tests the rigid motion of a region: known motions are recovered, and uniform strain gives the mean motion. */
 #include "api/api.h"
 #include "replay/region_motion.h"
 
@@ -44,7 +44,7 @@ static void known_motions_are_recovered(void **unused) {
     }
 }
 
-/* Strains the eight corners of a box. Because of its symmetry, stretching does not rotate it, and a simple shear g rotates it by about g/2. */
+/* Strains the eight corners of a box. By symmetry, stretching does not rotate the box, and a simple shear g rotates it by about g/2. */
 static void strain_is_not_a_rotation(void **unused) {
     (void)unused;
     vec3 from[8], stretched[8], sheared[8];
@@ -117,8 +117,8 @@ static rigid_motion motion_now(followed *f) {
     return region_motion_of(&f->motion, f->displacements);
 }
 
-/* Returns the gland's mean displacement in a direction by reciprocity (Maxwell-Betti): it equals the work of the needle's forces on the displacement field of a
-   unit force distributed over the gland's nodes. This requires one static solve on the unrefined mesh. */
+/* Returns the gland's mean displacement in a direction by reciprocity (Maxwell-Betti): it is the work done by the needle's forces on the displacement field
+   of a unit force spread over the gland's nodes. Needs one static solve on the unrefined mesh. */
 static double shift_by_reciprocity(const followed *f, vec3 direction) {
     const model_parts *parts = &f->model->parts;
     const insertion_state *state = &f->sim->needles[0].state;
@@ -149,7 +149,7 @@ static vec3 check_shift(followed *f) {
     return shift;
 }
 
-/* The gland follows the needle when the needle is pushed in, pulled back beyond its initial position, and moved sideways. */
+/* The gland follows the needle when it is pushed in, pulled back beyond its starting position, and moved sideways. */
 static void gland_is_displaced_by_the_needle(void **unused) {
     (void)unused;
     followed f = follow(load(MESHES "/figure8.yaml"), v3(0.005, 0.003, -0.201));
@@ -182,7 +182,7 @@ static void a_region_moves_with_its_parts(void **unused) {
 
 static const double PUBLISHED[2] = {-11.2, 13.8}; /* degrees in the coronal plane, measured in patients (Lagerburg et al. 2005) */
 
-/* x: distance from the midplane, m; bedding, grip: factors applied to the modulus of the surroundings and to the friction in the gland */
+/* x: distance from the midplane, m; bedding, grip: factors on the modulus of the surroundings and on the friction in the gland */
 typedef struct { double x, bedding, grip; bool loose_arch; } twist_case;
 
 typedef struct { double low, high, pushed, pulled; } coronal_turn; /* low, high: smallest and largest rotation in the coronal plane, degrees; pushed, pulled:
@@ -238,8 +238,8 @@ static coronal_turn insert_and_draw_back(const char *title, twist_case given) {
 
 static double largest(coronal_turn t) { return fmax(t.high, -t.low); }
 
-/* Rotations are within the range measured in patients, and have opposite signs for needles on the left and on the right. They increase with the needle's
-   distance from the midplane, with softer surroundings and with more friction. A pubic arch that fixes the tissue reduces the gland's motion. */
+/* Rotations are within the range measured in patients and have opposite signs for needles on the left and on the right. They grow with the needle's distance
+   from the midplane, with softer surroundings and with more friction. A pubic arch that fixes the tissue reduces the gland's motion. */
 static void needles_rotate_the_gland(void **unused) {
     (void)unused;
     coronal_turn left = insert_and_draw_back("18 mm left of the midplane", (twist_case){-0.018, 1, 1, false});

@@ -1,5 +1,4 @@
-/* Tests resting needles by comparison with dense linear algebra for the needles and the tissue together. The needles are released, taken and removed through
-   trocar.h. */
+/* Compares resting needles with a dense solve of needles and tissue together. The needles are released, taken and removed through trocar.h. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -38,7 +37,7 @@ static trocar_model *create_model(const char *file, int needles) {
 
 static trocar_pose at(double x, double y, double z) { return (trocar_pose){{x, y, z}, {1, 0, 0, 0}}; }
 
-/* Resets a needle to 1 mm in front of the skin and inserts it along z at 0.1 m/s, for `ticks` ticks of 1 ms. */
+/* Resets a needle to 1 mm in front of the skin and inserts it along z at 0.1 m/s for `ticks` 1 ms ticks. */
 static void push(trocar_sim *sim, int needle, double x, double y, int ticks, trocar_output *output) {
     trocar_pose base = at(x, y, -0.201);
     OK(trocar_sim_reset(sim, needle, &base, &why));
@@ -101,11 +100,11 @@ static void left_and_taken_again(void **state) {
 
 enum { MOST_ROWS = 400 };
 
-/* All force components at all points of several needles in the tissue, as unknowns of a dense problem. */
+/* The unknowns of a dense problem: all force components at all points of several needles in the tissue. */
 typedef struct {
     int count;
     struct { int needle, tet; double weights[4]; vec3 direction; } rows[MOST_ROWS];
-    double force[MOST_ROWS]; /* N, forces on the tissue */
+    double force[MOST_ROWS]; /* N, on the tissue */
 } point_forces;
 
 /* Returns the tissue's compliance between two rows, from the model's inverse without attachments. */
@@ -145,8 +144,7 @@ static vec3 load_at_tip(const trocar_sim *sim, int needle) {
     return v3_add(tip_load(&s->tip), creep_tip_load(&sim->model->parts.insertion, &s->memory));
 }
 
-/* Appends the forces that a held needle exerts on the tissue at its contacts and then at its tip. In relaxing tissue, these include the loads that the tissue
-   remembers. */
+/* Appends the forces a held needle exerts on the tissue at its contacts and then at its tip. In relaxing tissue, these include the remembered loads. */
 static void add_held(const trocar_sim *sim, int needle, point_forces *p) {
     const insertion_state *s = &sim->needles[needle].state;
     const mesh *m = &sim->model->parts.mesh;
@@ -159,14 +157,14 @@ static void add_held(const trocar_sim *sim, int needle, point_forces *p) {
     if (s->tip.place.phase == TIP_INSIDE) add_point(p, needle, s->tip.known.tet, s->tip.known.weights, load_at_tip(sim, needle), &IDENTITY);
 }
 
-/* Appends the loads that relaxing tissue remembers at points that the needle has left. */
+/* Appends the loads remembered by relaxing tissue at points the needle has left. */
 static void add_left(const trocar_sim *sim, int needle, const insertion_state *state, point_forces *p) {
     tissue_loads left = {.count = 0};
     insertion_add_residual_loads(&sim->model->parts.insertion, state, &left);
     for (int i = 0; i < left.count; i++) add_point(p, needle, left.loads[i].tet, left.loads[i].weights, left.loads[i].force, &IDENTITY);
 }
 
-/* Computes the displacements (m) of a resting needle's rows due to the local fields of a held needle's forces, which are finer than the mesh. */
+/* Computes how far a resting needle's rows are displaced (m) by the local fields of a held needle's forces, which are finer than the mesh. */
 static void displaced_nearby(trocar_sim *sim, const resting_needle *r, int held, double *displacement) {
     static tissue_loads loads;
     static mat3 lacks[MAX_LOADS];
@@ -183,14 +181,14 @@ static void displaced_nearby(trocar_sim *sim, const resting_needle *r, int held,
     }
 }
 
-/* Solves one problem for all needles, in which the bases of resting needles are free and the forces of the held needle are given. The unknowns are the changes
-   of the resting needles' forces since they were released, and the motions of their bases. For each resting needle
+/* Solves a single problem for all needles, with the bases of resting needles free and the forces of the held needle given. The unknowns are the changes in
+   the resting needles' forces since their release, and the motions of their bases. For each resting needle
 
        (G + C) df + C_held f = R q,    R^T df = 0
 
    where G and R are those at the needle's release, C includes the part of the compliance between needles that is finer than the mesh, and df is relative to
-   `reference`, the forces when no needle was held. The dense system is solved by LU. Returns the largest difference from the simulation's forces (N), and the
-   largest difference from the displacements that the tick uses at the held needle's contacts (m). */
+   `reference`, the forces when no needle was held. The dense system is solved by LU. Returns the largest difference from the simulation's forces (N), and
+   the largest difference from the displacements that the tick uses at the held needle's contacts (m). */
 typedef struct { double forces, displacement, size; } differences;
 typedef double all_forces[MAX_UNKNOWNS];
 
@@ -214,7 +212,7 @@ static differences compare(trocar_sim *sim, const int *resting, int count, int h
         }
     }
     add_held(sim, held, &p);
-    int held_end = p.count; /* the rows from here on belong to constant forces and to the held needle's residual forces */
+    int held_end = p.count; /* from here on, the rows are those of constant forces and of the held needle's residual forces */
     for (int k = 0; k < count; k++) add_left(sim, resting[k], &sim->needles[resting[k]].resting->anchor, &p);
     int own_left = p.count;
     add_left(sim, held, &sim->needles[held].state, &p);
@@ -258,7 +256,7 @@ static differences compare(trocar_sim *sim, const int *resting, int count, int h
             d.forces = fmax(d.forces, fabs(r->force[u] + r->beside[u] - p.force[first[k] + u]));
         }
     }
-    /* The tick of the held needle uses u_free + C f at the corners around its tip, where C includes the attached resting needles. */
+    /* The held needle's tick uses u_free + C f at the corners around its tip, where C includes the attached resting needles. */
     const insertion_state *s = &sim->needles[held].state;
     const compliance_snapshot *snapshot = link_answer(&sim->needles[held].link, s->request.insertion);
     const creep_series *creep = &model->parts.insertion.creep;
@@ -290,20 +288,20 @@ static differences compare(trocar_sim *sim, const int *resting, int count, int h
     return d;
 }
 
-/* Sets the friction limits so high that nothing slips. */
+/* Raises the friction limits so far that nothing slips. */
 static void let_stick(trocar_sim *sim, int needle) {
     resting_needle *r = sim->needles[needle].resting;
     for (int i = 0; i < r->axial_count; i++) r->upper[i] = INFINITY, r->lower[i] = -INFINITY;
 }
 
-/* Lets the resting needles respond to the present forces, so that the next tick of the held needle uses their response. */
+/* Lets the resting needles respond to the present forces, so that the held needle's next tick uses their response. */
 static void respond_and_answer(trocar_sim *sim, int needle) {
     OK(respond_to_loads(sim, true, &why));
     OK(answer_fully(sim, needle, &sim->needles[needle].state.request, &why));
     link_publish_answer(&sim->needles[needle].link);
 }
 
-/* Measures the difference between the simulation and the solution of the single problem. The third needle is inserted next to the first two. */
+/* Measures how far the simulation is from the solution of the single problem. The third needle is inserted next to the first two. */
 static void compare_sticking(const char *file, double x, double y, int ticks, int beside) {
     static const int resting[] = {0, 1};
     static all_forces reference[2];
@@ -343,7 +341,7 @@ static void sticking_needles_are_one_problem_with_those_held(void **state) {
 
 enum { STILL = 100, BACK = 300, MOST_TICKS = 500 + STILL + BACK, SUBSTEPS = 3 };
 
-/* Inserts needle 1 next to needle 0, holds it, and draws it back. Meanwhile, needle 0 either rests, or is held by ticks that keep the force at its base at
+/* Inserts needle 1 next to needle 0, holds it, and draws it back. Meanwhile, needle 0 either rests or is held by ticks that keep the force at its base at
    zero, so that its friction and the guides are solved exactly in every tick. Returns the number of ticks. */
 static int push_beside(trocar_model *model, const char *file, double x, double y, int down, bool rests, trocar_output outputs[MOST_TICKS], double forces[MOST_TICKS][3]) {
     trocar_sim *sim;
@@ -446,7 +444,7 @@ static void all_forces_of(const trocar_sim *sim, double forces[FOUR][TROCAR_MAX_
     }
 }
 
-/* Takes and releases needles at random. At the end, all of them rest. */
+/* Takes and releases needles at random, and ends with all of them at rest. */
 static void change_at_random(trocar_sim *sim, int changes) {
     trocar_output out;
     for (int change = 0; change < changes; change++) {
@@ -461,8 +459,8 @@ static void change_at_random(trocar_sim *sim, int changes) {
         if (trocar_sim_needle_state(sim, k) == TROCAR_NEEDLE_HELD) leave(sim, k);
 }
 
-/* Needles that are taken and released at random do not drift. A release is complete when the force on the base is below 1 mN. The first few exchanges remove
-   the remainder (2e-5 N at a contact); after that, the needles do not move. */
+/* Needles that are taken and released at random do not drift. A release is complete once the force on the base is below 1 mN. The first few exchanges remove
+   what is left (2e-5 N at a contact); after that, the needles stay where they are. */
 static void a_thousand_changes_leave_no_trace(void **state) {
     (void)state;
     static double before[9 * PROBES * PROBES], after[9 * PROBES * PROBES], start[FOUR][TROCAR_MAX_POINTS][3], end[FOUR][TROCAR_MAX_POINTS][3];
@@ -491,7 +489,7 @@ static void a_thousand_changes_leave_no_trace(void **state) {
 }
 
 /* Another simulation continues from a saved state in which several needles rest, one is held, and one is being released or taken. The results agree only to
-   within rounding error, because the stored part of the inverse depends on earlier requests. */
+   within rounding error, because which part of the inverse is stored depends on earlier requests. */
 static void what_follows_a_restore_follows_the_save(void **state) {
     (void)state;
     static double forces[2][FOUR][TROCAR_MAX_POINTS][3];
@@ -503,7 +501,7 @@ static void what_follows_a_restore_follows_the_save(void **state) {
     void *saved = malloc(size);
     OK(trocar_sim_create(model, &other, &why));
     for (int phase = 0; phase < 2; phase++) {
-        if (phase == 0) OK(trocar_sim_take(sim, 2, &why)); /* this command is still pending when the state is saved */
+        if (phase == 0) OK(trocar_sim_take(sim, 2, &why)); /* still pending when the state is saved */
         else OK(trocar_sim_leave(sim, 2, &why));
         OK(trocar_sim_save(sim, saved, size, &why));
         OK(trocar_sim_restore(other, saved, size, &why));
@@ -559,14 +557,14 @@ static void what_makes_no_sense_is_refused(void **state) {
     OK(trocar_sim_work(sim, NULL, &why));
     trocar_pose base = trocar_view_base(trocar_sim_view(sim), 0);
     assert_refused(trocar_sim_step(sim, 0, &base, 1e-3, &out, &why), "take it first");
-    OK(trocar_sim_reset(sim, 0, &base, &why)); /* withdrawn from the tissue and inserted again */
+    OK(trocar_sim_reset(sim, 0, &base, &why)); /* out of the tissue and in again */
     assert_int_equal(trocar_sim_needle_state(sim, 0), TROCAR_NEEDLE_HELD);
     OK(trocar_sim_step(sim, 0, &base, 1e-3, &out, &why));
     trocar_sim_free(sim);
     trocar_model_free(model);
 }
 
-/* After a needle has been removed, it no longer affects the others. */
+/* A removed needle no longer affects the others. */
 static void a_needle_that_is_removed_leaves_the_tissue_as_it_was(void **state) {
     (void)state;
     trocar_model *model = create_model("figure8.yaml", 2);
@@ -586,7 +584,7 @@ static void a_needle_that_is_removed_leaves_the_tissue_as_it_was(void **state) {
     trocar_model_free(model);
 }
 
-/* The middle one of three resting needles is removed, or taken and then reset. Both must leave the other two needles with the same forces. */
+/* The middle one of three resting needles is either removed, or taken and then reset. Both must leave the other two with the same forces. */
 static void the_others_feel_that_one_was_removed(void **state) {
     (void)state;
     trocar_model *model = create_model("figure8.yaml", 3);
@@ -625,8 +623,8 @@ static void the_others_feel_that_one_was_removed(void **state) {
     trocar_model_free(model);
 }
 
-/* A needle is reset and released again before the worker has processed the first release. It must be released once, at its latest position. If the worker was
-   already working on the first release, its result must not be used for the second. */
+/* A needle is reset and released again before the worker has processed its first release. It must be released once, at its latest position. If the worker
+   was already busy with the first release, that result must not be used for the second. */
 static void a_needle_left_again_is_not_the_one_left_before(void **state) {
     (void)state;
     trocar_model *model = create_model("figure8.yaml", 1);
@@ -635,7 +633,7 @@ static void a_needle_left_again_is_not_the_one_left_before(void **state) {
     OK(trocar_sim_create(model, &sim, &why));
     push(sim, 0, 0.0, 0.0, 300, &out);
     OK(trocar_sim_leave(sim, 0, &why));
-    unsigned seen = link_seen(&sim->needles[0].link); /* as if the worker had just begun */
+    unsigned seen = link_seen(&sim->needles[0].link); /* as if the worker had just started */
     trocar_pose elsewhere = at(0.008, 0.0, -0.19);
     OK(trocar_sim_reset(sim, 0, &elsewhere, &why));
     OK(trocar_sim_leave(sim, 0, &why));
@@ -652,8 +650,8 @@ static void a_needle_left_again_is_not_the_one_left_before(void **state) {
     trocar_model_free(model);
 }
 
-/* When a needle is drawn back fast, the shaft is ahead of the tissue that it shears. If the needle is then released at a depth of 1 mm, this shear pushes it
-   out of the tissue. The needle is then held as before, and the worker must not report an error. */
+/* When a needle is drawn back fast, the shaft runs ahead of the tissue it shears. If it is then released at a depth of 1 mm, this shear pushes it out of the
+   tissue. The needle must then be held as before, and the worker must not report an error. */
 static void a_needle_that_slips_out_when_it_is_let_go_is_kept(void **state) {
     (void)state;
     trocar_model *model = create_model("figure8.yaml", 1);
@@ -677,7 +675,7 @@ static void a_needle_that_slips_out_when_it_is_let_go_is_kept(void **state) {
     trocar_model_free(model);
 }
 
-/* Advances a needle by 20 mm in 0.1 s. The worker runs at random times, on average once every 1 to 1000 ticks. */
+/* Advances a needle by 20 mm in 0.1 s. The worker runs at random times, on average every 1 to 1000 ticks. */
 static void push_beside_a_late_worker(trocar_sim *sim, int needle) {
     trocar_pose base = at(0.005 * needle, 0.003, -0.201);
     trocar_output out = {0};
@@ -692,7 +690,7 @@ static void push_beside_a_late_worker(trocar_sim *sim, int needle) {
     }
 }
 
-/* In one out of 140 such insertions, the shaft lags so far behind the tissue that it slips for a second before the needle rests. The insertions below include
+/* In one of 140 such insertions, the shaft lags so far behind the tissue that it slips for a second before the needle rests. The insertions below include
    such cases. */
 static void a_needle_can_be_left_however_late_the_worker_is(void **state) {
     (void)state;

@@ -1,10 +1,10 @@
-/* Compares a whole implant, in which needles slip, with the solution of a single contact problem for all resting needles. Needles are inserted and released one
-   after the other, then taken and withdrawn in the same order.
+/* Compares a whole implant, in which needles slip, with the solution of one contact problem for all resting needles. The needles are inserted and released
+   one after another, then taken and withdrawn in the same order.
 
    The library lets one needle slip at a time, at 250 Hz. In the reference run, this is disabled. Instead, after each 1 ms tick, the slips of all points of
-   all needles are solved together by projected Gauss-Seidel, until no force exceeds its friction limit by more than 1e-10 N; the next tick uses the result. The
-   dense compliance of needles, template and tissue is assembled here from the model's inverse. test_resting.c shows that sticking needles and the held needle
-   are solved as one problem, and measures the error due to linearising a slipping needle.
+   all needles are solved together by projected Gauss-Seidel, until no force exceeds its friction limit by more than 1e-10 N; the next tick uses the result.
+   The dense compliance of needles, template and tissue is assembled here from the model's inverse. test_resting.c shows that sticking needles and the held
+   needle are solved as one problem, and measures the error due to linearising a slipping needle.
 
    usage: [SCENE=NAME] [NEEDLES=N] [DEPTH=N] [TICKS=N] test_unit test_resting_implant
 
@@ -34,18 +34,18 @@ static struct { const char *scene; int needles, depth, substeps; } implant = {"f
 
 /* ---- the reference ----------------------------------------------------------------------------------------------------------- */
 
-/* The single contact problem of all needles that are currently resting, in the order of the library's set. */
+/* The single contact problem of all needles that currently rest, in the order of the library's set. */
 typedef struct {
     uint64_t id[MAX_NEEDLES];      /* for each needle of the scene, its id when it last rested */
-    double lower[MAX_NEEDLES][MAX_AXIAL], upper[MAX_NEEDLES][MAX_AXIAL]; /* N, force limits; in the library, they are infinite in the reference run */
-    uint64_t changes;        /* value of the set's change counter when this was assembled */
+    double lower[MAX_NEEDLES][MAX_AXIAL], upper[MAX_NEEDLES][MAX_AXIAL]; /* N, force limits; the library's own are set to infinity in the reference run */
+    uint64_t changes;        /* the set's change counter when this was assembled */
     int rows, motions, axials;
     int *row, *needle, *axial; /* for each axial force: its row, its needle in the set, and its index within the needle */
     double *response;        /* response of rows and base motions to a unit slip at each axial force, column-major */
     double slipped;          /* m, largest slip at any point */
 } one_problem;
 
-/* Returns the compliance between two rows, using the shape functions at the point of each row. */
+/* Returns the compliance between two rows, using the shape functions at each row's point. */
 static double between(trocar_model *model, const attached_row *a, const attached_row *b) {
     double blocks[12 * 12], sum = 0.0;
     if (a->tet < 0 || b->tet < 0) return 0.0;
@@ -65,7 +65,7 @@ static void forget(one_problem *p) {
     p->response = NULL;
 }
 
-/* Assembles the equations (G + C) df = R q - s, R^T df = 0, and solves them for unit slips. */
+/* Assembles (G + C) df = R q - s, R^T df = 0, and solves for unit slips. */
 static void assemble(trocar_sim *sim, one_problem *p) {
     const resting_set *set = &sim->resting;
     forget(p);
@@ -89,7 +89,7 @@ static void assemble(trocar_sim *sim, one_problem *p) {
         const resting_needle *r = set->needles[k];
         size_t first = (size_t)set->row[k];
         static double nearby[MAX_UNKNOWNS * MAX_UNKNOWNS];
-        for (int l = 0; l < k; l++) { /* adds the part of the compliance between the two needles that is finer than the mesh */
+        for (int l = 0; l < k; l++) { /* adds the compliance between the two needles that is finer than the mesh */
             OK(resting_mutual(sim->pairs, r, set->needles[l], nearby, MAX_UNKNOWNS, &why));
             for (int u = 0; u < r->unknown_count; u++)
                 for (int v = 0; v < set->needles[l]->unknown_count; v++) {
@@ -120,7 +120,7 @@ static void assemble(trocar_sim *sim, one_problem *p) {
     free(pivots);
 }
 
-/* Copies the force limits of needles released since the last call, and makes them infinite in the library. */
+/* Copies the force limits of needles released since the last call, and sets them to infinity in the library. */
 static void take_bounds(trocar_sim *sim, one_problem *p) {
     for (int k = 0; k < sim->needle_count; k++) {
         resting_needle *r = sim->needles[k].resting;
@@ -139,7 +139,7 @@ static int of_scene(const trocar_sim *sim, const resting_needle *r) {
     return -1;
 }
 
-/* Computes the current limits of an axial force, which decrease as the needle slides. */
+/* Computes an axial force's current limits, which decrease as the needle slides. */
 static void bounds_of(const trocar_sim *sim, const one_problem *p, int a, double *lower, double *upper) {
     resting_needle *r = sim->resting.needles[p->needle[a]];
     int k = of_scene(sim, r), i = p->axial[a];
@@ -168,7 +168,7 @@ static void slip_together(trocar_sim *sim, one_problem *p) {
         for (int a = 0; a < p->axials; a++) {
             const double *column = p->response + (size_t)a * n;
             double yields = -column[p->row[a]], alone = force[a] + yields * slip[a];
-            if (!(yields > 1e-3)) continue; /* N/m; if `yields` is smaller, slipping does not reduce the force at this point */
+            if (!(yields > 1e-3)) continue; /* N/m; if smaller, slipping does not relieve this point */
             double now = alone > upper[a] ? (alone - upper[a]) / yields : alone < lower[a] ? (alone - lower[a]) / yields : 0.0, more = now - slip[a];
             if (more == 0.0) continue;
             for (int b = 0; b < p->axials; b++) force[b] += column[p->row[b]] * more;
@@ -206,12 +206,12 @@ static void slip_together(trocar_sim *sim, one_problem *p) {
 
 typedef struct {
     int count;
-    double (*hand)[3];       /* N, force on the hand at each millisecond */
+    double (*hand)[3];       /* N, on the hand, at each millisecond */
     int *punctures;          /* so far */
-    /* N, axial forces that the first needle exerts on tissue and template while it rests: sum of the positive forces, sum of the negative forces, and
-       largest magnitude */
+    /* N, axial forces that the first needle exerts on tissue and template while it rests: sum of the positive ones, sum of the negative ones, and largest
+       magnitude */
     double (*rests)[3];
-    int broken;              /* number of membranes punctured so far */
+    int broken;              /* membranes punctured so far */
     double slid;             /* m, largest sliding distance of any point */
 } record;
 
@@ -255,7 +255,7 @@ static void move(trocar_sim *sim, int needle, trocar_pose *base, double way, int
     }
 }
 
-/* Returns the base's pose for hole k; the holes are 5 mm apart, starting from the middle. */
+/* Returns the base's pose for hole k. The holes are 5 mm apart, starting from the middle. */
 static trocar_pose hole(int k) {
     static const int columns[] = {0, 1, -1, 0, 1, -1, 0, 1, -1}, rows[] = {0, 0, 0, 1, 1, 1, -1, -1, -1};
     return (trocar_pose){{5e-3 * columns[k % 9], 5e-3 * rows[k % 9], -0.201}, {1, 0, 0, 0}};
@@ -316,7 +316,7 @@ static void slipping_needles_are_near_one_problem(void **state) {
         apart = differ ? apart + 1 : 0;
         latest = apart > latest ? apart : latest;
         settling = differ ? SETTLE : settling - 1;
-        if (settling > 0) { /* a membrane is punctured slightly earlier in one of the two runs, so the same drop in force occurs at different times */
+        if (settling > 0) { /* one run punctures a membrane slightly earlier than the other, so the same drop in force occurs at different times */
             left_out++;
             continue;
         }

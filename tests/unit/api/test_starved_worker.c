@@ -1,6 +1,6 @@
-/* Tests a worker that gets so little processor time that a newer request is already waiting whenever it has answered one, or that gets none at all. The force
-   on a tip in the tissue must be about the same as with a punctual worker, and each tick must report that the worker is late. Once the worker has caught up,
-   the state must be the same as if it had always been on time. */
+/* Tests a worker that gets too little CPU time: either a newer request is always waiting by the time it has answered one, or it does not run at all. The
+   force on a tip in the tissue must be about the same as with a punctual worker, and every tick must report that the worker is late. Once the worker has
+   caught up, the state must be the same as if it had always been on time. */
 #include <math.h>
 
 #include "api/api.h"
@@ -14,15 +14,15 @@
 #include "host.h"
 
 enum { TICKS = 6000, AFTER = 1500 };
-static const double SPEED = 0.01;    /* m/s, speed of an insertion by 60 mm, through the skin and the capsule */
-static const double ALMOST = 0.02;   /* largest permitted difference as a fraction of the peak force; 0.6 % was measured */
+static const double SPEED = 0.01;    /* m/s, while inserting by 60 mm through the skin and the capsule */
+static const double ALMOST = 0.02;   /* largest permitted difference, relative to the peak force; 0.6 % was measured */
 static const double SAME = 0.005;
 
 typedef struct {
     host h;
     int tick;
-    int slow;                /* number of ticks that the worker takes to answer a request or to measure a line */
-    int late;                /* number of ticks that reported the worker late */
+    int slow;                /* ticks that the worker takes to answer a request or to measure a line */
+    int late;                /* ticks that reported the worker late */
     int measured;            /* lines */
     double depth;            /* m, deepest */
     double force[TICKS + AFTER]; /* N, force along the needle */
@@ -63,7 +63,7 @@ trocar_status __wrap_remesher_measure(remesher *r, const remesh_request *request
     return status;
 }
 
-/* Continues the motion for `ticks` ticks. The worker takes `slow` ticks per task; with INT_MAX, no worker runs. */
+/* Continues the motion for `ticks` ticks. The worker takes `slow` ticks per task; INT_MAX means that it never runs. */
 static void push(int ticks, int slow) {
     now.slow = slow;
     for (int end = now.tick + ticks; now.tick < end && now.tick < TICKS + AFTER;) {
@@ -72,7 +72,7 @@ static void push(int ticks, int slow) {
     }
 }
 
-static insertion in_time; /* the insertion with a worker that answers immediately, for comparison */
+static insertion in_time; /* for comparison: the insertion with a worker that answers at once */
 
 static void begin(void) {
     trocar_pose base = {{0.005, 0.003, -0.201}, {1, 0, 0, 0}};
@@ -89,7 +89,7 @@ static int insert_in_time(void **unused) {
     return 0;
 }
 
-/* Returns the largest difference between the forces of two insertions in these ticks, as a fraction of the peak force. Ticks around a puncture are excluded. */
+/* Returns the largest difference between the forces of two insertions over these ticks, relative to the peak force. Ticks around a puncture are excluded. */
 static double difference(int from, int to) {
     double most = 0.0, peak = 0.0;
     for (int i = from; i < to; i++) {
@@ -121,7 +121,7 @@ static void without_a_worker_forces_are_estimated(void **unused) {
     push(TICKS, INT32_MAX);
     double starved = difference(0, TICKS);
     print_message("%d of %d ticks late, forces within %.1f %%\n", now.late, now.tick, 1e2 * starved);
-    assert_true(now.late > TICKS - 200); /* late in all ticks in which the tip is in the tissue */
+    assert_true(now.late > TICKS - 200); /* late in every tick with the tip in the tissue */
     assert_true(starved < ALMOST && now.depth > 0.05);
     push(AFTER, 0);
     assert_true(difference(TICKS + 1000, TICKS + AFTER) < SAME);
@@ -129,7 +129,7 @@ static void without_a_worker_forces_are_estimated(void **unused) {
     host_close(&now.h);
 }
 
-/* Inserts the needle by 30 mm and then moves it sideways by up to 5 mm. Returns the largest lateral force, N. */
+/* Inserts the needle by 30 mm and then moves it sideways by up to 5 mm. Returns the largest lateral force (N). */
 static double sway(bool with_worker) {
     host h = host_open(MESHES "/figure8.yaml");
     trocar_pose base = {{0.005, 0.003, -0.201}, {1, 0, 0, 0}};

@@ -1,5 +1,5 @@
-/* Tests the states of a needle that the ticking thread and the worker share: every event in every phase, whether legal or refused, for a single link and
-   through trocar.h; and also with both threads running concurrently, for ThreadSanitizer. */
+/* Tests the needle states shared by the ticking thread and the worker. Covers every event in every phase, legal or refused, for a single link and through
+   trocar.h, and both threads running concurrently, for ThreadSanitizer. */
 #include "api/worker_protocol.h"
 
 #include <poll.h>
@@ -20,8 +20,8 @@ static trocar_error why;
 
 #define OK(call) do { if ((call) != TROCAR_OK) fail_msg("%s: %s", #call, why.text); } while (0)
 
-/* The expected transitions, specified independently of the code: the letter of the phase after each event, or '-' if the event is refused. */
-static const char LETTERS[] = "HLRTK"; /* letters for the phases HELD, LEAVING, RESTING, TAKING and TAKEN */
+/* The expected transitions, written down independently of the code: the letter of the phase after each event, or '-' if the event is refused. */
+static const char LETTERS[] = "HLRTK"; /* one letter each for HELD, LEAVING, RESTING, TAKING and TAKEN */
 static const char *const EXPECTED[NEEDLE_EVENTS] = {
     [ON_TICK] = "H----", [ON_LEAVE] = "L----", [ON_TAKE] = "--T--", [ON_RESET] = "HHHH-", [ON_ADOPT] = "----H",
     [ON_RESTS] = "-R---", [ON_STAYS] = "-H---", [ON_RELEASE] = "---K-",
@@ -65,7 +65,7 @@ static void carry_out(single *s, needle_event event) {
     }
 }
 
-/* Executes the events that lead from HELD to this phase. */
+/* Runs the events that lead from HELD to this phase. */
 static void go_to(single *s, needle_phase phase) {
     static const needle_event way[] = {ON_LEAVE, ON_RESTS, ON_TAKE, ON_RELEASE};
     for (int i = 0; i < (int)phase; i++) carry_out(s, way[i]);
@@ -94,8 +94,8 @@ static void every_event_in_every_phase(void **unused) {
         }
 }
 
-/* The ticking thread changes the phase after the worker has begun a task. The worker's result then has no effect, even if the needle has meanwhile returned to
-   the original phase. */
+/* The ticking thread changes the phase after the worker has begun a task. The worker's result then has no effect, even if the needle has returned to its
+   original phase by then. */
 static void the_worker_ends_only_what_still_holds(void **unused) {
     (void)unused;
     static const needle_event changes[][6] = {
@@ -164,12 +164,12 @@ typedef struct {
     atomic_bool stop;
     bool attached;           /* written by the worker */
     int duties[4];
-    int outdated;            /* number of tasks that the ticking thread cancelled with another command */
+    int outdated;            /* tasks that the ticking thread made obsolete with another command */
 } two_threads;
 
 static unsigned random_below(unsigned *seed, unsigned n) { return (*seed = *seed * 1664525u + 1013904223u) / 65536u % n; }
 
-/* Writes the ticket into two fields of each object that is handed over; they are far apart in memory, so that a torn copy is detected. */
+/* Writes the ticket into two fields of each object that is handed over. They are far apart in memory, so a torn copy is detected. */
 static void label(insertion_state *state, uint64_t ticket) { state->next_id = state->request.serial = ticket; }
 static bool is_labelled(const insertion_state *state, uint64_t ticket) { return state->next_id == ticket && state->request.serial == ticket; }
 
@@ -231,7 +231,7 @@ static bool all_happened(const int *counts, int count) {
 }
 
 /* The ticking thread issues commands at random times until it has seen every phase, however late the worker is scheduled. The needle shown to it must always
-   have the state in which it was last released. */
+   be in the state in which it was last released. */
 static void both_threads_agree_on_who_has_the_needle(void **unused) {
     (void)unused;
     two_threads *t = aligned_alloc(CACHE_LINE, (sizeof *t + CACHE_LINE - 1) / CACHE_LINE * CACHE_LINE);
@@ -249,7 +249,7 @@ static void both_threads_agree_on_who_has_the_needle(void **unused) {
         needle_event event = (needle_event)random_below(&seed, ON_ADOPT + 1);
         needle_phase before = link_phase(&t->link);
         met[before]++;
-        if (before == PHASE_RESTING) assert_true(is_labelled(&link_shown(&t->link)->state, ticket)); /* only this thread can end the phase PHASE_RESTING */
+        if (before == PHASE_RESTING) assert_true(is_labelled(&link_shown(&t->link)->state, ticket)); /* only this thread can end PHASE_RESTING */
         if (before == PHASE_TAKEN) {
             assert_true(is_labelled(&link_shown(&t->link)->state, ticket + RETURNED));
             assert_int_equal(link_answer(&t->link, 0)->serial, ticket + RETURNED);
@@ -266,7 +266,7 @@ static void both_threads_agree_on_who_has_the_needle(void **unused) {
             link_post_loads(&t->link, &loads);
             break;
         case ON_LEAVE:
-            ticket += 2 * (1 << 20); /* exceeds the serials that link_leave skips, so tickets never repeat */
+            ticket += 2 * (1 << 20); /* more than link_leave skips, so tickets never repeat */
             label(&link_left_slot(&t->link)->state, ticket);
             link_leave(&t->link, state);
             break;
@@ -298,8 +298,7 @@ enum { NEEDLES = 2 };
 
 typedef enum { TICK, STEP, LEAVE, TAKE, RESET, DROP, SAVE, CALLS } call;
 
-/* Outcome of a call in one phase: its status, the needle's state right after the call and after the worker has finished, and words that the message
-   contains. */
+/* Outcome of a call in one phase: its status, the needle's state right after the call and once the worker has finished, and words that the message contains. */
 typedef struct {
     trocar_status status;
     trocar_needle_state at_once, in_the_end;
@@ -421,8 +420,8 @@ static bool is_on_its_way(const trocar_sim *sim) {
     return now == TROCAR_NEEDLE_LEAVING || now == TROCAR_NEEDLE_TAKING;
 }
 
-/* Makes random calls for two needles while the worker runs. The answer must be the one listed for the phase before the call, or for a phase to which the worker
-   may have advanced the needle in the meantime. */
+/* Makes random calls for two needles while the worker runs. The result must be the one listed for the phase before the call, or for a phase the worker may
+   have advanced the needle to in the meantime. */
 static void random_calls_beside_a_worker(void **unused) {
     (void)unused;
     enum { ROUNDS = 200, PATIENCE = 120000 }; /* ms */
@@ -456,14 +455,14 @@ static void random_calls_beside_a_worker(void **unused) {
         bool nowhere = what == LEAVE && status == TROCAR_BAD_INPUT && outside;
         if (status != OUTCOMES[what][before].status && status != OUTCOMES[what][NEXT[before]].status && !kept && !nowhere)
             fail_msg("call %d in phase %d: %d: %s", what, before, status, why.text);
-        if (what == RESET) /* after a reset, the needle is inserted again immediately */
+        if (what == RESET) /* after a reset, inserts the needle again at once */
             for (int t = 0; t < 40; t++) {
                 trocar_pose at = base;
                 at.position[2] = -0.201 + (base.position[2] + 0.201) * (t + 1) / 40.0;
                 trocar_sim_tick(h.sim, 0, &at, 1e-3, &out);
                 sched_yield();
             }
-        bool waits = random_below(&seed, 2) == 0; /* waits for the worker to finish its task, however long this takes */
+        bool waits = random_below(&seed, 2) == 0; /* whether to wait for the worker to finish its task, however long that takes */
         for (int ms = 0; waits && is_on_its_way(h.sim); ms++) {
             assert_true(ms < PATIENCE);
             poll(NULL, 0, 1);

@@ -1,4 +1,4 @@
-/* Compares the machine's memory with sysconf. The limits of control groups are read from files that imitate the kernel's. */
+/* Compares the machine's memory with sysconf. Control group limits are read from files that imitate the kernel's. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -97,11 +97,11 @@ static void pages_of_files_are_given_back(void **state) {
     put("proc/self", "cgroup", "0::/a\n");
     put_group("sys/fs/cgroup/a", "1000\n", "300\n", "100");
     assert_limits(1000.0, 800.0);
-    put_group("sys/fs/cgroup/a", "1000\n", "1300\n", "100"); /* usage above the limit, which has been lowered */
+    put_group("sys/fs/cgroup/a", "1000\n", "1300\n", "100"); /* usage above the limit, as after lowering the limit */
     assert_limits(1000.0, 0.0);
 }
 
-/* The group with the least available memory need not be the group with the lowest limit. */
+/* The group with the least memory available is not necessarily the one with the lowest limit. */
 static void groups_are_nested(void **state) {
     (void)state;
     put("proc/self", "cgroup", "0::/a/b.slice/c\n");
@@ -123,7 +123,7 @@ static void the_first_version_is_read(void **state) {
     assert_limits(5000.0, 4500.0);
 }
 
-/* The path in /proc/self/cgroup refers to the host's file system, which is not visible inside a container. */
+/* The path in /proc/self/cgroup refers to the host's file system, which a container does not see. */
 static void a_container_has_its_group_at_the_top(void **state) {
     (void)state;
     put("proc/self", "cgroup", "4:memory:/docker/0123\n");

@@ -1,4 +1,4 @@
-/* Tests a loop shared by threads: every index is executed once, each member executes one index at a time, and all calls have returned when the loop returns. */
+/* Tests a loop shared by threads: every index runs once, each member runs one index at a time, and all calls have returned by the time the loop returns. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stdatomic.h>
@@ -13,7 +13,7 @@
 enum { MEMBERS = 4, MOST = 1000, ROUNDS = 2000 };
 
 typedef struct {
-    int calls[MOST];         /* deliberately not atomic, so that ThreadSanitizer detects calls that return late or are made twice */
+    int calls[MOST];         /* not atomic on purpose, so that ThreadSanitizer detects calls that return late or are made twice */
     atomic_bool inside[MEMBERS];
     atomic_int wrong;
 } loop;
@@ -46,7 +46,7 @@ static void each_index_is_taken_once(void **state) {
     }
 }
 
-/* Two calls that wait for each other can finish only if two members execute them concurrently. */
+/* Two calls that wait for each other can only finish if two members run them concurrently. */
 static atomic_int arrived;
 static void meet(void *context, int i, int member) {
     (void)i;

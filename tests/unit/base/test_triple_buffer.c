@@ -1,4 +1,4 @@
-/* Tests lock-free buffers between two threads that run at full speed; also useful under ThreadSanitizer. */
+/* Tests lock-free buffers between two threads running at full speed. Also meant for ThreadSanitizer. */
 #include <pthread.h>
 #include <sched.h>
 #include <string.h>
@@ -27,7 +27,7 @@ static void *write_blocks(void *context) {
     return NULL;
 }
 
-/* Each block that is read must be consistent and no older than the previous one, and the last block written must be received. */
+/* Each block read must be consistent and no older than the previous one, and the last block written must arrive. */
 static void newest_value_is_never_torn_and_never_older(void **unused) {
     (void)unused;
     triple_buffer n;
@@ -70,7 +70,7 @@ static void newest_value_is_fresh_once(void **unused) {
     triple_buffer_free(&n);
 }
 
-/* The slot that is being read does not change, however often the writer writes. */
+/* The slot being read does not change, however often the writer writes. */
 static void a_slot_that_is_read_does_not_change(void **unused) {
     (void)unused;
     triple_buffer n;

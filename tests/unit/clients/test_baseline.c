@@ -1,4 +1,4 @@
-/* Tests the baseline for timings: a matrix product that is actually computed every time, in one thread. */
+/* Tests the timing baseline, a matrix product: it is really computed every time, and in a single thread. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -9,8 +9,7 @@
 
 #include "bench/baseline.h"
 
-/* No core executes more than 64 floating-point operations per cycle at more than 6e9 cycles per second, so a shorter time means that the product was not
-   computed. */
+/* No core does more than 64 floating-point operations per cycle at more than 6e9 cycles per second. A shorter time means that the product was not computed. */
 static void measures_the_time_of_a_matrix_product(void **state) {
     (void)state;
     histogram time;
@@ -28,7 +27,7 @@ static void restores_one_thread(void **state) {
     assert_int_equal(openblas_get_num_threads(), 1);
 }
 
-/* Half of the products took at least the median time, and the total must not exceed the elapsed time. */
+/* Half of the products took at least the median time, and together they cannot have taken longer than the elapsed time. */
 static void times_do_not_exceed_elapsed_time(void **state) {
     (void)state;
     histogram time;

@@ -1,5 +1,5 @@
-/* Compares the messages of the stand-alone client with those of lcm-gen, in both directions, and tests how the client assembles fragments. The client is a
-   single file, whose internal functions are tested here. */
+/* Compares the messages of the stand-alone client with those of lcm-gen, in both directions, and tests how it reassembles fragments. The client is a single
+   file; this test includes it to reach its internal functions. */
 #include "trocar_client.c"
 
 #include "trocar_command_reply_t.h"
@@ -27,7 +27,7 @@ static void randomise(void *bytes, size_t size) {
     for (size_t i = 0; i < size; i++) ((unsigned char *)bytes)[i] = (unsigned char)(random_bits() >> 32);
 }
 
-/* Encodes and decodes messages of random bits, including infinities, with both implementations. Messages of wrong size or type must be refused. */
+/* Encodes and decodes messages of random bits, infinities included, with both implementations. Messages of the wrong size or type must be refused. */
 #define SAME(field) assert_memory_equal(&mine.field, &m.field, sizeof m.field)
 #define ROUND(name, theirs_name, CHECKS) \
     for (int round = 0; round < ROUNDS; round++) { \
@@ -86,7 +86,7 @@ static void replies_are_the_same(void **unused) {
     }
 }
 
-/* The constants available to bridges equal those of the LCM messages. */
+/* The constants offered to bridges equal those of the LCM messages. */
 static void constants_are_the_same(void **unused) {
     (void)unused;
 #define EQUAL(word) assert_int_equal(TROCAR_CLIENT_##word, TROCAR_NEEDLE_WRENCH_T_##word)
@@ -107,7 +107,7 @@ static trocar_client *open_alone(void) {
     return c;
 }
 
-/* Creates a reply of LARGE bytes to the client's last command, with the status "done". */
+/* Builds a reply of LARGE bytes to the client's last command, with the status "done". */
 static void make_reply(const trocar_client *c) {
     static char text[LARGE];
     trocar_command_reply_t m = {.server = 5, .session = c->session, .seq = c->asked, .status = TROCAR_COMMAND_REPLY_T_DONE, .message = text};
@@ -123,7 +123,7 @@ typedef struct {
     unsigned count;
 } cut;
 
-/* Passes fragment `number` of the message in `theirs`, which is divided into equal parts, to the client. */
+/* Passes fragment `number` of the message in `theirs`, which is split into equal parts, to the client. */
 static void give(trocar_client *c, const cut *k, unsigned number) {
     static unsigned char packet[DATAGRAM_MOST];
     size_t part = (LARGE + k->count - 1) / k->count, offset = number * part, size = offset + part < LARGE ? part : LARGE - offset, name = 0;
@@ -148,7 +148,7 @@ static bool is_answered(trocar_client *c) {
     return true;
 }
 
-/* The fragments after fragment 0 arrive in any order, some of them twice, interleaved with messages from other senders. */
+/* After fragment 0, the fragments arrive in any order, some of them twice, interleaved with messages from other senders. */
 static void fragments_come_in_any_order(void **unused) {
     (void)unused;
     trocar_client *c = open_alone();
@@ -190,7 +190,7 @@ static void a_message_without_all_of_its_fragments_is_none(void **unused) {
     free_client(c);
 }
 
-/* Default options, zeroed options and no options have the same effect. */
+/* Default, zeroed and missing options have the same effect. */
 static void default_options_are_those_of_zero(void **unused) {
     (void)unused;
     const trocar_client_options defaults = trocar_client_default_options(), zero = {0};

@@ -1,4 +1,5 @@
-/* Tests seeds in a replay: a drop that comes slightly too early waits. Commands that the server refused do not end the wait, and an undo cancels the drop. */
+/* Tests seed commands in a replay. A drop that comes slightly too early waits. Commands that the server refused do not end the wait, and an undo cancels the
+   drop. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -32,7 +33,7 @@ static void tick(insertion *in, double way) {
     OK(trocar_sim_step(in->sim, 0, &base, 1e-3, &in->output, &why));
 }
 
-/* Starts with the needle 30 mm deep. One seed has been dropped, and the command to drop another one comes before the first seed has left the needle. */
+/* Starts with the needle 30 mm deep. One seed has been dropped, and the command to drop the next comes before that seed has left the needle. */
 static void begin(insertion *in, const logged_command *early) {
     trocar_scene *scene;
     trocar_pose base = {{0.005, 0.003, -0.202}, {1, 0, 0, 0}};
@@ -59,7 +60,7 @@ static void end(insertion *in) {
 static int left(const insertion *in) { return trocar_view_seeds(trocar_sim_view(in->sim), NULL, 0); }
 static int pending(const insertion *in) { return trocar_view_pending_seeds(trocar_sim_view(in->sim), 0); }
 
-/* Draws the needle back, and retries the drop before each tick, as a replay does. */
+/* Draws the needle back, retrying the drop before each tick, as a replay does. */
 static void draw_back_until_it_no_longer_waits(insertion *in, bool carried_out) {
     for (int i = 0; i < 100 && in->waiting.drop; i++) {
         bool tried = try_waiting_drop(&in->waiting, in->sim, 0);
@@ -91,7 +92,7 @@ static void an_early_drop_waits_until_the_seed_is_out(void **state) {
     end(&in);
 }
 
-/* The server had executed the drop, so the undo cancels the waiting drop, not the previous seed. */
+/* The server had carried out the drop, so the undo cancels the waiting drop and not the previous seed. */
 static void an_undo_takes_back_the_drop_that_waits(void **state) {
     (void)state;
     insertion in;
@@ -103,7 +104,7 @@ static void an_undo_takes_back_the_drop_that_waits(void **state) {
     assert_int_equal(pending(&in), 1);
     draw_out(&in);
     assert_int_equal(left(&in), 1);
-    OK(replay_seed_command(&in.waiting, in.sim, 0, &undo, &why)); /* now an undo removes the previous seed */
+    OK(replay_seed_command(&in.waiting, in.sim, 0, &undo, &why)); /* this time the undo removes the previous seed */
     assert_int_equal(left(&in), 0);
     end(&in);
 }
@@ -126,8 +127,8 @@ static void what_the_server_refused_does_not_end_the_waiting(void **state) {
     end(&in);
 }
 
-/* Any other command, or an undo without a reply, ends the wait, because the server executed it after the drop. If the previous seed is still in the needle at
-   that time, the drop fails. */
+/* The wait ends at any other command, or at an undo without a reply, because the server carried these out after the drop. If the previous seed is still in
+   the needle by then, the drop fails. */
 static void another_command_ends_the_waiting(void **state) {
     (void)state;
     const logged_command early = logged(TROCAR_COMMAND_T_DROP_SEED, 1, ANSWER_DONE);
@@ -159,7 +160,7 @@ static void only_what_the_server_carried_out_waits(void **state) {
     draw_back_until_it_no_longer_waits(&in, false);
     assert_int_equal(pending(&in), 0);
     assert_non_null(strstr(in.waiting.reason.text, "of the seeds: push it farther in"));
-    assert_int_equal(replay_seed_command(&in.waiting, in.sim, 0, &early, &why), TROCAR_BAD_INPUT); /* refused at once: waiting would not help */
+    assert_int_equal(replay_seed_command(&in.waiting, in.sim, 0, &early, &why), TROCAR_BAD_INPUT); /* refused at once, because waiting would not help */
     assert_null(in.waiting.drop);
     OK(replay_seed_command(&in.waiting, in.sim, 0, &unknown, &why));
     assert_int_equal(replay_seed_command(&in.waiting, in.sim, 0, &unknown, &why), TROCAR_BAD_INPUT);

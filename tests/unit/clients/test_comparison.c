@@ -12,16 +12,16 @@
 
 #include "check.h"
 
-enum { COUNT = 100, GOLDEN = COUNT / 5, FIRST = 20 /* FIRST is the index of a pose in the recording */ };
+enum { COUNT = 100, GOLDEN = COUNT / 5, FIRST = 20 /* FIRST: index of a pose in the recording */ };
 
-/* Creates a replay in which every second pose is lost and fz decreases linearly to -9.9 N. */
+/* Creates a replay in which every other pose is lost and fz decreases linearly to -9.9 N. */
 static void make_replay(trocar_needle_wrench_t replayed[COUNT]) {
     for (int i = 0; i < COUNT; i++)
         replayed[i] = (trocar_needle_wrench_t){.session = 4, .pose_seq = FIRST + 2 * i, .pose_utime = 1000000 + 2000 * i, .membrane = -1,
                                                .raw_force = {0, 0, -0.1 * i}, .raw_torque = {1e-3, 0, 0}};
 }
 
-/* A replay, and the golden wrenches: every fifth wrench of the replay. */
+/* A replay, and the golden wrenches, which are every fifth wrench of the replay. */
 typedef struct {
     trocar_needle_wrench_t replayed[COUNT], golden[GOLDEN];
 } fixture;
@@ -69,7 +69,7 @@ static void equal_wrenches_match_exactly(void **state) {
     assert_true(c.largest.share == 0);
 }
 
-/* fz changes by 0.1 N per wrench, so a wrench with an error of 0.15 N is 0.05 N outside the range of its neighbours. */
+/* fz changes by 0.1 N from one wrench to the next, so a wrench that is off by 0.15 N lies 0.05 N outside the range of its neighbours. */
 static void first_difference_is_kept(void **state) {
     fixture *f = *state;
     f->golden[4].raw_force[2] -= 0.09;
@@ -87,7 +87,7 @@ static void first_difference_is_kept(void **state) {
     assert_int_equal(compare(f, 0.02).differing, 0);
 }
 
-/* Of 20 golden wrenches, the third has an error larger than the peak, and the last an error of 2 % of the peak. */
+/* Of 20 golden wrenches, the third is off by more than the peak force, and the last by 2 % of it. */
 static void quantiles_and_end_are_reported(void **state) {
     fixture *f = *state;
     f->golden[2].raw_torque[0] += 5e-3;
@@ -102,7 +102,7 @@ static void quantiles_and_end_are_reported(void **state) {
     assert_close(comparison_quantile(&c, 1.0), 5.0 / 6.0, 1.1e-3);
 }
 
-/* Errors in components that are nearly zero are given relative to 0.1 N and 2 mN m. */
+/* Errors in components close to zero are given relative to 0.1 N and 2 mN m. */
 static void small_components_use_a_minimum_peak(void **state) {
     fixture *f = *state;
     f->golden[3].raw_force[0] = 0.9e-3;
@@ -147,8 +147,8 @@ static void wrenches_of_another_recording_are_refused(void **state) {
 
 static void wrenches_whose_pose_was_not_recorded_are_left_out(void **state) {
     fixture *f = *state;
-    f->golden[0].pose_seq = 3; /* a pose from before the start of the recording */
-    f->golden[5].pose_seq++;    /* a pose that was lost in the replay */
+    f->golden[0].pose_seq = 3; /* a pose from before the recording began */
+    f->golden[5].pose_seq++;    /* a pose that the replay lost */
     comparison c = compare(f, 0);
     assert_int_equal(c.compared, COUNT / 5 - 2);
     assert_int_equal(c.differing, 0);

@@ -33,7 +33,7 @@ static dashboard sample(void) {
     return d;
 }
 
-/* Returns the line that begins with this word, as drawn at 10.1 s. Fails if no line begins with it. */
+/* Returns the line that begins with this word, as drawn at 10.1 s. Fails if there is none. */
 static const dashboard_line *line_of(const dashboard *d, const char *word) {
     int count = dashboard_draw(d, 10.1, 30, lines);
     for (int i = 0; i < count; i++)
@@ -58,7 +58,7 @@ static void numbers_have_readable_units(void **state) {
     expect(&d, "poses", "taken 123", false);
 }
 
-/* Misses counted before the dashboard started are shown without an alarm; new misses and nonzero error counters raise an alarm. */
+/* Misses from before the dashboard started are shown without an alarm. New misses and nonzero error counters raise one. */
 static void faults_raise_alarms(void **state) {
     (void)state;
     dashboard d = sample();
@@ -105,7 +105,7 @@ static void first_of_two_servers_is_shown(void **state) {
     dashboard_take_status(&d, &status, 10.05);
     expect(&d, "trocar", "scene.yaml, 1000 Hz, tick 5000", false);
     expect(&d, "two servers", "000000000000004d: stop one", true);
-    dashboard_take_timing(&d, &other, 12); /* by now, the first server has fallen silent */
+    dashboard_take_timing(&d, &other, 12); /* by now, the first server has gone silent */
     dashboard_take_status(&d, &status, 12);
     expect(&d, "trocar", "other.yaml, 0 Hz, tick 1", false);
 }
@@ -122,8 +122,8 @@ static void silence_and_invalid_messages_are_reported(void **state) {
     assert_true(lines[2].alarm && strcmp(lines[2].text, "server      silent for 5 s") == 0);
 }
 
-/* Counts of 99 and 100 are drawn at full height, a count of 1 at a third of it. Bin 10 is in column 11 after the axis, and bin 4 of the compute time in column
-   42. */
+/* Counts of 99 and 100 are drawn at full height, a count of 1 at a third of it. Bin 10 is in column 11 after the axis; bin 4 of the compute time is in
+   column 42. */
 static void histograms_accumulate_on_logarithmic_axes(void **state) {
     (void)state;
     dashboard d = sample();
@@ -168,7 +168,7 @@ static void each_needle_has_its_lines(void **state) {
     expect(&d, "energy 1", "lowest -1.0 mJ", true);
     expect(&d, "poses", "taken 120", true);
     expect(&d, "            too fast", "refused 5", true);
-    second.needle = 2; /* invalid, because it is not less than the message's `needle_count` */
+    second.needle = 2; /* invalid: not less than the message's `needle_count` */
     dashboard_take_status(&d, &second, 10.0);
     assert_int_equal(d.foreign, 1);
 }

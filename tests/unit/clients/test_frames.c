@@ -1,4 +1,4 @@
-/* Tests docs/examples/frames.h, which converts between the frames of devices and the scene's world frame. */
+/* Tests docs/examples/frames.h, which converts between device frames and the scene's world frame. */
 #include <stdlib.h>
 #include <string.h>
 #include "../docs/examples/frames.h"
@@ -19,7 +19,7 @@ static void expect(const double a[], double x, double y, double z) {
     assert_float_equal(a[2], z, 1e-15);
 }
 
-/* The direction away from the operator points into the body, up remains up, and x points to the operator's left. */
+/* Away from the operator is into the body, up stays up, and x points to the operator's left. */
 static void directions(void **state) {
     (void)state;
     double level[3][3] = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}, base[3], q[4], force[3];
@@ -37,7 +37,7 @@ static void directions(void **state) {
     expect(force, 1, 0, 0);
 }
 
-/* If a stylus points up by 30 degrees, so does the needle's axis, which is its local z axis. */
+/* If a stylus points 30 degrees upward, so does the needle's axis, which is its local z axis. */
 static void a_tilted_stylus(void **state) {
     (void)state;
     double c = cos(M_PI / 6), s = sin(M_PI / 6), base[3], q[4];
@@ -50,7 +50,7 @@ static void a_tilted_stylus(void **state) {
     expect((double[]){axis.x, axis.y, axis.z}, 0, s, c);
 }
 
-/* Converts quaternions to matrices and back, including rotations by half a turn about each axis. */
+/* Converts quaternions to matrices and back, including half turns about each axis. */
 static void quaternions(void **state) {
     (void)state;
     srand(1);
@@ -69,7 +69,7 @@ static void quaternions(void **state) {
     }
 }
 
-/* The hand repeatedly moves 40 mm forward, and back while the clutch is pressed. With a scale of 2, each forward stroke moves the needle by 80 mm. */
+/* The hand repeatedly moves 40 mm forward, then back with the clutch pressed. At a scale of 2, each forward stroke moves the needle by 80 mm. */
 static void a_clutch_adds_strokes(void **state) {
     (void)state;
     hand_map m = {.scale = 2, .force_scale = 0.5};
@@ -87,7 +87,7 @@ static void a_clutch_adds_strokes(void **state) {
         }
     }
     double before = 0;
-    for (int i = 0; i < 100; i++) { /* the force returns without a jump */
+    for (int i = 0; i < 100; i++) { /* the force comes back without a jump */
         map_hand(&m, 0, (double[]){0, 0, 0}, needle);
         map_force(&m, memcpy(force, (double[]){0, 0, 2}, sizeof force));
         assert_true(force[2] > before && force[2] - before < 0.011);

@@ -7,7 +7,7 @@
 #include <stdlib.h>
 #include <cmocka.h>
 
-/* Integrates the reference solution with the classical Runge-Kutta method in steps so small that the error is far below the tolerance. */
+/* Integrates a reference solution with the classical Runge-Kutta method, in steps so small that the error is far below the tolerance. */
 static void integrate(hand *h, vec3 target, vec3 force, double time, int steps) {
     double dt = time / steps;
     for (int i = 0; i < steps; i++) {

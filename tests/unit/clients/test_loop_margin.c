@@ -1,4 +1,4 @@
-/* Compares the stability margins of the loop of hand, device and coupling with closed forms, and the theory with simulations. */
+/* Compares the stability margins of the hand-device-coupling loop with closed forms, and theory with simulation. */
 #include <math.h>
 
 #include "device/loop_margin.h"
@@ -18,7 +18,7 @@ static haptic_loop loop_of(double stiffness, double damping, int delay) {
                          .delay = delay};
 }
 
-/* Colgate and Schenkel's condition for a wall without delay: b > K T / 2 + B. */
+/* The condition of Colgate and Schenkel for a wall without delay: b > K T / 2 + B. */
 static void without_delay_half_a_period_of_the_spring_and_the_damper(void **unused) {
     (void)unused;
     static const double stiffnesses[] = {10, 400, 5000}, dampings[] = {0, 0.3, 20};
@@ -26,11 +26,11 @@ static void without_delay_half_a_period_of_the_spring_and_the_damper(void **unus
     EACH(k, stiffnesses) EACH(b, dampings) {
         haptic_loop l = loop_of(*k, *b, 0);
         assert_true(fabs(loop_required_damping(&l, &frequency) - (0.5 * *k * PERIOD + *b)) < 1e-9 * *k);
-        if (*b > 0) assert_true(fabs(frequency - 0.5 / PERIOD) < 1e-9); /* with a damper, the highest frequency requires the most damping */
+        if (*b > 0) assert_true(fabs(frequency - 0.5 / PERIOD) < 1e-9); /* with a damper, the highest frequency needs the most damping */
     }
 }
 
-/* A spring with a delay of d periods requires b > K T (d + 1/2), the limit for slow motions. The scan of frequencies begins above zero, hence the tolerance. */
+/* A spring with a delay of d periods needs b > K T (d + 1/2), the limit for slow motions. The scan starts above zero frequency, hence the tolerance. */
 static void a_delayed_spring_needs_damping_for_the_delay(void **unused) {
     (void)unused;
     double frequency;
@@ -42,7 +42,7 @@ static void a_delayed_spring_needs_damping_for_the_delay(void **unused) {
     }
 }
 
-/* If the oscillation is slow compared with the sampling, the loop is m s^2 + (b + B) s + k + K with a small delay of the force. For a pure spring and a heavy
+/* If the oscillation is slow compared with sampling, the loop is m s^2 + (b + B) s + k + K with a small delay in the force. For a pure spring and a heavy
    hand, the gain margin against a delay of half a period alone follows from g K T / 2 = b. */
 static void a_slow_hand_oscillates_when_the_delay_eats_its_damping(void **unused) {
     (void)unused;
@@ -52,7 +52,7 @@ static void a_slow_hand_oscillates_when_the_delay_eats_its_damping(void **unused
         l.mass = 100;
         l.damping = 0.1;
         l.stiffness = 10;
-        double critical = l.damping / (PERIOD * (delay + 0.5)); /* N/m; the coupling is so soft that the oscillation is slow */
+        double critical = l.damping / (PERIOD * (delay + 0.5)); /* N/m; so soft that the oscillation is slow */
         assert_true(fabs(loop_gain_margin(&l, &frequency) / critical - 1) < 1e-2);
         assert_true(fabs(frequency - sqrt((10 + critical) / 100) / (2 * M_PI)) < 1e-2 * frequency);
     }
@@ -87,7 +87,7 @@ static void a_push_rests_only_in_a_stable_loop(void **unused) {
         loop_push_result push = loop_push(&scaled, &limits);
         assert_true(isfinite(push.rest_time) == !i);
         if (i) continue;
-        double depth = 500 * 10e-3 / (500 + scaled.coupling_stiffness); /* m, where the springs of hand and coupling balance */
+        double depth = 500 * 10e-3 / (500 + scaled.coupling_stiffness); /* m, where hand spring and coupling balance */
         assert_true(push.force > scaled.coupling_stiffness * depth);
         assert_true(push.energy == 0.0);
     }

@@ -14,7 +14,7 @@ static vec3 at(const char *name, double t) { return motion_pose(motion_find(name
 
 static void assert_near(vec3 a, vec3 b) { assert_true(v3_norm(v3_sub(a, b)) < 1e-12); }
 
-/* The times are those given in the paper's section on figure 8. */
+/* The times given in the paper's section on figure 8. */
 static void figure8_follows_the_paper(void **state) {
     (void)state;
     assert_near(at("figure8", 0), start.position);
@@ -25,7 +25,7 @@ static void figure8_follows_the_paper(void **state) {
     assert_near(at("figure8", 2.4), v3(0.005, 0.013, -0.201));
 }
 
-/* The needle, 200 mm long, reaches the skin at z = 0 after 1 mm, between 0.1 and 0.2 s; the paper reports 0.1 s. */
+/* The 200 mm needle reaches the skin, z = 0, after 1 mm, between 0.1 and 0.2 s. The paper gives 0.1 s. */
 static void figure8_reaches_the_skin_early(void **state) {
     (void)state;
     assert_true(at("figure8", 0.10).z + 0.2 < 0);
@@ -40,7 +40,7 @@ static void leg_fraction_is_symmetric(void **state) {
     assert_true(fabs(motion_fraction(0, 2, 0.5) - 53.0 / 512.0) < 1e-12);  /* 10 x^3 - 15 x^4 + 6 x^5 at x = 1/4 */
 }
 
-/* Second differences stay below the sum of the accelerations of the motion's legs, 5.8 distance / time^2, so position and velocity have no jumps. */
+/* Second differences stay below the sum of the accelerations of the motion's legs, 5.8 distance / time^2, so neither position nor velocity jumps. */
 static void all_scripts_are_smooth_and_return(void **state) {
     (void)state;
     static const double dt = 1e-3, fastest = 0.2, most_acceleration = 4;  /* m/s, m/s^2 */
@@ -93,7 +93,7 @@ static void a_deeper_script_is_as_fast(void **state) {
     assert_true(fabs(fastest[1] / fastest[0] - 1) < 1e-4);
 }
 
-/* A scene without needle.start.depth leaves the scripts unchanged. */
+/* Without needle.start.depth in the scene, the scripts are unchanged. */
 static void the_scenes_depth_is_the_scripts(void **state) {
     (void)state;
     trocar_scene *scene;

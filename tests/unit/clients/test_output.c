@@ -22,7 +22,7 @@ static int make_folder(void **state) {
 
 static int remove_folder(void **state) {
     (void)state;
-    return rmdir(folder);   /* rmdir fails if a file remains in the folder */
+    return rmdir(folder);   /* rmdir fails if a file is left in the folder */
 }
 
 static void appears_when_committed(void **state) {
@@ -52,7 +52,7 @@ static void leaves_nothing_when_abandoned(void **state) {
     assert_int_not_equal(access(o.temporary, F_OK), 0);
 }
 
-/* With --csv /dev/null as root, renaming a temporary file would replace the device by a regular file. */
+/* Run as root with --csv /dev/null, renaming a temporary file would replace the device with a regular file. */
 static void special_files_are_written_in_place(void **state) {
     (void)state;
     trocar_error why;

@@ -29,7 +29,7 @@ static trocar_needle_pose_t sample(int64_t k) {
     return message_of_pose(p, 1000000 + 1000 * k, 7, k);
 }
 
-/* Writes `count` poses, with wrenches on another channel in between; `change` may corrupt the pose at `where`. */
+/* Writes `count` poses, with wrenches on another channel in between. `change` may corrupt the pose at `where`. */
 static void write_log(int count, int where, void (*change)(trocar_needle_pose_t *)) {
     trocar_error why;
     lcm_eventlog_t *log = lcm_eventlog_create(path, "w");
@@ -58,7 +58,7 @@ static void expect_bad(const char *place, const char *reason) {
     assert_null(log.poses);
 }
 
-/* Compares the encoded messages, because the padding of the structures may differ. */
+/* Compares the encoded messages, because padding in the structs may differ. */
 static void assert_same_pose(const trocar_needle_pose_t *a, const trocar_needle_pose_t *b) {
     uint8_t bytes[2][256];
     int size = trocar_needle_pose_t_encode(bytes[0], 0, sizeof bytes[0], a);
@@ -89,7 +89,7 @@ static void reads_what_was_written(void **state) {
 
 enum { POSE_EVENT = 28 + 11 + 100, WRENCH_EVENT = 28 + 13 + 180, PAIR = POSE_EVENT + WRENCH_EVENT };
 
-/* Logs that end in the middle of an event are refused. No length field may cause a crash or a huge allocation. */
+/* A log that ends in the middle of an event is refused. No length field may cause a crash or a huge allocation. */
 static void refuses_truncated_logs(void **state) {
     (void)state;
     write_log(2, -1, NULL);
@@ -104,7 +104,7 @@ static void refuses_truncated_logs(void **state) {
     }
 }
 
-/* All complete events are read from a recording that is truncated or still being written. */
+/* From a recording that is truncated or still being written, all complete events are read. */
 static void reads_truncated_logs_up_to_the_last_event(void **state) {
     (void)state;
     write_log(2, -1, NULL);
@@ -141,20 +141,20 @@ static void refuses_damage_and_names_the_place(void **state) {
     overwrite(PAIR + 24, "\x7f\xff\xff\xff", 4);    /* a length of 2 GiB */
     expect_bad(place, "truncated");
     write_log(3, -1, NULL);
-    overwrite(PAIR + 24, "\xff\xff\xff\xf0", 4);    /* a length that is negative as a signed number */
+    overwrite(PAIR + 24, "\xff\xff\xff\xf0", 4);    /* a length that is negative if read as signed */
     expect_bad(place, "truncated");
     write_log(3, -1, NULL);
     overwrite(PAIR + 20, "\0\0\0\0", 4);
     expect_bad(place, "channel name");
     write_log(3, -1, NULL);
-    overwrite(28 + 11, "\1\2\3\4", 4);              /* the fingerprint of another type */
+    overwrite(28 + 11, "\1\2\3\4", 4);              /* another type's fingerprint */
     expect_bad("event 0", "not a trocar.needle_pose_t");
     write_log(3, -1, NULL);
     overwrite(0, "solid\n", 6);
     expect_bad("byte 0", "not an LCM log");
 }
 
-/* Poses of the probe that have another type, a wrong length or an impossible time are counted as corrupt. Other poses that the server would refuse are counted
+/* Probe poses of the wrong type or length, or with an impossible time, count as corrupt. Other probe poses that the server would refuse are counted
    separately. */
 static void reads_the_probe_with_the_same_care(void **state) {
     (void)state;
@@ -230,7 +230,7 @@ static void ignores_duplicate_and_late_poses(void **state) {
     }
 }
 
-/* From a log of two devices, the poses of only one needle are read, by default of the one named in the first pose. */
+/* From a log of two devices, only one needle's poses are read: by default, those of the needle named in the first pose. */
 static void reads_one_needle_of_several(void **state) {
     (void)state;
     trocar_error why;
@@ -257,7 +257,7 @@ static void reads_one_needle_of_several(void **state) {
     assert_non_null(strstr(why.text, "no pose of needle 0"));
 }
 
-/* Release messages without the field `needle` refer to needle 0. */
+/* Release messages without a `needle` field refer to needle 0. */
 static void logs_without_needles_can_still_be_read(void **state) {
     (void)state;
     trocar_error why;
@@ -279,13 +279,13 @@ static void write_command(lcm_eventlog_t *log, int what, int64_t session, int ne
     assert_int_equal(log_write_command(log, &m, path, &why), TROCAR_OK);
 }
 
-/* Each command is stored with the pose that follows it. Commands of other sessions, and commands that do not concern seeds, are skipped. */
+/* Each command is stored with the pose that follows it. Commands of other sessions, and those that do not concern seeds, are skipped. */
 static void commands_for_seeds_are_read(void **state) {
     (void)state;
     trocar_error why;
     pose_log log;
     lcm_eventlog_t *out = lcm_eventlog_create(path, "w");
-    write_command(out, TROCAR_COMMAND_T_DROP_SEED, 7, 0, 1); /* a command that precedes the first pose */
+    write_command(out, TROCAR_COMMAND_T_DROP_SEED, 7, 0, 1); /* a command before the first pose */
     for (int64_t k = 0; k < 10; k++) {
         trocar_needle_pose_t p = sample(k);
         assert_int_equal(log_write_pose(out, &p, path, &why), TROCAR_OK);
@@ -301,7 +301,7 @@ static void commands_for_seeds_are_read(void **state) {
     assert_true(log.commands[0].next_pose == 5 && log.commands[0].command.command == TROCAR_COMMAND_T_DROP_SEED && log.commands[0].command.seeds == 3);
     assert_true(log.commands[1].next_pose == 10 && log.commands[1].command.command == TROCAR_COMMAND_T_UNDO);
     pose_log_free(&log);
-    overwrite(28 + 14, "\1\2\3\4", 4); /* the fingerprint of an older version, which had no seeds */
+    overwrite(28 + 14, "\1\2\3\4", 4); /* fingerprint of an older version, without seeds */
     assert_int_equal(pose_log_read(path, &log, &why), TROCAR_OK);
     assert_true(log.command_count == 2 && log.skipped_commands == 2);
     pose_log_free(&log);
@@ -312,7 +312,7 @@ static void commands_for_seeds_are_read(void **state) {
     expect_bad("event 0", "damaged");
 }
 
-/* Reads the server's replies to all commands. The log is part of the fuzzer's corpus, which must be regenerated when the messages change. */
+/* Reads the server's replies to all commands. The log belongs to the fuzzer's corpus, which must be regenerated when the messages change. */
 static void replies_are_read(void **state) {
     (void)state;
     static const struct { int command, needle, next_pose; logged_answer answer; } EXPECTED[] = {
@@ -343,8 +343,8 @@ static void assert_same_command(const logged_command *a, const logged_command *b
     assert_int_equal(a->answer, b->answer);
 }
 
-/* Checks that every pose, command and probe pose appears in the same order as if the whole log were kept in memory. This must hold for any file, even a corrupt
-   one. */
+/* Checks that every pose, command and probe pose comes in the same order as if the whole log were held in memory. This must hold for any file, even a
+   corrupt one. */
 static void compare_with_stream(const char *file, int needle, bool all) {
     trocar_error why, scan_why;
     pose_log whole, scanned;
@@ -393,7 +393,7 @@ static void streams_are_the_logs(void **state) {
     trocar_error why;
     srand(1);
     lcm_eventlog_t *out = lcm_eventlog_create(path, "w");
-    for (int k = 0; k < 500; k++) { /* two needles and two sessions, with some late poses, and with probe poses and commands in between */
+    for (int k = 0; k < 500; k++) { /* two needles and two sessions, some late poses, and probe poses and commands in between */
         trocar_needle_pose_t p = sample(k - 3 * (rand() % 20 == 0));
         trocar_probe_pose_t probe = {.utime = p.utime, .session = 9, .seq = k, .position = {0.001 * k, 0, 0}, .orientation = {1, 0, 0, 0}};
         trocar_command_t command = {.utime = p.utime, .session = 7, .seq = k, .command = TROCAR_COMMAND_T_UNDO, .needle = rand() % 2};
@@ -410,7 +410,7 @@ static void streams_are_the_logs(void **state) {
     compare_with_stream(path, -1, true);
 }
 
-/* If a sender reuses a command number, replies are assigned in the order of its commands. */
+/* If a sender reuses a command number, replies are matched in the order of its commands. */
 static void replies_to_one_number_go_to_the_oldest_command(void **state) {
     (void)state;
     trocar_error why;
@@ -436,7 +436,7 @@ static void distinguishes_other_types_from_damage(void **state) {
     overwrite(28 + 11, "\1\2\3\4\5\6\7\10", 8);
     expect_bad("event 0", "recorded with another lcmtypes/trocar.lcm");
     expect_bad("fingerprint", "0102030405060708");
-    char short_data[] = {0, 0, 0, 80};              /* one number too short for a pose, so that the next event looks corrupt */
+    char short_data[] = {0, 0, 0, 80};              /* one number short of a pose, so the next event looks corrupt */
     write_log(1, -1, NULL);
     overwrite(24, short_data, 4);
     expect_bad("event 0", "damaged");
@@ -492,7 +492,7 @@ static void status_names_the_inverse(void **state) {
     wrench_log_free(&log);
 }
 
-/* A log from an old release, whose wrenches do not name their server, gives the same values, except that the kind of inverse is unknown. */
+/* A log from an old release, whose wrenches do not name their server, gives the same values except that the kind of inverse is unknown. */
 static void logs_without_servers_can_still_be_read(void **state) {
     (void)state;
     trocar_error why;

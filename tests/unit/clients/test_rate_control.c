@@ -1,4 +1,4 @@
-/* Tests that a needle moved by rate commands stays within its limits, whatever the commands are. */
+/* Tests that a needle moved by rate commands stays within its limits, whatever the commands. */
 #include "shared/rate_control.h"
 
 #include <setjmp.h>
@@ -22,7 +22,7 @@ static void run(rate_control_state *d, const rate_control_limits *l, rate_contro
     for (int i = 0; i < (int)(seconds / DT + 0.5); i++) rate_control_step(d, l, c, DT);
 }
 
-/* The speed increases linearly and is then constant: the distance is v (t - ramp / 2), to within half a step. */
+/* The speed ramps up linearly and then stays constant, so the distance is v (t - ramp / 2), to within half a step. */
 static void moves_along_the_axis_as_commanded(void **unused) {
     (void)unused;
     rate_control_limits l = rate_control_defaults(0.2);
@@ -33,7 +33,7 @@ static void moves_along_the_axis_as_commanded(void **unused) {
     run(&d, &l, (rate_control_command){0}, l.ramp + DT);
     vec3 rest = d.base.position;
     run(&d, &l, (rate_control_command){0}, 0.1);
-    assert_close_vector(d.base.position, rest, 0); /* without a command, the needle does not move */
+    assert_close_vector(d.base.position, rest, 0); /* without a command, the needle stays still */
 }
 
 /* The same commands have the same effect in the frame of a rotated home pose. */
@@ -53,8 +53,8 @@ static void moves_and_tilts_about_the_axes_of_home(void **unused) {
     }
 }
 
-/* A needle that has been tilted by 0.2 rad moves in the direction in which it points. Its displacements are the sine and cosine of the tilt times the distance,
-   which the ramp shortens by half its duration times the speed. */
+/* A needle tilted by 0.2 rad moves the way it points. Its displacements are the sine and cosine of the tilt times the distance, which the ramp shortens by
+   speed times half the ramp's duration. */
 static void goes_along_the_needle_if_asked(void **unused) {
     (void)unused;
     rate_control_limits l = rate_control_defaults(0.2);
@@ -64,7 +64,7 @@ static void goes_along_the_needle_if_asked(void **unused) {
     run(&d, &l, (rate_control_command){.forward = 1}, 0.5);
     double way = l.max_speed * (0.5 - 0.5 * l.ramp);
     assert_close_vector(v3_sub(d.base.position, HOME.position), v3(way * sin(0.2), 0, way * cos(0.2)), l.max_speed * DT);
-    run(&d, &l, (rate_control_command){.forward = 1}, 100); /* long enough to reach the first limit, here the lateral or the forward limit */
+    run(&d, &l, (rate_control_command){.forward = 1}, 100); /* long enough to reach the first limit, lateral or forward */
     vec3 end = v3_sub(d.base.position, HOME.position);
     assert_true(fabs(end.x) <= l.max_sideways && end.z <= l.max_forward);
     assert_true(fabs(end.x) > 0.99 * l.max_sideways || end.z > 0.99 * l.max_forward);
@@ -113,7 +113,7 @@ static void tilts_about_world_axes_and_rolls_about_its_own(void **unused) {
     assert_true(v3_dot(q_rotate(d.base.orientation, v3(0, 1, 0)), v3(0, 1, 0)) < 0.7);
 }
 
-/* A needle that is taken over from another device outside the workspace may only move back toward the workspace. */
+/* A needle taken over from another device outside the workspace may only move back toward it. */
 static void from_outside_it_can_only_move_back(void **unused) {
     (void)unused;
     rate_control_limits l = rate_control_defaults(0.2);

@@ -11,7 +11,7 @@
 
 static trocar_error why;
 
-/* Records 200 poses at 1 kHz; pose k is answered after (k + 1) us, so the percentiles are known exactly. */
+/* Records 200 poses at 1 kHz. Pose k is answered after (k + 1) us, so the percentiles are known exactly. */
 static recording conversation(void) {
     recording r = {.session = 5};
     pose base = {{0, 0, 0}, {1, 0, 0, 0}};
@@ -38,7 +38,7 @@ static void summary_counts_and_ranks(void **state) {
     assert_int_equal(s.received, 198);
     assert_int_equal(s.lost_wrenches, 2);
     assert_int_equal(s.unanswered_poses, 2);
-    /* The round trips take 1 to 200 us, except 61 and 62 us, so the 99th of the 198 values is 101 us, and the 197th is 199 us. */
+    /* The round trips take 1 to 200 us, without 61 and 62 us, so the 99th of the 198 values is 101 us and the 197th is 199 us. */
     assert_true(fabs(s.round_trip_p50 - 101e-6) < 1e-12);
     assert_true(fabs(s.round_trip_p99 - 199e-6) < 1e-12);
     assert_true(fabs(s.round_trip_max - 200e-6) < 1e-12);
@@ -47,7 +47,7 @@ static void summary_counts_and_ranks(void **state) {
     recording_free(&r);
 }
 
-/* The jump of 0.3 N at the puncture is not counted, but the lateral jump of 0.2 N is. */
+/* The jump of 0.3 N at puncture is not counted, but the lateral jump of 0.2 N is. */
 static void summary_finds_punctures_and_jumps(void **state) {
     (void)state;
     recording r = conversation();

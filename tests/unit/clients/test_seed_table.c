@@ -21,7 +21,7 @@ static void holes_have_clinicians_names(void **state) {
     }
 }
 
-/* Writes the seed of a needle without a guide in the coordinates of the mesh and in those of a patient whose left side is the mesh's -x. */
+/* Writes the seed of a needle without a guide, in mesh coordinates and in those of a patient whose left is the mesh's -x. */
 static void a_row_has_both_places(void **state) {
     (void)state;
     host h = host_open(MESHES "/figure8.yaml");

@@ -1,4 +1,4 @@
-/* Tests that a client follows the first of two servers until that server falls silent. */
+/* Tests that a client sticks to the first of two servers until that one goes silent. */
 #include "shared/server_choice.h"
 
 #include <setjmp.h>
@@ -15,7 +15,7 @@ static void first_server_is_followed_until_it_is_silent(void **unused) {
     assert_true(server_choice_follows(&c, 7, 1.06));
     assert_true(server_choice_has_other(&c, 1.06));
     assert_false(server_choice_follows(&c, 8, 1.15));
-    assert_true(server_choice_follows(&c, 8, 1.17)); /* the first server has been silent for more than 0.1 s */
+    assert_true(server_choice_follows(&c, 8, 1.17)); /* silent for more than 0.1 s */
     assert_int_equal(c.followed, 8);
     assert_false(server_choice_has_other(&c, 1.17));
     assert_false(server_choice_follows(&c, 7, 1.18));

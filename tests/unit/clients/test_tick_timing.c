@@ -1,4 +1,4 @@
-/* Tests that, in timed ticks, the needle has the requested number of contacts, and that the times are plausible. */
+/* Tests that timed ticks have the requested number of contacts and that the times are plausible. */
 #include <setjmp.h>
 #include <string.h>
 #include <stdarg.h>
@@ -43,7 +43,7 @@ static void sweeps_with_the_requested_contacts(void **state) {
     assert_int_equal(row.unstable, 0);
 }
 
-/* All timed ticks have the requested number of contacts, although a needle that advances during that many ticks would end with more. */
+/* All timed ticks have the requested number of contacts, although a needle that advanced for that many ticks would end up with more. */
 static void advances_with_the_requested_contacts(void **state) {
     (void)state;
     trocar_error why;
@@ -60,7 +60,7 @@ static void advances_with_the_requested_contacts(void **state) {
     assert_true(body.output.contacts > 5);
 }
 
-/* At least half of the ticks took the median time or longer, and the total must not exceed the elapsed time. */
+/* At least half of the ticks took the median time or longer, and together they cannot have taken longer than the elapsed time. */
 static void times_do_not_exceed_elapsed_time(void **state) {
     (void)state;
     trocar_error why;
@@ -70,7 +70,7 @@ static void times_do_not_exceed_elapsed_time(void **state) {
     assert_int_equal(tick_timing_measure(body.sim, body.scene, &wanted, &row, &why), TROCAR_OK);
     double passed = 1e-9 * (double)(monotonic_ns() - start), median = histogram_quantile(&row.time, 0.5);
     assert_true(median > 0.0);
-    assert_true(0.5 * 200 * 0.96 * median <= passed);   /* 0.96 allows for the width of the histogram's buckets */
+    assert_true(0.5 * 200 * 0.96 * median <= passed);   /* 0.96 allows for the width of a histogram bucket */
     assert_true(histogram_max(&row.time) <= passed);
 }
 

@@ -1,4 +1,4 @@
-/* Compares the blocks of compliance between contact points entry by entry with the formula P N P^T + R^T C R plus the compliance of the mount. */
+/* Compares the compliance between contact points, entry by entry, with P N P^T + R^T C R plus the compliance of the mount. */
 #include "bending.h"
 #include "insertion/contact/between_points.h"
 #include "insertion/guide/guides.h"
@@ -18,7 +18,7 @@ static insertion_model model = {.needle = &needle};
 static needle_state shape;
 static insertion_workspace w;
 static compliance_snapshot snapshot;
-static needle_tangent whole;      /* the compliance between all joints of the needle */
+static needle_tangent whole;      /* compliance between all joints of the needle */
 static const double MOUNT = 2e-4; /* m/N */
 
 static double draw(void) { return (double)rand() / RAND_MAX - 0.5; }
@@ -47,7 +47,7 @@ static int create(void **unused) {
     for (int i = 0; i < MAX_CONTACTS; i++)
         for (int j = i; j < MAX_CONTACTS; j++)
             for (int a = 0; a < 9; a++) snapshot.between_contacts[i].at[a / 3][a % 3][j] = 1e-3 * draw();
-    for (int i = 0; i < MAX_CONTACTS; i++) /* makes the diagonal block of each point symmetric */
+    for (int i = 0; i < MAX_CONTACTS; i++) /* makes each point's diagonal block symmetric */
         for (int a = 0; a < 9; a++) snapshot.between_contacts[i].at[a % 3][a / 3][i] = snapshot.between_contacts[i].at[a / 3][a % 3][i];
     return 0;
 }
@@ -75,7 +75,7 @@ static mat3 expected(int i, int j) {
     return m3_multiply(&transposed, &turned);
 }
 
-/* Places contact points from base to tip at intervals of 3 mm. */
+/* Places contact points every 3 mm, from base to tip. */
 static void set_points(int guided, int contacts, bool tip) {
     w.points.guided = guided;
     w.points.tip = tip;
@@ -131,7 +131,7 @@ static void slots_may_be_in_any_order(void **unused) {
     check_blocks();
 }
 
-/* One contact has been dragged past the others to the base. */
+/* One contact has been dragged past the others, all the way to the base. */
 static void points_may_be_in_any_order(void **unused) {
     (void)unused;
     set_points(0, 14, true);
@@ -140,7 +140,7 @@ static void points_may_be_in_any_order(void **unused) {
     check_blocks();
 }
 
-/* Contact points at guides come first in the list, wherever they are along the needle. Points that are not in contact are not coupled. */
+/* Contact points at guides come first in the list, wherever they are along the needle. Points without contact are not coupled. */
 static void guides_are_coupled_where_they_touch(void **unused) {
     (void)unused;
     static const int guides[] = {1, 2, 3, 4, 7, 16}, contacts[] = {0, 1, 3, 6, 9, 20, 64};
@@ -153,17 +153,17 @@ static void guides_are_coupled_where_they_touch(void **unused) {
         }
 }
 
-/* Both kernels give bit-identical rows, whichever point a row starts at. The tissue's compliance at the tip is passed separately. */
+/* Both kernels give bit-identical rows, whichever point they start at. The tissue's compliance at the tip is passed separately. */
 static void wide_vectors_give_the_same_bits(void **unused) {
     (void)unused;
-    if (between_kernel_here() == between_portable) skip(); /* there is no wide-vector kernel for this processor */
+    if (between_kernel_here() == between_portable) skip(); /* no wide-vector kernel for this processor */
     static _Alignas(CACHE_LINE) between_components needle_rows[3 * NEEDLE_POINT_JOINTS];
     static _Alignas(CACHE_LINE) double tissue[3][3][BETWEEN_PLACES];
     static _Alignas(CACHE_LINE) between_rows frames, portable, widest;
     for (int l = 0; l < BETWEEN_PLACES; l++)
         for (int a = 0; a < 9; a++) {
             for (int m = 0; m < NEEDLE_POINT_JOINTS; m++) needle_rows[3 * m + a / 3][a % 3][l] = draw();
-            tissue[a / 3][a % 3][l] = l < 40 ? draw() : NAN; /* the tip's entry is unset, because `at_tip` is used instead */
+            tissue[a / 3][a % 3][l] = l < 40 ? draw() : NAN; /* the tip's entry is left unset, because `at_tip` is used instead */
             frames[a / 3][a % 3][l] = draw();
         }
     set_points(0, 40, true);

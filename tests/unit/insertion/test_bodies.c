@@ -25,10 +25,10 @@ static pose start_at(double x, double y) { return (pose){v3(x, y, -0.201), {1, 0
 
 /* ---- from one body into the next ---------------------------------------------------------------------------------------- */
 
-enum { STEPS = 95 }; /* number of steps of 1 mm */
+enum { STEPS = 95 }; /* 1 mm steps */
 static const double CUTTING = 0.4 + 1.0 * 0.05, FRICTION = 8.0 + 100.0 * 0.05; /* cutting force (N) and friction (N/m), both at 50 mm/s */
 
-/* Inserts by 95 mm and withdraws, both at 50 mm/s. Records the events during each millimetre of base travel, and the force and depth at its end. */
+/* Inserts by 95 mm and withdraws, both at 50 mm/s. For each millimetre of base travel, records the events and the final force and depth. */
 typedef struct { unsigned events[2 * STEPS]; double force[2 * STEPS], depth[2 * STEPS]; } passage;
 
 static void pass(lockstep *l, passage *p) {
@@ -48,7 +48,7 @@ static int first(const passage *p, unsigned event, int from) {
     return from;
 }
 
-/* Creates two separately meshed bodies. The first is 40 mm thick; the second begins `gap` (m) behind it. If `gap` is negative, the bodies overlap. */
+/* Creates two separately meshed bodies. The first is 40 mm thick, the second begins `gap` (m) behind it. With a negative gap, they overlap. */
 static lockstep *two_bodies(double gap) {
     block blocks[2] = {{v3(-0.05, -0.04, 0), v3(0.05, 0.04, 0.04), {8, 6, 3}, 3, 1, 1, true},
                        {v3(-0.05, -0.04, 0.04 + gap), v3(0.05, 0.04, 0.1 + gap), {7, 5, 4}, 4, 2, 2, false}};
@@ -58,8 +58,8 @@ static lockstep *two_bodies(double gap) {
     return lockstep_create(&c, start_at(0.0031, -0.0027));
 }
 
-/* Cutting and friction act on the part of the needle that is in tissue, but not on the part in the gap. A gap closed by the bulging surface of the first body
-   has no effect. A second needle in the same track has friction in both bodies, but nothing to cut. */
+/* Cutting and friction act on the needle where it is in tissue, but not in the gap. If the first body bulges and closes the gap, nothing changes. A second
+   needle in the same track has friction in both bodies but nothing to cut. */
 static void second_body_exerts_force(void **unused) {
     (void)unused;
     static const double gaps[] = {0.0, 0.002, 0.015, -0.0005};
@@ -86,7 +86,7 @@ static void second_body_exerts_force(void **unused) {
     }
 }
 
-/* A needle whose start pose is already inside both bodies feels the friction of both. */
+/* A needle that starts inside both bodies feels the friction of both. */
 static void engaging_inside_two_bodies(void **unused) {
     (void)unused;
     lockstep *l = two_bodies(0.005);
@@ -120,7 +120,7 @@ static void matching_faces_are_joined(void **unused) {
     for (int g = 0; g < one.group_count; g++) assert_int_equal(both.groups[g].node_count, one.groups[g].node_count);
     mesh_free(&one);
     mesh_free(&both);
-    parts[1].cells[0] = 5; /* now only the nodes at both ends coincide */
+    parts[1].cells[0] = 5; /* now the nodes coincide only at the two ends */
     blocks_write_mesh(path, parts, 2, 2, 1.0);
     assert_int_equal(mesh_read(path, &both, &why), TROCAR_OK);
     assert_int_equal(both.node_count, 7 * 6 * 3 + 6 * 6 * 4);
@@ -151,7 +151,7 @@ static void mesh_unit_is_applied(void **unused) {
         assert_non_null(strstr(l->parts.mesh.remarks.text, "mesh_unit"));
         lockstep_free(l);
     }
-    simulation_config c = blocks_config(path, 2); /* the unit of the mesh is correct, but the needle is 20 um thick */
+    simulation_config c = blocks_config(path, 2); /* the mesh unit is right, but the needle is only 20 um thick */
     c.mesh_unit = 1e-3;
     c.needle.outer_diameter = 20e-6;
     c.needle.inner_diameter = 0.0;
@@ -162,8 +162,8 @@ static void mesh_unit_is_applied(void **unused) {
 
 /* ---- stiff tissue ------------------------------------------------------------------------------------------------------- */
 
-/* Returns the largest change in force per tick, relative to max(7 %, 0.05 N), while the needle is inserted through a layer of the given stiffness, moved
-   sideways at the base, and withdrawn. */
+/* Returns the largest change in force per tick, relative to max(7 %, 0.05 N), while the needle is inserted through a layer of this stiffness, moved sideways
+   at its base, and withdrawn. */
 static double worst_step(double stiffness, unsigned *seen) {
     enum { TICKS = 1200 };
     simulation_config c = blocks_config(path, 2);
@@ -173,7 +173,7 @@ static double worst_step(double stiffness, unsigned *seen) {
     vec3 ways[] = {v3(0, 0, 0.065), v3(0.004, 0.006, 0), v3(0, 0, -0.07)}, before = v3(0, 0, 0);
     double worst = 0.0, now = 0.0, at = 0.0;
     for (int part = 0; part < 3; part++)
-        for (int tick = 0; tick < TICKS; tick++) { /* the motion starts and stops smoothly */
+        for (int tick = 0; tick < TICKS; tick++) { /* starts and stops smoothly */
             lockstep_move(l, v3_scale(M_PI_2 / TICKS * sin(M_PI * (tick + 0.5) / TICKS), ways[part]), 1e-3, 1e-3);
             *seen |= l->wrench.events;
             double step = v3_norm(v3_sub(l->wrench.force, before)) / fmax(0.05, 0.07 * v3_norm(before));
@@ -201,14 +201,14 @@ static void force_is_continuous_when_leaving_stiff_tissue(void **unused) {
 
 /* ---- along a side face ---------------------------------------------------------------------------------------------------- */
 
-/* Results for a needle that is inserted along a side face of the body and withdrawn. */
+/* What happens to a needle that is inserted along a side face of the body and withdrawn. */
 typedef struct {
     int exits, returns, withdrawals;
-    int jumps;               /* number of ticks in which the force changed by more than max(7 %, 0.05 N), not counting punctures and exits */
-    int drops;               /* number of ticks in which the force dropped to zero, except the last one */
+    int jumps;               /* ticks in which the force changed by more than max(7 %, 0.05 N), not counting punctures and exits */
+    int drops;               /* ticks in which the force dropped to zero, except the last one */
 } side_passage;
 
-/* Inserts a needle through the skin at a distance of `inside` (m) from the side face y = -40 mm, within the body, and withdraws it. */
+/* Inserts a needle through the skin, `inside` (m) away from the side face y = -40 mm within the body, and withdraws it. */
 static side_passage along_side_face(double inside, double bevel_slope) {
     enum { TICKS = 1500 };
     simulation_config c = blocks_config(path, 2);
@@ -216,7 +216,7 @@ static side_passage along_side_face(double inside, double bevel_slope) {
     lockstep *l = lockstep_create(&c, start_at(0.0031, -0.04 + inside));
     side_passage p = {.exits = 0};
     vec3 before = v3(0, 0, 0);
-    for (int tick = 0; tick < 2 * TICKS; tick++) { /* the motion starts and stops smoothly at both ends */
+    for (int tick = 0; tick < 2 * TICKS; tick++) { /* starts and stops smoothly at both ends */
         double part = (tick % TICKS + 0.5) / TICKS, way = 0.07 * M_PI_2 / TICKS * sin(M_PI * part);
         lockstep_move(l, v3(0, 0, tick < TICKS ? way : -way), 1e-3, 1e-3);
         unsigned events = l->wrench.events;
@@ -232,7 +232,7 @@ static side_passage along_side_face(double inside, double bevel_slope) {
     return p;
 }
 
-/* On the side face or slightly inside it, the tip must not alternate between inside and outside. It may leave the tissue once, and re-enter it once during the
+/* On the side face or just inside it, the tip must not flip between inside and outside. It may leave the tissue once, and re-enter it once during
    withdrawal. A needle that steers into the tissue does not leave it. */
 static void force_is_constant_along_a_side_face(void **unused) {
     (void)unused;
@@ -251,7 +251,7 @@ static void force_is_constant_along_a_side_face(void **unused) {
         }
 }
 
-/* A needle that slides over the skin's edge is free afterwards, and the corner of the body that its axis still crosses does not catch it again. */
+/* A needle that slides off the edge of the skin is free from then on. The corner of the body that its axis still crosses does not catch it again. */
 static void edge_is_crossed_once(void **unused) {
     (void)unused;
     enum { TICKS = 800 };

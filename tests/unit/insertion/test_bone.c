@@ -1,4 +1,4 @@
-/* Tests that the pubic arch of the default scene stops the tip, is felt by the hand, fixes the tissue if the scene says so, and can be avoided by steering a
+/* Tests that the default scene's pubic arch stops the tip, is felt by the hand, fixes the tissue if the scene says so, and can be avoided by steering a
    bevelled needle around it. */
 #include "lockstep.h"
 
@@ -9,9 +9,9 @@
 
 #include "check.h"
 
-static const double WAY = 0.066;         /* m, travel of the base, which exceeds the arch's depth of about 25 mm */
+static const double WAY = 0.066;         /* m, travel of the base, more than the arch's depth of about 25 mm */
 
-static const vec3 BEHIND = {0.014, 0.014, 0};   /* a point on a line along z that intersects the arch */
+static const vec3 BEHIND = {0.014, 0.014, 0};   /* a point that a straight path along z can only reach through the arch */
 
 static simulation_config arch_scene(bool held) {
     simulation_config c = lockstep_scene(MESHES "/prostate.yaml");
@@ -26,15 +26,15 @@ static pose start_at(const simulation_config *c, vec3 line, double roll) {
 
 typedef struct {
     double depth, force;     /* depth: at the end, m; force: largest axial force, N */
-    double at_rest;          /* N, axial force after the hand has been still for 0.3 s */
-    double beyond;           /* m, largest distance along z by which the tip passes the point where the bone stops it */
+    double at_rest;          /* N, axial force after the hand has held still for 0.3 s */
+    double beyond;           /* m, how far along z the tip gets past the point where the bone stops it, at most */
     bool stopped;
     unsigned events;
 } outcome;
 
 static vec3 needle_end(const lockstep *l) { return l->state.needle.joints[l->parts.needle.given.segments]; }
 
-/* Returns the current position of the material point of the tissue that the tip has reached. */
+/* Returns the current position of the tissue's material point that the tip has reached. */
 static vec3 stopped_at(const lockstep *l, const vec3 *displacement) {
     const needle_tip *tip = &l->state.tip;
     double weights[4];
@@ -69,9 +69,9 @@ static outcome push(const simulation_config *config, vec3 line, double speed) {
     return o;
 }
 
-/* The hand feels the bone, up to the load at which the needle buckles, and the tip penetrates the bone's surface by at most 0.1 mm per newton. Euler's load is
-   20.2 EI / L^2 = 13.3 N for the free length of 177 mm, clamped at one end and hinged at the other. This holds whether the bone fixes the tissue or moves with
-   it, and whether the needle reaches it slowly or within one tick. */
+/* The hand feels the bone up to the load at which the needle buckles, and the tip sinks into the bone's surface by at most 0.1 mm per newton. Euler's load
+   is 20.2 EI / L^2 = 13.3 N for the free length of 177 mm, clamped at one end and hinged at the other. This holds whether the bone fixes the tissue or moves
+   with it, and whether the needle gets there slowly or within one tick. */
 static void arch_stops_the_tip_at_any_speed(void **unused) {
     (void)unused;
     const double speeds[] = {0.03, 0.2, 1.0};
@@ -90,7 +90,7 @@ static void arch_stops_the_tip_at_any_speed(void **unused) {
     }
 }
 
-/* Bone that fixes the tissue stops a needle moving at 1 m/s with no more force than it exerts on a slow needle. */
+/* Bone that fixes the tissue stops a needle moving at 1 m/s with no more force than a slow one. */
 static void fixed_bone_bears_no_more_at_a_metre_a_second(void **unused) {
     (void)unused;
     simulation_config c = arch_scene(true);
@@ -105,7 +105,7 @@ static void tip_passes_beside_the_arch(void **unused) {
     assert_true(o.depth > 0.05 && o.force < 4.0);
 }
 
-/* The steered tip reaches a point that cannot be reached along a straight line. */
+/* The steered tip reaches a point that no straight path reaches. */
 static void bevelled_needle_steers_around_the_arch(void **unused) {
     (void)unused;
     simulation_config c = arch_scene(true);

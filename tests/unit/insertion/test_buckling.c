@@ -1,5 +1,4 @@
-/* Tests that a buckling needle follows a continuous path from straight to bowed and back, and that along this path, its force is continuous and no energy is
-   created. */
+/* Tests that a buckling needle goes continuously from straight to bowed and back. Along the way, its force must be continuous, and no energy may be created. */
 #include "lockstep.h"
 
 #include <setjmp.h>
@@ -10,8 +9,7 @@
 /* ---- an elastica --------------------------------------------------------------------------------------------------- */
 
 /* Integrates the elastica from the clamped end by the midpoint rule (m, N, N m^2): the moment EI kappa satisfies EI kappa' = -push sin(theta) - across
-   cos(theta). Sets the residuals at the hinged end, which are the curvature and the lateral position, and returns the reduction of the distance between the
-   ends. */
+   cos(theta). Sets the residuals at the hinged end, curvature and lateral position, and returns by how much the ends have approached each other. */
 static double shoot(double bending, double length, double push, const double unknown[2], double left[2]) {
     int n = 4000;
     double theta = 0.0, kappa = unknown[0], ds = length / n, x = 0.0, y = 0.0;
@@ -25,7 +23,7 @@ static double shoot(double bending, double length, double push, const double unk
     return length - x;
 }
 
-/* Returns the shortening (m) of a column under a push beyond Euler's load. The column is clamped at one end and hinged at the other, with both ends on one
+/* Returns the shortening (m) of a column under a push beyond Euler's load. The column is clamped at one end and hinged at the other, with the two ends in
    line. */
 static double shortening(double bending, double length, double push) {
     double euler = 20.1907 * bending / (length * length), root = sqrt(push / euler - 1.0), scale[2] = {1.0 / length, euler};
@@ -52,7 +50,7 @@ static double bending_of(const simulation_config *c) {
     return c->needle.youngs_modulus * M_PI / 64.0 * (pow(c->needle.outer_diameter, 4) - pow(c->needle.inner_diameter, 4));
 }
 
-/* On skin as hard as bone, a needle pushed 30 mm further than is needed to reach Euler's load bears the load of the elastica. */
+/* On skin as hard as bone, a needle pushed 30 mm beyond Euler's load carries the load of the elastica. */
 static void a_bowed_column_is_the_elastica(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();
@@ -80,16 +78,16 @@ static void a_bowed_column_is_the_elastica(void **unused) {
 
 typedef struct {
     double most, at_end;     /* N */
-    /* N/m, largest ratio of the change in force to the displacement of the hand before buckling, which is the stiffness that the hand works against */
+    /* N/m, largest ratio of change in force to hand motion before buckling, i.e. the stiffness the hand works against */
     double stiffest;
-    double jump;             /* largest change in force per tick after buckling, relative to the larger of the perceptible change and that due to `stiffest` */
-    double work, most_work;  /* J; work: the hand's work over the whole path; most_work: its maximum along the path */
-    int passes;              /* maximum number of passes in a tick */
+    double jump;             /* largest change in force per tick after buckling, relative to the just noticeable change or that due to `stiffest` */
+    double work, most_work;  /* J; work: done by the hand so far; most_work: its maximum along the path */
+    int passes;              /* largest number of passes in a tick */
 } path;
 
-/* Moves the hand along the axis by `way` (m) and back, until the needle touches nothing. Changes in force at punctures do not count as jumps. */
+/* Moves the hand along the axis by `way` (m) and back until the needle touches nothing. Changes in force at puncture do not count as jumps. */
 static path there_and_back(lockstep *l, double way, double speed) {
-    const double noticed = 0.05, noticed_part = 0.07; /* perceptible change, in N and as a fraction of the force */
+    const double noticed = 0.05, noticed_part = 0.07; /* just noticeable change, in N and as a fraction of the force */
     int ticks = (int)(way / (speed * 1e-3) + 0.5);
     path p = {0};
     vec3 last = l->wrench.force;
@@ -123,7 +121,7 @@ static void check_path(const lockstep *l, path p, double least) {
     assert_true(v3_norm(l->wrench.force) < 1e-9);
 }
 
-/* A needle in a template's hole with clearance pushes on skin that is never punctured. At each speed, it keeps bearing more than Euler's load for a needle
+/* A needle in a template's hole with clearance pushes on skin that is never punctured. At any speed, it keeps carrying more than Euler's load for a needle
    hinged at the plate's front face, and returns along the same path. */
 static void a_guided_needle_comes_back_as_it_went(void **unused) {
     (void)unused;
@@ -148,7 +146,7 @@ static void a_guided_needle_comes_back_as_it_went(void **unused) {
     }
 }
 
-/* The needle buckles in tissue, at a depth of 23 mm, against the pubic arch. */
+/* The needle buckles in tissue, 23 mm deep, against the pubic arch. */
 static void a_needle_that_buckles_at_bone_comes_back(void **unused) {
     (void)unused;
     const double speeds[] = {0.03, 0.05};

@@ -1,4 +1,4 @@
-/* Tests the contact problem: the solution must satisfy the equations, evaluated with a copy of the data, and agree with that of projected Gauss-Seidel. */
+/* Tests the contact solver: its solution must satisfy the equations, evaluated with a copy of the data, and agree with projected Gauss-Seidel. */
 #include <lapacke.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -23,7 +23,7 @@ static double uniform(double low, double high) { return low + (high - low) * ran
 
 static int unknowns(const contact_problem *p) { return 2 * p->count + p->axial_count; }
 
-/* Creates A = G G^T / size + diagonal, which is positive definite and conditioned well enough for Gauss-Seidel. */
+/* Creates A = G G^T / size + diagonal, which is positive definite and well enough conditioned for Gauss-Seidel. */
 static void make_compliance(contact_problem *p, int count, int axial_count, double diagonal) {
     static double g[MOST][MOST];
     memset(p, 0, sizeof *p);
@@ -39,7 +39,7 @@ static void make_compliance(contact_problem *p, int count, int axial_count, doub
         }
 }
 
-/* Creates force limits of both signs, some infinite and some equal; half of the contacts have viscosity. */
+/* Creates force limits of both signs, some infinite and some equal. Half of the contacts have viscosity. */
 static void make_friction(contact_problem *p) {
     for (int i = 0; i < unknowns(p); i++) p->gap[i] = uniform(-2, 2);
     for (int i = 0; i < p->axial_count; i++) {
@@ -52,7 +52,7 @@ static void make_friction(contact_problem *p) {
     }
 }
 
-/* Assigns to one unknown a staircase law of jumps and slopes, some of which are zero, sometimes ending at a limit that cannot be passed. */
+/* Gives one unknown a staircase law of jumps and slopes. Some slopes are zero, and the law sometimes ends at a limit that cannot be passed. */
 static void make_staircase(contact_problem *p) {
     staircase *s = &p->ahead;
     p->climber = rand() % p->axial_count;
@@ -91,7 +91,7 @@ static void assert_on_staircase(double force, double slip, double tolerance) {
         assert_close(force, s->back, tolerance);
         return;
     }
-    double least = INFINITY, most = -INFINITY; /* range of permitted forces, at slips that differ by rounding */
+    double least = INFINITY, most = -INFINITY; /* range of permitted forces, over slips that differ by rounding */
     for (int k = 0; k < s->count; k++) {
         bool last = k == s->count - 1;
         if (fabs(slip - s->at[k]) <= tolerance) {
@@ -133,12 +133,11 @@ static void assert_solution(double tolerance) {
     }
 }
 
-/* Returns the force of a single axial contact that satisfies the staircase law; the contact's remaining gap is `gap`, and every newton of force closes it by
-   `a`. */
+/* Returns the force of a single axial contact under the staircase law. `gap` is the contact's remaining gap, of which every newton closes `a`. */
 static double force_on_staircase(double gap, double a) {
     const staircase *s = &given.ahead;
     for (int k = 0; k < s->count; k++) {
-        double here = (gap - s->at[k]) / a; /* the force at which the slip stays at this knot */
+        double here = (gap - s->at[k]) / a; /* force at which the slip stays at this knot */
         if (here > s->level[k]) continue;
         if (k == 0) return fmax(here, s->back);
         if (here >= end_of_piece(s, k - 1)) return here;
@@ -156,7 +155,7 @@ static double own_force(int i, double gap, double a) {
     return stick;
 }
 
-/* Runs projected Gauss-Seidel over all unknowns until nothing changes; it converges for positive definite problems. */
+/* Runs projected Gauss-Seidel over all unknowns until nothing changes. It converges for positive definite problems. */
 static void gauss_seidel(double force[MOST]) {
     double change = 1.0;
     memset(force, 0, MOST * sizeof *force);
@@ -218,7 +217,7 @@ static void solution_does_not_depend_on_the_start(void **state) {
             if (start == 0) memcpy(first, solved.force, sizeof first);
             for (int i = 0; i < unknowns(&given); i++) assert_close(solved.force[i], first[i], 1e-9);
         }
-        memcpy(given.state, solved.state, sizeof given.state); /* when the solver starts from the solution, no state changes */
+        memcpy(given.state, solved.state, sizeof given.state); /* when started from the solution, the solver changes no state */
         solve();
         assert_int_equal(solved.switches, 0);
     }
@@ -235,7 +234,7 @@ static void staircases_equal_projected_gauss_seidel(void **state) {
         assert_solution(1e-9);
         gauss_seidel(expected);
         for (int i = 0; i < unknowns(&given); i++) assert_close(solved.force[i], expected[i], 1e-9);
-        given.knot = solved.knot; /* when the solver starts from the solution, nothing changes */
+        given.knot = solved.knot; /* when started from the solution, the solver changes nothing */
         memcpy(given.state, solved.state, sizeof given.state);
         solve();
         assert_int_equal(solved.switches, 0);
@@ -271,8 +270,8 @@ static void no_axial_force_without_friction(void **state) {
     for (int i = 0; i < 20; i++) assert_true(solved.force[40 + i] == 0.0);
 }
 
-/* One contact that can be solved by hand: A = [2 0 1; 0 4 0; 1 0 3], lateral gaps 2 and 4. Eliminating the lateral forces leaves an axial compliance of 3 - 1/2
-   and an axial gap of g - 1. */
+/* A single contact that can be solved by hand: A = [2 0 1; 0 4 0; 1 0 3], lateral gaps 2 and 4. Eliminating the lateral forces leaves an axial compliance of
+   3 - 1/2 and an axial gap of g - 1. */
 static void single_contact_matches_closed_form(void **state) {
     (void)state;
     static const double a[3][3] = {{2, 0, 1}, {0, 4, 0}, {1, 0, 3}};
@@ -307,8 +306,8 @@ static int negative_eigenvalues(int size) {
     return negative;
 }
 
-/* Beyond its own buckling load, a needle has a negative stiffness in one lateral mode v, and its compliance is (1 - v v^T) - v v^T / 0.3. The tissue is stiff
-   enough to stabilise needle and tissue together. */
+/* Beyond its own buckling load, a needle has negative stiffness in one lateral mode v; its compliance is (1 - v v^T) - v v^T / 0.3. The tissue is stiff
+   enough to make needle and tissue stable together. */
 static void buckled_needle_supported_by_tissue(void **state) {
     (void)state;
     for (int n = 0; n < 40; n++) {
@@ -325,30 +324,30 @@ static void buckled_needle_supported_by_tissue(void **state) {
             for (int j = 0; j < 2 * count && i < 2 * count; j++) given.compliance[i][j] -= (1.0 + 1.0 / 0.3) * v[i] * v[j] / square;
         }
         assert_int_equal(negative_eigenvalues(2 * count), 1); /* sideways */
-        assert_int_equal(negative_eigenvalues(3 * count), 1); /* therefore the Schur complement is definite (Haynsworth) */
+        assert_int_equal(negative_eigenvalues(3 * count), 1); /* so the Schur complement is definite (Haynsworth) */
         solve();
         assert_int_equal(solved.negative, 1);
         assert_solution(1e-9);
     }
 }
 
-/* As the needle approaches buckling, the lateral block of a single contact becomes singular, while the whole matrix remains regular. */
+/* As the needle approaches buckling, a single contact's lateral block becomes singular while the whole matrix stays regular. */
 static void contact_with_singular_diagonal_block(void **state) {
     (void)state;
     for (int n = 0; n < 400; n++) {
         double weak = (n % 2 ? 1.0 : -1.0) * pow(10.0, -n / 20.0), angle = uniform(0, M_PI), c = cos(angle), s = sin(angle);
         make_compliance(&given, 2 + n % 6, 2 + n % 6, 0.5);
         make_friction(&given);
-        given.compliance[0][0] = c * c + weak * s * s; /* the lateral block has the eigenvalues 1 and `weak`, with eigenvectors rotated by the angle */
+        given.compliance[0][0] = c * c + weak * s * s; /* eigenvalues 1 and `weak`, eigenvectors rotated by the angle */
         given.compliance[1][1] = s * s + weak * c * c;
         given.compliance[1][0] = given.compliance[0][1] = (1.0 - weak) * c * s;
-        given.compliance[2][0] = given.compliance[0][2] = -2.0 * s; /* the direction with eigenvalue `weak` is strongly coupled to the axial force */
+        given.compliance[2][0] = given.compliance[0][2] = -2.0 * s; /* couples the direction with eigenvalue `weak` strongly to the axial force */
         given.compliance[2][1] = given.compliance[1][2] = 2.0 * c;
         assert_int_equal(negative_eigenvalues(2 * given.count), 1);
         assert_int_equal(negative_eigenvalues(3 * given.count), 1);
         solve();
         assert_int_equal(solved.negative, 1);
-        assert_solution(2e-6); /* the tolerance is coarse because pivots are kept above 1e-8, which costs half of the significant digits */
+        assert_solution(2e-6); /* coarse, because pivots are kept above 1e-8, which costs half the significant digits */
     }
 }
 
@@ -375,7 +374,7 @@ static void singular_problems_are_refused(void **state) {
     assert_refused();
 }
 
-/* A needle far beyond its buckling load may be stable only while its contacts stick. */
+/* A needle far beyond its buckling load may be stable only as long as its contacts stick. */
 static void unstable_modes_along_the_needle_are_counted(void **state) {
     (void)state;
     make_axial_compliance(-1.0);

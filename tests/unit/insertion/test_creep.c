@@ -1,4 +1,4 @@
-/* Tests relaxing tissue: compares the forces on a held needle, and the after-effect of a removed load, with exact solutions. */
+/* Tests relaxing tissue: the forces on a held needle, and the after-effect of a load that has been removed, are compared with exact solutions. */
 #include "insertion/laws/creep.h"
 #include "lockstep.h"
 #include "verification/random_hand.h"
@@ -10,7 +10,7 @@
 
 static const relaxation_term SERIES[] = {{0.25, 0.15}, {0.15, 2.5}, {0.10, 30.0}};
 
-/* Returns a scene with a rigid needle that sticks, so that a step of its base causes an equal step in the tissue's displacement. */
+/* Returns a scene with a rigid needle that sticks, so that a step of its base displaces the tissue by the same step. */
 static simulation_config scene_with(bool relaxing) {
     simulation_config c = lockstep_config();
     c.needle.youngs_modulus = 2e18;
@@ -58,7 +58,7 @@ static void held_step_relaxes_as_given(void **unused) {
 
 enum { TICKS_HELD = 600, TICKS_AFTER = 2000, MOST_POINTS = 40 };
 
-/* Computes the creep under a constant force of 1, by numerical integration of its convolution with the relaxation function. */
+/* Computes the creep under a constant unit force by numerically integrating its convolution with the relaxation function. */
 static double *creep_by_quadrature(double step, int steps) {
     double *j = calloc((size_t)steps + 1, sizeof *j);
     j[0] = 1.0;
@@ -70,10 +70,10 @@ static double *creep_by_quadrature(double step, int steps) {
     return j;
 }
 
-/* The forces of a held needle at each tick, and the points where they act. */
+/* A held needle's forces at each tick, and the points where they act. */
 typedef struct {
     int count, ticks;
-    insertion_state state;       /* the needle's state, which contains the points */
+    insertion_state state;       /* the needle's state, which holds the points */
     vec3 force[TICKS_HELD + 1][MOST_POINTS];
 } load_history;
 
@@ -85,8 +85,8 @@ static void record(const lockstep *l, load_history *h) {
     h->force[h->ticks][h->count - 1] = tip_load(&l->state.tip);
 }
 
-/* Computes the nodal forces on the nominal mesh that displace elastic tissue in the same way as the recorded history displaces relaxing tissue, `later` ticks
-   after the needle's removal. Each change in force is weighted by the creep that has followed it. */
+/* Computes the nodal forces on the nominal mesh that displace elastic tissue in the same way as the recorded history displaces relaxing tissue, `later`
+   ticks after the needle was removed. Each change in force is weighted by the creep since then. */
 static void recover(const lockstep *l, const load_history *h, const double *creep, int later, vec3 *nominal) {
     for (int i = 0; i < h->count; i++) {
         vec3 sum = v3(0, 0, 0);
@@ -105,7 +105,7 @@ static void recover(const lockstep *l, const load_history *h, const double *cree
     }
 }
 
-/* Removes the needle instantaneously and places it, straight, at `base`. The loads that the tissue remembers are kept; a reset would remove them. */
+/* Removes the needle in an instant and puts it back, straight, at `base`. Unlike a reset, this keeps the loads that the tissue remembers. */
 static void replace_needle(lockstep *l, pose base) {
     creep_deposit_all(&l->parts.insertion, &l->state.memory, NULL);
     tissue_memory memory = l->state.memory;
@@ -140,7 +140,7 @@ static void removed_load_recovers(void **unused) {
         for (size_t i = 0; i < nodes; i++) size = fmax(size, v3_norm(expected[i])), off = fmax(off, v3_norm(v3_sub(found[i], expected[i])));
         worst = fmax(worst, off / size);
         largest = fmax(largest, size);
-        for (int k = 0; k < MAX_WINDOW; k++) { /* also compares the displacements that the tick reads from the worker's answer */
+        for (int k = 0; k < MAX_WINDOW; k++) { /* also compares the displacements the tick reads from the worker's answer */
             int node = l->snapshot->window[k];
             if (node >= 0) window = fmax(window, v3_norm(v3_sub(creep_free(&(tick_input){.model = &l->parts.insertion, .snapshot = l->snapshot},
                 &l->state, &l->run.workspace->creep, MAX_CONTACTS + k), expected[node])) / size);
@@ -159,7 +159,7 @@ static void tick_along(lockstep *l, const hand_leg *leg, pose from, int i) {
     lockstep_tick(l, hand_pose(leg, from, NEEDLE_LENGTH - l->wrench.depth, i * 1e-3), 1e-3);
 }
 
-/* Whatever the needle does, the remembered loads of each relaxation term sum to the exponentially filtered sum of the forces on the tissue. */
+/* Whatever the needle does, the remembered loads of each relaxation term add up to the exponentially filtered sum of the forces on the tissue. */
 static void nothing_remembered_is_lost(void **unused) {
     (void)unused;
     random_hand hand = random_hand_create(5);
@@ -195,8 +195,8 @@ static void nothing_remembered_is_lost(void **unused) {
     lockstep_free(l);
 }
 
-/* A run that continues from a saved state with residual loads is bit-identical, whether in the same simulation after a detour or in another one, and even after
-   the needle has been replaced. */
+/* A run that continues from a saved state with residual loads is bit-identical, whether in the same simulation after a detour or in another one, and even
+   after the needle was replaced. */
 static void restored_memory_continues_bit_identically(void **unused) {
     (void)unused;
     simulation_config c = scene_with(true);
@@ -236,7 +236,7 @@ static void restored_memory_continues_bit_identically(void **unused) {
     lockstep_free(l);
 }
 
-/* A needle that is inserted again while the tissue still remembers an earlier insertion is pushed toward the earlier position, by a force that decreases. */
+/* If a needle is inserted again while the tissue still remembers an earlier insertion, it is pushed toward the earlier position, with a force that fades. */
 static void needle_feels_what_was_left(void **unused) {
     (void)unused;
     simulation_config c = scene_with(true);
@@ -244,16 +244,16 @@ static void needle_feels_what_was_left(void **unused) {
     pose start = l->base;
     lockstep_move(l, v3(1e-3, 0, 0), 1e-3, 1e-3);
     lockstep_move(l, v3(0, 0, 0), 0.6, 1e-3);
-    replace_needle(l, start); /* inserted again immediately, where the tissue was at rest */
+    replace_needle(l, start); /* inserted again at once, where the tissue was at rest */
     for (int i = 0; i < 3; i++) lockstep_tick(l, start, 1e-6);
     double at_once = l->wrench.force.x;
-    assert_true(at_once > 1e-3); /* the tissue is still displaced toward the position in which it was held */
+    assert_true(at_once > 1e-3); /* the tissue is still displaced toward where it was held */
     lockstep_move(l, v3(0, 0, 0), 5.0, 1e-3);
     assert_true(l->wrench.force.x > 0.0 && l->wrench.force.x < 0.5 * at_once);
     lockstep_free(l);
 }
 
-/* After a reset no force remains, not even from an earlier answer of the worker. */
+/* After a reset no force is left, not even from an earlier answer of the worker. */
 static void forgotten_loads_are_not_felt(void **unused) {
     (void)unused;
     simulation_config c = scene_with(true);

@@ -1,5 +1,5 @@
-/* Checks the solution of a tick: the tissue's equilibrium with an assembled K, the needle's equilibrium with its bending moments, and, for a base on a spring,
-   the agreement with a rigid base. */
+/* Checks the solution of a tick: the tissue's equilibrium against an assembled K, the needle's equilibrium through its bending moments, and a base on a
+   spring against a rigid base. */
 #include "lockstep.h"
 #include "refinement/refined_mesh.h"
 
@@ -8,7 +8,7 @@
 #include <stddef.h>
 #include <cmocka.h>
 
-/* Checks that K u = f on the refined mesh, with K assembled here element by element, and that the forces on the tissue and on the base sum to zero. */
+/* Checks that K u = f on the refined mesh, with K assembled here element by element, and that the forces on tissue and base add up to zero. */
 static void check_equilibrium(remesh_method method) {
     simulation_config c = lockstep_config();
     c.volumetric = STRAIN_BY_ELEMENT; /* check_vtu.py tests STRAIN_BY_NODE */
@@ -41,7 +41,7 @@ static void check_equilibrium(remesh_method method) {
         if (i < m->node_count && l->parts.tissue.fixed[i]) reaction = v3_add(reaction, residual[i]);
         else assert_true(v3_norm(residual[i]) < 1e-9 * v3_norm(sum));
     }
-    vec3 base = v3_sub(l->wrench.force, l->state.tip.dent.damping); /* the force on the base, excluding the damping force at the tip */
+    vec3 base = v3_sub(l->wrench.force, l->state.tip.dent.damping); /* force on the base, without the damping force at the tip */
     assert_true(v3_norm(v3_add(sum, base)) < 1e-12);
     assert_true(v3_norm(v3_sub(reaction, base)) < 1e-9 * v3_norm(sum));
     free(u);
@@ -56,7 +56,7 @@ static void tissue_is_in_equilibrium_with_the_base(void **unused) {
     check_equilibrium(REMESH_IMPLICIT);
 }
 
-/* Returns the largest difference between the bending moment at the root, computed from the needle's shape alone, and the moment of the contact forces about the
+/* Returns the largest difference between the bending moment at the root, computed from the needle's shape alone, and the contact forces' moment about the
    base. */
 static double worst_imbalance(double tolerance, double speed) {
     simulation_config c = lockstep_config();
@@ -73,8 +73,8 @@ static double worst_imbalance(double tolerance, double speed) {
     return worst;
 }
 
-/* The moments balance, whatever the shape from which the first pass starts. With the default tolerance, the imbalance is small, whether or not the motion is
-   slow enough for a single pass. */
+/* The moments balance, whatever shape the first pass starts from. With the default tolerance the imbalance is small, whether or not the motion is slow
+   enough for a single pass. */
 static void needle_is_in_equilibrium_with_its_bending(void **unused) {
     (void)unused;
     const double speeds[] = {0.25e-3, 0.5e-3, 0.75e-3, 1e-3, 2e-3};
@@ -86,8 +86,8 @@ static void needle_is_in_equilibrium_with_its_bending(void **unused) {
     }
 }
 
-/* After steps of very different lengths, or a jump of the base, the previous motion does not predict the next shape. The forces must then equal those of a
-   needle whose shape is not predicted. */
+/* After steps of very different lengths, or a jump of the base, the previous motion does not predict the next shape. The forces must then equal those
+   without prediction. */
 static void jumps_and_uneven_steps_do_not_mislead(void **unused) {
     (void)unused;
     const struct { double dt, jump; } cases[] = {{1e-3, 0.0}, {1e-5, 1e-3}, {1e-6, 1e-4}, {1e-3, 1e-3}, {0.2, 0.0}, {0.2, 1e-3}};
@@ -108,8 +108,8 @@ static void jumps_and_uneven_steps_do_not_mislead(void **unused) {
     }
 }
 
-/* A rigid base that is moved, tick by tick, to the positions of the base on the spring feels the same wrench. The exception is a tick in which a contact
-   becomes active: the rigid base has then already moved, while the other base has not. */
+/* A rigid base that is moved, tick by tick, to where the base on the spring was feels the same wrench. The exception is a tick in which a contact becomes
+   active, because the rigid base has then already moved and the other has not. */
 static void spring_coupled_base_matches_rigid_base(void **state) {
     (void)state;
     simulation_config config = lockstep_config();
@@ -132,8 +132,8 @@ static void spring_coupled_base_matches_rigid_base(void **state) {
     lockstep_free(rigid);
 }
 
-/* The needle is pushed, 2 mm off its axis, against skin that is never punctured, up to Euler's load, and buckles. Every wrench balances the needle's bending
-   moment, and the wrench has no jumps. After the needle has slipped off the skin, the wrench is zero. */
+/* The needle is pushed, 2 mm off its axis, against skin that is never punctured, until it reaches Euler's load and buckles. Every wrench balances the
+   needle's bending moment, and the wrench never jumps. Once the needle has slipped off the skin, the wrench is zero. */
 static void bowed_needle_is_in_equilibrium(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();
@@ -171,7 +171,7 @@ static void bowed_needle_is_in_equilibrium(void **unused) {
 
 /* Returns the next pose of a hand that changes its motion every 13 ms, in any direction and with rotation. */
 static pose next_hand(pose base, int tick, vec3 *velocity, double *turning, double *turn) {
-    static const double SPEED = 0.3, TURNING = 20.0, ROOM = 0.01; /* SPEED: m/s; TURNING: rad/s; ROOM: m to each side */
+    static const double SPEED = 0.3, TURNING = 20.0, ROOM = 0.01; /* SPEED: m/s; TURNING: rad/s; ROOM: m, to each side */
     vec3 start = lockstep_start().position;
     start.z += 0.06;
     if (tick % 13 == 0) {
@@ -186,10 +186,10 @@ static pose next_hand(pose base, int tick, vec3 *velocity, double *turning, doub
     return (pose){v3_axpy(1e-3, *velocity, base.position), {cos(0.5 * *turn), 0, 0, sin(0.5 * *turn)}};
 }
 
-/* The prediction of the needle's shape only gives the passes a better starting point: if they continue down to rounding errors, they end at the same
-   equilibrium with and without the prediction. Each tick is run twice from the same state, once with the last step's motion and once without it. The scene
-   has no old tracks, where several equilibria may be close to each other. In a guide, friction depends on the previous passes, within the tolerance at the
-   hole's edge, so there the prediction must only save passes. */
+/* The predicted shape only gives the passes a better starting point. If they run down to rounding error, they reach the same equilibrium with and without
+   prediction. Each tick is run twice from the same state, once with the last step's motion and once without. The scene has no old tracks, where several
+   equilibria may lie close together. In a guide, friction depends on the previous passes to within the tolerance at the hole's edge, so there the prediction
+   only has to save passes. */
 static void a_guess_is_only_a_better_start(void **unused) {
     (void)unused;
     static const char *const NAMES[] = {"a guide", "tissue"};
@@ -227,7 +227,7 @@ static void a_guess_is_only_a_better_start(void **unused) {
         print_message("%s: %d passes, without a guess %d; forces differ by up to %.1e N of %.1f N\n", NAMES[kind], passes, passes_without, worst, peak);
         assert_true(kind > 0 || passes < passes_without);
         const needle_model *needle = &l->parts.needle;
-        /* the force on a segment that corresponds to a rotation of a joint by the tolerance */
+        /* force on a segment that corresponds to rotating a joint by the tolerance */
         double left = needle->bending / pow(needle->segment_length, 2) * sqrt(c.insertion.tolerance / needle->given.length);
         assert_true(kind == 0 || worst < left);
         lockstep_free(l);
@@ -235,9 +235,9 @@ static void a_guess_is_only_a_better_start(void **unused) {
     }
 }
 
-/* A tick whose passes end at contact.max_passes reports INEXACT. Each tick of a fast hand is computed twice from the same state, once with a single pass and
-   once with the default number: the ticks that report INEXACT with a single pass are ticks that need more passes, and ticks that need only one pass have the
-   same result in both cases. */
+/* A tick whose passes end at contact.max_passes reports INEXACT. Each tick of a fast hand is computed twice from the same state, with a single pass and with
+   the default limit. The ticks that report INEXACT with a single pass must be those that need more passes, and ticks that need only one must give the same
+   result in both cases. */
 static void passes_that_do_not_converge_are_reported(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();
@@ -249,7 +249,7 @@ static void passes_that_do_not_converge_are_reported(void **unused) {
     int reported = 0, enough = 0;
     srand(1);
     for (int i = 0; i < 1500; i++) {
-        pose base = i % 100 < 50 ? next_hand(usual->base, i, &velocity, &turning, &turn) : usual->base; /* the hand alternately moves and rests */
+        pose base = i % 100 < 50 ? next_hand(usual->base, i, &velocity, &turning, &turn) : usual->base; /* the hand alternates between moving and resting */
         memcpy(&single->state, &usual->state, sizeof usual->state);
         memcpy(single->snapshot, usual->snapshot, sizeof *usual->snapshot);
         lockstep_tick(usual, base, 1e-3);

@@ -1,5 +1,5 @@
-/* Tests guides: buckling loads are compared with Euler's, and forces at the edge of a hole with beam theory. Also tests friction, the choice of the hole, and
-   several needles. */
+/* Tests guides: buckling loads are compared with Euler's, and forces at the edge of a hole with beam theory. Also covers friction, the choice of the hole,
+   and several needles. */
 #include "insertion/guide/guides.h"
 
 #include <setjmp.h>
@@ -12,7 +12,7 @@
 #include "insertion/contact/contact_assembly.h"
 #include "lockstep.h"
 
-/* Returns the scene of figure 8 with an exactly straight needle, as assumed by beam theory. */
+/* Returns the figure-8 scene with a perfectly straight needle, as beam theory assumes. */
 static simulation_config straight_config(void) {
     simulation_config c = lockstep_config();
     c.needle.bow = 0.0;
@@ -21,7 +21,7 @@ static simulation_config straight_config(void) {
 
 /* ---- stability of a needle with its base clamped -------------------------------------------------------------------------- */
 
-/* Returns a single hole, centred on the axis of figure 8's needle, at the distance `before` (m) from the tip. The needle fits into it without clearance. */
+/* Returns a single hole on the axis of figure 8's needle, `before` (m) from the tip. The needle fits it without clearance. */
 static guide_config hole_before_tip(pose start, double length, double before, double thickness, double diameter) {
     guide_config g = guide_defaults();
     g.normal = v3(0, 0, 1);
@@ -47,7 +47,7 @@ static bench bench_create(int guide_count, const guide_config *guides) {
     return b;
 }
 
-/* Returns true if the straight needle in its guides is stable under a dead load on its tip, according to the simulation's own criterion. */
+/* Returns whether the straight needle in its guides is stable under a dead load on its tip, by the simulation's own criterion. */
 static bool is_stable(const bench *b, double load) {
     const tick_input *tick = &b->tick;
     insertion_state *state = &b->l->state;
@@ -77,8 +77,8 @@ static double buckling_load(const bench *b) {
     return low;
 }
 
-/* Computes the stiffness of a beam under the axial load `load` with respect to deflection and rotation of its ends, using stability functions (Timoshenko and
-   Gere, Theory of Elastic Stability). */
+/* Computes a beam's stiffness to deflection and rotation of its ends under the axial load `load`, using stability functions (Timoshenko and Gere, Theory of
+   Elastic Stability). */
 static void beam_column(double bending, double length, double load, double k[4][4]) {
     double u = length * sqrt(load / bending), d = 2.0 - 2.0 * cos(u) - u * sin(u);
     double a = bending / pow(length, 3) * u * u * u * sin(u) / d, b = bending / pow(length, 2) * u * u * (1.0 - cos(u)) / d;
@@ -87,8 +87,8 @@ static void beam_column(double bending, double length, double load, double k[4][
     memcpy(k, rows, sizeof rows);
 }
 
-/* Returns true if a beam is stable under an axial load. It is clamped at one end and supported by springs at `span` and at its other end, `thickness` further
-   along. */
+/* Returns whether a beam is stable under an axial load. It is clamped at one end and rests on springs at `span` and at its other end, `thickness` further
+   on. */
 static bool beam_is_stable(double bending, double span, double thickness, double spring, double load) {
     double before[4][4], inside[4][4], k[4][4] = {{0}};
     beam_column(bending, span, load, before);
@@ -131,7 +131,7 @@ static void buckling_loads_are_eulers(void **unused) {
     guide_config g = hole_before_tip(start, length, edge, 0.0, d);
     b = bench_create(1, &g);
     check_load("guided at its end", &b, 2.0457 * pi2);
-    double thin = 4e-3; /* m; nearly clamped: bending within the plate adds a third of its thickness to the free length */
+    double thin = 4e-3; /* m; almost a clamp: bending inside the plate adds a third of its thickness to the free length */
     g = hole_before_tip(start, length, thin + edge, thin, d);
     g.stiffness = 1e8;
     b = bench_create(1, &g);
@@ -161,7 +161,7 @@ static void sideways_force_is_the_cantilevers(void **unused) {
     c.guides[0] = hole_before_tip(start, c.needle.length, c.needle.length - arc, 0.0, d + 2.0 * clearance);
     lockstep *l = lockstep_create(&c, start);
     double expected_stiffness = 1.0 / (arc * arc * arc / (3.0 * bending) + 1.0 / c.guides[0].stiffness), step = 2e-6, worst = 0.0, jump = 0.0, last = 0.0;
-    for (int i = 0; i <= 1600; i++) { /* moves the base to one side, back, to the opposite side, and back again */
+    for (int i = 0; i <= 1600; i++) { /* moves the base to one side, back, to the other side, and back again */
         double aside = step * (i <= 400 ? i : i <= 1200 ? 800 - i : i - 1600), turned = 0.6;
         pose base = start;
         base.position = v3_add(base.position, v3(aside * cos(turned), aside * sin(turned), 0.0));
@@ -179,7 +179,7 @@ static void sideways_force_is_the_cantilevers(void **unused) {
     lockstep_free(l);
 }
 
-/* A hole without clearance always touches the needle. When it exerts no force, the passes must not try to reduce the residual below rounding error. */
+/* A hole without clearance always touches the needle. When it exerts no force, the passes must not try to push the residual below rounding error. */
 static void a_tight_hole_without_force_takes_one_pass(void **unused) {
     (void)unused;
     simulation_config c = straight_config();
@@ -203,8 +203,8 @@ static void a_tight_hole_without_force_takes_one_pass(void **unused) {
 
 /* ---- friction -------------------------------------------------------------------------------------------------------------- */
 
-/* A needle whose tip is still in the air is pressed against one side of the hole and moved along the hole's axis. Once the edge has yielded by the friction
-   divided by its stiffness, the friction equals the coefficient times the normal force and opposes the motion. */
+/* A needle whose tip is still in the air is pressed against one side of the hole and moved along it. Once the edge has yielded by friction divided by
+   stiffness, the friction is the coefficient times the normal force and opposes the motion. */
 static void friction_follows_the_normal_force(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();
@@ -221,7 +221,7 @@ static void friction_follows_the_normal_force(void **unused) {
         int ticks = 300, settled = 0;
         for (int k = 0; k < ticks; k++) {
             lockstep_move(l, v3(0, 0, ways[i] / ticks), 1e-3, 1e-3);
-            /* friction acts along the needle, which is inclined by a few degrees at this point */
+            /* friction acts along the needle, which is tilted by a few degrees here */
             const guide_contact *face = &l->state.guides[0].faces[0];
             needle_point at = needle_at(&l->parts.needle, &l->state.needle, face->arc);
             double along = v3_dot(face->force, needle_along(&at)), across = v3_norm(v3_axpy(-along, needle_along(&at), face->force));
@@ -238,7 +238,7 @@ static void friction_follows_the_normal_force(void **unused) {
 
 /* ---- which hole ------------------------------------------------------------------------------------------------------------- */
 
-/* Returns a template of 5 x 3 holes, 5 mm apart, whose back face is 5 mm in front of the skin. The middle hole is on the axis of lockstep_start's pose. */
+/* Returns a template with 5 x 3 holes, 5 mm apart, whose back face is 5 mm in front of the skin. The middle hole lies on the axis of lockstep_start's pose. */
 static guide_config template_over_skin(const simulation_config *c) {
     guide_config g = guide_defaults();
     pose start = lockstep_start();
@@ -286,7 +286,7 @@ static void the_tip_chooses_the_hole(void **unused) {
     }
 }
 
-/* If a hand moves in a way that is impossible inside a hole, the result remains finite, and the needle is released from the hole. */
+/* If the hand moves in a way that the hole makes impossible, the result stays finite and the needle is released from the hole. */
 static void a_needle_turned_across_is_let_go(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();
@@ -309,7 +309,7 @@ static void a_needle_turned_across_is_let_go(void **unused) {
     lockstep_free(l);
 }
 
-/* A needle that passes through the plate when it is reset is in its hole from the first tick onwards. */
+/* A needle that already passes through the plate when it is reset is in its hole from the first tick on. */
 static void a_needle_can_start_in_its_hole(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();
@@ -326,7 +326,7 @@ static void a_needle_can_start_in_its_hole(void **unused) {
 
 /* ---- insertions -------------------------------------------------------------------------------------------------------------- */
 
-/* Returns the pose of a hand that moves the needle in and out and, once it is in its hole, also sideways, and tilts it. `t` runs from 0 to 1. */
+/* Returns the pose of a hand that moves the needle in and out and, once it is in its hole, also moves it sideways and tilts it. `t` runs from 0 to 1. */
 static pose trembling(double t, unsigned seed, double before, double deep) {
     double phase = 0.7 * seed, in = deep * 0.5 * (1.0 - cos(2.0 * M_PI * t)), grown = fmin(10.0 * t, 1.0);
     vec3 tilt = v3(0.008 * grown * sin(31.0 * t + phase), 0.008 * grown * sin(23.0 * t + 2.0 * phase), 0.0);
@@ -337,7 +337,7 @@ static pose trembling(double t, unsigned seed, double before, double deep) {
 
 typedef struct { double peak, step, across; int passes, worst, touching; } trembling_result;
 
-/* Returns the largest force, the largest change in the force per tick, and the largest change per tick of the component across the axis. */
+/* Returns the largest force, the largest change in force per tick, and the largest change per tick in the component across the axis. */
 static trembling_result tremble(lockstep *l, unsigned seed, double before, double deep, int ticks, double dt) {
     trembling_result r = {0};
     pose start = trembling(0.0, seed, before, deep);
@@ -358,7 +358,7 @@ static trembling_result tremble(lockstep *l, unsigned seed, double before, doubl
     return r;
 }
 
-/* The needle is in the air, without friction. With eight times as many ticks, the changes per tick decrease to an eighth, whereas a jump would not. */
+/* The needle is in the air, without friction. With eight times as many ticks, the changes per tick shrink to an eighth; a jump would not shrink. */
 static void forces_are_continuous_at_the_clearance(void **unused) {
     (void)unused;
     enum { TICKS = 1000, FINER = 8 };
@@ -377,7 +377,7 @@ static void forces_are_continuous_at_the_clearance(void **unused) {
     lockstep_free(l);
 }
 
-/* Along the axis, the force may change per tick about as much as without the guide, mostly at punctures; across the axis, it must not jump. */
+/* Along the axis, the force may change per tick about as much as without the guide, mostly at punctures. Across the axis, it must not jump. */
 static void random_insertions_stay_stable(void **unused) {
     (void)unused;
     enum { TICKS = 2000 };
@@ -397,7 +397,7 @@ static void random_insertions_stay_stable(void **unused) {
     lockstep_free(l);
 }
 
-/* Moves two needles in and out through a template: one predicts its shape, the other starts each tick from its last shape. Returns the largest difference
+/* Moves two needles in and out through a template. One predicts its shape; the other starts each tick from its last shape. Returns the largest difference
    between their forces (N); `peak` receives the largest force. */
 static double felt_of_a_guess(double friction, double *peak) {
     simulation_config c = lockstep_config();
@@ -421,8 +421,8 @@ static double felt_of_a_guess(double friction, double *peak) {
     return worst;
 }
 
-/* Whatever the shape from which the passes start, the results agree to within the tolerance for edge and friction, 1 % of the force, both with the usual
-   friction and with a high friction. */
+/* Whatever shape the passes start from, the results agree to within the tolerance for edge and friction, 1 % of the force, both at the usual friction and at
+   a high one. */
 static void a_guess_stays_within_the_tolerance_of_a_guide(void **unused) {
     (void)unused;
     const double friction[] = {0.1, 0.6};
@@ -457,7 +457,7 @@ static lockstep *engaged(const simulation_config *config) {
 static vec3 force_on_guide(const lockstep *l) { return v3_add(l->state.guides[0].faces[0].force, l->state.guides[0].faces[1].force); }
 static vec3 force_on_tissue(const lockstep *l) { return v3_scale(-1.0, v3_add(l->wrench.force, force_on_guide(l))); }
 
-/* Uses a rigid needle that sticks: a step of its base causes an equal step of the tissue's and of the plate's deformation. Only the tissue relaxes. */
+/* A rigid needle that sticks: a step of its base deforms the tissue and the plate by the same step. Only the tissue relaxes. */
 static void check_held_step(vec3 way, double on_guide) {
     simulation_config relaxing = snug_scene(true), elastic = snug_scene(false);
     simulation_config *both[] = {&relaxing, &elastic};
@@ -500,7 +500,7 @@ static void turn(lockstep *l, double angle, double seconds) {
     for (int i = 1; i <= n; i++) lockstep_tick(l, (pose){from.position, q_unit(q_multiply(from.orientation, q_exp(v3(0, 0, angle * i / n))))}, 1e-3);
 }
 
-/* Only friction in the tissue resists turning: torque and lag equal those in test_roll.c. A needle that is turned in the air is not twisted. */
+/* Only friction in the tissue resists turning, so torque and lag equal those in test_roll.c. A needle turned in the air is not twisted. */
 static void a_needle_turns_in_its_hole(void **unused) {
     (void)unused;
     const double dry = 20.0;
@@ -517,7 +517,7 @@ static void a_needle_turns_in_its_hole(void **unused) {
         double f = dry * needle->radius, depth = l->state.tip.place.depth, lag = f * depth * (needle->given.length - 0.5 * depth) / needle->torsion;
         print_message("lag %.6f, expected %.6f; torque %.6f of %.6f\n", -l->state.tip_lead, lag, -l->wrench.torque.z, f * depth);
         assert_true(fabs(-l->state.tip_lead / lag - 1.0) < 0.01 && fabs(-l->wrench.torque.z / (f * depth) - 1.0) < 0.01);
-        lockstep_move(l, v3(0, 0, -0.065), 0.5, 1e-3); /* withdrawn from the skin, but not from the hole */
+        lockstep_move(l, v3(0, 0, -0.065), 0.5, 1e-3); /* out of the skin, but not out of the hole */
         assert_true(l->state.tip.place.phase == TIP_FREE && l->state.guides[0].passage == GUIDE_IN_HOLE);
         assert_true(l->state.tip_lead == 0.0 && l->state.memory.count == 0 && (l->state.memory.residual.count > 0) == (relaxing == 1));
         turn(l, 20.0, 0.5);
@@ -554,7 +554,7 @@ static void a_restored_insertion_goes_on_to_the_bit(void **unused) {
     lockstep_free(other);
 }
 
-/* Returns the needle's largest distance (m) from the straight line through its base and its end. */
+/* Returns the needle's largest distance (m) from the straight line between its base and its end. */
 static double bow(const lockstep *l) {
     const vec3 *joints = l->state.needle.joints;
     int n = l->parts.needle.given.segments;
@@ -567,9 +567,9 @@ static double bow(const lockstep *l) {
     return most;
 }
 
-/* The needle is pushed through a template against stiff skin that is never punctured. Two springs at the plate's faces support the end of the span between hand
-   and plate. Beyond Euler's load for this span, the needle buckles and keeps bearing that load; according to the elastica, the load is 1 % higher at a bow of a
-   tenth of the span. Without a template, it buckles at 10 N. */
+/* The needle is pushed through a template against stiff skin that is never punctured. Two springs at the plate's faces support the end of the span between
+   hand and plate. Beyond Euler's load for this span, the needle buckles and keeps carrying that load; by the elastica, the load is 1 % higher once the bow
+   is a tenth of the span. Without a template, the needle buckles at 10 N. */
 static void a_template_lets_the_needle_bear_more(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();
@@ -597,8 +597,8 @@ static void a_template_lets_the_needle_bear_more(void **unused) {
     }
 }
 
-/* A nearly straight needle is pushed exactly along its axis onto skin as hard as bone, at 5 and 50 mm/s. It reaches the buckled shape and then bears Euler's
-   load. */
+/* A nearly straight needle is pushed exactly along its axis onto skin as hard as bone, at 5 and at 50 mm/s. It reaches the buckled shape and then carries
+   Euler's load. */
 static void a_needle_pushed_along_its_axis_bows(void **unused) {
     (void)unused;
     const double steps[] = {5e-6, 5e-5};
@@ -621,7 +621,7 @@ static void a_needle_pushed_along_its_axis_bows(void **unused) {
     }
 }
 
-/* Cost of one tick without the worker's part: its time in ns, and the number of its allocations. */
+/* Cost of one tick without the worker's part: time in ns and number of allocations. */
 typedef struct { int64_t time, allocations; } tick_effort;
 
 static int64_t now_ns(void) {
@@ -664,8 +664,8 @@ static int compare(const void *a, const void *b) {
     return (x > y) - (x < y);
 }
 
-/* Times the alternating ticks of three needles: one without a guide, one that always touches one face of a guide, and one with more contacts in the tissue. A
-   tick of a needle that is held still takes one pass. */
+/* Times the alternating ticks of three needles: one without a guide, one that always touches one face of a guide, and one with more contacts in the tissue.
+   Ticking a needle that is held still takes one pass. */
 static void a_face_costs_what_a_contact_costs(void **unused) {
     (void)unused;
     enum { TICKS = 4001 };

@@ -1,5 +1,5 @@
-/* Tests the whole tick: forces compared with the sum of friction and cutting; independence from the tick rate, the number of passes and the worker; and every
-   way into and out of the tissue. */
+/* Tests the whole tick: its forces against the sum of friction and cutting, its independence from tick rate, number of passes and worker, and every way into
+   and out of the tissue. */
 #include "figure8.h"
 #include "insertion/tip/prefetch.h"
 
@@ -38,7 +38,7 @@ static void axial_force_is_cutting_plus_friction_times_depth(void **unused) {
     lockstep_free(l);
 }
 
-/* Membranes are punctured at the forces given in the scene. The base feels these forces in addition to the shaft's friction. */
+/* Membranes are punctured at the forces given in the scene. The base feels these in addition to the shaft's friction. */
 static void membranes_puncture_at_their_forces(void **unused) {
     (void)unused;
     simulation_config c = dry_config();
@@ -63,7 +63,7 @@ static void push_through_skin(lockstep *l) {
     assert_true(l->wrench.events & EVENT_PUNCTURED);
 }
 
-/* The base stops at the puncture. Without shaft friction, the force must not increase afterwards, however deep the dent was. */
+/* The base stops at puncture. Without friction on the shaft, the force must not increase afterwards, however deep the dent was. */
 static void force_drops_after_the_skin(void **unused) {
     (void)unused;
     simulation_config c = dry_config();
@@ -87,7 +87,7 @@ static void force_drops_after_the_skin(void **unused) {
     }
 }
 
-/* Without viscosity, the tip advances as fast as the tissue springs back: more slowly than a shear wave, however long the tick is. */
+/* Without viscosity, the tip moves as fast as the tissue springs back, which is slower than a shear wave however long the tick is. */
 static void tissue_springs_back_slower_than_waves(void **unused) {
     (void)unused;
     simulation_config c = dry_config();
@@ -108,7 +108,7 @@ static void tissue_springs_back_slower_than_waves(void **unused) {
     }
 }
 
-/* A tip that is pressed on the skin obliquely sticks inside the friction cone and slides outside it. */
+/* A tip pressed on the skin at an angle sticks inside the friction cone and slides outside it. */
 static void tip_friction_on_the_skin_is_about_its_normal(void **unused) {
     (void)unused;
     simulation_config c = dry_config();
@@ -131,7 +131,7 @@ static void tip_friction_on_the_skin_is_about_its_normal(void **unused) {
     }
 }
 
-/* Prints the force and the torque of a run and compares them with those of another run. */
+/* Prints the force and torque of a run and compares them with those of another run. */
 static void assert_alike(const char *what, double value, const figure8_record *a, const figure8_record *b, double shift, double limit) {
     double force = figure8_difference(a, b, 0, 3, shift), torque = figure8_difference(a, b, 3, 6, shift);
     print_message("%g %s: force differs by %.5f, torque by %.5f of the peak\n", value, what, force, torque);
@@ -190,7 +190,7 @@ static void both_remeshing_methods_give_the_same_forces(void **unused) {
     free(woodbury);
 }
 
-/* If the worker answers only in every 20th tick, contacts are added later, the forces remain close, and no tick waits. */
+/* If the worker answers only every 20th tick, contacts are added later, but the forces stay close, and no tick waits. */
 static void late_worker_has_little_effect(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();
@@ -206,7 +206,7 @@ static void below_the_friction_limit_motion_is_reversible(void **unused) {
     simulation_config c = dry_config();
     lockstep *l = lockstep_create(&c, lockstep_start());
     lockstep_move(l, v3(0, 0, 0.07), 1.0, 1e-3);
-    lockstep_move(l, v3(0, 0, -0.0001), 0.1, 1e-3); /* unloads the needle without letting any contact slide */
+    lockstep_move(l, v3(0, 0, -0.0001), 0.1, 1e-3); /* unloads the needle without making any contact slide */
     tick_output before = l->wrench;
     for (int i = 0; i < 5; i++) {
         lockstep_move(l, v3(2e-5, 4e-5, -2e-5), 0.05, 1e-3);
@@ -217,7 +217,7 @@ static void below_the_friction_limit_motion_is_reversible(void **unused) {
     lockstep_free(l);
 }
 
-/* In tissue that closes behind the needle, a withdrawn needle leaves no track, so every insertion repeats the first. */
+/* In tissue that closes behind the needle, a withdrawn needle leaves no track, so every insertion is like the first. */
 static void reinsertion_repeats_the_first_insertion(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();
@@ -234,7 +234,7 @@ static void reinsertion_repeats_the_first_insertion(void **unused) {
         assert_int_equal(l->state.tip.place.phase, TIP_FREE);
         assert_int_equal(l->state.refined.count, 0);
         assert_true(v3_norm(l->wrench.force) == 0.0 && v3_norm(l->wrench.torque) == 0.0);
-        lockstep_move(l, v3(0.01, 0.004, 0), 0.2, 1e-3); /* a neighbouring track is cut in the meantime */
+        lockstep_move(l, v3(0.01, 0.004, 0), 0.2, 1e-3); /* cuts a track nearby in the meantime */
         lockstep_move(l, v3(0, 0, 0.070), 1.0, 1e-3);
         lockstep_move(l, v3(0, 0, -0.070), 1.0, 1e-3);
         lockstep_move(l, v3(-0.01, -0.004, 0), 0.2, 1e-3);
@@ -246,7 +246,7 @@ static void reinsertion_repeats_the_first_insertion(void **unused) {
 static void needle_leaves_on_the_far_side_and_comes_back(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();
-    pose start = {v3(-0.06, 0.0, 0.03), q_exp(v3(0, M_PI / 2, 0))}; /* the needle points along +x, through the side faces of the body, which is 100 mm wide */
+    pose start = {v3(-0.06, 0.0, 0.03), q_exp(v3(0, M_PI / 2, 0))}; /* points along +x, through the side faces of the 100 mm wide body */
     start.position.x = -0.255;
     lockstep *l = lockstep_create(&c, start);
     unsigned seen = 0;
@@ -277,8 +277,7 @@ static void degenerate_paths_are_handled(void **unused) {
     int aimed = 0;
     for (int i = 0; i < m->node_count && aimed < 24; i++) {
         vec3 x = m->nodes[i];
-        if (x.z > 0.0 || fabs(x.x) > 0.04 || fabs(x.y) > 0.03) continue; /* at each node of the skin, the needle first enters straight, then points toward inner
-                                                                            nodes */
+        if (x.z > 0.0 || fabs(x.x) > 0.04 || fabs(x.y) > 0.03) continue; /* at each node of the skin, first goes in straight, then toward inner nodes */
         aimed++;
         int inner = (i * 37 + 11) % m->node_count;
         vec3 way = v3_sub(m->nodes[inner], x);
@@ -302,7 +301,7 @@ static void degenerate_paths_are_handled(void **unused) {
 
 static double uniform(unsigned *seed) { return (double)rand_r(seed) / RAND_MAX; }
 
-/* Whatever motion the hand makes, the forces remain finite and bounded, and withdrawal always restores the initial state. */
+/* However the hand moves, the forces stay finite and bounded, and withdrawing always restores the initial state. */
 static void random_motions_are_handled(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();
@@ -328,7 +327,7 @@ static void random_motions_are_handled(void **unused) {
     lockstep_free(l);
 }
 
-/* A needle that is pushed against an impenetrable membrane until it buckles reports this, and can be withdrawn as usual. */
+/* A needle pushed against an impenetrable membrane until it buckles reports this and can be withdrawn as usual. */
 static void buckled_needle_recovers(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();
@@ -338,7 +337,7 @@ static void buckled_needle_recovers(void **unused) {
         lockstep_move(l, v3(0, 0, 0.001), 0.02, 1e-3);
         assert_true(isfinite(v3_norm(l->wrench.force)));
         int tet = l->state.tip.place.tet, region = tet >= 0 ? l->parts.mesh.region[tet] : -1;
-        assert_int_not_equal(region, mesh_find_group(&l->parts.mesh, "prostate", 3)); /* the capsule is never penetrated */
+        assert_int_not_equal(region, mesh_find_group(&l->parts.mesh, "prostate", 3)); /* never gets through the capsule */
     }
     for (int i = 0; i < 180; i++) {
         lockstep_move(l, v3(0, 0, -0.001), 0.02, 1e-3);
@@ -375,7 +374,7 @@ static void every_insertion_gives_force(void **unused) {
     lockstep_free(l);
 }
 
-/* After a long stall, a single tick of bounded effort follows rather than a burst of ticks. */
+/* After a long stall comes a single tick with bounded work, not a burst of ticks. */
 static void long_tick_needs_few_steps(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();
@@ -392,7 +391,7 @@ static void long_tick_needs_few_steps(void **unused) {
     lockstep_free(l);
 }
 
-/* If the server is restarted while the needle is in the tissue, the needle counts as inserted and bears no force. It can be withdrawn as usual, even where
+/* If the server is restarted with the needle in the tissue, the needle counts as inserted and carries no force. It can be withdrawn as usual, even where
    nodes next to the track had been shifted away from faces. */
 static void needle_found_in_the_tissue_is_engaged_without_force(void **unused) {
     (void)unused;
@@ -410,7 +409,7 @@ static void needle_found_in_the_tissue_is_engaged_without_force(void **unused) {
     lockstep_free(l);
 }
 
-/* The state and the snapshot are plain data: a run that continues from a restored copy gives bit-identical results. */
+/* The state and the snapshot are plain data, so a run that continues from a restored copy gives bit-identical results. */
 static void restored_state_continues_bit_identically(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();

@@ -1,4 +1,4 @@
-/* Tests the local compliance: it agrees with Kelvin's formulas on a uniform mesh, and is continuous across faces, edges and nodes of an irregular mesh. */
+/* Tests the local compliance: it agrees with Kelvin's formulas on a uniform mesh and is continuous across faces, edges and nodes of an irregular one. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -51,7 +51,7 @@ static void uniform_tissue_matches_kelvin(void **state) {
     destroy();
 }
 
-/* Where the mesh itself resolves the needle's surface, the correction is small; it is never negative. */
+/* Where the mesh itself resolves the needle's surface, the correction is small. It is never negative. */
 static void correction_is_small_on_fine_meshes(void **state) {
     (void)state;
     create(0.0, true);
@@ -61,9 +61,9 @@ static void correction_is_small_on_fine_meshes(void **state) {
     destroy();
 }
 
-/* Force per metre of displacement for a disc with a radius of 0.635 mm in tissue with E = 20 kPa and nu = 0.45, for a disc at the end of a hole and for one
-   bonded to a surface. The values come from finite elements that resolve the disc (tests/verification/references/resolved_needle.json: tip_disc and skin_disc).
-   The last argument, the compliance of the mesh, is 0. */
+/* Force per metre of displacement of a disc with a radius of 0.635 mm in tissue with E = 20 kPa and nu = 0.45, at the end of a hole and bonded to a surface.
+   The values come from finite elements that resolve the disc (tests/verification/references/resolved_needle.json: tip_disc and skin_disc). The last
+   argument, the mesh's compliance, is 0. */
 static void single_tip_matches_resolved_disc(void **state) {
     (void)state;
     create(0.0, true);
@@ -81,7 +81,7 @@ static void single_tip_matches_resolved_disc(void **state) {
 
 static double along(plane_tensor t, double x, double y) { return x * x * t.xx + 2.0 * x * y * t.xy + y * y * t.yy; }
 
-/* The compliance agrees with the formulas whatever the direction of the track. */
+/* The compliance agrees with the formulas whatever the track's direction. */
 static void directions_across_are_kept_apart(void **state) {
     (void)state;
     for (int n = 0; n < 200; n++) {
@@ -102,7 +102,7 @@ static void directions_across_are_kept_apart(void **state) {
     }
 }
 
-/* Returns the local compliance of a tip at a depth of 20 mm, with the force on its end face alone. */
+/* Returns the local compliance of a tip 20 mm deep, with force on its end face only. */
 static double tip_at(int tet, vec3 x) { return local_at_tip(&model, tet, x, 0.02, 0.0, 0.0); }
 
 static void continuous_across_faces(void **state) {
@@ -117,7 +117,7 @@ static void continuous_across_faces(void **state) {
             w[face] = 0.0;
             vec3 on = mesh_point(&body.mesh, t, w), inside = v3_unit(v3_sub(body.mesh.nodes[body.mesh.tets[t][face]], on));
             assert_close(tip_at(t, on) / tip_at(across, on), 1.0, 1e-12);
-            /* moving the point by a micrometre to either side may change the value only by a correspondingly small amount */
+            /* moving the point by a micrometre either way may change the value only in proportion */
             assert_close(tip_at(t, v3_axpy(1e-6, inside, on)) / tip_at(across, v3_axpy(-1e-6, inside, on)), 1.0, 2e-3);
         }
     destroy();
@@ -135,7 +135,7 @@ static void unique_values_at_edges_and_nodes(void **state) {
     create(0.1, false);
     for (int n = 0; n < 200; n++) {
         int tet = rand() % body.mesh.tet_count, a = body.mesh.tets[tet][n % 4], b = body.mesh.tets[tet][(n + 1 + n / 4 % 3) % 4];
-        double at = n % 5 == 0 ? 1.0 : 0.4; /* a weight of 1 places the point on node a */
+        double at = n % 5 == 0 ? 1.0 : 0.4; /* a weight of 1 puts the point on node a */
         vec3 x = v3_axpy(at, v3_sub(body.mesh.nodes[a], body.mesh.nodes[b]), body.mesh.nodes[b]);
         double here = tip_at(tet, x);
         int others = 0;

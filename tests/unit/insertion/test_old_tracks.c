@@ -1,5 +1,5 @@
-/* Tests old tracks: at their end, the tissue beyond resists immediately. Close to an earlier puncture, a membrane counts as partly torn. Tissue springs back
-   into a track no faster than into intact tissue. */
+/* Tests old tracks. At a track's end, the uncut tissue resists immediately. Close to an earlier puncture, a membrane counts as partly torn. Tissue springs
+   back into a track no faster than into intact tissue. */
 #include "lockstep.h"
 
 #include <setjmp.h>
@@ -9,7 +9,7 @@
 
 static const double SPEED = 0.02, DT = 1e-3; /* m/s, s */
 
-/* Returns the increase in force per metre (N/m) if the hand advances while the tip does not move. */
+/* Returns by how much the force rises per metre (N/m) when the hand advances and the tip stays put. */
 static double stiffness_of(lockstep *l) {
     insertion_state before = l->state;
     pose base = l->base;
@@ -27,12 +27,11 @@ static double stiffness_of(lockstep *l) {
     return force / 1e-4;
 }
 
-/* A needle cuts at constant speed and then meets a short piece of track. The tip springs forward to the end of that piece and no further. The force therefore
-   drops by the elastic force over that length and by the viscous force, which is zero while the tip rests at the end. */
+/* A needle cuts at constant speed and then meets a short piece of track. The tip springs forward to the end of that piece and no further. The force
+   therefore drops by the elastic force over that length, and by the viscous force, which is zero while the tip rests at the end. */
 static void a_short_track_gives_back_its_length(void **state) {
     (void)state;
-    static const double LENGTHS[] = {1.5e-5, 1e-4, 3e-4}; /* m; without resistance beyond the piece of track, the tip would spring forward by more than any of
-                                                             these lengths */
+    static const double LENGTHS[] = {1.5e-5, 1e-4, 3e-4}; /* m; without resistance beyond the track, the tip would spring forward by more than this */
     for (int i = 0; i < 3; i++) {
         simulation_config config = lockstep_config();
         lockstep *l = lockstep_create(&config, lockstep_start());
@@ -58,15 +57,15 @@ static void a_short_track_gives_back_its_length(void **state) {
     }
 }
 
-/* A tip that is pressed against the end of its track, but not hard enough to cut, stays at the end. After being drawn back, it finds the track again. */
+/* A tip pressed against the end of its track, but not hard enough to cut, stays there. After being drawn back, it finds the track again. */
 static void a_tip_rests_at_the_end(void **state) {
     (void)state;
     simulation_config config = lockstep_config();
     lockstep *l = lockstep_create(&config, lockstep_start());
     lockstep_move(l, v3(0, 0, 0.031), 0.031 / SPEED, DT);
-    for (int k = 0; k < 50; k++) lockstep_tick(l, l->base, DT); /* the hand rests, while the tip keeps cutting for a moment */
+    for (int k = 0; k < 50; k++) lockstep_tick(l, l->base, DT); /* the hand rests, but the tip goes on cutting for a moment */
     double end = l->state.tip.place.depth;
-    for (int k = 0; k < 500; k++) { /* the tip also keeps cutting for a moment after the hand has reversed its motion */
+    for (int k = 0; k < 500; k++) { /* after the hand has reversed, too, the tip goes on cutting for a moment */
         lockstep_move(l, v3(0, 0, -SPEED * DT), DT, DT);
         end = fmax(end, l->state.tip.place.depth);
     }
@@ -85,8 +84,8 @@ static void a_tip_rests_at_the_end(void **state) {
     lockstep_free(l);
 }
 
-/* The closer a puncture attempt is to an earlier puncture, the lower is the membrane's puncture force: it decreases from that of an intact membrane at 1.5
-   times the reach to zero at the reach. */
+/* The closer a membrane is hit to an earlier puncture, the lower its puncture force: from that of an intact membrane at 1.5 times the reach down to zero at
+   the reach. */
 static void a_membrane_is_torn_beside_a_puncture(void **state) {
     (void)state;
     static const double TIMES[] = {0.95, 1.1, 1.25, 1.4, 1.6}, LEFT[] = {0.0, 0.2, 0.5, 0.8, 1.0};
@@ -107,7 +106,7 @@ static void a_membrane_is_torn_beside_a_puncture(void **state) {
     }
 }
 
-/* Presses a needle against hard tissue, holds it there, and then puts a track of this length (m; 0: no track) in front of it. */
+/* Presses a needle against hard tissue, holds it there, and then puts a piece of track of this length (m; 0 for none) in front of it. */
 static lockstep *pressed_before_a_track(double whole, double left, double length) {
     simulation_config config = lockstep_config();
     lockstep *l = lockstep_create(&config, lockstep_start());
@@ -123,7 +122,7 @@ static lockstep *pressed_before_a_track(double whole, double left, double length
     return l;
 }
 
-/* Where nothing is cut, tissue springs back over a needle that is held in a track as fast as in tissue without cutting resistance. A needle that advances in
+/* Where nothing is cut, tissue springs back over a needle held in a track as fast as it does in tissue without cutting resistance. A needle that advances in
    the track meets no viscosity. */
 static void tissue_springs_back_into_a_track(void **state) {
     (void)state;
@@ -151,8 +150,8 @@ static void tissue_springs_back_into_a_track(void **state) {
     lockstep_free(soft);
 }
 
-/* A step in which tissue springs back, or in which the tip reaches the end of its track, is solved only once: it takes no more passes than a step in intact
-   tissue. */
+/* A step in which tissue springs back, or in which the tip reaches the end of its track, is solved only once, so it takes no more passes than a step in
+   intact tissue. */
 static void nothing_is_solved_again(void **state) {
     (void)state;
     static const struct { double length; int hand; } CASES[] = {{0.0, 2}, {0.05, 0}, {0.05, 1}, {0.05, 2}, {0.01, 2}};

@@ -1,4 +1,4 @@
-/* Tests that a shaft pushed into a body from the side bears no force there, and that a flag reports this. A needle that enters with its tip does not set the
+/* Tests that a shaft pushed into a body from the side bears no force there and that a flag reports this. A needle that enters tip first does not set the
    flag. */
 #include "lockstep.h"
 
@@ -7,8 +7,7 @@
 #include <stddef.h>
 #include <cmocka.h>
 
-/* The needle lies along +x, with its tip beyond the far side of the body. It is moved down into the skin, which is at z = 0, without the tip touching the
-   body. */
+/* The needle lies along +x with its tip beyond the far side of the body. It is lowered into the skin, at z = 0, without the tip touching the body. */
 static void a_shaft_laid_into_the_body_is_told(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();
@@ -28,7 +27,7 @@ static void a_shaft_laid_into_the_body_is_told(void **unused) {
     lockstep_free(l);
 }
 
-/* An inserted needle that is moved sideways, further in or out, at any speed, does not set the flag, because its track is known. */
+/* An inserted needle that is moved sideways or further in or out, at any speed, does not set the flag, because its track is known. */
 static void an_insertion_is_not(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();

@@ -32,7 +32,7 @@ static void nothing_is_known_before_the_first_snapshot(void **unused) {
     free(empty);
 }
 
-/* At a point between nominal nodes, the rows of K^-1 are interpolated with the same weights as the displacement. */
+/* Between nominal nodes, the rows of K^-1 are interpolated with the same weights as the displacement. */
 static void point_interpolates_the_rows_of_its_corners(void **unused) {
     (void)unused;
     lockstep *l = inserted(0.03);
@@ -105,7 +105,7 @@ static void line_is_prefetched_before_the_skin_and_follows_the_needle(void **unu
     lockstep *l = lockstep_create(&c, start);
     lockstep_tick(l, start, 1e-3);
     uint64_t serial = l->state.request.serial;
-    assert_int_equal(l->state.request.window_count, 0); /* far from the skin, nothing is requested */
+    assert_int_equal(l->state.request.window_count, 0); /* nothing is requested far from the skin */
     assert_true(l->state.request.direction.z == 1.0 && fabs(l->state.request.tip.x - 0.005) < 1e-12);
     int slices = 1;
     while (remesher_look_ahead(l->run.remesher)) slices++;

@@ -8,7 +8,7 @@
 #include <stddef.h>
 #include <cmocka.h>
 
-static const double DRY = 20.0; /* N/m, static and kinetic friction, equal in all regions */
+static const double DRY = 20.0; /* N/m, static and kinetic friction, the same in all regions */
 
 static simulation_config scene_with(double dry, double viscous) {
     simulation_config c = lockstep_config();
@@ -32,8 +32,8 @@ static void turn(lockstep *l, double angle, double seconds) {
     for (int i = 1; i <= n; i++) lockstep_tick(l, (pose){from.position, q_unit(q_multiply(from.orientation, q_exp(v3(0, 0, angle * i / n))))}, 1e-3);
 }
 
-/* Turns the base so far that the whole shaft slides around its axis. The torque per unit length, f = dry r, twists the shaft by f l^2 / 2 G J over the length l
-   in the tissue; outside the tissue, the twist is uniform. */
+/* Turns the base until the whole shaft slides around its axis. The torque per unit length, f = dry r, twists the shaft by f l^2 / 2 G J over the length l in
+   the tissue. Outside the tissue, the twist is uniform. */
 static void check_lag(double sign) {
     simulation_config c = scene_with(DRY, 0.0);
     lockstep *l = engaged(&c);
@@ -44,7 +44,7 @@ static void check_lag(double sign) {
     printf("lag %.6f, expected %.6f; torque %.6f of %.6f\n", -l->state.tip_lead, lag, l->wrench.torque.z, f * depth);
     assert_true(fabs(-sign * l->state.tip_lead / lag - 1.0) < 0.01);
     assert_true(fabs(-sign * l->wrench.torque.z / (f * depth) - 1.0) < 0.01);
-    /* turning back, by as much and by more, gives the same result in the other direction */
+    /* turning back by as much and further gives the same result in the other direction */
     turn(l, -sign * 4.0, 4.0);
     assert_true(fabs(sign * l->state.tip_lead / lag - 1.0) < 0.01);
     lockstep_free(l);
@@ -56,7 +56,7 @@ static void tip_lags_by_the_twist_of_friction(void **unused) {
     check_lag(-1.0);
 }
 
-/* Withdraws the needle at a constant speed while it turns: the friction on the shaft opposes the slip of the shaft's surface. */
+/* Withdraws the needle at constant speed while it turns. Friction opposes the slip of the shaft's surface. */
 static double friction_while(double speed, double rate, double *torque) {
     simulation_config c = scene_with(DRY, 0.0);
     lockstep *l = engaged(&c);
@@ -92,15 +92,15 @@ static bool all_slides(const insertion_state *s) {
     return true;
 }
 
-/* The needle is inserted from outside at a constant speed while it turns, with several ratios of the surface's circumferential speed to its axial speed.
-   Friction is the same everywhere and the needle hardly twists, so the whole shaft slides in one direction. Along the needle, the base feels the cutting force
-   and F v / sqrt(v^2 + (omega r)^2), where F is the friction without turning; around the needle, it feels the other component of F. Only ticks in which the tip
-   cuts and the whole shaft slides are compared, and not those of the jump at a membrane. A new contact node starts as if the shaft did not turn
-   (docs/mechanics.md): until it slides, the force may have an error too small to be felt; once it slides, the formula holds in every tick. */
+/* The needle is inserted from outside at constant speed while it turns, at several ratios of circumferential to axial speed. Friction is the same everywhere
+   and the needle hardly twists, so the whole shaft slides in one direction. Along the needle, the base feels the cutting force and F v / sqrt(v^2 + (omega
+   r)^2), where F is the friction without turning; around the needle, it feels the other component of F. Only ticks in which the tip cuts and the whole shaft
+   slides are compared, leaving out the jump at a membrane. A new contact node starts as if the shaft did not turn (docs/mechanics.md). Until it slides, the
+   force may be off by an amount too small to feel; once it slides, the formula holds in every tick. */
 static void turning_eases_insertion(void **unused) {
     (void)unused;
     enum { TICKS = 3200, LEAP = 100, SETTLED = 50 };
-    static const double ratios[] = {0.0, 0.5, 1.0, 2.0, 4.0}; /* ratio omega r / v of the surface's circumferential speed to its axial speed */
+    static const double ratios[] = {0.0, 0.5, 1.0, 2.0, 4.0}; /* ratio omega r / v of circumferential to axial speed */
     const double speed = 0.025, cutting = 0.4, least_depth = 0.02, unnoticed = 0.05; /* N */
     for (size_t i = 0; i < sizeof ratios / sizeof *ratios; i++) {
         simulation_config c = scene_with(DRY, 0.0);
@@ -108,7 +108,7 @@ static void turning_eases_insertion(void **unused) {
         lockstep *l = lockstep_create(&c, lockstep_start());
         double radius = l->parts.needle.radius, rate = ratios[i] * speed / radius, left = 1.0 / hypot(1.0, ratios[i]);
         double worst = 0.0, worst_torque = 0.0, new_contact = 0.0, sum = 0.0;
-        int counted = 0, settled = 0, punctured = 0, added = 0; /* `punctured`, `added`: ticks since the last puncture and the last added node */
+        int counted = 0, settled = 0, punctured = 0, added = 0; /* `punctured`, `added`: ticks since the last puncture and since the last node was added */
         for (int k = 1; k <= TICKS; k++) {
             double t = k * 1e-3;
             pose start = lockstep_start();
@@ -135,7 +135,7 @@ static void turning_eases_insertion(void **unused) {
     }
 }
 
-/* The segments turn with the base before the solve, so turning takes no more passes than sliding, even for a bent needle. */
+/* The segments turn with the base before the solve, so turning takes no more passes than sliding, even if the needle is bent. */
 static void turning_takes_one_pass(void **unused) {
     (void)unused;
     enum { TICKS = 200 };
@@ -158,8 +158,8 @@ static void turning_takes_one_pass(void **unused) {
     lockstep_free(l);
 }
 
-/* After ten turns forward and ten back, the whole shaft has slid in both directions. Torque and lag of the tip are then at their limits for the backward
-   direction, although the base is at its initial angle. When the base is then turned forward slightly, the shaft sticks. */
+/* After ten turns forward and ten back, the whole shaft has slid in both directions. Torque and lag of the tip are then at their limits for turning
+   backward, although the base is at its initial angle. If the base is then turned forward a little, the shaft sticks. */
 static void ten_turns_leave_what_friction_holds(void **unused) {
     (void)unused;
     simulation_config c = scene_with(DRY, 0.0);
@@ -173,18 +173,18 @@ static void ten_turns_leave_what_friction_holds(void **unused) {
     assert_true(fabs(l->wrench.torque.z / (f * depth) - 1.0) < 0.01);
     double lag = f * (0.5 * depth * depth + depth * (l->parts.needle.given.length - depth)) / l->parts.needle.torsion;
     assert_true(fabs(l->state.tip_lead / lag - 1.0) < 0.01);
-    /* while the needle is held still, nothing changes */
+    /* nothing changes while the needle is held still */
     double before = l->wrench.torque.z;
     for (int i = 0; i < 100; i++) lockstep_tick(l, l->base, 1e-3);
     assert_true(fabs(l->wrench.torque.z - before) < 1e-12);
-    /* the torque changes from one limit to the other over twice the angle by which shaft and tissue are twisted at a limit, not over less */
+    /* going from one torque limit to the other takes twice the angle by which shaft and tissue are twisted at a limit, and no less */
     turn(l, 0.5 * lag, 0.1);
     assert_true(l->wrench.torque.z < before && l->wrench.torque.z > -0.9 * before);
     lockstep_free(l);
 }
 
-/* For a stuck shaft in tissue that is softer than the shaft in torsion, the torque is that of a rod on an elastic foundation with k = 4 pi mu r^2 per unit
-   length (Winkler), M = sqrt(GJ k) tanh(sqrt(k / GJ) l) angle. */
+/* If the tissue is softer than the shaft is in torsion, a stuck shaft behaves as a rod on an elastic foundation with k = 4 pi mu r^2 per unit length
+   (Winkler), so M = sqrt(GJ k) tanh(sqrt(k / GJ) l) angle. */
 static void stuck_shaft_is_a_rod_in_a_foundation(void **unused) {
     (void)unused;
     simulation_config c = scene_with(1e4, 0.0);
@@ -201,12 +201,12 @@ static void stuck_shaft_is_a_rod_in_a_foundation(void **unused) {
     lockstep_free(l);
 }
 
-/* The bevel cuts in the direction given by the roll angle of the tip, not by that of the base. */
+/* The bevel cuts in the direction given by the roll of the tip, not by that of the base. */
 static void bevel_follows_the_tip(void **unused) {
     (void)unused;
     simulation_config c = scene_with(3e3, 0.0);
     c.needle.bevel_slope = 0.1;
-    c.needle.outer_diameter = 0.5e-3; /* so thin and flexible that most of the rotation twists the shaft outside the tissue */
+    c.needle.outer_diameter = 0.5e-3; /* so thin and flexible that the shaft takes up most of the rotation outside the tissue */
     c.needle.inner_diameter = 0.0;
     c.needle.youngs_modulus = 20e9;
     lockstep *l = engaged(&c);

@@ -1,4 +1,4 @@
-/* Compares the tributary lengths of the shaft and its friction in two regions with sums calculated by hand. */
+/* Compares the shaft's tributary lengths and its friction in two regions with sums worked out by hand. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -26,7 +26,7 @@ static void activate(insertion_state *s, int count) {
     }
 }
 
-/* Returns a state with contacts at 4, 10 and 11 mm and the tip at 20 mm; the second region begins at 9 mm. */
+/* Returns a state with contacts at 4, 10 and 11 mm and the tip at 20 mm. The second region begins at 9 mm. */
 static insertion_state inserted(void) {
     insertion_state state = {.stratum_count = 2, .strata = {{0.0, 0}, {9e-3, 1}}};
     activate(&state, 3);
@@ -60,7 +60,7 @@ static void tributary_lengths_meet_half_way_and_reach_the_end(void **unused) {
 }
 
 /* When the tip enters the next region, the end of the last tributary length moves from the midpoint to the boundary between the regions, no faster than the
-   tip, so that no contact represents a part of the shaft in the other region. */
+   tip. No contact must stand for a part of the shaft in the other region. */
 static void tributary_lengths_end_at_region_boundaries(void **unused) {
     (void)unused;
     insertion_state s = inserted();
@@ -74,7 +74,7 @@ static void tributary_lengths_end_at_region_boundaries(void **unused) {
         last = border;
     }
     s = inserted();
-    assert_share(&s, 0, true, 0.0, 8e-3); /* the next contact is 1 mm beyond the boundary between the regions */
+    assert_share(&s, 0, true, 0.0, 8e-3); /* the next contact is 1 mm beyond the region boundary */
     s.strata[1].depth = 6e-3;
     assert_share(&s, 0, true, 0.0, 6e-3);
     assert_share(&s, 1, true, 6e-3, 10.5e-3);

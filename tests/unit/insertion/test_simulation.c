@@ -1,5 +1,4 @@
-/* Tests that a saved state can be restored, either into the same simulation after other motions or into another simulation: the subsequent results are
-   bit-identical. */
+/* Tests restoring a saved state, into the same simulation after other motions or into another one. The results that follow must be bit-identical. */
 #include "lockstep.h"
 
 #include <setjmp.h>
@@ -10,7 +9,7 @@
 enum { MARKS = 12 };
 typedef struct { vec3 force[MARKS], torque[MARKS]; double depth[MARKS]; } recorded;
 
-/* Moves the needle sideways, deeper, back past contact nodes, and in again, so that nodes are added and removed. */
+/* Moves the needle sideways, deeper, back past contact nodes and in again, so that nodes are added and removed. */
 static recorded go_on(lockstep *l) {
     static const double way[MARKS][3] = {{1, 2, 4}, {0, 0, 4}, {-1, 0, -3}, {0, 0, -5}, {0, 1, -4}, {0, 0, 6},
                                          {0, 0, 6}, {1, -2, 5}, {0, 0, -4}, {0, 0, 3}, {0, 0, 5}, {0, 0, -20}};
@@ -92,7 +91,7 @@ static void restored_at_rest_engages_again(void **unused) {
     lockstep_free(l);
 }
 
-/* Results are bit-identical for `nested` with a stored inverse; in other cases, they agree except for rounding errors. */
+/* Bit-identical for `nested` with a stored inverse; otherwise, equal except for rounding errors. */
 static void every_method_and_inverse_can_be_restored(void **unused) {
     (void)unused;
     char directory[] = "/tmp/test_simulation.XXXXXX", command[64];
@@ -124,7 +123,7 @@ static void every_method_and_inverse_can_be_restored(void **unused) {
     assert_int_equal(system(command), 0);
 }
 
-/* For the same motion, every kind of inverse gives the same forces, and reports its kind. */
+/* For the same motion, every kind of inverse gives the same forces and reports its own kind. */
 static void every_inverse_gives_the_same_forces(void **unused) {
     (void)unused;
     char directory[] = "/tmp/test_simulation.XXXXXX", command[64];
@@ -153,7 +152,7 @@ static void every_inverse_gives_the_same_forces(void **unused) {
     assert_int_equal(system(command), 0);
 }
 
-/* As in the server, a tick with a state that is not finite returns no force, and the insertion restarts at the needle's position. */
+/* As in the server, a tick whose state is not finite returns no force, and the insertion restarts at the needle's position. */
 static void non_finite_state_restarts(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();
@@ -168,7 +167,7 @@ static void non_finite_state_restarts(void **unused) {
         assert_true(insertion_is_finite(&l->state, &l->wrench));
     }
     assert_false(l->wrench.events & EVENT_UNSTABLE);
-    assert_true(l->wrench.depth > depth && l->wrench.depth < depth + 0.0105); /* the base advanced by 10.1 mm, and the tissue yielded by part of that */
+    assert_true(l->wrench.depth > depth && l->wrench.depth < depth + 0.0105); /* the base advanced by 10.1 mm, and the tissue gave way by part of that */
     assert_true(v3_norm(l->wrench.force) > 0.1);
     lockstep_free(l);
 }

@@ -1,4 +1,4 @@
-/* Tests bevel-tip steering: its direction, its curvature, and their dependence on the parameters. */
+/* Tests bevel-tip steering: its direction, its curvature, and how they depend on the parameters. */
 #include "steering.h"
 
 #include <setjmp.h>
@@ -6,7 +6,7 @@
 #include <stddef.h>
 #include <cmocka.h>
 
-static const double FROM = 0.03, TO = 0.08; /* m, range of depths over which the track's curvature is fitted */
+static const double FROM = 0.03, TO = 0.08; /* m, depths over which the track's curvature is fitted */
 
 static double curvature_of(const steering_case *c) {
     steering_track track = steering_run(c);
@@ -16,7 +16,7 @@ static double curvature_of(const steering_case *c) {
     return curvature;
 }
 
-/* Tests the curvature fit itself on a circle of known radius. */
+/* Tests the curvature fit itself, on a circle of known radius. */
 static void curvature_of_an_arc_is_recovered(void **unused) {
     (void)unused;
     steering_track arc = {.count = 30};
@@ -36,12 +36,11 @@ static void needle_without_bevel_goes_straight(void **unused) {
                   1e3 * steering_deflection(&stiff, v3(0, 1, 0)), 1e3 * steering_deflection(&thin, v3(1, 0, 0)), 1e3 * steering_deflection(&thin, v3(0, 1, 0)));
     assert_true(fabs(steering_deflection(&stiff, v3(1, 0, 0))) < 1e-4);
     assert_true(fabs(steering_deflection(&stiff, v3(0, 1, 0))) < 1e-4);
-    assert_true(fabs(steering_deflection(&thin, v3(1, 0, 0))) < 5e-4); /* not zero, because a coarse mesh deflects a thin needle; verify_steering measures this
-                                                                          deflection */
+    assert_true(fabs(steering_deflection(&thin, v3(1, 0, 0))) < 5e-4); /* not zero: a coarse mesh deflects a thin needle (see verify_steering) */
     assert_true(fabs(steering_deflection(&thin, v3(0, 1, 0))) < 5e-4);
 }
 
-/* A bevel that faces +y steers toward -y. Rolling the base also rotates the track, though not exactly, because the mesh is not symmetric. */
+/* A bevel facing +y steers toward -y. Rolling the base rotates the track with it, though not exactly, because the mesh is not symmetric. */
 static void path_bends_away_from_the_bevels_face(void **unused) {
     (void)unused;
     double upright = 0.0;
@@ -60,7 +59,7 @@ static void path_bends_away_from_the_bevels_face(void **unused) {
     }
 }
 
-/* After half a turn, a thin needle immediately curves in the other direction. A stiff needle, whose bending decays over about 35 mm, ends where superposition
+/* After half a turn, a thin needle curves the other way at once. A stiff needle, whose bending decays over about 35 mm, ends up where superposition
    predicts. */
 static void half_turn_gives_an_s_shaped_track(void **unused) {
     (void)unused;
@@ -111,7 +110,7 @@ static void curvature_depends_on_needle_and_tissue_stiffness(void **unused) {
     }
 }
 
-/* Webster et al. 2006 report a radius of curvature of about 0.22 m for a nitinol wire with a diameter of 0.7 mm in stiff gel. The bevel slope here is 0.05. */
+/* Webster et al. 2006 report a radius of curvature of about 0.22 m for a 0.7 mm nitinol wire in stiff gel. The bevel slope here is 0.05. */
 static void thin_nitinol_matches_webster(void **unused) {
     (void)unused;
     steering_case c = steering_nitinol(0.05);

@@ -1,4 +1,4 @@
-/* Tests stiffening tissue: compares its laws with numerical integrals and with a resolved disc, and tests their effect in the tick.
+/* Tests stiffening tissue: its laws against numerical integrals and a resolved disc, and its effect in the tick.
    tests/verification/needle/verify_large_deflection.py compares the rigid needle with resolved hyperelastic elements. */
 #include "shared/allocator_calls.h"
 #include "insertion/laws/stiffening.h"
@@ -29,8 +29,8 @@ static double shear_under(double stress, double stiffening) {
     return 0.5 * (low + high);
 }
 
-/* Integrates the difference between the shear strain and its linear value over the distance from the axis or the tip; the stress at the distance rho is
-   `stress` times mu (r / rho)^power. */
+/* Integrates the shear strain in excess of its linear value over the distance from the axis or the tip. The stress at distance rho is `stress` times mu (r /
+   rho)^power. */
 static double shift_by_quadrature(double stress, double stiffening, int power) {
     const int n = 20000;
     double sum = 0.0, step = log(1e5) / n;
@@ -45,8 +45,7 @@ static void laws_are_integrals_of_the_shear(void **unused) {
     (void)unused;
     for (double stiffening = 0.05; stiffening < 100; stiffening *= 8.0)
         for (double stress = 0.05; stress < 50; stress *= 5.0) {
-            double force = stress * 2.0 * M_PI * MU * RADIUS * 0.01, stiffness = 2.0 * M_PI * MU * 0.01; /* force on 10 mm of shaft, and stiffness of the tissue
-                                                                                                            around it */
+            double force = stress * 2.0 * M_PI * MU * RADIUS * 0.01, stiffness = 2.0 * M_PI * MU * 0.01; /* 10 mm of shaft */
             stiffening_law law = stiffening_of_shaft(stiffening, RADIUS, stiffness, INFINITY);
             double expected = shift_by_quadrature(stress, stiffening, 1), got = stiffening_at(&law, force).shift;
             assert_close(got, expected, 1e-5 * fabs(expected));
@@ -59,7 +58,7 @@ static void laws_are_integrals_of_the_shear(void **unused) {
         }
 }
 
-/* Checks that the law is odd, that its tangent is its derivative up to the law's limit, and that the displacement, including its linear part, is monotonic. */
+/* Checks that the law is odd, that its tangent is its derivative up to the law's limit, and that the displacement, linear part included, is monotonic. */
 static void check_law(const stiffening_law *law, double linear, double room) {
     stiffening_shift last = {0};
     const double step = 0.01 / law->scale;
@@ -87,16 +86,16 @@ static void laws_are_smooth_and_limited(void **unused) {
     assert_int_equal(stiffening_of_tip(1.0, RADIUS, 0.03, 0.0, 6.0, 0.01).field, NOT_STIFFENING); /* bone */
 }
 
-/* Compares the law with the force (N) on a disc that is bonded to the surface of a block of 60 x 60 mm (radius x height) and pressed in, with E = 20 kPa, nu =
-   0.45 and r = 0.635 mm. The forces were computed with CalculiX (tests/verification/references/pressed_disc.py; element size at the rim 0.1 r for S = 0.2, and
-   0.3 r for S = 1). The law was fitted only to the value for S = 1 at 1.6 mm. */
+/* Compares the law with the force (N) on a disc bonded to the surface of a 60 x 60 mm block (radius x height) and pressed in, with E = 20 kPa, nu = 0.45 and
+   r = 0.635 mm. The forces were computed with CalculiX (tests/verification/references/pressed_disc.py; element size at the rim 0.1 r for S = 0.2 and 0.3 r
+   for S = 1). The law was fitted only to the value for S = 1 at 1.6 mm. */
 static void disc_matches_resolved_elements(void **unused) {
     (void)unused;
     static const struct { double stiffening, moved, force; } resolved[] = {
         {0.2, 0.4e-3, 0.01295}, {0.2, 0.6e-3, 0.01968}, {0.2, 0.8e-3, 0.02673}, {0.2, 0.9e-3, 0.03038},
         {1.0, 0.4e-3, 0.01406}, {1.0, 0.8e-3, 0.03109}, {1.0, 1.2e-3, 0.05180}, {1.0, 1.6e-3, 0.07631}, {1.0, 2.0e-3, 0.10472}, {1.0, 2.2e-3, 0.12038},
     };
-    const double disc = 1.0 / 32.2; /* m/N by linear theory; the coarser mesh gives 33.3 N/m at small dents, so the values for S = 1 are up to 3 % too stiff */
+    const double disc = 1.0 / 32.2; /* m/N, linear theory; the coarser mesh gives 33.3 N/m for small dents, so the S = 1 values are up to 3 % too stiff */
     for (int i = 0; i < (int)(sizeof resolved / sizeof *resolved); i++) {
         stiffening_law law = stiffening_of_tip(resolved[i].stiffening, RADIUS, disc, 1.0 / MU, 2.0 * M_PI, INFINITY);
         double moved = disc * resolved[i].force + stiffening_at(&law, resolved[i].force).shift;
@@ -125,11 +124,11 @@ static simulation_config stuck(double stiffening) {
     return c;
 }
 
-/* If only tissue outside the needle's path stiffens, the forces do not change. */
+/* If the only tissue that stiffens lies outside the needle's path, the forces do not change. */
 static void without_stiffening_all_bits_are_the_same(void **unused) {
     (void)unused;
     simulation_config plain = lockstep_config(), other = plain;
-    assert_string_equal(other.regions[0].name, "prostate"); /* the stiffening region, which begins at a depth of 35 mm */
+    assert_string_equal(other.regions[0].name, "prostate"); /* the region that stiffens, which begins 35 mm deep */
     other.regions[0].material.stiffening = 10.0;
     lockstep *a = lockstep_create(&plain, lockstep_start()), *b = lockstep_create(&other, lockstep_start());
     for (int i = 1; i <= 500; i++) {
@@ -164,7 +163,7 @@ static void stiffer_the_deeper_it_is_pulled(void **unused) {
     }
 }
 
-/* The base jumps by 5 mm in one tick, far more than a hand can move it in that time. */
+/* The base jumps by 5 mm in one tick, far more than a hand could move it in that time. */
 static void passes_stay_few(void **unused) {
     (void)unused;
     for (double stiffening = 0.1; stiffening <= 10; stiffening *= 10) {
@@ -195,7 +194,7 @@ static void passes_stay_few(void **unused) {
     }
 }
 
-/* In elastic or relaxing tissue, no motion of the hand extracts more work from the tissue than the hand has put in. */
+/* In elastic or relaxing tissue, no motion of the hand gets more work out of the tissue than the hand has put in. */
 static void nothing_is_gained_from_the_tissue(void **unused) {
     (void)unused;
     static const relaxation_term series[] = {{0.3, 0.02}, {0.3, 0.2}};
@@ -262,7 +261,7 @@ static void relaxing_spring_relaxes(void **unused) {
 
 enum { TICKS = 400, RUNS = 5 };
 
-/* Measures the processor time (s) of ticks that move the needle in and out by 1 mm, at no more than 50 mm/s. */
+/* Measures the CPU time (s) of ticks that move the needle in and out by 1 mm, at no more than 50 mm/s. */
 static void time_ticks(lockstep *l, double *times, double *passes) {
     pose start = l->base;
     for (int i = 0; i < TICKS; i++) {
@@ -282,7 +281,7 @@ static void time_ticks(lockstep *l, double *times, double *passes) {
 
 static int by_size(const void *a, const void *b) { return (*(const double *)a > *(const double *)b) - (*(const double *)a < *(const double *)b); }
 
-/* Measurements in linear and in stiffening tissue alternate. The times are printed but not checked, because the machine may be busy. */
+/* Alternates measurements in linear and in stiffening tissue. The times are printed but not checked, because the machine may be busy. */
 static void tick_allocates_nothing(void **unused) {
     (void)unused;
     static double times[2][RUNS * TICKS];
@@ -339,8 +338,8 @@ static void restored_simulation_continues_bit_identically(void **unused) {
 
 /* ---- the skin ----------------------------------------------------------------------------------------------------------------- */
 
-/* Presses a rigid needle against the skin of a uniform body until the puncture, with a steadily increasing force, and records the force at each millimetre.
-   Returns the displacement at the puncture, m. */
+/* Presses a rigid needle against the skin of a uniform body with a steadily increasing force until it punctures, and records the force at each millimetre.
+   Returns the displacement at puncture (m). */
 static double press(const simulation_config *given, double speed, double most, double *force, int count) {
     simulation_config c = *given;
     c.needle.youngs_modulus = 2e18;
@@ -370,8 +369,8 @@ static simulation_config one_tissue(double modulus, double stiffening, double pu
     return c;
 }
 
-/* Okamura, Simone and O'Leary 2004: indenting bovine liver by d mm, up to 16 mm, takes a force of 0.0061 d^2 + 0.0480 d N. E and S are fitted to the forces at
-   1 mm and at 16 mm; the values in between show whether the shape of the curve is correct. */
+/* Okamura, Simone and O'Leary 2004: indenting bovine liver by d mm, up to 16 mm, takes 0.0061 d^2 + 0.0480 d N. E and S are fitted to the forces at 1 mm and
+   16 mm, so the values in between test the shape of the curve. */
 static void indentation_follows_liver(void **unused) {
     (void)unused;
     enum { DEEPEST_DENT = 16 };
@@ -386,8 +385,8 @@ static void indentation_follows_liver(void **unused) {
     assert_true(worst < 0.05);
 }
 
-/* Mahvash and Dupont 2009: tissue that is loaded faster ruptures at a smaller displacement. The model reproduces this if the tissue relaxes, but always
-   ruptures at the same force, which is a constant of the membrane. */
+/* Mahvash and Dupont 2009: tissue loaded faster ruptures at a smaller displacement. The model reproduces this if the tissue relaxes, but it always ruptures
+   at the same force, which is a constant of the membrane. */
 static void faster_needle_punctures_earlier(void **unused) {
     (void)unused;
     static const relaxation_term series[] = {{0.25, 0.15}, {0.15, 2.5}};

@@ -102,7 +102,7 @@ static void tip_never_enters_bone(void **unused) {
     lockstep_free(l);
 }
 
-/* Contact nodes lie on the track in order, at least the spacing apart. Withdrawal removes them and ends outside the tissue. */
+/* Contact nodes lie on the track in order, at least the minimum spacing apart. Withdrawal removes them and ends outside the tissue. */
 static void insertion_and_retraction(void **unused) {
     (void)unused;
     lockstep *l = touching();
@@ -140,8 +140,8 @@ static void bevel_deflects_the_cut_away_from_its_face(void **unused) {
     lockstep_free(l);
 }
 
-/* Presses a needle against hard tissue at a distance of `before` (m) in front of the capsule; then the tissue stops resisting. It springs back over the tip, so
-   that the tip reaches the capsule at about 0.5 m/s, while the hand advances at 20 mm/s. */
+/* Presses a needle against hard tissue `before` (m) in front of the capsule, and then removes the tissue's resistance. The tissue springs back over the tip,
+   which reaches the capsule at about 0.5 m/s while the hand advances at 20 mm/s. */
 static lockstep *released_before_the_capsule(double before, double puncture_force) {
     simulation_config config = lockstep_config();
     config.membranes[1].puncture_force = puncture_force;
@@ -150,7 +150,7 @@ static lockstep *released_before_the_capsule(double before, double puncture_forc
     double chord = INFINITY;
     int steps = 0;
     for (bool ahead = false; !ahead || chord > before; steps++) {
-        assert_true(steps < 10000); /* 10000 steps correspond to 200 mm, and the capsule must be reached earlier */
+        assert_true(steps < 10000); /* 10000 steps are 200 mm, and the capsule is closer than that */
         lockstep_move(l, v3(0, 0, 2e-5), 1e-3, 1e-3);
         int face = tip->place.phase == TIP_INSIDE ? mesh_exit(&l->parts.mesh, tip->place.tet, tip->place.nominal, tip->place.direction, &chord) : -1;
         ahead = face >= 0 && l->parts.mesh.face_groups[tip->place.tet][face] >> l->parts.membranes[1].group & 1;
@@ -163,8 +163,7 @@ static lockstep *released_before_the_capsule(double before, double puncture_forc
     return l;
 }
 
-/* The tip stops at the capsule within the step in which it reaches the capsule. Tissue that has sprung back is pushed forward again by no more than the hand's
-   motion. */
+/* The tip stops at the capsule within the step in which it gets there. Tissue that has sprung back is pushed forward again by no more than the hand moves. */
 static void a_tip_that_springs_forward_stops_at_a_membrane(void **unused) {
     (void)unused;
     double jumps = 0.0;

@@ -1,4 +1,4 @@
-/* Tests that the direction of a recorded track varies as smoothly as the path that was cut. */
+/* Tests that a recorded track's direction varies as smoothly as the path that was cut. */
 #include "insertion/state/track_list.h"
 
 #include <setjmp.h>
@@ -15,7 +15,7 @@ static vec3 direction_at(double s) { return v3(sin(s / BEND), 0, cos(s / BEND));
 
 static double angle_between(vec3 a, vec3 b) { return atan2(v3_norm(v3_cross(a, b)), v3_dot(a, b)); }
 
-/* Records an arc with unevenly spaced points: one membrane lies just behind a point, and two membranes lie at the same position. */
+/* Records an arc with unevenly spaced points. One membrane lies just behind a point, and two membranes lie at the same position. */
 static track_list *cut_arc(void) {
     track_list *list = calloc(1, sizeof *list);
     int steps = (int)(LENGTH / STEP + 0.5);
@@ -29,7 +29,7 @@ static track_list *cut_arc(void) {
 
 static void direction_turns_evenly(void **state) {
     (void)state;
-    static const double BESIDE[] = {-1e-3, 0.0, 1e-3}; /* m, distance from the centre line of the arc */
+    static const double BESIDE[] = {-1e-3, 0.0, 1e-3}; /* m, from the centre line of the arc */
     track_list *list = cut_arc();
     assert_int_equal(list->count, 1);
     for (int k = 0; k < 3; k++) {

@@ -1,4 +1,4 @@
-/* Tests the server's intake of changes: malformed messages, floods, and the ownership of memory (under AddressSanitizer). */
+/* Tests the server's intake of changes: malformed messages, floods, and (under AddressSanitizer) memory ownership. */
 #include <poll.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -43,7 +43,7 @@ static int discard(void **state) {
 
 static unsigned char bytes[4096];
 
-/* Encodes a change into `bytes` and returns the message's size. */
+/* Encodes a change into `bytes` and returns the size of the message. */
 static size_t message(const char *values, double time) {
     trocar_change_t m = {.utime = 1, .session = 2, .seq = 3, .time = time, .values = (char *)(uintptr_t)values};
     int size = trocar_change_t_encode(bytes, 0, sizeof bytes, &m);
@@ -69,7 +69,7 @@ static void malformed_messages_are_not_decoded(void **state) {
     needle_command command;
     OK(changes_create(&in, sim, &why));
     size_t size = message("membranes[skin].puncture_force: 2", 0.5);
-    for (size_t cut = 0; cut < size; cut++) { /* copies exactly this part, so that AddressSanitizer detects reads beyond it */
+    for (size_t cut = 0; cut < size; cut++) { /* copies exactly this part, so that AddressSanitizer detects reads past its end */
         unsigned char *part = malloc(cut + 1);
         memcpy(part, bytes, cut);
         assert_int_equal(changes_take(&in, part, cut, &command), CHANGE_MALFORMED);
@@ -85,7 +85,7 @@ static void malformed_messages_are_not_decoded(void **state) {
     changes_free(&in);
 }
 
-/* Tests the check that clients make before they decode the server's values. */
+/* Tests the check that clients make before decoding the server's values. */
 static void only_whole_values_fit(void **state) {
     (void)state;
     change_intake in = {.wake = -1};
@@ -127,7 +127,7 @@ static void refusals_have_a_reason_and_no_effect(void **state) {
     changes_free(&none);
 }
 
-/* A change of moduli is passed on to the tick only after a separate thread has built a model with them; meanwhile, other changes are refused. */
+/* A change of moduli reaches the tick only after a separate thread has built a model with them. Until then, other changes are refused. */
 static void moduli_are_passed_on_later(void **state) {
     (void)state;
     change_intake in = {.wake = eventfd(0, EFD_NONBLOCK)};
@@ -156,12 +156,12 @@ static void one_change_at_a_time(void **state) {
     assert_true(first.change_time == TROCAR_CHANGE_TIME && !first.refused);
     assert_int_equal(changes_take(&in, bytes, message("membranes[skin].puncture_force: 3", 0.5), &second), CHANGE_REFUSED); /* two changes in one round */
     assert_non_null(strstr(second.why, "too many"));
-    assert_int_equal(take(&in, "membranes[skin].puncture_force: 3", 0.5, &second), CHANGE_REFUSED); /* a change that comes before the reply to the first */
+    assert_int_equal(take(&in, "membranes[skin].puncture_force: 3", 0.5, &second), CHANGE_REFUSED); /* a second change before the reply to the first */
     assert_non_null(strstr(second.why, "wait for its reply"));
     changes_settle(&in, &first);
     assert_true(skin_of(&in) == 2.0);
     assert_int_equal(take(&in, "membranes[skin].puncture_force: 3", 0.5, &second), CHANGE_PASS_ON);
-    second.refused = true; /* as if the queue of commands had been full */
+    second.refused = true; /* as if the command queue had been full */
     changes_settle(&in, &second);
     assert_true(skin_of(&in) == 2.0);
     assert_int_equal(take(&in, "regions[prostate].cutting_force: 1", 0.5, &second), CHANGE_PASS_ON);

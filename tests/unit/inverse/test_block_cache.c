@@ -41,11 +41,11 @@ static void least_recently_used_nodes_are_evicted(void **state) {
     block_cache_put(&c, 0, 1, block, 3);
     block_cache_put(&c, 1, 2, block, 3);
     assert_true(block_cache_take(&c, BLOCK_CACHE_NODES - 3, many + 3, 0, NULL)); /* full */
-    assert_true(block_cache_take(&c, 1, many + 2, 1, many + 1));                 /* uses nodes 2 and 1 again, so that node 0 is the least recently used */
+    assert_true(block_cache_take(&c, 1, many + 2, 1, many + 1));                 /* uses nodes 2 and 1 again, leaving node 0 as the least recently used */
     assert_true(block_cache_take(&c, 1, many + BLOCK_CACHE_NODES, 0, NULL));
     assert_int_equal(c.nodes.slot[0], -1);
     assert_true(block_cache_knows(&c, 2, 1));
-    assert_false(block_cache_knows(&c, BLOCK_CACHE_NODES, 1)); /* the slot of node 0 is reused, but its blocks are not */
+    assert_false(block_cache_knows(&c, BLOCK_CACHE_NODES, 1)); /* node 0's slot is reused, but its blocks are not */
     assert_true(block_cache_take(&c, 1, many, 0, NULL));
     assert_false(block_cache_knows(&c, 0, 1));
     assert_false(block_cache_take(&c, BLOCK_CACHE_NODES, many, 1, many));

@@ -1,4 +1,4 @@
-/* Tests that the cache directory of condensed inverses has a limited size. test_inverse_condensed.c tests the contents of the files. */
+/* Tests that the cache directory of condensed inverses stays within its size limit. The contents of the files are tested in test_inverse_condensed.c. */
 #include <fcntl.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -18,7 +18,7 @@
 static char directory[] = "/tmp/test_cache.XXXXXX";
 
 enum { FILES = 5, BYTES = 1000 };
-/* Files and the times (s) at which they were last used. One was written by an earlier version, one is unfinished, and one belongs to another program. */
+/* Files, with the times (s) at which they were last used. One was written by an earlier version, one is unfinished, and one belongs to another program. */
 static const struct { const char *name; long used; } files[FILES] = {
     {"condensed-00000000000000aa.inverse", 300}, {"condensed-00000000000000bb.h5", 100}, {"condensed-00000000000000cc.inverse", 200},
     {"condensed-00000000000000dd.inverse.123", 150}, {"condensed-milk.inverse", 1}};
@@ -59,7 +59,7 @@ static void least_recently_used_files_are_removed_first(void **state) {
     }
 }
 
-/* A process in another container may have the same process id and may be writing the same inverse at the same time. */
+/* A process in another container may have the same process id and be writing the same inverse at the same time. */
 static void another_writers_file_is_left_alone(void **state) {
     (void)state;
     double numbers[9] = {2, 0, 0, 0, 2, 0, 0, 0, 2};
@@ -100,7 +100,7 @@ static void room_is_checked_beforehand(void **state) {
     assert_non_null(strstr(why.text, "cannot be written"));
 }
 
-/* Unfinished files older than an hour are removed, whatever inverse they belong to; no other files are. */
+/* Unfinished files older than an hour are removed, whatever inverse they belong to. No other files are. */
 static void old_halves_are_removed(void **state) {
     (void)state;
     static const struct { const char *name; long age; bool there; } left[] = {

@@ -1,4 +1,5 @@
-/* Tests that the first picture does not wait for the factorisation if two threads simultaneously need a condensed inverse for the first time. */
+/* Tests that the first displacement field, as for a picture, does not wait for the factorisation when two threads need a condensed inverse for the first time
+   at once. */
 #include <pthread.h>
 #include <semaphore.h>
 #include <setjmp.h>
@@ -17,7 +18,7 @@
 
 enum { REGION = 30, PATIENCE = 20 }; /* s */
 
-/* While `held` is set, factorising waits until a picture has been taken. */
+/* While `held` is set, factorising waits until the displacement field has been computed. */
 static sem_t factoring, drawn;
 static bool held, was_drawn;
 
@@ -51,7 +52,7 @@ static void a_picture_does_not_wait_for_the_factorisation(void **state) {
     for (int i = 0; i < REGION; i++) region[i] = 3 + 4 * i;
     assert_non_null(mkdtemp(directory));
     assert_int_equal(cube_create(&body, 0.1, &why), TROCAR_OK);
-    for (int start = 0; start < 2; start++) { /* the first start computes the inverse, the second maps it from the file, without K */
+    for (int start = 0; start < 2; start++) { /* the first start computes the inverse; the second maps it from the file, without K */
         assert_int_equal(tissue_define(&body.mesh, body.materials, body.fixed, STRAIN_BY_ELEMENT, &t, &why), TROCAR_OK);
         assert_int_equal(inverse_create_condensed(&t, &wanted, &inv, &notice, &why), TROCAR_OK);
         if (start == 1) break;

@@ -1,5 +1,4 @@
-/* Compares conjugate gradients and their coarse space with CHOLMOD's solution, from good and bad starting points. Also tests that an unsolvable problem is
-   reported. */
+/* Compares conjugate gradients and their coarse space with CHOLMOD's solution, from good and bad starting points. An unsolvable problem must be reported. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -72,7 +71,7 @@ static void a_coarse_space_saves_steps(void **state) {
     coarse_space_free(coarse);
 }
 
-/* For the force K m of a rigid motion m of all free nodes, the solution is m itself; for any other force, the residual does no work in any rigid motion. */
+/* For the force K m of a rigid motion m of all free nodes, the solution is m itself. For any other force, the residual does no work in any rigid motion. */
 static void rigid_motions_are_found(void **state) {
     (void)state;
     coarse_space *coarse = coarse_space_create(&body.tissue);
@@ -103,7 +102,7 @@ static void rigid_motions_are_found(void **state) {
     coarse_space_free(coarse);
 }
 
-/* Each iteration also solves with the coarse space, so these solutions must not allocate memory. */
+/* The coarse space is solved in every iteration, so its solves must not allocate memory. */
 static void a_coarse_space_allocates_only_once(void **state) {
     (void)state;
     double found[N], again[N];
@@ -156,13 +155,13 @@ static void an_indefinite_matrix_is_refused(void **state) {
         cholmod_free_sparse(&indefinite, &body.tissue.common);
     }
     int start[] = {0, 2, 3}, row[] = {0, 1, 1};
-    double value[] = {1, 2, 1}, f[] = {1, -1}, u[] = {0, 0}; /* an indefinite matrix with the eigenvalues 3 and -1 */
+    double value[] = {1, 2, 1}, f[] = {1, -1}, u[] = {0, 0}; /* indefinite, with eigenvalues 3 and -1 */
     cholmod_sparse two = {.nrow = 2, .ncol = 2, .nzmax = 3, .p = start, .i = row, .x = value, .stype = -1, .itype = CHOLMOD_INT,
                           .xtype = CHOLMOD_REAL, .sorted = 1, .packed = 1};
     assert_false(conjugate_gradients(&two, NULL, TOLERANCE, STEPS, f, u));
 }
 
-/* Solves -u'' = 1 between fixed ends, for which the number of iterations increases with the number of unknowns. */
+/* Solves -u'' = 1 between fixed ends, for which the iteration count grows with the number of unknowns. */
 static void steps_are_limited(void **state) {
     (void)state;
     enum { MANY = 20000 };

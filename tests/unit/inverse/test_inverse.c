@@ -64,7 +64,7 @@ static void force_and_displacement_may_alias(void **state) {
 
 static void gathered_blocks_are_responses_to_unit_forces(void **state) {
     (void)state;
-    int rows[6] = {30, 124, 7, 62, 124, 99}, columns[3] = {62, 3, 88}; /* nodes 7 and 3 are fixed; the rows are unordered and contain repetitions */
+    int rows[6] = {30, 124, 7, 62, 124, 99}, columns[3] = {62, 3, 88}; /* nodes 7 and 3 are fixed; the rows are unordered and repeat */
     enum { LD = 11 };
     double blocks[18 * LD];
     trocar_error why;
@@ -98,7 +98,7 @@ static void all_blocks_match_lapack(void **state) {
     reference_free(&expected);
 }
 
-/* Compares the stiffness matrix that the oracles update with the inverse: their products with a vector must be consistent. */
+/* Compares the stiffness matrix that the oracles update with the inverse, through products of both with a vector. */
 static void dense_matrix_uses_the_numbering_of_the_tissue(void **state) {
     (void)state;
     size_t n = (size_t)body.tissue.dof_count;
@@ -120,7 +120,7 @@ static void dense_matrix_uses_the_numbering_of_the_tissue(void **state) {
     free(matrix);
 }
 
-/* Compares rows computed on demand with the whole matrix: one by one, several together, and as displacement fields. */
+/* Compares rows computed on demand with the whole matrix: one by one, several at once, and as displacement fields. */
 static void sparse_rows_match_dense_rows(void **state) {
     (void)state;
     trocar_error why;
@@ -145,7 +145,7 @@ static void sparse_rows_match_dense_rows(void **state) {
     inverse_free(sparse);
 }
 
-/* Uses a cache of minimum size on a mesh with several times as many nodes, so that requests for blocks evict the results of earlier requests. */
+/* Uses a cache of minimum size on a mesh with several times as many nodes, so that requests for blocks evict earlier results. */
 static void full_cache_gives_correct_results(void **state) {
     (void)state;
     enum { SIDE = 40, LD = 3 * SIDE };
@@ -165,7 +165,7 @@ static void full_cache_gives_correct_results(void **state) {
     for (int n = 0; n < 30; n++) {
         int rows[SIDE], columns[SIDE];
         static double expected[LD * LD], found[LD * LD];
-        for (int i = 0; i < SIDE; i++) rows[i] = rand() % m.node_count, columns[i] = rand() % m.node_count; /* including repeated nodes and fixed nodes */
+        for (int i = 0; i < SIDE; i++) rows[i] = rand() % m.node_count, columns[i] = rand() % m.node_count; /* including repeated and fixed nodes */
         assert_int_equal(inverse_gather(dense, &(inverse_blocks){SIDE, rows, SIDE, columns, expected, LD}, &why), TROCAR_OK);
         assert_int_equal(inverse_gather(sparse, &(inverse_blocks){SIDE, rows, SIDE, columns, found, LD}, &why), TROCAR_OK);
         for (int i = 0; i < LD * LD; i++) largest = fmax(largest, fabs(expected[i]));
@@ -182,7 +182,7 @@ static int allocations_left;
 
 static void *scarce_malloc(size_t size) { return allocations_left-- > 0 ? malloc(size) : NULL; }
 
-/* CHOLMOD's allocations fail after a given number of calls: creating the inverse must either fail cleanly or succeed. */
+/* CHOLMOD's allocations fail after a given number of calls. Creating the inverse must either fail cleanly or succeed. */
 static void sparse_inverse_reports_lack_of_memory(void **state) {
     (void)state;
     struct SuiteSparse_config_struct *config = dlsym(RTLD_DEFAULT, "SuiteSparse_config");

@@ -1,5 +1,5 @@
 /* Compares the inverse with attached needles or probes, dense and sparse, with K + P S P^T factorised from scratch, and the attachments' responses with the
-   displacements that this matrix gives. Unchanged parts must remain bit-identical. */
+   displacements this matrix gives. Parts that have not changed must stay bit-identical. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -28,7 +28,7 @@ static int all[CUBE_NODES];
 static double dense[N * N], largest;
 static trocar_error why;
 
-/* While this is set, the allocator fails. */
+/* While this is set, allocations fail. */
 static bool out_of_memory;
 void *__real_malloc(size_t size);
 void *__real_calloc(size_t count, size_t size);
@@ -39,8 +39,8 @@ void *__wrap_calloc(size_t count, size_t size) { return out_of_memory ? NULL : _
 
 #define OK(call) do { if ((call) != TROCAR_OK) fail_msg("%s: %s", #call, why.text); } while (0)
 
-/* Creates an attachment at random points with three components each; its last row is outside the tissue. The last attachment is held, the others can move
-   freely. */
+/* Creates an attachment at random points with three components each. Its last row is outside the tissue. The last attachment is held, the others are free to
+   move. */
 static void make_thing(thing *t) {
     double root[ROWS][ROWS];
     for (int i = 0; i < ROWS; i++) {
@@ -89,7 +89,7 @@ static void solve(int n, double *a, int count, double *b) {
     assert_int_equal(LAPACKE_dgesv(LAPACK_COL_MAJOR, n, count, a, n, pivots, b, n), 0);
 }
 
-/* Computes S, the forces of one attachment under displacements of its rows, one column at a time, from [G -R; R^T 0] [f q] = [d 0]. */
+/* Computes S, one attachment's forces under displacements of its rows, column by column from [G -R; R^T 0] [f q] = [d 0]. */
 static void stiffness_of(const attachment *t, double s[ROWS][ROWS]) {
     enum { M = ROWS + FREE };
     double system[M * M] = {0}, right[ROWS * M] = {0};
@@ -152,7 +152,7 @@ static void check_blocks(inverse *base) {
     inverse *inv;
     int n = body.tissue.dof_count;
     OK(inverse_create_attached(base, &inv, &why));
-    for (int set = 0; set < 4; set++) { /* from one set to the next, some attachments remain, but at other indices */
+    for (int set = 0; set < 4; set++) { /* from one set to the next, some attachments stay but move to other indices */
         double worst = 0.0;
         attach(inv, counts[set], sets[set]);
         reference(counts[set], sets[set], expected);
@@ -175,8 +175,8 @@ static void blocks_are_those_of_the_stiffness_with_the_attachments(void **state)
     check_blocks(sparse);
 }
 
-/* Displacements under nodal forces from inverse_apply, together with the forces and motions of each attachment, must close the attachment's gaps: G df = R q -
-   d, R^T df = 0, where d are the displacements of its rows due to all forces. */
+/* The displacements that inverse_apply gives for nodal forces, together with each attachment's forces and motions, must close the attachment's gaps: G df =
+   R q - d, R^T df = 0, where d are the displacements of its rows due to all forces. */
 static void forces_and_motions_close_the_gaps(void **state) {
     (void)state;
     static const int set[] = {0, 1, 2};
@@ -191,7 +191,7 @@ static void forces_and_motions_close_the_gaps(void **state) {
     assert_int_equal(inverse_attached_motions(inv), 2 * FREE);
     for (int i = 0; i < LOADS; i++) nominal[nodes[i] = 20 + 15 * i] = force[i] = cube_random_vector(1.0);
     OK(inverse_attached_response(inv, &(nodal_forces){LOADS, nodes, force}, df, q, &why));
-    out_of_memory = true; /* even if memory runs out, no attachment is omitted */
+    out_of_memory = true; /* even when memory runs out, no attachment is left out */
     inverse_apply(inv, nominal, u);
     out_of_memory = false;
     inverse_apply(body.inverse, nominal, alone);
@@ -201,7 +201,7 @@ static void forces_and_motions_close_the_gaps(void **state) {
     for (int i = 0; i < CUBE_NODES; i++) size = fmax(size, v3_norm(u[i]));
     for (int i = 0; i < ALL; i++) strength = fmax(strength, fabs(df[i]));
     for (int i = 0; i < CUBE_NODES; i++) assert_close_vector(alone[i], u[i], 1e-10 * size);
-    double d[ALL]; /* displacements of the rows by the compliances of tissue and attachments */
+    double d[ALL]; /* displacements of the rows from the compliances of tissue and attachments */
     inverse_attached_yield(inv, df, d);
     OK(inverse_attached_under(inv, &(nodal_forces){LOADS, nodes, force}, d, &why));
     for (int t = 0; t < THINGS; t++) {
@@ -230,7 +230,7 @@ static void forces_and_motions_close_the_gaps(void **state) {
     inverse_free(inv);
 }
 
-/* A unit displacement of one row, without other loads, opens the gap of that row by one and leaves all other gaps closed. */
+/* A unit displacement of one row, without other loads, opens that row's gap by one and leaves all other gaps closed. */
 static void columns_close_the_gaps_but_one(void **state) {
     (void)state;
     static const int set[] = {0, 1, 2}, rows[] = {4, 9, 25};
@@ -255,7 +255,7 @@ static void columns_close_the_gaps_but_one(void **state) {
     inverse_free(inv);
 }
 
-/* Needles are attached and detached in random order: only the final set matters, and with nothing attached the blocks are bit-identical to those of the base
+/* Needles are attached and detached in random order. Only the final set matters, and with nothing attached the blocks are bit-identical to those of the base
    inverse. */
 static void a_thousand_changes_leave_no_trace(void **state) {
     (void)state;

@@ -1,4 +1,4 @@
-/* Tests which inverse is chosen, and the reason given for the choice, in every case. */
+/* Tests, for every case, which inverse is chosen and the reason given. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>

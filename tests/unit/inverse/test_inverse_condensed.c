@@ -1,4 +1,4 @@
-/* Compares the condensed inverse with the dense one inside the region, across its boundary and outside, when it is computed, read from the cache, and
+/* Compares the condensed inverse with the dense one inside the region, across its boundary and outside, whether it is computed, read from the cache, or
    recomputed because the file is corrupt. */
 #include <fcntl.h>
 #include <setjmp.h>
@@ -30,9 +30,9 @@ static double memory_ever = 1e12;
 double __wrap_memory_most(void);
 double __wrap_memory_most(void) { return memory_ever; }
 
-/* Behaviour of the coarse space: normal, out of memory, or misleading (as for a gland 2000 times stiffer than its surroundings at nu = 0.499). */
+/* How the coarse solve behaves: normal, out of memory, or misleading (as for a gland 2000 times as stiff as its surroundings at nu = 0.499). */
 static enum { COARSE_WORKS, COARSE_FAILS, COARSE_MISLEADS, COARSE_IS_NOT_FINITE } coarse_way;
-static int coarse_calls, coarse_good; /* number of calls, and number of initial calls that always succeed */
+static int coarse_calls, coarse_good; /* calls so far, and how many initial calls succeed */
 bool __real_coarse_space_solve(coarse_space *c, const double *force, double *motion);
 bool __wrap_coarse_space_solve(coarse_space *c, const double *force, double *motion);
 bool __wrap_coarse_space_solve(coarse_space *c, const double *force, double *motion) {
@@ -76,7 +76,7 @@ typedef struct {
     char path[1200];         /* path of the cache file */
 } condensed;
 
-/* Starts as a new process would, with nothing but the file of the previous start. */
+/* Starts as a new process would, with only the file from the previous start. */
 static void start(condensed *c, double stiffness) {
     trocar_error why;
     static region_material materials[2];
@@ -129,7 +129,7 @@ static void reading_a_file_updates_its_time_of_use(void **state) {
     assert_int_equal(unlink(c.path), 0);
 }
 
-/* Solves for three fields, each but the first starting from the previous one. The second is that of zero force. */
+/* Solves for three fields, each but the first starting from the one before. The second is that of zero force. */
 static void fields_need_no_factorisation(void **state) {
     (void)state;
     condensed c;
@@ -148,12 +148,12 @@ static void fields_need_no_factorisation(void **state) {
     assert_int_equal(unlink(c.path), 0);
 }
 
-/* After a failure of the coarse solve, fields are computed without the coarse space, including those that start from the last field, and the coarse space is
-   not tried again. */
+/* After the coarse solve has failed, fields are computed without the coarse space, including those that start from the last field, and it is not tried
+   again. */
 static void a_coarse_space_that_does_not_help_is_given_up(void **state) {
     (void)state;
     for (coarse_way = COARSE_FAILS; coarse_way <= COARSE_IS_NOT_FINITE; coarse_way++)
-        for (coarse_good = 0; coarse_good <= 10; coarse_good += 10) { /* the coarse solve fails from the first iteration (0), or after 10 iterations */
+        for (coarse_good = 0; coarse_good <= 10; coarse_good += 10) { /* the coarse solve fails at once (0) or after 10 iterations */
             condensed c;
             vec3 force[CUBE_NODES], expected[CUBE_NODES], found[CUBE_NODES];
             start(&c, 1.0);
@@ -174,7 +174,7 @@ static void a_coarse_space_that_does_not_help_is_given_up(void **state) {
     coarse_way = COARSE_WORKS;
 }
 
-/* The error in an entry is small compared with the compliances of its two nodes, and the file is half as large. Diagonal blocks are exactly symmetric. */
+/* An entry's error is small compared with the compliances of its two nodes, and the file is half as large. Diagonal blocks are exactly symmetric. */
 static void single_precision_takes_half_the_room(void **state) {
     (void)state;
     condensed c;
@@ -208,7 +208,7 @@ static void single_precision_takes_half_the_room(void **state) {
     assert_int_equal(unlink(c.path), 0);
 }
 
-/* In single precision, the factor of a very stiff body is infinite and its inverse is zero. Such an inverse is neither used nor cached. */
+/* In single precision, a very stiff body's factor is infinite and its inverse is zero. Such an inverse is neither used nor cached. */
 static void overflow_is_an_error(void **state) {
     (void)state;
     static const double factors[] = {1e70, 1e-70};
@@ -230,7 +230,7 @@ static void overflow_is_an_error(void **state) {
     }
 }
 
-/* The inverse is read from the file without factorising; only nodes outside the region require a factor. */
+/* The inverse is read from the file without factorising. Only nodes outside the region need a factor. */
 static void second_start_needs_no_factorisation(void **state) {
     (void)state;
     condensed c;
@@ -253,7 +253,7 @@ static void second_start_needs_no_factorisation(void **state) {
     assert_int_equal(unlink(c.path), 0);
 }
 
-/* Nodes outside the region require a factor. If the factorisation fails, the failure is reported; no zero displacements are returned. */
+/* Nodes outside the region need a factor. If factorising fails, the failure is reported and no zero displacements are returned. */
 static void failed_factorisation_is_reported(void **state) {
     (void)state;
     condensed c;
@@ -346,7 +346,7 @@ static void different_tissues_use_different_files(void **state) {
     assert_true(says(&stiff, "written to"));
     stop(&stiff);
     assert_string_not_equal(soft.path, stiff.path);
-    assert_int_equal(rename(stiff.path, soft.path), 0); /* a stale file: its name is correct, but it belongs to another tissue */
+    assert_int_equal(rename(stiff.path, soft.path), 0); /* a stale file: right name, but for another tissue */
     start(&soft, 1.0);
     assert_true(says(&soft, "damaged"));
     assert_blocks(&soft, REGION, region);
@@ -354,7 +354,7 @@ static void different_tissues_use_different_files(void **state) {
     assert_int_equal(unlink(soft.path), 0);
 }
 
-/* Checks that no inverse can be computed for the body's own tissue; the caller frees the tissue. */
+/* Checks that no inverse can be computed for the body's own tissue. The caller frees the tissue. */
 static trocar_error refused(tissue *t, condensed_region wanted, trocar_status expected) {
     inverse *inv;
     trocar_error notice, why;
@@ -365,8 +365,8 @@ static trocar_error refused(tissue *t, condensed_region wanted, trocar_status ex
     return why;
 }
 
-/* The error occurs before the elimination. The message contains the required and the available memory, the remedy and, for a file from another machine, its
-   path. The same holds for the whole factor. */
+/* The error occurs before the elimination. Its message gives the memory needed and available, the remedy and, for a file from another machine, its path. The
+   same goes for the whole factor. */
 static void too_little_memory_is_reported_beforehand(void **state) {
     (void)state;
     tissue t;
@@ -398,7 +398,7 @@ static void more_than_the_machine_has_is_bad_input(void **state) {
     tissue_free(&t);
 }
 
-/* If there was too little memory for the factor when a node outside the region was first needed, there may be enough later. */
+/* Even if there was too little memory for the factor when a node outside the region was first needed, factorising is tried again later. */
 static void a_passing_shortage_is_not_final(void **state) {
     (void)state;
     condensed c;

@@ -1,4 +1,4 @@
-/* Compares half-solves with the dense inverse: every block is a product of half-solves, whichever nodes are eliminated last. */
+/* Compares half-solves with the dense inverse. Every block is a product of half-solves, whichever nodes are eliminated last. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -32,7 +32,7 @@ static int destroy(void **state) {
     return 0;
 }
 
-/* Assembles and factorises the matrix; the `last_count` nodes starting at node 40, if any, are eliminated last. */
+/* Assembles and factorises the matrix. The `last_count` nodes from node 40 on, if any, are eliminated last. */
 static void assemble_and_factor(int last_count, tissue *t) {
     trocar_error why;
     int last[LAST];

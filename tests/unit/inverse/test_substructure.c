@@ -1,5 +1,5 @@
-/* Compares the region's stiffness after the elimination of all other nodes with LAPACK's inverse of the whole matrix and, on a larger mesh with fronts of
-   several panels, with CHOLMOD's factor. Compares the memory estimate with the amount that malloc reports. */
+/* Compares the region's stiffness after eliminating all other nodes with LAPACK's inverse of the whole matrix and, on a larger mesh with fronts of several
+   panels, with CHOLMOD's factor. Also compares the memory estimate with what malloc reports. */
 #include <cblas.h>
 #include <lapacke.h>
 #include <malloc.h>
@@ -17,19 +17,18 @@
 
 #include "check.h"
 
-enum { CELLS = 8, SIDE = CELLS + 1, BOX = SIDE * SIDE * SIDE }; /* number of cells along an edge of the box, enough for the dissection to divide it several
-                                                                   times */
+enum { CELLS = 8, SIDE = CELLS + 1, BOX = SIDE * SIDE * SIDE }; /* cells along an edge of the box, enough for the dissection to divide it several times */
 static const region_material materials[2] = {{.youngs_modulus = 15e3, .poisson_ratio = 0.45}, {.youngs_modulus = 60e3, .poisson_ratio = 0.3}};
 
 typedef struct {
-    int cells;               /* number of cells along each edge */
+    int cells;               /* cells along each edge */
     vec3 corner, spacing;
     quat turn;
 } box;
 
 static int cubed(int n) { return n * n * n; }
 
-/* Creates a mesh of boxes that do not touch, with Kuhn's six tetrahedra per cell; the lower part is soft, the upper part stiff. */
+/* Creates a mesh of boxes that do not touch, with Kuhn's six tetrahedra per cell. The lower part is soft, the upper part stiff. */
 static mesh mesh_of(int count, const box *boxes) {
     static const int orders[6][3] = {{0, 1, 2}, {1, 2, 0}, {2, 0, 1}, {0, 2, 1}, {2, 1, 0}, {1, 0, 2}};
     trocar_error why;
@@ -64,7 +63,7 @@ static mesh mesh_of(int count, const box *boxes) {
 
 static box upright(int cells, double x) { return (box){cells, v3(x, 0.0, 0.0), v3(0.01, 0.01, 0.01), q_exp(v3(0.0, 0.0, 0.0))}; }
 
-/* Creates one box, or two boxes next to each other. */
+/* Creates one box, or two side by side. */
 static mesh boxes(int count) { return mesh_of(count, (box[]){upright(CELLS, 0.0), upright(CELLS, 0.1)}); }
 
 /* Returns K^-1, dof_count x dof_count. */
@@ -135,7 +134,7 @@ static bool in_column(const mesh *m, int n, int box) {
     return n / BOX == box && fabs(m->nodes[n].x - 0.1 * box - 0.04) < 0.015 && fabs(m->nodes[n].y - 0.04) < 0.015;
 }
 
-/* Tests these regions: a column through the body, starting at its fixed face; scattered nodes; two separate pieces; a single node; all nodes. */
+/* Tests these regions: a column through the body that starts at its fixed face, scattered nodes, two separate pieces, a single node, and all nodes. */
 static void regions_agree_with_the_whole_inverse(void **state) {
     (void)state;
     static bool fixed[BOX];
@@ -155,7 +154,7 @@ static void regions_agree_with_the_whole_inverse(void **state) {
     mesh_free(&m);
 }
 
-/* With two bodies, the region contains nodes of one body only, whichever body is eliminated first; or it contains nodes of both. */
+/* With two bodies, the region has nodes of only one, whichever body is eliminated first, or of both. */
 static void bodies_may_be_apart(void **state) {
     (void)state;
     static bool fixed[2 * BOX];
@@ -171,7 +170,7 @@ static void bodies_may_be_apart(void **state) {
     mesh_free(&m);
 }
 
-/* Tests a body that is not fixed, or that can rotate about two nodes, with the region inside it or in another body. */
+/* Tests a body that is not fixed or can rotate about two nodes, with the region inside it or in another body. */
 static void loose_body_is_refused(void **state) {
     (void)state;
     static int region[BOX];
@@ -199,15 +198,15 @@ static void loose_body_is_refused(void **state) {
     mesh_free(&m);
 }
 
-/* Returns a random number below `below`, from a generator that no library affects (METIS calls srand). */
+/* Returns a random number below `below` from a generator that no library touches (METIS calls srand). */
 static unsigned any(unsigned below) {
     static unsigned long long state = 1;
     state = state * 6364136223846793005ULL + 1442695040888963407ULL;
     return (unsigned)(state >> 33) % below;
 }
 
-/* Tests a body of about ten nodes next to one of thousands. The small body lies inside or outside the region, and can rotate about an axis of arbitrary
-   direction through two fixed nodes. */
+/* Tests a body of about ten nodes next to one of thousands. The small body lies inside or outside the region, and can rotate about an arbitrary axis through
+   two fixed nodes. */
 static void small_loose_piece_is_refused(void **state) {
     (void)state;
     enum { LARGE = 12, BESIDE = (LARGE + 1) * (LARGE + 1) * (LARGE + 1), MOST = BESIDE + 27, TRIALS = 10 };
@@ -248,14 +247,14 @@ static void note_memory(const char *what, double fraction, void *context) {
     most_used = fmax(most_used, (double)now.uordblks + (double)now.hblkhd);
 }
 
-/* Starts counting, and returns the memory in use. */
+/* Starts counting, and returns the memory currently in use. */
 static double begin_counting(void) {
     most_used = 0.0;
     note_memory("", 0.0, NULL);
     return most_used;
 }
 
-/* Checks that the prediction covers the memory used and exceeds it by at most half. Has no effect under sanitizers, which replace malloc. */
+/* Checks that the prediction covers the memory used and exceeds it by at most half. Does nothing under sanitizers, which replace malloc. */
 static void assert_predicted(double predicted, double used) {
     if (mallinfo2().uordblks == 0) return;
     assert_true(predicted >= used);
@@ -298,7 +297,7 @@ static double *column_by_factor(tissue *t, const int *nodes, int count, size_t c
     return values;
 }
 
-/* Tests a narrow region, whose triangle is full, and a region wide enough to have inner nodes, each with and without a team of threads. */
+/* Tests a narrow region, whose triangle is full, and one wide enough to have inner nodes, each with and without a team of threads. */
 static void large_fronts_agree_with_the_factor(void **state) {
     (void)state;
     enum { LARGE = 16, ALL = (LARGE + 1) * (LARGE + 1) * (LARGE + 1), COLUMNS = 5 };
@@ -350,7 +349,7 @@ static void large_fronts_agree_with_the_factor(void **state) {
     mesh_free(&m);
 }
 
-/* Tests several panels with empty blocks between them, in single and double precision, with one thread and with two. */
+/* Tests several panels with empty blocks in between, in single and double precision, with one thread and with two. */
 static void inverse_of_a_wide_region_agrees_with_the_factor(void **state) {
     (void)state;
     enum { LARGE = 16, ALL = (LARGE + 1) * (LARGE + 1) * (LARGE + 1), COLUMNS = 7 };
@@ -431,7 +430,7 @@ static void note_blas_threads(const char *what, double fraction, void *context) 
     shown++;
 }
 
-/* The number of BLAS threads is a setting of the whole process, and another thread may be condensing at the same time. */
+/* The number of BLAS threads is set for the whole process, and another thread may be condensing at the same time. */
 static void condensing_leaves_blas_alone(void **state) {
     (void)state;
     static bool fixed[BOX];
@@ -467,6 +466,6 @@ int main(void) {
         cmocka_unit_test(memory_of_condensing_is_predicted),
         cmocka_unit_test(condensing_leaves_blas_alone),
     };
-    openblas_set_num_threads(1); /* the setting that a simulation uses for meshes of this size */
+    openblas_set_num_threads(1); /* what a simulation uses for meshes of this size */
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -85,19 +85,19 @@ static void inconsistent_fragments_are_malformed(void **unused) {
     expect_fragment(good, PACKET_GOOD);
     fragment f = good;
     f.part = 501;
-    expect_fragment(f, PACKET_MALFORMED);                                        /* a fragment that extends beyond the end of the message */
+    expect_fragment(f, PACKET_MALFORMED);                                        /* a fragment that extends past the end of the message */
     expect_fragment((fragment){1000, 0xffffff00, 1, 2, NULL, 0x200}, PACKET_MALFORMED); /* liblcm's sum overflows */
     expect_fragment((fragment){1000, 0xffffff00, 0, 2, c, 0x200}, PACKET_MALFORMED);
-    expect_fragment((fragment){1000, 500, 2, 2, NULL, 500}, PACKET_MALFORMED);   /* the third fragment of a message of two fragments */
-    expect_fragment((fragment){1000, 0, 1, 2, NULL, 500}, PACKET_MALFORMED);     /* a second fragment that claims offset 0 */
-    expect_fragment((fragment){1000, 0, 0, 0, c, 500}, PACKET_MALFORMED);        /* the first fragment of a message of zero fragments */
+    expect_fragment((fragment){1000, 500, 2, 2, NULL, 500}, PACKET_MALFORMED);   /* third fragment of a message with two fragments */
+    expect_fragment((fragment){1000, 0, 1, 2, NULL, 500}, PACKET_MALFORMED);     /* second fragment that claims offset 0 */
+    expect_fragment((fragment){1000, 0, 0, 0, c, 500}, PACKET_MALFORMED);        /* first fragment of a message with no fragments */
     expect_fragment((fragment){1000, 500, 1, 2, NULL, 0}, PACKET_MALFORMED);     /* empty */
     expect_fragment((fragment){0, 0, 0, 2, c, 0}, PACKET_MALFORMED);
-    expect_fragment((fragment){1000, 0, 0, 2, NULL, 200}, PACKET_MALFORMED);     /* the channel name is not terminated */
+    expect_fragment((fragment){1000, 0, 0, 2, NULL, 200}, PACKET_MALFORMED);     /* channel name not terminated */
     expect_fragment((fragment){200000, 0, 0, 2, c, 500}, PACKET_MALFORMED);      /* too few fragments for the message's size */
-    expect_fragment((fragment){1 << 28, 0, 0, 5000, c, 500}, PACKET_MALFORMED);  /* a size of 256 MB, which liblcm would allocate */
+    expect_fragment((fragment){1 << 28, 0, 0, 5000, c, 500}, PACKET_MALFORMED);  /* 256 MB, which liblcm would allocate */
     packet p = packet_of(good);
-    for (p.size = 4; p.size <= 20; p.size++) expect(p, &anything, PACKET_MALFORMED); /* the packet is shorter than a header */
+    for (p.size = 4; p.size <= 20; p.size++) expect(p, &anything, PACKET_MALFORMED); /* shorter than a header */
 }
 
 static void program_receives_its_channels_only(void **unused) {
@@ -109,7 +109,7 @@ static void program_receives_its_channels_only(void **unused) {
     expect(packet_of((fragment){1000, 500, 1, 2, NULL, 500}), &poses, PACKET_UNWANTED);
 }
 
-/* Repeats the arithmetic of liblcm 1.3.1: for every accepted packet, liblcm must copy only within the packet and the message. */
+/* Repeats the arithmetic of liblcm 1.3.1: for every accepted packet, liblcm may only copy within the packet and the message. */
 static void liblcm_would_stay_within_its_buffers(const packet *p) {
     uint32_t word[5];
     memcpy(word, p->bytes, sizeof word);
@@ -127,7 +127,7 @@ static uint32_t draw(void) {
     return state ^= state << 5;
 }
 
-/* Returns either a number close to one of the limits or an arbitrary number. */
+/* Returns a number close to one of the limits, or an arbitrary one. */
 static uint32_t draw_number(void) {
     static const uint32_t edges[] = {0, 1, 2, 19, 20, 63, 64, 500, 1000, 65487, 1 << 24, 1 << 28, UINT32_MAX};
     uint32_t edge = edges[draw() % (sizeof edges / sizeof *edges)];
@@ -144,7 +144,7 @@ static void random_fragments(void **unused) {
     for (int i = 0; i < 1000000; i++) {
         packet p;
         p.size = 4 + draw() % 116;
-        memset(p.bytes, draw() % 2 ? 'x' : 0, 300); /* the rest of the buffer, left from a previous packet */
+        memset(p.bytes, draw() % 2 ? 'x' : 0, 300); /* rest of the buffer, left over from a previous packet */
         p.bytes[299] = 0;
         memcpy(p.bytes, "LC03", 4);
         put_32(p.bytes + 8, draw_number());
@@ -187,7 +187,7 @@ static void only_malformed_lcm_packets_are_dropped(void **unused) {
     assert_int_equal(received(sender, receiver, bad), 0);
     assert_int_equal(lcm_filter_dropped() - before, 1);
 
-    assert_int_equal(socketpair(AF_UNIX, SOCK_DGRAM, 0, pair), 0); /* these are not UDP sockets, so they are not LCM's */
+    assert_int_equal(socketpair(AF_UNIX, SOCK_DGRAM, 0, pair), 0); /* not UDP sockets, so not LCM's */
     assert_int_equal(received(pair[0], pair[1], bad), bad.size);
 
     lcm_filter_restrict(&poses);
@@ -197,7 +197,7 @@ static void only_malformed_lcm_packets_are_dropped(void **unused) {
     close(sender), close(receiver), close(pair[0]), close(pair[1]);
 }
 
-/* URLs are parsed in the same way as in liblcm 1.3.1. */
+/* URLs are parsed as liblcm 1.3.1 does. */
 static void urls_without_a_ttl_are_for_this_machine(void **unused) {
     (void)unused;
     static const struct { const char *url; bool local; uint16_t port; } urls[] = {
@@ -218,8 +218,8 @@ static void urls_without_a_ttl_are_for_this_machine(void **unused) {
     assert_true(lcm_filter_is_local(NULL, &port) && port == 7667);
 }
 
-/* On a port that accepts only local datagrams, datagrams from this machine pass and are not counted as coming from another machine.
-   tests/system/test_other_machine.sh tests datagrams from other machines. */
+/* On a port that accepts only local datagrams, those from this machine pass and are not counted as coming from another. Datagrams from other machines are
+   tested in tests/system/test_other_machine.sh. */
 static void datagrams_of_this_machine_pass(void **unused) {
     (void)unused;
     static const packet_wishes marked = {.origin = {"TROCAR_COMMAND", "REMOTE_COMMAND"}};

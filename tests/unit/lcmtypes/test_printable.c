@@ -1,4 +1,4 @@
-/* Tests that text received from the network cannot control a terminal. */
+/* Tests that text from the network cannot control a terminal. */
 #include "printable.h"
 
 #include <stdio.h>
@@ -22,7 +22,7 @@ static void control_characters_are_replaced(void **unused) {
     expect("", "");
     expect("host, process 7", "host, process 7");
     expect("\033[2J\033]0;title\007gone\r\n\t\x7f", "?[2J?]0;title?gone????");
-    expect("\xc2\x9b" "31m", "??31m"); /* U+009B combines escape and bracket in one character */
+    expect("\xc2\x9b" "31m", "??31m"); /* U+009B is escape and bracket in one character */
 }
 
 static void letters_of_any_language_remain(void **unused) {
@@ -35,7 +35,7 @@ static void letters_of_any_language_remain(void **unused) {
 static void bytes_that_form_no_character_are_replaced(void **unused) {
     (void)unused;
     expect("a\xff" "b", "a?b");
-    expect("\xc3", "?");                /* truncated, as by a copy into a shorter buffer */
+    expect("\xc3", "?");                /* cut off, as by a copy into a shorter buffer */
     expect("\xe6\x9d", "??");
     expect("\xc0\xaf", "??");           /* an overlong encoding */
     expect("\xe0\x80\x9b[", "???[");

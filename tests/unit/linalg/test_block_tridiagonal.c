@@ -15,7 +15,7 @@ typedef struct { int size; double a[MOST][MOST]; } dense;
 
 static double uniform(void) { return 2.0 * rand() / RAND_MAX - 1.0; }
 
-/* Creates random symmetric blocks, some with zeros on the diagonal, so that the matrix is indefinite and the factorisation needs pivoting. */
+/* Creates random symmetric blocks, some with zeros on the diagonal. The matrix is indefinite, and factorising it needs pivoting. */
 static void fill(int count, block_tridiagonal *chain, dense *whole) {
     memset(chain, 0, sizeof *chain);
     memset(whole, 0, sizeof *whole);
@@ -33,7 +33,7 @@ static void fill(int count, block_tridiagonal *chain, dense *whole) {
             }
 }
 
-/* Solves in place, with pivoting over all rows of the matrix. */
+/* Solves in place, pivoting over all rows of the matrix. */
 static void solve_dense(dense m, double *x) {
     for (int p = 0; p < m.size; p++) {
         int best = p;

@@ -1,4 +1,4 @@
-/* Tests that elimination with wide vectors gives results bit-identical to those of the portable kernels, and agrees entry by entry with the definition. */
+/* Tests that elimination with wide vectors is bit-identical to the portable kernels and agrees entry by entry with the definition. */
 #include "linalg/elimination.h"
 
 #include <math.h>
@@ -17,13 +17,13 @@ static _Alignas(CACHE_LINE) matrix given, portable, widest, plain;
 
 static double draw(void) { return (double)rand() / RAND_MAX - 0.5; }
 
-/* Creates a matrix with random values even in unused entries, below the diagonal and behind the right-hand side, as left by earlier ticks. */
+/* Creates a matrix with random values even in unused entries, below the diagonal and after the right-hand side, as earlier ticks would leave them. */
 static void make(int order) {
     for (int i = 0; i < ELIMINATION_SIZE(MOST_ORDER); i++)
         for (int j = 0; j < LD; j++) given[i][j] = draw() + (i == j ? order : 0.0);
 }
 
-/* Copies the matrix into `a` and eliminates it: the first `pairs` rows in pairs, each of which is first rotated slightly, and the others one by one. */
+/* Copies the matrix into `a` and eliminates it: the first `pairs` rows in pairs, each rotated slightly first, and the others one by one. */
 static void eliminate(elimination_kernel *eliminate_after_panel, int order, int pairs, matrix a) {
     static elimination_panel panel;
     symmetric_system s = {a, order};
@@ -46,7 +46,7 @@ static void eliminate(elimination_kernel *eliminate_after_panel, int order, int 
     }
 }
 
-/* Eliminates row by row according to the definition, without panels. */
+/* Eliminates row by row, by definition, without panels. */
 static void eliminate_plainly(int order, int pairs, matrix a) {
     memcpy(a, given, sizeof given);
     for (int i = 0; i < order; i += i < pairs ? 2 : 1) {
@@ -65,7 +65,7 @@ static void eliminate_plainly(int order, int pairs, matrix a) {
     }
 }
 
-/* number of unknowns, and the number of those eliminated in pairs */
+/* number of unknowns, and how many of them are eliminated in pairs */
 static const int ORDERS[][2] = {{1, 0}, {3, 2}, {7, 4}, {16, 10}, {31, 20}, {92, 60}, {181, 120}, {244, 162}};
 
 static bool in_a_pair(int i, int j, int pairs) { return j == i + 1 && i % 2 == 0 && j < pairs; }
@@ -88,7 +88,7 @@ static void rows_are_those_of_the_definition(void **state) {
 
 static void wider_vectors_give_the_same_bits(void **state) {
     (void)state;
-    if (elimination_kernel_here() == elimination_portable) skip(); /* there is no wide-vector kernel for this processor */
+    if (elimination_kernel_here() == elimination_portable) skip(); /* no wide-vector kernel for this processor */
     srand(2);
     for (size_t c = 0; c < sizeof ORDERS / sizeof *ORDERS; c++) {
         int order = ORDERS[c][0], pairs = ORDERS[c][1];

@@ -1,4 +1,4 @@
-/* Compares elimination in several panels, of all pivots or only some of them, with LAPACK's Cholesky factorisation of the whole matrix. */
+/* Compares elimination in several panels, of all pivots or only some, with LAPACK's Cholesky factorisation of the whole matrix. */
 #include <lapacke.h>
 #include <math.h>
 #include <setjmp.h>
@@ -16,7 +16,7 @@
 
 enum { N = 1300, COLUMNS = 1260, PIVOTS = 700 }; /* panels of 576 and 124 pivots, and 560 other columns */
 
-/* Returns A + A^T + 2 N 1, where the entries of A are random in [0, 1], in column-major order. */
+/* Returns A + A^T + 2 N 1 in column-major order, with random entries of A in [0, 1]. */
 static double *random_matrix(void) {
     double *a = calloc((size_t)N * N, sizeof *a);
     for (int j = 0; j < N; j++)

@@ -112,7 +112,7 @@ static void logarithm_undoes_exponential(void **state) {
             assert_close_vector(q_log(q), r, 1e-15 + 1e-14 * angles[i]);
             assert_close_vector(q_log(opposite), r, 1e-15 + 1e-14 * angles[i]); /* the same rotation */
         }
-    vec3 beyond = q_log(q_exp(v3(0, 0, 1.5 * M_PI))); /* a rotation by three quarters of a turn equals a quarter turn in the opposite direction */
+    vec3 beyond = q_log(q_exp(v3(0, 0, 1.5 * M_PI))); /* three quarters of a turn are a quarter turn the other way */
     assert_close_vector(beyond, v3(0, 0, -0.5 * M_PI), 1e-14);
 }
 
@@ -123,7 +123,7 @@ static void assert_close_quat(quat a, quat b) {
     for (int i = 0; i < 4; i++) assert_true(fabs(differences[i]) < 1e-14);
 }
 
-/* Tests small and large angles in the same set, and quaternions of either sign. */
+/* Tests small and large angles in one set, with quaternions of either sign. */
 static void four_at_once_are_as_one_by_one(void **state) {
     (void)state;
     for (int n = 0; n < 1000; n++) {

@@ -26,7 +26,7 @@ static void centreline_is_smooth(void **unused) {
     free(tangent);
 }
 
-/* The position and frame of a point on the needle move with the base. */
+/* Position and frame of a point on the needle move with the base. */
 static void centreline_of_a_needle_at_rest_is_straight(void **unused) {
     (void)unused;
     pose base = {v3(0.3, -0.2, 0.1), q_exp(v3(0.7, -1.1, 2.0))};

@@ -19,7 +19,7 @@ static void small_deflection_matches_a_cantilever(void **unused) {
     bend(&model, &state, v3(0, 1e-4, 0), tangent);
     double expected = 1e-4 * pow(0.2, 3) / (3.0 * model.bending);
     assert_true(fabs(tip(&model, &state).y / expected - 1.0) < 5e-4); /* the discretisation error is 1/(2 N^2) = 3e-4 */
-    /* The tangent compliance itself gives the same deflection. */
+    /* The tangent compliance gives the same deflection. */
     assert_true(fabs(tangent->compliance[3 * 40 + 1][3 * 40 + 1] / (pow(0.2, 3) / (3.0 * model.bending)) - 1.0) < 1e-3);
     /* The compliance between an inner joint and the tip is a^2 (3 L - a) / (6 EI). */
     double a = 0.1;
@@ -43,7 +43,7 @@ static void large_deflection_follows_the_elastica(void **unused) {
     }
 }
 
-/* Under an axial load below Euler's load pi^2 EI / (4 L^2), the lateral compliance is tan(kL)/(k P) - L/P. */
+/* Under an axial load below Euler's load, pi^2 EI / (4 L^2), the lateral compliance is tan(kL)/(k P) - L/P. */
 static void axial_load_softens_like_a_beam_column(void **unused) {
     (void)unused;
     needle_model model = make(60);
@@ -54,7 +54,7 @@ static void axial_load_softens_like_a_beam_column(void **unused) {
     needle_set_straight(&model, (pose){v3(0, 0, 0), {1, 0, 0, 0}}, &state);
     double euler = M_PI * M_PI * model.bending / (4 * 0.04);
     for (int c = 0; c < 3; c++) {
-        double compression = (double[]){0.3, 0.8, 2.0}[c] * euler; /* the last load exceeds the buckling load and gives a negative compliance */
+        double compression = (double[]){0.3, 0.8, 2.0}[c] * euler; /* the last load is beyond buckling, so the compliance is negative */
         load[60] = v3(0, 0, -compression);
         needle_linearise(&model, &state, load, 0, tangent);
         double k = sqrt(compression / model.bending), expected = tan(k * 0.2) / (k * compression) - 0.2 / compression;
@@ -63,7 +63,7 @@ static void axial_load_softens_like_a_beam_column(void **unused) {
     free(tangent);
 }
 
-/* For a bent and compressed needle, the compliance computed from the first joint onwards equals that of the whole needle. */
+/* For a bent and compressed needle, computing the compliance from the first joint on gives the same as for the whole needle. */
 static void compliance_does_not_depend_on_the_first_joint(void **unused) {
     (void)unused;
     needle_model model = make(40);
@@ -83,14 +83,14 @@ static void compliance_does_not_depend_on_the_first_joint(void **unused) {
     for (int first = 1; first <= 39; first++) {
         needle_linearise(&model, &state, load, first, part);
         for (int i = 3 * first; i < 3 * 41; i++)
-            for (int j = 3 * (i / 3 - 2 > first ? i / 3 - 2 : first); j < 3 * 41; j++) /* the upper triangle and two joints below the diagonal are compared */
+            for (int j = 3 * (i / 3 - 2 > first ? i / 3 - 2 : first); j < 3 * 41; j++) /* compares the upper triangle and two joints below the diagonal */
                 assert_true(fabs(part->compliance[i][j] - whole->compliance[i][j]) < 1e-12 * largest);
     }
     free(whole);
     free(part);
 }
 
-/* Segments are computed in groups of four; most of these segment counts leave a remainder. The compliance of the tip equals the derivative of its equilibrium
+/* Segments are computed in groups of four, and most of these segment counts leave a remainder. The tip's compliance equals the derivative of its equilibrium
    position. */
 static void any_number_of_segments_will_do(void **unused) {
     (void)unused;
@@ -98,7 +98,7 @@ static void any_number_of_segments_will_do(void **unused) {
     for (int i = 0; i < 9; i++) {
         needle_model model = make(numbers[i]);
         needle_tangent *tangent = malloc(sizeof *tangent);
-        vec3 force = v3(1e-3, 2e-3, -1e-3), moved[3]; /* small forces, because the tangent omits third powers of the angles between segments */
+        vec3 force = v3(1e-3, 2e-3, -1e-3), moved[3]; /* small, because the tangent omits third powers of the angles between segments */
         double step = 1e-4, most = 0.0;
         for (int a = 0; a < 3; a++) {
             vec3 ends[2];
@@ -123,7 +123,7 @@ static void any_number_of_segments_will_do(void **unused) {
     }
 }
 
-/* A needle with a free tip buckles in both lateral directions at each load of (2 n - 1)^2 times Euler's load. */
+/* A needle with a free tip buckles in both lateral directions at every load of (2 n - 1)^2 times Euler's load. */
 static void buckling_modes_match_euler(void **unused) {
     (void)unused;
     needle_model model = make(60);

@@ -13,7 +13,7 @@ static const int SEGMENTS[] = {10, 20, 40};
 
 static solid_model make(int segments) { return solid_made(segments); }
 
-/* Returns the deflection (m) of the tip along the load and across it. */
+/* Returns the tip's deflection (m) along the load and across it. */
 static vec3 bent_tip(const solid_model *model, double angle, double force, solid_tangent *tangent) {
     solid_state state;
     solid_rest(model, ORIGIN, &state);
@@ -25,7 +25,7 @@ static vec3 bent_tip(const solid_model *model, double angle, double force, solid
 
 static void bending_is_isotropic(void **unused) {
     (void)unused;
-    enum { DIRECTIONS = 9 }; /* directions within a right angle, because a quarter turn is a symmetry of the mesh */
+    enum { DIRECTIONS = 9 }; /* within a right angle, because a quarter turn is a symmetry of the mesh */
     solid_tangent *tangent = malloc(sizeof *tangent);
     for (int s = 0; s < 3; s++) {
         solid_model model = make(SEGMENTS[s]);
@@ -50,7 +50,7 @@ static void small_deflection_matches_a_cantilever(void **unused) {
         solid_model model = make(n);
         double expected = 1e-3 * pow(0.2, 3) / (3.0 * model.line.bending);
         assert_true(fabs(bent_tip(&model, 0.4, 1e-3, tangent).x / expected - 1.0) < 1e-4);
-        /* The compliance between the middle and the tip is a^2 (3 L - a) / (6 EI); the relative error due to locking is 1 / N^2. */
+        /* The compliance between the middle and the tip is a^2 (3 L - a) / (6 EI). Locking adds a relative error of 1 / N^2. */
         expected = 0.01 * (0.6 - 0.1) / (6.0 * model.line.bending);
         assert_true(fabs(tangent->line.compliance[3 * middle][3 * n] / expected - 1.0) < 1.0 / (n * n));
     }
@@ -146,7 +146,7 @@ static void distort(solid_state *state, int segments) {
         }
 }
 
-/* Compares the forces and the stiffness with central differences of the energy, which is a polynomial of degree four in the nodes' positions. */
+/* Compares forces and stiffness with central differences of the energy, which is a fourth-degree polynomial in the node positions. */
 static void forces_are_the_gradient_of_the_energy(void **unused) {
     (void)unused;
     enum { N = 4 };
@@ -196,7 +196,7 @@ static void newton_converges_quadratically(void **unused) {
     }
     assert_true(passes <= 8 && change[passes - 1] < 1e-10);
     assert_true(change[passes - 1] < fmax(1e-10, 10 * change[passes - 2] * change[passes - 2]));
-    /* The moment in the clamped section balances the moment of the loads about the base. */
+    /* The moment in the clamped section balances the loads' moment about the base. */
     vec3 base = state.line.base.position, moment = v3_cross(v3_sub(state.line.joints[40], base), load[40]);
     moment = v3_add(moment, v3_cross(v3_sub(state.line.joints[22], base), load[22]));
     assert_true(v3_norm(v3_sub(solid_root_moment(&model, &state), moment)) < 1e-8 * v3_norm(moment));
@@ -256,7 +256,7 @@ static void run_figure8(bool solid, double (*wrench)[6], double *punctures) {
     lockstep_free(l);
 }
 
-/* Returns the root-mean-square difference of the components [from, to) of a and b, relative to the root mean square of b. */
+/* Returns the RMS difference between components [from, to) of a and b, relative to the RMS of b. */
 static double difference(double (*a)[6], double (*b)[6], int from, int to) {
     double off = 0.0, size = 0.0;
     for (int i = 0; i < TICKS; i++)

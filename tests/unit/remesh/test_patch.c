@@ -1,4 +1,4 @@
-/* Compares the change in K due to a contact node with the difference between the matrices assembled with and without the node. With all changes, K must
+/* Compares the change in K due to a contact node with the difference between the matrices assembled with and without it. With all changes applied, K must
    reproduce linear displacements. */
 #include "remeshing.h"
 
@@ -13,7 +13,7 @@ static void assemble(const refinement *all, int count, reference *r) {
 
 static int entry_of(int node) { return node >= 0 ? node : CUBE_NODES - 1 - node; }
 
-/* Checks that the patch contains all entries in which the two matrices differ, except those in rows and columns of fixed nodes. */
+/* Checks that the patch has every entry in which the two matrices differ, except in the rows and columns of fixed nodes. */
 static void check_patch(int index) {
     static patch p;
     reference before, after;
@@ -36,7 +36,7 @@ static void check_patch(int index) {
     reference_free(&after);
 }
 
-/* Checks that the columns for an added node's own displacement, if computed separately, equal those of the whole patch. */
+/* Checks that computing only the columns for an added node's own displacement gives the same as the whole patch. */
 static void check_own_columns(int index) {
     static patch p;
     split_columns own;
@@ -60,7 +60,7 @@ static void patch_equals_the_difference_of_two_meshes(void **state) {
         kind wanted = (kind)(index % 3);
         if (add_node(wanted, tet, point_in(tet, 0.02)) < 0) continue;
         bool inner = request.wanted.nodes[index].across_tet >= 0;
-        if (wanted == ON_FACE && inner != (index % 2 == 0)) { /* nodes are placed alternately inside the body and on its surface */
+        if (wanted == ON_FACE && inner != (index % 2 == 0)) { /* alternately places nodes inside the body and on its surface */
             request.wanted.count--;
             continue;
         }
@@ -72,7 +72,7 @@ static void patch_equals_the_difference_of_two_meshes(void **state) {
 /* ---- linear fields ---- */
 
 enum { MOST = CUBE_NODES + MAX_CONTACTS, HELD = CUBE_NODES - 1 };
-static double stiffness[3 * MOST][3 * MOST]; /* K of all nodes; rows and columns of the fixed node, the last one of the mesh, are zero */
+static double stiffness[3 * MOST][3 * MOST]; /* K of all nodes; zero for the fixed node, which is the mesh's last */
 
 static void add_nominal(const tissue *t) {
     const int *starts = t->stiffness->p, *rows = t->stiffness->i;
@@ -94,8 +94,8 @@ static bool within(vec3 x) {
     return fmin(x.x, fmin(x.y, x.z)) > least && fmax(x.x, fmax(x.y, x.z)) < most;
 }
 
-/* Returns the largest nodal force divided by Young's modulus (m^2) under a linear displacement that vanishes at the fixed node. If `all`, the forces of all
-   nodes are considered, otherwise only those of nodes inside the body. */
+/* Returns the largest nodal force divided by Young's modulus (m^2) under a linear displacement that vanishes at the fixed node, over all nodes (`all`) or
+   only over those inside the body. */
 static double largest_force(const tissue *t, const mat3 *gradient, bool all) {
     vec3 at[MOST];
     int count = CUBE_NODES + request.wanted.count;
@@ -103,7 +103,7 @@ static double largest_force(const tissue *t, const mat3 *gradient, bool all) {
     memcpy(at, body.mesh.nodes, CUBE_NODES * sizeof *at);
     for (int i = 0; i < request.wanted.count; i++) {
         const added_node *node = &request.wanted.nodes[i];
-        at[CUBE_NODES + i] = node->position; /* if the node was created by moving another one, no element uses this entry */
+        at[CUBE_NODES + i] = node->position; /* not used by any element if the node was created by moving another */
         if (node->moved >= 0) at[node->moved] = node->position;
     }
     for (int i = 0; i < count; i++) {
@@ -115,7 +115,7 @@ static double largest_force(const tissue *t, const mat3 *gradient, bool all) {
     return largest / t->materials->youngs_modulus;
 }
 
-/* Checks that a rotation causes no force at any node, and that a uniform strain causes none at nodes inside the body. */
+/* Checks that a rotation causes no force at any node, and uniform strain none at nodes inside the body. */
 static void check_linear_fields(volumetric_strain volumetric, int kinds) {
     static const bool fixed[CUBE_NODES] = {[HELD] = true};
     static const mat3 turn = {{{0, -3, 2}, {3, 0, -1}, {-2, 1, 0}}}, strain = {{{2, 1, -1}, {1, -3, 2}, {-1, 2, 4}}};
@@ -159,7 +159,7 @@ static void add_within_patches(const tissue *t, int count) {
     }
 }
 
-/* The parts of a split element remain in its patch and do not change the patch's mean strain, so K equals the matrix assembled for the split mesh with all its
+/* The parts of a split element stay in its patch and do not change the patch's mean strain, so K equals the matrix assembled for the split mesh with all its
    nodes. */
 static void split_elements_stay_in_their_patch(void **state) {
     (void)state;

@@ -1,4 +1,4 @@
-/* Compares displacements of the refined mesh with a dense solution computed from scratch, and the surplus with the nodal stiffness from which it follows. */
+/* Compares displacements of the refined mesh with a dense solution from scratch, and the surplus with the nodal stiffness it follows from. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -45,7 +45,7 @@ static void check_displacement(const refinement *r, const reference *expected) {
 
 static void displacements_match_a_direct_solve(void **state) {
     (void)state;
-    static const int cases[4][2] = {{1, 1}, {12, 1}, {1, 30}, {5, 10}}; /* nodes per element, and number of elements; in every second case, some nodes are on
+    static const int cases[4][2] = {{1, 1}, {12, 1}, {1, 30}, {5, 10}}; /* nodes per element, number of elements; in every other case, some nodes are on
                                                                            faces */
     for (int c = 0; c < 4; c++) {
         refinement r = {0};
@@ -58,7 +58,7 @@ static void displacements_match_a_direct_solve(void **state) {
     }
 }
 
-/* With the corners of its leaf fixed, a node has the surplus as its compliance, so the surplus is the inverse of the node's own stiffness. */
+/* With the corners of its leaf fixed, a node's compliance is the surplus, so the surplus is the inverse of the node's own stiffness. */
 static void surplus_is_the_inverse_of_the_nodal_stiffness(void **state) {
     (void)state;
     for (int n = 0; n < 50; n++) {

@@ -107,7 +107,7 @@ static void full_refinement_rejects_nodes(void **state) {
 
 /* ---- removal ---- */
 
-/* Removes many nodes in a few elements one by one, in random order. The leaves must still form a partition, and no other node may move. */
+/* Removes many nodes in a few elements one by one, in random order. The leaves must remain a partition, and no other node may move. */
 static void removed_nodes_leave_the_others_where_they_are(void **state) {
     (void)state;
     refinement r = {0};
@@ -154,7 +154,7 @@ static void freed_slots_are_used_again(void **state) {
     assert_int_equal(refinement_find(&r, 100), MAX_CONTACTS - 1);
 }
 
-/* A node that was added after another node was moved may not fit into the mesh without that move. */
+/* A node that was added after another had been moved may not fit into the mesh without that move. */
 static void moved_nodes_go_last_first(void **state) {
     (void)state;
     refinement r = {0};

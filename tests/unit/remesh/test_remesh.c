@@ -1,7 +1,7 @@
-/* Tests the behaviour of the remesher that all methods share: slots, ids and refusals. Each method also has its own test. */
+/* Tests what all remeshing methods share: slots, ids and refusals. Each method also has a test of its own. */
 #include "remeshing.h"
 
-/* A replacement has the same index in the list but another id: the old node must be removed and the new one added. */
+/* A replacement has the same index in the list but another id. The old node must be removed and the new one added. */
 static void ids_are_unique(void **state) {
     (void)state;
     for (method = 0; method < REMESH_METHODS; method++) {
@@ -125,7 +125,7 @@ static inverse *lower_half(tissue *t) {
     return condensed;
 }
 
-/* Nodes outside the condensed region require a factor of the whole matrix. Only requests made by the tick justify computing it. */
+/* Nodes outside the condensed region need a factor of the whole matrix. Only requests from the tick justify computing it. */
 static void check_costly_nodes(void) {
     remesher *r = start(REMESH_NESTED);
     int outside = CUBE_NODES - 1;
@@ -154,7 +154,7 @@ static void costly_nodes_are_skipped_unless_needed(void **state) {
     tissue_free(&t);
 }
 
-/* Returns an element whose nodes are all inside the region, or all outside it. */
+/* Returns an element whose nodes all lie inside the region, or all outside it. */
 static int element_of(bool held) {
     for (int tet = 0;; tet++) {
         int found = 0;

@@ -18,7 +18,7 @@ static remesher *start_with_nodes(int wanted, int count) {
     return r;
 }
 
-/* Moves a node out of its elements. This inverts them, so no valid pivot exists, and requests that contain the node must fail. */
+/* Moves a node out of its elements. This inverts them, so there is no valid pivot, and requests with the node must fail. */
 static void check_inverted(int wanted) {
     remesher *r = start_with_nodes(wanted, 6);
     int last = request.wanted.count;
@@ -34,7 +34,7 @@ static void check_inverted(int wanted) {
     remesher_free(r);
 }
 
-/* Corrupts the matrix, so that removing a node fails. The remaining nodes must then be added again from scratch. */
+/* Corrupts the matrix so that removing a node fails. The remaining nodes must then be added again from scratch. */
 static void check_spoilt(int wanted) {
     remesher *r = start_with_nodes(wanted, 8);
     dense_remesher *dense = (dense_remesher *)r;

@@ -12,7 +12,7 @@ static void nested_refuses_moved_nodes(void **state) {
     remesher_free(r);
 }
 
-/* Compares all numbers of two snapshots that answer the same request. */
+/* Compares all numbers in two snapshots that answer the same request. */
 static void assert_same_bits(const compliance_snapshot *a, const compliance_snapshot *b) {
     assert_memory_equal(a->ids, b->ids, sizeof a->ids);
     assert_memory_equal(a->window, b->window, sizeof a->window);
@@ -26,8 +26,8 @@ static void assert_same_bits(const compliance_snapshot *a, const compliance_snap
         }
 }
 
-/* Stored values are bit-identical whether they were computed when the contact nodes were added, or later, when nodes entered the window or were needed outside
-   it. A second remesher that continues from a snapshot gives exactly the answers of the first. */
+/* Stored values are bit-identical whether they were computed when the contact nodes were added, or later, when nodes entered the window or were needed
+   outside it. A second remesher that continues from a snapshot gives exactly the first one's answers. */
 static void another_one_goes_on_to_the_bit(void **state) {
     (void)state;
     static compliance_snapshot other;
@@ -44,7 +44,7 @@ static void another_one_goes_on_to_the_bit(void **state) {
             serve(r);
             assert_int_equal(remesher_serve(second, &request, &other, &why), TROCAR_OK);
             assert_same_bits(&snapshot, &other);
-            choose_window(30); /* repeats the comparison with a different window */
+            choose_window(30); /* once more, with a different window */
         }
         request.wanted.count -= n % 2 ? 0 : 3; /* the last nodes */
     }

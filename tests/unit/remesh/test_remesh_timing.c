@@ -1,4 +1,4 @@
-/* Tests the measurements of the remeshing benchmark: operations are counted, and the inverse is restored. The measured times are not checked. */
+/* Tests the measurements of the remeshing benchmark: operations are counted, and the inverse is restored. The times themselves are not checked. */
 #include "remeshing.h"
 
 #include "remesh_timing.h"
@@ -37,7 +37,7 @@ static void valences_match_the_mesh(void **state) {
     int counts[MAX_PATCH + 1], sum = 0;
     remesh_timing_valences(tested, counts);
     for (int i = 0; i <= MAX_PATCH; i++) sum += counts[i];
-    assert_int_equal(sum, 2 * 9); /* inner nodes, without those on the boundary between the regions */
+    assert_int_equal(sum, 2 * 9); /* inner nodes, without those on the region boundary */
     assert_int_equal(counts[15], sum); /* each inner node of Kuhn's mesh has 14 neighbours */
     trocar_error why;
     static remesh_timing result;

@@ -1,4 +1,4 @@
-/* Measures the worker's lateness on a mesh on which it is never late, and with a tick period so short that it is always late. */
+/* Measures how late the worker is on a mesh where it never is, and at a tick period so short that it always is. */
 #include "host.h"
 #include "scale_timing.h"
 
@@ -8,10 +8,10 @@
 #include <stdint.h>
 #include <cmocka.h>
 
-static const double ASIDE = 1e-3; /* m, lateral offset at which the needle crosses no element so close to an edge that it leaves the element within one tick */
+static const double ASIDE = 1e-3; /* m, lateral offset at which the needle crosses no element so close to an edge that it leaves it within one tick */
 
 static const double WHOLE = 0.066; /* m, depth of an insertion through several elements */
-static const double ABOVE = 1e-3; /* m, initial height of the tip above the skin */
+static const double ABOVE = 1e-3; /* m, how far above the skin the tip starts */
 
 static scale_timing *measured(double aside, const motion *script, double speed, double depth, double dt, const char *owner) {
     host h = {NULL};
@@ -28,14 +28,14 @@ static scale_timing *measured(double aside, const motion *script, double speed, 
     return &result;
 }
 
-/* With sanitizers, the worker is too slow for this check: measuring the mesh's resolution takes several ticks. */
+/* With sanitizers, the worker is too slow for this check: measuring the mesh's resolution takes it several ticks. */
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
 static const bool INSTRUMENTED = true;
 #else
 static const bool INSTRUMENTED = false;
 #endif
 
-/* Checks that every request for a contact node has been answered once or is counted as unanswered, and that those for all active nodes have been answered. */
+/* Checks that every request for a contact node was answered once or counted as unanswered, and that those for all active nodes were answered. */
 static void check_counts(const scale_timing *r) {
     assert_int_equal(r->crossing.count + r->unanswered, r->contacts);
     assert_in_range(r->activation.count, r->most_contacts, r->crossing.count);
@@ -53,10 +53,10 @@ static void crossings_are_counted_and_answered(void **unused) {
     assert_true(r->activation.max == 0 && r->late_crossings == 0); /* all nodes were active before the tip left their elements */
     assert_true(r->serve.count >= r->crossings && r->serve.count < r->ticks);
     assert_true(r->most_contacts > 5);
-    assert_true(r->crossing.max >= 1000000); /* answers arrive one tick after the request at the earliest */
+    assert_true(r->crossing.max >= 1000000); /* an answer arrives one tick after the request at the earliest */
 }
 
-/* Inserts and withdraws: contact nodes that are removed during the withdrawal are not counted as late. */
+/* Inserts and withdraws. Contact nodes removed during the withdrawal do not count as late. */
 static void crossings_during_retraction_are_ignored(void **unused) {
     (void)unused;
     scale_timing in = *measured(ASIDE, NULL, 0.05, WHOLE, 1e-3, "dense");
@@ -69,14 +69,13 @@ static void crossings_during_retraction_are_ignored(void **unused) {
     assert_true(r->contacts >= r->most_contacts);
 }
 
-/* The needle moves 20 mm in 20 us. No answer arrives within that time, so every tick after the first touch is late. (A deeper insertion is not
-   possible: without measured compliance, the needle buckles at about 30 mm, and a tick without an equilibrium cannot use an answer.) At 2 m/s some
-   answers arrive. */
+/* The needle moves 20 mm in 20 us. No answer arrives in that time, so every tick after first touch is late. (It cannot go deeper: without measured
+   compliance, the needle buckles at about 30 mm, and a tick without an equilibrium cannot use an answer.) At 2 m/s some answers arrive. */
 static void worker_slower_than_the_needle_is_late(void **unused) {
     (void)unused;
     const double speed = 1000.0, dt = 2e-8;
     scale_timing none = *measured(ASIDE, NULL, speed, 0.02, dt, "sparse");
-    int before = (int)(ABOVE / (speed * dt) + 0.5); /* tick of the first touch (within one tick, due to rounding) */
+    int before = (int)(ABOVE / (speed * dt) + 0.5); /* tick of first touch (give or take a tick, due to rounding) */
     check_counts(&none);
     assert_int_equal(none.unanswered, none.contacts);
     assert_in_range(none.late_ticks, none.ticks - before - 1, none.ticks - before + 1);
@@ -86,10 +85,10 @@ static void worker_slower_than_the_needle_is_late(void **unused) {
     assert_true(some->contacts > 0 && some->crossing.max > 20000); /* more than two ticks late */
 }
 
-/* At 3 mm per tick, some elements are crossed within a single tick, and answers arrive two ticks after the request. */
+/* At 3 mm per tick, the tip crosses some elements within a single tick, and answers arrive two ticks after the request. */
 static void late_contact_nodes_are_counted(void **unused) {
     (void)unused;
-    enum { ATTEMPTS = 10 }; /* the motion takes 50 ms, in which a busy machine may not run the worker at all; no contact then becomes active */
+    enum { ATTEMPTS = 10 }; /* the motion takes 50 ms, during which a busy machine may not run the worker at all, so that no contact becomes active */
     const scale_timing *r;
     int attempt = 0;
     do {
@@ -99,7 +98,7 @@ static void late_contact_nodes_are_counted(void **unused) {
     if (INSTRUMENTED) return;
     print_message("%d of %d late, by %.1f ms at most\n", r->late_crossings, r->contacts, 1e-6 * (double)r->activation.max);
     assert_in_range(r->late_crossings, 1, r->contacts);
-    /* the worker may be measuring a line at that time, and finish in the middle of a tick */
+    /* the worker may be measuring a line at that moment and finish in the middle of a tick */
     assert_in_range(r->activation.max, 900000, 3100000 + r->patch.max);
 }
 

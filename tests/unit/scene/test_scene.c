@@ -1,5 +1,5 @@
 /* Tests scene files: the values of a valid file, and the message for each error. */
-#include "scene/scene.h" /* included before cmocka.h, whose macro hides `fail` */
+#include "scene/scene.h" /* before cmocka.h, whose macro hides `fail` */
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -65,7 +65,7 @@ static void load_good(const char *text, scene *s) {
     if (load_text(text, s, &why) != TROCAR_OK) fail_msg("%s", why.text);
 }
 
-/* Checks that the scene is refused. `words` is the part of the message after the file's path, such as ":12: regions[0].name: ...". */
+/* Checks that the scene is refused. `words` is the part of the message after the path, such as ":12: regions[0].name: ...". */
 static void assert_refused(const char *text, const char *words) {
     char expected[256];
     scene s;
@@ -76,7 +76,7 @@ static void assert_refused(const char *text, const char *words) {
         fail_msg("status %d, \"%s\" where \"%s\" was expected", status, why.text, expected);
 }
 
-/* Checks that GOOD is refused after one part of it has been replaced. */
+/* Checks that GOOD is refused with one part of it replaced. */
 static void assert_change_refused(const char *piece, const char *other, const char *words) {
     const char *at = strstr(GOOD, piece);
     assert_non_null(at);
@@ -135,7 +135,7 @@ static void a_device_brings_its_limits(void **state) {
     assert_true(s.device.max_force_rate != device_defaults().max_force_rate);
 }
 
-/* Reads a scene whose device profile is this text, in a file next to the scene. */
+/* Reads a scene whose device profile is this text, stored in a file next to the scene. */
 static trocar_status load_with_profile(const char *profile, const char *device, scene *s, trocar_error *why) {
     char place[96], text[256];
     snprintf(place, sizeof place, "%s/mine.yaml", directory);
@@ -222,10 +222,10 @@ static void omitted_keys_have_their_defaults(void **state) {
     assert_memory_equal(&s.simulation.regions[0].material, &material, sizeof material);
 }
 
-/* A minimal valid scene, which ends at line 3, so that lines added to it start at line 4. */
+/* A minimal valid scene. It ends at line 3, so lines added to it start at line 4. */
 #define MINIMAL "mesh: a\nregions: [{name: x}]\nfixed: [b]\n"
 
-/* Checks that every case is refused. A case consists of the lines added to MINIMAL, and of `words` as in assert_refused. */
+/* Checks that every case is refused. A case has lines to add to MINIMAL, and `words` as in assert_refused. */
 static void assert_all_refused(size_t count, const char *const cases[][2]) {
     for (size_t i = 0; i < count; i++) {
         char text[512];
@@ -387,7 +387,7 @@ static void patient_coordinates_and_start_are_read(void **state) {
     load_good(MINIMAL TURNED "needle: {start: {position: [0.01, 0.02, -0.2], orientation: [0.70711, 0, 0.70711, 0]}}\n", &s);
     assert_true(s.patient_to_mesh[1] == -1e-3 && s.patient_to_mesh[3] == 0.25 && s.patient_to_mesh[7] == -0.125 && s.patient_to_mesh[15] == 1.0);
     assert_true(s.start.position.x == 0.01 && s.start.position.y == 0.02 && s.start.position.z == -0.2);
-    assert_true(fabs(q_axis(s.start.orientation).x - 1.0) < 1e-12); /* normalised, although it is given with only five digits */
+    assert_true(fabs(q_axis(s.start.orientation).x - 1.0) < 1e-12); /* normalised, although given with only five digits */
     assert_int_equal(scene_get(&s, "patient_to_mesh", text, sizeof text, &why), TROCAR_OK);
     assert_string_equal(text, "[0, -0.001, 0, 0.25, 0.001, 0, 0, -0.125, 0, 0, 0.001, 0.5, 0, 0, 0, 1]");
 }
@@ -555,11 +555,11 @@ static void figure_8_scene_is_valid(void **state) {
     assert_int_equal(s.simulation.membrane_count, 2);
 }
 
-/* A row of parameters/scene.csv: the default (NAN if there is none) and the values for the two regions or membranes of figure 8, which are equal if only
-   one value is listed. */
+/* A row of parameters/scene.csv: the default (NAN if none), and the values for the two regions or membranes of figure 8, which are equal if only one is
+   listed. */
 typedef struct { const char *key; double values[3]; } parameter;
 
-/* Reads a row of the table of parameters; returns false for any other line. */
+/* Reads a row of the parameter table. Returns false for any other line. */
 static bool read_parameter(const char *line, char key[64], double values[3]) {
     for (int k = 0; k < 3; k++) values[k] = NAN;
     int found = sscanf(line, "%63[^,],%lf,%lf,%lf", key, &values[0], &values[1], &values[2]) - 1;

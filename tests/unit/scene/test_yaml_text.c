@@ -1,5 +1,5 @@
 /* Tests the line numbers of keys. */
-#include "yaml/yaml_text.h" /* included before cmocka.h, whose macro hides `fail` */
+#include "yaml/yaml_text.h" /* before cmocka.h, whose macro hides `fail` */
 
 #include <setjmp.h>
 #include <stdarg.h>

@@ -1,4 +1,4 @@
-/* Compares the per-thread allocation counter with a known number of calls made here and in a shared library. */
+/* Compares the per-thread allocation counter with a known number of calls, made here and in a shared library. */
 #include <malloc.h>
 #include <pthread.h>
 #include <stdlib.h>

@@ -1,4 +1,4 @@
-/* Tests that trocar-server --condense creates the file, finds it at the next start, and refuses scenes without a condensed inverse. */
+/* Tests that trocar-server --condense creates the file, finds it at the next start, and refuses scenes whose inverse is not condensed. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -31,7 +31,7 @@ static int destroy(void **state) {
     return system(command);
 }
 
-/* Writes a scene with figure 8's mesh and these scene keys. */
+/* Writes a scene with figure 8's mesh and these keys. */
 static void write_scene(const char *keys) {
     FILE *from = fopen(MESHES "/figure8.yaml", "r"), *to = fopen(scene, "w");
     char line[512];

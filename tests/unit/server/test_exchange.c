@@ -1,4 +1,4 @@
-/* Tests that the shared buffers are empty when they are created, and that no wake-up is lost. */
+/* Tests that the shared buffers start out empty and that no wake-up is lost. */
 #include <poll.h>
 
 #include "common/eventfd_signal.h"
@@ -29,7 +29,7 @@ static void initially_empty(void **unused) {
     assert_false(fresh);
     assert_false(spsc_ring_pop(&x.latencies, &latency));
     exchange_free(&x);
-    exchange_free(&x); /* freeing the exchange twice is harmless */
+    exchange_free(&x); /* freeing it twice does no harm */
 }
 
 static void wakes_before_the_wait_are_kept(void **unused) {

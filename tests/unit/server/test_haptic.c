@@ -1,4 +1,4 @@
-/* Calls the server's tick directly: one pose in, one wrench out, without threads and with a simulated clock. */
+/* Calls the server's tick directly: one pose in, one wrench out, with no threads and a simulated clock. */
 #include <poll.h>
 #include <stdlib.h>
 #include <string.h>
@@ -23,7 +23,7 @@ typedef struct {
     host host;
     exchange exchange;
     haptic haptic;
-    newest_poses poses;      /* the poses published most recently */
+    newest_poses poses;      /* the most recently published poses */
     int64_t tick;
 } fixture;
 
@@ -57,7 +57,7 @@ static int begin(void **state) {
     assert_int_equal(trocar_sim_create(f->host.model, &f->host.sim, &why), TROCAR_OK);
     assert_int_equal(exchange_create(&f->exchange, f->host.model, &why), TROCAR_OK);
     trocar_device_limits limits = trocar_scene_device(f->host.scene);
-    limits.max_stiffness = INFINITY; /* with an unlimited stiffness, the needle follows the poses exactly */
+    limits.max_stiffness = INFINITY; /* with unlimited stiffness, the needle follows the poses exactly */
     limits.delay = 0.0;
     haptic_init(&f->haptic, f->host.sim, trocar_model_needles(f->host.model), &limits, RATE, TROCAR_NEEDLE_WRENCH_T_NOT_REALTIME, &f->exchange);
     trocar_sim_set_clock(f->host.sim, made_clock);
@@ -130,14 +130,14 @@ static void wrench_echoes_its_pose(void **state) {
     assert_int_equal(w.pose_utime, 1041);
     assert_int_equal(w.tick, 0);
 
-    f->poses.needles[0].held = false; /* the state after a release */
+    f->poses.needles[0].held = false; /* as after a release */
     *(newest_poses *)triple_buffer_slot(&f->exchange.poses) = f->poses;
     triple_buffer_publish(&f->exchange.poses);
     tick(f, &w);
     assert_true(w.session == 0 && w.pose_seq == -1 && w.pose_utime == 0);
 }
 
-/* Moves the tip from `from` to `to` (mm from its start), taking 20 ticks per mm, and lets the worker answer the requests in between. */
+/* Moves the tip from `from` to `to` (mm from its start) at 20 ticks per mm, letting the worker answer requests along the way. */
 static trocar_needle_wrench_t move(fixture *f, uint64_t engagement, double from, double to) {
     trocar_needle_wrench_t w = {0};
     for (int i = 0; i < 20 * fabs(to - from); i++) {
@@ -154,7 +154,7 @@ static void insertion_gives_force_and_requests_to_the_worker(void **state) {
     fixture *f = *state;
     trocar_needle_wrench_t w = push(f, 20);
     assert_true(w.force[2] < -0.3);                        /* against the push */
-    assert_true(fabs(w.force[2] - w.raw_force[2]) < 1e-12); /* unchanged, because the force is within the limits */
+    assert_true(fabs(w.force[2] - w.raw_force[2]) < 1e-12); /* within the limits, so unchanged */
     assert_true(w.depth > 0.005 && w.contacts >= 1);
     assert_true(f->host.sim->needles[0].link.posted > 1);
     bool fresh;
@@ -192,8 +192,8 @@ static void silence_ramps_to_zero_and_is_flagged(void **state) {
     assert_true(w.force[2] == 0.0 && w.raw_force[2] < -0.1); /* the model's own force is still reported */
 }
 
-/* Returns the largest step in the force after an interruption of `gap` ms, during which the hand moves on by 3 mm. During the interruption, either no poses
-   arrive or, if `stalled` is set, the loop does not run. */
+/* Returns the largest step in the force after a gap of `gap` ms, during which the hand moves on by 3 mm. During the gap, either no poses arrive or, if
+   `stalled`, the loop does not run. */
 static double largest_step_after(fixture *f, uint64_t engagement, int gap, bool stalled, double *jump) {
     trocar_needle_wrench_t w = move(f, engagement, 0, 20), next;
     double largest = 0.0, z = f->poses.needles[0].base.position.z + 3e-3;
@@ -243,7 +243,7 @@ static void winding_down_ends_the_loop_at_zero(void **state) {
     assert_true(w.force[0] == 0 && w.force[1] == 0 && w.force[2] == 0 && w.torque[0] == 0);
 }
 
-/* A new engagement begins far away: the needle is not dragged to that position, and the force does not jump. */
+/* A new engagement starts far away. The needle is not dragged there, and the force does not jump. */
 static void new_engagement_starts_outside(void **state) {
     fixture *f = *state;
     trocar_needle_wrench_t w = push(f, 20), next;
@@ -254,8 +254,8 @@ static void new_engagement_starts_outside(void **state) {
     assert_true(fabs(next.force[2] - w.force[2]) <= f->haptic.limits.max_force_rate / RATE + 1e-9);
 }
 
-/* Advances the needle by 20 mm, holds it until the tissue has relaxed, and puts an invalid value into its state. Then holds the needle, retracts it by 5 mm and
-   advances it to 25 mm. As soon as the value has an effect, the insertion must restart with a ramp, and the needle must then behave as before. */
+/* Advances the needle by 20 mm, holds it until the tissue has relaxed, and puts an invalid value into its state. Then holds the needle, draws it back by 5
+   mm and advances it to 25 mm. As soon as the value has an effect, the insertion must restart with a ramp, and after that the needle must behave as before. */
 static void survive(fixture *f, const char *name, size_t place, double bad, double force) {
     static uint64_t engagement = 100;
     trocar_needle_wrench_t w = move(f, ++engagement, 0, 20);
@@ -296,18 +296,18 @@ static void round_trip_ends_with_the_first_acknowledging_pose(void **state) {
     put_pose(f, 1, 1, -0.205);
     tick(f, NULL);
     assert_false(spsc_ring_pop(&f->exchange.round_trips, &round_trip)); /* the pose refers to no wrench */
-    static const int64_t named[] = {3, 3, 2, 900, -4};             /* wrench numbers that are repeated, too old, in the future, or invalid */
+    static const int64_t named[] = {3, 3, 2, 900, -4};             /* repeated, too old, in the future, or invalid */
     for (size_t i = 0; i < sizeof named / sizeof *named; i++) {
         put_pose(f, 1, 2 + (int64_t)i, -0.205);
         name_wrench(f, named[i]);
         tick(f, NULL);
     }
     assert_true(spsc_ring_pop(&f->exchange.round_trips, &round_trip));
-    assert_int_equal(round_trip, 3 * MS); /* the wrench was computed at 3 ms, and a pose referred to it at 6 ms */
+    assert_int_equal(round_trip, 3 * MS); /* the wrench was computed at 3 ms and referred to by a pose at 6 ms */
     assert_false(spsc_ring_pop(&f->exchange.round_trips, &round_trip));
 }
 
-/* The stages are parts of the tick, so their times add up to at most the tick's time. */
+/* The stages are parts of the tick, so together they take no longer than the tick. */
 static void stage_times_add_up_to_the_tick(void **state) {
     fixture *f = *state;
     push(f, 20);
@@ -333,7 +333,7 @@ static needle_command tell(fixture *f, int what, int seeds) {
     return answer;
 }
 
-/* Moves the base of the needle to z at 0.1 m/s. */
+/* Moves the needle's base to z at 0.1 m/s. */
 static void move_to(fixture *f, double *z, double to, int64_t *seq) {
     while (fabs(*z - to) > 1e-9) {
         *z += fmax(fmin(to - *z, 1e-4), -1e-4);
@@ -371,7 +371,7 @@ static void a_seed_is_dropped_and_taken_back(void **state) {
     assert_true(answer.refused && strstr(answer.why, "has no dropped seed"));
 }
 
-/* Passes a command to the haptic thread as the IO thread does, including the needle's engagement number. */
+/* Passes a command to the haptic thread as the IO thread does, with the number of the needle's engagement. */
 static void give(fixture *f, int what, uint64_t engagement) {
     needle_command c = {.asked = {.command = what, .seq = 9}, .engagement = engagement};
     assert_true(spsc_ring_push(&f->exchange.commands, &c));
@@ -390,8 +390,8 @@ static double tissue_moved(const fixture *f) {
     return most;
 }
 
-/* The tick that executes the reset removes the needle and leaves the tissue at rest, even if the owner holds still and sends no new pose. The wrench ramps down
-   to zero. */
+/* The tick that carries out the reset removes the needle and leaves the tissue at rest, even if the owner holds still and sends no new pose. The wrench
+   ramps down to zero. */
 static void a_reset_of_a_held_needle_takes_effect_at_once(void **state) {
     fixture *f = *state;
     trocar_needle_wrench_t w = push(f, 20), next;
@@ -424,7 +424,7 @@ static void a_reset_is_carried_out_once(void **state) {
     tick(f, &w);
     serve_worker(f);
     assert_true(was_done(f));
-    for (int i = 0; i < 200; i++) { /* the tip moves from 0 to 10 mm */
+    for (int i = 0; i < 200; i++) { /* moves the tip from 0 to 10 mm */
         put_pose(f, 2, f->tick, -0.200 + 0.05e-3 * i);
         tick(f, &w);
         serve_worker(f);
@@ -454,7 +454,7 @@ static void work_until_answered(fixture *f) {
     }
 }
 
-/* A needle that was resting and has been taken is still in place when the reset arrives, but not afterwards. */
+/* A resting needle that has been taken is still in place when the reset arrives, but not afterwards. */
 static void a_reset_after_take_is_not_lost(void **state) {
     fixture *f = *state;
     trocar_needle_wrench_t w = {0};
@@ -470,13 +470,13 @@ static void a_reset_after_take_is_not_lost(void **state) {
     assert_true(was_done(f));
     assert_true(tissue_moved(f) == 0.0);
     while (spsc_ring_pop(&f->exchange.wrenches, &w)) continue;
-    put_pose_of(f, 0, 2, f->tick, 0.02, -0.201); /* the next hand starts at its own pose, not at the needle's former position */
+    put_pose_of(f, 0, 2, f->tick, 0.02, -0.201); /* the next hand starts at its own pose, not where the needle was */
     tick(f, &w);
     trocar_pose base = trocar_view_base(trocar_sim_view(f->host.sim), 0);
     assert_true(fabs(base.position[0] - 0.02) < 1e-9 && fabs(base.position[2] + 0.201) < 1e-9 && w.depth == 0.0);
 }
 
-/* Until the IO thread reads the replies, they are kept, and further commands remain pending. */
+/* Replies are kept until the IO thread reads them. Until then, further commands stay pending. */
 static void every_command_is_answered_however_late(void **state) {
     enum { COUNT = 200 };
     fixture *f = *state;
@@ -485,14 +485,14 @@ static void every_command_is_answered_however_late(void **state) {
     for (int round = 0; round < 2 * COUNT; round++) {
         if (given < COUNT && (c.asked.seq = given, spsc_ring_push(&f->exchange.commands, &c))) given++;
         tick(f, NULL);
-        if (round < COUNT) continue; /* until then, the IO thread does not run */
+        if (round < COUNT) continue; /* up to here, the IO thread does not run */
         while (spsc_ring_pop(&f->exchange.replies, &answer)) assert_int_equal(answer.asked.seq, answered++);
     }
     assert_int_equal(given, COUNT);
     assert_int_equal(answered, COUNT);
 }
 
-/* The probe moves 100 times per second, even if the loop's rate is not a multiple of 100 Hz. */
+/* The probe moves 100 times per second, even if the loop rate is not a multiple of 100 Hz. */
 static void the_probe_moves_at_its_pace_at_any_rate(void **state) {
     fixture *f = *state;
     static const int rates[] = {250, 256, 1000, 1001, 3333};
@@ -518,13 +518,13 @@ static int open_pair(void **state) {
     return 0;
 }
 
-enum { PUSHED = 400, AT_REST = 100 }; /* 400 ticks of 0.05 mm for an insertion of 20 mm, and 100 ticks at rest */
+enum { PUSHED = 400, AT_REST = 100 }; /* 400 ticks of 0.05 mm insert by 20 mm, followed by 100 ticks at rest */
 static double depth_at(int i) { return -0.205 + 0.05e-3 * (i < PUSHED ? i : PUSHED); }
 static void put_in_pair(fixture *f, int needle, int i) { put_pose_of(f, needle, 1, i, 0.06 * (needle - 0.5), depth_at(i)); }
 
 static void tick_pair(fixture *f, trocar_needle_wrench_t w[2]) {
     tick(f, &w[0]);
-    bool held = f->poses.needles[1].held; /* true once a hand has held the needle; until then, nothing is published for any needle but the first */
+    bool held = f->poses.needles[1].held; /* whether a hand has ever held it; until then, nothing is published for any needle but the first */
     w[1] = (trocar_needle_wrench_t){.needle = 1, .pose_seq = -1, .tick = w[0].tick};
     assert_int_equal(spsc_ring_pop(&f->exchange.wrenches, &w[1]), held);
     assert_true(w[0].needle == 0 && w[1].needle == 1 && w[0].tick == w[1].tick);
@@ -540,7 +540,7 @@ static void push_pair(fixture *f, bool first, bool second, trocar_needle_wrench_
     }
 }
 
-/* Uses the bound from tests/public/test_needles.c: each needle changes the force on the other by less than a tenth. */
+/* Uses the bound from tests/public/test_needles.c: each needle changes the other's force by less than a tenth. */
 static void each_device_feels_its_own_needle(void **state) {
     fixture *f = *state;
     trocar_needle_wrench_t both[2], alone[2][2];
@@ -571,7 +571,7 @@ static void a_fault_of_one_needle_leaves_the_other_alone(void **state) {
     assert_false(w[1].flags & TROCAR_NEEDLE_WRENCH_T_UNSTABLE);
     assert_true(fabs(norm(w[1].force) - norm(before[1].force)) < 0.01);
 
-    for (int i = 0; i < 115; i++) { /* the device of needle 0 has fallen silent */
+    for (int i = 0; i < 115; i++) { /* needle 0's device has gone silent */
         put_in_pair(f, 1, PUSHED + AT_REST + 2 + i);
         tick_pair(f, w);
     }
@@ -579,7 +579,7 @@ static void a_fault_of_one_needle_leaves_the_other_alone(void **state) {
     assert_true(w[1].flags == TROCAR_NEEDLE_WRENCH_T_NOT_REALTIME && norm(w[1].force) > 0.2 && w[1].depth >= before[1].depth);
 
     int contacts = w[1].contacts;
-    put_pose_of(f, 0, 2, 1000, -0.03, -0.205); /* the device has returned and starts a new insertion */
+    put_pose_of(f, 0, 2, 1000, -0.03, -0.205); /* the device is back and starts a new insertion */
     tick_pair(f, w);
     assert_true(w[0].depth == 0.0 && w[0].contacts == 0);
     assert_true(w[1].depth >= before[1].depth && w[1].contacts == contacts);

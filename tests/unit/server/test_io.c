@@ -1,5 +1,5 @@
-/* Tests the IO thread's functions with a real LCM object (memq, no network): received messages are stored in the shared buffers, and the contents of the
-   buffers are published. */
+/* Tests the IO thread's functions with a real LCM object (memq, no network): messages received end up in the shared buffers, and the buffers' contents are
+   published. */
 #include <poll.h>
 #include <string.h>
 #include <sys/eventfd.h>
@@ -144,7 +144,7 @@ static void on_reply(const lcm_recv_buf_t *b, const char *channel, const trocar_
     snprintf(r->message, sizeof r->message, "%s", m->message);
 }
 
-/* Publishes a command; memq delivers the command in one round, and the reply in the next. */
+/* Publishes a command. memq delivers it in one round and the reply in the next. */
 static void send_command(fixture *f, trocar_command_t m) {
     trocar_command_t_publish(f->io.lcm, "TROCAR_COMMAND", &m);
     io_round(&f->io);
@@ -166,7 +166,7 @@ static void every_command_is_answered(void **state) {
     assert_non_null(strstr(r.message, "refused for needle 3"));
 
     send_command(f, (trocar_command_t){.session = 4, .command = TROCAR_COMMAND_T_DROP_SEED, .seq = 13, .seeds = 4, .spacing = 0.01});
-    assert_int_equal(r.count, 2); /* the third command gets no reply until the haptic thread has answered it */
+    assert_int_equal(r.count, 2); /* the third gets no reply until the haptic thread has answered it */
     needle_command answer;
     assert_true(spsc_ring_pop(&f->exchange.commands, &answer));
     assert_true(answer.asked.seeds == 4 && answer.asked.spacing == 0.01 && answer.asked.seq == 13);

@@ -1,5 +1,5 @@
-/* Compares the bare loop with the clock, and tests that the complete haptic thread with the real model does not allocate memory, cause page faults, or wait for
-   a slow worker. */
+/* Compares the bare loop with the clock, and tests that the whole haptic thread, running the real model, neither allocates memory nor causes page faults nor
+   waits for a slow worker. */
 #define _GNU_SOURCE
 #include <pthread.h>
 #include <sched.h>
@@ -51,7 +51,7 @@ static void missed_periods_are_skipped_and_counted(void **unused) {
     assert_true(d.wakes[SLOW_TICK + 1].late);
     assert_true(d.wakes[SLOW_TICK + 1].elapsed > 0.0109);
 
-    /* The model time follows the clock: deadlines remain multiples of the period, and no tick is repeated. */
+    /* Model time follows the clock: deadlines stay multiples of the period, and no tick is repeated. */
     double model = 0.0, missed = 0.0;
     for (int i = 1; i < TICKS; i++) {
         model += d.wakes[i].elapsed;
@@ -59,7 +59,7 @@ static void missed_periods_are_skipped_and_counted(void **unused) {
         assert_true(d.wakes[i].late == (d.wakes[i].elapsed > 1.5e-3));
     }
     double clock = 1e-9 * (double)(d.wakes[TICKS - 1].now - d.wakes[0].now);
-    assert_true(fabs(model - clock) < 0.05); /* on a busy virtual machine, the first and the last tick may each start late */
+    assert_true(fabs(model - clock) < 0.05); /* on a busy virtual machine, the first and last ticks may each start late */
     assert_true(fabs(missed - (double)l.misses) < 0.5);
 
     bool fresh;
@@ -84,11 +84,11 @@ typedef struct {
     worker worker;
     int64_t ticks_wanted;
     int most_contacts[TROCAR_MAX_NEEDLES];
-    thread_usage start, used;    /* usage of the haptic thread before its first tick and since then */
+    thread_usage start, used;    /* haptic thread's usage before its first tick, and since then */
     int64_t wrenches;
 } rig;
 
-static int nap_ms;               /* ms, time added to each of the worker's answers */
+static int nap_ms;               /* ms, added to each of the worker's answers */
 
 /* The linker replaces the library's own function with this wrapper. */
 trocar_status __real_remesher_serve(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, trocar_error *why);
@@ -98,7 +98,7 @@ trocar_status __wrap_remesher_serve(remesher *r, const remesh_request *request, 
     return __real_remesher_serve(r, request, snapshot, why);
 }
 
-/* Runs the haptic tick between two rounds of a simulated IO thread: a pose arrives before the tick, and the wrench is taken after it. */
+/* Runs the haptic tick between two rounds of a simulated IO thread, which delivers a pose before the tick and takes the wrench after it. */
 static bool rigged_tick(void *context, const loop_wake *wake) {
     rig *r = context;
     if (wake->tick == 0) r->start = thread_usage_now();
@@ -128,7 +128,7 @@ static void *haptic_thread(void *context) {
     trocar_error ignored;
     realtime_flush_denormals();
     realtime_touch_stack();
-    realtime_set_priority(PRIORITY_HAPTIC, &ignored); /* ignored if the priority is not permitted */
+    realtime_set_priority(PRIORITY_HAPTIC, &ignored); /* it does not matter if the priority is not permitted */
     loop_run(&r->loop);
     return NULL;
 }
@@ -192,9 +192,9 @@ static void a_slow_worker_never_stalls_the_loop(void **unused) {
     nap_ms = 50;
     rig *r = rig_create(2 * RATE, "1");
     rig_run(r);
-    assert_true(r->worker.served > 10 && r->worker.served <= 42); /* each answer takes 50 ms; only the newest request is answered, so there is no queue */
+    assert_true(r->worker.served > 10 && r->worker.served <= 42); /* each answer takes 50 ms; only the newest request is answered, so none queue up */
     assert_true(histogram_quantile(&r->loop.compute, 0.99) < (ALLOCATIONS_ARE_COUNTED ? 1e-3 : 20e-3));
-    if (ALLOCATIONS_ARE_COUNTED) assert_true(r->loop.misses < RATE / 10); /* the few misses are caused by the machine, not by the worker */
+    if (ALLOCATIONS_ARE_COUNTED) assert_true(r->loop.misses < RATE / 10); /* the few misses are the machine's doing, not the worker's */
     rig_free(r);
 }
 

@@ -1,4 +1,4 @@
-/* Tests that a message is accepted only if it is complete and of the right type. Any other total length, array count or string length is refused. */
+/* Tests that a message is only accepted if it is complete and of the right type. Any other total length, array count or string length is refused. */
 #include "common/message_fit.h"
 
 #include <stdlib.h>
@@ -105,7 +105,7 @@ static void deformation_must_match_the_mesh(void **unused) {
     assert_false(deformation_fits(bytes, size - 1, NODES) || deformation_fits(bytes, size, NODES + 1) || deformation_fits(bytes, 3, NODES));
 }
 
-/* LCM's own decoder would read past the end of a string that is not terminated. */
+/* LCM's own decoder would read past the end of an unterminated string. */
 static void strings_must_be_terminated(void **unused) {
     (void)unused;
     trocar_status_t m = {.host = "lab", .scene = "a.yaml", .inverse = "", .message = "late"};

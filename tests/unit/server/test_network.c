@@ -1,4 +1,4 @@
-/* Tests that permanent network errors (bad input) are distinguished from temporary ones. */
+/* Tests that permanent network errors (bad input) are told apart from temporary ones. */
 #include <stdlib.h>
 #include <string.h>
 

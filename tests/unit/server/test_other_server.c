@@ -1,4 +1,4 @@
-/* Tests that a server distinguishes the status message of another server from its own and from other messages. */
+/* Tests that a server tells another server's status message from its own and from other messages. */
 #include "intake/other_server.h"
 
 #include <string.h>
@@ -37,7 +37,7 @@ static void other_server_is_detected_and_named(void **unused) {
     assert_false(other_server_present(&o, 3 * SECOND));
 }
 
-/* The names in the message are written to the log, so they must be harmless. */
+/* The names in the message are written to the log, so they must be made harmless. */
 static void names_are_printable(void **unused) {
     (void)unused;
     other_server o = {0};

@@ -1,4 +1,4 @@
-/* Tests the phase lock with a simulated device: jittering arrivals, a device clock that runs at another speed, other rates, and silence. */
+/* Tests the phase lock with a simulated device: jittery arrivals, a device clock that runs fast or slow, other rates, and silence. */
 #include "phase_lock.h"
 
 #include <math.h>
@@ -12,13 +12,13 @@
 enum { PERIOD = 1000000, SETTLE = 1000, TICKS = 5000 }; /* ns; ticks */
 
 typedef struct {
-    double period, jitter;   /* ns; period: mean interval between poses; jitter: half-width of the random deviation */
+    double period, jitter;   /* ns; period: mean interval between poses; jitter: half-width of its random deviation */
     double start;            /* ns, time of the first pose */
 } device;
 
 typedef struct {
-    double age, oldest;      /* ns; age: mean age of the newest pose at a tick, after the first SETTLE ticks; oldest: its maximum */
-    double rate;             /* ratio of the loop's mean period to its nominal period */
+    double age, oldest;      /* ns; age: mean age of the newest pose at a tick, after the first SETTLE ticks; oldest: the maximum */
+    double rate;             /* ratio of the loop's mean period to its nominal one */
     int64_t largest;         /* ns, shift */
 } outcome;
 

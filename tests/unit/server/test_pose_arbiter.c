@@ -1,4 +1,4 @@
-/* Tests which poses the arbiter accepts and which it refuses, depending on their bytes and their session. */
+/* Tests which poses the arbiter accepts and refuses, depending on their bytes and their session. */
 #include <string.h>
 
 #include "intake/pose_arbiter.h"
@@ -68,7 +68,7 @@ static void valid_pose_arrives_unchanged(void **unused) {
     assert_int_equal(in.record.needles[0].counts[POSE_ACCEPTED], 1);
 }
 
-/* Sends messages of every wrong length, with every flipped bit of the fingerprint, and with random bytes. */
+/* Sends messages of every wrong length, with each bit of the fingerprint flipped, and with random bytes. */
 static void invalid_pose_messages_are_counted(void **unused) {
     (void)unused;
     pose_arbiter in = fresh();
@@ -90,14 +90,14 @@ static void invalid_pose_messages_are_counted(void **unused) {
     assert_int_equal(in.record.needles[0].owner, 0);
     assert_false(in.needles[0].newest.held);
     assert_non_null(strstr(in.record.message, "needle_pose_t"));
-    trocar_needle_pose_t nobody = message(0, 1, 0); /* the first malformed pose is reported, even if another one has been refused since */
+    trocar_needle_pose_t nobody = message(0, 1, 0); /* the first malformed pose is reported, even if another has been refused since */
     p = pack_pose(&nobody);
     assert_int_equal(arbiter_pose(&in, p.data, p.size, 0), POSE_REFUSED);
     assert_non_null(strstr(in.record.message, "session 0"));
     assert_non_null(strstr(in.record.malformed, "pose of 0 bytes"));
 }
 
-/* Sends random payloads after a valid fingerprint: only finite poses with unit quaternions may be accepted. */
+/* Sends random payloads after a valid fingerprint. Only finite poses with unit quaternions may be accepted. */
 static void random_payloads_never_pass_unchecked(void **unused) {
     (void)unused;
     pose_arbiter in = fresh();
@@ -105,7 +105,7 @@ static void random_payloads_never_pass_unchecked(void **unused) {
     for (int i = 0; i < 200000; i++) {
         trocar_needle_pose_t m = message(1, i, 0);
         packet p = pack_pose(&m);
-        for (size_t k = 8; k < p.size - 4; k++) { /* all fields except the last one, `needle` */
+        for (size_t k = 8; k < p.size - 4; k++) { /* all fields except the last, `needle` */
             random = 1664525u * random + 1013904223u;
             p.data[k] = (unsigned char)(random >> 24);
         }
@@ -139,8 +139,8 @@ static void sequence_numbers_must_increase(void **unused) {
     assert_int_equal(take_pose(&in, 1, 15, 0, MS), POSE_ACCEPTED); /* gaps in the sequence do not matter */
 }
 
-/* A single packet with the owner's session and an arbitrary number costs the owner at most a few poses. A stream of packets with old numbers, sent between the
-   owner's poses, costs none. */
+/* A single packet with the owner's session and an arbitrary number costs the owner a few poses at most. A stream of packets with old numbers, sent between
+   the owner's poses, costs none. */
 static void no_sequence_number_locks_the_owner_out(void **unused) {
     (void)unused;
     static const int64_t forged[] = {INT64_MAX, INT64_MIN, 0, 5000, 99, 50000000, INT64_MAX - 1};
@@ -160,7 +160,7 @@ static void no_sequence_number_locks_the_owner_out(void **unused) {
     }
 }
 
-/* The arbiter follows a client that restarts its numbering within the same session, and one that switches to numbering by time in nanoseconds. */
+/* The arbiter keeps following a client that restarts its numbering within a session, or that switches to numbering by time in nanoseconds. */
 static void a_new_count_is_followed(void **unused) {
     (void)unused;
     pose_arbiter in = fresh();
@@ -182,7 +182,7 @@ static void second_session_is_refused_until_the_first_is_silent(void **unused) {
     assert_int_equal(take_pose(&in, 2, 1, 0, 1999 * MS), POSE_REFUSED);
     assert_non_null(strstr(in.record.message, "session 2"));
     assert_int_equal(in.record.needles[0].owner, 1);
-    assert_int_equal(take_pose(&in, 2, 2, 9, 2001 * MS), POSE_ACCEPTED); /* accepted at any position, because this is a new insertion */
+    assert_int_equal(take_pose(&in, 2, 2, 9, 2001 * MS), POSE_ACCEPTED); /* accepted at any position, because it starts a new insertion */
     assert_int_equal(in.record.needles[0].owner, 2);
     assert_true(in.needles[0].newest.engagement > engagement);
     assert_int_equal(take_pose(&in, 1, 2, 0, 2002 * MS), POSE_REFUSED);
@@ -215,7 +215,7 @@ static void shut_down_from_afar(pose_arbiter *in, int64_t session, command_verdi
 static void another_machine_shuts_down_only_with_a_needle(void **unused) {
     (void)unused;
     pose_arbiter in = fresh();
-    /* session 0 belongs to nobody; in particular, it does not own a free needle */
+    /* session 0 means nobody, so it does not own a free needle either */
     for (int64_t session = 0; session < 3; session++) shut_down_from_afar(&in, session, COMMAND_SETTLED);
     assert_int_equal(in.record.commands_refused, 3);
     assert_non_null(strstr(in.record.message, "another machine"));
@@ -255,14 +255,14 @@ static void jumps_are_rejected_while_the_needle_is_followed(void **unused) {
     (void)unused;
     pose_arbiter in = fresh();
     take_pose(&in, 1, 1, 0, 0);
-    for (int i = 1; i <= 100; i++) /* moves at a constant 1.9 m/s */
+    for (int i = 1; i <= 100; i++) /* a constant 1.9 m/s */
         assert_int_equal(take_pose(&in, 1, 1 + i, 0.0019 * i, i * MS), POSE_ACCEPTED);
     assert_int_equal(take_pose(&in, 1, 200, 0.19 + 0.05, 101 * MS), POSE_JUMPED);
     assert_int_equal(take_pose(&in, 1, 201, 0.191, 102 * MS), POSE_ACCEPTED);
 }
 
-/* Lost poses are counted when a later pose of the owner arrives, even if that pose is refused. They are never counted twice, and gaps between poses of
-   different clients are not counted. */
+/* Lost poses are counted when a later pose of the owner arrives, even one that is refused. They are never counted twice, and gaps between different clients'
+   poses are not counted. */
 static void lost_poses_are_counted(void **unused) {
     (void)unused;
     pose_arbiter in = fresh();
@@ -282,13 +282,13 @@ static void lost_poses_are_counted(void **unused) {
     assert_int_equal(in.record.needles[0].poses_lost, 3);
 }
 
-/* The network may delay poses and deliver several at once; only the mean speed is limited. */
+/* The network may delay poses and deliver several at once, so only the mean speed is limited. */
 static void bunched_poses_are_accepted_but_fast_motion_is_a_jump(void **unused) {
     (void)unused;
     pose_arbiter in = fresh();
     int64_t seq = 1;
     take_pose(&in, 1, seq, 0, 0);
-    for (int i = 1; i <= 100; i++) { /* moves at 1.5 m/s; poses are delivered in batches of four */
+    for (int i = 1; i <= 100; i++) { /* 1.5 m/s, with poses delivered in batches of four */
         int64_t arrival = ((i + 3) / 4) * 4 * MS;
         assert_int_equal(take_pose(&in, 1, ++seq, 0.0015 * i, arrival), POSE_ACCEPTED);
     }
@@ -330,8 +330,8 @@ static void command_to(pose_arbiter *in, int needle, int64_t session, int what) 
     arbiter_command(in, data, (size_t)size, false, 0, &decoded);
 }
 
-/* Once the owner has been silent for two seconds, commands of another session are accepted. Otherwise, nobody could take over a needle in the tissue whose
-   owner has crashed. */
+/* Once the owner has been silent for two seconds, commands from another session are accepted. Otherwise nobody could take over a needle in the tissue after
+   its owner has crashed. */
 static void commands_are_accepted_once_the_owner_is_silent(void **unused) {
     (void)unused;
     pose_arbiter in = fresh();
@@ -375,7 +375,7 @@ static void a_session_holds_one_needle(void **unused) {
     assert_int_equal(take_at(&in, 1, 7, 2, 1999 * MS), POSE_REFUSED);
     assert_string_equal(in.record.message, "session 7 refused for needle 1: it holds needle 0; release that first, or use a session for each");
     assert_true(in.record.needles[0].owner == 7 && in.record.needles[1].owner == 0);
-    assert_int_equal(take_at(&in, 1, 7, 3, 2001 * MS), POSE_ACCEPTED); /* needle 0 has not received any pose for two seconds */
+    assert_int_equal(take_at(&in, 1, 7, 3, 2001 * MS), POSE_ACCEPTED); /* needle 0 has had no pose for two seconds */
     assert_true(in.record.needles[0].owner == 0 && in.record.needles[1].owner == 7);
     assert_true(!in.needles[0].newest.held && in.needles[1].newest.held);
 }
@@ -393,7 +393,7 @@ static void needles_that_the_scene_lacks_are_refused(void **unused) {
     assert_int_equal(take_at(&in, 1, 7, 1, 0), POSE_ACCEPTED); /* the refused pose did not use up its sequence number */
 }
 
-/* An older device sends needle_pose_t without the field `needle`: its fingerprint differs, and the last field is missing. */
+/* An older device sends needle_pose_t without the `needle` field. The fingerprint differs, and the last field is missing. */
 static void an_older_device_is_told_what_to_do(void **unused) {
     (void)unused;
     static const unsigned char older[] = {0xbe, 0x3a, 0xf9, 0x6b, 0xc7, 0x21, 0xe5, 0xea};

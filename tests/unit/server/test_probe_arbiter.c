@@ -1,5 +1,5 @@
-/* Tests which poses of the probe the arbiter accepts and which it refuses, depending on their bytes and their session, and follows an accepted pose through the
-   IO thread and the haptic thread to a message. */
+/* Tests which probe poses the arbiter accepts and refuses, depending on their bytes and session, and follows an accepted pose through the IO and haptic
+   threads until it shows up in a message. */
 #include <string.h>
 
 #include "common/timing.h"
@@ -75,7 +75,7 @@ static void invalid_messages_are_counted(void **unused) {
     int size = trocar_probe_pose_t_encode(data, 0, sizeof data, &good);
     for (int k = 0; k <= (int)sizeof data; k++)
         if (k != size) assert_false(probe_arbiter_pose(&in, data, (size_t)k, 0, message, sizeof message));
-    for (int bit = 0; bit < 64; bit++) { /* flips the bits of the fingerprint */
+    for (int bit = 0; bit < 64; bit++) { /* flips each bit of the fingerprint */
         data[bit / 8] ^= (unsigned char)(1 << bit % 8);
         assert_false(probe_arbiter_pose(&in, data, (size_t)size, 0, message, sizeof message));
         data[bit / 8] ^= (unsigned char)(1 << bit % 8);
@@ -98,7 +98,7 @@ static void on_wrench(const lcm_recv_buf_t *b, const char *channel, const trocar
     received++;
 }
 
-/* A message moves the probe, the simulation's worker presses the probe against the tissue, and a message reports the result. */
+/* A message moves the probe, the simulation's worker presses it against the tissue, and another message reports the result. */
 static void pressed_by_message(void **unused) {
     (void)unused;
     static exchange x;
@@ -128,7 +128,7 @@ static void pressed_by_message(void **unused) {
     }
     OK(io_round(&o));
     OK(io_round(&o));
-    assert_in_range(received, 1, 4); /* few messages, because the probe did not move */
+    assert_in_range(received, 1, 4); /* only a few, because the probe did not move */
     assert_int_equal(last.session, 9);
     assert_true(last.pose_seq >= 30 && last.contacts > 2 && last.force[2] < -0.5);
     assert_true(last.position[2] == 0.003 - 0.010);

@@ -1,4 +1,4 @@
-/* Tests what is written to a stderr that is not a terminal: messages, and one line for each tenth of the progress, without repetitions. */
+/* Tests what is written to a stderr that is not a terminal: messages, and one line per tenth of the progress, without repeats. */
 #include "common/progress.h"
 
 #include <setjmp.h>

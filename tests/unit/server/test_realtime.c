@@ -1,4 +1,4 @@
-/* Tests that each request that realtime.c makes to Linux takes effect, or that the error message says which limit to raise. */
+/* Tests that each of realtime.c's requests to Linux takes effect, or that the error message says which limit to raise. */
 #define _GNU_SOURCE
 #include <fcntl.h>
 #include <float.h>
@@ -96,7 +96,7 @@ static void checking_does_not_change_the_thread(void **unused) {
     trocar_error why;
     realtime_check_permission(PRIORITY_HAPTIC, &why);
     assert_int_equal(sched_getscheduler(0), SCHED_OTHER);
-    assert_int_equal(realtime_check_permission(1000, &why), TROCAR_SYSTEM); /* no system grants such a high priority */
+    assert_int_equal(realtime_check_permission(1000, &why), TROCAR_SYSTEM); /* no system grants a priority this high */
     assert_non_null(strstr(why.text, "1000"));
 }
 
@@ -136,7 +136,7 @@ static void missing_permission_has_its_own_status(void **unused) {
     assert_non_null(strstr(why.text, "ulimit -r 80"));
 }
 
-/* Returns the amount of locked memory in kB. */
+/* Returns the amount of locked memory, in kB. */
 static long locked_kilobytes(void) {
     char line[256];
     long kilobytes = -1;
@@ -168,7 +168,7 @@ static void idle_states_are_disabled_or_the_reason_is_reported(void **unused) {
     }
     int reader = open("/dev/cpu_dma_latency", O_RDONLY);
     if (reader >= 0) assert_int_equal(read(reader, &allowed, sizeof allowed), sizeof allowed);
-    if (reader >= 0) assert_int_equal(allowed, 0); /* permitted wake-up latency of the processors, us */
+    if (reader >= 0) assert_int_equal(allowed, 0); /* us, permitted wake-up latency of the processors */
     if (reader >= 0) close(reader);
     close(descriptor);
 }
@@ -209,7 +209,7 @@ int main(void) {
         cmocka_unit_test(memory_is_locked_or_the_limit_is_reported),
         cmocka_unit_test(idle_states_are_disabled_or_the_reason_is_reported),
         cmocka_unit_test(timer_slack_is_not_inherited),
-        cmocka_unit_test(missing_permission_has_its_own_status), /* last test, because it lowers a limit permanently */
+        cmocka_unit_test(missing_permission_has_its_own_status), /* must come last, because it lowers a limit for good */
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -1,5 +1,5 @@
-/* Tests the relay thread with a client on this machine's loopback interface and LCM without a network (memq): the client's messages are published, and the IO
-   thread's messages reach the client. The test waits for datagrams, not for fixed times. */
+/* Tests the relay thread with a client on the loopback interface and LCM without a network (memq). The client's messages are published, and the IO thread's
+   messages reach the client. The test waits for datagrams, never for fixed times. */
 #include <arpa/inet.h>
 #include <pthread.h>
 #include <string.h>
@@ -16,7 +16,7 @@
 #include <stdint.h>
 #include <cmocka.h>
 
-enum { MESSAGES = 100, LONGEST = 10 }; /* LONGEST: s, time without a datagram after which the test fails */
+enum { MESSAGES = 100, LONGEST = 10 }; /* LONGEST: s without a datagram after which the test fails */
 
 typedef struct {
     exchange exchange;
@@ -57,7 +57,7 @@ static void on_pose(const lcm_recv_buf_t *b, const char *channel, const trocar_n
     assert_int_equal(m->seq, (*next)++);
 }
 
-/* Sends a handshake and stores the token of the answer, which must be of this kind. */
+/* Sends a handshake and stores the token from the answer, which must be of this kind. */
 static void shake(fixture *f, wire_handshake *h, wire_kind kind, wire_kind wanted) {
     unsigned char datagram[WIRE_MOST];
     size_t size = wire_put_handshake(datagram, kind, h, &f->secret);
@@ -115,7 +115,7 @@ static void the_last_messages_are_sent_before_the_end(void **state) {
     wire_key to_server = wire_direction_key(&f->secret, WIRE_TO_SERVER, h.nonce, h.token);
     size_t size = wire_put_message(datagram, WIRE_TO_SERVER, 1, "TROCAR_POSE", bytes, sizeof bytes, &to_server);
     assert_int_equal(send(f->client, datagram, size, 0), size);
-    size = wire_put_message(datagram, WIRE_TO_SERVER, 2, "", NULL, 0, &to_server); /* the answer to it shows that the pose has been received */
+    size = wire_put_message(datagram, WIRE_TO_SERVER, 2, "", NULL, 0, &to_server); /* the answer shows that the pose has been received */
     assert_int_equal(send(f->client, datagram, size, 0), size);
     assert_true(recv(f->client, datagram, sizeof datagram, 0) > 0);
     for (int i = 0; i < MESSAGES; i++) {

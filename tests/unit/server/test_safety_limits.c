@@ -21,14 +21,14 @@ static pose_sample sample(uint64_t engagement, double x, int64_t received) {
     return (pose_sample){.held = true, .engagement = engagement, .session = 1, .received = received, .base = at(x)};
 }
 
-/* Runs one tick in which the model returns a constant wrench; returns the flags. */
+/* Runs one tick in which the model returns a constant wrench. Returns the flags. */
 static int tick(safety_limits *g, const device_limits *limits, bool wind_down, double model_force, vec3 *force) {
     vec3 torque = v3(0, 0, 0);
     *force = v3(model_force, 0, 0);
     return safety_wrench(g, limits, wind_down, DT, force, &torque);
 }
 
-/* Returns the safety state after one second at full wrench with a pose at x = 0; the last pose arrived at `now`. */
+/* Returns the safety state after one second at full wrench with a pose at x = 0. The last pose arrived at `now`. */
 static safety_limits engaged(const device_limits *limits, int64_t now, double model_force) {
     safety_limits g = {0};
     vec3 force;
@@ -61,7 +61,7 @@ static void bad_numbers_are_reported(void **unused) {
 
 static void travel_time_is_the_longer_of_translation_and_rotation(void **unused) {
     (void)unused;
-    device_limits limits = device_defaults(); /* the defaults are limits of 2 m/s and 20 rad/s */
+    device_limits limits = device_defaults(); /* default limits: 2 m/s and 20 rad/s */
     pose a = at(0), b = at(0.5);
     assert_true(fabs(safety_travel_time(&limits, &a, &b) - 0.25) < 1e-12);
     b.orientation = (quat){cos(5.0 / 20), 0, sin(5.0 / 20), 0}; /* a rotation by 0.5 rad, which takes 25 ms */
@@ -85,7 +85,7 @@ static void nothing_happens_before_the_first_pose(void **unused) {
 
 static void engaging_ramps_in_over_the_ramp_time(void **unused) {
     (void)unused;
-    device_limits limits = device_defaults(); /* the default ramp takes 100 ms */
+    device_limits limits = device_defaults(); /* default ramp: 100 ms */
     safety_limits g = {0};
     vec3 force;
     pose_sample s = sample(1, 0, 0);
@@ -100,7 +100,7 @@ static void engaging_ramps_in_over_the_ramp_time(void **unused) {
 
 static void stale_poses_hold_then_ramp_then_return(void **unused) {
     (void)unused;
-    device_limits limits = device_defaults(); /* by default, the hold time is 10 ms and the ramp takes 100 ms */
+    device_limits limits = device_defaults(); /* defaults: 10 ms hold time, 100 ms ramp */
     safety_limits g = engaged(&limits, 0, 10.0);
     pose_sample s = sample(1, 0, 0);
     vec3 force;
@@ -160,7 +160,7 @@ static void limits_preserve_the_direction(void **unused) {
     assert_true(fabs(torque.z - 1.0) < 1e-12);
 }
 
-/* At the profile's force rate, the full force is reached in 3 ms. The profile of a device without torque leaves the torque limits unchanged. */
+/* At the profile's force rate, full force is reached in 3 ms. A profile of a device without torque leaves the torque limits unchanged. */
 static void profile_sets_the_limits_of_its_device(void **unused) {
     (void)unused;
     device_limits limits = device_defaults(), before = limits;
@@ -214,7 +214,7 @@ static void documented_device_table_is_correct(void **unused) {
 
 static void slew_is_limited(void **unused) {
     (void)unused;
-    device_limits limits = device_defaults(); /* the default force rate is 2000 N/s, which is 2 N per tick */
+    device_limits limits = device_defaults(); /* default force rate: 2000 N/s, i.e. 2 N per tick */
     safety_limits g = engaged(&limits, 0, 0.0);
     vec3 force;
     for (int i = 1; i <= 5; i++) {
@@ -223,7 +223,7 @@ static void slew_is_limited(void **unused) {
     }
     assert_int_equal(tick(&g, &limits, false, 11.0, &force), 0);
     assert_true(fabs(force.x - 11.0) < 1e-12);
-    vec3 torque = v3(0, 0.5, 0); /* the default torque rate is 100 N m/s, which is 0.1 N m per tick */
+    vec3 torque = v3(0, 0.5, 0); /* default torque rate: 100 N m/s, i.e. 0.1 N m per tick */
     force = v3(11, 0, 0);
     assert_int_equal(safety_wrench(&g, &limits, false, DT, &force, &torque), TROCAR_NEEDLE_WRENCH_T_SATURATED);
     assert_true(fabs(torque.y - 0.1) < 1e-12);
@@ -250,7 +250,7 @@ static void overruns_in_a_row_ramp_out_until_timing_is_good(void **unused) {
     safety_limits g = engaged(&limits, 0, 10.0);
     vec3 force;
     for (int i = 0; i < SAFETY_OVERRUNS - 1; i++) safety_timing(&g, true, DT);
-    safety_timing(&g, false, DT); /* one punctual tick ends the series of late ticks */
+    safety_timing(&g, false, DT); /* one punctual tick ends the run of late ones */
     for (int i = 0; i < SAFETY_OVERRUNS - 1; i++) safety_timing(&g, true, DT);
     assert_int_equal(tick(&g, &limits, false, 10.0, &force), 0);
     safety_timing(&g, true, DT);
@@ -275,7 +275,7 @@ static void winding_down_comes_to_rest(void **unused) {
     assert_in_range(ticks, 100, 102);
 }
 
-/* After a transfer, the output ramps from its last value to the model's wrench, and always lies between the two, however the model's wrench changes. */
+/* After a transfer, the output ramps from its last value to the model's wrench and stays between the two, however the model's wrench changes. */
 static void a_transfer_goes_over_by_a_ramp(void **unused) {
     (void)unused;
     device_limits limits = device_defaults();
@@ -297,7 +297,7 @@ static void a_transfer_goes_over_by_a_ramp(void **unused) {
     }
 }
 
-/* A hand that engages the same needle again keeps its force during the ramp; another hand starts without that force. */
+/* A hand that engages the same needle again keeps its force during the ramp. Another hand starts without that force. */
 static void a_new_hand_does_not_get_the_force_of_the_last_one(void **unused) {
     (void)unused;
     device_limits limits = device_defaults();

@@ -8,7 +8,7 @@
 #include <stdint.h>
 #include <cmocka.h>
 
-/* Returns true if a message with this number is accepted. */
+/* Returns whether a message with this number is accepted. */
 static bool take(sequence *s, int64_t number) {
     bool accepted = sequence_accepts(s, number);
     if (accepted) sequence_begin(s, number);

@@ -1,4 +1,4 @@
-/* Tests the complete server in this process, over memq: it starts, reports that it is listening, stops for each possible reason, and refuses bad input. */
+/* Tests the complete server in this process, over memq: it starts, reports that it is listening, stops for every possible reason, and refuses bad input. */
 #define _GNU_SOURCE
 #include <pthread.h>
 #include <stdlib.h>
@@ -48,7 +48,7 @@ static void runs_and_stops_on_request(void **unused) {
     readies = 0;
     stop = eventfd(0, EFD_NONBLOCK);
     assert_int_equal(server_create(&o, &s, &why), TROCAR_OK);
-    assert_int_equal(sched_getscheduler(0), SCHED_OTHER); /* SCHED_RESET_ON_FORK, which would reset the nice values of its threads, is not set */
+    assert_int_equal(sched_getscheduler(0), SCHED_OTHER); /* SCHED_RESET_ON_FORK, which would reset its threads' nice values, is not set */
     char *before = described(s, server_describe);
     assert_non_null(strstr(before, "figure8.yaml"));
     assert_non_null(strstr(before, "1000 Hz"));
@@ -134,7 +134,7 @@ static void *create_without_permission(void *why) {
     return refused ? NULL : "the missing mesh is not reported";
 }
 
-/* A supervisor may restart such a server many times, so the server must refuse to start before it reads the mesh, which is missing in this test. */
+/* A supervisor may restart such a server many times. It must therefore refuse to start before reading the mesh, which does not exist here. */
 static void missing_permission_is_reported_before_reading_the_mesh(void **unused) {
     (void)unused;
     pthread_t thread;
@@ -156,7 +156,7 @@ int main(void) {
         cmocka_unit_test(the_rate_can_be_replaced),
         cmocka_unit_test(bad_input_is_reported_and_nothing_starts),
         cmocka_unit_test(unprivileged_service_gets_real_time),
-        cmocka_unit_test(missing_permission_is_reported_before_reading_the_mesh), /* last test, because it lowers a limit permanently */
+        cmocka_unit_test(missing_permission_is_reported_before_reading_the_mesh), /* must come last, because it lowers a limit for good */
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

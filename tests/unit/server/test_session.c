@@ -1,4 +1,4 @@
-/* Tests that clients that start at the same time are assigned different sessions. */
+/* Tests that clients that start at the same time get different sessions. */
 #include "common/session.h"
 
 #include <setjmp.h>

@@ -12,7 +12,7 @@
 static const int64_t MS = 1000000;
 
 typedef struct {
-    double amplitude;        /* m, amplitude of the oscillation */
+    double amplitude;        /* m, of the oscillation */
     double frequency;        /* Hz */
     double damping;          /* fraction of critical damping; if negative, the oscillation grows */
     double force;            /* N, amplitude of the force */
@@ -20,7 +20,7 @@ typedef struct {
     vec3 direction;
 } motion;
 
-/* Returns the maximum number of consecutive oscillations reported during this time. */
+/* Returns the largest number of consecutive oscillations reported during this time. */
 static int longest_row(const motion *m, double seconds) {
     swing_observer s;
     swing_begin(&s, v3(0.1, 0.2, 0.3), 0);
@@ -46,8 +46,8 @@ static void a_steady_oscillation_is_reported_swing_by_swing(void **unused) {
     assert_true(longest_row(&small, 1.0) > 15 && longest_row(&growing, 1.0) > 15 && longest_row(&drifting, 1.0) > 15);
 }
 
-/* In one period, an oscillation decays by exp(-2 pi times the damping), which is 0.9 at 1.7 %. The first two half-oscillations have no predecessor for
-   comparison, and the first is half as long as the others. */
+/* In one period, an oscillation decays by exp(-2 pi times the damping), which is 0.9 at 1.7 %. The first two half-oscillations have nothing to be compared
+   with, and the first is half as long as the others. */
 static void an_oscillation_that_dies_away_is_not_reported(void **unused) {
     (void)unused;
     for (double frequency = 4; frequency <= 40; frequency *= 1.3) {
@@ -63,7 +63,7 @@ static void other_motions_are_not_reported(void **unused) {
     assert_int_equal(longest_row(&slow, 3.0), 0);
     assert_int_equal(longest_row(&tremor, 3.0), 0);
     assert_int_equal(longest_row(&free, 3.0), 0);   /* the needle moves through air */
-    assert_int_equal(longest_row(&push, 3.0), 0);   /* the hand never reverses its motion */
+    assert_int_equal(longest_row(&push, 3.0), 0);   /* the hand never reverses */
 }
 
 int main(void) {

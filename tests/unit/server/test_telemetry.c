@@ -29,8 +29,8 @@ typedef struct {
     trocar_deformation_t *deformation;
     trocar_contacts_t *contacts;
     trocar_tracks_t *tracks;
-    int statuses[2], pictures[2];      /* number of messages received for each needle */
-    int empty_tracks;                  /* number of messages that contained no tracks */
+    int statuses[2], pictures[2];      /* messages received for each needle */
+    int empty_tracks;                  /* messages without any tracks */
     int64_t owners[2];
     double tips[2];                    /* m, along z */
 } fixture;
@@ -79,7 +79,7 @@ static int close_fixture(void **state) {
     return 0;
 }
 
-/* Inserts a needle 20 mm into the tissue in lockstep, turning it at the same time, and publishes it as the haptic thread would. */
+/* Inserts a needle 20 mm into the tissue in lockstep while turning it, and publishes it as the haptic thread would. */
 static void show_turned_needle(fixture *f, double turn) {
     view_sample *view = triple_buffer_slot(&f->exchange.views);
     trocar_pose base = {{0.005, 0.003, -0.201}, {1, 0, 0, 0}};
@@ -124,7 +124,7 @@ static void show_the_rest(fixture *f) {
         spsc_ring_push(&f->exchange.round_trips, &round_trip);
 }
 
-/* Receives messages for this many tenths of a second. At the start of each tenth, `show`, unless it is NULL, publishes a new state. */
+/* Receives messages for this many tenths of a second. At the start of each tenth, `show` (unless NULL) publishes a new state. */
 static void receive_while(fixture *f, int tenths, void (*show)(fixture *)) {
     lcm_t *lcm = f->telemetry.lcm;
     trocar_loop_timing_t_subscription_t *a = trocar_loop_timing_t_subscribe(lcm, "TROCAR_TIMING", on_timing, f);
@@ -150,7 +150,7 @@ static void receive_while(fixture *f, int tenths, void (*show)(fixture *)) {
 
 static void receive(fixture *f) { receive_while(f, 3, NULL); }
 
-/* The track of a needle that was inserted straight by 19 mm starts at the skin; it is shorter than 19 mm by the depth of the dent. */
+/* The track of a needle inserted straight by 19 mm starts at the skin. It is shorter than 19 mm by the depth of the dent. */
 static void the_track_is_published(void **state) {
     fixture *f = *state;
     show_a_needle(f);
@@ -176,7 +176,7 @@ static void count_empty_tracks(const lcm_recv_buf_t *b, const char *channel, con
     f->empty_tracks += m->point_count == 0;
 }
 
-/* A viewer that loses the first message after a reset learns from the next message that there are no tracks. */
+/* A viewer that loses the first message after a reset learns from the next one that there are no tracks. */
 static void a_reset_is_told_again_each_second(void **state) {
     fixture *f = *state;
     trocar_pose base = {{0.005, 0.003, -0.201}, {1, 0, 0, 0}};
@@ -198,7 +198,7 @@ static void on_seeds(const lcm_recv_buf_t *b, const char *channel, const trocar_
     *last = trocar_seeds_t_copy(m);
 }
 
-/* Of a strand of two seeds, one is in the tissue and one is still in the needle; after the reset there are none. */
+/* Of a strand of two seeds, one is in the tissue and the other still in the needle. After the reset there are none. */
 static void seeds_are_published(void **state) {
     fixture *f = *state;
     trocar_seeds_t *last = NULL;
@@ -257,7 +257,7 @@ static void all_four_messages_contain_the_published_state(void **state) {
     assert_true(fabs(f->timing->round_trip_max - 4e-3) < 1e-9);
     assert_true(fabs(f->timing->stage_mean[TROCAR_LOOP_TIMING_T_STAGE_CONTACT] - 30e-6) < 1e-12);
     assert_true(fabs(f->timing->stage_max[TROCAR_LOOP_TIMING_T_STAGE_CONTACT] - 45e-6) < 1e-12);
-    assert_int_equal(f->timing->compute_bins[12], 100); /* bin 12 ranges from 45 to 64 us */
+    assert_int_equal(f->timing->compute_bins[12], 100); /* bin 12 covers 45 to 64 us */
     assert_int_equal(f->timing->minor_faults, 4);
     assert_int_equal(f->timing->major_faults, 5);
     assert_int_equal(f->timing->context_switches, 6);
@@ -274,7 +274,7 @@ static void all_four_messages_contain_the_published_state(void **state) {
     assert_non_null(strstr(f->status->scene, "figure8.yaml"));
 }
 
-/* The viewer's data are consistent: all nodes are present, the tissue moves with the needle, and fixed nodes do not move. */
+/* The viewer's data are consistent: all nodes are there, the tissue moves with the needle, and fixed nodes do not move. */
 static void the_tissue_moves_with_the_needle(void **state) {
     fixture *f = *state;
     show_a_needle(f);
@@ -339,7 +339,7 @@ static void count_contacts(const lcm_recv_buf_t *b, const char *channel, const t
     f->tips[m->needle] = m->centreline[m->joint_count - 1][2];
 }
 
-/* A status is published for every needle. Contacts are published only for needles that a hand has held. */
+/* A status is published for every needle, contacts only for needles that a hand has held. */
 static void each_needle_has_its_messages(void **state) {
     fixture *f = *state;
     for (int held = 1; held <= 2; held++) {
@@ -371,7 +371,7 @@ static void each_needle_has_its_messages(void **state) {
     assert_true(fabs(f->tips[0] + 0.001) < 1e-6 && fabs(f->tips[1] + 0.011) < 1e-6);
 }
 
-/* A refused message is reported on stderr once, even if another message has been refused in the meantime. */
+/* A refused message is reported on stderr once, even if another has been refused in the meantime. */
 static void the_first_malformed_pose_is_reported(void **state) {
     fixture *f = *state;
     char said[1000] = "";

@@ -20,7 +20,7 @@ static int ascending(const void *a, const void *b) {
     return (x > y) - (x < y);
 }
 
-/* Draws samples spread over six decades, like real latencies, with a fixed generator (Numerical Recipes' LCG). */
+/* Draws samples spread over six decades, as real latencies are, with a fixed generator (Numerical Recipes' LCG). */
 static void draw(int64_t *samples) {
     uint32_t random = 12345;
     for (int i = 0; i < SAMPLES; i++) {
@@ -42,7 +42,7 @@ static void quantiles_agree_with_sorting(void **unused) {
     for (size_t k = 0; k < sizeof quantiles / sizeof *quantiles; k++) {
         double exact = 1e-9 * (double)samples[(int)(quantiles[k] * SAMPLES)];
         double found = histogram_quantile(&h, quantiles[k]);
-        assert_true(found >= exact * (1 - 1e-12));           /* `found` is the upper edge of the bucket */
+        assert_true(found >= exact * (1 - 1e-12));           /* `found` is the bucket's upper edge */
         assert_true(found <= exact * (1 + 1.0 / 32) + 1e-9); /* a bucket is at most 1/32 of an octave wide */
     }
     assert_int_equal(h.count, SAMPLES);
@@ -77,7 +77,7 @@ static void bins_contain_values_between_their_edges(void **unused) {
     }
     int32_t total = 0;
     for (int k = 0; k < HISTOGRAM_BINS; k++) {
-        assert_true(abs(bins[k] - expected[k]) <= 0.12 * SAMPLES / HISTOGRAM_BINS); /* a bucket may extend across the boundary between two bins */
+        assert_true(abs(bins[k] - expected[k]) <= 0.12 * SAMPLES / HISTOGRAM_BINS); /* a bucket may straddle two bins */
         total += bins[k];
     }
     assert_int_equal(total, SAMPLES);
@@ -99,8 +99,8 @@ static void sleeps_until_the_time_given(void **unused) {
     sleep_until(start + 20000000);
     int64_t passed = monotonic_ns() - start;
     assert_true(passed >= 20000000);
-    assert_true(llabs((wall_us() - wall) * 1000 - passed) < 1000000000); /* the two clocks agree on the elapsed time to within one second */
-    sleep_until(start); /* a time in the past, so the call returns immediately */
+    assert_true(llabs((wall_us() - wall) * 1000 - passed) < 1000000000); /* over the elapsed time, the two clocks agree to within one second */
+    sleep_until(start); /* already past, so the call returns at once */
 }
 
 static void usage_counts_page_faults(void **unused) {

@@ -1,5 +1,5 @@
-/* Tests the virtual coupling alone, and the closed loop that the coupling must keep stable: a simulated hand, a network with delay and loss, the coupling, and
-   a needle in tissue or on a spring of any stiffness. */
+/* Tests the virtual coupling alone and in the closed loop that it must keep stable: a simulated hand, a network with delay and loss, the coupling, and a
+   needle in tissue or on a spring of any stiffness. */
 #include <math.h>
 
 #include "coupling/virtual_coupling.h"
@@ -21,7 +21,7 @@ static pose_sample sample(int64_t ms, double x, int64_t wrench_tick) {
                          .base = {v3(x, 0, 0), {1, 0, 0, 0}}};
 }
 
-/* Returns the limits of a device that has no delay of its own; the next call overwrites them. */
+/* Returns the limits of a device that adds no delay. The next call overwrites them. */
 static const device_limits *limited_to(double stiffness) {
     static device_limits limits;
     limits = device_defaults();
@@ -60,12 +60,12 @@ static void energy_is_the_work_of_the_hand_against_the_rendered_wrench(void **un
     coupling_engage(&p, &s);
     coupling_send(&p, 1, 0, v3(-2, 0, 0), v3(0, 0, -0.5));
     coupling_send(&p, 2, 0, v3(-4, 0, 0), v3(0, 0, 0));
-    s = sample(1, 0.010, 1); /* a motion of 10 mm against 2 N, and a rotation of 0.1 rad against 0.5 N m */
+    s = sample(1, 0.010, 1); /* 10 mm against 2 N, and 0.1 rad against 0.5 N m */
     s.base.orientation = q_exp(v3(0, 0, 0.1));
     coupling_receive(&p, &s);
     assert_true(fabs(p.energy - 0.07) < 1e-12 && p.lowest == 0.0 && !coupling_active(&p));
     s.received++;
-    s.base.position.x = -0.010; /* a motion of 20 mm in the opposite direction, with 4 N */
+    s.base.position.x = -0.010; /* 20 mm the other way, with 4 N */
     s.wrench_tick = 2;
     coupling_receive(&p, &s);
     assert_true(fabs(p.energy + 0.01) < 1e-12 && fabs(p.lowest + 0.01) < 1e-12 && coupling_active(&p));
@@ -83,7 +83,7 @@ static void rigid_coupling_changes_nothing(void **unused) {
     assert_true(compliance == 0.0 && p.stiffness == 0.0);
 }
 
-/* A client that renders no wrenches refers to the newest one as -1 - tick: the round trip is measured, and the needle follows the poses rigidly. */
+/* A client that renders no wrenches refers to the newest one as -1 - tick. The round trip is measured, and the needle follows the poses rigidly. */
 static void a_hand_without_force_holds_rigidly(void **unused) {
     (void)unused;
     static virtual_coupling p;
@@ -109,7 +109,7 @@ static void stiffness_follows_delay_and_mass_of_the_device(void **unused) {
     p = (virtual_coupling){0};
     pose_sample s = sample(0, 0, 0);
     coupling_engage(&p, &s);
-    for (int64_t ms = 1; ms < 20000; ms++) { /* the round trip takes 1 ms, and one pose arrives per millisecond */
+    for (int64_t ms = 1; ms < 20000; ms++) { /* 1 ms round trip, one pose per millisecond */
         s = sample(ms, 0, ms - 1);
         coupling_receive(&p, &s);
         coupling_send(&p, ms, ms * MS, v3(0, 0, 0), v3(0, 0, 0));
@@ -127,7 +127,7 @@ static void stiffness_follows_delay_and_mass_of_the_device(void **unused) {
         }
 }
 
-/* The energy of a motion is that of the wrench felt during it: the one sent one device delay before the wrench to which the pose refers. */
+/* The energy of a motion is that of the wrench felt during it, which was sent one device delay before the wrench the pose refers to. */
 static void energy_is_accounted_with_the_wrench_that_the_device_felt(void **unused) {
     (void)unused;
     static virtual_coupling p;
@@ -143,14 +143,14 @@ static void energy_is_accounted_with_the_wrench_that_the_device_felt(void **unus
         s = sample(ms, s.base.position.x + step, ms);
         coupling_receive(&p, &s);
         coupling_hold(&p, &limits, s.base, DT, &compliance);
-        expected += (ms == 1 ? 1 : fmax(0, (double)ms - 3)) * step; /* the delay applies from the second tick on; before the first tick there is no wrench */
+        expected += (ms == 1 ? 1 : fmax(0, (double)ms - 3)) * step; /* the delay applies from the second tick on; before the first there is no wrench */
         assert_true(fabs(p.energy - expected) < 1e-9);
     }
 }
 
 /* ---- caution: a hand that oscillates as it likes ---------------------------------------------------------------------------- */
 
-/* A hand that sends one pose per millisecond. It either oscillates against an opposing force, with an amplitude of 2 mm and half periods of 50 ms, or holds
+/* A hand that sends one pose per millisecond. It either oscillates against an opposing force, with an amplitude of 2 mm and half-periods of 50 ms, or holds
    still under a force. */
 typedef struct { virtual_coupling p; device_limits limits; int64_t ms; int swung; /* half periods */ } swinging;
 
@@ -186,7 +186,7 @@ static swinging *begin_to_swing(void) {
     return &w;
 }
 
-/* Four half-oscillations that do not decay soften the coupling by one level, even if the measured energy shows no instability. The flag ACTIVE reports this. */
+/* Four half-oscillations that do not decay soften the coupling by one level, even if the measured energy shows no instability. The ACTIVE flag reports this. */
 static void lasting_swings_soften_the_coupling(void **unused) {
     (void)unused;
     swinging *w = begin_to_swing();
@@ -200,7 +200,7 @@ static void lasting_swings_soften_the_coupling(void **unused) {
     assert_true(w->p.caution.level == 4 && w->p.stiffness < 110);
 }
 
-/* After some time under force without such oscillations, the coupling becomes stiffer again, one level at a time. If it then oscillates again, it waits longer
+/* After some time under force without such oscillations, the coupling stiffens again, one level at a time. If it then oscillates again, it waits longer
    before the next attempt. */
 static void the_coupling_recovers_slowly_and_learns(void **unused) {
     (void)unused;
@@ -223,7 +223,7 @@ static void the_coupling_recovers_slowly_and_learns(void **unused) {
     assert_true(w->p.caution.level == 1);
 }
 
-/* A hand that keeps oscillating even at the highest level does so of its own accord, so when it stops, the coupling returns to its previous state. */
+/* A hand that keeps oscillating even at the highest level does so of its own accord. When it stops, the coupling returns to where it was. */
 static void what_the_hand_does_by_itself_is_forgotten(void **unused) {
     (void)unused;
     swinging *w = begin_to_swing();
@@ -235,7 +235,7 @@ static void what_the_hand_does_by_itself_is_forgotten(void **unused) {
     assert_true(fabs(w->p.stiffness - 400) < 1);
 }
 
-/* If the coupling is held against a wall long enough, spring and damper settle at the force that corresponds to the spring's extension. */
+/* If the needle is held against a wall long enough, spring and damper settle at the force that matches the spring's extension. */
 static void the_coupling_settles_at_its_stiffness(void **unused) {
     (void)unused;
     static virtual_coupling p;
@@ -246,7 +246,7 @@ static void the_coupling_settles_at_its_stiffness(void **unused) {
     for (int i = 0; i < 2000; i++) {
         double compliance;
         pose rest = coupling_hold(&p, limited_to(200), (pose){v3(0.004, 0, 0), {1, 0, 0, 0}}, DT, &compliance);
-        double k = 1e9; /* N/m, stiffness of the wall at x = 0 */
+        double k = 1e9; /* N/m, of the wall at x = 0 */
         base = v3(rest.position.x / (1 + compliance * k), 0, 0);
         force = v3(-k * base.x, 0, 0);
         torque = coupling_yield(&p, (pose){v3(0.004, 0, 0), {1, 0, 0, 0}}, base, force, v3(0, 0, 1));
@@ -280,7 +280,7 @@ static void damper_acts_between_poses(void **unused) {
     assert_true(fabs(p.interval - 1e-3) < 1e-6 && p.damping > 0.0);
     double compliance;
     pose rest = s.base;
-    for (int i = 0; i < 20; i++) { /* no more poses arrive from here on */
+    for (int i = 0; i < 20; i++) { /* from here on, no poses arrive */
         rest = coupling_hold(&p, limited_to(200), s.base, 0.25e-3, &compliance);
         coupling_yield(&p, s.base, v3(0, 0, 0), v3(0, 0, 0), v3(0, 0, 0));
     }
@@ -289,21 +289,21 @@ static void damper_acts_between_poses(void **unused) {
 
 /* ---- the closed loop ---------------------------------------------------------------------------------------------------- */
 
-enum { FLIGHT = 64 };                /* maximum number of messages in transit at the same time */
+enum { FLIGHT = 64 };                /* most messages in transit at once */
 
 typedef struct {
-    double period, sampling;         /* s; period: period of the server; sampling: period of the device */
+    double period, sampling;         /* s; period: of the server; sampling: of the device */
     double mass;                     /* kg */
-    double delay, jitter;            /* s, in each direction; delay: minimum delay; jitter: largest random addition */
-    int lost;                        /* percentage of messages that are lost */
+    double delay, jitter;            /* s, each way; delay: minimum; jitter: largest random addition */
+    int lost;                        /* percentage of messages lost */
     double knock;                    /* m/s */
     device_limits limits;
 } situation;
 
-/* The needle's surroundings, which determine the force on the hand (N) and the position of a base that is attached to `rest` by a spring. */
+/* What the needle is in. Determines the force on the hand (N), and the position of a base that a spring attaches to `rest`. */
 typedef struct {
     lockstep *tissue;                /* NULL for a spring to x = 0 instead */
-    double stiffness;                /* N/m, stiffness of the spring to x = 0 */
+    double stiffness;                /* N/m, of the spring to x = 0 */
 } surroundings;
 
 /* A weakly damped hand and the server, each running at its own rate. */
@@ -314,10 +314,10 @@ typedef struct {
     virtual_coupling port;
     int64_t now, next_tick, next_sample; /* ns */
     int64_t tick, seq;
-    pose_sample poses[FLIGHT], newest;   /* poses: sent poses, indexed by number modulo FLIGHT; newest: newest pose that has arrived */
+    pose_sample poses[FLIGHT], newest;   /* poses: sent ones, indexed by number modulo FLIGHT; newest: the newest that has arrived */
     coupling_wrench wrenches[FLIGHT], felt;
-    int64_t arrives[FLIGHT];             /* ns, times at which the wrenches arrive */
-    double worst;                        /* m/s, highest speed of the hand since it was last set to zero */
+    int64_t arrives[FLIGHT];             /* ns, when the wrenches arrive */
+    double worst;                        /* m/s, highest speed of the hand since this was last set to zero */
     int64_t saturated;                   /* ticks */
 } loop;
 
@@ -352,7 +352,7 @@ static void loop_init(loop *l, const situation *s, vec3 start) {
     l->newest = (pose_sample){.held = true, .engagement = 1, .base = {start, {1, 0, 0, 0}}};
 }
 
-/* Runs the server's tick in the same way as haptic.c. */
+/* Runs the server's tick as haptic.c does. */
 static void serve(loop *l, surroundings *in) {
     const device_limits *limits = &l->situation.limits;
     double period = l->situation.period, compliance;
@@ -394,7 +394,7 @@ static void loop_run(loop *l, surroundings *in, vec3 target, double seconds) {
     l->now = end;
 }
 
-/* Returns true if the hand's motion decays after a knock, to a fifth or less where the hand's own damping alone would achieve that. */
+/* Returns whether the hand's motion dies down after a knock, to a fifth or less in the time its own damping would take. */
 static bool dies_away(loop *l, surroundings *in, vec3 target) {
     l->hand.velocity = v3_add(l->hand.velocity, v3(l->situation.knock, 0, 0));
     loop_run(l, in, target, 0.3);
@@ -412,8 +412,7 @@ static device_limits limits_of(const char *device) {
     return limits;
 }
 
-/* Returns limits with the highest stiffness that a scene may request (docs/connect-a-device.md), and with the force rate that a hand moving at 1 m/s then
-   needs. */
+/* Returns limits with the highest stiffness a scene may request (docs/connect-a-device.md) and the force rate that a hand moving at 1 m/s then needs. */
 static device_limits own_limits(void) {
     device_limits limits = device_defaults();
     limits.max_stiffness = limits.max_force_rate = 14500;
@@ -438,7 +437,7 @@ static int64_t try_springs(const situation *s) {
     return saturated;
 }
 
-/* The knock is so hard that force and force rate reach their limits, both on a good and on a bad network. */
+/* The knock is so hard that force and force rate reach their limits, on a good network and on a bad one. */
 static void stable_against_a_spring_of_any_stiffness(void **unused) {
     (void)unused;
     static const double masses[] = {0.05, 0.1, 0.3, 1, 2}, delays[] = {0, 1e-3, 2e-3, 3e-3, 4e-3, 5e-3};
@@ -467,7 +466,7 @@ static void stable_at_other_rates(void **unused) {
             }
 }
 
-/* Without the coupling, such a loop is unstable. This shows that the tests above can fail. */
+/* Without the coupling, such a loop is unstable, which shows that the tests above can fail. */
 static void unstable_without_the_coupling(void **unused) {
     (void)unused;
     static loop l;
@@ -478,7 +477,7 @@ static void unstable_without_the_coupling(void **unused) {
     assert_false(dies_away(&l, &in, v3(0, 0, 0)));
 }
 
-/* A force rate limit that is too low makes the force lag behind the hand. The coupling cannot account for this delay until the hand oscillates. */
+/* A force rate limit that is too low makes the force lag behind the hand. The coupling cannot know of this delay until the hand oscillates. */
 static void a_slow_slew_softens_the_coupling(void **unused) {
     (void)unused;
     static loop l;
@@ -491,7 +490,7 @@ static void a_slow_slew_softens_the_coupling(void **unused) {
     assert_true(l.port.caution.level > 1 && coupling_active(&l.port));
 }
 
-/* Lets the hand push the needle more than 20 mm into the tissue, in some cases against bone in it, and knocks the hand there. */
+/* Lets the hand push the needle more than 20 mm into the tissue, in some cases against bone, and then knocks the hand. */
 static void knock_in_tissue(const situation *s, lockstep *tissue) {
     static loop l;
     surroundings in = {.tissue = tissue};
@@ -499,7 +498,7 @@ static void knock_in_tissue(const situation *s, lockstep *tissue) {
     insertion_reset(&tissue->parts.insertion, lockstep_start(), &tissue->state);
     loop_init(&l, s, start);
     for (int i = 0; i < 300; i++) {
-        target.z += 0.2e-3; /* extends the hand's spring; the needle follows by part of that distance */
+        target.z += 0.2e-3; /* extends the hand's spring; the needle follows part of the way */
         loop_run(&l, &in, target, DT);
     }
     loop_run(&l, &in, target, 0.5);

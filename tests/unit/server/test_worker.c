@@ -1,5 +1,5 @@
-/* Tests the worker with a mock simulation, with which the linker replaces the real one: the newest request is served first, and failures are reported once.
-   test_api_sim.c tests the answers of the real simulation. */
+/* Tests the worker with a mock simulation that the linker puts in place of the real one. The newest request is served first, and failures are reported once.
+   The real simulation's answers are tested in test_api_sim.c. */
 #include <pthread.h>
 #include <string.h>
 #include <sys/eventfd.h>
@@ -39,7 +39,7 @@ int __wrap_trocar_sim_work_descriptor(const trocar_sim *sim) {
     return fixed.requested;
 }
 
-/* An answer takes 20 ms, and each request allows ten slices of prefetching, 5 ms each. */
+/* An answer takes 20 ms, and each request leaves room for ten slices of prefetching, 5 ms each. */
 trocar_status __wrap_trocar_sim_work(trocar_sim *sim, trocar_work *done, trocar_error *why);
 trocar_status __wrap_trocar_sim_work(trocar_sim *sim, trocar_work *done, trocar_error *why) {
     (void)sim;
@@ -60,7 +60,7 @@ trocar_status __wrap_trocar_sim_work(trocar_sim *sim, trocar_work *done, trocar_
         snprintf(why->text, sizeof why->text, "request %d: no good", BAD_SERIAL);
         return TROCAR_NUMERIC;
     }
-    if (asked->serial == KEPT_SERIAL) { /* a needle slips out of the tissue while it is released, and is held as before */
+    if (asked->serial == KEPT_SERIAL) { /* the needle slips out of the tissue while being released, and is held as before */
         snprintf(why->text, sizeof why->text, "needle 0 cannot be left");
         done->still_held = 1;
         atomic_store(&f->answered, asked->serial);
@@ -78,7 +78,7 @@ static void ask(fixture *f, int serial) {
     eventfd_signal(f->requested);
 }
 
-/* Waits at most one second until request `serial` has been answered; returns the last request answered. */
+/* Waits at most one second until request `serial` has been answered. Returns the last request answered. */
 static int answer(fixture *f, int serial) {
     int64_t end = monotonic_ns() + 1000000000;
     do sleep_until(monotonic_ns() + 1000000);
@@ -163,7 +163,7 @@ static void idle_time_is_used_for_prefetching(void **state) {
     assert_int_equal(atomic_load(&f->slices), 10);
 }
 
-/* Requests have priority over prefetching: they wait only for the slice in progress. */
+/* Requests take priority over prefetching: they wait only for the slice in progress. */
 static void a_request_interrupts_looking_ahead(void **state) {
     fixture *f = *state;
     ask(f, 1);

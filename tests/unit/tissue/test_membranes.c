@@ -1,5 +1,5 @@
-/* Tests membranes that are stiff in their plane, through trocar.h: which models may share an inverse, saved inverses, relaxation, and their effect on a
-   dent. Their stiffness itself is compared with exact solutions and with CalculiX in tests/verification/tissue/verify_membranes.py. */
+/* Tests, through trocar.h, membranes with in-plane stiffness: which models may share an inverse, saved inverses, relaxation, and their effect on a dent. The
+   stiffness itself is compared with exact solutions and CalculiX in tests/verification/tissue/verify_membranes.py. */
 #include <dirent.h>
 #include <math.h>
 #include <setjmp.h>
@@ -108,7 +108,7 @@ static void derive(trocar_model *base, trocar_scene *scene, const char *refused)
     trocar_scene_free(scene);
 }
 
-/* Only models with the same membranes have the same inverse; a membrane without stiffness does not count. */
+/* Models share an inverse only if their membranes are the same. Membranes without stiffness do not count. */
 static void another_stiffness_is_not_shared(void **state) {
     (void)state;
     trocar_model *soft = model_of(scene_of(0)), *stiff = model_of(scene_of(250));
@@ -133,7 +133,7 @@ static void another_stiffness_is_not_shared(void **state) {
     trocar_model_free(stiff);
 }
 
-/* Each kind of inverse gives the same force, and a saved condensed inverse is used only for the membranes for which it was made. */
+/* Each kind of inverse gives the same force, and a saved condensed inverse is used only for the membranes it was made for. */
 static void saved_inverses_belong_to_their_membranes(void **state) {
     (void)state;
     double force[2][3];
@@ -153,7 +153,7 @@ static void saved_inverses_belong_to_their_membranes(void **state) {
     assert_true(force[1][0] > 1.001 * force[0][0]); /* most of the compliance is local to the tip, where the membrane has no effect */
 }
 
-/* The stiffer the skin, the larger the force that dents it. */
+/* The stiffer the skin, the more force it takes to dent it. */
 static void a_stiff_skin_resists_a_dent(void **state) {
     (void)state;
     double last = 0.0;
@@ -166,7 +166,7 @@ static void a_stiff_skin_resists_a_dent(void **state) {
     }
 }
 
-/* Membranes relax like the tissue, so the force on a held needle falls by the series' factor, 1 - sum of weight (1 - exp(-t / time)). */
+/* Membranes relax as the tissue does, so the force on a held needle drops by the series' factor, 1 - sum of weight (1 - exp(-t / time)). */
 static void membranes_relax_with_the_tissue(void **state) {
     (void)state;
     enum { FIRST = 2, LAST = 400 };

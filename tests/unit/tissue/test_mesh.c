@@ -1,4 +1,4 @@
-/* Compares the mesh functions with known results for a box, and with a linear search over all elements. */
+/* Compares the mesh functions with known results for a box and with a linear search over all elements. */
 #include <float.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -7,7 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "mesh/mesh.h" /* included before cmocka.h, whose macro hides `fail` */
+#include "mesh/mesh.h" /* before cmocka.h, whose macro hides `fail` */
 
 #include <cmocka.h>
 
@@ -16,7 +16,7 @@
 /* ---- a structured box, 6 tets (Kuhn) a cell; half of them inside out, their nodes in mixed order ---- */
 
 enum { CELLS = 4 };
-static const vec3 BOX = {0.08, 0.1, 0.12}; /* m, size of a box with one corner at the origin */
+static const vec3 BOX = {0.08, 0.1, 0.12}; /* m, a box with one corner at the origin */
 
 typedef struct { int count; int (*nodes)[3]; int *group; } triangle_list;
 
@@ -30,8 +30,8 @@ static void fill_nodes(mesh *m) {
         m->nodes[n] = v3(BOX.x * (n % side) / CELLS, BOX.y * (n / side % side) / CELLS, BOX.z * (n / side / side) / CELLS);
 }
 
-/* Divides each cell into Kuhn's six tetrahedra. Their nodes lie on the paths along the axes from one corner to the opposite one, with one path for each order
-   of the axes. */
+/* Splits each cell into Kuhn's six tetrahedra. Their nodes lie on the paths along the edges from one corner to the opposite one, one path for each order of
+   the axes. */
 static void fill_tets(mesh *m) {
     static const int orders[6][3] = {{0, 1, 2}, {1, 2, 0}, {2, 0, 1}, {0, 2, 1}, {2, 1, 0}, {1, 0, 2}};
     m->tet_count = 6 * CELLS * CELLS * CELLS;
@@ -46,7 +46,7 @@ static void fill_tets(mesh *m) {
     }
 }
 
-/* Returns true if x lies on the named surface: the face z = 0 for group 1 ("skin"), otherwise the inner plane halfway along x ("wall"). */
+/* Returns whether x lies on the named surface: the face z = 0 for group 1 ("skin"), otherwise the inner plane halfway along x ("wall"). */
 static bool on_surface(vec3 x, int group) { return group == 1 ? x.z == 0 : fabs(x.x - 0.5 * BOX.x) < 1e-12; }
 
 static triangle_list surface_triangles(const mesh *m) {
@@ -157,7 +157,7 @@ static void neighbours_are_mutual_and_share_three_nodes(void **state) {
     mesh_free(&m);
 }
 
-/* According to the divergence theorem, the outward boundary encloses the box's volume, and its area vectors sum to zero. */
+/* By the divergence theorem, the outward boundary encloses the box's volume, and its area vectors add up to zero. */
 static void boundary_is_counter_clockwise_from_outside(void **state) {
     (void)state;
     mesh m;
@@ -231,7 +231,7 @@ static void weights_reproduce_the_point(void **state) {
     mesh_free(&m);
 }
 
-/* Returns true if x is inside, according to the signs of the four volumes between x and the faces. Does not use barycentric weights. */
+/* Returns whether x is inside, judging by the signs of the four volumes between x and the faces. Does not use barycentric weights. */
 static bool holds(const mesh *m, int t, vec3 x) {
     for (int i = 0; i < 4; i++) {
         vec3 c[4];
@@ -251,14 +251,14 @@ static void locate_finds_the_containing_tet(void **state) {
         assert_int_equal(t >= 0, in_box(x));
         if (t >= 0) assert_true(holds(&m, t, x));
     }
-    for (int n = 0; n < m.node_count; n++) { /* nodes are found inside the closed box despite rounding */
+    for (int n = 0; n < m.node_count; n++) { /* despite rounding, nodes are found inside the closed box */
         int t = mesh_locate(&m, m.nodes[n], rand() % m.tet_count);
         assert_true(t >= 0 && holds(&m, t, m.nodes[n]));
     }
     mesh_free(&m);
 }
 
-/* In a body with a slot, the straight walk ends at the slot, but a point behind the slot must be found nevertheless. */
+/* In a body with a slot, the straight walk ends at the slot, but a point behind it must still be found. */
 static void locate_finds_the_far_side_of_a_slot(void **state) {
     (void)state;
     mesh m;
@@ -266,7 +266,7 @@ static void locate_finds_the_far_side_of_a_slot(void **state) {
     int kept = 0;
     for (int t = 0; t < m.tet_count; t++) {
         int cell = t / 6, i = cell % CELLS, k = cell / CELLS / CELLS;
-        if (i >= CELLS / 2 - 1 && i <= CELLS / 2 && k < CELLS - 1) continue; /* leaves a slot that is open at z = 0, so that the body is U-shaped */
+        if (i >= CELLS / 2 - 1 && i <= CELLS / 2 && k < CELLS - 1) continue; /* leaves a slot open at z = 0, which makes the body U-shaped */
         memmove(m.tets[kept++], m.tets[t], sizeof m.tets[t]);
     }
     m.tet_count = kept;
@@ -282,7 +282,7 @@ static void locate_finds_the_far_side_of_a_slot(void **state) {
     surface_hit hit = mesh_enter(&m, v3(0.5 * BOX.x, 0.4 * BOX.y, 0.1 * BOX.z), right); /* from inside the slot into the far leg */
     assert_true(hit.hit);
     assert_close(hit.point.x, 0.75 * BOX.x, 1e-14);
-    vec3 before = v3(-BOX.x, left.y, left.z), behind = v3(2 * BOX.x, left.y, left.z); /* both legs are on the path, and the hit is on the nearer one */
+    vec3 before = v3(-BOX.x, left.y, left.z), behind = v3(2 * BOX.x, left.y, left.z); /* both legs are on the path; the hit is on the nearer one */
     assert_close(mesh_enter(&m, before, behind).point.x, 0, 1e-14);
     assert_close(mesh_enter(&m, behind, before).point.x, BOX.x, 1e-14);
     mesh_free(&m);
@@ -360,7 +360,7 @@ static void segments_enter_at_the_surface_of_the_box(void **state) {
     mesh_free(&m);
 }
 
-/* Aims rays exactly at every node, edge and diagonal of the skin, where several triangles meet. No ray may pass between the triangles. */
+/* Aims rays exactly at every node, edge and diagonal of the skin, where several triangles meet. No ray may pass between triangles. */
 static void no_ray_passes_between_triangles(void **state) {
     (void)state;
     mesh m;
@@ -407,7 +407,7 @@ static void bad_meshes_are_refused(void **state) {
     assert_refused(&m, "share the face");
 
     draft_fan(&m, 2);
-    m.nodes[4] = v3(0.2, 0.2, 2); /* moves the node to that side of the shared face on which the first tetrahedron is */
+    m.nodes[4] = v3(0.2, 0.2, 2); /* moves the node to the first tetrahedron's side of the shared face */
     assert_refused(&m, "overlap");
 
     draft_box(&m); /* moves an inner node onto the opposite face of its tetrahedron */

@@ -1,6 +1,6 @@
-/* Tests reading meshes: two tetrahedra written by hand in several formats, the prostate, and invalid files. */
+/* Tests reading meshes: two hand-written tetrahedra in several formats, the prostate, and invalid files. */
 #define _GNU_SOURCE /* memmem */
-#include "mesh/mesh.h" /* included before cmocka.h, whose macro hides `fail` */
+#include "mesh/mesh.h" /* before cmocka.h, whose macro hides `fail` */
 
 #include <dlfcn.h>
 #include <float.h>
@@ -16,7 +16,7 @@
 
 #include <cmocka.h>
 
-/* The tetrahedra have nodes 1 2 3 5 and 2 3 5 7. No tetrahedron uses node 4, and the second tetrahedron is inverted. */
+/* The tetrahedra have nodes 1 2 3 5 and 2 3 5 7. Node 4 is unused, and the second tetrahedron is inverted. */
 #define NAMES "$PhysicalNames\n5\n0 1 \"anchor\"\n2 2 \"skin\"\n2 3 \"capsule\"\n3 4 \"gland\"\n3 5 \"around\"\n$EndPhysicalNames\n"
 #define POINTS "1 0 0 0\n2 1 0 0\n3 0 1 0\n4 9 9 9\n5 0 0 1\n7 1 1 1\n"
 
@@ -34,11 +34,11 @@ static const char VTK[] =
     "# vtk DataFile Version 2.0\ntwo tets\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS 5 double\n"
     "0 0 0\n1 0 0\n0 1 0\n0 0 1\n1 1 1\nCELLS 2 10\n4 0 1 2 3\n4 1 2 3 4\nCELL_TYPES 2\n10\n10\n";
 
-/* Suppresses reports of memory that Gmsh leaks when it stops reading in the middle of a file. Called only by LeakSanitizer. */
+/* Suppresses reports of memory that Gmsh leaks when it stops reading in the middle of a file. Only LeakSanitizer calls this. */
 const char *__lsan_default_suppressions(void);
 const char *__lsan_default_suppressions(void) { return "leak:libgmsh\n"; }
 
-static bool gmsh_is_absent; /* imitates a machine without Gmsh */
+static bool gmsh_is_absent; /* simulates a machine without Gmsh */
 static int loads;           /* of Gmsh */
 void *__real_dlopen(const char *path, int flags);
 void *__wrap_dlopen(const char *path, int flags);
@@ -47,7 +47,7 @@ void *__wrap_dlopen(const char *path, int flags) {
     return gmsh_is_absent ? NULL : __real_dlopen(path, flags);
 }
 
-/* Skips the rest of a test case if Gmsh is not installed, as in the system used by scripts/arm64. */
+/* Skips the rest of a test case if Gmsh is not installed, as in the system that scripts/arm64 uses. */
 static void need_gmsh(void) {
     if (__real_dlopen("libgmsh.so.4.8", RTLD_LAZY) == NULL) skip();
 }
@@ -85,7 +85,7 @@ static void read_good(const char *name, const char *text, mesh *m) {
     if (read_text(name, text, strlen(text), m, &why) != TROCAR_OK) fail_msg("%s", why.text);
 }
 
-/* Checks that the file is refused with a message that contains the file's name and `words`, and that no memory remains allocated. */
+/* Checks that the file is refused with a message that contains its name and `words`, and that no memory stays allocated. */
 static void assert_refused(const char *name, const char *text, size_t length, const char *words) {
     trocar_error why = {""};
     mesh m;
@@ -169,7 +169,7 @@ static void put_sizes(binary_file *f, int count, const int *values) {
 
 static const struct { int tag; double x[3]; } NODES[6] = {{1, {0, 0, 0}}, {2, {1, 0, 0}}, {3, {0, 1, 0}}, {4, {9, 9, 9}}, {5, {0, 0, 1}}, {7, {1, 1, 1}}};
 
-/* Writes the same mesh as MSH2, in binary. Each block of elements starts with the type, the number of elements and the number of tags. */
+/* Writes the same mesh as binary MSH2. Each block of elements starts with the type, the number of elements and the number of tags. */
 static void write_binary_2(binary_file *f) {
     put_text(f, "$MeshFormat\n2.2 1 8\n");
     put_int(f, 1);
@@ -185,13 +185,13 @@ static void write_binary_2(binary_file *f) {
     put_text(f, "\n$EndElements\n");
 }
 
-/* Writes the same mesh as MSH4, in binary. */
+/* Writes the same mesh as binary MSH4. */
 static void write_binary_4(binary_file *f) {
     put_text(f, "$MeshFormat\n4.1 1 8\n");
     put_int(f, 1);
     put_text(f, "\n$EndMeshFormat\n" NAMES "$Entities\n");
     put_sizes(f, INTS(1, 0, 2, 2));
-    for (int group = 1; group <= 5; group++) { /* point 1, surfaces 1 and 2 and volumes 1 and 2, each in its own group */
+    for (int group = 1; group <= 5; group++) { /* point 1, surfaces 1 and 2, and volumes 1 and 2, each in a group of its own */
         put_int(f, group < 2 ? 1 : 1 + group % 2);
         for (int k = 0; k < (group == 1 ? 3 : 6); k++) put_real(f, k > 2);
         put_size(f, 1);
@@ -382,7 +382,7 @@ static void parametric_nodes_are_read(void **state) {
     free(four);
 }
 
-/* Volume 2 is divided among partitions, and its part 3 contains the tetrahedron. Volume 8 contains ghost elements, which belong to another partition. */
+/* Volume 2 is split into partitions, and its part 3 contains the tetrahedron. Volume 8 contains ghost elements, which belong to another partition. */
 static void partitioned_entities_have_the_groups_of_their_parents(void **state) {
     (void)state;
     char *parts = with(MSH4, "$Nodes", "$PartitionedEntities\n2\n1\n8 1\n0 0 0 1\n3 3 2 1 2 0 0 0 1 1 1 1 5 0\n$EndPartitionedEntities\n$Nodes");
@@ -408,7 +408,7 @@ static void without_entities_all_is_tissue(void **state) {
     free(text);
 }
 
-/* In version 2.2 the element is listed once for each group; in version 4.1 the groups are those of the entity that contains it. */
+/* Version 2.2 lists the element once for each group; in version 4.1, the groups are those of the entity it is in. */
 static void elements_are_in_several_groups(void **state) {
     (void)state;
     mesh m;
@@ -470,7 +470,7 @@ static void non_mesh_files_are_refused(void **state) {
     for (size_t length = 1; length < sizeof MSH4 - 2; length += 7) assert_refused("cut4.msh", MSH4, length, "cut4.msh");
 }
 
-/* Reads the box created by meshes/prostate.py. Its flat facets make the gland slightly smaller than the ellipsoid. */
+/* Reads the box made by meshes/prostate.py. Its flat facets make the gland slightly smaller than the ellipsoid. */
 static void the_prostate_has_its_regions_and_surfaces(void **state) {
     (void)state;
     mesh m;
@@ -482,7 +482,7 @@ static void the_prostate_has_its_regions_and_surfaces(void **state) {
     for (int t = 0; t < m.tet_count; t++) {
         total += mesh_volume(&m, t);
         if (m.region[t] == prostate) gland += mesh_volume(&m, t);
-        for (int i = 0; i < 4; i++) { /* the capsule coincides with the boundary between the regions */
+        for (int i = 0; i < 4; i++) { /* the capsule is the boundary between the regions */
             int other = m.neighbours[t][i];
             assert_int_equal(other >= 0 && m.region[other] != m.region[t], m.face_groups[t][i] >> capsule & 1);
         }

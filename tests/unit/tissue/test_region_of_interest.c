@@ -1,4 +1,4 @@
-/* Tests the region of interest, both as given in the scene and by default. */
+/* Tests the region of interest, as given in the scene and by default. */
 #include "mesh/region_of_interest.h"
 
 #include <math.h>
@@ -122,7 +122,7 @@ static void default_region_of_a_large_mesh_is_around_the_skin_normal(void **stat
     int *nodes, count;
     assert_int_equal(roi_find(&m, &nothing, 1, &nodes, &count, &why), TROCAR_OK);
     assert_int_equal(count, REACH_USUAL);
-    double inner = 0.0, outer = INFINITY; /* m, from the axis x = y = 0.08: largest distance of a node in the region, and smallest outside it */
+    double inner = 0.0, outer = INFINITY; /* m, from the axis x = y = 0.08: farthest node inside the region, and nearest outside it */
     for (int i = 0, k = 0; i < m.node_count; i++) {
         double distance = hypot(m.nodes[i].x - 0.08, m.nodes[i].y - 0.08);
         if (k < count && nodes[k] == i) inner = fmax(inner, distance), k++;

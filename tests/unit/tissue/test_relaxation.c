@@ -17,7 +17,7 @@ static double creep_at(const creep_series *creep, double t) {
     return sum;
 }
 
-/* Solves the equation integral of G(t - s) dJ(s) = 1 for a constant force of 1. J changes in steps, each at the midpoint of its interval. */
+/* Solves integral of G(t - s) dJ(s) = 1 for a constant unit force. J changes in steps, each at the midpoint of its interval. */
 static double *creep_by_quadrature(int count, const relaxation_term *terms, double step, int steps) {
     double *j = calloc((size_t)steps + 1, sizeof *j);
     j[0] = 1.0;
@@ -50,7 +50,7 @@ static void creep_and_relaxation_belong_together(void **unused) {
     check_against_quadrature(4, close, 2e-3, 3000, 3e-6);
 }
 
-/* The long-term displacement under a constant force, relative to the initial one, is the reciprocal of the fraction of stress that remains under a constant
+/* The long-term displacement under a constant force, relative to the initial one, is the reciprocal of the fraction of stress that remains under constant
    strain. */
 static void long_term_values_are_inverse(void **unused) {
     (void)unused;

@@ -1,4 +1,4 @@
-/* Tests the measurement of the radius that a mesh resolves around a line: the exact fields must satisfy their differential equations, and the radii measured in
+/* Tests measuring the radius that a mesh resolves around a line. The exact fields must satisfy their differential equations, and the radii measured in
    patches must equal those measured in whole meshes. */
 #include <setjmp.h>
 #include <stdarg.h>
@@ -24,7 +24,7 @@ static vec3 mindlin(vec3 x) { return mindlin_displacement(source, force, x, NU);
 static vec3 lateral(vec3 x) { return line_lateral(x.x, x.y, NU); }
 static vec3 axial(vec3 x) { return line_axial(x.x, x.y); }
 
-/* Returns the stress for a shear modulus of 1, computed by central differences. */
+/* Returns the stress for a shear modulus of 1, by central differences. */
 static mat3 stress(displacement u, vec3 x) {
     static const double h = 1e-5;
     const vec3 axes[] = {{h, 0, 0}, {0, h, 0}, {0, 0, h}};
@@ -107,8 +107,8 @@ static void segments_are_kelvins_solution_integrated(void **state) {
     }
 }
 
-/* At its end, half a line moves the tissue half as far as an infinite line: twice its field differs from the logarithm of the radius only by a constant. The
-   fields of the parts of a line add up. */
+/* At its end, a half-infinite line moves the tissue half as far as an infinite one, so twice its field differs from the logarithm of the radius only by a
+   constant. The fields of the parts of a line add up. */
 static void half_a_line_moves_its_end_half_as_far(void **state) {
     (void)state;
     double near = segment_logarithm(0.0, 1e3, 0.5, NU), far = segment_logarithm(0.0, 1e3, 2.0, NU);
@@ -132,7 +132,7 @@ typedef struct {
     resolver *resolver;
 } block;
 
-/* Creates Kuhn's structured mesh of 120 x 120 x 100 mm with 1089 nodes, all lengths multiplied by `scale`. */
+/* Creates Kuhn's structured mesh of 120 x 120 x 100 mm with 1089 nodes, scaled by `scale`. */
 static void create(block *b, double scale, double youngs_modulus) {
     static const int orders[6][3] = {{0, 1, 2}, {1, 2, 0}, {2, 0, 1}, {0, 2, 1}, {2, 1, 0}, {1, 0, 2}};
     static const char *const region[] = {"tissue"};
@@ -205,8 +205,8 @@ static void patches_measure_what_the_whole_mesh_resolves(void **state) {
     destroy(&b);
 }
 
-/* The expected values at a line's end and 3 and 6 mm ahead of it were computed on the whole mesh by tests/verification/references/line_end.py. For lines on
-   edges, the tissue outside the patch of 14 mm contributes 0.1. */
+/* The expected values at a line's end, and 3 and 6 mm ahead of it, were computed on the whole mesh by tests/verification/references/line_end.py. For lines
+   on edges, the tissue outside the 14 mm patch contributes 0.1. */
 static void patches_measure_where_a_line_ends_what_the_whole_mesh_does(void **state) {
     (void)state;
     static const struct { double x, y, ahead, more, within; } whole[] = {
@@ -230,7 +230,7 @@ static void patches_measure_where_a_line_ends_what_the_whole_mesh_does(void **st
     destroy(&b);
 }
 
-/* Tests a line in a plane of mesh faces, y = 0, pushed within this plane and across it. */
+/* Tests a line in a plane of mesh faces, y = 0, pushed within that plane and across it. */
 static void directions_across_differ_as_on_the_whole_mesh(void **state) {
     (void)state;
     static const double within = 0.252, across = 0.331;
@@ -241,7 +241,7 @@ static void directions_across_differ_as_on_the_whole_mesh(void **state) {
     assert_close(log(f.lateral / across) + f.uneven.m[1][1], 0.0, 0.09);
     assert_close(f.uneven.m[0][0] + f.uneven.m[1][1], 0.0, 1e-12);
     assert_close(f.uneven.m[2][2], 0.0, 1e-12);
-    resolved_field turned = mean_along(&b, 0.0, 0.003); /* must give the same value, because the mesh is symmetric */
+    resolved_field turned = mean_along(&b, 0.0, 0.003); /* must give the same, because the mesh is symmetric */
     assert_close(turned.uneven.m[1][1], f.uneven.m[0][0], 0.02);
     destroy(&b);
 }

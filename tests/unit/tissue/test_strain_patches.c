@@ -1,5 +1,5 @@
-/* Tests that patches of tetrahedra are disjoint, that each patch lies in one region, is connected through faces and has the documented size, and that the
-   division is reproducible. */
+/* Tests that patches of tetrahedra are disjoint, that each lies in one region, is connected through faces and has the documented size, and that the
+   partition is reproducible. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -42,8 +42,8 @@ static int reached_from(const mesh *m, int tet, const int *patch) {
     return count;
 }
 
-/* Checks that every tetrahedron belongs to one patch, and that each patch is connected and lies in one region. A patch of fewer than LEAST tetrahedra must be a
-   whole connected component of its region. */
+/* Checks that every tetrahedron belongs to one patch, and that each patch is connected and lies in one region. A patch of fewer than LEAST tetrahedra must
+   be a whole connected component of its region. */
 static void check_partition(const mesh *m, int most) {
     int count, usual = 0, *patch = create(m, &count), *size = calloc((size_t)count, sizeof *size), *first = malloc((size_t)count * sizeof *first);
     for (int e = m->tet_count - 1; e >= 0; e--) {
@@ -75,12 +75,12 @@ static void meshes_are_divided_into_patches(void **state) {
         check_partition(&m, MOST);
         mesh_free(&m);
     }
-    assert_int_equal(cube_shape(&c, 0.1, &why), TROCAR_OK); /* a structured mesh made of Kuhn's tetrahedra */
+    assert_int_equal(cube_shape(&c, 0.1, &why), TROCAR_OK); /* a structured mesh of Kuhn's tetrahedra */
     check_partition(&c.mesh, MOST);
     cube_free(&c);
 }
 
-/* Regions that are assigned at random have connected components of all sizes, down to single tetrahedra. A patch that absorbs many remainders may be large. */
+/* Regions assigned at random have connected components of all sizes, down to single tetrahedra. A patch that absorbs many remainders may be large. */
 static void scattered_regions_are_divided(void **state) {
     (void)state;
     trocar_error why;
@@ -108,15 +108,15 @@ static void single_elements_are_patches(void **state) {
     cube_free(&c);
 }
 
-/* Returns the FNV-1a hash of the patch numbers in the order of the elements. */
+/* Returns the FNV-1a hash of the patch numbers in element order. */
 static uint64_t hash_of(const int *patch, int count) {
     uint64_t hash = 14695981039346656037u;
     for (int i = 0; i < count; i++) hash = (hash ^ (uint64_t)patch[i]) * 1099511628211u;
     return hash;
 }
 
-/* Patches depend only on the order of the elements; translation, rotation and scaling do not change them. The expected hash was computed on one machine; every
-   other machine must obtain the same value. */
+/* Patches depend only on the order of the elements, and do not change when the mesh is translated, rotated or scaled. The expected hash was computed on one
+   machine and must be the same on every other. */
 static void patches_do_not_depend_on_run_machine_or_rounding(void **state) {
     (void)state;
     mesh m;
@@ -134,7 +134,7 @@ static void patches_do_not_depend_on_run_machine_or_rounding(void **state) {
     mesh_free(&m);
 }
 
-/* In a mirrored mesh, the corners of each element are in a different order. */
+/* In a mirrored mesh, each element's corners are in a different order. */
 static void mirror_image_has_the_same_patches(void **state) {
     (void)state;
     cube c, image;

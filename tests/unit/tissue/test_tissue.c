@@ -1,5 +1,4 @@
-/* Compares the stiffness with closed-form results: energy of an element, patch test, bar in tension. Tests that insufficiently constrained bodies are
-   refused. */
+/* Compares the stiffness with closed-form results: energy of an element, patch test, bar in tension. Bodies without enough constraints must be refused. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -43,7 +42,7 @@ static void rigid_motions_need_no_force(void **state) {
     }
 }
 
-/* Returns the energy per unit volume, mu eps:eps + lambda/2 tr(eps)^2, of the displacement u = G x, where eps is the symmetric part of G. */
+/* Returns the energy per volume, mu eps:eps + lambda/2 tr(eps)^2, of the displacement u = G x, where eps is the symmetric part of G. */
 static double energy_density(double g[3][3], double e, double nu) {
     double mu = e / 2.0 / (1.0 + nu), bulk = e / 3.0 / (1.0 - 2.0 * nu), lambda = bulk - 2.0 / 3.0 * mu;
     double trace = g[0][0] + g[1][1] + g[2][2], square = 0.0;
@@ -167,7 +166,7 @@ static cholmod_dense *solve_under_stress(cube *c, double sigma[3][3]) {
     return u;
 }
 
-/* Prescribes the stress of the displacement u = d z, which vanishes on the fixed face. Its stress is constant, so any mesh must reproduce it exactly. */
+/* Prescribes the stress of the displacement u = d z, which vanishes on the fixed face. The stress is constant, so any mesh must reproduce it exactly. */
 static void check_patch_test(volumetric_strain strain) {
     cube c;
     double e = 20e3, nu = 0.45, mu = e / 2.0 / (1.0 + nu), lambda = e * nu / (1.0 + nu) / (1.0 - 2.0 * nu);
@@ -214,7 +213,7 @@ static void assert_refused(cube *c, volumetric_strain strain, const char *words)
     if (!strstr(why.text, words)) fail_msg("\"%s\" lacks \"%s\"", why.text, words);
 }
 
-/* With too few fixed nodes, K is singular. If elements had no stiffness against some kind of strain, K would be singular in more cases. */
+/* K is singular if too few nodes are fixed. If elements had no stiffness against some kind of strain, it would be singular in more cases. */
 static void check_loose_bodies(volumetric_strain strain) {
     cube c;
     trocar_error why;
@@ -224,7 +223,7 @@ static void check_loose_bodies(volumetric_strain strain) {
     for (int i = 0; i < CUBE_NODES; i += 17) { /* the body can rotate about this single fixed node */
         c.fixed[i] = true;
         assert_refused(&c, strain, "do not constrain");
-        for (int j = 3; j < CUBE_NODES; j += 29) { /* the body can rotate about the line through both fixed nodes */
+        for (int j = 3; j < CUBE_NODES; j += 29) { /* the body can rotate about the line through the two fixed nodes */
             if (i == j) continue;
             c.fixed[j] = true;
             assert_refused(&c, strain, "do not constrain");
@@ -232,7 +231,7 @@ static void check_loose_bodies(volumetric_strain strain) {
         }
         c.fixed[i] = false;
     }
-    c.fixed[0] = c.fixed[CUBE_CELLS] = c.fixed[CUBE_NODES - 1] = true; /* three fixed nodes that are not on one line are enough */
+    c.fixed[0] = c.fixed[CUBE_CELLS] = c.fixed[CUBE_NODES - 1] = true; /* three fixed nodes that are not in line are enough */
     assert_int_equal(tissue_create(&c.mesh, c.materials, c.fixed, strain, &c.tissue, &why), TROCAR_OK);
     tissue_free(&c.tissue);
     memset(c.fixed, 1, sizeof c.fixed);

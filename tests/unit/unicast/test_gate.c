@@ -1,5 +1,5 @@
-/* Tests the handshake, the table of clients and the protection against replays. Clients' datagrams are made with the functions of wire.h, which test_wire.c
-   compares with Python's; addresses and times are arguments. */
+/* Tests the handshake, the client table and the replay protection. Clients' datagrams are built with the functions of wire.h, which test_wire.c compares
+   with Python's; addresses and times are passed in as arguments. */
 #include <arpa/inet.h>
 #include <stdbool.h>
 #include <string.h>
@@ -233,7 +233,7 @@ static void a_repeated_connect_changes_nothing(void **state) {
     assert_false(f->result.is_new);
     assert_memory_equal(again.h.token, p.h.token, WIRE_TOKEN);
     p.sent = 0;
-    assert_int_equal(send_pose(f, &p, 1), GATE_DROP); /* a message with the first counter again */
+    assert_int_equal(send_pose(f, &p, 1), GATE_DROP); /* reuses the first counter */
     assert_int_equal(send_pose(f, &p, 1), GATE_RELAY);
 }
 
@@ -264,7 +264,7 @@ static void messages_of_an_earlier_connection_are_not_authentic(void **state) {
         sizes[i] = make_pose(&p, 1, recorded[i]);
         assert_int_equal(take(f, recorded[i], sizes[i], &p.address), GATE_RELAY);
     }
-    f->now += 3 * SECOND; /* the client is forgotten, but its cookie is still valid */
+    f->now += 3 * SECOND; /* the client has been forgotten, but its cookie is still valid */
     assert_int_equal(gate_present(&f->gate, f->now), 0);
     assert_int_equal(take(f, connect, sizeof connect, &p.address), GATE_ANSWER);
     for (int i = 0; i < 10; i++) assert_int_equal(take(f, recorded[i], sizes[i], &p.address), GATE_DROP);
@@ -283,7 +283,7 @@ static void replays_and_forgeries_are_dropped(void **state) {
     for (int i = 0; i < 200; i++) assert_int_equal(take(f, recorded[i], sizes[i], &p.address), GATE_DROP);
     assert_int_equal(f->gate.counts.replayed, 200);
     size_t size = make_pose(&p, 1, recorded[0]);
-    assert_int_equal(take(f, recorded[0], size, &other.address), GATE_DROP);  /* dropped, because it came from another client's address */
+    assert_int_equal(take(f, recorded[0], size, &other.address), GATE_DROP);  /* dropped, because it comes from another client's address */
     for (size_t i = 0; i < size; i++) assert_int_equal(take(f, recorded[0], i, &p.address), GATE_DROP);
     for (size_t i = 0; i < size; i++) {
         recorded[0][i] ^= 0x40;

@@ -1,4 +1,4 @@
-/* Compares the datagrams of the unicast protocol with values from Python's hmac module, and tests the window of counters. */
+/* Compares the unicast protocol's datagrams with values from Python's hmac module, and tests the anti-replay window. */
 #include <stdbool.h>
 #include <stdio.h>
 #include <string.h>
@@ -99,7 +99,7 @@ static void a_channel_without_end_is_refused(void **state) {
     assert_int_equal(m.size, WIRE_MESSAGE_MOST);
 }
 
-/* Compares the window with a list of all counters, for random sequences. */
+/* Compares the anti-replay window with a list of all counters, for random sequences. */
 static void each_counter_is_accepted_once(void **state) {
     (void)state;
     enum { MOST = 600 };

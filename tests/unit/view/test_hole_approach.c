@@ -1,4 +1,4 @@
-/* Tests that a needle moves to the chosen hole first back out of the template and then sideways, but never sideways inside the plate. */
+/* Tests that a needle moves to the chosen hole by first backing out of the template and then going sideways, and never sideways inside the plate. */
 #include "view/hand/hole_approach.h"
 
 #include <setjmp.h>
@@ -28,8 +28,7 @@ static void waits_in_line_with_the_hole(void **unused) {
     assert_close_vector(q_axis(home.orientation), v3(0, 0, 1), 1e-15);
 }
 
-/* If the template's letters run in the opposite direction, the hole is at another position. The needle itself is not rotated, so keys and bevel work as
-   before. */
+/* If the template's letters run the other way, the hole is somewhere else. The needle itself is not rotated, so keys and bevel work as before. */
 static void a_mirrored_template_does_not_turn_the_needle(void **unused) {
     (void)unused;
     trocar_guide g = template(), mirrored = template();
@@ -40,7 +39,7 @@ static void a_mirrored_template_does_not_turn_the_needle(void **unused) {
         assert_close_vector(q_rotate(home.orientation, v3(a == 0, a == 1, a == 2)), q_rotate(plain.orientation, v3(a == 0, a == 1, a == 2)), 1e-12);
 }
 
-/* The approach also works for a rotated template, in which needles come from the opposite side or obliquely. */
+/* The approach also works for a rotated template, with needles coming from the opposite side or at an angle. */
 static void its_axes_are_those_of_the_template(void **unused) {
     (void)unused;
     for (int i = 0; i < 20; i++) {
@@ -56,7 +55,7 @@ static void its_axes_are_those_of_the_template(void **unused) {
     }
 }
 
-/* The tilted tip starts 30 mm beyond the template's face, and moves sideways only after it has been drawn back in front of the face. */
+/* The tilted tip starts 30 mm beyond the template's face, and moves sideways only after it has been drawn back in front of it. */
 static void leaves_the_template_before_it_moves_sideways(void **unused) {
     (void)unused;
     trocar_guide g = template();
@@ -74,7 +73,7 @@ static void leaves_the_template_before_it_moves_sideways(void **unused) {
         assert_true(++steps < 5000);
     }
     assert_close_vector(d.base.position, d.home.position, 0);
-    assert_true(approach_step(&d, &l, DT)); /* the needle has arrived and stays at the hole */
+    assert_true(approach_step(&d, &l, DT)); /* the needle has arrived, and stays at the hole */
     assert_close_vector(d.base.position, d.home.position, 0);
 }
 

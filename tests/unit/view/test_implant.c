@@ -1,4 +1,4 @@
-/* Tests the message sections that describe an implant to browsers: the dose is compared with a direct summation of the formula, seeds are added and removed,
+/* Tests the message sections that describe an implant to browsers: the dose is compared with direct summation of the formula, seeds are added and removed,
    and plans with errors are refused. */
 #define _GNU_SOURCE
 #include "view/implant/implant.h"
@@ -57,14 +57,14 @@ static implant open_implant(const fixture *f, const implant_settings *settings) 
     return i;
 }
 
-/* Returns true if the JSON text contains the dose of this many seeds. */
+/* Returns whether the JSON text contains the dose of this many seeds. */
 static bool has_seeds(const char *json, int count) {
     static const char key[] = "\"seeds\":";
     const char *found = strstr(json, key);
     return found && atoi(found + sizeof key - 1) == count;
 }
 
-/* Passes the seeds to browsers and waits until the dose is that of `count` seeds. Returns the section's JSON text; `levels` is set to the data that follow
+/* Passes the seeds to browsers and waits until the dose is that of `count` seeds. Returns the section's JSON text. `levels` is set to the data that follow
    it. */
 static const char *dose_of(implant *i, int count, const unsigned char **levels) {
     trocar_seeds_t seeds = message_of(count);
@@ -98,7 +98,7 @@ static void read_numbers(const char *json, const char *key, double *values, int 
     }
 }
 
-/* Computes the dose (Gy) at each of the points from the formula. */
+/* Computes the dose (Gy) at each point from the formula. */
 static void plain_doses(const implant_settings *settings, int seeds, const double *points, int64_t count, double *doses) {
     trocar_error why;
     trocar_dose_source *source;
@@ -152,7 +152,7 @@ static void the_dose_is_that_of_the_seeds(void **state) {
     fixture *f = *state;
     static const implant_settings settings = {.dose = {"I-125 6711", 0.5, 145, 1.18}};
     implant i = open_implant(f, &settings);
-    for (int round = 0; round < 4; round++) { /* seeds are added, removed and added again */
+    for (int round = 0; round < 4; round++) { /* adds, removes and adds seeds again */
         int count = (const int[]){SEEDS, 1, 0, 2}[round];
         const unsigned char *levels;
         const char *json = dose_of(&i, count, &levels);
@@ -179,9 +179,8 @@ static double covered(const implant_settings *settings, const trocar_dose_seed *
     return (double)inside / (double)count;
 }
 
-/* The tissue is stretched away from a plane, and the seeds, all inside the gland, are displaced with it. The isodose lines and the dose indices for the current
-   positions change accordingly, the indices for the positions at rest do not. After the swelling has subsided, gland and seeds are closer to the gland's
-   centre. */
+/* The tissue is stretched away from a plane, displacing the seeds, all of which are inside the gland. The isodose lines and the dose indices for the current
+   positions change accordingly; those for the rest positions do not. Once the swelling has subsided, gland and seeds are closer to the gland's centre. */
 static void each_state_has_its_own_figures(void **state) {
     fixture *f = *state;
     static const implant_settings settings = {.dose = {"I-125 6711", 2.0, 145, 1.3}};

@@ -33,7 +33,7 @@ static void golden_trace_is_reproduced(void **unused) {
         double time = 1e-6 * (double)(golden.wrenches[g].utime - start);
         while (i < t.sample_end && t.samples[i].time < time - 1e-6) i++;
         if (i == t.sample_end || fabs(t.samples[i].time - time) > 1e-6) continue;
-        for (int a = 0; a < 3; a++) assert_close(t.samples[i].force[a], golden.wrenches[g].force[a], 0.02); /* the tolerance is 1 % of the peak */
+        for (int a = 0; a < 3; a++) assert_close(t.samples[i].force[a], golden.wrenches[g].force[a], 0.02); /* 1 % of the peak */
         compared++;
     }
     wrench_log_free(&golden);
@@ -50,7 +50,7 @@ static double time_of_picture(const byte_buffer *encoded) {
     return time;
 }
 
-/* The wrench shown for a moment is that of exactly this tick, not that of a neighbouring picture or sample. */
+/* The wrench shown for a moment is that of exactly this tick, not of a neighbouring snapshot or sample. */
 static void moment_matches_its_tick(void **unused) {
     (void)unused;
     trocar_scene *s;
@@ -74,7 +74,7 @@ static void moment_matches_its_tick(void **unused) {
     trocar_scene_free(s);
 }
 
-/* A seed that is dropped at the deepest point enters the tissue only when the needle is drawn back past it. */
+/* A seed dropped at the deepest point enters the tissue only when the needle is drawn back past it. */
 static void seeds_of_a_log_are_shown(void **unused) {
     (void)unused;
     enum { STEPS = 100, PERIOD = 4000 /* us */ };
@@ -99,7 +99,7 @@ static void seeds_of_a_log_are_shown(void **unused) {
         const byte_buffer *picture = &t.pictures[t.picture_end - 1];
         uint32_t kind, size, after = 0;
         memcpy(&size, picture->data + 4, sizeof size);
-        after = 8 + (size + 7) / 8 * 8; /* the seeds' data follow the picture */
+        after = 8 + (size + 7) / 8 * 8; /* the seed data follow the snapshot */
         int32_t counts[3];
         memcpy(&kind, picture->data + after, sizeof kind);
         memcpy(counts, picture->data + after + 8, sizeof counts); /* number of needles, seeds in the tissue, and seeds in the needles */
@@ -124,7 +124,7 @@ static void moment_after_the_end_is_refused(void **unused) {
     trocar_scene_free(s);
 }
 
-/* Plays the first quarter of a recording; its last event is incomplete. */
+/* Plays the first quarter of a recording, which ends in an incomplete event. */
 static void truncated_log_plays_to_its_last_event(void **unused) {
     (void)unused;
     static unsigned char bytes[1 << 18];

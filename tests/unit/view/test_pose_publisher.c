@@ -25,7 +25,7 @@ typedef struct {
     trocar_needle_pose_t_subscription_t *on_pose;
     trocar_command_t_subscription_t *on_command;
     int64_t now;             /* ns */
-    bool silent;             /* if true, no messages from a server arrive */
+    bool silent;             /* if set, no messages arrive from a server */
     int poses, commands;
     trocar_needle_pose_t pose;
     trocar_probe_pose_t_subscription_t *on_probe;
@@ -118,7 +118,7 @@ static void sends_nothing_before_taking_the_needle(void **unused) {
     close_fixture(f);
 }
 
-/* If the browser hangs, the needle ramps down to a stop after 0.25 s and does not move any more. */
+/* If the browser hangs, the needle ramps down to a stop after 0.25 s and stays there. */
 static void needle_stops_without_orders(void **unused) {
     (void)unused;
     fixture *f = open_fixture();
@@ -134,8 +134,8 @@ static void needle_stops_without_orders(void **unused) {
     close_fixture(f);
 }
 
-/* If no wrench arrives for 0.1 s, no hand can feel the needle. The needle therefore stops, and no more poses are sent. When the server is heard again, poses
-   continue from the last one. */
+/* If no wrench arrives for 0.1 s, no hand can feel the needle, so it stops and no more poses are sent. When the server is heard again, poses continue from
+   the last one. */
 static void sends_nothing_without_a_server(void **unused) {
     (void)unused;
     fixture *f = open_fixture();
@@ -197,7 +197,7 @@ static void reset_starts_at_home(void **unused) {
     close_fixture(f);
 }
 
-/* Poses and commands name the needle. If the needle is taken twice without a release in between, only the first take counts. */
+/* Poses and commands name the needle. If the needle is taken twice without being released in between, only the first take counts. */
 static void takes_one_needle_after_the_other(void **unused) {
     (void)unused;
     fixture *f = open_fixture();
@@ -217,7 +217,7 @@ static void takes_one_needle_after_the_other(void **unused) {
     close_fixture(f);
 }
 
-/* The thread wakes up for an order, publishes at intervals measured by its own clock, and ends on request. */
+/* The thread wakes up when it gets an order, publishes at intervals measured by its own clock, and ends on request. */
 static void thread_executes_orders(void **unused) {
     (void)unused;
     fixture *f = open_fixture();
@@ -235,7 +235,7 @@ static void thread_executes_orders(void **unused) {
     close_fixture(f);
 }
 
-/* Only the holder of a needle may drop a seed, and every command has a different number. */
+/* Only the holder of a needle may drop a seed, and every command has a number of its own. */
 static void drops_and_takes_back_seeds(void **unused) {
     (void)unused;
     fixture *f = open_fixture();
@@ -253,8 +253,8 @@ static void drops_and_takes_back_seeds(void **unused) {
     close_fixture(f);
 }
 
-/* While the server is releasing a needle or handing it over, no poses are sent, because the server would refuse them. A lost reply does not stop the needle
-   permanently. */
+/* While the server is releasing a needle or handing it over, no poses are sent, because the server would refuse them. Losing a reply does not stop the
+   needle for good. */
 static void waits_while_a_needle_changes_hands(void **unused) {
     (void)unused;
     fixture *f = open_fixture();
@@ -278,7 +278,7 @@ static void waits_while_a_needle_changes_hands(void **unused) {
     close_fixture(f);
 }
 
-/* Another needle can be pulled out, even if the thread holds none. */
+/* Another needle can be pulled out even if the thread holds none. */
 static void pulls_out_a_needle_that_rests(void **unused) {
     (void)unused;
     fixture *f = open_fixture();
@@ -292,17 +292,17 @@ static void pulls_out_a_needle_that_rests(void **unused) {
     close_fixture(f);
 }
 
-/* The needle moves to its new home pose automatically, at 80 mm/s, unless it is steered sideways. */
+/* The needle moves to its new home pose by itself, at 80 mm/s, unless it is steered sideways. */
 static void goes_to_a_hole_until_it_is_steered(void **unused) {
     (void)unused;
     fixture *f = open_fixture();
     publisher_order hole = {.kind = ORDER_HOLE, .home = {{0.03, 0, -0.2}, {1, 0, 0, 0}}};
     tell(f, ORDER_TAKE, 0);
     publisher_tell(&f->pilot, &hole);
-    run(f, 125 + 2); /* the needle has been drawn back out of the template and moved 10 mm sideways */
+    run(f, 125 + 2); /* it has been drawn back out of the template and moved 10 mm sideways */
     assert_close(f->pose.position[0], 0.01, 1e-3);
     assert_close(f->pose.position[2], -0.2, 1e-9);
-    tell(f, ORDER_UNDO, 0); /* the command does not stop the motion */
+    tell(f, ORDER_UNDO, 0); /* this does not stop the motion */
     for (int i = 0; i < 5; i++) tell(f, ORDER_STEER, 0), run(f, 50);
     assert_close(f->pose.position[0], 0.03, 1e-9);
     hole.home.position.x = 0;
@@ -320,21 +320,21 @@ static void goes_to_a_hole_until_it_is_steered(void **unused) {
     close_fixture(f);
 }
 
-/* The forward key is held down throughout: before the order to move to a hole, during that motion, and after the needle has been steered sideways again. The
-   needle passes the plane in front of the template only where it is in line with the hole. */
+/* The forward key is held down all the time: before the order to move to a hole, during that motion, and after the needle has been steered sideways again.
+   The needle passes the plane in front of the template only where it is in line with the hole. */
 static void pushing_forward_does_not_lead_into_another_hole(void **unused) {
     (void)unused;
     fixture *f = open_fixture();
     tell(f, ORDER_TAKE, 0);
     for (int i = 0; i < 6; i++) tell(f, ORDER_STEER, 1), run(f, 50);
-    assert_true(f->pose.position[2] > -0.185); /* it has passed the plate, 10 mm away from the hole that is ordered next */
+    assert_true(f->pose.position[2] > -0.185); /* it is through the plate, 10 mm away from the hole ordered next */
     publisher_tell(&f->pilot, &(publisher_order){.kind = ORDER_HOLE, .home = HOME});
     for (int i = 0; i < 30; i++) {
         tell(f, ORDER_STEER, 1);
         run(f, 50);
         assert_true(f->pose.position[2] <= -0.2 || f->pose.position[0] == 0 || i < 6);
     }
-    assert_true(f->pose.position[0] == 0 && f->pose.position[2] > -0.19); /* it has arrived at the hole, and advances */
+    assert_true(f->pose.position[0] == 0 && f->pose.position[2] > -0.19); /* it has reached the hole and is advancing */
     publisher_tell(&f->pilot, &(publisher_order){.kind = ORDER_HOLE, .home = HOME});
     for (int i = 0; i < 40; i++) tell(f, ORDER_STEER, 0), run(f, 50);
     steer(f, (rate_control_command){.right = 1});
@@ -346,8 +346,8 @@ static void pushing_forward_does_not_lead_into_another_hole(void **unused) {
     close_fixture(f);
 }
 
-/* While the probe moves, 100 poses per second are sent, starting at its current pose; while it is at rest, none are sent. Without further orders, the probe
-   stops. The needle does not move. */
+/* While the probe moves, 100 poses per second are sent, starting at its current pose; at rest, none are. Without further orders, the probe stops. The needle
+   does not move. */
 static void moves_the_probe(void **unused) {
     (void)unused;
     fixture *f = open_fixture();
@@ -359,7 +359,7 @@ static void moves_the_probe(void **unused) {
     for (int i = 0; i < 20; i++) {
         order.command.forward = 1;
         publisher_tell(&f->pilot, &order);
-        order.base.position.z = 7; /* this answer from the server arrives too late and is not used */
+        order.base.position.z = 7; /* this answer from the server comes too late and is not used */
         run(f, 50);
     }
     assert_in_range(f->probe_poses, 95, 101);
@@ -367,7 +367,7 @@ static void moves_the_probe(void **unused) {
     assert_close(f->probe.position[2], -0.3 + 0.02 * (1 - 0.15 / 2), 3e-4);
     run(f, 500);
     int poses = f->probe_poses;
-    assert_close(f->probe.position[2], -0.3 + 0.02 * 1.2, 5e-4); /* the probe has stopped 0.25 s after the last order, 0.05 s before the end of the loop */
+    assert_close(f->probe.position[2], -0.3 + 0.02 * 1.2, 5e-4); /* it stopped 0.25 s after the last order, 0.05 s before the end of the loop */
     run(f, 100);
     assert_int_equal(f->probe_poses, poses);
     assert_true(f->pose.position[2] == -0.19);

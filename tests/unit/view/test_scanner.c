@@ -1,5 +1,5 @@
-/* Tests the thread that computes ultrasound images for browsers: it works only while images are requested, ignores requests with values that are not finite,
-   and places the images at the requested positions or, with a probe, at the probe. */
+/* Tests the thread that computes ultrasound images for browsers. It works only while images are requested, ignores requests with values that are not finite,
+   and places the images where requested or, if there is a probe, at the probe. */
 #include "view/ultrasound/scanner.h"
 
 #include <poll.h>
@@ -38,7 +38,7 @@ static void end(rig *r) {
     trocar_scene_free(r->scene);
 }
 
-/* Returns true if new images are ready within this time. */
+/* Returns whether new images are ready within this time. */
 static bool scans(rig *r, int milliseconds) {
     scanner_tell(r->scanner, &r->feed);
     return poll(&(struct pollfd){.fd = scanner_descriptor(r->scanner), .events = POLLIN}, 1, milliseconds) > 0 && scanner_take(r->scanner, &r->section);
@@ -92,7 +92,7 @@ static void the_images_lie_at_the_probe(void **unused) {
     rig r;
     begin(&r, MESHES "/trus.yaml");
     look(&r, 0, 0, 0, 1);
-    assert_true(scans(&r, 30000)); /* until the server reports the probe's pose, the probe is at the scene's start pose, whose axial image is at z = 61 mm */
+    assert_true(scans(&r, 30000)); /* until the server reports the probe's pose, it is at the scene's start pose, whose axial image is at z = 61 mm */
     assert_close_vector(origin_of(&r), v3(0, -0.032, 0.061), 1e-9);
     r.feed.probe = (trocar_probe){.base = {{0.002, -0.030, -0.07}, {1, 0, 0, 0}}, .placed = 1};
     look(&r, 0, 0, 0, 1); /* a request is valid for two seconds */

@@ -1,4 +1,4 @@
-/* Tests that valid messages are added to the timeline, and that invalid messages are counted. */
+/* Tests that valid messages are added to the timeline and that invalid ones are counted. */
 #include "view/stream/subscriber.h"
 
 #include <stdlib.h>
@@ -75,7 +75,7 @@ static void picture_needs_both_messages_of_its_tick(void **state) {
     assert_int_equal(f->feed.refused, 0);
 }
 
-/* Tracks arrive less often than pictures, so each picture contains the latest tracks. */
+/* Tracks arrive less often than snapshots, so each snapshot is given the latest tracks. */
 static void picture_shows_the_newest_tracks(void **state) {
     fixture *f = *state;
     uint32_t points[2];
@@ -128,7 +128,7 @@ static void a_server_is_gone_half_a_second_after_its_last_wrench(void **state) {
     assert_false(is_alive_after(f, heard + 400000000, heard + 550000000));
 }
 
-/* A program that was not scheduled for some time cannot conclude that the server was silent, because its messages may be waiting. */
+/* A program that was not scheduled for a while cannot conclude that the server was silent, because messages may be waiting. */
 static void a_pause_of_this_program_is_no_silence_of_the_server(void **state) {
     fixture *f = *state;
     hear_wrench(f, 1, 77);
@@ -138,7 +138,7 @@ static void a_pause_of_this_program_is_no_silence_of_the_server(void **state) {
     assert_true(subscriber_alive(&f->feed));
 }
 
-/* The data of the previous server are discarded: its needle may be deep in the tissue while the needle of the new server is outside. */
+/* The previous server's data are discarded: its needle may be deep in the tissue while the new server's is outside. */
 static void change_of_server_is_detected(void **state) {
     fixture *f = *state;
     pose base;
@@ -149,7 +149,7 @@ static void change_of_server_is_detected(void **state) {
     trocar_status_t_publish(f->lcm, "TROCAR_STATUS", &said);
     handle_all(f);
     hear_wrench(f, 1, 90002);
-    hear_wrench(f, 1, 90001); /* a wrench that was delayed on the network */
+    hear_wrench(f, 1, 90001); /* a wrench delayed on the network */
     assert_true(f->feed.servers == 1 && f->feed.needles[0].status && subscriber_base(&f->feed, 0, &base));
     sleep_until(f->feed.heard + 500000001);
     hear_wrench(f, 2, 3);
@@ -174,7 +174,7 @@ static void first_of_two_servers_is_followed(void **state) {
     assert_int_equal(f->feed.refused, 0);
 }
 
-/* Each of two needles has its own wrench, status, contacts and samples, and a picture contains both. The scene has no third needle. */
+/* Each of two needles has its own wrench, status, contacts and samples, and a snapshot contains both. The scene has no third needle. */
 static void needles_are_told_apart(void **state) {
     fixture *f = *state;
     for (int i = 0; i < 3; i++) {
@@ -203,7 +203,7 @@ static void needles_are_told_apart(void **state) {
     assert_int_equal(f->feed.refused, 0);
 }
 
-/* No contacts are published for a needle that has not been held, so the picture shows only the other needle. */
+/* No contacts are published for a needle that has not been held, so the snapshot shows only the other one. */
 static void a_picture_shows_the_needles_that_were_held(void **state) {
     fixture *f = *state;
     uint32_t shown;
@@ -256,7 +256,7 @@ static void the_probe_is_shown(void **state) {
     assert_false(f->feed.probe.placed);
 }
 
-/* Messages with the kinds of damage that a network may cause lead to no crash, and all of them are counted. */
+/* Messages damaged in the ways a network may damage them cause no crash, and all of them are counted. */
 static void damaged_messages_are_counted(void **state) {
     fixture *f = *state;
     static const char *const channels[] = {"TROCAR_CONTACTS", "TROCAR_DEFORMATION", "TROCAR_STATUS", "TROCAR_TIMING", "TROCAR_TRACKS", "TROCAR_WRENCH"};

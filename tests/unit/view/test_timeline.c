@@ -1,5 +1,5 @@
-/* Tests what a reader of the timeline gets: in live mode, the newest picture and each stored sample once; when a log is played, all pictures, or as many as can
-   be stored. */
+/* Tests what a reader of the timeline gets: live, the newest snapshot and each stored sample once; when playing a log, all snapshots, or as many as can be
+   stored. */
 #include "view/stream/timeline.h"
 
 #include <string.h>
@@ -14,7 +14,7 @@
 
 typedef struct { int pictures, samples; double last_picture, last_sample; } seen;
 
-/* Parses the sections in the same way as the web page does. */
+/* Parses the sections as the web page does. */
 static seen take(const byte_buffer *b) {
     seen s = {0};
     for (size_t at = 0; at < b->length;) {
@@ -73,7 +73,7 @@ static void live_readers_get_the_newest_picture(void **unused) {
     timeline_free(&t);
 }
 
-/* The ring buffer discards the oldest samples; a late reader gets the remaining ones in order. */
+/* The ring buffer discards the oldest samples. A late reader gets the rest in order. */
 static void the_last_minute_is_kept(void **unused) {
     (void)unused;
     timeline t;
@@ -99,7 +99,7 @@ static void a_slot_keeps_all_its_events(void **unused) {
     timeline t;
     trocar_error why;
     assert_int_equal(timeline_create(&t, false, 1, &why), TROCAR_OK);
-    play(&t, 0, 30); /* the puncture occurs in the tick at 5 ms, between two samples */
+    play(&t, 0, 30); /* the puncture is in the tick at 5 ms, between two samples */
     int found = 0;
     for (int64_t i = 0; i < t.sample_end; i++) found += t.samples[i].events == 2 && t.samples[i].membrane == 1;
     assert_int_equal(found, 1);
@@ -128,7 +128,7 @@ static void log_is_read_completely_in_parts(void **unused) {
     timeline_free(&t);
 }
 
-/* A log that does not fit into the storage is thinned out evenly: its beginning is kept, and the newest picture is always available. */
+/* A log that does not fit into the storage is thinned out evenly: its beginning is kept, and the newest snapshot is always available. */
 static void a_long_log_keeps_its_beginning(void **unused) {
     (void)unused;
     timeline t;
@@ -137,7 +137,7 @@ static void a_long_log_keeps_its_beginning(void **unused) {
     play(&t, 0, 30);
     size_t one = t.pictures[0].room;
     timeline_free(&t);
-    for (int end = 3300; end <= 3300 + 8 * 33; end += 33) { /* more than 100 pictures, of which 30 can be stored */
+    for (int end = 3300; end <= 3300 + 8 * 33; end += 33) { /* more than 100 snapshots, of which 30 can be stored */
         assert_int_equal(timeline_create(&t, false, 1, &why), TROCAR_OK);
         t.picture_bytes_most = 30 * one;
         play(&t, 0, end);
@@ -151,7 +151,7 @@ static void a_long_log_keeps_its_beginning(void **unused) {
     }
 }
 
-/* Events and values of one needle do not appear in the slots of another. */
+/* One needle's events and values do not show up in another's slots. */
 static void needles_have_slots_of_their_own(void **unused) {
     (void)unused;
     timeline t;

@@ -1,6 +1,6 @@
-/* Compares the ultrasound images with theory: statistics of the speckle (Rayleigh), its decorrelation when the tissue moves or is strained, its motion with the
-   tissue, the width of a point's echo at each depth, and needles, boundaries and shadows. The formulas are implemented here independently and share no code
-   with the images. */
+/* Compares the ultrasound images with theory: speckle statistics (Rayleigh), decorrelation when the tissue moves or is strained, motion with the tissue, the
+   width of a point's echo at each depth, and needles, boundaries and shadows. The formulas are implemented separately here and share no code with the
+   images. */
 #include "view/ultrasound/echo.h"
 
 #include <stdlib.h>
@@ -95,7 +95,7 @@ static void release(rig *r) {
     free(r);
 }
 
-/* Computes the image; `copy` receives a copy of the envelope, which the caller frees. */
+/* Computes the image. `copy` receives a copy of the envelope, which the caller frees. */
 static echo_envelope draw(rig *r, const echo_body *bodies, int count, float **copy) {
     echo_image(r->image, &r->plane, r->nodes, bodies, count, r->levels);
     echo_envelope e = echo_last(r->image);
@@ -116,7 +116,7 @@ typedef struct {
                                        exponential distribution; critical: its limit */
 } statistics;
 
-/* Measures the speckle at every fifth row and line, where the samples are nearly independent, at depths over which the beam hardly changes. */
+/* Measures the speckle at every fifth row and line, where samples are nearly independent, at depths over which the beam hardly changes. */
 static statistics measure(double density) {
     statistics s = {0};
     static float intensity[200000];
@@ -156,7 +156,7 @@ static void speckle_is_fully_developed(void **unused) {
     assert_true(s.distance < s.critical);
 }
 
-/* The same check detects that too few scatterers give no Rayleigh distribution. */
+/* The same check shows that too few scatterers do not give a Rayleigh distribution. */
 static void sparse_scatterers_are_found_out(void **unused) {
     (void)unused;
     statistics s = measure(ECHO_DENSITY / 40);
@@ -166,7 +166,7 @@ static void sparse_scatterers_are_found_out(void **unused) {
 
 /* ---- the beam ---- */
 
-/* These functions return the standard deviations (m) of a Gaussian beam in width, thickness and depth, from the formulas for its apertures and its bandwidth.
+/* The next functions return the standard deviations (m) of a Gaussian beam in width, thickness and depth, from the formulas for its apertures and bandwidth.
    At the focus, for example, the intensity is a squared sinc whose full width at half maximum is 0.886 times the wavelength times the f-number. */
 static double width_of(double depth) {
     double one_way = sqrt(2) * 0.8859 * WAVELENGTH / 2.3548, sent = hypot(one_way * depth / 8e-3, 8e-3 / sqrt(12) * (1 - depth / 0.03));
@@ -246,7 +246,7 @@ static double result(const correlation *c) {
     return (c->n * c->ab - c->a * c->b) / sqrt((c->n * c->aa - c->a * c->a) * (c->n * c->bb - c->b * c->b));
 }
 
-/* Returns the correlation of the intensity, in a narrow range of depths, before and after a motion (m) of the tissue. */
+/* Returns the correlation of the intensity, in a narrow range of depths, before and after the tissue moves (m). */
 static double correlation_after(rig *r, vec3 motion, double depth) {
     correlation c = {0};
     for (int k = 0; k < 6; k++) {
@@ -264,7 +264,7 @@ static double correlation_after(rig *r, vec3 motion, double depth) {
     return result(&c);
 }
 
-/* The correlation of a Gaussian beam's echo with itself after a shift d is exp(-d^2 / (4 s^2)); that of the speckle's intensity is the square of this. */
+/* The correlation of a Gaussian beam's echo with itself after a shift d is exp(-d^2 / (4 s^2)). That of the speckle's intensity is the square of this. */
 static void speckle_decorrelates_with_motion_as_theory_says(void **unused) {
     (void)unused;
     rig *r = create("gland", 0, 4 * ECHO_DENSITY, false, NULL);
@@ -283,9 +283,9 @@ static void speckle_decorrelates_with_motion_as_theory_says(void **unused) {
     release(r);
 }
 
-/* Stretching the tissue along the beam by a fraction e about a point changes the phases within the pulse at this point. For small e, the correlation of the
-   intensity is exp(-2 (k s e)^2), with k = 2 pi / wavelength. The full expression also takes into account that the pulse is (1 + e) times as long as in the
-   undeformed tissue. */
+/* Stretching the tissue along the beam by a fraction e about a point changes the phases within the pulse at that point. For small e, the correlation of the
+   intensity is exp(-2 (k s e)^2), with k = 2 pi / wavelength. The full expression also allows for the pulse being (1 + e) times as long as in the undeformed
+   tissue. */
 static void check_strain(double density, double tolerance) {
     rig *r = create("gland", 0, density, false, NULL);
     double k = 2 * M_PI / WAVELENGTH, s = pulse_of();
@@ -314,8 +314,7 @@ static void check_strain(double density, double tolerance) {
     release(r);
 }
 
-/* The theory assumes infinitely many scatterers, so the tolerance is larger for the few scatterers of a real image, in which single ones remain
-   recognisable. */
+/* The theory assumes infinitely many scatterers. A real image has few enough that single ones remain recognisable, so the tolerance is larger there. */
 static void speckle_decorrelates_with_strain_as_theory_says(void **unused) {
     (void)unused;
     check_strain(4 * ECHO_DENSITY, 0.03);
@@ -327,7 +326,7 @@ static void speckle_decorrelates_with_strain_as_theory_says(void **unused) {
 /* Returns the displacement (m) of the tissue, with which the motion of the speckle is compared. */
 static vec3 field_at(vec3 x) { return v3(0.6e-3 * sin(40 * x.y), 0.5e-3 * sin(60 * x.x) + 0.01 * x.y, 0); }
 
-/* Computes the shift (in rows and lines, including fractions) at which a block of the second image best matches that of the first. */
+/* Computes the shift, in fractional rows and lines, at which a block of the second image best matches that of the first. */
 static void track(const echo_envelope *e, const float *before, const float *after, int row, int line, double *down, double *right) {
     enum { HALF_ROWS = 20, HALF_LINES = 9, REACH_ROWS = 18, REACH_LINES = 4 };
     static double score[2 * REACH_ROWS + 1][2 * REACH_LINES + 1];
@@ -394,7 +393,7 @@ static double largest(const echo_envelope *e, const float *copy, double from, do
     return most;
 }
 
-/* A needle parallel to the image is also visible beside the plane, with the brightness that follows from the beam's thickness. */
+/* A needle parallel to the image plane is visible from beside it, too, with the brightness that follows from the beam's thickness. */
 static void a_needle_beside_the_plane_is_seen(void **unused) {
     (void)unused;
     rig *r = create("gland", 0, 1, false, NULL);
@@ -413,7 +412,7 @@ static void a_needle_beside_the_plane_is_seen(void **unused) {
     release(r);
 }
 
-/* The echoes behind a needle are spaced by a round trip through the steel; in the image, this is the diameter x 1540 / 5790. Tested without speckle, with a
+/* The echoes behind a needle are spaced by a round trip through the steel, which in the image is the diameter x 1540 / 5790. Tested without speckle, with a
    thick needle. */
 static void a_needle_reverberates(void **unused) {
     (void)unused;
@@ -443,8 +442,8 @@ static void a_needle_reverberates(void **unused) {
     release(r);
 }
 
-/* A boundary reflects most where the sound meets it at a right angle: it is modelled as facets whose slopes vary by 0.35, and it scatters 15 % in all
-   directions. The echo of an oblique boundary is also spread over the depths that the width of the beam covers. */
+/* A boundary reflects most where the sound hits it at a right angle. It is modelled as facets whose slopes vary by 0.35, and scatters 15 % in all
+   directions. The echo of an oblique boundary is also spread over the depths that the beam's width covers. */
 static void a_boundary_reflects_by_angle(void **unused) {
     (void)unused;
     double straight = 0;
@@ -472,7 +471,7 @@ static double mean_power(const echo_envelope *e, const float *copy, double x, do
     return sum / count;
 }
 
-/* The image is dark behind a calcification and behind a needle that crosses the plane; behind urine, which does not attenuate sound, it is brighter, because
+/* The image is dark behind a calcification and behind a needle that crosses the plane. Behind urine, which does not attenuate sound, it is brighter, because
    the scanner compensates for attenuation. */
 static void there_are_shadows_and_enhancement(void **unused) {
     (void)unused;
@@ -503,7 +502,7 @@ static void planes_turn_with_the_probe(void **unused) {
     planes_at_probe(&p, (pose){v3(0.001, -0.03, -0.08), turn}, planes);
     for (int k = 0; k < SLICES; k++) {
         assert_close_vector(planes[k].origin, v3(0.001, -0.03, 0.06), 1e-12);
-        assert_close_vector(planes[k].axes[1], v3(-sin(0.3), cos(0.3), 0), 1e-12); /* the axis of the rows points away from the probe */
+        assert_close_vector(planes[k].axes[1], v3(-sin(0.3), cos(0.3), 0), 1e-12); /* rows point away from the probe */
         assert_close_vector(v3_cross(planes[k].axes[0], planes[k].axes[1]), planes[k].axes[2], 1e-12);
     }
     assert_close_vector(planes[SLICE_AXIAL].axes[2], v3(0, 0, 1), 1e-12);
@@ -524,7 +523,7 @@ static void levels_become_grey(void **unused) {
     assert_true(wider[mean] > plain[mean] && plain[mean - 150] == 0);
 }
 
-/* A sector is black beside its edges and in front of the transducer's face. */
+/* A sector is black beyond its edges and in front of the transducer's face. */
 static void a_sector_has_edges(void **unused) {
     (void)unused;
     rig *r = create("gland", 0, ECHO_DENSITY, true, NULL);

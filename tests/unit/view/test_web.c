@@ -1,4 +1,4 @@
-/* Tests who may access the WebSocket, its messages, and browsers that hang. tests/view tests the rest of the web server with a browser. */
+/* Tests who may access the WebSocket, its messages, and browsers that hang. The rest of the web server is tested with a browser, in tests/view. */
 #define _GNU_SOURCE /* memmem */
 #include "view/web/web.h"
 
@@ -24,7 +24,7 @@ static void only_own_pages_may_connect(void **unused) {
         {"http://LocalHost", "localhost", NULL, NULL, true},
         {"http://[::1]:8686", "[::1]:8686", NULL, NULL, true},
         {"", "127.0.0.1:8686", NULL, NULL, false},                              /* not a browser */
-        {"null", "127.0.0.1:8686", NULL, NULL, false},                          /* the origin of a local file or of a sandboxed frame */
+        {"null", "127.0.0.1:8686", NULL, NULL, false},                          /* the origin of a local file or a sandboxed frame */
         {"http://evil.example", "127.0.0.1:8686", NULL, NULL, false},
         {"http://127.0.0.1:9999", "127.0.0.1:8686", NULL, NULL, false},         /* another program's page on this machine */
         {"https://127.0.0.1:8686", "127.0.0.1:8686", NULL, NULL, false},
@@ -54,7 +54,7 @@ static void missing_page_is_reported(void **unused) {
     assert_non_null(strstr(why.text, "/nowhere/index.html"));
 }
 
-/* Returns true if the address answers. Every address 127.x.y.z refers to this machine, so a server that listens on all addresses would also answer on
+/* Returns whether the address answers. Every address 127.x.y.z refers to this machine, so a server listening on all addresses would also answer on
    127.0.0.2. */
 static bool answers(const char *address, int port) {
     struct sockaddr_in there = {.sin_family = AF_INET, .sin_port = htons((uint16_t)port)};
@@ -100,7 +100,7 @@ enum { TEXT = 1, BINARY = 2, CLOSE = 8 };
 typedef struct {
     int socket;
     unsigned char got[1 << 16];
-    size_t length, taken;    /* number of bytes received, and number of bytes in frames already parsed */
+    size_t length, taken;    /* bytes received, and bytes in frames already parsed */
     bool open, closed;
     int answer;              /* HTTP status, or 0 if it has not arrived yet */
     int updates;
@@ -114,7 +114,7 @@ typedef struct {
     byte_buffer scene;
     web_section images;
     int takes, releases, leaves, removals;
-    bool no_server;          /* if true, no server is heard, so driving is not allowed */
+    bool no_server;          /* if set, no server is heard, so driving is not allowed */
     web_page pages[WEB_BROWSERS + 1]; /* the newest description of each browser, by its number */
     int described[WEB_BROWSERS + 1];  /* how often each browser was described */
 } fixture;
@@ -160,7 +160,7 @@ static void say(const client *c, int opcode, uint32_t kind, size_t length) {
     assert_int_equal(write(c->socket, frame, 6 + length), 6 + length);
 }
 
-/* Parses one complete frame; returns false if there is none. */
+/* Parses one complete frame. Returns false if there is none. */
 static bool take_frame(client *c) {
     const unsigned char *frame = c->got + c->taken;
     size_t left = c->length - c->taken, head = left >= 2 && frame[1] == 126 ? 4 : 2;
@@ -184,7 +184,7 @@ static void take_answer(client *c) {
     c->open = c->answer == 101;
 }
 
-/* Runs one round of the web server, and then one of each client. */
+/* Runs one round of the web server, then one of each client. */
 static void go_round(fixture *f, client *clients, int count) {
     web_round(f->web);
     for (client *c = clients; c < clients + count; c++) {
@@ -204,7 +204,7 @@ static void connect_client(fixture *f, client *c) {
     fcntl(c->socket, F_SETFL, O_NONBLOCK);
 }
 
-/* Sends a request and waits for the head of the answer. `origin` may be NULL. `protocol` is NULL for plain HTTP, and "" for a WebSocket without a protocol. */
+/* Sends a request and waits for the head of the response. `origin` may be NULL. `protocol` is NULL for plain HTTP and "" for a WebSocket without a protocol. */
 static void request(fixture *f, client *c, const char *host, const char *origin, const char *protocol) {
     connect_client(f, c);
     dprintf(c->socket, "GET / HTTP/1.1\r\nHost: %s:%d\r\n", host, web_port(f->web));
@@ -242,7 +242,7 @@ static void hanging_browser_delays_nobody_and_is_disconnected(void **unused) {
     }
     assert_int_equal(f.takes, 1);
     say(lively, BINARY, ACTION_TAKE, WEB_ACTION_BYTES);
-    while (lively->updates < 10) { /* each update contains one status; ten updates take longer than the permitted silence */
+    while (lively->updates < 10) { /* each update has one status; ten updates take longer than the permitted silence */
         go_round(&f, clients, 2);
         acknowledge(lively, &answered);
     }
@@ -255,7 +255,7 @@ static void hanging_browser_delays_nobody_and_is_disconnected(void **unused) {
     close_fixture(&f);
 }
 
-/* While a browser is connected, a section counts as delivered only once it has been handed over for sending. This waits until the browser has acknowledged
+/* While a browser is connected, a section counts as delivered only once it has been handed over for sending, which waits until the browser has acknowledged
    earlier images. */
 static void delivery_waits_for_a_browser(void **unused) {
     (void)unused;
@@ -265,7 +265,7 @@ static void delivery_waits_for_a_browser(void **unused) {
     open_fixture(&f, 0);
     assert_true(web_delivered(f.web, &f.images));
     f.images.version++;
-    assert_true(web_delivered(f.web, &f.images)); /* delivered, because there is no browser to which it could be sent */
+    assert_true(web_delivered(f.web, &f.images)); /* delivered, because there is no browser to send it to */
     join(&f, &c);
     bytes_append(&f.images.bytes, "an image", 8);
     for (int i = 0; i < 4; i++) { /* afterwards, the browser has as many unacknowledged updates as permitted */
@@ -305,7 +305,7 @@ static void needle_is_released_when_driving_is_not_allowed(void **unused) {
     close_fixture(&f);
 }
 
-/* Only the driver can release its needle and pull out other needles. While nobody drives, any browser can pull needles out. */
+/* Only the driver can release its needle and pull out others. While nobody drives, any browser can pull needles out. */
 static void only_the_driver_handles_needles(void **unused) {
     (void)unused;
     fixture f;
@@ -330,7 +330,7 @@ static void only_the_driver_handles_needles(void **unused) {
     close_fixture(&f);
 }
 
-/* Each browser has its own number, which becomes free again when the browser disconnects, and is told the number of the browser that drives. */
+/* Each browser has a number of its own, which is freed when it disconnects, and is told the number of the browser that drives. */
 static void browsers_are_numbered(void **unused) {
     (void)unused;
     fixture f;
@@ -359,7 +359,7 @@ static void browsers_are_numbered(void **unused) {
     close_fixture(&f);
 }
 
-/* Silent browsers occupy all connections. The next browser is refused with a message, and is accepted after they have timed out. Sockets that never send a
+/* Silent browsers take up all connections. The next browser is refused with a message, and is accepted once they have timed out. Sockets that never send a
    request block no browser. */
 static void idle_connections_do_not_block_others(void **unused) {
     (void)unused;
@@ -386,7 +386,7 @@ static void idle_connections_do_not_block_others(void **unused) {
     close_fixture(&f);
 }
 
-/* A page of another site may request any protocol or none; it is refused. */
+/* A page from another site may request any protocol or none, and is refused. */
 static void other_sites_are_refused_on_every_protocol(void **unused) {
     (void)unused;
     static const char *const protocols[] = {"trocar-view", "http", "descriptor", "", "none", NULL};
@@ -394,7 +394,7 @@ static void other_sites_are_refused_on_every_protocol(void **unused) {
     static client c;
     open_fixture(&f, 0);
     for (size_t i = 0; i < sizeof protocols / sizeof *protocols; i++)
-        for (int renamed = 0; renamed < 2; renamed++) { /* in the second case, the host name is also that of the other site, and resolves to 127.0.0.1 */
+        for (int renamed = 0; renamed < 2; renamed++) { /* in the second case, the host name, too, is the other site's, resolving to 127.0.0.1 */
             request(&f, &c, renamed ? "evil.example" : "127.0.0.1", "evil.example", protocols[i]);
             if (c.answer != 403 && !(c.answer == 0 && c.closed))
                 fail_msg("protocol %s: %d", protocols[i] ? protocols[i] : "(no WebSocket)", c.answer);
@@ -403,7 +403,7 @@ static void other_sites_are_refused_on_every_protocol(void **unused) {
     request(&f, &c, "evil.example", NULL, NULL);
     assert_int_equal(c.answer, 403);
     while (!c.closed) go_round(&f, &c, 1);
-    assert_non_null(memmem(c.got, c.length, "with this name as --host", 24)); /* the message states the remedy */
+    assert_non_null(memmem(c.got, c.length, "with this name as --host", 24)); /* the message says what to do */
     close(c.socket);
     request(&f, &c, "127.0.0.1", NULL, NULL);
     assert_int_equal(c.answer, 200);

@@ -1,4 +1,4 @@
-/* Tests that buffers that run out of memory report this, keep their data and remain usable. The encoding is tested by its readers, test_timeline.c and
+/* Tests that buffers that run out of memory report this, keep their data and stay usable. The encoding is tested through its readers, in test_timeline.c and
    tests/view. */
 #include "view/stream/wire_format.h"
 
@@ -27,7 +27,7 @@ static void a_buffer_grows(void **unused) {
 /* A failed append must leave the buffer's data intact. */
 static void buffer_without_memory_keeps_its_data(void **unused) {
     (void)unused;
-    static const size_t impossible[] = {SIZE_MAX, SIZE_MAX / 2, SIZE_MAX / 4}; /* no machine has memory for these sizes, so the data are never read */
+    static const size_t impossible[] = {SIZE_MAX, SIZE_MAX / 2, SIZE_MAX / 4}; /* no machine has this much memory, so the data are never read */
     static const char more[1 << 16];
     for (size_t i = 0; i < sizeof impossible / sizeof *impossible; i++) {
         byte_buffer b = {0};

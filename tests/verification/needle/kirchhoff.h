@@ -1,26 +1,26 @@
-/* Reference solution for the needle: Kirchhoff's rod as an ordinary differential equation in the arc length, clamped at the origin along +z, under dead forces
-   at given arc lengths. It is integrated from the clamp by a fourth-order Runge-Kutta method. Newton's method adjusts the moment at the root until the moment
-   at the tip is zero. Only the vector functions are shared with the core. */
+/* Reference solution for the needle: Kirchhoff's rod as an ordinary differential equation in arc length, clamped at the origin along +z, under dead forces
+   at given arc lengths. It is integrated from the clamp by a fourth-order Runge-Kutta method, and Newton's method adjusts the moment at the root until the
+   moment at the tip is zero. Only the vector functions are shared with the core. */
 #ifndef TROCAR_VERIFICATION_KIRCHHOFF_H
 #define TROCAR_VERIFICATION_KIRCHHOFF_H
 
 #include "base/vec.h"
 
-enum { KIRCHHOFF_STEPS = 2000 };             /* number of integration steps; forces act at the ends of steps */
+enum { KIRCHHOFF_STEPS = 2000 };             /* integration steps; forces act at the ends of steps */
 
 typedef struct {
     double length, bending, torsion;         /* m, N m^2 */
     int count;
-    int step[4];                             /* step at which each force acts, 1..KIRCHHOFF_STEPS */
+    int step[4];                             /* the step at which each force acts, 1..KIRCHHOFF_STEPS */
     vec3 force[4];                           /* N */
 } kirchhoff_rod;
 
 typedef struct {
     vec3 position, moment;                   /* position: m; moment: N m; both in the world frame */
-    quat frame;                              /* the rod's axis is the local z axis */
+    quat frame;                              /* its local z axis is the rod's axis */
 } kirchhoff_section;
 
-/* Derivatives with respect to the arc length: r' = t, m' = -t x n, and the frame rotates with the curvature B^-1 m. */
+/* Derivatives with respect to arc length: r' = t, m' = -t x n, and the frame rotates with the curvature B^-1 m. */
 static inline void kirchhoff_rate(const kirchhoff_rod *rod, const kirchhoff_section *s, vec3 force, vec3 *dr, vec3 *dm, quat *dq) {
     vec3 m = q_rotate(q_conjugate(s->frame), s->moment);
     vec3 curvature = v3(m.x / rod->bending, m.y / rod->bending, m.z / rod->torsion);
@@ -50,7 +50,7 @@ static inline void kirchhoff_step(const kirchhoff_rod *rod, kirchhoff_section *s
     s->frame = q_unit(s->frame);
 }
 
-/* Integrates to the section at the tip, starting from this moment at the root. */
+/* Integrates to the cross-section at the tip, starting from this moment at the root. */
 static inline kirchhoff_section kirchhoff_shoot(const kirchhoff_rod *rod, double load, vec3 root_moment) {
     kirchhoff_section s = {v3(0, 0, 0), root_moment, {1, 0, 0, 0}};
     for (int i = 0; i < KIRCHHOFF_STEPS; i++) {

@@ -1,11 +1,12 @@
-/* Force on a rigid straight needle that displaces the tissue, computed with the insertion's contact nodes, tributary lengths and
-   local compliances, for comparison with a needle whose surface is resolved (resolved_needle.py).
+/* Computes the force on a rigid straight needle that displaces the tissue, from the insertion's contact nodes, tributary lengths and local compliances. For
+   comparison with a needle whose surface is resolved by the mesh (resolved_needle.py).
    usage: rigid_needle MESH RADIUS NU X Y TIP_Z YOUNGS_MODULUS YOUNGS_MODULUS_OF_"lower" [ANGLE AZIMUTH | STIFFENING | skin N_PER_M NU]
    X Y TIP_Z: position of the tip. The needle enters at the top (z = 0.1 m), either along -z or obliquely, at ANGLE degrees to the top and towards AZIMUTH
-   degrees from x. Prints the number of nodes, the number of contacts, and the tick's own forces (N) for a motion by 1 mm: sideways (x; oblique: in the vertical
-   plane of the needle), along the needle, and across (y; oblique: horizontally). Then, unless the needle is oblique, prints the sums of the springs in each
-   direction: sideways, along, and that of the tip alone along z. With STIFFENING (C20 / C10), prints instead the number of nodes, the number of contacts, and
-   the forces along the needle for motions by 1, 2, 3, 4 and 5 mm. With `skin`, this surface is a membrane with a stiffness and a Poisson's ratio. */
+   degrees from x. Prints the number of nodes, the number of contacts, and the tick's own forces (N) for a motion by 1 mm: sideways (x; oblique: in the
+   vertical plane of the needle), along the needle, and across (y; oblique: horizontally). Then, unless the needle is oblique, prints the sums of the springs
+   in each direction: sideways, along, and that of the tip alone along z. With STIFFENING (C20 / C10), prints instead the number of nodes, the number of
+   contacts, and the forces along the needle for motions by 1, 2, 3, 4 and 5 mm. With `skin`, this surface is a membrane with a stiffness and a Poisson's
+   ratio. */
 #include <lapacke.h>
 #include <stdlib.h>
 #include <string.h>
@@ -24,7 +25,7 @@ typedef struct {
     compliance_snapshot snapshot;
 } body;
 
-static const double RIGID = 1e7;   /* factor by which the modulus exceeds that of steel */
+static const double RIGID = 1e7;   /* factor on the modulus of steel */
 enum { DEEPER = 5, STEPS_PER_MM = 20 };
 static const double HOLDS = 1e6;   /* N/m and N, large enough to prevent sliding and cutting */
 
@@ -56,8 +57,8 @@ static trocar_status configure(char **argument, simulation_config *c, trocar_err
     return TROCAR_OK;
 }
 
-/* Returns the local compliance along a world axis (the third is the needle's) at a point that represents the shaft between two depths. The regions along this
-   part of the shaft act in parallel. */
+/* Returns the local compliance along a world axis (the third is the needle's) at a point that stands for the shaft between two depths. The regions along
+   this part of the shaft act in parallel. */
 static double local_between(const insertion_model *model, const insertion_state *s, const resolved_field *resolved, double from, double to, int axis) {
     lateral_axial logarithm = local_logarithm(model, resolved);
     bool along = axis == 2;
@@ -71,7 +72,7 @@ static double local_between(const insertion_model *model, const insertion_state 
     return (along ? logarithm.axial : logarithm.lateral + resolved->uneven.m[axis][axis] + end) / stiffness;
 }
 
-/* Assembles the compliance of the points (the contacts, then the tip) along one axis of the world frame, including local compliances. */
+/* Assembles the compliance of the points (contacts, then tip) along one world axis, local compliances included. */
 static int assemble(const body *b, int axis, double *a, double *tip_alone) {
     const insertion_state *s = &b->state;
     const insertion_model *model = &b->parts.insertion;
@@ -100,7 +101,7 @@ static int assemble(const body *b, int axis, double *a, double *tip_alone) {
     return n;
 }
 
-/* Returns the total force if all points move by 1 mm. */
+/* Returns the total force when all points move by 1 mm. */
 static double total_force(const body *b, int axis, double *tip_alone) {
     static double a[(MAX_CONTACTS + 1) * (MAX_CONTACTS + 1)], x[MAX_CONTACTS + 1];
     lapack_int pivots[MAX_CONTACTS + 1];
@@ -112,7 +113,7 @@ static double total_force(const body *b, int axis, double *tip_alone) {
     return sum;
 }
 
-/* Computes the tick's axial forces (N) on the needle as it is moved by 1 to 5 mm in steps. */
+/* Computes the tick's axial forces (N) as the needle is moved by 1 to 5 mm in steps. */
 static trocar_status forces_deeper(body *b, pose base, vec3 way, double *force, trocar_error *why) {
     tick_output wrench;
     double rest = 0.0;
@@ -129,14 +130,14 @@ static trocar_status forces_deeper(body *b, pose base, vec3 way, double *force, 
     return status;
 }
 
-/* Computes the total force with the tick, as the change in the wrench when the base moves by 1 mm while all contacts stick. (The wrench at rest is not exactly
-   zero, because nodes are kept away from the faces of elements and therefore lie slightly off the needle.) */
+/* Computes the total force with the tick, as the change in the wrench when the base moves by 1 mm with all contacts sticking. (The wrench at rest is not
+   exactly zero, because nodes are kept away from element faces and therefore lie slightly off the needle.) */
 static trocar_status force_of_tick(body *b, pose base, vec3 way, double *force, trocar_error *why) {
     tick_output wrench;
     insertion_reset(&b->parts.insertion, base, &b->state);
     trocar_status status = TROCAR_OK;
     *force = 0.0;
-    for (int i = 0; i < 3 && status == TROCAR_OK; i++) { /* contacts become active in the second tick; the base moves in the third */
+    for (int i = 0; i < 3 && status == TROCAR_OK; i++) { /* contacts become active in the second tick, and the base moves in the third */
         if (i == 2) base.position = v3_axpy(1e-3, way, base.position);
         status = run_step(&b->run, (tick_input){.base = {.pose = base}, .dt = 1e-3}, &b->state, &b->snapshot, &wrench, why);
         if (i > 0) *force = -v3_dot(way, wrench.force) - *force;
@@ -144,10 +145,10 @@ static trocar_status force_of_tick(body *b, pose base, vec3 way, double *force, 
     return status;
 }
 
-/* Returns the pose of the base for a tip at the distance `length` from it. The needle points along the base's z axis; "sideways" is the base's x axis, and
-   "across" its y axis. */
+/* Returns the base pose for a tip at the distance `length` from it. The needle points along the base's z axis; "sideways" is the base's x axis, "across" its
+   y axis. */
 static pose base_of(vec3 tip, double length, double angle, double azimuth) {
-    pose base = {tip, {0, 1, 0, 0}}; /* rotated about x, so that the needle points along -z */
+    pose base = {tip, {0, 1, 0, 0}}; /* turned about x, so that the needle points along -z */
     quat lean = q_multiply(q_exp(v3(0, 0, azimuth)), q_exp(v3(0, angle - M_PI_2, 0)));
     base.orientation = q_multiply(lean, base.orientation);
     base.position = v3_axpy(-length, q_rotate(base.orientation, v3(0, 0, 1)), tip);

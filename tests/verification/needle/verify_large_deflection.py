@@ -1,8 +1,8 @@
 #!/usr/bin/python3
-"""Checks the error that linear elasticity with small strains makes, using the force on a rigid needle moved by up to 5 mm, from large_deflection.json.
-large_deflection.py solved this problem with CalculiX: linearly, and with large displacements in a neo-Hookean material and in a stiffening one (Yeoh). The full
-form solves the neo-Hookean case for sideways motion again. The core's needle is compared with the linear solution and, in stiffening tissue (the scene's
-`stiffening`), with the Yeoh material.
+"""Measures what it costs to assume linear elasticity with small strains, using the force on a rigid needle moved by up to 5 mm. The reference,
+large_deflection.json, was computed by large_deflection.py with CalculiX: linearly, and with large displacements in a neo-Hookean material and in a
+stiffening one (Yeoh). The full form solves the neo-Hookean case for sideways motion again. The core's needle is compared with the linear solution and, in
+stiffening tissue (the scene's `stiffening`), with the Yeoh material.
 """
 import json
 import subprocess
@@ -18,7 +18,7 @@ from rows import REPOSITORY, Rows  # noqa: E402
 LARGE_DISPLACEMENTS = 0.02   # relative error due to large displacements alone, according to docs/mechanics.md
 OURS = 0.05
 STIFFENING = 0.04
-AGAIN = 1e-4                 # repeatability of the results: CalculiX prints seven digits, and the convergence of its increments depends on rounding
+AGAIN = 1e-4                 # repeatability of the results: CalculiX prints seven digits, and how its increments converge depends on rounding
 WAYS = {"sideways": (1.0, 0.0, 0.0), "axial": (0.0, 0.0, -1.0)}
 WORDS = {"sideways": "sideways", "axial": "along"}
 

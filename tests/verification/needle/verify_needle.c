@@ -1,5 +1,5 @@
 /* Compares the rod with beam theory: small deflections, the elastica under a force and a moment at the tip, bending in space, torsion, and roll of the base.
-   Also measures the convergence with the number of segments, and the time of a linearisation. */
+   Also measures convergence with the number of segments, and the time one linearisation takes. */
 #include <time.h>
 
 #include "bench/baseline.h"
@@ -27,7 +27,7 @@ static needle_model rod(int segments) {
 
 static pose at_rest(double roll) { return (pose){v3(0, 0, 0), q_exp(v3(0, 0, roll))}; }
 
-/* Adds a couple on the last segment, whose moment keeps its direction along x. */
+/* Adds a couple on the last segment whose moment keeps its direction along x. */
 static void add_tip_moment(const needle_model *model, const needle_state *state, double moment, vec3 *load) {
     int n = model->given.segments;
     vec3 across = v3_scale(moment / model->segment_length, v3_cross(v3(1, 0, 0), q_rotate(state->frames[n - 1], v3(0, 0, 1))));
@@ -35,7 +35,7 @@ static void add_tip_moment(const needle_model *model, const needle_state *state,
     load[n - 1] = v3_scale(-1.0, across);
 }
 
-/* Solves for the equilibrium under dead forces at joints and a moment at the tip by Newton's method, applying the load in increments. */
+/* Solves for equilibrium under dead forces at joints and a moment at the tip by Newton's method, applying the load in increments. */
 static void bend(const needle_model *model, needle_state *state, const vec3 *force, double moment) {
     vec3 load[NEEDLE_MAX_SEGMENTS + 1] = {{0}};
     for (int step = 1; step <= 20; step++)
@@ -133,8 +133,8 @@ static void check_large(rows *r, int which) {
 
 /* ---- torsion and roll ------------------------------------------------------------------------------------------------------ */
 
-/* Compares energy and moment under a prescribed uniform twist. A round rod bent in space has no twisting moment, because m.t is constant along it and zero at
-   the tip. */
+/* Compares energy and moment under a prescribed uniform twist. A round rod bent in space has no twisting moment, because m.t is constant along it and zero
+   at the tip. */
 static void check_torsion(rows *r) {
     needle_model model = rod(40);
     const needle_parameters *g = &model.given;
@@ -154,7 +154,7 @@ static void check_torsion(rows *r) {
     rows_error(r, "forces in two planes: twisting moment over bending moment at the base", "0, a round rod", moment.z / v3_norm(moment), 1e-9);
 }
 
-/* Roll must not change the response: the forces are compared for a needle rolled by arbitrary angles, and with forces rotated together with the needle. */
+/* Roll must not change the response. Forces on a needle rolled by arbitrary angles are compared with those computed with the forces rotated along with it. */
 static void check_roll(rows *r) {
     needle_model model = rod(40);
     needle_state plain, rolled;
@@ -179,8 +179,8 @@ static void check_roll(rows *r) {
     rows_error(r, "base and forces rolled by 9 angles: moment in the base's frame", "no roll", worst_own, 1e-9);
 }
 
-/* Computes force and torque after a push by 60 mm and a push sideways. The base is rolled by `roll` before the push, and by `later` at depth. Friction is off
-   in the second case, because it would resist the roll. */
+/* Computes force and torque after pushing by 60 mm and then sideways. The base is rolled by `roll` before the push and by `later` at depth. In the second
+   case friction is off, because it would resist the roll. */
 static void push_rolled(double roll, double later, bool friction, double wrench[6]) {
     simulation_config c = lockstep_config();
     c.needle.bow = 0.0; /* otherwise the bow would rotate with the needle */

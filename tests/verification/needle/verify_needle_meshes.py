@@ -1,10 +1,10 @@
 #!/usr/bin/python3
-"""Checks mesh independence on meshes of other kinds: compares a rigid needle in structured, graded and patient meshes, among slivers, in an oblique position,
-and at a contrast of 1:1000, with a needle whose surface is resolved (resolved_needle.json).
+"""Checks mesh independence on other kinds of mesh. A rigid needle in structured, graded and patient meshes, among slivers, at an angle, and at a stiffness
+contrast of 1:1000 is compared with a needle whose surface is resolved (resolved_needle.json).
 
 Each row stands for one position of the needle in one mesh and gives the largest error of the tick's forces for a motion by 1 mm sideways, along and across.
-Structured meshes consist of cubes that are divided into six tetrahedra (Kuhn) or five; the needle lies on edges, faces and diagonals of the mesh. Such a line
-is up to 7 mm away from the reference's line; by symmetry, this makes no first-order difference.
+Structured meshes consist of cubes that are divided into six tetrahedra (Kuhn) or five; the needle lies on edges, faces and diagonals of the mesh. Such a
+line is up to 7 mm away from the reference's line; by symmetry, this makes no first-order difference.
 
 At some positions, errors are reported but not checked against a limit, because the mesh limits the accuracy there: with elements of 14 mm and more (12 mm
 with a stiff layer), on body diagonals of Kuhn's cubes of 10 mm (edges of 17 mm), and on edges of the mesh of five tetrahedra at nu = 0.499. This rule
@@ -24,26 +24,26 @@ import needle_meshes as nm  # noqa: E402
 from rows import REPOSITORY, Rows  # noqa: E402
 
 LIMIT, MEDIAN = 0.05, 0.02
-BESIDE = 2e-7                                       # m, distance of needles "beside" an edge or a face; less than a micrometre
+BESIDE = 2e-7                                       # m, how far needles "beside" an edge or a face are from it; less than a micrometre
 STANDARD = "depth_r0.635_nu0.45"
-PER_LENGTH = {"short": (1,), "full": (1, 2, 3)}     # number of elements per 10 mm
+PER_LENGTH = {"short": (1,), "full": (1, 2, 3)}     # elements per 10 mm
 GMSH = {"short": (0.0125,), "full": (0.0155, 0.0125, 0.0078, 0.0053, 0.0030)}
 PATIENT = (600, 1700, 6500)                         # nodes
 GRADED = {"short": ((0.0015, 0.015),), "full": ((0.0015, 0.015), (0.015, 0.0015))}
 TOO_FINE = ((0.0005, 0.005), (0.005, 0.0005))       # element sizes smaller than the needle
-AS_COARSE = 0.014                                   # m; in meshes with larger elements, the mesh itself limits the accuracy
+AS_COARSE = 0.014                                   # m; with larger elements, the mesh itself limits the accuracy
 AS_COARSE_FOR_LAYERS = 0.012                        # m, the same limit for meshes in which a layer 5 mm away is 1000 times as stiff
-SLIVERS = {"short": (0.2,), "full": (0.2, 0.1)}     # fraction of its volume that the flattest tetrahedron around a moved node keeps
+SLIVERS = {"short": (0.2,), "full": (0.2, 0.1)}     # fraction of its volume left to the flattest tetrahedron around a moved node
 KINDS = ("Kuhn", "five")
 COARSE = "elements of 14 mm and more: so coarse linear tetrahedra are too stiff under smooth loads as well (Tissue: error of the elements on coarse meshes)"
 NEAR_LAYER = "elements of 12 mm and more, less than one between the needle and tissue 1000 times as stiff"
 LONG_EDGES = "edges of 17 mm lie along the needle: too stiff as elements of that size are; with cubes of half the size 5 %"
 SOFT_MODES = "averaged volumetric strain leaves this mesh too soft, by patches 8 and by nodes 5 %; the reference may be 2 % too high at nu = 0.499"
-FEW = ("on edges", "in faces", "within elements")   # the only needle positions tested in the finest meshes, of 42 000 nodes
+FEW = ("on edges", "in faces", "within elements")   # the only needle positions tested in the finest meshes, with 42 000 nodes
 
 
 class Check:
-    """Collects the rows, the errors of all forces, and the worst error of each row: `within` with a limit, `measured` without."""
+    """Collects the rows, the errors of all forces, and each row's worst error: `within` a limit, or just `measured`."""
 
     def __init__(self, rows):
         self.rows, self.form, self.errors = rows, "short" if rows.short_form else "full", []
@@ -58,9 +58,8 @@ class Check:
         return self.path(name)
 
     def place(self, name, mesh, case_name=STANDARD, tip=None, azimuth=None, outside="", limited=""):
-        """Adds the row for one position of the needle. `tip`: x and y of the tip, if they differ from the reference's. `outside`: the reason why the model does
-        not cover the case. `limited`: how the mesh limits the accuracy at this position. If `outside` or `limited` is given, the error is reported but not
-        checked against a limit."""
+        """Adds the row for one position of the needle. `tip`: x and y of the tip, if they differ from the reference's. `outside`: why the model does not cover
+        the case. `limited`: how the mesh limits the accuracy at this position. With `outside` or `limited`, the error is reported but not checked."""
         case = self.cases[case_name]
         x, y = tip or case["axis"]
         command = [self.rows.build / "tests/verification/rigid_needle", mesh, case["radius"], case["poisson_ratio"], x, y, case["tip"],
@@ -113,7 +112,7 @@ def mirrored(tip):
 
 
 def diagonals(check, kind, cell, mesh, besides):
-    """Checks needles along both diagonals of the cubes' faces, and along two of their body diagonals. In a Kuhn mesh, those named "the other way" are edges."""
+    """Checks needles along both face diagonals of the cubes and along two of their body diagonals. In a Kuhn mesh, those called "the other way" are edges."""
     for case_name, words in (("oblique_45", "face diagonal"), ("body_diagonal", "body diagonal")):
         limited = LONG_EDGES if kind == "Kuhn" and words == "body diagonal" and cell > 0.009 else ""
         azimuth = check.cases[case_name]["azimuth"]

@@ -1,6 +1,6 @@
 #!/usr/bin/python3
-"""Checks two rigid needles a few millimetres apart: compares the force on each when one of them is moved with that on needles whose surfaces are resolved
-(resolved_pair.json). The distance between the needles is smaller than an element, so most of the displacement of one by the other is finer than the mesh.
+"""Checks two rigid needles a few millimetres apart. When one of them is moved, the force on each is compared with that on needles whose surfaces are resolved
+(resolved_pair.json). The needles are closer together than an element is wide, so most of the displacement of one by the other is finer than the mesh.
 """
 import json
 import os
@@ -14,9 +14,9 @@ import needle_meshes  # noqa: E402: first, because it skips this check if Gmsh i
 from rows import REPOSITORY, Rows  # noqa: E402
 
 LIMITS = {448: 0.10, 1440: 0.05}  # number of nodes -> largest permitted error in a force; on other meshes, the error is reported but not checked
-RECIPROCAL = 0.02                 # largest permitted difference between the lateral forces of the two needles, as a fraction of the largest force
+RECIPROCAL = 0.02                 # largest permitted difference between the two needles' lateral forces, as a fraction of the largest force
 LENGTH = 0.2                      # m, default length of the needle
-STEP, TICKS, RISE = 1e-3, 300, 100  # STEP: m; TICKS, RISE: number of ticks of 1 ms in total, and while the needle moves
+STEP, TICKS, RISE = 1e-3, 300, 100  # STEP: m; TICKS, RISE: 1 ms ticks in total, and while the needle moves
 
 
 def block(cubes):
@@ -40,7 +40,7 @@ def stuck_needles(cubes, case):
 
 
 def forces_of_move(sim, bases, moved, axis):
-    """Returns the forces (N) on both hands, shape (2, 3), after needle `moved` has moved down by STEP along z."""
+    """Returns the forces (N) on both hands, shape (2, 3), after needle `moved` has been pushed down along z by STEP."""
     for needle in (0, 1):
         sim.reset(bases[needle], needle)
     forces, base = np.zeros((2, 3)), [b.copy() for b in bases]
@@ -68,7 +68,7 @@ def compare(rows, case, cubes):
 
 
 def check_coupling(rows, name, across):
-    """Checks that the lateral stiffness of two needles is symmetric and positive. `across` contains the forces along x and y on each needle when each needle is
+    """Checks that the lateral stiffness of two needles is symmetric and positive. `across` has the forces along x and y on each needle when each needle is
     moved along x and y."""
     rows.error(f"{name}: forces on each other across the needles, difference over the largest", "reciprocity", np.abs(across - across.T).max() / np.abs(across).max(), RECIPROCAL)
     least, largest = np.linalg.eigvalsh(-0.5 * (across + across.T))[[0, -1]]
@@ -76,15 +76,15 @@ def check_coupling(rows, name, across):
 
 
 def base_of(entry, tip):
-    """Returns the pose of the base of a straight needle with this entry point and tip."""
+    """Returns the base pose of a straight needle with this entry point and tip."""
     along = (np.array(tip) - entry) / np.linalg.norm(np.array(tip) - entry)
     middle = (along + [0, 0, -1]) / np.linalg.norm(along + [0, 0, -1])
-    # half a turn about x turns z to -z, and another one, about the middle between -z and the needle's direction, turns that to the needle's direction
+    # half a turn about x turns z to -z; another, about the middle between -z and the needle's direction, turns that to the needle's direction
     return np.array([*(tip - LENGTH * along), -middle[0], *np.cross(middle, [1, 0, 0])])
 
 
 def compare_all(rows, name, case, cubes):
-    """Compares all forces, those on both needles when either is moved along x, y or z. Their errors are fractions of the largest force."""
+    """Compares all forces: those on both needles when either is moved along x, y or z. Errors are relative to the largest force."""
     count, model = stuck_needles(cubes, case)
     sim, bases = trocar.Sim(model), [base_of(*needle) for needle in case["needles"]]
     values = np.array([[forces_of_move(sim, bases, moved, axis) * (1 if axis == 2 else -1) for axis in range(3)] for moved in (0, 1)])
@@ -98,7 +98,7 @@ def compare_all(rows, name, case, cubes):
 
 
 def leaning_base(point, lean):
-    """Returns the pose of the base of a needle that is inclined about y and passes through the point, with its tip 30 mm beyond the point."""
+    """Returns the base pose of a needle tilted about y that passes through the point, with its tip 30 mm beyond it."""
     turn, along = 0.5 * (np.pi - lean), np.array([np.sin(lean), 0.0, -np.cos(lean)])
     return np.array([*(point + (0.03 - LENGTH) * along), np.cos(turn), 0.0, np.sin(turn), 0.0])
 

@@ -1,5 +1,5 @@
-/* Tests the paper's needle, made of tetrahedra with quadratic strain: the directional dependence of its stiffness, locking, the effect and error of the
-   calibration, and its speed and forces in comparison with the rod's. */
+/* Tests the paper's needle, made of tetrahedra with quadratic strain: how its stiffness depends on direction, locking, what the calibration does and how
+   accurate it is, and its speed and forces compared with the rod's. */
 #include <time.h>
 
 #include "bending_solid.h"
@@ -32,8 +32,8 @@ static const char *named(const subject *s, const char *what) {
     return text;
 }
 
-/* Returns the tip displacement, as a fraction of the length, under a load of p EI / L^2 across the needle: its components along the load, at a right angle to
-   the load, and along the needle. */
+/* Returns the tip displacement, relative to the length, under a load of p EI / L^2 across the needle: its components along the load, perpendicular to it,
+   and along the needle. */
 static vec3 bent_tip(const subject *s, double angle, double p) {
     solid_state state;
     vec3 along = v3(cos(angle), sin(angle), 0), across = v3(-sin(angle), cos(angle), 0);
@@ -74,8 +74,8 @@ static void check_direction(rows *r, const subject *s) {
 
 /* ---- locking and calibration ------------------------------------------------------------------------------------------ */
 
-/* Returns the bending stiffness if plane sections remain plane and the full Young's modulus is used, divided by E I of the square that is meshed, I = r^4 / 3.
-   Two out of three tetrahedra at a rim node have a normal strain, which gives 2/3 r^4. All of them have a shear strain of the curvature times h/2, and one in
+/* Returns the bending stiffness if plane sections stay plane and the full Young's modulus is used, relative to E I of the square that is meshed, I = r^4 /
+   3. Two out of three tetrahedra at a rim node have a normal strain, which gives 2/3 r^4. All of them have a shear strain of curvature times h/2, and one in
    six also has one across the needle, which gives 5/12 G A h^2 with A = 2 r^2. */
 static double plane_sections(const solid_model *model) {
     double slender = model->line.segment_length / model->line.radius;
@@ -137,7 +137,7 @@ static void draw_elastica(rows *r, const subject *s) {
     rows_curve(r, c);
 }
 
-/* Returns the couple on the tip's rim divided by its rotation (N m), computed from the factors of the tangent stiffness at rest. */
+/* Returns the couple on the tip's rim divided by its rotation (N m), from the factorised tangent stiffness at rest. */
 static double torsional_stiffness(const subject *s) {
     double x[NEEDLE_MAX_SEGMENTS][TRIDIAGONAL_ROWS] = {{0}}, *tip = x[s->segments - 1], twist = 0.0;
     for (int i = 0; i < SOLID_RIM; i++) { /* a unit couple, with forces along e_z x arm */
@@ -153,7 +153,7 @@ static double torsional_stiffness(const subject *s) {
     return 1.0 / twist;
 }
 
-/* Checks how the factor on Young's modulus affects the stiffnesses for which it was not calibrated. */
+/* Checks what the factor on Young's modulus does to the stiffnesses it was not calibrated for. */
 static void check_cost(rows *r, const subject *s) {
     const needle_parameters *g = &s->model.line.given;
     int z = 3 * s->segments + 2;
@@ -179,7 +179,7 @@ static double seconds(void) {
     return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }
 
-/* Returns the shortest time (s) of a Newton pass, which consists of the linearisation for contacts on the outer half and the update. */
+/* Returns the shortest time (s) of a Newton pass, i.e. the linearisation for contacts on the outer half plus the update. */
 static double rod_pass_time(int segments) {
     needle_model model = needle_made(segments);
     needle_tangent *tangent = malloc(sizeof *tangent);
@@ -243,7 +243,7 @@ static record *run_figure8(bool solid, int segments) {
     return run;
 }
 
-/* Returns the root-mean-square difference of the components [from, to), relative to the root mean square for the rod. */
+/* Returns the RMS difference of the components [from, to), relative to the RMS for the rod. */
 static double difference(const record *a, const record *rod, int from, int to) {
     double off = 0.0, size = 0.0;
     for (int i = 0; i < TICKS; i++)

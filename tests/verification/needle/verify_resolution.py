@@ -1,8 +1,8 @@
 #!/usr/bin/python3
-"""Checks mesh independence: compares a rigid needle on meshes of every size with a needle whose surface is resolved (resolved_needle.json).
+"""Checks mesh independence by comparing a rigid needle, on meshes of every size, with a needle whose surface is resolved (resolved_needle.json).
 
-Some forces are reported but not checked against a limit, because linear elements of that size limit the accuracy: forces along a needle that is less than two
-elements deep, and sideways forces on a needle that is less than one element deep or less than one element from a side, or whose tip is less than half an
+Some forces are reported but not checked against a limit, because linear elements of that size limit the accuracy: forces along a needle that is less than
+two elements deep, and sideways forces on a needle that is less than one element deep or less than one element from a side, or whose tip is less than half an
 element from the fixed face. This rule considers only the mesh and the position, but it was written after the errors had been seen. The last rows state how
 many such forces there are, and how many of them would fail. Their errors are included in the median.
 """
@@ -18,7 +18,7 @@ import needle_meshes  # noqa: E402
 from rows import REPOSITORY, Rows  # noqa: E402
 
 LIMIT, MEDIAN = 0.05, 0.02  # limits on the error in a single force, and on the median of all errors
-TICK_LIMIT = 0.002  # limit on the effect of the coupling between directions, which rigid_needle.c neglects
+TICK_LIMIT = 0.002  # limit on the effect of coupling between directions, which rigid_needle.c neglects
 ABREAST = "the sum of springs neglects cross-coupling between directions"
 SHORT = "less than two elements deep: the force on the end face moves the shaft behind it no farther than the mesh says"
 SHALLOW = "less than one element deep"
@@ -29,8 +29,8 @@ SIZES = {"short": (0.0155, 0.0125), "full": (0.0155, 0.0125, 0.0125 * 1.001, 0.0
 
 
 def rigid_needle(rows, mesh, case):
-    """Returns the number of nodes, the number of contacts, and the forces from the springs added up per direction: sideways, along, and that of the tip alone;
-    also the sideways and axial forces of the tick."""
+    """Returns the number of nodes, the number of contacts, the forces from adding up the springs of each direction (sideways, along, and the tip alone along
+    the needle), and the tick's sideways and axial forces."""
     tip = case["tip"]
     command = [rows.build / "tests/verification/rigid_needle", mesh, case["radius"], case["poisson_ratio"], *case["axis"], tip,
                case["youngs_modulus_above"], case["youngs_modulus_below"]]
@@ -40,7 +40,7 @@ def rigid_needle(rows, mesh, case):
 
 
 def limited(case, direction, size):
-    """Returns the reason why elements of this size (m) limit the accuracy for this case, or '' if they do not."""
+    """Returns why elements of this size (m) limit the accuracy in this case, or '' if they do not."""
     depth, beside = needle_meshes.HEIGHT - case["tip"], needle_meshes.HALF_WIDTH - max(abs(x) for x in case["axis"])
     if case["kind"] == "disc":
         return ""
@@ -50,8 +50,8 @@ def limited(case, direction, size):
 
 
 def compare(rows, name, case, meshes, sizes):
-    """Compares the tick's force on the needle with the reference. The disc of a tip whose shaft slides is compared separately, by its own spring. Returns the
-    errors that are checked, and those that are only reported."""
+    """Compares the tick's force on the needle with the reference. If the shaft slides, the disc at the tip is compared separately, through its own spring.
+    Returns the errors that are checked, and those that are only reported."""
     errors, measured = [], []
     for mesh, size in zip(meshes, sizes):
         nodes, contacts, _, _, tip, sideways, along = rigid_needle(rows, mesh, case)
@@ -71,13 +71,13 @@ def compare(rows, name, case, meshes, sizes):
 
 
 def compare_with_tick(rows, name, case, meshes):
-    """Compares rigid_needle.c, which adds the springs of each direction separately, with the tick, which solves all directions together."""
+    """Compares rigid_needle.c, which adds up the springs of each direction, with the tick, which solves all directions together."""
     apart = 0.0
     for mesh in meshes:
         _, _, sideways, along, _, tick_sideways, tick_along = rigid_needle(rows, mesh, case)
         apart = max(apart, abs(sideways / tick_sideways - 1), abs(along / tick_along - 1))
     check, reference = f"{name}: the springs' forces against the tick's, worst of {len(meshes)} coarse meshes", "wrench of insertion_tick"
-    if name == "side": # if the needle is pushed sideways, the tissue also moves along it
+    if name == "side": # pushing the needle sideways also moves tissue along it
         rows.measured(check, reference, apart, None, apart, "", ABREAST)
     else:
         rows.error(check, reference, apart, TICK_LIMIT)
@@ -96,8 +96,8 @@ def main():
     errors, measured = [], []
     for name, case in reference["cases"].items():
         if name.startswith("skin_disc") or "angle" in case or name.startswith("stiff") or "skin" in case or (rows.short_form and name != "depth_r0.635_nu0.45"):
-            # the disc on the skin is checked in tests/unit/insertion/test_local_compliance.c; oblique needles and contrasts are checked in
-            # verify_needle_meshes.py; membranes in verify_membranes.py
+            # the disc on the skin is checked in tests/unit/insertion/test_local_compliance.c, oblique needles and contrasts in verify_needle_meshes.py, and
+            # membranes in verify_membranes.py
             continue
         of_all, of_measured = compare(rows, name, case, meshes[name == "layers"], sizes)
         errors += of_all

@@ -1,4 +1,4 @@
-"""Linear tetrahedra with averaged volumetric strain in the Kuhn mesh of the block in needle_meshes.py; uses no code of the simulator."""
+"""Linear tetrahedra with averaged volumetric strain, in the Kuhn mesh of the block in needle_meshes.py. Uses none of the simulator's code."""
 import numpy as np
 import scipy.sparse as sparse
 
@@ -20,12 +20,11 @@ class KuhnBlock:
         return sparse.csr_matrix((np.ones(len(cube)), (cube, np.arange(len(cube)))))
 
     def by_node(self):
-        """Returns a matrix with the weights of the elements (columns) around each node (rows); each node gets a quarter of an element."""
+        """Returns a matrix with the weights of the elements (columns) around each node (rows). Each node gets a quarter of an element."""
         return sparse.csr_matrix((np.full(4 * len(self.tets), 0.25), (self.tets.ravel(), np.repeat(np.arange(len(self.tets)), 4))))
 
     def stiffness(self, shear, lame, averages):
-        """Returns the stiffness matrix for a volumetric strain that is averaged according to the rows of `averages`, which is a result of by_cube() or
-        by_node()."""
+        """Returns the stiffness matrix for a volumetric strain averaged by the rows of `averages`, which comes from by_cube() or by_node()."""
         gradient, volume = self.inverse[:, 1:].transpose(0, 2, 1), np.abs(nm.volumes(self.nodes, self.tets))
         dofs, size = (3 * self.tets[:, :, None] + np.arange(3)).reshape(-1, 12), 3 * len(self.nodes)
         blocks = np.einsum("tai,tbi->tab", gradient, gradient)[:, :, None, :, None] * np.eye(3)[None, None, :, None, :]

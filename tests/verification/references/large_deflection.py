@@ -1,11 +1,11 @@
 #!/usr/bin/python3
-"""Measures the error that linear elasticity with small strains makes: forces on a rigid needle with large displacements, computed with CalculiX.
+"""Measures what it costs to assume linear elasticity with small strains: computes the forces on a rigid needle at large displacements with CalculiX.
 
 The needle of the case depth_r0.635_nu0.45 of resolved_needle.py is moved by up to 5 mm on a coarser mesh of quadratic tetrahedra: linearly, and with large
 displacements (NLGEOM) in two nearly incompressible hyperelastic materials with the same initial moduli,
     neo-Hookean   C10 = mu / 2,  D1 = 2 / K
-    Yeoh          the same and C20 = S C10, S = 0.2; it stiffens
-Writes large_deflection.json, which verify_large_deflection.py and scripts/figures read, next to this script. Takes a quarter of an hour on one core.
+Yeoh          the same and C20 = S C10, S = 0.2; it stiffens Writes large_deflection.json, which verify_large_deflection.py and scripts/figures read, next to
+this script. Takes a quarter of an hour on one core.
 
 usage: large_deflection.py [FOLDER]     FOLDER: folder for CalculiX's files, by default a temporary one
 """
@@ -25,11 +25,11 @@ CASE = rn.CASES["depth_r0.635_nu0.45"]
 MESH = {"rim": 1.0, "slope": 1.0, "far_slope": 0.5, "sectors": 8, "largest": 0.02}
 STEPS, LARGEST = 5, 5e-3  # m
 STIFFENING = 0.2
-NO_MORE = 1e10            # D2 and D3, so large that the pressure has no higher-order terms. (CalculiX replaces zero by the value of D1.)
+NO_MORE = 1e10            # D2 and D3, so large that the pressure has no higher-order terms (CalculiX replaces zero with the value of D1)
 
 
 def hyperelastic(modulus, nu):
-    """Returns CalculiX's material definitions by name; a field of its input holds at most twenty characters."""
+    """Returns CalculiX's material definitions by name. A field of its input holds at most twenty characters."""
     mu, bulk = modulus / 2 / (1 + nu), modulus / 3 / (1 - 2 * nu)
     c10, d1 = mu / 2, 2 / bulk
     return {"linear": f"*ELASTIC\n{modulus!r}, {nu!r}\n", "neo-Hookean": f"*HYPERELASTIC, NEO HOOKE\n{c10:.10g}, {d1:.10g}\n",

@@ -1,10 +1,11 @@
 #!/usr/bin/python3
-"""Computes, on a whole mesh, the effect of a line's end that the resolved radius of an infinite line neglects: the numbers in test_resolved_radius.c.
+"""Computes the numbers in test_resolved_radius.c: on a whole mesh, what the end of a line adds that the resolved radius of an infinite line does not account
+for.
 
-The mesh of the block is Kuhn's, with cubes of 12 x 12 x 12.5 mm; the volumetric strain is averaged at nodes. The load is that part of a line force which lies
-beyond a given distance ahead of a point, up to 30 mm; the boundary of the block moves according to Kelvin's solution, summed over steps of the line. The
-program prints the displacement of the point minus that of a cylinder of the resolved radius, as the logarithm of a radius, averaged over a period of the mesh
-and both transverse directions. It uses no code of the simulator, needs python3-scipy, and takes a minute.
+The mesh of the block is Kuhn's, with cubes of 12 x 12 x 12.5 mm; the volumetric strain is averaged at nodes. The load is that part of a line force which
+lies beyond a given distance ahead of a point, up to 30 mm; the boundary of the block moves according to Kelvin's solution, summed over steps of the line.
+The program prints the displacement of the point minus that of a cylinder of the resolved radius, as the logarithm of a radius, averaged over a period of the
+mesh and both transverse directions. It uses no code of the simulator, needs python3-scipy, and takes a minute.
 """
 import math
 
@@ -29,7 +30,7 @@ class Block(KuhnBlock):
         self.factor = splu(self.matrix[self.free][:, self.free])
 
     def moved(self, at, line, axis):
-        """Returns the displacement along an axis at a point due to a unit force per unit length along this axis at the points on the line."""
+        """Returns the displacement along an axis at a point, under a unit force per length along that axis at the points on the line."""
         force, moved = np.eye(3)[axis], np.zeros((len(self.nodes), 3))
         moved[self.outer] = sum(STEP * kelvin(point, force, self.nodes[self.outer]) for point in line)
         moved, load = moved.ravel(), np.zeros(3 * len(self.nodes))

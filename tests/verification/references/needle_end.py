@@ -4,10 +4,10 @@ usage: needle_end.py [CUBES_PER_10_MM]
 
 A rigid needle, 60 mm long and inclined by 45 degrees in Kuhn's mesh of the block, is represented by segments of 1 mm on linear tetrahedra (volumetric strain
 averaged over each cube), each in series with a local compliance. No code of the simulator is used. One needle lies along edges, another within elements. For
-each, prints the resolved radius of an infinite line, the sideways force for a motion by 1 mm, and the shares of the force near the tip. Then the needle along
-edges is given a local compliance that accounts for the end of the line: equal forces on all segments move them as far as they do within elements. Prints the
-ratio of this compliance to that of the infinite line, for every 5 mm from the skin, and the force. Needs python3-scipy. Takes seconds, or a few minutes for
-cubes of 5 mm.
+each, prints the resolved radius of an infinite line, the sideways force for a motion by 1 mm, and the shares of the force near the tip. Then the needle
+along edges is given a local compliance that accounts for the end of the line, so that equal forces on all segments move them as far as within elements.
+Prints the ratio of this compliance to that of the infinite line, for every 5 mm from the skin, and the force. Needs python3-scipy. Takes seconds, or a few
+minutes for cubes of 5 mm.
 """
 import math
 import sys
@@ -41,7 +41,7 @@ class Block(KuhnBlock):
         return splu(self.matrix[free][:, free]).solve(right)
 
     def resolved_radius(self, entry):
-        """Returns the resolved radius of an infinite line through the block, at which the displacement equals that of the exact solution."""
+        """Returns the resolved radius of an infinite line through the block: the radius at which the displacement equals the exact solution's."""
         depth = np.arange(-300, 300) * SEGMENT
         points = entry + depth[:, None] * ALONG
         inside = (np.abs(points[:, :2]).max(axis=1) < nm.HALF_WIDTH) & (points[:, 2] > 0) & (points[:, 2] < nm.HEIGHT)
@@ -55,7 +55,7 @@ class Block(KuhnBlock):
         return math.exp(-along[len(along) // 6 : -(len(along) // 6)].mean() / LINE)
 
     def compliance(self, entry):
-        """Returns the compliance of the segments that is due to the mesh alone."""
+        """Returns the part of the segments' compliance that is due to the mesh."""
         free = np.repeat(self.nodes[:, 2] > 1e-9, 3)
         rows = self.sideways_at(entry + (np.arange(SEGMENTS) + 0.5)[:, None] * SEGMENT * ALONG)[:, free]
         return rows @ self.solve(free, rows.T.toarray())

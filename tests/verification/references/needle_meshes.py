@@ -19,7 +19,7 @@ except ImportError:
     sys.exit(SKIPPED)
 
 HALF_WIDTH, HEIGHT = 0.060, 0.100
-FACES = ((1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1))  # the face opposite to each corner
+FACES = ((1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1))  # the face opposite each corner
 
 
 # ---- by Gmsh -----------------------------------------------------------------------------------------------------------
@@ -34,7 +34,7 @@ def set_field(expression):
 
 
 def block(path, size, layered=False, field=None):
-    """Creates an unstructured mesh of the block. `size` is the size of all elements, or the largest size if `field`, an expression in x, y and z, is given."""
+    """Creates an unstructured mesh of the block. `size` is the element size or, if `field` (an expression in x, y and z) is given, the largest one."""
     gmsh.initialize()
     gmsh.option.setNumber("General.Terminal", 0)
     occ = gmsh.model.occ
@@ -61,8 +61,8 @@ def block(path, size, layered=False, field=None):
 
 
 def graded(path, at_skin, at_tip, axis, tip):
-    """Meshes the block with element sizes that vary along the needle's line from `at_skin` to `at_tip` in a geometric progression, and increase by 0.35 times
-    the distance from the line."""
+    """Meshes the block with element sizes that go from `at_skin` to `at_tip` in a geometric progression along the needle's line, and grow by 0.35 times the
+    distance from it."""
     rate = np.log(at_tip / at_skin) / (tip - HEIGHT)
     block(path, 0.02, field=f"{at_skin}*exp({rate}*(z-{HEIGHT})) + 0.35*sqrt((x-{axis[0]})^2+(y+{-axis[1]})^2)")
 
@@ -83,7 +83,7 @@ def read(path):
 # ---- by numpy ----------------------------------------------------------------------------------------------------------
 
 def msh(nodes, groups, elements):
-    """Returns the text of a Gmsh file. `groups`: dimension, number and name of each group; `elements`: Gmsh's type, group and nodes of each element."""
+    """Returns the text of a Gmsh file. `groups`: dimension, number and name of each group. `elements`: Gmsh's type, group and nodes of each element."""
     lines = ["$MeshFormat", "2.2 0 8", "$EndMeshFormat", "$PhysicalNames", str(len(groups)), *(f'{dim} {number} "{name}"' for dim, number, name in groups),
              "$EndPhysicalNames", "$Nodes", str(len(nodes)), *(f"{i} {x:.17g} {y:.17g} {z:.17g}" for i, (x, y, z) in enumerate(nodes.tolist(), 1)), "$EndNodes",
              "$Elements", str(len(elements)),
@@ -93,7 +93,7 @@ def msh(nodes, groups, elements):
 
 
 def write(path, nodes, tets, lower=None):
-    """Writes the mesh; `lower` states for each tetrahedron whether it belongs to the region of that name."""
+    """Writes the mesh. `lower` says for each tetrahedron whether it belongs to the region of that name."""
     tets = np.array(tets)
     mirrored = np.linalg.det(nodes[tets[:, 1:]] - nodes[tets[:, :1]]) < 0
     tets[mirrored] = tets[mirrored][:, [1, 0, 2, 3]]
@@ -106,8 +106,8 @@ def write(path, nodes, tets, lower=None):
     path.write_text(msh(nodes, ((3, 1, "upper"), (3, 2, "lower"), (2, 9, "fixed")), elements))
 
 
-# The corners of a cell are numbered 4 x + 2 y + z. Kuhn's division follows the six paths along edges from corner 0 to corner 7. The division into five consists
-# of a regular tetrahedron and four corner tetrahedra, and is mirrored in every other cell.
+# A cell's corners are numbered 4 x + 2 y + z. Kuhn's division follows the six paths along edges from corner 0 to corner 7. The division into five has a regular
+# tetrahedron and four corner tetrahedra, and is mirrored in every other cell.
 KUHN = [(0, a, a | b, 7) for a in (1, 2, 4) for b in (1, 2, 4) if a != b]
 FIVE = ([(0, 3, 5, 6), (1, 0, 3, 5), (2, 0, 3, 6), (4, 0, 5, 6), (7, 3, 5, 6)], [(1, 2, 4, 7), (0, 1, 2, 4), (3, 1, 2, 7), (5, 1, 4, 7), (6, 2, 4, 7)])
 
@@ -130,7 +130,7 @@ def volumes(nodes, tets):
 
 
 def with_slivers(nodes, tets, left, seed=3):
-    """Moves every second node inside the block in a random direction until one of its tetrahedra keeps only the fraction `left` of its volume."""
+    """Moves every other node inside the block in a random direction until one of its tetrahedra is left with only the fraction `left` of its volume."""
     random, nodes = np.random.default_rng(seed), nodes.copy()
     volume = volumes(nodes, tets)
     tets = np.where((volume < 0)[:, None], tets[:, [1, 0, 2, 3]], tets)
@@ -157,8 +157,8 @@ def least_angle(nodes, tets):
 # ---- a patient's -------------------------------------------------------------------------------------------------------
 
 def patient(folder, nodes):
-    """Returns nodes and tetrahedra of the synthetic patient's prostate and surrounding tissue, meshed by scripts/anatomy without bones. The mesh's bounding box
-    is stretched to the block, with the skin on top."""
+    """Returns nodes and tetrahedra of the synthetic patient's prostate and surrounding tissue, meshed by scripts/anatomy without bones. The bounding box is
+    stretched to fit the block, with the skin on top."""
     prefix = folder / f"patient-{nodes}"
     made = subprocess.run([REPOSITORY / "scripts/anatomy", REPOSITORY / "meshes/synthetic.dcm", "--roi", "Prostate", "--nodes", str(nodes), "--output", prefix],
                           capture_output=True, text=True)

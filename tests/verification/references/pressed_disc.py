@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Computes, with CalculiX, the force on a rigid disc that is bonded to a Yeoh material and pressed into its surface, for
+"""Uses CalculiX to compute the force on a rigid disc that is bonded to a Yeoh material and pressed into its surface, for
 tests/unit/insertion/test_stiffening.c.
 
 The elements are axisymmetric and quadratic (CAX8) and graded towards the disc's rim; displacements are large. The block has a radius and a height of 60 mm
@@ -22,7 +22,7 @@ RIM, GROWTH, STEPS = 0.3, 1.25, 20   # RIM: size of the first element relative t
 
 
 def graded(start, end, first):
-    """Returns points from `start` to `end` whose spacing begins with `first` and grows."""
+    """Returns points from `start` to `end`, the first spacing being `first` and the following ones growing."""
     steps = first * GROWTH ** np.arange(200)
     ends = np.concatenate([[0.0], np.cumsum(steps)])
     ends = ends[:np.searchsorted(ends, end - start) + 1]

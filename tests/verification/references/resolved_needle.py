@@ -28,13 +28,12 @@ HALF_WIDTH, HEIGHT = 0.060, 0.100  # the block: |x|, |y| <= HALF_WIDTH; z = 0 is
 RINGS_RADIUS = 0.006  # m, radius at which the polar rings end; less than the distance from any needle to a side of the block
 SOFT, STIFF, CONTRAST = 20e3, 60e3, 1000.0
 MOVE = 1e-3
-BALANCE = 1e-4  # largest permitted imbalance of the reactions relative to their magnitude; CalculiX prints seven digits
+BALANCE = 1e-4  # largest permitted imbalance of the reactions, relative to their magnitude; CalculiX prints seven digits
 
-# `rim`: size of the first element at the needle's rim, in radii. `slope`: growth of the element size with the distance from the rim; `far_slope`: growth with
-# the distance from the rings. `sectors`: number of elements around the needle. `largest`: largest element size, far from the needle. Discs have a finer rim:
-# where the
-# bonded end meets the free wall of the hole (a clamped-free corner of 270 degrees, Williams 1952), displacements vary with the power 0.28 of the distance at nu
-# = 0.45, so the error in the forces varies as rim^0.56.
+# `rim`: size of the first element at the needle's rim, in radii. `slope`: growth of the element size with distance from the rim; `far_slope`: growth with
+# distance from the rings. `sectors`: elements around the needle. `largest`: element size far from the needle. Discs have a finer rim: where the bonded end
+# meets the free wall of the hole (a clamped-free corner of 270 degrees, Williams 1952), displacements vary with the power 0.28 of the distance at nu = 0.45, so
+# the error in the forces varies as rim^0.56.
 MESHES = {
     "coarse": {"needle": {"rim": 0.24, "slope": 1.0, "far_slope": 0.5, "sectors": 8, "largest": 0.018},
                "disc": {"rim": 0.006, "slope": 0.7, "far_slope": 0.6, "sectors": 8, "largest": 0.025}},
@@ -43,7 +42,7 @@ MESHES = {
     "fine": {"needle": {"rim": 0.08, "slope": 0.55, "far_slope": 0.275, "sectors": 12, "largest": 0.012},
              "disc": {"rim": 0.001, "slope": 0.5, "far_slope": 0.6, "sectors": 10, "largest": 0.025}},
 }
-# Lengths over which the mesh below the tip of an oblique needle turns back to the vertical.
+# Lengths over which the mesh below an oblique needle's tip turns back to the vertical.
 BEND, TILT = 0.008, 0.020
 ABOUT = (
     "Total force needed to move a rigid needle, or the disc at its end, by 1 mm in tissue that is bonded to it. "
@@ -65,14 +64,14 @@ def case(tip, radius=0.635e-3, nu=0.45, axis=(0.0031, -0.0027), below=SOFT, abov
 
 
 def oblique(angle, azimuth=0, middle=(0.0, -0.0027), length=0.060):
-    """Returns a needle of which `length` lies inside the tissue, half of it on either side of x, y = middle."""
+    """Returns a needle of which `length` is inside the tissue, half of it on either side of x, y = middle."""
     across, down = 0.5 * length * math.cos(math.radians(angle)), length * math.sin(math.radians(angle))
     way = (math.cos(math.radians(azimuth)), math.sin(math.radians(azimuth)))
     return {**case(HEIGHT - down, axis=(middle[0] + across * way[0], middle[1] + across * way[1])), "angle": angle, "azimuth": azimuth}
 
 
 def directions(one):
-    """Returns unit vectors: along the needle into the tissue; at a right angle to the needle in the plane that contains z; and horizontal."""
+    """Returns unit vectors: along the needle into the tissue; perpendicular to the needle in the plane that contains z; and horizontal."""
     if "angle" not in one:
         return np.array([0.0, 0.0, -1.0]), np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
     angle, azimuth = math.radians(one["angle"]), math.radians(one["azimuth"])
@@ -91,7 +90,7 @@ def loads(one):
 
 
 def all_cases():
-    """Returns a dict of the cases by name."""
+    """Returns the cases as a dict, by name."""
     radii = (0.35e-3, 0.635e-3, 0.9e-3)
     cases = {f"depth_r{1e3 * r:g}_nu{nu:g}": case(0.020, r, nu) for r in radii for nu in (0.3, 0.45, 0.49, 0.499)}
     cases["skin"] = case(0.080)
@@ -114,7 +113,7 @@ CASES = all_cases()
 
 
 def graded(low, high, fine_at, first, mesh):
-    """Returns points from low to high whose spacing is `first` at the points `fine_at` and increases with the distance from them."""
+    """Returns points from low to high whose spacing is `first` at the points `fine_at` and increases away from them."""
     near = np.geomspace(0.01 * first, high - low, 2001)
     s = np.concatenate([np.linspace(low, high, 2001), *(p + sign * near for p in fine_at for sign in (-1, 1))])
     s = np.unique(np.clip(s, low, high))
@@ -128,7 +127,7 @@ def graded(low, high, fine_at, first, mesh):
 # ---- the plane triangulation -----------------------------------------------------------------------------------------
 
 def polar_rings(radius, first, mesh):
-    """Returns the vertices (n x 2, relative to the axis) and triangles of the disc with RINGS_RADIUS, one ring of which lies exactly at the rim."""
+    """Returns the vertices (n x 2, relative to the axis) and triangles of the disc with RINGS_RADIUS. One of its rings lies exactly at the rim."""
     inside = graded(0.0, radius, [radius], first, mesh)[1:]
     outside = graded(radius, RINGS_RADIUS, [radius], first, mesh)[1:]
     rings, sectors = np.concatenate([inside, outside]), mesh["sectors"]
@@ -145,7 +144,7 @@ def polar_rings(radius, first, mesh):
 
 
 def surroundings(axis, boundary, mesh):
-    """Returns Gmsh's triangles between the polygon `boundary` (n x 2, relative to the axis) and the block's sides."""
+    """Returns Gmsh's triangles between the polygon `boundary` (n x 2, relative to the axis) and the sides of the block."""
     gmsh.initialize()
     gmsh.option.setNumber("General.Terminal", 0)
     geo, edge = gmsh.model.geo, np.linalg.norm(boundary[1] - boundary[0])
@@ -155,7 +154,7 @@ def surroundings(axis, boundary, mesh):
         tags = [geo.addPoint(x, y, 0.0) for x, y in points]
         lines = [geo.addLine(a, b) for a, b in zip(tags, tags[1:] + tags[:1])]
         loops.append(geo.addCurveLoop(lines))
-    for line in lines:  # the polygon's lines must not be divided
+    for line in lines:  # the polygon's lines must not be split
         geo.mesh.setTransfiniteCurve(line, 2)
     geo.addPlaneSurface(loops)
     geo.synchronize()
@@ -189,7 +188,7 @@ def plane_triangulation(axis, radius, first, mesh):
 
 
 def midpoints(a, b):
-    """Returns the midpoints of the edges from a to b (n x 2). Within the rings, they lie on the arc, so that the needle is round."""
+    """Returns the midpoints of the edges from a to b (n x 2). Within the rings they lie on the arc, so that the needle is round."""
     middle, radius_a, radius_b = 0.5 * (a + b), np.linalg.norm(a, axis=1), np.linalg.norm(b, axis=1)
     within = (np.maximum(radius_a, radius_b) < RINGS_RADIUS * (1 - 1e-9)) & (np.minimum(radius_a, radius_b) > 1e-9)
     mean = 0.5 * (radius_a + radius_b)[within]
@@ -200,7 +199,7 @@ def midpoints(a, b):
 # ---- extrusion to quadratic tetrahedra -------------------------------------------------------------------------------
 
 def layers(one, first, mesh):
-    """Returns the heights of the layers' faces, with thin layers at the tip, at the skin and at a change of material."""
+    """Returns the heights of the faces between layers, with thin layers at the tip, at the skin and where the material changes."""
     stops, fine_at = [0.0, one["tip"], HEIGHT], [one["tip"]]
     if one["kind"] == "needle":
         fine_at.append(HEIGHT)
@@ -213,7 +212,7 @@ def layers(one, first, mesh):
 
 
 class Edges:
-    """Numbers the edges of a triangulation: vertices keep their numbers, and edges follow."""
+    """Numbers the edges of a triangulation. Vertices keep their numbers, and edges follow."""
 
     def __init__(self, vertices, triangles):
         pairs = np.sort(np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [0, 2]]]), axis=1)
@@ -222,7 +221,7 @@ class Edges:
         self.keys = self.pairs[:, 0] * self.stride + self.pairs[:, 1]
 
     def middle(self, a, b):
-        """Returns the plane node half-way between the vertices a and b, which may be the same vertex."""
+        """Returns the plane node half-way between the vertices a and b, which may be the same."""
         edge = self.stride + np.searchsorted(self.keys, np.minimum(a, b) * self.stride + np.maximum(a, b))
         return np.where(a == b, a, edge)
 
@@ -263,8 +262,8 @@ def right_handed(nodes, tets):
 # ---- oblique needles -------------------------------------------------------------------------------------------------
 
 def oblique_axis(one, z):
-    """Returns two quantities at the height z of the undeformed mesh: how far forward of the tip the deformed mesh's axis lies, and the vector (forward, up)
-    into which a unit vector forward is turned there.
+    """For the height z of the undeformed mesh, returns how far forward of the tip the deformed mesh's axis lies, and the vector (forward, up) into which a unit
+    forward vector is turned there.
 
     Each face of a layer remains plane. It is perpendicular to the needle at the tip, so that the end is flat, and horizontal at the skin and at the bottom.
     Because points move along the needle, the hole remains a circular cylinder."""
@@ -282,11 +281,11 @@ def middle_of(one):
     return np.array(one["axis"]) - back * directions(one)[0][:2] / math.cos(math.radians(one["angle"]))
 
 
-EDGES = ((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3))  # edges of a C3D10 element, in the order of its nodes 4 to 9
+EDGES = ((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3))  # edges of a C3D10, in the order of its nodes 4 to 9
 
 
 def straighten(nodes, elements, far):
-    """Moves the mid-side node of each edge with an end in `far` to the midpoint between the edge's ends."""
+    """Moves the mid-side node of each edge that has an end in `far` to the midpoint between the ends."""
     for i, edge in enumerate(EDGES, 4):
         ends, middle = elements[:, edge], elements[:, i]
         chosen = far[ends].any(axis=1)
@@ -294,7 +293,7 @@ def straighten(nodes, elements, far):
 
 
 def least_jacobian(nodes, elements):
-    """Returns the smallest Jacobian determinant of each element at its integration points."""
+    """Returns each element's smallest Jacobian determinant over its integration points."""
     inner, outer = (5 + 3 * 5 ** 0.5) / 20, (5 - 5 ** 0.5) / 20
     gradients = np.concatenate([-np.ones((1, 3)), np.eye(3)])  # gradients of the barycentric coordinates
     least = np.full(len(elements), np.inf)
@@ -306,14 +305,14 @@ def least_jacobian(nodes, elements):
 
 def deform(one, nodes, elements):
     """Returns the nodes of a straight needle's mesh, with x and y relative to its axis, moved so that the needle is oblique. The rings move with the needle,
-    while the block's sides do not. Elements outside the rings keep straight edges, as do those that would otherwise fold."""
+    the block's sides do not. Elements outside the rings keep straight edges, as do those that would otherwise fold."""
     middle, side = middle_of(one), directions(one)[2]
     forward = np.array([side[1], -side[0]])
     x, y, z = nodes.T
     share = np.max([sign * nodes[:, i] / (HALF_WIDTH - sign * middle[i]) for i in (0, 1) for sign in (-1, 1)], axis=0)
     weight = np.clip((1 - share) / (1 - RINGS_RADIUS / (HALF_WIDTH - np.abs(middle).max())), 0.0, 1.0)
     centre, ahead, up = oblique_axis(one, z)
-    turned = weight ** 3 * (nodes[:, :2] @ forward)  # the rotation decreases faster than the shift, so that elements do not fold
+    turned = weight ** 3 * (nodes[:, :2] @ forward)  # the rotation decays faster than the shift, so that elements do not fold
     shift = weight * (centre + (one["axis"] - middle) @ forward) + turned * (ahead - 1)
     moved = np.column_stack([nodes[:, :2] + middle + shift[:, None] * forward, z + turned * up])
     distance = np.hypot(x, y)
@@ -356,12 +355,12 @@ def block_with_needle(one, mesh):
 # ---- the problem for CalculiX ----------------------------------------------------------------------------------------
 
 def numbered(table):
-    """Formats the lines of a table, numbered from one; CalculiX reads at most 20 characters per number."""
+    """Formats the lines of a table, numbered from one. CalculiX reads at most 20 characters per number."""
     return "".join(f"{i}, {', '.join(f'{value:.12g}' for value in row)}\n" for i, row in enumerate(table.tolist(), 1))
 
 
 def a_set(keyword, name, members):
-    """Formats a set of nodes or elements; `members` are numbered from zero."""
+    """Formats a set of nodes or elements. `members` are numbered from zero."""
     return f"*{keyword}, {keyword}={name}\n" + "".join(f"{i + 1}\n" for i in members)
 
 
@@ -375,7 +374,7 @@ THICKNESS = 1e-6  # m: CalculiX expands membranes to solids, which must be thin 
 
 
 def membrane(skin, nodes, elements):
-    """Formats membrane elements on the skin, which are bonded to the needle like the tissue. `skin`: stiffness (N/m) and Poisson's ratio."""
+    """Formats membrane elements on the skin, which are bonded to the needle as the tissue is. `skin`: stiffness (N/m) and Poisson's ratio."""
     faces = np.concatenate([elements[:, list(face)] for face in FACES_OF_C3D10])
     faces = faces[nodes[faces][..., 2].min(axis=1) > HEIGHT - 1e-9] + 1
     rows = "".join(f"{i}, {', '.join(map(str, row))}\n" for i, row in enumerate(faces.tolist(), len(elements) + 1))
@@ -384,7 +383,7 @@ def membrane(skin, nodes, elements):
 
 
 def static_step(move):
-    """Formats one load case; its boundary conditions replace those of the previous step."""
+    """Formats one load case. Its boundary conditions replace those of the previous step."""
     motion = "".join(f"MOVED, {axis}, {axis}, {distance!r}\n" for axis, distance in enumerate(move.tolist(), 1))
     return (f"*STEP\n*STATIC, SOLVER=SPOOLES\n*BOUNDARY, OP=NEW\nFIXED, 1, 3\n{motion}"
             "*NODE PRINT, NSET=MOVED, TOTALS=ONLY\nRF\n*NODE PRINT, NSET=FIXED, TOTALS=ONLY\nRF\n*END STEP\n")
@@ -403,8 +402,8 @@ def input_deck(one, nodes, elements, middle, fixed, moved):
 
 
 def reactions(text, names, skin):
-    """Reads CalculiX's .dat file; returns, for each load case, the sums of the forces on the moved nodes and on the fixed face. With a membrane (`skin`), the
-    first are set to the negative of the second, because CalculiX does not print the forces of the solids into which it expands membranes."""
+    """Reads CalculiX's .dat file and returns, for each load case, the sums of the forces on the moved nodes and on the fixed face. With a membrane (`skin`),
+    the first are set to minus the second, because CalculiX does not print the forces of the solids into which it expands membranes."""
     sums = re.findall(r"total force.*for set (\w+) and time.*\n\s*\n\s*(\S+)\s+(\S+)\s+(\S+)", text)
     if [name for name, *_ in sums] != ["MOVED", "FIXED"] * len(names):
         sys.exit("resolved_needle: CalculiX printed no reactions; keep its files with --keep and run it by hand")
@@ -419,7 +418,7 @@ def reactions(text, names, skin):
 
 
 def solve(one, mesh, folder):
-    """Returns the size of the mesh and the reactions for one case on one mesh; CalculiX works in `folder`."""
+    """Returns the size of the mesh and the reactions for one case on one mesh. CalculiX works in `folder`."""
     nodes, elements, middle, fixed, moved = block_with_needle(one, mesh)
     (folder / "needle.inp").write_text(input_deck(one, nodes, elements, middle, fixed, moved))
     (folder / "needle.dat").unlink(missing_ok=True)
@@ -434,10 +433,10 @@ def solve(one, mesh, folder):
 # ---- the table -------------------------------------------------------------------------------------------------------
 
 def summarise(entry):
-    """Adds the force along each motion on the finest solved mesh, and the deviation of each mesh from the next finer one."""
+    """Adds the force along each motion on the finest mesh solved, and each mesh's deviation from the next finer one."""
     force = {mesh: {name: float(np.dot(entry["meshes"][mesh][name]["needle_force"], move)) / MOVE
                     for name, move in loads(entry).items()} for mesh in MESHES if mesh in entry["meshes"]}
-    solved = list(force)  # ordered from coarse to fine
+    solved = list(force)  # from coarse to fine
     entry["force"] = force[solved[-1]]
     for mesh, finer in zip(solved, solved[1:]):
         entry[f"{mesh}_above_{finer}"] = {name: force[mesh][name] / value - 1 for name, value in force[finer].items()}

@@ -2,8 +2,8 @@
 """Computes the forces on rigid needles close to each other whose surfaces are resolved by the mesh: the reference for verify_needle_pairs.py.
 
 Each needle is represented by a cylindrical hole with a flat end in a block of tissue. All nodes of one needle's surface are moved by 1 mm, without rotation;
-those of the others are held. The sums of the reactions on each needle are a column of the stiffness matrix between the needles. No code of trocar is used:
-Gmsh creates the mesh, and CalculiX solves it with quadratic tetrahedra (C3D10). See README.md next to this file.
+those of the others are held. The summed reactions on the needles form a column of the stiffness matrix between them. No code of trocar is used: Gmsh creates
+the mesh, and CalculiX solves it with quadratic tetrahedra (C3D10). See README.md next to this file.
 Lengths are in m, forces in N, moduli in Pa.
 """
 import argparse
@@ -23,8 +23,7 @@ import numpy as np
 from resolved_needle import BALANCE, HALF_WIDTH, HEIGHT, MOVE, a_set, least_jacobian, material, numbered, solver_version, straighten
 
 RADIUS, MODULUS = 0.635e-3, 20e3
-# `around`: number of elements around a needle. `slope`: growth of the element size with the distance from the needle's surface. `largest`: element size far
-# from the needles.
+# `around`: elements around a needle. `slope`: growth of the element size with distance from the needle's surface. `largest`: element size far from the needles.
 MESHES = {"coarse": {"around": 8, "slope": 0.6, "largest": 0.018}, "standard": {"around": 10, "slope": 0.45, "largest": 0.015},
           "fine": {"around": 14, "slope": 0.35, "largest": 0.012}}
 BEYOND = 0.010  # m, height above the skin from which the hole is cut
@@ -43,9 +42,8 @@ def vertical(x, y, depth=0.080):
 
 
 def oblique(x, y, angle, azimuth, depth=0.080, crosses=0.0):
-    """Returns a needle of which a length of `depth` lies in the tissue, at `angle` degrees to the skin and towards `azimuth` degrees from x. It passes through
-    (x, y) at
-    the skin, or at the depth `crosses` below the skin."""
+    """Returns a needle with a length of `depth` in the tissue, at `angle` degrees to the skin and `azimuth` degrees from x. It passes through (x, y) at the
+    skin, or at the depth `crosses` below the skin."""
     along = np.array([math.cos(math.radians(angle)) * math.cos(math.radians(azimuth)), math.cos(math.radians(angle)) * math.sin(math.radians(azimuth)),
                       -math.sin(math.radians(angle))])
     entry = np.array([x, y, HEIGHT - crosses]) + crosses / along[2] * along
@@ -53,7 +51,7 @@ def oblique(x, y, angle, azimuth, depth=0.080, crosses=0.0):
 
 
 def case(needles, moved=None, nu=0.45):
-    """Returns a case to be solved. `moved`: numbers of the needles that are moved, each along x, y and z; by default, all of them."""
+    """Returns a case to solve. `moved`: numbers of the needles to move, each along x, y and z; by default all of them."""
     return {"radius": RADIUS, "poisson_ratio": nu, "youngs_modulus": MODULUS, "needles": needles, "moved": list(range(len(needles))) if moved is None else moved}
 
 
@@ -82,8 +80,7 @@ CASES = all_cases()
 # ---- the mesh --------------------------------------------------------------------------------------------------------
 
 def axis_distance(point, needle):
-    """Returns the distance (m) from a point to a needle's axis, which is extended above the skin. Written in plain Python, because Gmsh calls it a million
-    times."""
+    """Returns the distance (m) from a point to a needle's axis, extended above the skin. In plain Python, because Gmsh calls it a million times."""
     (ex, ey, ez), (tx, ty, tz) = needle
     wx, wy, wz, x, y, z = ex - tx, ey - ty, ez - tz, point[0] - tx, point[1] - ty, point[2] - tz
     place = max((x * wx + y * wy + z * wz) / (wx * wx + wy * wy + wz * wz), 0.0)
@@ -145,7 +142,7 @@ def steps_of(one):
 
 
 def static_step(one, moved, axis):
-    """Formats one load case; its boundary conditions replace those of the previous step."""
+    """Formats one load case. Its boundary conditions replace those of the previous step."""
     lines = ["*STEP\n*STATIC, SOLVER=SPOOLES\n*BOUNDARY, OP=NEW\nFIXED, 1, 3"]
     for needle in range(len(one["needles"])):
         lines += [f"NEEDLE{needle}, {a + 1}, {a + 1}, {MOVE if needle == moved and a == axis else 0.0!r}" for a in range(3)]
@@ -164,7 +161,7 @@ def input_deck(one, nodes, elements):
 
 
 def reactions(one, text):
-    """Reads CalculiX's .dat file; returns the forces [moved][axis][needle][component] in N per MOVE."""
+    """Reads CalculiX's .dat file and returns the forces [moved][axis][needle][component] in N per MOVE."""
     sums = re.findall(r"total force.*for set (\w+) and time.*\n\s*\n\s*(\S+)\s+(\S+)\s+(\S+)", text)
     sets, count = len(one["needles"]) + 1, len(steps_of(one))
     if len(sums) != sets * count:

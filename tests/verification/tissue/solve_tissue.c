@@ -1,4 +1,4 @@
-/* Computes the displacements of a tissue under nodal forces with the core, for the scripts in this folder.
+/* Uses the core to compute a tissue's displacements under nodal forces, for the scripts in this folder.
 
    usage: solve_tissue MESH <INPUT >OUTPUT
    INPUT, one item per line: `strain patch`, `strain node` or `strain element` (volumetric_strain), `material REGION E NU`,
@@ -18,7 +18,7 @@ typedef struct {
     tissue tissue;
     inverse *inverse;
     vec3 *force, *displacement;
-    bool loaded;               /* true if a load case has started */
+    bool loaded;               /* whether a load case has started */
 } problem;
 
 static trocar_status set_material(problem *p, const char *line, trocar_error *why) {
@@ -90,7 +90,7 @@ static trocar_status factorise(problem *p, trocar_error *why) {
     return status == TROCAR_OK ? inverse_create_sparse(&p->tissue, SPARSE_CACHE, &p->inverse, why) : status;
 }
 
-/* At the first load case, the materials, the membranes and the fixed groups are complete, so the tissue is factorised. */
+/* Factorises the tissue at the first load case, when all materials, membranes and fixed groups have been given. */
 static trocar_status begin_case(problem *p, trocar_error *why) {
     solve_case(p);
     trocar_status status = p->loaded ? TROCAR_OK : factorise(p, why);

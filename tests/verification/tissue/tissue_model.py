@@ -30,11 +30,11 @@ EDGES = ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3))  # edges of a tetrahedr
 
 @dataclass
 class Model:
-    path: Path      # path of the mesh file, for the core
+    path: Path      # of the mesh file, for the core
     nodes: np.ndarray
     tets: np.ndarray
-    regions: dict   # name of each region, with the indices of its tetrahedra
-    surfaces: dict  # name of each surface, with its triangles (k, 3)
+    regions: dict   # name of each region -> indices of its tetrahedra
+    surfaces: dict  # name of each surface -> its triangles (k, 3)
 
 
 # ---- meshes ----
@@ -47,7 +47,7 @@ def start_gmsh():
 
 
 def finish_mesh(path, size, volumes, surfaces, optimize=False):
-    """Meshes the shape with elements of this size, writes the file and reads it. The groups are given as name -> tags of entities; a name without tags gets no
+    """Meshes the shape with elements of this size, writes the file and reads it. Groups are given as name -> tags of entities; a name without tags gets no
     group."""
     for dimension, groups, first in ((3, volumes, 1), (2, surfaces, 8)):
         for number, (name, tags) in enumerate(groups.items(), first):
@@ -65,12 +65,12 @@ def finish_mesh(path, size, volumes, surfaces, optimize=False):
 
 
 def faces_at(height):
-    """Returns the tags of the shape's faces whose centre is at this height."""
+    """Returns the tags of those faces of the shape whose centre is at this height."""
     return [tag for _, tag in gmsh.model.getEntities(2) if abs(gmsh.model.occ.getCenterOfMass(2, tag)[2] - height) < 1e-9]
 
 
 def elements(dimension, kind, name_of):
-    """Yields, for each physical group of this dimension, its name and the node tags of its elements."""
+    """Yields the name of each physical group of this dimension and its elements' node tags."""
     for dim, group in gmsh.model.getPhysicalGroups(dimension):
         tags = [gmsh.model.mesh.getElementsByType(kind, entity)[1]
                 for entity in gmsh.model.getEntitiesForPhysicalGroup(dim, group)]
@@ -78,7 +78,7 @@ def elements(dimension, kind, name_of):
 
 
 def read_mesh(path):
-    """Reads a mesh file into the core's order of nodes: ascending tags, without unused nodes."""
+    """Reads a mesh file into the core's node order: ascending tags, without unused nodes."""
     start_gmsh()
     gmsh.open(str(path))
     tags, coordinates, _ = gmsh.model.mesh.getNodes()
@@ -101,7 +101,7 @@ def read_mesh(path):
 # ---- elements ----
 
 def tet_rule(n=3):
-    """Returns Gauss points (as barycentric coordinates) and their weights (which sum to 1/6) on a tetrahedron: a conical product of n^3 points, exact up to
+    """Returns Gauss points (as barycentric coordinates) on a tetrahedron and their weights, which add up to 1/6: a conical product of n^3 points, exact up to
     degree 2 n - 3 (Stroud 1971)."""
     x, w = np.polynomial.legendre.leggauss(n)
     x, w = (x + 1) / 2, w / 2
@@ -112,7 +112,7 @@ def tet_rule(n=3):
 
 
 def triangle_rule(n=6):
-    """Returns Gauss points and weights on a triangle; these weights sum to 1/2."""
+    """Returns Gauss points and weights on a triangle. These weights add up to 1/2."""
     x, w = np.polynomial.legendre.leggauss(n)
     x, w = (x + 1) / 2, w / 2
     a, b = np.meshgrid(x, x, indexing="ij")
@@ -140,7 +140,7 @@ def lame(material):
 
 
 class Quadratic:
-    """The mid-side nodes of a model, numbered after the corner nodes."""
+    """A model's mid-side nodes, numbered after the corner nodes."""
 
     def __init__(self, model):
         pairs = np.sort(np.concatenate([model.tets[:, edge] for edge in EDGES]), axis=1)
@@ -204,8 +204,8 @@ def point_load(model, points, force):
 # ---- solutions: displacements (cases, n, 3) ----
 
 def solve_core(rows, model, materials, fixed, cases, strain="patch", membranes=None):
-    """Solves with trocar's core. `materials` is keyed by region name, `fixed` contains the names of groups, and `cases` contains nodal forces. `strain` is the
-    set over which the volumetric strain is averaged: "patch", "node" or "element". `membranes` is keyed by surface name: (stiffness in N/m, nu)."""
+    """Solves with trocar's core. `materials` is keyed by region name, `fixed` has names of groups, and `cases` has nodal forces. `strain` is the set over which
+    volumetric strain is averaged: "patch", "node" or "element". `membranes` is keyed by surface name: (stiffness in N/m, nu)."""
     lines = [f"strain {strain}"] + [f"membrane {name} {stiffness!r} {nu!r}" for name, (stiffness, nu) in (membranes or {}).items()]
     lines += [f"material {name} {e!r} {nu!r}" for name, (e, nu) in materials.items()] + [f"fixed {name}" for name in fixed]
     for force in cases:
@@ -221,7 +221,7 @@ def solve_core(rows, model, materials, fixed, cases, strain="patch", membranes=N
     return values[1:]
 
 
-MEMBRANE_THICKNESS = 1e-5  # m: CalculiX expands membranes to solids of this thickness, which must be small beside the elements. With 1e-7, digits are lost
+MEMBRANE_THICKNESS = 1e-5  # m: CalculiX expands membranes to solids this thick, which must be thin beside the elements, but at 1e-7 digits are lost
 
 
 def membrane_deck(model, membranes, middle=None):
@@ -238,7 +238,7 @@ def membrane_deck(model, membranes, middle=None):
 
 
 def deck(nodes, tets, kind, regions, materials, membranes, fixed, cases):
-    """Returns CalculiX's input deck, with the lines of `membranes` in it; CalculiX reads at most twenty characters per number."""
+    """Returns CalculiX's input deck, including the lines of `membranes`. CalculiX reads at most twenty characters per number."""
     yield "*NODE, NSET=ALL"
     yield from (f"{i},{x:.13e},{y:.13e},{z:.13e}" for i, (x, y, z) in enumerate(nodes.tolist(), 1))
     for name, members in regions.items():
@@ -280,7 +280,7 @@ def read_displacements(text, count):
 
 
 def solve_calculix(model, materials, fixed, cases, middle=None, membranes=None):
-    """Solves with CalculiX, using C3D4 and M3D3, or C3D10 and M3D6 if `middle`, a Quadratic, is given. CalculiX's output has seven digits."""
+    """Solves with CalculiX, using C3D4 and M3D3, or C3D10 and M3D6 if `middle`, a Quadratic, is given. CalculiX prints seven digits."""
     triangles = np.concatenate([model.surfaces[name] for name in fixed])
     held, nodes, tets, kind = triangles, model.nodes, model.tets, "C3D4"
     if middle:

@@ -1,11 +1,11 @@
 #!/usr/bin/python3
-"""Compares tissue with membranes that are stiff in their plane with exact solutions and with CalculiX's membrane elements.
+"""Compares tissue whose membranes have in-plane stiffness with exact solutions and with CalculiX's membrane elements.
 
-Patch test: in a block whose sides are membranes, the field u = d z has constant stress, also in the membranes, whose forces per length load the block's edges.
-Every mesh must reproduce it. Stretching: with the same Poisson's ratio in block and membranes, the stresses of both are uniaxial, and the stiffness is E A / L
-plus stiffness x perimeter / L. CalculiX: on the same mesh, C3D4 with M3D3 elements must give the same displacements; C3D10 with M3D6 elements give those that
-trocar's must approach as the mesh becomes finer. A needle through a stiff skin: the forces on a rigid needle, which include the local compliance, are compared
-with those of a needle whose surface is resolved (resolved_needle.json), where tissue and membrane are bonded to the needle.
+Patch test: in a block whose sides are membranes, the field u = d z has constant stress, also in the membranes, whose forces per length load the block's
+edges. Every mesh must reproduce it. Stretching: with the same Poisson's ratio in block and membranes, the stresses of both are uniaxial, and the stiffness
+is E A / L plus stiffness x perimeter / L. CalculiX: on the same mesh, C3D4 with M3D3 elements must give the same displacements; C3D10 with M3D6 elements
+give those that trocar's must approach as the mesh becomes finer. A needle through a stiff skin: the forces on a rigid needle, which include the local
+compliance, are compared with those of a needle whose surface is resolved (resolved_needle.json), where tissue and membrane are bonded to the needle.
 """
 import json
 import subprocess
@@ -20,14 +20,14 @@ import tissue_model as tm  # noqa: E402
 from rows import REPOSITORY, Rows  # noqa: E402
 
 EXACT, SAME = 1e-10, 1e-6
-CLOSE = {"short": 0.1, "full": 0.05}  # linear elements of 7 and 4 mm under a traction over 12 mm: errors fall as the square of the size
+CLOSE = {"short": 0.1, "full": 0.05}  # linear elements of 7 and 4 mm under a traction over 12 mm; errors fall as the square of the size
 SIDES = (0.06, 0.05, 0.06)            # m
 TISSUE, STIFFNESS = 20e3, 300.0       # Pa, N/m: a membrane as stiff as 15 mm of tissue
 SEVEN = "relative to the field's norm; CalculiX prints 7 digits"
 
 
 def block(path, size):
-    """Creates a block of two regions. The face z = 0 is fixed; the other faces are surfaces (x0: x = 0), and so is the tilted interface."""
+    """Creates a block of two regions. The face z = 0 is fixed. The other faces are surfaces (x0: x = 0), as is the tilted interface."""
     tm.start_gmsh()
     occ = tm.gmsh.model.occ
     whole = occ.addBox(0, 0, 0, *SIDES)
@@ -78,7 +78,7 @@ def outward(model, triangles):
 
 
 def face_load(model, gradient, nu):
-    """Returns the nodal forces of the constant stress of the tissue under the displacement gradient."""
+    """Returns the nodal forces of the constant tissue stress under the displacement gradient."""
     triangles = np.concatenate([model.surfaces[name] for name in ("skin", "x0", "x1", "y0", "y1")])
     lam, mu = tm.lame((TISSUE, nu))
     strain = (gradient + gradient.T) / 2
@@ -100,7 +100,7 @@ def patch_test(rows, model):
 
 
 def stretching(rows, model):
-    """Stretches the block with free sides, for which nu is 0 because its fixed end cannot contract; the force is proportional to E A + stiffness x perimeter."""
+    """Stretches the block with its sides free. nu is 0, because the fixed end cannot contract. The force is proportional to E A + stiffness x perimeter."""
     rows.section = "Membranes: stretched block"
     names, area, perimeter = ("x0", "x1", "y0", "y1"), SIDES[0] * SIDES[1], 2 * (SIDES[0] + SIDES[1])
     for stiffness in (0.0, 0.1 * STIFFNESS, STIFFNESS, 10 * STIFFNESS):
@@ -137,7 +137,7 @@ def bump(x):
 
 
 def compare_quadratic(rows, model):
-    """Compares the displacements of the core, whose volumetric strain is averaged as by default, with quadratic elements on the same mesh."""
+    """Compares the core's displacements, with volumetric strain averaged as by default, with those of quadratic elements on the same mesh."""
     middle, materials = tm.Quadratic(model), {"bottom": (15e3, 0.45), "top": (30e3, 0.45)}
     membranes = {"skin": (STIFFNESS, 0.45), "between": (STIFFNESS, 0.3)}
     load, fine = (tm.surface_load(model, model.surfaces["skin"], bump, order, middle) for order in (1, 2))
@@ -154,7 +154,7 @@ def compare_quadratic(rows, model):
 
 NEEDLE_LIMIT = 0.05                   # largest permitted error, the same as for needles without a membrane (verify_resolution.py)
 NEEDLE_NOTE = "tip 20 mm below the skin; without a membrane, the reference's mesh is 0.9 % too stiff sideways and 0.5 % axially"
-SIZES = {"short": (0.0125,), "full": (0.0155, 0.0125, 0.0078, 0.0053)}   # m, sizes of the elements
+SIZES = {"short": (0.0125,), "full": (0.0155, 0.0125, 0.0078, 0.0053)}   # m, element sizes
 
 
 def through_the_skin(rows):

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Compares the probe, pressed into a block with a gland, with CalculiX on the same mesh.
+"""Compares the probe, pressed into a block that contains a gland, with CalculiX on the same mesh.
 
 CalculiX uses C3D4 elements, small strains, and frictionless node-to-surface penalty contact between the wall's nodes and the probe. Its probe is a body with
 flat facets, whose nodes are all moved by the depth. Both programs evaluate the volumetric strain in each element. The penalty and the facets give the
@@ -22,15 +22,15 @@ from rows import Rows  # noqa: E402
 
 LIMIT = 0.05
 RADIUS, LENGTH, DEPTH = 0.010, 0.06, 0.006
-TIP = 0.008                                  # m, position of the tip beyond the middle of the block
-WALL = 0.045                                 # m, height of the wall on which the probe presses
+TIP = 0.008                                  # m, how far the tip is beyond the middle of the block
+WALL = 0.045                                 # m, height of the wall that the probe presses on
 MATERIALS = {"gland": (60e3, 0.45), "surrounding": (20e3, 0.45)}
 PENALTY = 3e9                                # N/m^3, penalty stiffness; for comparison, that of an element of the wall is about E / h = 5e6
 FACET = 0.0012
 
 
 def block(path, size):
-    """Creates a block that contains an ellipsoid, the gland, 20 mm below its upper face, which is the wall. The block is fixed at its bottom."""
+    """Creates a block with an ellipsoid, the gland, 20 mm below its upper face, which is the wall. The bottom is fixed."""
     tm.start_gmsh()
     occ = tm.gmsh.model.occ
     box, ball = occ.addBox(-0.04, -0.03, 0, 0.08, 0.06, WALL), occ.addSphere(0, 0, 0, 0.016)
@@ -44,7 +44,7 @@ def block(path, size):
 
 
 def cylinder():
-    """Returns the probe's body when it touches the wall: nodes (k, 3) and tetrahedra."""
+    """Returns the probe's body as it touches the wall: nodes (k, 3) and tetrahedra."""
     tm.start_gmsh()
     occ = tm.gmsh.model.occ
     height = WALL + RADIUS
@@ -62,11 +62,11 @@ def cylinder():
     return np.array([position[tag] for tag in used.tolist()]), index.reshape(-1, 3)
 
 
-FACES = ((0, 1, 2), (0, 3, 1), (1, 3, 2), (2, 3, 0))    # the faces S1 to S4 of CalculiX's tetrahedra
+FACES = ((0, 1, 2), (0, 3, 1), (1, 3, 2), (2, 3, 0))    # faces S1 to S4 of CalculiX's tetrahedra
 
 
 def wall_faces(model):
-    """Yields the faces of the wall as "element, face" in CalculiX's numbering."""
+    """Yields the wall's faces as "element, face" in CalculiX's numbering."""
     wall = {tuple(sorted(triangle)) for triangle in model.surfaces["wall"].tolist()}
     for t, corners in enumerate(model.tets.tolist(), 1):
         for f, face in enumerate(FACES, 1):
@@ -75,8 +75,8 @@ def wall_faces(model):
 
 
 def deck(model, nodes, triangles, faces):
-    """Returns CalculiX's input deck. Each facet of the probe belongs to a tetrahedron toward the axis, whose only purpose is to carry the facet. With `faces`,
-    the wall's faces are used in the contact instead of its nodes."""
+    """Returns CalculiX's input deck. Each facet of the probe belongs to a tetrahedron toward the axis that is only there to carry the facet. With `faces`,
+    contact uses the wall's faces instead of its nodes."""
     first = len(model.nodes)
     ends = nodes[triangles]
     centre = ends.mean(1)
@@ -133,7 +133,7 @@ def solve_trocar(rows, model):
     sim = trocar.Sim(trocar.Model(scene))
     away, half = [0, 0, 1, 1, 0, 0, 0], np.sqrt(0.5)
     sim.reset(away)
-    sim.set_probe([TIP - LENGTH, 0, WALL + RADIUS - DEPTH, half, 0, half, 0])    # rotated so that the probe's +z points along x
+    sim.set_probe([TIP - LENGTH, 0, WALL + RADIUS - DEPTH, half, 0, half, 0])    # turned so that the probe's +z points along x
     sim.step(away, 1e-3)
     return sim.displacements(), sim.probe
 

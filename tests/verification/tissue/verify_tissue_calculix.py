@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Compares displacements of the tissue with those of CalculiX's C3D4 elements: same mesh, same nodal forces, with one material and with three.
+"""Compares the tissue's displacements with those of CalculiX's C3D4 elements on the same mesh under the same nodal forces, with one material and with three.
 
 CalculiX integrates the volumetric strain by element, and so does the library here (`volumetric_strain: element`).
 """
@@ -17,7 +17,7 @@ NOTE = "relative to the field's norm; CalculiX prints 7 digits"
 
 
 def layered_block(path, size):
-    """Creates a block of three layers with tilted interfaces, none of which is parallel to an axis. The face z = 0 is fixed."""
+    """Creates a block of three layers with tilted interfaces, none of them parallel to an axis. The face z = 0 is fixed."""
     tm.start_gmsh()
     occ = tm.gmsh.model.occ
     block = occ.addBox(0, 0, 0, 0.06, 0.05, 0.06)

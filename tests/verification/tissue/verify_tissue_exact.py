@@ -26,13 +26,13 @@ SIDE = 0.1                            # m
 CURL_AMPLITUDE = 1e-5                 # m^2
 LOCKING_NU = 0.499
 AMPLITUDE = np.array([1, -0.7, 0.4]) * 1e-3  # m
-STRAINS = ("patch", "node", "element")  # the sets over which the volumetric strain is averaged
+STRAINS = ("patch", "node", "element")  # the sets over which volumetric strain is averaged
 YOUNGS_MODULUS = 20e3                 # Pa
 ORDER_LIMIT = 0.05                    # permitted relative error in the observed order of convergence
 
 
 def cube(path, size, fixed_faces):
-    """Creates an unstructured mesh with elements of this size; `fixed_faces` decides from the centre of a face whether it is fixed."""
+    """Creates an unstructured mesh with elements of this size. `fixed_faces` decides from a face's centre whether the face is fixed."""
     tm.start_gmsh()
     occ = tm.gmsh.model.occ
     block = occ.addBox(0, 0, 0, SIDE, SIDE, SIDE)
@@ -60,7 +60,7 @@ def stress_of(d, nu):
 
 
 def constant_traction(traction):
-    """Returns a traction function with a constant vector on each triangle."""
+    """Returns a traction function that is a constant vector on each triangle."""
     return lambda x: np.broadcast_to(traction[:, None], x.shape)
 
 
@@ -202,7 +202,7 @@ def convergence(rows, models, nu, strain):
         short_by = 1 - order[column] / expected
         if strain == "element":
             error, reference = abs(short_by), "linear elements"
-        else:  # theory gives only an upper bound of this element's error, so it may converge faster
+        else:  # theory only bounds this element's error from above, so it may converge faster
             error, reference = max(0.0, short_by), "at least linear elements"
         rows.add(f"order in the {norm}, nu = {nu}, strain by {strain}", reference, order[column], expected, error,
                  ORDER_LIMIT, note=note(models, found[:, column]))
@@ -211,7 +211,7 @@ def convergence(rows, models, nu, strain):
 
 
 def locking(rows, models, strains):
-    """Applies the load of the divergence-free field, which does not depend on lambda: an element that locks hardly moves as nu approaches 0.5."""
+    """Applies the load of the divergence-free field, which does not depend on lambda. An element that locks hardly moves as nu approaches 0.5."""
     rows.section = "Tissue: divergence-free field"
     for strain in strains:
         found, order, _ = observed(rows, models, LOCKING_NU, strain, DIVERGENCE_FREE)

@@ -1,16 +1,17 @@
 #!/usr/bin/python3
-"""Measures volumetric locking: the excess stiffness of the tissue's tetrahedra as Poisson's ratio approaches 0.5.
+"""Measures volumetric locking, i.e. by how much the tissue's tetrahedra become too stiff as Poisson's ratio approaches 0.5.
 
-The prostate's mesh is loaded by a pressure patch on the skin, and along a needle's track. The compliance of a load of total force F,
-(f . u) / F^2, is compared with that of CalculiX's quadratic tetrahedra (C3D10, straight sides):
-- Loads that do not depend on the mesh (the pressure patch, and a force spread around the track over a radius that every mesh resolves)
-  are compared with C3D10 on the finest mesh that CalculiX solves. The difference is the total error, due to both locking and coarseness.
-- Point forces along the track, each distributed to the corners of its tetrahedron like a needle's forces, are compared with C3D10 on the same
-  mesh under the same nodal forces. Under a point force, the displacement of a continuum is infinite, so elements of different order
-  differ at any nu; the contacts' local compliance accounts for that.
-Locking is the increase of the error relative to that at nu = 0.3. The figures show three formulations: volumetric strain by patch (the default), by
-node, and by element (the standard linear tetrahedron). Strain by element locks, so it is shown for comparison only: it has no rows, and
-its point at nu = 0.499 lies outside the figures.
+The prostate's mesh is loaded by a pressure patch on the skin, and along a needle's track. The compliance of a load of total force F, (f . u) / F^2, is
+compared with that of CalculiX's quadratic tetrahedra (C3D10, straight sides):
+- Loads that do not depend on the mesh (the pressure patch, and a force spread around the track over a radius that every mesh resolves) are compared with
+  C3D10 on the finest mesh that CalculiX solves. The difference is the total error, due to both locking and coarseness.
+- Point forces along the track, each distributed to the corners of its tetrahedron as a needle's forces are, are compared with C3D10 on the same mesh under
+  the same nodal forces. Under a point force, the displacement of a continuum is infinite, so elements of different order differ at any nu. The contacts'
+  local compliance accounts for that.
+
+Locking is the increase in error over that at nu = 0.3. The figures show three formulations: volumetric strain by patch (the default), by node, and by element
+(the standard linear tetrahedron). Strain by element locks and is shown only for comparison: it has no rows, and its point at nu = 0.499 lies outside the
+figures.
 """
 import itertools
 import json
@@ -24,12 +25,12 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 import tissue_model as tm  # noqa: E402
 from rows import REPOSITORY, SKIPPED, Rows  # noqa: E402
 
-LIMIT = 0.07           # relative just noticeable difference of force
+LIMIT = 0.07           # relative just noticeable difference in force
 POISSON = (0.3, 0.45, 0.48, 0.49, 0.499)
 DEFAULT = 0.45
 MESHES = (570, 1700, 3300, 6500)
-COARSE = (570, 1700)   # number of nodes of the meshes on which the total error is reported but not checked
-REFERENCES = (570, 1700, 3300)  # number of nodes of the meshes solved with quadratic elements, which have eight times as many nodes
+COARSE = (570, 1700)   # node counts of the meshes on which the total error is reported but not checked
+REFERENCES = (570, 1700, 3300)  # node counts of the meshes solved with quadratic elements, which have eight times as many nodes
 LOCKING, WHOLE = "Tissue: volumetric locking", "Tissue: error of the elements on coarse meshes"
 TRACK = np.stack([np.full(12, 0.005), np.full(12, 0.003), np.linspace(0.0025, 0.0575, 12)], 1)  # the needle's track in the figure-8 scene
 SPREAD = 0.006         # m, standard deviation of the force spread around the track
@@ -37,7 +38,7 @@ PATCH = 0.025          # m, radius of the pressure patch
 
 
 def pressure(x):
-    """Returns a function for a pressure along z that decreases smoothly to zero at the rim of the patch."""
+    """Returns a function for a pressure along z that falls smoothly to zero at the rim of the patch."""
     r2 = ((x - TRACK[0])[..., :2] ** 2).sum(-1) / PATCH ** 2
     p = np.where(r2 < 1, (1 - r2) ** 2, 0.0)
     return np.stack([0 * p, 0 * p, p], -1)
@@ -105,7 +106,7 @@ def is_points(load):
 
 
 def report(rows, ours, references):
-    """Writes the report. `ours[strain][nodes][nu]` and `references[nodes][nu]` contain the compliance for each load."""
+    """Writes the report. `ours[strain][nodes][nu]` and `references[nodes][nu]` have the compliance for each load."""
     for load in ours["patch"][MESHES[0]][DEFAULT]:
         for strain, nodes in itertools.product(ours, MESHES):
             own = nodes if is_points(load) else max(references)

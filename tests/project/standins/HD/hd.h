@@ -1,5 +1,5 @@
-/* Replaces OpenHaptics' header of this name. It declares only what docs/examples/bridge_openhaptics.c calls, so that the example can
-   be compiled without OpenHaptics. It was written from the published programmer's guide and does not drive a device. */
+/* Stands in for OpenHaptics' header of this name. Declares only what docs/examples/bridge_openhaptics.c calls, so that the example compiles without
+   OpenHaptics. Written from the published programmer's guide; does not drive a device. */
 #ifndef STANDIN_HD_H
 #define STANDIN_HD_H
 #define HDCALLBACK

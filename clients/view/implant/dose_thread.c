@@ -119,6 +119,7 @@ static trocar_status prepare_organs(dose_thread *t, const trocar_model *m, troca
         status = organ_create(o, m, &mesh, region, why);
         o->is_target = i == 0;
         o->shrinks = i < 2; /* the urethra runs through the gland and shrinks with it */
+        if (i == 1 && status == TROCAR_OK && t->organs[0].is_target) organ_limit(o, &t->organs[0]);
     }
     t->shrunk.scale = t->organ_count > 0 && t->organs[0].is_target ? 1.0 / cbrt(t->settings->swelling) : 1.0;
     if (status == TROCAR_OK && t->organ_count > 0) organ_centre(&t->organs[0], t->shrunk.centre);

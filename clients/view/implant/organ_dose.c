@@ -7,7 +7,7 @@
 static const double SPACING = 1e-3; /* m, voxel spacing */
 
 trocar_status organ_create(organ *o, const trocar_model *m, const trocar_mesh *mesh, int region, trocar_error *why) {
-    *o = (organ){.name = trocar_model_region_name(m, region)};
+    *o = (organ){.name = trocar_model_region_name(m, region), .low = {-INFINITY, -INFINITY, -INFINITY}, .high = {INFINITY, INFINITY, INFINITY}};
     trocar_status status = trocar_structure_from_region(mesh, region, SPACING, &o->structure, why);
     if (status != TROCAR_OK) return status;
     size_t count = (size_t)trocar_structure_count(o->structure);
@@ -30,6 +30,23 @@ void organ_centre(const organ *o, double centre[3]) {
         for (int64_t i = 0; i < count; i++) sum += points[3 * i + a];
         centre[a] = sum / (double)count;
     }
+}
+
+void organ_limit(organ *o, const organ *other) {
+    const double *points = trocar_structure_points(other->structure);
+    for (int a = 0; a < 3; a++) {
+        o->low[a] = INFINITY, o->high[a] = -INFINITY;
+        for (int64_t i = 0; i < trocar_structure_count(other->structure); i++) {
+            o->low[a] = fmin(o->low[a], points[3 * i + a]);
+            o->high[a] = fmax(o->high[a], points[3 * i + a]);
+        }
+    }
+}
+
+static bool counts(const organ *o, const double point[3]) {
+    for (int a = 0; a < 3; a++)
+        if (point[a] < o->low[a] || point[a] > o->high[a]) return false;
+    return true;
 }
 
 bool organ_contains(const organ *o, const double point[3]) {
@@ -61,7 +78,10 @@ void organ_compute(organ *o, dose_state state, const trocar_dose_source *source,
     if (state == DOSE_SWELLING_GONE && o->shrinks) voxel *= shrunk->scale * shrunk->scale * shrunk->scale;
     place_voxels(o, state, nodal, shrunk);
     bool dosed = seed_count > 0 && trocar_dose_rates(source, seeds, seed_count, o->points, count, o->doses, NULL) == TROCAR_OK;
-    for (int64_t i = 0; i < count; i++) o->doses[i] = dosed ? hours * o->doses[i] : 0.0;
+    int64_t all = count;
+    count = 0;
+    for (int64_t i = 0; i < all; i++)
+        if (counts(o, trocar_structure_points(o->structure) + 3 * i)) o->doses[count++] = dosed ? hours * o->doses[i] : 0.0;
     r->known = trocar_dvh_sort(o->doses, count, NULL) == TROCAR_OK;
     if (!r->known) return;
     r->summary = trocar_dvh_summarise(o->doses, count, voxel, prescription);

@@ -31,6 +31,7 @@ typedef struct {
     const char *name;        /* name of the organ's region */
     bool is_target, shrinks; /* `shrinks`: the organ shrinks with the gland */
     trocar_structure *structure;
+    double low[3], high[3];  /* m, box in the undeformed tissue; voxels outside it do not count */
     double *points, *doses;  /* scratch */
     organ_result results[DOSE_STATES];
 } organ;
@@ -41,6 +42,9 @@ void organ_free(organ *o);
 
 /* Computes the mean of the voxel centres. */
 void organ_centre(const organ *o, double centre[3]);
+
+/* From now on, counts only voxels inside the bounding box of another organ. For the urethra, of which only the prostatic part is judged. */
+void organ_limit(organ *o, const organ *other);
 
 /* True if a point of the undeformed tissue lies in the organ, to within one voxel. */
 bool organ_contains(const organ *o, const double point[3]);

@@ -76,6 +76,13 @@ static inline void change(trocar_sim *sim, const char *lines, double time) {
     trocar_change_free(c);
 }
 
+/* Releases needle 0, so that it rests in the tissue. */
+static inline void let_go(trocar_sim *sim) {
+    OK(trocar_sim_leave(sim, 0, &why));
+    OK(trocar_sim_work(sim, NULL, &why));
+    assert_int_equal(trocar_sim_needle_state(sim, 0), TROCAR_NEEDLE_RESTING);
+}
+
 static inline double uniform(unsigned *seed, double low, double high) { return low + (high - low) * rand_r(seed) / RAND_MAX; }
 
 static inline double distance(const double a[3], const double b[3]) {

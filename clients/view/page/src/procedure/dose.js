@@ -47,11 +47,11 @@ function histogram({ organs, top, prescription }) {
     <text transform="translate(10 ${(TOP + HEIGHT - BOTTOM) / 2}) rotate(-90)" text-anchor="middle">${t('dose.volume')}</text></svg>`
 }
 
-/** Rows of the table: name with unit, value, and usual planning aim. */
+/** Rows of the table: name with unit, value, and planning aim: that of GEC-ESTRO (Salembier et al. 2007), as in the tasks and in `trocar.brachy`. */
 const gray = (dose) => `${Math.round(dose)}`, percent = (part) => `${Math.round(100 * part)}`
 const TARGET_ROWS = [['D90, Gy', (f) => gray(f.d90), (p) => t('dose.over', { value: gray(p) })], ['V100, %', (f) => percent(f.v100), () => t('dose.over', { value: 95 })],
-                     ['V150, %', (f) => percent(f.v150), () => t('dose.under', { value: 60 })], ['V200, %', (f) => percent(f.v200), () => t('dose.under', { value: 20 })]]
-const OTHER_ROWS = { urethra: [['D10, Gy', (f) => gray(f.d10), () => ''], ['D30, Gy', (f) => gray(f.d30), () => '']], rectum: [['V100, cm³', (f) => f.v100cm3.toFixed(1), () => t('dose.under', { value: 1 })]] }
+                     ['V150, %', (f) => percent(f.v150), () => t('dose.under', { value: 50 })], ['V200, %', (f) => percent(f.v200), () => '']]
+const OTHER_ROWS = { urethra: [['D10, Gy', (f) => gray(f.d10), (p) => t('dose.under', { value: gray(1.5 * p) })], ['D30, Gy', (f) => gray(f.d30), () => '']], rectum: [['V100, cm³', (f) => f.v100cm3.toFixed(1), () => '']] }
 
 /** Returns the statistics, with the states side by side. */
 function figures({ organs, prescription }) {

@@ -90,6 +90,46 @@ static inline double distance(const double a[3], const double b[3]) {
     return sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
 }
 
+/* Makes a scene with other values of some keys, its model and a simulation of it. The caller frees both. */
+static inline trocar_sim *sim_with(const char *const keys[], const char *const values[], int count, trocar_model **built) {
+    trocar_scene *other;
+    OK(trocar_scene_copy(scene, &other, &why));
+    for (int i = 0; i < count; i++) OK(trocar_scene_set(other, keys[i], values[i], &why));
+    OK(trocar_model_create(other, NULL, built, &why));
+    trocar_scene_free(other);
+    return sim_of(*built);
+}
+
+static inline trocar_output step_of(trocar_sim *sim, int needle, double x, double depth) {
+    trocar_pose base = {{x, 0.003, depth - LENGTH}, {1, 0, 0, 0}};
+    trocar_output out;
+    OK(trocar_sim_step(sim, needle, &base, DT, &out, &why));
+    return out;
+}
+
+/* The first key alone makes a scene with two needles; with all keys, the tissue also relaxes. */
+static const char *const TWO_KEYS[] = {"needles", "relaxation[0].weight", "relaxation[0].time", "relaxation[1].weight", "relaxation[1].time"};
+static const char *const TWO_VALUES[] = {"2", "0.25", "0.15", "0.15", "0.5"};
+
+enum { SETTLED = 300, RELAXED = 5000 }; /* ticks that a needle is held: until elastic tissue has settled; ten times the longest relaxation time constant */
+
+/* Lets one needle rest in the tissue, inserts another 6 mm away, and holds that one pressed to the side. */
+static inline trocar_sim *two_needles(trocar_model *of, int ticks) {
+    trocar_sim *sim;
+    OK(trocar_sim_create(of, &sim, &why));
+    for (int i = 0; i < 2; i++) {
+        trocar_pose start = {{0.005 + 0.006 * i, 0.003, -1e-3 - LENGTH}, {1, 0, 0, 0}};
+        OK(trocar_sim_reset(sim, i, &start, &why));
+        for (int t = 0; t <= 500; t++) step_of(sim, i, start.position[0], -1e-3 + 1e-4 * t);
+        if (i > 0) break;
+        for (int t = 0; t < ticks; t++) step_of(sim, 0, 0.0055, 0.049); /* displaced sideways, so that relaxing tissue remembers a lateral load */
+        let_go(sim);
+    }
+    for (int t = 0; t < 200; t++) step_of(sim, 1, 0.011 + 5e-6 * t, 0.049);
+    for (int t = 0; t < ticks; t++) step_of(sim, 1, 0.012, 0.049);
+    return sim;
+}
+
 /* Returns the just noticeable difference in force (N): 7 % of the force, but at least 0.05 N. */
 static inline double noticed(const double force[3]) { return fmax(0.05, 0.07 * distance(force, (double[3]){0})); }
 

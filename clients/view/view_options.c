@@ -37,7 +37,7 @@ static const struct argp_option option_list[] = {
     {"source", OPTION_SOURCE, "NAME", 0, "Seed model: \"I-125 6711\" (default), \"Pd-103 200\", or the path of a table that ends in .yaml", 3},
     {"strength", OPTION_STRENGTH, "U", 0, "Air-kerma strength of each seed (default 0.5)", 3},
     {"prescription", OPTION_PRESCRIPTION, "GY", 0, "Prescribed dose (default 145)", 3},
-    {"swelling", OPTION_SWELLING, "RATIO", 0, "Volume of the gland on the day of the implant, divided by that after the swelling has subsided (default 1.18)", 3},
+    {"swelling", OPTION_SWELLING, "RATIO", 0, "Volume of the simulated gland, taken as swollen, divided by that after the swelling has subsided (default 1.18)", 3},
     {"plan", OPTION_PLAN, "FILE", 0, "Show these planned seeds: the table that python3 -m trocar.brachy.plan show --out writes", 3},
     {0, 0, 0, 0, "Training:", 4},
     {"task", OPTION_TASK, "FILE", 0, "Guide a trainee through this task, record it, and show its report; --scene, --plan and the implant's options come from the task", 4},

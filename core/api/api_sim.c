@@ -61,7 +61,7 @@ trocar_status sim_create(trocar_model *model, insertion_workspace *workspace, tr
     static const trocar_pose at_origin = {{0, 0, 0}, {1, 0, 0, 0}};
     *created = NULL;
     if (model->mesh_only) return fail(why, TROCAR_BAD_INPUT, "this model has only a mesh: create it without mesh_only");
-    trocar_sim *sim = calloc(1, sizeof *sim);
+    trocar_sim *sim = allocate_on_cache_lines(sizeof *sim);
     if (!sim) return fail(why, TROCAR_NO_MEMORY, "no memory for a simulation");
     sim->model = model_share(model);
     sim->elasticity.from = moduli_of(model_share(model));

@@ -13,6 +13,7 @@
 #include <sys/resource.h>
 #include <unistd.h>
 
+#include "base/cache_line.h"
 #include "base/triple_buffer.h"
 #include "common/eventfd_signal.h"
 #include "common/timing.h"
@@ -346,7 +347,7 @@ static trocar_status note_plan(dose_thread *t, const plan_table *plan, const dou
 }
 
 trocar_status dose_thread_create(const trocar_model *model, const dose_settings *settings, const plan_table *plan, dose_thread **created, trocar_error *why) {
-    dose_thread *t = calloc(1, sizeof *t);
+    dose_thread *t = allocate_on_cache_lines(sizeof *t);
     if (!t) return fail(why, TROCAR_NO_MEMORY, "no memory for the dose");
     t->settings = settings;
     t->news = eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC);

@@ -9,6 +9,7 @@
 #include <sys/eventfd.h>
 #include <unistd.h>
 
+#include "base/cache_line.h"
 #include "base/triple_buffer.h"
 #include "common/eventfd_signal.h"
 #include "common/messages.h"
@@ -186,7 +187,7 @@ static trocar_status prepare(scanner *s, const trocar_scene *scene, trocar_error
 }
 
 trocar_status scanner_create(const trocar_scene *scene, const trocar_model *model, scanner **created, trocar_error *why) {
-    scanner *s = calloc(1, sizeof *s);
+    scanner *s = allocate_on_cache_lines(sizeof *s);
     if (!s) return fail(why, TROCAR_NO_MEMORY, "no memory for ultrasound images");
     *s = (scanner){.model = model, .planner = image_planner_of(model), .news = eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC)};
     section_box_create(&s->result);

@@ -241,6 +241,54 @@ static void each_state_has_its_own_figures(void **state) {
     implant_close(&i);
 }
 
+/* Of the urethra, only the part in the bounding box of the gland is judged, as in reports. */
+static void only_the_prostatic_urethra_counts(void **state) {
+    (void)state;
+    static const implant_settings settings = {.dose = {"I-125 6711", 2.0, 145, 1.18}};
+    fixture pelvis;
+    trocar_error why;
+    assert_int_equal(trocar_scene_load(MESHES "/pelvis.yaml", &pelvis.scene, &why), TROCAR_OK);
+    assert_int_equal(trocar_model_create(pelvis.scene, &(trocar_model_options){.mesh_only = 1}, &pelvis.model, &why), TROCAR_OK);
+    const trocar_model *m = pelvis.model;
+    int32_t *organs = malloc((size_t)trocar_model_tet_count(m) * sizeof *organs);
+    for (int t = 0; t < trocar_model_tet_count(m); t++) organs[t] = trocar_model_part_of(m, trocar_model_tet_regions(m)[t]);
+    trocar_mesh mesh = {.node_count = trocar_model_node_count(m), .tet_count = trocar_model_tet_count(m), .nodes = trocar_model_nodes(m), .tets = trocar_model_tets(m), .tet_region = organs};
+    trocar_structure *gland = NULL, *urethra = NULL;
+    for (int r = 0; r < trocar_model_region_count(m); r++) {
+        const char *name = trocar_model_region_name(m, r);
+        if (strcmp(name, "prostate") == 0) assert_int_equal(trocar_structure_from_region(&mesh, r, 1e-3, &gland, &why), TROCAR_OK);
+        if (strcmp(name, "urethra") == 0) assert_int_equal(trocar_structure_from_region(&mesh, r, 1e-3, &urethra, &why), TROCAR_OK);
+    }
+    assert_true(gland && urethra);
+    double low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY};
+    const double *points = trocar_structure_points(gland);
+    for (int64_t i = 0; i < 3 * trocar_structure_count(gland); i++) low[i % 3] = fmin(low[i % 3], points[i]), high[i % 3] = fmax(high[i % 3], points[i]);
+    int64_t all = trocar_structure_count(urethra), inside = 0;
+    double *kept = malloc(3 * (size_t)all * sizeof *kept);
+    points = trocar_structure_points(urethra);
+    for (const double *p = points; p < points + 3 * all; p += 3)
+        if (p[0] >= low[0] && p[0] <= high[0] && p[1] >= low[1] && p[1] <= high[1] && p[2] >= low[2] && p[2] <= high[2]) memcpy(kept + 3 * inside++, p, 3 * sizeof *p);
+    assert_in_range(inside, all / 4, all - all / 10);
+    trocar_dose_seed seeds[SEEDS];
+    for (int s = 0; s < SEEDS; s++)
+        seeds[s] = (trocar_dose_seed){.position = {centres[s][0], centres[s][1], centres[s][2]}, .direction = {axes[s][0], axes[s][1], axes[s][2]}, .strength = settings.dose.strength};
+    double within = covered(&settings, seeds, kept, inside), anywhere = covered(&settings, seeds, points, all), v100;
+
+    implant i = open_implant(&pelvis, &settings);
+    const unsigned char *levels;
+    const char *all_organs = dose_of(&i, SEEDS, &levels), *json = strstr(all_organs, "urethra");
+    printf("%.300s\n", all_organs);
+    assert_non_null(json);
+    read_numbers(strstr(json, "\"out\":"), "\"v100\":", &v100, 1);
+    assert_close(v100, within, 1e-6);
+    assert_true(fabs(anywhere - within) > 0.01);
+    implant_close(&i);
+    free(kept), free(organs);
+    trocar_structure_free(gland);
+    trocar_structure_free(urethra);
+    close_fixture(&(void *){&pelvis});
+}
+
 /* A reply from the previous server is not sent to a browser that connects later. */
 static void answers_go_with_their_server(void **state) {
     fixture *f = *state;
@@ -309,6 +357,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(the_dose_is_that_of_the_seeds),
         cmocka_unit_test(each_state_has_its_own_figures),
+        cmocka_unit_test(only_the_prostatic_urethra_counts),
         cmocka_unit_test(answers_go_with_their_server),
         cmocka_unit_test(the_plan_has_its_own_figures),
         cmocka_unit_test(mistakes_are_refused_with_place_and_remedy),

@@ -5,6 +5,7 @@ import { ADDRESS, axe, launch } from './parts.mjs'
 
 const PATIENCE = 150000 // ms, enough for a busy machine; the tests in this folder do not measure time
 
+export const PICTURES = process.env.TROCAR_PICTURES // folder for screenshots; empty for none
 export const browser = await launch()
 export const faults = []
 
@@ -87,8 +88,7 @@ export async function driven(name, page, body, take) {
 
 /** Saves a screenshot of the page for people to look at, if test_view.sh was given a folder for them. */
 export async function shoot(page, name) {
-  const folder = process.env.TROCAR_PICTURES
-  if (folder) await page.screenshot({ path: path.join(folder, `${name}.png`) })
+  if (PICTURES) await page.screenshot({ path: path.join(PICTURES, `${name}.png`) })
 }
 
 /** Checks that no element overlaps another or is cut off, and that axe-core finds no violations. */

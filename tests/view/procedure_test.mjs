@@ -4,7 +4,7 @@
 import assert from 'node:assert/strict'
 import { writeFile } from 'node:fs/promises'
 import path from 'node:path'
-import { browser, check, checkAccess, checkInView, checkPlaces, driven, faults, hold, holeOnScreen, open, pressUntil, shoot as shootPage, until } from './page.mjs'
+import { browser, check, checkAccess, checkInView, checkPlaces, driven, faults, hold, holeOnScreen, open, pressUntil, PICTURES, shoot as shootPage, until } from './page.mjs'
 import { source, start, stop } from './parts.mjs'
 
 const ARRANGEMENTS = ['1280 x 720', '1024 x 768', '768 x 1024', '390 x 844', '844 x 390'] // one size of each that the style sheet distinguishes
@@ -218,7 +218,7 @@ try {
         else await checkInView(page, '#next, #hole, #drop', `${width} x ${height}`)
         if (height >= 1050) await checkInView(page, '#dose svg[role=img]', `${width} x ${height}`)
         await shoot(`${width}-dark${many ? '-many' : ''}`)
-        if (many || !process.env.TROCAR_PICTURES) return
+        if (many || !PICTURES) return
         await page.evaluate('trocar.setTheme("light")')
         await page.waitForTimeout(300)
         await shoot(`${width}-light`)

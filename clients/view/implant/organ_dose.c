@@ -43,7 +43,7 @@ void organ_limit(organ *o, const organ *other) {
     }
 }
 
-static bool counts(const organ *o, const double point[3]) {
+static bool is_judged(const organ *o, const double point[3]) {
     for (int a = 0; a < 3; a++)
         if (point[a] < o->low[a] || point[a] > o->high[a]) return false;
     return true;
@@ -73,15 +73,14 @@ static void place_voxels(organ *o, dose_state state, const double *nodal, const 
 void organ_compute(organ *o, dose_state state, const trocar_dose_source *source, const trocar_dose_seed *seeds, int seed_count, double prescription,
                    const double *nodal, const shrinkage *shrunk) {
     organ_result *r = &o->results[state];
-    int64_t count = trocar_structure_count(o->structure);
+    const double *rest = trocar_structure_points(o->structure);
+    int64_t all = trocar_structure_count(o->structure), count = 0;
     double hours = trocar_dose_hours(source, INFINITY), voxel = trocar_structure_voxel(o->structure);
     if (state == DOSE_SWELLING_GONE && o->shrinks) voxel *= shrunk->scale * shrunk->scale * shrunk->scale;
     place_voxels(o, state, nodal, shrunk);
-    bool dosed = seed_count > 0 && trocar_dose_rates(source, seeds, seed_count, o->points, count, o->doses, NULL) == TROCAR_OK;
-    int64_t all = count;
-    count = 0;
+    bool dosed = seed_count > 0 && trocar_dose_rates(source, seeds, seed_count, o->points, all, o->doses, NULL) == TROCAR_OK;
     for (int64_t i = 0; i < all; i++)
-        if (counts(o, trocar_structure_points(o->structure) + 3 * i)) o->doses[count++] = dosed ? hours * o->doses[i] : 0.0;
+        if (is_judged(o, rest + 3 * i)) o->doses[count++] = dosed ? hours * o->doses[i] : 0.0;
     r->known = trocar_dvh_sort(o->doses, count, NULL) == TROCAR_OK;
     if (!r->known) return;
     r->summary = trocar_dvh_summarise(o->doses, count, voxel, prescription);

@@ -52,11 +52,13 @@ static inline trocar_sim *sim_of(trocar_model *of) {
     return sim;
 }
 
-static inline trocar_output step(trocar_sim *sim, trocar_pose base) {
+static inline trocar_output step_needle(trocar_sim *sim, int needle, trocar_pose base) {
     trocar_output out;
-    OK(trocar_sim_step(sim, 0, &base, DT, &out, &why));
+    OK(trocar_sim_step(sim, needle, &base, DT, &out, &why));
     return out;
 }
+
+static inline trocar_output step(trocar_sim *sim, trocar_pose base) { return step_needle(sim, 0, base); }
 
 static inline trocar_output step_at(trocar_sim *sim, double depth) { return step(sim, base_at(depth, 0, 0)); }
 
@@ -101,10 +103,7 @@ static inline trocar_sim *sim_with(const char *const keys[], const char *const v
 }
 
 static inline trocar_output step_of(trocar_sim *sim, int needle, double x, double depth) {
-    trocar_pose base = {{x, 0.003, depth - LENGTH}, {1, 0, 0, 0}};
-    trocar_output out;
-    OK(trocar_sim_step(sim, needle, &base, DT, &out, &why));
-    return out;
+    return step_needle(sim, needle, (trocar_pose){{x, 0.003, depth - LENGTH}, {1, 0, 0, 0}});
 }
 
 /* The first key alone makes a scene with two needles; with all keys, the tissue also relaxes. */

@@ -10,10 +10,7 @@ typedef struct {
 } beside_probe;
 
 static trocar_output step_through(trocar_sim *sim, int needle, double x, double tip) {
-    trocar_pose base = {{x, 0, tip - LENGTH}, {1, 0, 0, 0}};
-    trocar_output out;
-    OK(trocar_sim_step(sim, needle, &base, DT, &out, &why));
-    return out;
+    return step_needle(sim, needle, (trocar_pose){{x, 0, tip - LENGTH}, {1, 0, 0, 0}});
 }
 
 static void step_and_look(trocar_sim *sim, beside_probe *found) {

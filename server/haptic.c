@@ -95,7 +95,8 @@ static trocar_status hand_over_needle(haptic *h, const needle_command *c, trocar
 
 /* Returns whether a new insertion has begun already, because the first pose after a reset arrived before the reset was carried out. RT */
 static bool has_begun_anew(const haptic *h, const needle_command *c) {
-    return c->asked.command == TROCAR_COMMAND_T_RESET && h->needles[c->asked.needle].safety.engagement > c->engagement;
+    bool resets = c->asked.command == TROCAR_COMMAND_T_RESET || c->asked.command == TROCAR_COMMAND_T_CLEAR;
+    return resets && h->needles[c->asked.needle].safety.engagement > c->engagement;
 }
 
 /* Carries out or starts a command. Replies if nothing remains to be done. RT, except when it formats the reason for a refusal. */
@@ -110,6 +111,7 @@ static void start_command(haptic *h, needle_command *c) {
     bool seeds = c->asked.command == TROCAR_COMMAND_T_DROP_SEED || c->asked.command == TROCAR_COMMAND_T_UNDO, hands_over = !seeds && !has_begun_anew(h, c);
     if (seeds) status = handle_held_seeds(h, &c->asked, &why);
     if (hands_over) status = hand_over_needle(h, c, &why);
+    if (status == TROCAR_OK && c->asked.command == TROCAR_COMMAND_T_CLEAR) trocar_sim_clear_seeds(h->sim, c->asked.needle, NULL);
     if (!hands_over || status != TROCAR_OK) answer_command(h, c, status != TROCAR_OK, why.text);
 }
 

@@ -39,6 +39,7 @@ internal enum TrocarCommand : int {
     DropSeed = 6,
     Undo = 7,
     Change = 8,
+    Clear = 9,
 }
 
 internal enum TrocarStatus : int {
@@ -469,6 +470,9 @@ public sealed class TrocarClient : IDisposable {
 
     /// <summary>Cancels the seeds that are still in the needle or, if there are none, removes the last seed that the needle left.</summary>
     public bool Undo() { return Ask(TrocarCommand.Undo, 0, 0); }
+
+    /// <summary>As Reset, and removes all seeds that the needle left in the tissue.</summary>
+    public bool Clear() { return Ask(TrocarCommand.Clear, 0, 0); }
 
     /// <summary>Returns the result of the last command. If it is not Done, <c>reason</c> says why.</summary>
     public TrocarAnswer Reply(out string reason) {

@@ -138,12 +138,14 @@ int trocar_client_newest(trocar_client *client, trocar_client_wrench *wrench);
                    needle follows the hand's motion
        drop_seeds  drops `count` seeds, 1 to 16, which stay in the tissue as the needle is drawn back. The first seed's distal end is at the tip.
                    `spacing` is the centre-to-centre spacing in m; 0 selects the scene's value
-       undo        cancels the seeds that are still in the needle or, if there are none, removes the last seed that the needle left */
+       undo        cancels the seeds that are still in the needle or, if there are none, removes the last seed that the needle left
+       clear       as reset, and removes all seeds that the needle left */
 int trocar_client_reset(trocar_client *client);
 int trocar_client_leave(trocar_client *client);
 int trocar_client_take(trocar_client *client);
 int trocar_client_drop_seeds(trocar_client *client, int count, double spacing);
 int trocar_client_undo(trocar_client *client);
+int trocar_client_clear(trocar_client *client);
 
 /* Result of the last command. */
 typedef enum trocar_client_answer {

@@ -357,8 +357,11 @@ static trocar_status carry_out(replay *r, const logged_command *logged, trocar_e
         if (status == TROCAR_OK) n->taken = true;
         return status;
     case TROCAR_COMMAND_T_RESET:
+    case TROCAR_COMMAND_T_CLEAR:
         n->begun = n->taken = false;
-        return remove_needle(r->sim, needle, why);
+        status = remove_needle(r->sim, needle, why);
+        if (status == TROCAR_OK && c->command == TROCAR_COMMAND_T_CLEAR) status = trocar_sim_clear_seeds(r->sim, needle, why);
+        return status;
     case TROCAR_COMMAND_T_RELEASE:
         n->begun = false;
         return TROCAR_OK;

@@ -175,7 +175,7 @@ static void look(view *v, const web_action *action) {
 
 static void act(void *context, const web_action *action) {
     view *v = context;
-    if (action->kind == ACTION_START) training_start(&v->training, &v->feed);
+    if (action->kind == ACTION_START) training_start(&v->training, &v->feed, &v->pilot);
     else if (action->kind == ACTION_FINISH) training_finish(&v->training, &v->feed, action->needle);
     else if (action->kind == ACTION_LOOK) look(v, action);
     else if (v->lcm) pilot_act(&v->pilot, action);
@@ -193,6 +193,7 @@ static void receive(view *v) {
     while (lcm_handle_timeout(v->lcm, 0) > 0) continue;
     pilot_hear(&v->pilot);
     implant_hear(&v->implant, &v->feed);
+    training_hear(&v->training, &v->feed);
     scan(v);
 }
 

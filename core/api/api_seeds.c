@@ -52,6 +52,13 @@ trocar_status trocar_sim_undo_seed(trocar_sim *sim, int needle, trocar_error *er
     return fail(why, TROCAR_BAD_INPUT, "needle %d has no dropped seed to take back", needle);
 }
 
+trocar_status trocar_sim_clear_seeds(trocar_sim *sim, int needle, trocar_error *error) {
+    trocar_error ignored, *why = error ? error : &ignored;
+    if (check_needle(sim, needle, why) != TROCAR_OK) return TROCAR_BAD_INPUT;
+    seeds_clear(needle, &sim->seeds);
+    return TROCAR_OK;
+}
+
 trocar_seed_size trocar_model_seed_size(const trocar_model *model) {
     const seed_size *size = &model->parts.config.seeds;
     return (trocar_seed_size){size->length, size->diameter, size->spacing};

@@ -126,6 +126,14 @@ seed_refusal seeds_undo(int needle, seed_list *list) {
     return SEEDS_ACCEPTED;
 }
 
+void seeds_clear(int needle, seed_list *list) {
+    int kept = 0;
+    seeds_keep(needle, list);
+    for (int i = 0; i < list->count; i++)
+        if (list->seeds[i].needle != needle) list->seeds[kept++] = list->seeds[i];
+    list->count = kept;
+}
+
 /* ---- in the deformed tissue ----------------------------------------------------------------------------------------------- */
 
 void seed_displaced(const mesh *m, const seed *s, const vec3 *displacement, vec3 *at, vec3 *direction) {

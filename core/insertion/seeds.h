@@ -71,6 +71,9 @@ static inline int seeds_pending(int needle, const seed_list *list) { return list
 /* Cancels the seeds of the needle's last drop that are still in it. If there are none, removes the seed it deposited last. RT */
 seed_refusal seeds_undo(int needle, seed_list *list);
 
+/* Removes all seeds that the needle has deposited, and cancels the rest of its drop. RT */
+void seeds_clear(int needle, seed_list *list);
+
 /* Computes the centre (m) and direction (unit vector) of a seed when the tissue's nodes are displaced by `displacement` (node_count, m). RT */
 void seed_displaced(const mesh *m, const seed *s, const vec3 *displacement, vec3 *at, vec3 *direction);
 

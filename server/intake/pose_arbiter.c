@@ -204,7 +204,8 @@ static command_verdict carry_out(pose_arbiter *in, needle_command *command) {
     command->engagement = n->newest.engagement;
     command->anew = n->begin_anew;
     switch (m->command) {
-    case TROCAR_COMMAND_T_RESET: /* a resting needle is engaged only after the haptic thread has carried this out */
+    case TROCAR_COMMAND_T_RESET:
+    case TROCAR_COMMAND_T_CLEAR: /* a resting needle is engaged only after the haptic thread has carried this out */
         if (!n->rests) n->begin_anew = true;
         return COMMAND_PASS_ON;
     case TROCAR_COMMAND_T_RELEASE:
@@ -260,9 +261,9 @@ void arbiter_refuse(pose_arbiter *in, const char *reason) {
     say(in, "%s", reason);
 }
 
-/* After LEAVE, the needle has no owner. After TAKE, or after RESET of a resting needle, the next pose begins a new engagement. RESET of a held needle set
-   `begin_anew` as soon as it arrived, and a pose may have cleared that since. So if the RESET was refused, `begin_anew` is restored only if no new engagement
-   has begun. */
+/* After LEAVE, the needle has no owner. After TAKE, or after RESET or CLEAR of a resting needle, the next pose begins a new engagement. RESET or CLEAR of a
+   held needle set `begin_anew` as soon as it arrived, and a pose may have cleared that since. So if the command was refused, `begin_anew` is restored only if no
+   new engagement has begun. */
 void arbiter_settle(pose_arbiter *in, const needle_command *done) {
     const trocar_command_t *m = &done->asked;
     arbiter_needle *n = &in->needles[m->needle];
@@ -277,6 +278,7 @@ void arbiter_settle(pose_arbiter *in, const needle_command *done) {
         return;
     case TROCAR_COMMAND_T_TAKE:
     case TROCAR_COMMAND_T_RESET:
+    case TROCAR_COMMAND_T_CLEAR:
         if (done->refused && !n->rests && n->newest.engagement == done->engagement) n->begin_anew = done->anew;
         if (done->refused || !n->rests) return;
         n->rests = false;

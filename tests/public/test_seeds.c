@@ -302,6 +302,27 @@ static void undo_takes_back_the_last(void **state) {
     end(&in);
 }
 
+/* Removes the seeds of one needle only, those still in it included. */
+static void clearing_removes_the_seeds_of_one_needle(void **state) {
+    (void)state;
+    insertion in = begin((const setting[]){{"needles", "2"}, {NULL, NULL}});
+    trocar_seed seeds[TROCAR_MAX_SEEDS];
+    assert_int_equal(trocar_sim_clear_seeds(in.sim, 2, &why), TROCAR_BAD_INPUT);
+    OK(trocar_sim_clear_seeds(in.sim, 0, &why)); /* there are none */
+    go_to(&in, 0.045);
+    OK(trocar_sim_drop_seeds(in.sim, 0, 3, 0.0, &why));
+    go_to(&in, in.output.depth - 0.016);
+    assert_int_equal(all_seeds(in.sim, seeds), 2);
+    OK(trocar_sim_clear_seeds(in.sim, 1, &why)); /* another needle's */
+    assert_int_equal(all_seeds(in.sim, seeds), 2);
+    OK(trocar_sim_clear_seeds(in.sim, 0, &why));
+    assert_int_equal(all_seeds(in.sim, seeds), 0);
+    assert_int_equal(trocar_view_pending_seeds(trocar_sim_view(in.sim), 0), 0);
+    go_to(&in, 0.01);
+    assert_int_equal(all_seeds(in.sim, seeds), 0);
+    end(&in);
+}
+
 static void a_reset_needle_keeps_its_pending_seeds(void **state) {
     (void)state;
     insertion in = begin(NULL);
@@ -384,7 +405,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(a_seed_is_left_where_the_tip_was), cmocka_unit_test(a_strand_is_left_seed_by_seed),
         cmocka_unit_test(a_pending_seed_waits_for_the_needle_to_be_drawn_back), cmocka_unit_test(seeds_move_with_the_tissue_and_stay),
-        cmocka_unit_test(what_cannot_be_dropped_is_refused), cmocka_unit_test(there_is_room_for_so_many), cmocka_unit_test(undo_takes_back_the_last),
+        cmocka_unit_test(what_cannot_be_dropped_is_refused), cmocka_unit_test(there_is_room_for_so_many), cmocka_unit_test(undo_takes_back_the_last), cmocka_unit_test(clearing_removes_the_seeds_of_one_needle),
         cmocka_unit_test(a_reset_needle_keeps_its_pending_seeds), cmocka_unit_test(a_restore_brings_them_back), cmocka_unit_test(a_seed_knows_its_hole),
         cmocka_unit_test(sizes_are_checked),
     };

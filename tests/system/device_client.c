@@ -361,8 +361,8 @@ static void commands_are_answered(void **state) {
 
     const struct { int (*ask)(trocar_client *); int what; } others[] = {
         {trocar_client_leave, TROCAR_COMMAND_T_LEAVE}, {trocar_client_take, TROCAR_COMMAND_T_TAKE},
-        {trocar_client_undo, TROCAR_COMMAND_T_UNDO}, {trocar_client_reset, TROCAR_COMMAND_T_RESET}};
-    for (int i = 0; i < 4; i++) {
+        {trocar_client_undo, TROCAR_COMMAND_T_UNDO}, {trocar_client_reset, TROCAR_COMMAND_T_RESET}, {trocar_client_clear, TROCAR_COMMAND_T_CLEAR}};
+    for (int i = 0; i < 5; i++) {
         assert_true(others[i].ask(c));
         trocar_command_t next = hear_command(lcm, &heard, others[i].what);
         answer(lcm, m, TROCAR_COMMAND_REPLY_T_REFUSED, "an old one");

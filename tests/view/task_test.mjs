@@ -5,7 +5,7 @@ import assert from 'node:assert/strict'
 import { execFileSync, spawnSync } from 'node:child_process'
 import { readdir, readFile, writeFile } from 'node:fs/promises'
 import path from 'node:path'
-import { browser, check, driven, faults, open, shoot, until } from './page.mjs'
+import { browser, check, driven, faults, open, pressUntil, shoot, until } from './page.mjs'
 import { ready, run, source, start, stop } from './parts.mjs'
 
 const [build, , OUT] = process.argv.slice(2)
@@ -83,9 +83,25 @@ try {
     assert(name)
   })
 
-  await check('it does not start again while the needle has been in the tissue', async () => {
+  await check('a seed is left in the tissue', async () => {
+    await page.click('#task-close')
+    await page.click('#drop')
+    await until(page, 'trocar.procedure.seeds.pending[0] === 1')
+    await pressUntil(page, 's', 'trocar.procedure.seeds.seeds.length === 1')
+  })
+
+  await check('starting again removes needle and seed, and the new recording contains neither', async () => {
+    await page.click('#task-button')
+    await says('task-message', /Starting removes all needles and seeds/)
     await page.click('#task-start')
-    await says('task-message', /Needle 0 has been in the tissue/)
+    await until(page, `!document.getElementById('task').open && /^Task 0:0[0-9]/.test(${text('task-button')})`)
+    await until(page, 'trocar.procedure.seeds.seeds.length === 0 && trocar.history.columns[7][trocar.history.count - 1] === 0')
+    await page.click('#task-button')
+    await page.click('#task-finish')
+    await until(page, "/Not passed/.test(document.getElementById('task-report').shadowRoot.textContent)")
+    const report = (await readdir(path.join(runs, 'reach'))).filter((file) => file.endsWith('.json')).sort().at(-1)
+    const { measures } = JSON.parse(await readFile(path.join(runs, 'reach', report), 'utf8'))
+    assert(measures.passes === 0 && measures.path === 0 && measures.displacement < 1e-6, JSON.stringify(measures))
   })
 
   assert.deepEqual(faults, [])

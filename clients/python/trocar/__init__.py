@@ -791,6 +791,12 @@ class Sim:
         with self._turn:
             _check(lib.trocar_sim_undo_seed(self._handle, needle, why), why)
 
+    def clear_seeds(self, needle: int = 0) -> None:
+        """Removes all seeds that the needle left, and cancels its pending seeds."""
+        why = ffi.new("trocar_error *")
+        with self._turn:
+            _check(lib.trocar_sim_clear_seeds(self._handle, needle, why), why)
+
     def seeds(self) -> list[Seed]:
         """Returns the seeds left in the tissue, oldest first."""
         found = ffi.new("trocar_seed[]", lib.TROCAR_MAX_SEEDS)

@@ -117,6 +117,8 @@ void pilot_act(pilot *p, const web_action *action) {
     publisher_tell(&p->publisher, &order);
 }
 
+void pilot_clear(pilot *p, int needle) { publisher_tell(&p->publisher, &(publisher_order){.kind = ORDER_CLEAR, .needle = needle}); }
+
 void pilot_let_go(pilot *p, const char *why) {
     bool drove = p->driving;
     web_let_go(p->web);

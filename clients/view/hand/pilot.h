@@ -48,6 +48,9 @@ void pilot_close(pilot *p);
 /* Carries out an action of the driving browser. */
 void pilot_act(pilot *p, const web_action *action);
 
+/* Asks the server to remove this needle and its seeds from the tissue. The server refuses if another client holds the needle. */
+void pilot_clear(pilot *p, int needle);
+
 /* Call it after messages have been received. If another server has taken over, the driving browser loses the needle, because that server starts without an
    insertion. */
 void pilot_hear(pilot *p);

@@ -101,6 +101,11 @@ static void steer_probe(pose_publisher *p, const publisher_order *order, int64_t
     p->probe_ordered = now;
 }
 
+static void start_at_home(pose_publisher *p) {
+    rate_control_begin(&p->drive, p->home, p->home);
+    approach(p, false);
+}
+
 static bool obey(pose_publisher *p, const publisher_order *order, int64_t now) {
     if (order->kind == ORDER_PROBE) {
         steer_probe(p, order, now);
@@ -120,8 +125,7 @@ static bool obey(pose_publisher *p, const publisher_order *order, int64_t now) {
         break;
     case ORDER_RESET:
         publish_own(p, TROCAR_COMMAND_T_RESET, 0);
-        rate_control_begin(&p->drive, p->home, p->home);
-        approach(p, false);
+        start_at_home(p);
         break;
     case ORDER_HOLE:
         p->home = order->home;
@@ -140,6 +144,10 @@ static bool obey(pose_publisher *p, const publisher_order *order, int64_t now) {
     case ORDER_PROBE: break;
     case ORDER_GO_ON: p->waiting = false; break;
     case ORDER_REMOVE: publish_command(p, TROCAR_COMMAND_T_RESET, order->needle, 0); break;
+    case ORDER_CLEAR:
+        publish_command(p, TROCAR_COMMAND_T_CLEAR, order->needle, 0);
+        if (p->holding && p->needle == order->needle) start_at_home(p);
+        break;
     case ORDER_RELEASE:
     case ORDER_END:
         release(p);

@@ -23,6 +23,7 @@ typedef enum {
     ORDER_LAY,               /* leaves to rest a needle that nobody holds, so that it can be taken */
     ORDER_GO_ON,             /* the server has handed over the resting needle, or has refused to let it be left */
     ORDER_REMOVE,            /* pulls out a resting needle */
+    ORDER_CLEAR,             /* removes a needle and all its seeds from the tissue; a held one starts again at `home` */
     ORDER_PROBE,
     ORDER_RELEASE,
     ORDER_END
@@ -30,7 +31,7 @@ typedef enum {
 
 typedef struct {
     order_kind kind;
-    int needle;              /* for TAKE, LAY and REMOVE */
+    int needle;              /* for TAKE, LAY, REMOVE and CLEAR */
     bool rests;              /* for TAKE: the needle is resting and must be handed over before poses are sent, as with LEAVE */
     int seeds;               /* for DROP: how many */
     pose home, base;         /* TAKE: the needle's waiting pose outside the tissue, and its initial pose; HOLE: `home` is where the needle moves unless the user

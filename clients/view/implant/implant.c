@@ -36,7 +36,7 @@ static void write_plan(json *j, const void *what) {
 
 static const char *word_of_command(int32_t command) {
     static const char *const words[] = {[TROCAR_COMMAND_T_RESET] = "remove", [TROCAR_COMMAND_T_LEAVE] = "leave", [TROCAR_COMMAND_T_TAKE] = "take",
-                                        [TROCAR_COMMAND_T_DROP_SEED] = "drop", [TROCAR_COMMAND_T_UNDO] = "undo"};
+                                        [TROCAR_COMMAND_T_DROP_SEED] = "drop", [TROCAR_COMMAND_T_UNDO] = "undo", [TROCAR_COMMAND_T_CLEAR] = "clear"};
     bool known = command >= 0 && (size_t)command < sizeof words / sizeof *words && words[command];
     return known ? words[command] : "other";
 }

@@ -16,6 +16,7 @@
 #include "base/folders.h"
 #include "common/timing.h"
 #include "lcm_filter.h"
+#include "trocar_command_t.h"
 
 #define CHANNELS "TROCAR_(POSE|WRENCH|COMMAND|CHANGE|REPLY|DEFORMATION|CONTACTS|TRACKS|SEEDS)"
 enum { QUEUE = 16384 /* messages, about five seconds */, ARGUMENTS = 16, NOT_STARTED = 127, CRITERIA_NOT_MET = 1 };
@@ -141,30 +142,29 @@ void training_close(training *t) {
 
 /* ---- running ---- */
 
-/* Stores the reason for a refusal, which the page shows. Returns false. */
-static bool refuse(training *t, const char *words) {
-    snprintf(t->message, sizeof t->message, "%.500s", words);
+/* Stores the reason for a refusal, which the page shows. */
+static void refuse(training *t, const char *words) { snprintf(t->message, sizeof t->message, "%.500s", words); }
+
+/* True if a needle has left seeds or tracks in the tissue. */
+static bool is_used(const subscriber *feed, int needle) {
+    const trocar_tracks_t *tracks = feed->needles[needle].tracks;
+    bool used = tracks && tracks->point_count > 0;
+    for (int i = 0; feed->seeds && i < feed->seeds->seed_count; i++) used |= feed->seeds->needle[i] == needle;
+    return used;
+}
+
+static bool is_tissue_used(const subscriber *feed) {
+    for (int i = 0; i < feed->needle_count; i++)
+        if (is_used(feed, i)) return true;
     return false;
 }
 
-static bool may_start(training *t, subscriber *feed) {
-    if (!subscriber_alive(feed)) return refuse(t, "There is no server: start trocar-server with the task's scene.");
-    if (feed->seeds && feed->seeds->seed_count > 0) return refuse(t, "Seeds of an earlier run are in the tissue: restart the server, or take them back with Undo.");
-    for (int i = 0; i < feed->needle_count; i++) {
-        const trocar_tracks_t *tracks = feed->needles[i].tracks;
-        if (!tracks || tracks->point_count == 0) continue;
-        snprintf(t->message, sizeof t->message, "Needle %d has been in the tissue: pull it out, or hold “Reset”, before you start.", i);
-        return false;
-    }
-    return true;
-}
-
-void training_start(training *t, subscriber *feed) {
+static void start_recording(training *t, subscriber *feed) {
     char path[2 * TRAINING_PATH], stamp[32];
     trocar_error why;
-    if (!t->task || t->state == TRAINING_RUNNING || t->state == TRAINING_SCORING || !may_start(t, feed)) return;
     time_t now = time(NULL);
     struct tm utc;
+    t->state = TRAINING_READY;
     strftime(stamp, sizeof stamp, "%Y-%m-%dT%H%M%SZ", gmtime_r(&now, &utc));
     snprintf(path, sizeof path, "%s/%s", t->runs, t->name);
     if (make_folders(path, &why) != TROCAR_OK) {
@@ -178,11 +178,43 @@ void training_start(training *t, subscriber *feed) {
         refuse(t, "The recording cannot be written: see the folder of runs (--runs).");
         return;
     }
-    t->full = t->has_report = false;
+    t->full = false;
     t->events = 0;
-    t->message[0] = '\0';
     t->began = subscriber_time(feed);
     t->state = TRAINING_RUNNING;
+}
+
+void training_start(training *t, subscriber *feed, pilot *hand) {
+    if (!t->task || (t->state != TRAINING_READY && t->state != TRAINING_SCORED)) return;
+    if (!subscriber_alive(feed)) {
+        refuse(t, "There is no server: start trocar-server with the task's scene.");
+        return;
+    }
+    t->has_report = false;
+    t->message[0] = '\0';
+    t->state = TRAINING_CLEARING;
+    t->clearing_since = monotonic_ns();
+    t->replies_heeded = feed->replies_heard;
+    for (int i = 0; i < feed->needle_count; i++)
+        if (is_used(feed, i)) pilot_clear(hand, i);
+    training_hear(t, feed);
+}
+
+void training_hear(training *t, subscriber *feed) {
+    static const int64_t PATIENCE = 3000000000; /* ns */
+    const trocar_command_reply_t *reply = feed->reply;
+    if (t->state != TRAINING_CLEARING) return;
+    bool answered = reply && feed->replies_heard != t->replies_heeded && reply->command == TROCAR_COMMAND_T_CLEAR;
+    t->replies_heeded = feed->replies_heard;
+    if (!is_tissue_used(feed)) {
+        start_recording(t, feed);
+    } else if (answered && reply->status == TROCAR_COMMAND_REPLY_T_REFUSED) {
+        refuse(t, reply->message);
+        t->state = TRAINING_READY;
+    } else if (monotonic_ns() - t->clearing_since > PATIENCE) {
+        refuse(t, "The server does not clear the tissue: let go of the needles, and try again.");
+        t->state = TRAINING_READY;
+    }
 }
 
 void training_finish(training *t, const subscriber *feed, uint32_t language) {
@@ -218,12 +250,13 @@ void training_poll(training *t) {
 }
 
 void training_write(training *t, const subscriber *feed, json *j) {
-    static const char *const words[] = {"ready", "running", "scoring", "scored"};
+    static const char *const words[] = {"ready", "clearing", "running", "scoring", "scored"};
     if (!t->task) return;
     training_poll(t);
     json_open(j, "task", '{');
     json_text(j, "state", words[t->state]);
-    json_number(j, "elapsed", t->state == TRAINING_READY ? 0.0 : (t->state == TRAINING_RUNNING ? subscriber_time(feed) : t->ended) - t->began);
+    json_number(j, "elapsed", t->state <= TRAINING_CLEARING ? 0.0 : (t->state == TRAINING_RUNNING ? subscriber_time(feed) : t->ended) - t->began);
+    json_bool(j, "clears", is_tissue_used(feed));
     json_text(j, "report", t->has_report ? t->run : "");
     json_text(j, "message", t->message);
     json_close(j, '}');

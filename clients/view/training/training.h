@@ -8,12 +8,11 @@
 
 #include "base/error.h"
 #include "shared/json.h"
-#include "view/implant/implant.h"
-#include "view/stream/subscriber.h"
+#include "view/hand/pilot.h"
 
 enum { TRAINING_PATH = 1024 };
 
-typedef enum { TRAINING_READY, TRAINING_RUNNING, TRAINING_SCORING, TRAINING_SCORED } training_state;
+typedef enum { TRAINING_READY, TRAINING_CLEARING, TRAINING_RUNNING, TRAINING_SCORING, TRAINING_SCORED } training_state;
 
 typedef struct {
     const char *task;        /* path of the task; NULL for none */
@@ -28,6 +27,8 @@ typedef struct {
     bool full;               /* true if an event could not be written */
     int64_t events;
     training_state state;
+    int64_t clearing_since;  /* ns, monotonic */
+    int64_t replies_heeded;  /* subscriber.replies_heard when replies were last handled */
     double began, ended;     /* s, when the task began and ended, by subscriber_time */
     char run[128];           /* NAME/TIME: path in `runs` of the last run's files, without their extensions */
     pid_t scorer;            /* process ID of trocar-score while it runs, otherwise 0 */
@@ -44,8 +45,12 @@ trocar_status training_prepare(training *t, const char *task, const char *runs, 
 trocar_status training_open(training *t, lcm_t *lcm, trocar_error *why);
 void training_close(training *t);
 
-/* Starts the task and its recording. Refuses, with a message for the page, while the tissue contains seeds or tracks of earlier needles. */
-void training_start(training *t, subscriber *feed);
+/* Starts the task and its recording. If the tissue contains seeds or tracks of earlier needles, first has the pilot remove them; see training_hear. */
+void training_start(training *t, subscriber *feed, pilot *hand);
+
+/* Call it after messages have been received. Starts the recording once the tissue has been cleared. Gives up, with a message for the page, if the server refuses
+   to clear it or does not answer. */
+void training_hear(training *t, subscriber *feed);
 
 /* Ends the task and starts trocar-score. `language` is the report's language, as two ASCII letters with the first in the lowest byte; 0 means English. */
 void training_finish(training *t, const subscriber *feed, uint32_t language);
@@ -53,7 +58,8 @@ void training_finish(training *t, const subscriber *feed, uint32_t language);
 /* Checks whether trocar-score has ended. Does not wait. */
 void training_poll(training *t);
 
-/* Writes the member "task" of the page's status: state, elapsed time (s), the report's path without its extension, and the message. */
+/* Writes the member "task" of the page's status: state, elapsed time (s), whether starting first clears the tissue, the report's path without its extension,
+   and the message. */
 void training_write(training *t, const subscriber *feed, json *j);
 
 #endif

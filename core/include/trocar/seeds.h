@@ -39,6 +39,9 @@ TROCAR_API trocar_status trocar_sim_drop_seeds(trocar_sim *sim, int needle, int 
    is out of range. [tick, RT] */
 TROCAR_API trocar_status trocar_sim_undo_seed(trocar_sim *sim, int needle, trocar_error *error);
 
+/* Removes all seeds that the needle has deposited, and cancels its pending ones. BAD_INPUT if `needle` is out of range. [tick, RT] */
+TROCAR_API trocar_status trocar_sim_clear_seeds(trocar_sim *sim, int needle, trocar_error *error);
+
 /* Computes the centre (m) and direction of a seed in displaced tissue. `displacements` come from trocar_view_displacements. Returns 1, or 0 if the seed's
    `tet` is not a tetrahedron of the model. [any, RT] */
 TROCAR_API int trocar_model_displace_seed(const trocar_model *model, const double *displacements, const trocar_seed *seed, double position[3],

@@ -371,6 +371,30 @@ static void a_seed_is_dropped_and_taken_back(void **state) {
     assert_true(answer.refused && strstr(answer.why, "has no dropped seed"));
 }
 
+/* Removes the seed that the needle left, the one still in it and the needle itself. A clear that is carried out after the next insertion has begun leaves the
+   needle. */
+static void a_clear_removes_the_needle_and_its_seeds(void **state) {
+    fixture *f = *state;
+    int64_t seq = 0;
+    double z = -0.201;
+    move_to(f, &z, -0.15, &seq);
+    for (uint64_t engagement = 0; engagement <= 1; engagement++) {
+        needle_command clear = {.asked = {.command = TROCAR_COMMAND_T_CLEAR}, .engagement = engagement}, answer;
+        trocar_needle_wrench_t w = {.depth = -1.0};
+        assert_false(tell(f, TROCAR_COMMAND_T_DROP_SEED, 2).refused);
+        move_to(f, &z, z - 0.01, &seq);
+        assert_int_equal(trocar_view_seeds(trocar_sim_view(f->host.sim), NULL, 0), 1);
+        assert_int_equal(trocar_view_pending_seeds(trocar_sim_view(f->host.sim), 0), 1);
+        assert_true(spsc_ring_push(&f->exchange.commands, &clear));
+        while (spsc_ring_pop(&f->exchange.wrenches, &w)) continue; /* of earlier ticks */
+        tick(f, &w);
+        assert_true(spsc_ring_pop(&f->exchange.replies, &answer) && !answer.refused);
+        assert_int_equal(trocar_view_seeds(trocar_sim_view(f->host.sim), NULL, 0), 0);
+        assert_int_equal(trocar_view_pending_seeds(trocar_sim_view(f->host.sim), 0), 0);
+        assert_true(engagement == 1 ? w.depth == 0.0 && w.raw_force[2] == 0.0 : w.depth > 0.01);
+    }
+}
+
 /* Passes a command to the haptic thread as the IO thread does, with the number of the needle's engagement. */
 static void give(fixture *f, int what, uint64_t engagement) {
     needle_command c = {.asked = {.command = what, .seq = 9}, .engagement = engagement};
@@ -615,6 +639,7 @@ int main(void) {
         cmocka_unit_test_setup_teardown(recovers_from_non_finite_values, begin, end),
         cmocka_unit_test_setup_teardown(round_trip_ends_with_the_first_acknowledging_pose, begin, end),
         cmocka_unit_test_setup_teardown(a_seed_is_dropped_and_taken_back, begin, end),
+        cmocka_unit_test_setup_teardown(a_clear_removes_the_needle_and_its_seeds, begin, end),
         cmocka_unit_test_setup_teardown(a_reset_of_a_held_needle_takes_effect_at_once, begin, end),
         cmocka_unit_test_setup_teardown(a_reset_is_carried_out_once, begin, end),
         cmocka_unit_test_setup_teardown(a_reset_after_take_is_not_lost, begin, end),

@@ -238,6 +238,9 @@ static void reset_engages_again_with_the_next_pose(void **unused) {
     assert_int_equal(in.needles[0].newest.engagement, engagement + 1);
     assert_int_equal(take_pose(&in, 1, 3, 3.0, 2 * MS), POSE_ACCEPTED);
     assert_int_equal(in.needles[0].newest.engagement, engagement + 1);
+    assert_int_equal(command(&in, 1, TROCAR_COMMAND_T_CLEAR), COMMAND_PASS_ON);
+    assert_int_equal(take_pose(&in, 1, 4, 0, 3 * MS), POSE_ACCEPTED);
+    assert_int_equal(in.needles[0].newest.engagement, engagement + 2);
 }
 
 static void only_a_valid_shutdown_shuts_down(void **unused) {

@@ -250,6 +250,10 @@ static void drops_and_takes_back_seeds(void **unused) {
     tell(f, ORDER_UNDO, 0);
     run(f, 10);
     assert_true(f->commands == 2 && f->command == TROCAR_COMMAND_T_UNDO && f->command_seq == first + 1);
+    tell(f, ORDER_RELEASE, 0);
+    publisher_tell(&f->pilot, &(publisher_order){.kind = ORDER_CLEAR, .needle = 3}); /* the server decides whether it may */
+    run(f, 10);
+    assert_true(f->command == TROCAR_COMMAND_T_CLEAR && f->command_seq == first + 3);
     close_fixture(f);
 }
 

@@ -29,13 +29,14 @@ export class Task {
     if (!status) return
     element('task-button').hidden = false
     if (!this.asked) this.asked = this.fetchTask()
-    const { state, elapsed, report, message } = status, running = state === 'running'
-    set(element('task-button'), state === 'ready' ? t('task.button') : t('task.button.time', { time: clock(elapsed) }))
+    const { state, elapsed, clears, report, message } = status, running = state === 'running', startable = state === 'ready' || state === 'scored'
+    set(element('task-button'), state === 'ready' || state === 'clearing' ? t('task.button') : t('task.button.time', { time: clock(elapsed) }))
     element('task-button').classList.toggle('running', running)
-    element('task-start').hidden = running || state === 'scoring'
+    element('task-start').hidden = !startable
     set(element('task-start'), t(state === 'ready' ? 'task.start' : 'task.again'))
     element('task-finish').hidden = !running
-    set(element('task-message'), said(message) || (state === 'scoring' ? t('task.scoring') : running ? t('task.running', { time: clock(elapsed) }) : ''))
+    const words = { clearing: t('task.clearing'), scoring: t('task.scoring'), running: t('task.running', { time: clock(elapsed) }) }[state]
+    set(element('task-message'), said(message) || words || (clears ? t('task.clears') : ''))
     if (running && this.state !== 'running' && this.state) element('task').close() // the task has started, and the trainee needs the images
     this.state = state
     if (report !== this.shown) this.showReport(report)

@@ -149,7 +149,7 @@ export class Procedure {
     this.answered = number
     if (old) return
     if (done && command === 'drop') this.dropped = { needle, depth: null, seeds: Math.max(1, this.seeds.pending[needle] ?? 1) }
-    else if (done && command === 'undo') this.dropped = null
+    else if (done && (command === 'undo' || command === 'clear')) this.dropped = null
     if (!done && command === 'leave') this.drive.asked = false
     const known = hasText(`answer.${command}`), astray = done && command === 'drop' ? this.outOfTarget(this.tipTet) : ''
     const words = done ? `${known ? t(`answer.${command}`, { needle }) : ''}${astray}` : t(known ? `answer.${command}.refused` : 'answer.refused', { needle, message: said(message) })

@@ -26,6 +26,7 @@ import pydicom
 import yaml
 
 import trocar
+from test_training import Log
 from trocar import brachy
 from trocar.brachy import dosimetry, evaluation, organs as organ_module, plan as plans, swelling as swellings
 from trocar.brachy.swelling import Swelling, Swollen, delivered
@@ -322,6 +323,35 @@ class Chain(unittest.TestCase):
         self.assertRegex(said, words)
         self.assertNotIn("Traceback", said)
         self.assertFalse((self.out / "x").exists())
+
+    def test_the_seeds_of_a_recording(self):
+        """A recording of the simulated implant, as a server would make it, gives the same table of seeds and the same report."""
+        done, log, nodes = dosimetry.carry_out(self.out / "patient.yaml", self.plan, follows_image=True, seed=1), Log(), len(self.model.nodes)
+        def seeds(count):
+            hole = lambda seed: (lambda at: at[0] + self.model.guides[0].columns * at[1])(plans.hole_number(seed.hole))
+            rest, now, needles = done.seeds[:count], done.now[:count], done.needles[:count]
+            log.add("TROCAR_SEEDS", "seeds_t", needle_count=1, pending=[0], seed_count=count, position=[s.position.tolist() for s in now],
+                    direction=[s.direction.tolist() for s in now], rest_position=[s.position.tolist() for s in rest], rest_direction=[s.direction.tolist() for s in rest],
+                    needle=[needle for needle, _ in needles], strand=[strand for _, strand in needles], guide=[0] * count, hole=[hole(s) for s in rest])
+        for count, field in ((0, 0 * done.field), (len(done.seeds) - 1, 0.5 * done.field), (len(done.seeds), done.field), (len(done.seeds), 0 * done.field)):
+            log.tick += 250
+            log.tissue(field)
+            seeds(count)
+        log.write(self.out / "hand.log")
+        said = run("trocar.brachy.dosimetry", "implant", "--scene", "patient.yaml", "--plan", "plan.yaml", "--log", "hand.log", "--out", "hand.csv", "--displacements", "hand-moved.csv", cwd=self.out)
+        self.assertIn(f"hand.csv: {len(done.seeds)} of {len(done.seeds)} seeds, 1 s\n", said)
+        for name, other in (("hand.csv", "seeds.csv"), ("hand-moved.csv", "moved.csv")):
+            by_hand, virtual = ([re.split(",", line) for line in (self.out / file).read_text().splitlines()] for file in (name, other))
+            self.assertEqual(by_hand[0], virtual[0])
+            number = lambda text: float(text) if re.fullmatch(r"[-+.\de]+", text) else 0.0
+            np.testing.assert_allclose([[number(word) for word in row] for row in by_hand[1:]], [[number(word) for word in row] for row in virtual[1:]], atol=2e-7)
+        empty, other, without = Log(), Log(), Log()
+        empty.tissue(np.zeros((nodes, 3)))
+        other.tissue(np.zeros((nodes + 1, 3)))
+        without.events.append(log.events[-1])
+        for words, bad in (("no seeds: record TROCAR_SEEDS", empty), (f"tissue of {nodes + 1} nodes, the scene has {nodes}", other), ("no message on TROCAR_DEFORMATION", without)):
+            bad.write(self.out / "bad.log")
+            self.refused(words, "implant", structures=None, plan="plan.yaml", log="bad.log")
 
     def test_bad_input_is_refused_by_name(self):
         table = (SOURCE / "core/dose/data/i125-6711.yaml").read_text()

@@ -2,7 +2,11 @@
 """Tests that the shipped tasks can be done: an error-free virtual operator who follows the image carries them out in a simulation and meets all criteria.
 
 usage: test_tasks.py BUILD_DIR SOURCE_DIR [whole]        whole: only the two whole implants, which take five minutes
+
+With a folder in the environment variable REFERENCES, writes the runs' reports there instead of comparing them with the shipped reference runs in
+meshes/tasks/reference.
 """
+import os
 import sys
 import tempfile
 import unittest
@@ -18,10 +22,13 @@ from trocar.brachy import plan as plans
 from trocar.brachy.virtual_operator import Operator
 from trocar.motion import minimum_jerk, towards
 from trocar.training import Task, score
+from trocar.training._report import as_json, read_report
 
-WHOLE = sys.argv[3:] == ["whole"]
+WHOLE, REFERENCES = sys.argv[3:] == ["whole"], os.environ.get("REFERENCES", "")
+SAME = 0.01        # relative difference from the reference run; more than rounding errors, less than a trainee would see
 DT = 4e-3          # s
 FRAME = 25         # steps between two recorded frames of the tissue
+RAISED = 2e-3      # m, how far the probe is raised, of which the last 1.5 mm press on the wall
 PERFECT = dict(image_error=0.0, splay=0.0, speed_spread=0.0)
 
 
@@ -35,11 +42,14 @@ def plan_for(task):
 
 
 def add_state(log, sim, needle):
-    """Adds the server's messages that describe the tissue, a needle and the seeds."""
+    """Adds the server's messages that describe the tissue, a needle, the probe and the seeds."""
     line, tracks, seeds = sim.centreline(needle), sim.tracks(needle), sim.seeds()
     log.add("TROCAR_CONTACTS", "contacts_t", needle=needle, joint_count=len(line), centreline=line.tolist(), pose_utime=0, orientation=[1, 0, 0, 0], tip_lead=0.0,
             contact_count=0, position=[], force=[], arc=[], state=b"", kind=b"")
     log.tissue(sim.displacements())
+    if sim.probe:
+        log.add("TROCAR_PROBE_WRENCH", "probe_wrench_t", position=sim.probe.pose[:3].tolist(), orientation=sim.probe.pose[3:].tolist(), force=sim.probe.force.tolist(),
+                torque=sim.probe.torque.tolist(), session=1, pose_seq=1, contacts=sim.probe.contacts)
     log.tracks(*(track.points.tolist() for track in tracks), needle=needle)
     place, along = [s.position.tolist() for s in seeds], [s.direction.tolist() for s in seeds]
     log.add("TROCAR_SEEDS", "seeds_t", needle_count=1, pending=[0], seed_count=len(seeds), position=place, direction=along, rest_position=place, rest_direction=along,
@@ -99,7 +109,9 @@ class CarefulHand:
 class Solvable(unittest.TestCase):
     def carry_out(self, name, hand=lambda task, sim: Operator(plan=plan_for(task), follows_image=True, **PERFECT).moves(sim, DT)):
         task = Task.read(SOURCE / "meshes/tasks" / f"{name}.yaml")
-        sim, log = trocar.Sim(trocar.Model(trocar.Scene.load(task.scene))), Log()
+        sim, log = trocar.Sim(trocar.Model(trocar.Scene.load(task.scene))), Log(period=DT)
+        if task.has_probe:
+            sim.set_probe(sim.model.probe_start + [0.0, RAISED, 0.0, 0.0, 0.0, 0.0, 0.0])
         for needle, poses in hand(task, sim):
             for first in range(0, len(poses), FRAME):
                 for row in sim.run(poses[first:first + FRAME], DT, needle):
@@ -107,7 +119,19 @@ class Solvable(unittest.TestCase):
                 add_state(log, sim, needle)
         with tempfile.TemporaryDirectory() as folder:
             result = score(task, log.write(Path(folder, "run.log")))
+        self.check_reference(result)
         return task, sim, result
+
+    def check_reference(self, result):
+        """Compares a run with the shipped reference run of its task, so that a change of the simulator that changes a trainee's score is seen."""
+        if REFERENCES:
+            Path(REFERENCES, f"{result.task.name}.json").write_text(as_json(result))
+            return
+        reference = read_report(Path(result.task.reference), result.task.name)
+        self.assertTrue(reference.passed)
+        self.assertEqual(list(reference.measures), list(result.measures))
+        for name, value in reference.measures.items():
+            self.assertAlmostEqual(value, result.measures[name], delta=SAME * abs(value), msg=name)
 
     def test_one_needle(self):
         _, _, result = self.carry_out("one-needle")
@@ -122,6 +146,11 @@ class Solvable(unittest.TestCase):
         self.assertTrue(result.passed, result.judgements)
         rows = plans.compare(task.plan, task.model, plans.seeds_of(sim))    # computed from the simulation's seeds, not from messages
         self.assertAlmostEqual(1e3 * result.measures["seed_error"], plans.summary(rows)["distance"], places=3)
+
+    def test_with_the_probe(self):
+        _, sim, result = self.carry_out("with-the-probe")
+        self.assertTrue(result.passed, result.judgements)
+        self.assertAlmostEqual(result.measures["probe_force"], np.linalg.norm(sim.probe.force), delta=0.5)    # needles hardly change it
 
     def test_four_seeds(self):
         self.check_plan("four-seeds")

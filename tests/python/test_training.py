@@ -26,6 +26,8 @@ sys.dont_write_bytecode = True
 import numpy as np
 
 import trocar
+from trocar import _lcm_messages
+from trocar._locate import distance, locate
 from trocar.brachy import _plan_command, plan as plans
 from trocar.training import BadRecording, BadTask, Course, Task, score
 from trocar.training.program import main
@@ -75,12 +77,12 @@ TYPES = message_types()
 class Log:
     """Writes messages as LCM's logger does, encoded by lcm-gen's classes."""
 
-    def __init__(self, server=7):
-        self.events, self.server, self.tick = [], server, 0
+    def __init__(self, server=7, period=1e-3):
+        self.events, self.server, self.tick, self.period = [], server, 0, round(1e6 * period)
 
     def add(self, channel, type_, **values):
         message = TYPES[type_]()
-        for name, value in {"server": self.server, "tick": self.tick, "utime": START + 1000 * self.tick, **values}.items():
+        for name, value in {"server": self.server, "tick": self.tick, "utime": START + self.period * self.tick, **values}.items():
             setattr(message, name, value)
         self.events.append((channel, message.encode()))
 
@@ -302,11 +304,67 @@ class Scores(Case):
         self.assertAlmostEqual(measures["seed_error"], 0.005, places=7)
         self.assertLess(measures["D90"], 160)
 
+    def test_force_on_the_probe(self):
+        task = TARGETS.replace(str(SCENE), str(SOURCE / "meshes/trus.yaml")).replace("[muscle]", "[surrounding]").replace("measure: passes, most: 2", "measure: probe_force, most: 5")
+        nodes = len(trocar.Model(trocar.Scene.load(SOURCE / "meshes/trus.yaml"), mesh_only=True).nodes)
+        log = Log()
+        log.tissue(np.zeros((nodes, 3)))
+        log.wrench(0.0)
+        self.assertFalse(self.score(task, log).judgements[1].met)      # the probe has not been placed
+        for force in ((0, 1, 0), (2, -3, 6), (0, 0, 0)):
+            log.add("TROCAR_PROBE_WRENCH", "probe_wrench_t", force=force, torque=(9, 9, 9), position=(8, 8, 8), orientation=(1, 0, 0, 0))
+        self.assertAlmostEqual(self.score(task, log).measures["probe_force"], 7.0, places=12)
+
+    def test_touching_bone(self):
+        """A needle touches the surface `bone` of meshes/pelvis.msh if its path ends within half a millimetre of a triangle."""
+        scene = SOURCE / "meshes/pelvis.yaml"
+        model = trocar.Model(trocar.Scene.load(scene), mesh_only=True)
+        corners = model.nodes[model.surface("bone")]
+        place = corners[len(corners) // 2].mean(axis=0)
+        normal = np.cross(corners[len(corners) // 2][1] - corners[len(corners) // 2][0], corners[len(corners) // 2][2] - corners[len(corners) // 2][0])
+        normal /= np.linalg.norm(normal)
+        outwards = normal if locate(model, [place + 1e-3 * normal])[0][0] >= 0 else -normal
+        task = TARGETS.replace(str(SCENE), str(scene)).replace("[muscle]", "[urethra, bone]").replace("measure: passes", "measure: organs_touched")
+        for away, touched in ((0.3e-3, ["bone"]), (0.9e-3, [])):
+            log = Log()
+            log.tissue(np.zeros((len(model.nodes), 3)))
+            log.wrench(0.0)
+            end = place + away * outwards
+            log.tracks([(end + 0.01 * outwards).tolist(), end.tolist()])
+            result = self.score(task, log)
+            self.assertEqual((result.touched, result.measures["organs_touched"]), (touched, len(touched)))
+        with self.assertRaisesRegex(BadTask, "no region or impenetrable surface \"capsule\": there are .*urethra.*, bone$"):
+            self.score(task.replace("[urethra, bone]", "[capsule]"), log)
+
+    def test_distance_from_triangles(self):
+        """Compared with the nearest of many points on the triangles."""
+        rng = np.random.default_rng(5)
+        triangles = rng.normal(size=(6, 3, 3))
+        grid = [(i / 80, j / 80) for i in range(81) for j in range(81 - i)]
+        weights = np.array([(a, b, 1 - a - b) for a, b in grid])
+        spread = np.einsum("wc,tci->twi", weights, triangles).reshape(-1, 3)
+        points = np.concatenate([2 * rng.normal(size=(40, 3)), triangles[:, 0], triangles.mean(axis=1)])
+        sampled = [np.linalg.norm(spread - point, axis=1).min() for point in points]
+        found = distance(points, triangles)
+        self.assertTrue((found <= np.array(sampled) + 1e-12).all())
+        self.assertLess(np.abs(found - sampled).max(), 0.03)
+        self.assertLess(found[40:].max(), 1e-12)
+
+    def test_lost_wrenches_are_counted(self):
+        log = self.log()
+        log.stroke(0, 30)
+        log.events = [event for i, event in enumerate(log.events) if i not in (100, 200, 201)]
+        result = self.score(TARGETS, log)
+        self.assertEqual((result.lost, result.ticks), (3, 300))
+        status, _, err = self.run_program(self.out / "run.log", "--task", self.out / "task.yaml", "--html", self.out / "r.html", "--json", self.out / "r.json")
+        self.assertEqual(status, 1)
+        self.assertIn("3 of 300 wrenches are missing", err)
+        self.assertIn("3 of 300 wrenches are missing", (self.out / "r.html").read_text())
+        self.assertEqual(json.loads((self.out / "r.json").read_text())["lost"], {"wrenches": 3, "of": 300})
+
     def test_message_types_are_those_of_the_server(self):
-        from trocar.training import _recording
-        kinds = dict(zip(_recording.CHANNELS, ("needle_wrench_t", "deformation_t", "tracks_t", "seeds_t", "contacts_t")))
-        for channel, name in kinds.items():
-            self.assertEqual(_recording.FINGERPRINTS[channel], struct.unpack(">Q", TYPES[name]._get_packed_fingerprint())[0], name)
+        kinds = {"TROCAR_WRENCH": "needle_wrench_t", **{f"TROCAR_{name}": f"{name.lower()}_t" for name in ("DEFORMATION", "TRACKS", "SEEDS", "CONTACTS", "PROBE_WRENCH")}}
+        self.assertEqual(_lcm_messages.FINGERPRINTS, {channel: struct.unpack(">Q", TYPES[name]._get_packed_fingerprint())[0] for channel, name in kinds.items()})
 
     def test_bad_recordings(self):
         task = Task.read(self.task(TARGETS))
@@ -355,7 +413,7 @@ class Tasks(Case):
                 ("[0.010, -0.005, 0.060]", "[0.010, -0.005]", ":5: .*2 numbers: write 3"), ("hole: E4", "hole: Z9", ":5: .*no guide of the scene has a hole \"Z9\""),
                 ("gland: [prostate]", "gland: [gland]", ":7: organs.gland: the scene has no region \"gland\": there are .*prostate"),
                 ("gland: [prostate]", "gland: []", ":7: organs.gland: empty"), ("organs: {gland", "organs: {nose", ":7: .*unknown key \"nose\": there are gland"),
-                ("[muscle]", "[skin]", ":8: avoid: the scene has no region \"skin\""), ("tip_error", "tip", r":10: criteria\[0\].measure: unknown measure \"tip\": there are tip_error"),
+                ("[muscle]", "[skin]", ":8: avoid: the scene has no region or impenetrable surface \"skin\""), ("tip_error", "tip", r":10: criteria\[0\].measure: unknown measure \"tip\": there are tip_error"),
                 ("most: 5e-3, ", "", ":10: .*write either least or most"), ("most: 5e-3", "most: 1, least: 0", ":10: .*write either least or most"),
                 ("most: 5e-3", "most: -1", ":10: .*a number of 0 or above"), (", source: a choice}\n  - {measure: passes", "}\n  - {measure: passes", ":10: .*missing key \"source\""),
                 ("measure: passes", "measure: seed_error", ":11: .*cannot be computed: the task has no plan"), ("measure: passes", "measure: D90", "the task has no plan"),
@@ -397,7 +455,7 @@ class Tasks(Case):
 class Shipped(Case):
     def test_the_course_and_its_tasks_are_valid(self):
         course = Course.read(SOURCE / "meshes/tasks/course.yaml")
-        self.assertEqual(len(course.tasks), 6)
+        self.assertEqual(len(course.tasks), 7)
         for path in course.tasks:
             task = Task.read(path)
             for criterion in task.criteria:

@@ -23,7 +23,7 @@ sys.dont_write_bytecode = True
 import numpy as np
 
 import trocar
-from trocar.brachy import _plan_command as plan_command, plan as plans
+from trocar.brachy import _plan_command as plan_command, dosimetry, plan as plans
 from trocar.brachy.virtual_operator import Operator as VirtualOperator
 
 SCENE = SOURCE / "meshes/implant.yaml"
@@ -68,7 +68,7 @@ class Operator(unittest.TestCase):
             self.assertEqual(plan_command.main(["show", str(folder / "plan.yaml"), "--scene", str(SCENE), "--out", str(folder / "plan.csv")]), 0)
             server = self.server()
             log = folder / "implant.log"
-            logger = subprocess.Popen(["lcm-logger", "--force", "--quiet", "--channel=TROCAR_(COMMAND|CONTACTS|SEEDS|STATUS)", log], stderr=subprocess.DEVNULL)
+            logger = subprocess.Popen(["lcm-logger", "--force", "--quiet", "--channel=TROCAR_(COMMAND|CONTACTS|DEFORMATION|SEEDS|STATUS)", log], stderr=subprocess.DEVNULL)
             try:
                 while not log.exists() or log.stat().st_size == 0:
                     self.assertIsNone(logger.poll())
@@ -86,18 +86,22 @@ class Operator(unittest.TestCase):
         sys.path.insert(0, str(folder))
         # removes any other module named trocar, so that the generated one is imported
         ours = {key: sys.modules.pop(key) for key in list(sys.modules) if key.split(".")[0] == "trocar"}
-        from trocar import command_t, contacts_t, seeds_t
+        from trocar import command_t, contacts_t, deformation_t, seeds_t
         for key in [key for key in sys.modules if key.split(".")[0] == "trocar"]:
             del sys.modules[key]
         sys.modules.update(ours)
         sys.path.remove(str(folder))
-        depth, left, dropped, seeds = {}, {}, {}, None
+        depth, left, dropped, seeds, frames, last = {}, {}, {}, None, {}, 0
         for channel, data in events(log):
             if channel == "TROCAR_CONTACTS":
                 m = contacts_t.decode(data)
                 depth[m.needle] = 1e3 * (m.centreline[0][2] + MODEL.needle_length - FACE)
             elif channel == "TROCAR_SEEDS":
-                seeds = seeds_t.decode(data)
+                before, seeds = seeds.seed_count if seeds else 0, seeds_t.decode(data)
+                last = seeds.tick if seeds.seed_count > before else last
+            elif channel == "TROCAR_DEFORMATION":
+                m = deformation_t.decode(data)
+                frames[m.tick] = np.array(m.displacement)
             elif channel == "TROCAR_COMMAND":
                 m = command_t.decode(data)
                 if m.command == command_t.LEAVE:
@@ -107,7 +111,19 @@ class Operator(unittest.TestCase):
         name = lambda hole: plans.hole_name(hole % 13, hole // 13)
         placed = [plans.Placed(i, "template", name(seeds.hole[i]), np.array(seeds.rest_position[i]), np.array([0, 0, 1.0])) for i in range(seeds.seed_count)]
         rows = plans.compare(plan, MODEL, placed)
+        self.check_recorded(dosimetry.recorded(SCENE, log), seeds, frames[min(tick for tick in frames if tick >= last)])
         return left, dropped, [row.along for row in rows]
+
+    def check_recorded(self, done, seeds, field):
+        """Compares the outcome that trocar.brachy.dosimetry reads from the recording with the messages, decoded by lcm-gen's classes."""
+        self.assertEqual(len(done.seeds), seeds.seed_count)
+        for wanted, found in ((seeds.rest_position, done.seeds), (seeds.position, done.now)):
+            np.testing.assert_array_equal([seed.position for seed in found], wanted)
+        np.testing.assert_array_equal([seed.direction for seed in done.seeds], seeds.rest_direction)
+        self.assertEqual([plans.hole_number(seed.hole) for seed in done.seeds], [(hole % 13, hole // 13) for hole in seeds.hole])
+        self.assertEqual(done.needles, list(zip(seeds.needle, seeds.strand)))
+        np.testing.assert_array_equal(done.field, field)
+        self.assertGreater(np.abs(field).max(), 1e-4)
 
     def test_depths_are_read_at_the_template(self):
         """The second needle drags the first one deeper. When the first is taken again, the device still draws it back to the planned depth."""

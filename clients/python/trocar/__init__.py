@@ -317,6 +317,10 @@ class Scene:
         """Returns the names of the entries of a list: "regions", "membranes" or "guides"."""
         return [str(self[f"{list_}[{i}].name"]) for i in range(self._count(list_))]
 
+    def impenetrable(self) -> list[str]:
+        """Returns the names of the membranes with an infinite puncture force, such as bone."""
+        return [name for i, name in enumerate(self.names("membranes")) if self[f"membranes[{i}].puncture_force"] == float("inf")]
+
     def _count(self, list_: str) -> int:
         with self._turn.to_read():
             return int(lib.trocar_scene_count(self._handle, list_.encode()))

@@ -1,4 +1,4 @@
-"""Finds the tetrahedra of a model's mesh that contain points."""
+"""Finds the tetrahedra of a model's mesh that contain points, and the distance of points from its surfaces."""
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
@@ -33,3 +33,19 @@ def locate(model: Model, points: npt.ArrayLike) -> tuple[npt.NDArray[np.intp], A
         tets.append(best if every[best].min() > -1e-9 else -1)
         weights.append(every[best])
     return np.array(tets, np.intp), np.reshape(weights, (-1, 4))
+
+
+def distance(points: npt.ArrayLike, triangles: Array) -> Array:
+    """Returns the distance (k,), in m, of each point (k, 3) from the nearest of the triangles (m, 3 corners, 3)."""
+    sides = np.roll(triangles, -1, axis=1) - triangles
+    normals = np.cross(sides[:, 0], sides[:, 1])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    inwards = np.cross(normals[:, None], sides)
+    found = []
+    for point in np.asarray(points, np.float64):
+        offsets = point - triangles
+        above = (np.einsum("tsi,tsi->ts", inwards, offsets) >= 0.0).all(axis=1)    # the foot of the perpendicular lies in the triangle
+        along = np.clip(np.einsum("tsi,tsi->ts", sides, offsets) / np.einsum("tsi,tsi->ts", sides, sides), 0.0, 1.0)
+        to_sides = np.linalg.norm(offsets - along[:, :, None] * sides, axis=2).min(axis=1)
+        found.append(np.where(above, np.abs(np.einsum("ti,ti->t", normals, offsets[:, 0])), to_sides).min())
+    return np.array(found, np.float64)

@@ -18,7 +18,7 @@
 #include "lcm_filter.h"
 #include "trocar_command_t.h"
 
-#define CHANNELS "TROCAR_(POSE|WRENCH|COMMAND|CHANGE|REPLY|DEFORMATION|CONTACTS|TRACKS|SEEDS)"
+#define CHANNELS "TROCAR_(POSE|WRENCH|COMMAND|CHANGE|REPLY|DEFORMATION|CONTACTS|TRACKS|SEEDS|PROBE_WRENCH)"
 enum { QUEUE = 16384 /* messages, about five seconds */, ARGUMENTS = 16, NOT_STARTED = 127, CRITERIA_NOT_MET = 1 };
 
 /* ---- trocar-score ---- */

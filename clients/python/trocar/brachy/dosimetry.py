@@ -18,14 +18,16 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import Error, Model, Scene, Sim
+from .. import _lcm_messages as messages
 from .._files import open_input
+from .._lcm_log import events
 from .._page import save
 from .._program import ended, say, whole_number
 from .evaluation import Dosimetry, evaluate, planned_state, seed_model, source_of, write_dicom
 from ._goals import FIGURES, unmet
 from .organs import ROLES, read_organs
 from .optimise import make_plan
-from .plan import BadPlan, Placed, Plan, check, read, read_seeds, seeds_of, write
+from .plan import BadPlan, Placed, Plan, check, read, read_seeds, seeds_of, seeds_of_message, write
 from .swelling import Swelling
 from .virtual_operator import Operator
 
@@ -41,20 +43,14 @@ PRESCRIPTIONS = {"I-125": 145.0}            # Gy, default prescriptions for mono
 # ---- the implant ----------------------------------------------------------------------------------------------------------------------------
 
 
-def impenetrable(scene: Scene) -> list[str]:
-    """Returns the names of surfaces with infinite puncture force, such as bone."""
-    names = {key: str(scene[key]) for key in scene if key.startswith("membranes[") and key.endswith("].name")}
-    return [name for key, name in names.items() if scene[key.replace("].name", "].puncture_force")] == float("inf")]
-
-
 class Carried(NamedTuple):
-    """The outcome of a simulated implant."""
+    """The outcome of an implant."""
 
     seeds: list[Placed]      # positions in the tissue at rest
     now: list[Placed]        # positions in the displaced tissue at the end
     needles: list[tuple[int, int]]    # for each seed, the index of its needle and its position in its strand
     field: Array             # (nodes, 3) m, displacements of the mesh nodes when the last seed was left
-    time: float              # s, simulated duration of the procedure
+    time: float              # s, duration of the procedure
 
 
 def carry_out(scene: str | PathLike[str], plan: Plan, **operator: Any) -> Carried:
@@ -76,6 +72,42 @@ def carry_out(scene: str | PathLike[str], plan: Plan, **operator: Any) -> Carrie
         if before is not None:
             field = before
     return Carried(seeds_of(sim), seeds_of(sim, now=True), [(seed.needle, seed.strand) for seed in sim.seeds()], field, sim.time)
+
+
+def recorded(scene: str | PathLike[str], log: str | PathLike[str]) -> Carried:
+    """Returns the outcome of an implant carried out by hand, from a recording of the server's messages on TROCAR_SEEDS and TROCAR_DEFORMATION. Raises BadPlan if
+    the recording cannot be used, and Error if the scene cannot."""
+    model, name = Model(Scene.load(scene), mesh_only=True), fspath(log)
+    seeds, left, field, began, servers = None, None, None, 0, set()
+    last = messages.Deformation(0, -1, np.zeros_like(model.nodes))
+    for number, (channel, data) in enumerate(events(Path(log), BadPlan)):
+        if channel not in ("TROCAR_SEEDS", "TROCAR_DEFORMATION"):
+            continue
+        try:
+            if not messages.is_of_channel(channel, data):
+                raise ValueError
+            message = messages.read_seeds(data) if channel == "TROCAR_SEEDS" else messages.read_deformation(data)
+        except ValueError:
+            raise BadPlan(f"{name}: event {number}: {channel}: a message of another type, or damaged: record it with this release") from None
+        servers.add(message.server)
+        if isinstance(message, messages.Deformation):
+            if len(message.displacement) != len(model.nodes):
+                raise BadPlan(f"{name}: tissue of {len(message.displacement)} nodes, the scene has {len(model.nodes)}: give the scene of the recording")
+            last = message
+        else:
+            began = began or message.utime
+            left = message.tick if seeds is None or len(message.rest) > len(seeds.rest) else left
+            seeds = message
+        if left is not None and last.tick >= left:    # the first frame with the newest seed
+            field, left = last.displacement, None
+    if seeds is None or not len(seeds.rest):
+        raise BadPlan(f"{name}: no seeds: record TROCAR_SEEDS and TROCAR_DEFORMATION until the last seed has been left")
+    if len(servers) > 1:
+        raise BadPlan(f"{name}: messages of {len(servers)} servers: record an implant from its beginning to its end with one server")
+    if field is None:
+        raise BadPlan(f"{name}: no message on TROCAR_DEFORMATION after the last seed was left: record this channel, too")
+    return Carried(seeds_of_message(seeds, model), seeds_of_message(seeds, model, now=True), list(zip(seeds.needle.tolist(), seeds.strand.tolist())), field,
+                   1e-6 * (seeds.utime - began))
 
 
 def _seeds_csv(done: Carried) -> str:
@@ -127,7 +159,7 @@ def _organs(given: argparse.Namespace, model: Model) -> Any:
 
 def _optimise(given: argparse.Namespace) -> int:
     scene = Scene.load(given.scene)
-    model, bones = Model(scene, mesh_only=True), impenetrable(scene)
+    model, bones = Model(scene, mesh_only=True), scene.impenetrable()
     source = seed_model(given.source, given.seed_table, "--source")
     prescription = given.prescription or PRESCRIPTIONS.get(source.name.partition(" ")[0])
     if prescription is None:
@@ -147,11 +179,11 @@ def _optimise(given: argparse.Namespace) -> int:
 
 def _implant(given: argparse.Namespace) -> int:
     plan = read(given.plan)
-    done = carry_out(given.scene, plan, follows_image=given.operator == "image", seed=given.seed)
+    done = recorded(given.scene, given.log) if given.log else carry_out(given.scene, plan, follows_image=given.operator == "image", seed=given.seed)
     save(Path(given.out), _seeds_csv(done))
     if given.displacements:
         save(Path(given.displacements), _field_csv(done.field))
-    print(f"{given.out}: {len(done.seeds)} of {sum(len(n.seeds) for n in plan.needles)} seeds, {done.time:.0f} s of simulated time")
+    print(f"{given.out}: {len(done.seeds)} of {sum(len(n.seeds) for n in plan.needles)} seeds, {done.time:.0f} s{'' if given.log else ' of simulated time'}")
     return 0
 
 
@@ -215,12 +247,13 @@ def _options() -> argparse.ArgumentParser:
     add("--template", help="guide of the scene (default: its only one)", metavar="NAME")
     add("--needles", type=_number(1, 32), default=25, help="maximum number of needles (default %(default)s)", metavar="COUNT")
 
-    add = command("implant", _implant, "carry out a plan with a virtual operator")
+    add = command("implant", _implant, "carry out a plan with a virtual operator, or take the seeds from a recording")
     add("--plan", required=True, help="plan, a YAML file (required)", metavar="FILE")
     add("--out", required=True, help="table of the seeds, in the format of trocar-replay --seeds (required)", metavar="FILE")
     add("--displacements", help="write the displacements of the mesh's nodes when the last seed was left", metavar="FILE")
     add("--operator", choices=("image", "marks"), default="image", help="what the operator follows (default %(default)s)")
     add("--seed", type=whole_number, default=1, help="seed of the operator's random errors (default %(default)s)", metavar="NUMBER")
+    add("--log", help="no virtual operator: recording of an implant by hand, by lcm-logger or trocar-view --task", metavar="FILE")
 
     add = command("report", _report, "compute the doses, and write DICOM files and a report")
     with_organs(add)

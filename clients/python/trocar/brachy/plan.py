@@ -42,6 +42,7 @@ import numpy.typing as npt
 from .. import Guide, Model, Sim
 from .._files import open_input
 from .._locate import locate
+from .._lcm_messages import Seeds
 from .._reader import Reader
 
 __all__ = ["BadPlan", "Frame", "Misplacement", "Needle", "Plan", "Planned", "Placed", "Source", "Turn", "compare", "guide_of", "hole_axis", "hole_name",
@@ -426,6 +427,16 @@ def read_seeds(path: str | PathLike[str], model: Model, now: bool = False) -> li
             direction = 1e3 * (ahead - position)
         seeds.append(Placed(number, value["guide"], value["hole"], position, direction))
     return seeds
+
+
+def seeds_of_message(seeds: Seeds, model: Model, now: bool = False) -> list[Placed]:
+    """Returns the seeds of a message on TROCAR_SEEDS. now: use their positions in the displaced tissue instead of those in the tissue at rest."""
+    guides, found = model.guides, []
+    places, directions = (seeds.position, seeds.direction) if now else (seeds.rest, seeds.rest_direction)
+    for i, (place, along, index, hole) in enumerate(zip(places, directions, seeds.guide.tolist(), seeds.hole.tolist())):
+        guide = guides[index] if 0 <= index < len(guides) and hole >= 0 else None
+        found.append(Placed(i + 1, guide.name if guide else "", hole_name(hole % guide.columns, hole // guide.columns) if guide else "", place, along))
+    return found
 
 
 def seeds_of(sim: Sim, now: bool = False) -> list[Placed]:

@@ -30,6 +30,7 @@ MEASURES = {
     "time": _of("s", 1.0, 1),
     "force": _of("N", 1.0, 2),
     "displacement": _of("mm", 1e3, 1),
+    "probe_force": _of("N", 1.0, 2),
     "organs_touched": _of(),
     "D90": _of("Gy", 1.0, 1, dose=True),
     "V100": _of("%", 100.0, 1, dose=True),

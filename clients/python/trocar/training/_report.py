@@ -63,7 +63,7 @@ def as_json(result: Result) -> str:
         "criteria": [{"measure": c.measure, "value": value, "least": c.least, "most": c.most, "met": met, "source": c.source} for c, value, met in result.judgements],
         "targets": [{"name": r.target.name, "error": r.error, "tip": None if r.tip is None else r.tip.tolist()} for r in result.reached],
         "seeds": [_millimetres(row) for row in result.seeds],
-        "organs": result.organs}, indent=1) + "\n"
+        "organs": result.organs, "surfaces": result.touched, "lost": {"wrenches": result.lost, "of": result.ticks}}, indent=1) + "\n"
 
 
 def as_csv(result: Result) -> str:
@@ -227,6 +227,8 @@ def as_html(result: Result, runs: Sequence[Earlier] = (), reference: Earlier | N
         verdict = words("verdict.runs", verdict=verdict, count=len(runs), passed=sum(run.passed for run in runs))
     parts = [f"<h1>{escape(texts.title)}</h1>", f"<p>{escape(texts.text)}</p>",
              f'<p class="verdict {"passed" if result.passed else "failed"}"><strong>{escape(passed)}</strong>: {escape(verdict)}.</p>']
+    if result.lost:
+        parts.append(f"<p>{escape(words('lost', lost=result.lost, count=result.ticks))}</p>")
     parts.append(table(["", *(words(f"criteria.{column}") for column in ("measure", "run", "criterion", "source"))],
                        [[words("criteria.met" if ok else "criteria.unmet"), words(f"measure.{c.measure}"), shown(c.measure, value), words.limit(c.measure, c.least, c.most), source]
                         for (c, value, ok), source in zip(result.judgements, texts.sources)], words("criteria"), [2, 3]))
@@ -237,8 +239,9 @@ def as_html(result: Result, runs: Sequence[Earlier] = (), reference: Earlier | N
         parts.append(image(draw_histograms(result, words), words("figure.histograms")))
     parts.append(_comparison(result, runs, reference, words))
     parts.append(_places(result, words))
-    if result.organs:
-        parts.append(table([words("regions.region"), words("regions.length"), ""],
-                           [[name, f"{1e3 * length:.0f} mm", words("regions.avoid") if name in task.avoid else ""] for name, length in result.organs.items()], words("regions"), [1]))
+    entered = [[name, f"{1e3 * length:.0f} mm", words("regions.avoid") if name in task.avoid else ""] for name, length in result.organs.items()]
+    entered += [[name, words("regions.touched"), words("regions.avoid")] for name in result.touched]
+    if entered:
+        parts.append(table([words("regions.region"), words("regions.length"), ""], entered, words("regions"), [1]))
     parts.append(f"<p>{escape(words('end', version=__version__))}</p>")
     return page(f"{texts.title}: {passed.lower()}", parts, words.language)

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import brachy
-from .._locate import locate
+from .._locate import distance, locate
 from ..brachy import plan as plans
 from ..brachy.evaluation import source_of
 from ._measures import MEASURES
@@ -23,6 +23,7 @@ TURN = 5e-3        # m, a redirection means drawing the needle back by at least 
 TAKEN = 5e-3       # m: a track that is already longer than this when it appears belongs to a needle that was resting in the tissue
 DEEPEST = 5e-4     # m, a needle counts as being at its deepest within this distance of its greatest depth
 SAMPLE = 1e-3      # m, spacing along a path at which to look up the region
+TOUCH = 5e-4       # m, a needle has touched a surface if its path comes this close to it
 RECTUM = 2e-6      # m^3, volume for the rectum's D2cc
 
 __all__ = ["MEASURES", "Histogram", "Judgement", "Result", "score"]
@@ -82,10 +83,13 @@ class Result:
     reached: list[Reached]
     seeds: list[plans.Misplacement]
     organs: dict[str, float]          # for each region that needles entered, the total path length inside it, m
+    touched: list[str]                # surfaces to be avoided that needles touched
     judgements: list[Judgement]
     paths: list[Array]                # (n, 3) m each, in the tissue at rest
     forces: tuple[Array, Array]       # (n,) s after the first contact, and (n,) N
     histograms: list[Histogram]
+    lost: int                         # wrenches missing from the recording: see Recording
+    ticks: int
 
     @property
     def passed(self) -> bool:
@@ -94,14 +98,14 @@ class Result:
 
 
 def score(task: Task, log: str | PathLike[str]) -> Result:
-    """Scores a run. The log must contain the channels TROCAR_WRENCH, TROCAR_DEFORMATION, TROCAR_CONTACTS, TROCAR_TRACKS and TROCAR_SEEDS. Raises
-    BadRecording."""
+    """Scores a run. The log must contain the channels TROCAR_WRENCH, TROCAR_DEFORMATION, TROCAR_CONTACTS, TROCAR_TRACKS and TROCAR_SEEDS, and
+    TROCAR_PROBE_WRENCH if the scene has a probe. Raises BadRecording."""
     model = task.model
     gland = task.tets_of("gland")
     nodes = np.unique(gland if len(gland) else model.tets)
     recording = Recording(log, model, nodes, np.reshape([target.position for target in task.targets], (-1, 3)))
     reached = [_reached(target, i, recording) for i, target in enumerate(task.targets)]
-    organs = _organs(task, recording.paths)
+    organs, touched = _organs(task, recording.paths), _touched(task, recording.paths)
     forces, counts = _forces(recording), _passes(recording)
     measures: dict[str, float | None] = {
         **counts, "path": float(sum(np.linalg.norm(np.diff(path, axis=0), axis=1).sum() for path in recording.paths)),
@@ -110,14 +114,17 @@ def score(task: Task, log: str | PathLike[str]) -> Result:
     if task.targets:
         measures["tip_error"] = None if any(r.error is None for r in reached) else max(r.error for r in reached)
     if task.avoid:
-        measures["organs_touched"] = sum(name in organs for name in task.avoid)
+        measures["organs_touched"] = sum(name in organs or name in touched for name in task.avoid)
+    if recording.probe_force is not None:
+        measures["probe_force"] = recording.probe_force
     seeds = plans.compare(task.plan, model, _placed(recording, model)) if task.plan else []
     measures.update(_misplacement(seeds) if task.plan else {})
     histograms = _histograms(task, recording)
     measures.update(_doses(task, histograms))
     measures = {name: measures[name] for name in MEASURES if name in measures}
     judgements = [Judgement(c, measures.get(c.measure), c.met(measures.get(c.measure))) for c in task.criteria]
-    return Result(task, int(recording.wrenches["utime"][0]), measures, reached, seeds, organs, judgements, recording.paths, forces, histograms)
+    return Result(task, int(recording.wrenches["utime"][0]), measures, reached, seeds, organs, touched, judgements, recording.paths, forces, histograms, recording.lost,
+                  recording.ticks)
 
 
 # ---- needles ------------------------------------------------------------------------------------------------------------------------------
@@ -161,6 +168,13 @@ def _organs(task: Task, paths: Sequence[Array]) -> dict[str, float]:
     return dict(sorted(found.items(), key=lambda item: -item[1]))
 
 
+def _touched(task: Task, paths: Sequence[Array]) -> list[str]:
+    """Returns those surfaces to be avoided that a path touches. A needle that bone has stopped touches its surface."""
+    points = np.concatenate(paths) if paths else np.zeros((0, 3))
+    surfaces = {name: task.model.nodes[task.model.surface(name)] for name in task.avoid if name in task.surfaces}
+    return [name for name, triangles in surfaces.items() if len(points) and distance(points, triangles).min() <= TOUCH]
+
+
 def _forces(recording: Recording) -> tuple[Array, Array]:
     """Returns the time (s after the first contact) and the force on the hand (N) for each tick in which a held needle is in the tissue."""
     w = recording.wrenches
@@ -196,13 +210,7 @@ def _passes(recording: Recording) -> dict[str, float]:
 
 
 def _placed(recording: Recording, model: object) -> list[plans.Placed]:
-    seeds, found = recording.seeds, []
-    guides = model.guides
-    for i in range(len(seeds.rest)):
-        guide = guides[seeds.guide[i]] if 0 <= seeds.guide[i] < len(guides) and seeds.hole[i] >= 0 else None
-        hole = plans.hole_name(int(seeds.hole[i] % guide.columns), int(seeds.hole[i] // guide.columns)) if guide else ""
-        found.append(plans.Placed(i + 1, guide.name if guide else "", hole, seeds.rest[i], seeds.direction[i]))
-    return found
+    return plans.seeds_of_message(recording.seeds, model) if recording.seeds else []
 
 
 def _misplacement(rows: Sequence[plans.Misplacement]) -> dict[str, float | None]:
@@ -223,12 +231,13 @@ def _histograms(task: Task, recording: Recording) -> list[Histogram]:
         return []
     source = source_of(plan)
     planned, found = plans.planned_seeds(plan, task.model), []
+    placed = list(zip(recording.seeds.rest, recording.seeds.rest_direction)) if recording.seeds else []
     voxels = {role: [brachy.Structure.from_region(task.model, name) for name in names] for role, names in task.organs.items()}
     for role, parts in voxels.items():
         points, voxel, made = np.concatenate([part.points for part in parts]), parts[0].voxel, []
         if role == "urethra" and "gland" in voxels:
             points = _within(points, np.concatenate([part.points for part in voxels["gland"]]))
-        for seeds in ([(s.position, s.direction) for s in planned], list(zip(recording.seeds.rest, recording.seeds.direction))):
+        for seeds in ([(s.position, s.direction) for s in planned], placed):
             dose = brachy.Dose.at(source, points)
             for position, direction in seeds:
                 dose.add(position, direction, plan.source.strength)

@@ -67,11 +67,13 @@ class Task:
     path: str
     scene: str               # path of the scene
     model: Model             # its mesh
+    has_probe: bool = False  # whether the scene has an ultrasound probe
     targets: list[Target] = field(default_factory=list)
     plan: plans.Plan | None = None
     plan_path: str = ""
     organs: dict[str, list[str]] = field(default_factory=dict)    # mesh regions (including their parts) that make up each organ, by role (one of ROLES)
-    avoid: list[str] = field(default_factory=list)                # regions that no needle is to enter
+    avoid: list[str] = field(default_factory=list)                # regions that no needle is to enter, and surfaces that none is to touch
+    surfaces: list[str] = field(default_factory=list)             # the surfaces in `avoid`
     criteria: list[Criterion] = field(default_factory=list)
     hints: list[str] = field(default_factory=list)
     reference: str = ""      # path of the report (JSON) of a reference run; "" if there is none
@@ -137,11 +139,11 @@ def _read_target(reader: Reader, node: Any, place: str, model: Model) -> Target:
     return Target(reader.text(keys["name"], f"{place}.name"), position, hole)
 
 
-def _regions(reader: Reader, node: Any, place: str, known: list[str]) -> list[str]:
+def _regions(reader: Reader, node: Any, place: str, known: list[str], kind: str = "region") -> list[str]:
     names = [reader.text(item, f"{place}[{i}]") for i, item in enumerate(reader.items(node, place))]
     for name, item in zip(names, reader.items(node, place)):
         if name not in known:
-            raise reader.fail(item, f"{place}: the scene has no region \"{name}\": there are {', '.join(known)}")
+            raise reader.fail(item, f"{place}: the scene has no {kind} \"{name}\": there are {', '.join(known)}")
     if not names:
         raise reader.fail(node, f"{place}: empty: write at least one name, or remove the key")
     return names
@@ -169,6 +171,8 @@ def _read_criterion(reader: Reader, node: Any, place: str, task: Task) -> Criter
         missing = "source and prescription in its plan"
     elif name == "organs_touched" and not task.avoid:
         missing = "avoid"
+    elif name == "probe_force" and not task.has_probe:
+        missing = "probe in its scene"
     else:
         role = {"D90": "gland", "V100": "gland", "V150": "gland", "rectum_D2cc": "rectum", "urethra_D10": "urethra"}.get(name)
         if role and role not in task.organs:
@@ -188,10 +192,11 @@ def _read_task(path: str) -> Task:
         raise BadTask(f"{path}: name the file with letters, digits, - and _ only: a folder of runs is named after it")
     scene = _file(reader, keys["scene"], "scene")
     try:
-        model = Model(Scene.load(scene), mesh_only=True)
+        loaded = Scene.load(scene)
+        model = Model(loaded, mesh_only=True)
     except Error as error:
         raise reader.fail(keys["scene"], f"scene: {error}") from error
-    task = Task(name, reader.text(keys["title"], "title"), reader.text(keys["text"], "text"), path, scene, model)
+    task = Task(name, reader.text(keys["title"], "title"), reader.text(keys["text"], "text"), path, scene, model, "probe.surface" in loaded)
     if ("targets" in keys) == ("plan" in keys):
         raise reader.fail(reader.root, "write either targets, which tips of needles are to reach, or a plan, whose seeds are to be left in the tissue")
     if "targets" in keys:
@@ -210,7 +215,9 @@ def _read_task(path: str) -> Task:
         for role, node in reader.mapping(keys["organs"], "organs", (), ROLES).items():
             task.organs[role] = _wholes(model, _regions(reader, node, f"organs.{role}", known))
     if "avoid" in keys:
-        task.avoid = _regions(reader, keys["avoid"], "avoid", known)
+        solid = loaded.impenetrable()
+        task.avoid = _regions(reader, keys["avoid"], "avoid", [*known, *solid], "region or impenetrable surface")
+        task.surfaces = [name for name in task.avoid if name in solid]
     task.criteria = [_read_criterion(reader, node, f"criteria[{i}]", task) for i, node in enumerate(reader.items(keys["criteria"], "criteria"))]
     if "hints" in keys:
         task.hints = [reader.text(node, f"hints[{i}]") for i, node in enumerate(reader.items(keys["hints"], "hints"))]

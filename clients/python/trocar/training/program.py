@@ -59,6 +59,8 @@ def _score(given: argparse.Namespace) -> int:
         save(Path(given.json), report.as_json(result))
     if given.csv:
         save(Path(given.csv), report.as_csv(result))
+    if result.lost:
+        say(PROGRAM, f"warning: {given.log}: {Words()('lost', lost=result.lost, count=result.ticks)}")
     _criteria(result)
     return 0 if result.passed else 1
 

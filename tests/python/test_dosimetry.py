@@ -260,6 +260,20 @@ class Chain(unittest.TestCase):
 
     # ---- deformed anatomy ----
 
+    def test_limits_of_the_user_are_met_and_judged(self):
+        """With a stricter limit, the search spares the urethra more, and plan and report are judged by that limit."""
+        of = ("--scene", "patient.yaml", "--structures", "structures.dcm")
+        strict = 0.98 * self.state("planned")["figures"]["urethra D10"] / self.plan.prescription
+        run("trocar.brachy.dosimetry", "optimise", *of, "--strength", 0.6, "--limit", f"urethra D10 <= {strict}", "--limit", "V200>=0", "--out", "strict.yaml", cwd=self.out)
+        run("trocar.brachy.dosimetry", "report", *of, "--plan", "strict.yaml", "--seeds", "seeds.csv", "--limit", f"urethra D10<={strict}", "--out", "strict", cwd=self.out)
+        report = json.loads((self.out / "strict/report.json").read_text())
+        planned = next(state for state in report["states"] if state["name"] == "planned")
+        self.assertAlmostEqual(report["limits"]["urethra D10"]["most"], strict * self.plan.prescription, places=9)
+        self.assertLess(planned["figures"]["urethra D10"], strict * self.plan.prescription)
+        self.assertEqual(planned["unmet"], [])
+        self.assertIn("chosen by the user", (self.out / "strict/report.csv").read_text())
+        self.assertIn("not met", run("trocar.brachy.dosimetry", "optimise", *of, "--strength", 0.6, "--limit", "D90 >= 9", "--out", "none.yaml", cwd=self.out, status=1))
+
     def test_a_translation_of_everything_changes_no_dose(self):
         done = self.evaluated(np.tile([3e-3, -2e-3, 5e-3], (len(self.model.nodes), 1)))
         moved, out = (next(s for s in done.states if s.name == name) for name in ("at the last seed", "needles out"))
@@ -376,6 +390,8 @@ class Chain(unittest.TestCase):
                 (r"not an RT Structure Set|not RTSTRUCT", "optimise", {"structures": "report/planned-plan.dcm"}),
                 (r"has the guides template: choose one", "optimise", {"template": "grid"}),
                 (r"argument --strength: -1: write a number", "optimise", {"strength": -1}),
+                (r"--limit: \"D5 <= 1\": write a figure.*the figures are D90, V100", "optimise", {"limit": "D5 <= 1"}),
+                (r"--limit: \"D90 <= nan\": write a figure", "report", {"limit": "D90 <= nan"}),
                 (r"no-source.yaml: without \"source\"", "report", {"plan": "no-source.yaml"}),
                 (r"unknown.yaml: no seed model \"I-125 6702\"", "report", {"plan": "unknown.yaml"}),
                 (r"displacements of 1 nodes; the scene's mesh has \d+", "report", {"displacements": "short.csv"}),

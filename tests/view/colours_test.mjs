@@ -1,4 +1,4 @@
-/* Tests that the page's colours can be told apart, with protanopia, deuteranopia and tritanopia as well, and that text and curves stand out from their
+/* Tests that the colours of the page and of reports can be told apart, with protanopia, deuteranopia and tritanopia as well, and that text and curves stand out from their
    background.
    usage: colours_test.mjs SOURCE_DIR
 
@@ -76,7 +76,13 @@ for (const [one, other, expected] of [
   assert(Math.abs(ciede2000(one, other) - expected) < 5e-5, `CIEDE2000 of ${one} and ${other}: ${ciede2000(one, other)}, not ${expected}`)
 for (const matrix of Object.values(VISION)) for (const v of times(matrix, [1, 1, 1])) assert(Math.abs(v - 1) < 2e-6, 'white stays white')
 
+/** Colours of the HTML reports, from the Python package. */
+const report = await readFile(path.join(process.argv[2], 'clients/python/trocar/_page.py'), 'utf8')
+const [organs, marks, [outlines]] = [/^COLOURS = .*$/m, /^PLANNED, ACHIEVED = .*$/m, /^OUTLINES = .*$/m].map((line) => line.exec(report)[0].match(/#[0-9a-f]{6}/g))
+assert(organs.length === 3 && marks.length === 2)
+
 const sets = {
+  'organs, marks and outlines of reports': [...organs, ...marks, outlines],
   'contacts and tracks': [...Object.values(CONTACT), GUIDED, TRACK],
   'axes of the plots': AXES,
   'curves of the timing plot': TIMING,
@@ -109,5 +115,6 @@ for (const [name, { text, muted, accent, event, alarm, good, panel, ground }] of
   for (const colour of [accent, ...AXES, ...TIMING, ...Object.values(DOSES), ...OTHER_ORGANS]) need(`graphics, ${name}`, colour, panel, GRAPHIC)
 }
 for (const colour of [...sets['isodose lines'], ...sets['marks on the images']]) need('on the ultrasound image', colour, ULTRASOUND, GRAPHIC)
+for (const colour of sets['organs, marks and outlines of reports']) need('on the figures of reports', colour, '#ffffff', GRAPHIC)
 assert.deepEqual(faults, [])
 console.log('passed')

@@ -80,6 +80,18 @@ try {
     await until(page, "!document.getElementById('keys').open")
   })
 
+  await check('keys turn and zoom the view', async () => {
+    const eye = () => page.evaluate('(({ camera, controls }) => { const at = camera.position.clone().sub(controls.target); return { distance: at.length(), along: Math.atan2(at.dot({ x: 1, y: 0, z: 0 }), at.dot({ x: 0, y: 0, z: 1 })), up: Math.asin(at.dot(camera.up) / at.length()) } })(trocar.stage)')
+    const start = await eye()
+    for (const [key, back, differs] of [['5', '6', (a) => Math.abs(a.along - start.along)], ['7', '8', (a) => a.up - start.up], ['9', '0', (a) => 10 * Math.log(start.distance / a.distance)]]) {
+      await page.keyboard.press(key)
+      const turned = differs(await eye())
+      assert(turned > 0.02, `${key}: ${turned}`)
+      await page.keyboard.press(back)
+      assert(Math.abs(differs(await eye())) < 1e-6, back)
+    }
+  })
+
   await check('the scanner opens, and its knobs move, by keyboard', async () => {
     await page.evaluate("document.querySelector('#scan summary').focus()")
     await page.keyboard.press('Enter')

@@ -115,6 +115,14 @@ export async function checkAccess(page, name) {
   }
 }
 
+/** Checks that axe-core finds no violations in a saved report. */
+export async function checkReport(page, name) {
+  await page.evaluate(axe)
+  const { violations, contrast } = await page.evaluate(objections)
+  assert.deepEqual(violations, [], name)
+  assert(contrast, 'axe-core has looked at contrasts')
+}
+
 /** Checks that no element overlaps another or is cut off. */
 export async function checkPlaces(page, name) {
   assert.deepEqual(await page.evaluate(layoutFaults), [], name)

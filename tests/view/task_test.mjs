@@ -5,7 +5,7 @@ import assert from 'node:assert/strict'
 import { execFileSync, spawnSync } from 'node:child_process'
 import { readdir, readFile, writeFile } from 'node:fs/promises'
 import path from 'node:path'
-import { browser, check, driven, faults, open, pressUntil, shoot, until } from './page.mjs'
+import { browser, check, checkAccess, checkLayout, checkReport, driven, faults, open, pressUntil, shoot, until } from './page.mjs'
 import { ready, run, source, start, stop } from './parts.mjs'
 
 const [build, , OUT] = process.argv.slice(2)
@@ -34,6 +34,7 @@ try {
     assert.equal(await page.evaluate(text('task-title')), 'Reach it')
     assert.match(await page.evaluate(text('task-criteria')), /at most 0\.1 mm \(too strict\)/)
     assert.match(await page.evaluate(text('task-hints')), /Do not hurry/)
+    await checkLayout(page, 'task')
     await shoot(page, 'task-1-start')
   })
 
@@ -64,6 +65,7 @@ try {
     await shoot(page, 'task-3-report')
     const shown = await page.evaluate("[...document.getElementById('task-report').shadowRoot.querySelectorAll('img')].map((image) => image.complete && image.naturalWidth > 0)")
     assert.deepEqual(shown, [true, true])
+    await checkAccess(page, 'report in the page')
   })
 
   await check('the report has the numbers of trocar-score for the recording, to the digit', async () => {
@@ -90,18 +92,33 @@ try {
     await pressUntil(page, 's', 'trocar.procedure.seeds.seeds.length === 1')
   })
 
-  await check('starting again removes needle and seed, and the new recording contains neither', async () => {
+  await check('starting again, on a German page, removes needle and seed, and the new recording contains neither', async () => {
+    await page.context().close()
+    page = await open({ width: 1024, height: 768 }, { locale: 'de-DE' })
+    await until(page, `${text('link')} === 'live' && !document.getElementById('task-button').hidden`)
     await page.click('#task-button')
-    await says('task-message', /Starting removes all needles and seeds/)
+    await says('task-message', /Beim Start werden alle Nadeln und Seeds/)
+    await checkLayout(page, 'task in German')
     await page.click('#task-start')
-    await until(page, `!document.getElementById('task').open && /^Task 0:0[0-9]/.test(${text('task-button')})`)
+    await until(page, `!document.getElementById('task').open && /^Aufgabe 0:0[0-9]/.test(${text('task-button')})`)
     await until(page, 'trocar.procedure.seeds.seeds.length === 0 && trocar.history.columns[7][trocar.history.count - 1] === 0')
     await page.click('#task-button')
     await page.click('#task-finish')
-    await until(page, "/Not passed/.test(document.getElementById('task-report').shadowRoot.textContent)")
+    await until(page, "/Nicht bestanden/.test(document.getElementById('task-report').shadowRoot.textContent)")
+    await checkAccess(page, 'German report in the page')
+    await shoot(page, 'task-4-german')
     const report = (await readdir(path.join(runs, 'reach'))).filter((file) => file.endsWith('.json')).sort().at(-1)
     const { measures } = JSON.parse(await readFile(path.join(runs, 'reach', report), 'utf8'))
     assert(measures.passes === 0 && measures.path === 0 && measures.displacement < 1e-6, JSON.stringify(measures))
+  })
+
+  await check('axe-core finds no violations in saved reports', async () => {
+    const pages = (await readdir(path.join(runs, 'reach'))).filter((file) => file.endsWith('.html'))
+    assert.equal(pages.length, 2)
+    for (const file of pages) {
+      await page.goto(`${new URL(page.url()).origin}/runs/reach/${file}`)
+      await checkReport(page, file)
+    }
   })
 
   assert.deepEqual(faults, [])

@@ -16,9 +16,10 @@ from ._files import replacing
 Array = npt.NDArray[np.float64]
 
 STYLE = (Path(__file__).parent / "_page.css").read_text(encoding="utf-8")
-COLOURS = {"gland": "#d55e00", "urethra": "#0072b2", "rectum": "#8a5a00"}    # based on the Okabe-Ito palette, which colour-blind readers can tell apart
-PLANNED, ACHIEVED = "#6e40c9", "#007f5f"
-OUTLINES = "#9aa4af"
+# Close to the Okabe-Ito palette, adjusted so that colour-blind readers can tell them apart on white; tests/view/colours_test.mjs tests this.
+COLOURS = {"gland": "#e95d13", "urethra": "#0272de", "rectum": "#754a00"}
+PLANNED, ACHIEVED = "#5e3aac", "#0c6f4a"
+OUTLINES = "#88919f"
 
 
 def svg(drawn: Any) -> str:

@@ -14,7 +14,7 @@ from .. import __version__
 from .._page import ACHIEVED, COLOURS, OUTLINES, PLANNED, figure, image, page, svg, table
 from . import swelling as swellings
 from .evaluation import Dosimetry
-from ._goals import FIGURES, Figure
+from ._goals import Figure
 from .plan import Frame, Misplacement, planned_seeds, summary
 
 Array = npt.NDArray[np.float64]
@@ -26,7 +26,7 @@ MARGIN = 6.0       # mm, margin around the gland and the seeds in the section vi
 
 
 def _figures(done: Dosimetry) -> list[Figure]:
-    return [f for f in FIGURES if f.organ in done.organs]
+    return [f for f in done.goals if f.organ in done.organs]
 
 
 def limit(f: Figure, prescription: float) -> str:

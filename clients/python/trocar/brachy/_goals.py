@@ -1,11 +1,14 @@
 """The dose-volume figures (such as D90 and V100) used to judge plans and implants, and their limits."""
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Mapping
+import math
+import re
+from dataclasses import dataclass, replace
+from typing import Iterable, Mapping, Sequence
 
 from ._dose import DVH
 
+BY_USER = "chosen by the user (--limit)"
 GEC_ESTRO = "GEC-ESTRO (Salembier et al., Radiotherapy and Oncology 83, 2007), cited from later publications"
 
 
@@ -60,11 +63,28 @@ FIGURES = (
 )
 
 
+def with_limits(limits: Iterable[str]) -> tuple[Figure, ...]:
+    """Returns FIGURES with other limits, each given as a figure, <= or >=, and a fraction of the prescription or of the organ (in cm^3 for rectum V100), such as
+    "urethra D10 <= 1.3". Raises ValueError."""
+    found = {figure.name: figure for figure in FIGURES}
+    for text in limits:
+        match = re.fullmatch(r"\s*(.+?)\s*(<=|>=)\s*([0-9.eE+-]+)\s*", text)
+        try:
+            figure, value = found[match[1]], float(match[3])
+        except (TypeError, KeyError, ValueError):
+            value = math.nan
+        if not 0.0 <= value < math.inf:
+            raise ValueError(f"\"{text}\": write a figure, <= or >=, and a fraction, such as \"urethra D10 <= 1.3\"; the figures are {', '.join(found)}")
+        least, most = (value, None) if match[2] == ">=" else (None, value)
+        found[figure.name] = replace(figure, least=least, most=most, source=BY_USER)
+    return tuple(found.values())
+
+
 def figures(histograms: Mapping[str, DVH], prescription: float) -> dict[str, float]:
     """Computes all figures of the organs whose histograms are given. Returns values by figure name."""
     return {figure.name: float(figure.value(histograms[figure.organ], prescription)) for figure in FIGURES if figure.organ in histograms}
 
 
-def unmet(values: Mapping[str, float], prescription: float) -> list[Figure]:
+def unmet(values: Mapping[str, float], prescription: float, goals: Sequence[Figure] = FIGURES) -> list[Figure]:
     """Returns the figures whose values are outside their limits."""
-    return [figure for figure in FIGURES if figure.name in values and figure.met(values[figure.name], prescription) is False]
+    return [figure for figure in goals if figure.name in values and figure.met(values[figure.name], prescription) is False]

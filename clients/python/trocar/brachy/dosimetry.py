@@ -24,9 +24,9 @@ from .._lcm_log import events
 from .._page import save
 from .._program import ended, say, whole_number
 from .evaluation import Dosimetry, evaluate, planned_state, seed_model, source_of, write_dicom
-from ._goals import FIGURES, unmet
+from ._goals import Figure, unmet, with_limits
 from .organs import ROLES, read_organs
-from .optimise import make_plan
+from .optimise import Weights, make_plan
 from .plan import BadPlan, Placed, Plan, check, read, read_seeds, seeds_of, seeds_of_message, write
 from .swelling import Swelling
 from .virtual_operator import Operator
@@ -157,6 +157,13 @@ def _organs(given: argparse.Namespace, model: Model) -> Any:
     return organs
 
 
+def _goals(given: argparse.Namespace) -> Sequence[Figure]:
+    try:
+        return with_limits(given.limit or ())
+    except ValueError as error:
+        raise BadPlan(f"--limit: {error}") from error
+
+
 def _optimise(given: argparse.Namespace) -> int:
     scene = Scene.load(given.scene)
     model, bones = Model(scene, mesh_only=True), scene.impenetrable()
@@ -165,16 +172,17 @@ def _optimise(given: argparse.Namespace) -> int:
     if prescription is None:
         raise BadPlan(f"--prescription is missing: only I-125 has a default, {PRESCRIPTIONS['I-125']:g} Gy")
     organs = _organs(given, model)
-    plan = make_plan(model, organs, source, given.strength, prescription, given.template, int(given.needles), bones)
+    goals = _goals(given)
+    plan = make_plan(model, organs, source, given.strength, prescription, given.template, int(given.needles), bones, Weights.for_goals(goals))
     check(plan, model)
     write(plan, given.out, "Not for treatment. Made by trocar.brachy.dosimetry optimise")
     values = planned_state(plan, model, source, organs).figures
     print(f"{given.out}: {len(plan.needles)} needles, {sum(len(n.seeds) for n in plan.needles)} seeds of {given.strength:g} U")
-    for figure in FIGURES:
+    for figure in goals:
         if figure.name in values:
             met = figure.met(values[figure.name], prescription)
             print(f"  {figure.name:12} {figure.shown(values[figure.name]):>10}" + ("" if met is None else "   met" if met else "   not met"))
-    return 1 if unmet(values, prescription) else 0
+    return 1 if unmet(values, prescription, goals) else 0
 
 
 def _implant(given: argparse.Namespace) -> int:
@@ -199,7 +207,7 @@ def _report(given: argparse.Namespace) -> int:
     model, plan, swelling = Model(Scene.load(given.scene), mesh_only=True), read(given.plan), _swelling(given)
     source, organs = source_of(plan, given.seed_table), _organs(given, model)
     field = _read_field(given.displacements) if given.displacements else None
-    done = evaluate(model, plan, organs, read_seeds(given.seeds, model), source, field, swelling)
+    done = evaluate(model, plan, organs, read_seeds(given.seeds, model), source, field, swelling, _goals(given))
     folder = Path(given.out)
     files = write_dicom(done, given.structures, folder, given.grid)
     for name, text in (("report.html", report.as_html(done, files)), ("report.json", report.as_json(done, files)), ("report.csv", report.as_csv(done)),
@@ -236,6 +244,7 @@ def _options() -> argparse.ArgumentParser:
         add("--structures", required=True, help="RT Structure Set with the organs (required)", metavar="FILE")
         for role, name in (("gland", "Prostate"), ("urethra", "Urethra"), ("rectum", "Rectum")):
             add(f"--{role}", help=f"name of its region of interest (default {name})", metavar="ROI")
+        add("--limit", action="append", help='another limit on a figure, as a fraction, such as "urethra D10 <= 1.3"; may be given several times', metavar="LIMIT")
 
     add = command("optimise", _optimise, "choose needles and seeds for a prescription, and write them as a plan")
     with_organs(add)

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from .. import Error, Model
 from .._files import replacing
 from ._dose import DVH, Dose, Source
-from ._goals import figures
+from ._goals import FIGURES, Figure, figures
 from .organs import Displaced, Organ
 from .plan import HALF_LIFE, BadPlan, Frame, Misplacement, Placed, Plan, compare, planned_seeds
 from .swelling import Swelling, Swollen, delivered
@@ -51,6 +51,7 @@ class Dosimetry:
     states: list[State]
     misplacement: list[Misplacement]
     swelling: Swelling
+    goals: Sequence[Figure]    # the dose-volume figures, with their limits
 
 
 def source_of(plan: Plan, table: str | PathLike[str] | None = None) -> Source:
@@ -99,7 +100,7 @@ def planned_state(plan: Plan, model: Model, source: Source, organs: dict[str, Or
 
 
 def evaluate(model: Model, plan: Plan, organs: dict[str, Organ], placed: Sequence[Placed], source: Source, field: Array | None = None,
-             swelling: Swelling = Swelling()) -> Dosimetry:
+             swelling: Swelling = Swelling(), goals: Sequence[Figure] = FIGURES) -> Dosimetry:
     """Computes the doses of a plan and of the seeds actually left in the tissue. field: displacements (nodes, 3) m of the mesh nodes when the last seed was
     left, or None if unknown. Raises BadPlan if there are no seeds or the field belongs to another mesh."""
     if not placed:
@@ -119,7 +120,7 @@ def evaluate(model: Model, plan: Plan, organs: dict[str, Organ], placed: Sequenc
     swollen = Swollen(organs["gland"].points)
     states.append(_state(DELIVERED, f"delivered: {swelling.words()}",
                          {role: delivered(source, seeds, strength, o.points, swollen, swelling) for role, o in organs.items()}, organs, prescription))
-    return Dosimetry(model, plan, source, organs, list(placed), states, compare(plan, model, placed), swelling)
+    return Dosimetry(model, plan, source, organs, list(placed), states, compare(plan, model, placed), swelling, goals)
 
 
 def _grid(done: Dosimetry, seeds: Seeds, spacing: float) -> tuple[Array, Array]:

@@ -19,6 +19,7 @@ import numpy.typing as npt
 from .. import Guide, Model
 from .._locate import locate
 from ._dose import Dose, Source
+from ._goals import FIGURES, Figure
 from ._obstacles import surface_points
 from .organs import Organ
 from .plan import BadPlan, Needle, Plan, hole_axis, hole_name
@@ -52,6 +53,14 @@ class Weights:
     rectum: float = 5.0        # for rectum points above `wall`, averaged over 2 cm^3
     wall: float = 0.8
     needle: float = 0.02       # for each needle
+
+    @classmethod
+    def for_goals(cls, goals: Sequence[Figure]) -> Weights:
+        """Returns weights whose dose levels lie as far from these limits as the default levels do from the default limits."""
+        def shift(name: str, side: str) -> float:
+            usual, limit = (next(getattr(figure, side) for figure in figures if figure.name == name) for figures in (FIGURES, goals))
+            return 0.0 if limit is None else float(limit - usual)
+        return cls(aim=cls.aim + shift("D90", "least"), spare=cls.spare + shift("urethra D10", "most"), wall=cls.wall + shift("rectum D2cc", "most"))
 
 
 @dataclass

@@ -404,9 +404,12 @@ const toggleLayer = (name) => element('layer-list').querySelector(`input[name="$
 
 const ACTIONS = { Space: togglePlay, Comma: () => step(-1), Period: () => step(1), Home: goLive, KeyC: nextCut, KeyM: () => toggleLayer('mesh'), KeyN: toggleTheme, KeyO: () => sound.toggle(), KeyP: savePicture,
                   KeyT: () => drive.toggle(), KeyV: () => tissue.open(), Digit1: () => stage.look(1), Digit2: () => stage.look(2), Digit3: () => stage.look(3), Digit4: () => stage.look(4),
+                  Digit5: () => stage.orbit(-TURN, 0, 1), Digit6: () => stage.orbit(TURN, 0, 1), Digit7: () => stage.orbit(0, -TURN, 1), Digit8: () => stage.orbit(0, TURN, 1),
+                  Digit9: () => stage.orbit(0, 0, 1 / NEARER), Digit0: () => stage.orbit(0, 0, NEARER),
                   ArrowLeft: () => step(-1), ArrowRight: () => step(1) } // only if these keys do not move the needle
 
-const STEPS = ['Comma', 'Period', 'ArrowLeft', 'ArrowRight'] // keys that repeat while held down
+const TURN = 0.1, NEARER = 1.1 // rad and factor of distance, for each press of a key that moves the view
+const STEPS = ['Comma', 'Period', 'ArrowLeft', 'ArrowRight', ...Array.from('567890', (digit) => `Digit${digit}`)] // keys that repeat while held down
 
 addEventListener('keydown', (event) => {
   if (event.ctrlKey || event.metaKey || event.altKey || element('keys').open || element('task').open || element('tissue').open || event.target.matches('input[type=text]')

@@ -126,6 +126,15 @@ export class Stage {
     this.dirty = true
   }
 
+  /** Turns the view about its target by `turn`, tilts it by `tilt` (rad), and multiplies its distance by `farther`. */
+  orbit(turn, tilt, farther) {
+    const { position, up } = this.camera, { target } = this.controls, level = new THREE.Quaternion().setFromUnitVectors(up, new THREE.Vector3(0, 1, 0))
+    const at = new THREE.Spherical().setFromVector3(position.clone().sub(target).applyQuaternion(level))
+    position.setFromSpherical(new THREE.Spherical(at.radius * farther, at.phi + tilt, at.theta + turn).makeSafe()).applyQuaternion(level.invert()).add(target)
+    this.controls.update()
+    this.dirty = true
+  }
+
   /** Cuts the body normal to `axis` and removes the part on the viewer's side. '' means no cut. */
   setCut(axis, part = 0.5) {
     if (this.cutPlane) discard(this.cutPlane.frame.removeFromParent())

@@ -409,7 +409,7 @@ const ACTIONS = { Space: togglePlay, Comma: () => step(-1), Period: () => step(1
                   ArrowLeft: () => step(-1), ArrowRight: () => step(1) } // only if these keys do not move the needle
 
 const TURN = 0.1, NEARER = 1.1 // rad and factor of distance, for each press of a key that moves the view
-const STEPS = ['Comma', 'Period', 'ArrowLeft', 'ArrowRight', ...Array.from('567890', (digit) => `Digit${digit}`)] // keys that repeat while held down
+const STEPS = ['Comma', 'Period', 'ArrowLeft', 'ArrowRight', 'Digit5', 'Digit6', 'Digit7', 'Digit8', 'Digit9', 'Digit0'] // keys that repeat while held down
 
 addEventListener('keydown', (event) => {
   if (event.ctrlKey || event.metaKey || event.altKey || element('keys').open || element('task').open || element('tissue').open || event.target.matches('input[type=text]')

@@ -5,6 +5,7 @@
 #include <net/if.h>
 #include <netinet/in.h>
 #include <stdatomic.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/ioctl.h>
@@ -96,10 +97,14 @@ int64_t lcm_filter_distant(char *newest, size_t size) {
 }
 
 /* Parses udpm://GROUP:PORT?KEY=VALUE&KEY=VALUE the way liblcm does: numbers may be hexadecimal, and the ttl is truncated to 8 bits. */
-bool lcm_filter_is_local(const char *url, uint16_t *port) {
-    static const char *const UDPM = "udpm://", *const STANDARD = "udpm://239.255.76.67:7667?ttl=0";
+static const char *url_in_use(const char *url) {
     if (!url || !*url) url = getenv("LCM_DEFAULT_URL");
-    if (!url || !*url) url = STANDARD;
+    return url && *url ? url : "udpm://239.255.76.67:7667?ttl=0"; /* LCM's own default */
+}
+
+bool lcm_filter_is_local(const char *url, uint16_t *port) {
+    static const char *const UDPM = "udpm://";
+    url = url_in_use(url);
     *port = 0;
     if (strncmp(url, UDPM, strlen(UDPM)) != 0) return false;
     const char *options = url + strcspn(url, "?"), *after_group = url + strlen(UDPM) + strcspn(url + strlen(UDPM), ":?");
@@ -115,6 +120,19 @@ lcm_t *lcm_filter_create(const char *url) {
     bool local = lcm_filter_is_local(url, &port);
     atomic_store(&kept_local[port], local);
     return lcm_create(url);
+}
+
+lcm_t *lcm_filter_create_wide(const char *url) {
+    enum { LARGEST = 4 << 20 /* bytes */ };
+    int most = 0;
+    char wide[512];
+    FILE *limit = fopen("/proc/sys/net/core/rmem_max", "r");
+    if (limit && fscanf(limit, "%d", &most) != 1) most = 0;
+    if (limit) fclose(limit);
+    url = url_in_use(url);
+    if (most <= 0 || strncmp(url, "udpm:", 5) != 0 || strstr(url, "recv_buf_size")) return lcm_filter_create(url);
+    int length = snprintf(wide, sizeof wide, "%s%crecv_buf_size=%d", url, strchr(url, '?') ? '&' : '?', most < LARGEST ? most : LARGEST);
+    return lcm_filter_create(length < (int)sizeof wide ? wide : url);
 }
 
 /* True if one of this machine's interfaces has this address. Any socket will do for `socket`. */

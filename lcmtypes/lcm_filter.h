@@ -47,6 +47,10 @@ void lcm_filter_restrict(const packet_wishes *wishes);
    of this machine. (The kernel drops datagrams from outside that claim such a source.) */
 lcm_t *lcm_filter_create(const char *url);
 
+/* Like lcm_filter_create, but asks for the largest receive buffer that the system permits, up to 4 MB, unless the URL sets recv_buf_size. With the default
+   buffer, a program that receives deformation_t loses messages on a busy machine, because their packets arrive in bursts. */
+lcm_t *lcm_filter_create_wide(const char *url);
+
 /* True if the URL's ttl is 0, that is, if LCM is confined to this machine. Writes the URL's port to `port`. A `url` of NULL or "" means
    $LCM_DEFAULT_URL or, if that is not set, LCM's default. For providers other than udpm, returns false and sets `port` to 0. */
 bool lcm_filter_is_local(const char *url, uint16_t *port);

@@ -296,7 +296,7 @@ static trocar_status open_web(view *v, trocar_error *why) {
 
 static trocar_status open_live(view *v, trocar_error *why) {
     const char *url = v->options->lcm_url;
-    v->lcm = lcm_filter_create(url);
+    v->lcm = lcm_filter_create_wide(url);
     if (!v->lcm)
         return fail(why, TROCAR_SYSTEM, "cannot open LCM at %s: is there a multicast route (docs/troubleshooting.md)?", url ? url : "its default URL");
     trocar_status status = subscriber_open(&v->feed, v->lcm, v->model, &v->timeline, why);

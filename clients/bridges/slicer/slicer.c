@@ -16,8 +16,7 @@
 const char *argp_program_version = "trocar-slicer " TROCAR_VERSION;
 error_t argp_err_exit_status = EXIT_BAD_INPUT;
 
-enum { PORT = 18944, LARGEST_BUFFER = 4 << 20 /* bytes */,
-       MESSAGES = 1000 /* maximum number of LCM messages handled per round, so that a flood of them cannot delay the clients */ };
+enum { PORT = 18944, MESSAGES = 1000 /* maximum number of LCM messages handled per round, so that a flood of them cannot delay the clients */ };
 static const int64_t SECOND = 1000000000;          /* ns */
 static const int64_t OTHER_SENDER = 1000000000;    /* ns, another sender may move the needle or probe once the current one has been silent for this long */
 
@@ -215,21 +214,6 @@ static void serve(bridge *b) {
 
 /* ---- set-up ---- */
 
-/* Returns the LCM URL, changed to ask for the largest receive buffer that the system permits. With the default buffer, large deformation messages are
-   sometimes lost, because their packets arrive in bursts. */
-static void widen_url(const char *url, size_t size, char *wider) {
-    int most = 0;
-    FILE *limit = fopen("/proc/sys/net/core/rmem_max", "r");
-    if (limit && fscanf(limit, "%d", &most) != 1) most = 0;
-    if (limit) fclose(limit);
-    if (!url || !*url) url = getenv("LCM_DEFAULT_URL");
-    if (!url || !*url) url = "udpm://239.255.76.67:7667?ttl=0"; /* LCM's own default */
-    if (most > LARGEST_BUFFER) most = LARGEST_BUFFER;
-    int length = snprintf(wider, size, "%s", url);
-    if (most > 0 && strncmp(url, "udpm:", 5) == 0 && !strstr(url, "recv_buf_size") && length < (int)size)
-        snprintf(wider + length, size - (size_t)length, "%crecv_buf_size=%d", strchr(url, '?') ? '&' : '?', most);
-}
-
 static trocar_status check_needle(const bridge *b, trocar_error *why) {
     int needles = trocar_model_needles(b->model);
     if (b->options->needle < needles) return TROCAR_OK;
@@ -238,8 +222,6 @@ static trocar_status check_needle(const bridge *b, trocar_error *why) {
 
 static trocar_status open_network(bridge *b, trocar_error *why) {
     const char *url = b->options->lcm_url;
-    char wider[512];
-    widen_url(url, sizeof wider, wider);
     peer_settings settings = b->options->peers;
     settings.messages = b->outlets.messages;
     settings.message_count = b->outlets.count;
@@ -248,7 +230,7 @@ static trocar_status open_network(bridge *b, trocar_error *why) {
     settings.context = b;
     trocar_status status = peers_open(&b->peers, &settings, why);
     if (status != TROCAR_OK) return status;
-    b->lcm = lcm_filter_create(wider);
+    b->lcm = lcm_filter_create_wide(url);
     if (!b->lcm)
         return fail(why, TROCAR_BAD_INPUT, "cannot open LCM at %s: is there a multicast route (docs/troubleshooting.md)?", url ? url : "its default URL");
     status = subscriber_open(&b->feed, b->lcm, b->model, NULL, why);

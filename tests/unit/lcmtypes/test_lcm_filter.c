@@ -245,6 +245,39 @@ static void datagrams_of_this_machine_pass(void **unused) {
     close(sender), close(receiver);
 }
 
+static void ignore(const lcm_recv_buf_t *received, const char *channel, void *context) { (void)received, (void)channel, (void)context; }
+
+/* Returns the largest receive buffer (bytes, as the kernel counts them) of this process's UDP sockets. */
+static int largest_buffer(void) {
+    int most = 0;
+    for (int fd = 3; fd < 256; fd++) {
+        int type = 0, buffer = 0;
+        socklen_t size = sizeof type;
+        if (getsockopt(fd, SOL_SOCKET, SO_TYPE, &type, &size) != 0 || type != SOCK_DGRAM) continue;
+        size = sizeof buffer;
+        getsockopt(fd, SOL_SOCKET, SO_RCVBUF, &buffer, &size);
+        most = buffer > most ? buffer : most;
+    }
+    return most;
+}
+
+/* The kernel doubles the size that a program asks for. */
+static void a_wide_receive_buffer_is_as_large_as_permitted(void **unused) {
+    (void)unused;
+    int permitted = 0;
+    FILE *limit = fopen("/proc/sys/net/core/rmem_max", "r");
+    assert_true(limit && fscanf(limit, "%d", &permitted) == 1);
+    fclose(limit);
+    const int expected = permitted < 4 << 20 ? permitted : 4 << 20;
+    const struct { const char *url; int buffer; } cases[] = {{"udpm://239.255.76.67:7669?ttl=0", expected}, {"udpm://239.255.76.67:7669?recv_buf_size=300000&ttl=0", expected < 300000 ? expected : 300000}};
+    for (int i = 0; i < 2; i++) {
+        lcm_t *lcm = lcm_filter_create_wide(cases[i].url);
+        if (!lcm || !lcm_subscribe(lcm, ".*", ignore, NULL)) skip(); /* there is no multicast route */
+        assert_int_equal(largest_buffer(), 2 * cases[i].buffer);
+        lcm_destroy(lcm);
+    }
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(short_packets_need_a_terminated_channel),
@@ -255,6 +288,7 @@ int main(void) {
         cmocka_unit_test(only_malformed_lcm_packets_are_dropped),
         cmocka_unit_test(urls_without_a_ttl_are_for_this_machine),
         cmocka_unit_test(datagrams_of_this_machine_pass),
+        cmocka_unit_test(a_wide_receive_buffer_is_as_large_as_permitted),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

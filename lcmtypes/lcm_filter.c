@@ -96,12 +96,12 @@ int64_t lcm_filter_distant(char *newest, size_t size) {
     return count;
 }
 
-/* Parses udpm://GROUP:PORT?KEY=VALUE&KEY=VALUE the way liblcm does: numbers may be hexadecimal, and the ttl is truncated to 8 bits. */
 static const char *url_in_use(const char *url) {
     if (!url || !*url) url = getenv("LCM_DEFAULT_URL");
     return url && *url ? url : "udpm://239.255.76.67:7667?ttl=0"; /* LCM's own default */
 }
 
+/* Parses udpm://GROUP:PORT?KEY=VALUE&KEY=VALUE the way liblcm does: numbers may be hexadecimal, and the ttl is truncated to 8 bits. */
 bool lcm_filter_is_local(const char *url, uint16_t *port) {
     static const char *const UDPM = "udpm://";
     url = url_in_use(url);

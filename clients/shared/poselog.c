@@ -259,7 +259,7 @@ static trocar_status note_command(const reader *r, const event_header *h, void *
     if (status != TROCAR_OK || big_endian_64(data) != __trocar_command_t_get_hash()) return status;
     status = decode_command(r, h, data, &m, why);
     if (status != TROCAR_OK) return status;
-    if (m.command != TROCAR_COMMAND_T_DROP_SEED && m.command != TROCAR_COMMAND_T_UNDO) return TROCAR_OK;
+    if (m.command != TROCAR_COMMAND_T_DROP_SEED && m.command != TROCAR_COMMAND_T_UNDO && m.command != TROCAR_COMMAND_T_CLEAR) return TROCAR_OK;
     if (log->count == 0 || m.needle != log->needle || m.session != log->first.session) {
         log->skipped_commands++;
         return TROCAR_OK;

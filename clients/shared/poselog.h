@@ -51,15 +51,15 @@ typedef struct {
     trocar_needle_pose_t first, last;
     trocar_needle_pose_t *poses;  /* array of `count` poses; NULL if read by pose_log_scan */
     int command_count;
-    /* array [command_count], in order. pose_log_read_all reads all commands; the others read all changes, but only the DROP_SEED and UNDO commands from the
-       poses' session and needle */
+    /* array [command_count], in order. pose_log_read_all reads all commands; the others read all changes, but only the DROP_SEED, UNDO and CLEAR commands
+       from the poses' session and needle */
     logged_command *commands;
     int probe_count;
     logged_probe *probes;         /* array [probe_count], in order: the probe poses that the server would accept; NULL if read by pose_log_scan */
     int64_t skipped_probes;       /* probe poses that the server would refuse */
     int64_t skipped_sessions;     /* poses skipped because they are of another needle, or of another session than the first pose */
     int64_t skipped_old;          /* poses skipped because they were repeated or out of order */
-    int64_t skipped_commands;     /* DROP_SEED and UNDO commands skipped, from other senders or from before the first pose */
+    int64_t skipped_commands;     /* DROP_SEED, UNDO and CLEAR commands skipped, from other senders or from before the first pose */
 } pose_log;
 
 /* The wrenches in a log that answer a pose, in order. */

@@ -193,7 +193,7 @@ static void receive(view *v) {
     while (lcm_handle_timeout(v->lcm, 0) > 0) continue;
     pilot_hear(&v->pilot);
     implant_hear(&v->implant, &v->feed);
-    training_hear(&v->training, &v->feed);
+    training_watch(&v->training, &v->feed);
     scan(v);
 }
 

@@ -18,7 +18,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     bool shutdown = verdict == COMMAND_SHUTDOWN;
     bool whole = trocar_command_t_decode(data + 1, 0, (int)size - 1, &m) == (int)size - 1;
     REQUIRE(whole || (verdict == COMMAND_MALFORMED && in.record.commands_refused == 1 && in.record.needles[0].owner == data[0] % 2));
-    REQUIRE(verdict != COMMAND_PASS_ON || m.command == TROCAR_COMMAND_T_RESET || (m.command >= TROCAR_COMMAND_T_LEAVE && m.command <= TROCAR_COMMAND_T_UNDO));
+    REQUIRE(verdict != COMMAND_PASS_ON || m.command == TROCAR_COMMAND_T_RESET || m.command == TROCAR_COMMAND_T_CLEAR || (m.command >= TROCAR_COMMAND_T_LEAVE && m.command <= TROCAR_COMMAND_T_UNDO));
     REQUIRE(!shutdown || (m.command == TROCAR_COMMAND_T_SHUTDOWN && (!(data[0] & 2) || (in.record.needles[0].owner != 0 && m.session == in.record.needles[0].owner))));
     return 0;
 }

@@ -358,8 +358,8 @@ class Scores(Case):
         self.assertEqual((result.lost, result.ticks), (3, 300))
         status, _, err = self.run_program(self.out / "run.log", "--task", self.out / "task.yaml", "--html", self.out / "r.html", "--json", self.out / "r.json")
         self.assertEqual(status, 1)
-        self.assertIn("3 of 300 wrenches are missing", err)
-        self.assertIn("3 of 300 wrenches are missing", (self.out / "r.html").read_text())
+        self.assertIn("missing from the recording: 3 of 300", err)
+        self.assertIn("missing from the recording: 3 of 300", (self.out / "r.html").read_text())
         self.assertEqual(json.loads((self.out / "r.json").read_text())["lost"], {"wrenches": 3, "of": 300})
 
     def test_message_types_are_those_of_the_server(self):
@@ -461,6 +461,17 @@ class Shipped(Case):
             for criterion in task.criteria:
                 self.assertTrue(criterion.source, path)
             self.assertEqual(list(task.translations), ["de"], path)
+
+
+    def test_the_pelvis_with_a_probe_is_the_pelvis(self):
+        """Its scene differs only in mesh, content of the rectum, and probe."""
+        pelvis, probe = (trocar.Scene.load(SOURCE / "meshes" / name) for name in ("pelvis.yaml", "pelvis-probe.yaml"))
+        names, values = pelvis.names("regions"), lambda scene: {key: scene[key] for key in scene if not re.match(r"mesh|probe\.|regions", key)}
+        self.assertEqual(values(pelvis), values(probe))
+        self.assertEqual(probe.names("regions"), [name for name in names if name != "rectal_content"])
+        for i, name in enumerate(probe.names("regions")):
+            of = lambda scene, k: {key.partition(".")[2]: scene[key] for key in scene if key.startswith(f"regions[{k}].")}
+            self.assertEqual(of(probe, i), of(pelvis, names.index(name)), name)
 
 
 class Page(HTMLParser):

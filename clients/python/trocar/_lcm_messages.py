@@ -79,8 +79,7 @@ def read_seeds(data: bytes) -> Seeds:
     message.take("f8", 2)
     message.take("i2", int(message.take("i4", 1)[0]))
     count = int(message.take("i4", 1)[0])
-    places = (message.take("f4", count, 3).astype(np.float64) for _ in range(4))
-    indices = (message.take("i2", count).astype(np.int64) for _ in range(4))
-    found = Seeds(server, tick, utime, *places, *indices)
+    places = [message.take("f4", count, 3).astype(np.float64) for _ in range(4)]
+    indices = [message.take("i2", count).astype(np.int64) for _ in range(4)]
     message.end()
-    return found
+    return Seeds(server, tick, utime, *places, *indices)

@@ -16,9 +16,8 @@
 #include "base/folders.h"
 #include "common/timing.h"
 #include "lcm_filter.h"
-#include "trocar_command_t.h"
 
-#define CHANNELS "TROCAR_(POSE|WRENCH|COMMAND|CHANGE|REPLY|DEFORMATION|CONTACTS|TRACKS|SEEDS|PROBE_WRENCH)"
+#define CHANNELS "TROCAR_(POSE|WRENCH|COMMAND|CHANGE|REPLY|DEFORMATION|CONTACTS|TRACKS|SEEDS|PROBE|PROBE_WRENCH)"
 enum { QUEUE = 16384 /* messages, about five seconds */, ARGUMENTS = 16, NOT_STARTED = 127, CRITERIA_NOT_MET = 1 };
 
 /* ---- trocar-score ---- */
@@ -118,11 +117,12 @@ static void on_message(const lcm_recv_buf_t *received, const char *channel, void
 
 trocar_status training_open(training *t, lcm_t *lcm, trocar_error *why) {
     static const char *const channels[] = {"TROCAR_WRENCH", "TROCAR_TIMING", "TROCAR_STATUS", "TROCAR_CONTACTS", "TROCAR_TRACKS", "TROCAR_DEFORMATION", "TROCAR_SEEDS",
-                                           "TROCAR_REPLY", "TROCAR_PROBE_WRENCH", "TROCAR_VALUES", "TROCAR_POSE", "TROCAR_COMMAND", "TROCAR_CHANGE", NULL};
+                                           "TROCAR_REPLY", "TROCAR_PROBE_WRENCH", "TROCAR_PROBE", "TROCAR_VALUES", "TROCAR_POSE", "TROCAR_COMMAND", "TROCAR_CHANGE", NULL};
     static const packet_wishes wishes = {.channels = channels}; /* the subscriber's channels, and those that trocar-replay needs */
     if (!t->task) return TROCAR_OK;
     lcm_filter_restrict(&wishes);
     t->lcm = lcm;
+    t->listens_since = monotonic_ns();
     t->heard = lcm_subscribe(lcm, CHANNELS, on_message, t);
     if (!t->heard) return fail(why, TROCAR_SYSTEM, "cannot subscribe to " CHANNELS);
     lcm_subscription_set_queue_capacity(t->heard, QUEUE);
@@ -145,7 +145,12 @@ void training_close(training *t) {
 /* Stores the reason for a refusal, which the page shows. */
 static void refuse(training *t, const char *words) { snprintf(t->message, sizeof t->message, "%.500s", words); }
 
-/* True if a needle has left seeds or tracks in the tissue. */
+static void give_up_start(training *t, const char *words) {
+    refuse(t, words);
+    t->state = t->before;
+}
+
+/* True if the needle has left tracks or seeds in the tissue. */
 static bool is_used(const subscriber *feed, int needle) {
     const trocar_tracks_t *tracks = feed->needles[needle].tracks;
     bool used = tracks && tracks->point_count > 0;
@@ -154,34 +159,48 @@ static bool is_used(const subscriber *feed, int needle) {
 }
 
 static bool is_tissue_used(const subscriber *feed) {
-    for (int i = 0; i < feed->needle_count; i++)
-        if (is_used(feed, i)) return true;
-    return false;
+    bool used = feed->seeds && feed->seeds->seed_count > 0;
+    for (int i = 0; i < feed->needle_count; i++) used |= is_used(feed, i);
+    return used;
 }
 
-static void start_recording(training *t, subscriber *feed) {
+/* False until the server's first message about seeds. A server that has not held a needle yet sends none. */
+static bool is_tissue_known(const training *t, const subscriber *feed) {
+    static const int64_t LATEST = 1500000000; /* ns, longer than between two such messages */
+    return feed->seeds || monotonic_ns() - t->listens_since > LATEST;
+}
+
+static void start_recording(training *t, const subscriber *feed) {
     char path[2 * TRAINING_PATH], stamp[32];
     trocar_error why;
     time_t now = time(NULL);
     struct tm utc;
-    t->state = TRAINING_READY;
     strftime(stamp, sizeof stamp, "%Y-%m-%dT%H%M%SZ", gmtime_r(&now, &utc));
     snprintf(path, sizeof path, "%s/%s", t->runs, t->name);
     if (make_folders(path, &why) != TROCAR_OK) {
-        refuse(t, why.text);
+        give_up_start(t, why.text);
+        return;
+    }
+    snprintf(path, sizeof path, "%s/%s/%s.log", t->runs, t->name, stamp);
+    t->log = lcm_eventlog_create(path, "w");
+    if (!t->log) {
+        give_up_start(t, "The recording cannot be written: see the folder of runs (--runs).");
         return;
     }
     snprintf(t->run, sizeof t->run, "%s/%s", t->name, stamp);
-    snprintf(path, sizeof path, "%s/%s.log", t->runs, t->run);
-    t->log = lcm_eventlog_create(path, "w");
-    if (!t->log) {
-        refuse(t, "The recording cannot be written: see the folder of runs (--runs).");
-        return;
-    }
-    t->full = false;
+    t->full = t->has_report = false;
     t->events = 0;
     t->began = subscriber_time(feed);
     t->state = TRAINING_RUNNING;
+}
+
+/* Returns a used needle that another client holds, or -1. The server would refuse to remove it. */
+static int needle_held_elsewhere(const subscriber *feed) {
+    for (int i = 0; i < feed->needle_count; i++) {
+        int64_t owner = subscriber_owner(feed, i);
+        if (is_used(feed, i) && owner != 0 && owner != feed->session) return i;
+    }
+    return -1;
 }
 
 void training_start(training *t, subscriber *feed, pilot *hand) {
@@ -190,31 +209,27 @@ void training_start(training *t, subscriber *feed, pilot *hand) {
         refuse(t, "There is no server: start trocar-server with the task's scene.");
         return;
     }
-    t->has_report = false;
+    int held = needle_held_elsewhere(feed);
+    if (held >= 0) {
+        snprintf(t->message, sizeof t->message, "Another client holds needle %d: release it there, and try again.", held);
+        return;
+    }
     t->message[0] = '\0';
+    t->before = t->state;
     t->state = TRAINING_CLEARING;
     t->clearing_since = monotonic_ns();
-    t->replies_heeded = feed->replies_heard;
+    t->server = feed->servers;
     for (int i = 0; i < feed->needle_count; i++)
         if (is_used(feed, i)) pilot_clear(hand, i);
-    training_hear(t, feed);
+    training_watch(t, feed);
 }
 
-void training_hear(training *t, subscriber *feed) {
+void training_watch(training *t, subscriber *feed) {
     static const int64_t PATIENCE = 3000000000; /* ns */
-    const trocar_command_reply_t *reply = feed->reply;
     if (t->state != TRAINING_CLEARING) return;
-    bool answered = reply && feed->replies_heard != t->replies_heeded && reply->command == TROCAR_COMMAND_T_CLEAR;
-    t->replies_heeded = feed->replies_heard;
-    if (!is_tissue_used(feed)) {
-        start_recording(t, feed);
-    } else if (answered && reply->status == TROCAR_COMMAND_REPLY_T_REFUSED) {
-        refuse(t, reply->message);
-        t->state = TRAINING_READY;
-    } else if (monotonic_ns() - t->clearing_since > PATIENCE) {
-        refuse(t, "The server does not clear the tissue: let go of the needles, and try again.");
-        t->state = TRAINING_READY;
-    }
+    if (t->server != feed->servers || !subscriber_alive(feed)) give_up_start(t, "There is no server: start trocar-server with the task's scene.");
+    else if (is_tissue_known(t, feed) && !is_tissue_used(feed)) start_recording(t, feed);
+    else if (monotonic_ns() - t->clearing_since > PATIENCE) give_up_start(t, "The server did not clear the tissue: release all needles, and try again.");
 }
 
 void training_finish(training *t, const subscriber *feed, uint32_t language) {
@@ -249,13 +264,14 @@ void training_poll(training *t) {
     t->message[strcspn(t->message, "\n")] = '\0';
 }
 
-void training_write(training *t, const subscriber *feed, json *j) {
+void training_write(training *t, subscriber *feed, json *j) {
     static const char *const words[] = {"ready", "clearing", "running", "scoring", "scored"};
     if (!t->task) return;
+    training_watch(t, feed);
     training_poll(t);
     json_open(j, "task", '{');
     json_text(j, "state", words[t->state]);
-    json_number(j, "elapsed", t->state <= TRAINING_CLEARING ? 0.0 : (t->state == TRAINING_RUNNING ? subscriber_time(feed) : t->ended) - t->began);
+    json_number(j, "elapsed", t->state < TRAINING_RUNNING ? 0.0 : (t->state == TRAINING_RUNNING ? subscriber_time(feed) : t->ended) - t->began);
     json_bool(j, "clears", is_tissue_used(feed));
     json_text(j, "report", t->has_report ? t->run : "");
     json_text(j, "message", t->message);

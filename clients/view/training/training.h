@@ -23,12 +23,14 @@ typedef struct {
 
     lcm_t *lcm;
     lcm_subscription_t *heard;
+    int64_t listens_since;   /* ns, monotonic */
     lcm_eventlog_t *log;     /* the recording while the task is running, otherwise NULL */
     bool full;               /* true if an event could not be written */
     int64_t events;
     training_state state;
+    training_state before;   /* while clearing: the state to return to if the task cannot start */
     int64_t clearing_since;  /* ns, monotonic */
-    int64_t replies_heeded;  /* subscriber.replies_heard when replies were last handled */
+    int64_t server;          /* subscriber.servers for the server that was asked to clear the tissue */
     double began, ended;     /* s, when the task began and ended, by subscriber_time */
     char run[128];           /* NAME/TIME: path in `runs` of the last run's files, without their extensions */
     pid_t scorer;            /* process ID of trocar-score while it runs, otherwise 0 */
@@ -45,12 +47,13 @@ trocar_status training_prepare(training *t, const char *task, const char *runs, 
 trocar_status training_open(training *t, lcm_t *lcm, trocar_error *why);
 void training_close(training *t);
 
-/* Starts the task and its recording. If the tissue contains seeds or tracks of earlier needles, first has the pilot remove them; see training_hear. */
+/* Starts the task and its recording. If the tissue contains seeds or tracks of earlier needles, first has the pilot remove them; training_watch then starts the
+   recording. Refuses, with a message for the page, if another client holds one of these needles. */
 void training_start(training *t, subscriber *feed, pilot *hand);
 
-/* Call it after messages have been received. Starts the recording once the tissue has been cleared. Gives up, with a message for the page, if the server refuses
-   to clear it or does not answer. */
-void training_hear(training *t, subscriber *feed);
+/* Starts the recording once the tissue has been cleared. Gives up, with a message for the page, if the server ends, is replaced, or does not clear the tissue. Call
+   it after messages have been received. */
+void training_watch(training *t, subscriber *feed);
 
 /* Ends the task and starts trocar-score. `language` is the report's language, as two ASCII letters with the first in the lowest byte; 0 means English. */
 void training_finish(training *t, const subscriber *feed, uint32_t language);
@@ -60,6 +63,6 @@ void training_poll(training *t);
 
 /* Writes the member "task" of the page's status: state, elapsed time (s), whether starting first clears the tissue, the report's path without its extension,
    and the message. */
-void training_write(training *t, const subscriber *feed, json *j);
+void training_write(training *t, subscriber *feed, json *j);
 
 #endif

@@ -294,16 +294,18 @@ static void commands_for_seeds_are_read(void **state) {
         if (k == 4) write_command(out, TROCAR_COMMAND_T_UNDO, 7, 1, 0);
         if (k == 5) write_command(out, TROCAR_COMMAND_T_RELEASE, 7, 0, 0);
         if (k == 9) write_command(out, TROCAR_COMMAND_T_UNDO, 7, 0, 0);
+        if (k == 9) write_command(out, TROCAR_COMMAND_T_CLEAR, 7, 0, 0);
     }
     lcm_eventlog_destroy(out);
     assert_int_equal(pose_log_read(path, &log, &why), TROCAR_OK);
-    assert_true(log.count == 10 && log.command_count == 2 && log.skipped_commands == 3);
+    assert_true(log.count == 10 && log.command_count == 3 && log.skipped_commands == 3);
     assert_true(log.commands[0].next_pose == 5 && log.commands[0].command.command == TROCAR_COMMAND_T_DROP_SEED && log.commands[0].command.seeds == 3);
     assert_true(log.commands[1].next_pose == 10 && log.commands[1].command.command == TROCAR_COMMAND_T_UNDO);
+    assert_true(log.commands[2].next_pose == 10 && log.commands[2].command.command == TROCAR_COMMAND_T_CLEAR);
     pose_log_free(&log);
     overwrite(28 + 14, "\1\2\3\4", 4); /* fingerprint of an older version, without seeds */
     assert_int_equal(pose_log_read(path, &log, &why), TROCAR_OK);
-    assert_true(log.command_count == 2 && log.skipped_commands == 2);
+    assert_true(log.command_count == 3 && log.skipped_commands == 2);
     pose_log_free(&log);
     out = lcm_eventlog_create(path, "w");
     write_command(out, TROCAR_COMMAND_T_DROP_SEED, 7, 0, 1);

@@ -30,9 +30,9 @@ def _figures(done: Dosimetry) -> list[Figure]:
 
 
 def limit(f: Figure, prescription: float) -> str:
-    """Returns text for the limit on a dose-volume figure, or "" if it has none."""
+    """Returns text for the limits on a dose-volume figure, or "" if it has none."""
     least, most = f.limit(prescription)
-    return f"at least {f.shown(least)}" if least is not None else f"at most {f.shown(most)}" if most is not None else ""
+    return ", ".join(f"at {word} {f.shown(value)}" for word, value in (("least", least), ("most", most)) if value is not None)
 
 
 def as_text(done: Dosimetry) -> str:

@@ -1,7 +1,6 @@
 """The dose-volume figures (such as D90 and V100) used to judge plans and implants, and their limits."""
 from __future__ import annotations
 
-import math
 import re
 from dataclasses import dataclass, replace
 from typing import Iterable, Mapping, Sequence
@@ -64,19 +63,21 @@ FIGURES = (
 
 
 def with_limits(limits: Iterable[str]) -> tuple[Figure, ...]:
-    """Returns FIGURES with other limits, each given as a figure, <= or >=, and a fraction of the prescription or of the organ (in cm^3 for rectum V100), such as
-    "urethra D10 <= 1.3". Raises ValueError."""
+    """Returns FIGURES with other limits. Each is given as a figure, <= or >=, and a number: a multiple of the prescription for figures in Gy, a fraction of the
+    organ for those in %, and cm^3 for rectum V100. A limit replaces the figure's own limit on the same side. Raises ValueError."""
+    most = {"Gy": 10.0, "%": 1.0, "cm³": 1000.0}    # to notice a limit given in Gy or %
     found = {figure.name: figure for figure in FIGURES}
     for text in limits:
         match = re.fullmatch(r"\s*(.+?)\s*(<=|>=)\s*([0-9.eE+-]+)\s*", text)
         try:
             figure, value = found[match[1]], float(match[3])
+            if not 0.0 <= value <= most[figure.unit]:
+                raise ValueError
         except (TypeError, KeyError, ValueError):
-            value = math.nan
-        if not 0.0 <= value < math.inf:
-            raise ValueError(f"\"{text}\": write a figure, <= or >=, and a fraction, such as \"urethra D10 <= 1.3\"; the figures are {', '.join(found)}")
-        least, most = (value, None) if match[2] == ">=" else (None, value)
-        found[figure.name] = replace(figure, least=least, most=most, source=BY_USER)
+            raise ValueError(f"\"{text}\": write a figure, <= or >=, and a multiple of the prescription or a fraction of the organ, such as \"urethra D10 <= 1.3\"; the "
+                             f"figures are {', '.join(found)}") from None
+        side = {"least" if match[2] == ">=" else "most": value}
+        found[figure.name] = replace(figure, **side, source=BY_USER)
     return tuple(found.values())
 
 

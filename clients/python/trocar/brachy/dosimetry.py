@@ -33,7 +33,7 @@ from .virtual_operator import Operator
 
 Array = npt.NDArray[np.float64]
 
-__all__ = ["Carried", "Dosimetry", "carry_out", "evaluate", "make_plan", "read_organs", "source_of", "write_dicom"]
+__all__ = ["Carried", "Dosimetry", "carry_out", "evaluate", "make_plan", "read_organs", "recorded", "source_of", "write_dicom"]
 
 PROGRAM = "trocar.brachy.dosimetry"
 STEP = 4e-3                                 # s, time step of the simulation
@@ -50,7 +50,7 @@ class Carried(NamedTuple):
     now: list[Placed]        # positions in the displaced tissue at the end
     needles: list[tuple[int, int]]    # for each seed, the index of its needle and its position in its strand
     field: Array             # (nodes, 3) m, displacements of the mesh nodes when the last seed was left
-    time: float              # s, duration of the procedure
+    time: float              # s, until the last seed was left: simulated, or since the beginning of the recording
 
 
 def carry_out(scene: str | PathLike[str], plan: Plan, **operator: Any) -> Carried:
@@ -78,8 +78,9 @@ def recorded(scene: str | PathLike[str], log: str | PathLike[str]) -> Carried:
     """Returns the outcome of an implant carried out by hand, from a recording of the server's messages on TROCAR_SEEDS and TROCAR_DEFORMATION. Raises BadPlan if
     the recording cannot be used, and Error if the scene cannot."""
     model, name = Model(Scene.load(scene), mesh_only=True), fspath(log)
-    seeds, left, field, began, servers = None, None, None, 0, set()
-    last = messages.Deformation(0, -1, np.zeros_like(model.nodes))
+    seeds: messages.Seeds | None = None
+    left: list[tuple[int, int, Array | None]] = []    # for each seed: the tick and time (us) of its first message, and the first frame from that tick on
+    began, servers, frame_tick, frame = 0, set(), -1, None
     for number, (channel, data) in enumerate(events(Path(log), BadPlan)):
         if channel not in ("TROCAR_SEEDS", "TROCAR_DEFORMATION"):
             continue
@@ -90,24 +91,23 @@ def recorded(scene: str | PathLike[str], log: str | PathLike[str]) -> Carried:
         except ValueError:
             raise BadPlan(f"{name}: event {number}: {channel}: a message of another type, or damaged: record it with this release") from None
         servers.add(message.server)
-        if isinstance(message, messages.Deformation):
-            if len(message.displacement) != len(model.nodes):
-                raise BadPlan(f"{name}: tissue of {len(message.displacement)} nodes, the scene has {len(model.nodes)}: give the scene of the recording")
-            last = message
+        if isinstance(message, messages.Seeds):
+            seeds, began, count = message, began or message.utime, len(message.rest)
+            left = left[:count] + [(message.tick, message.utime, frame if frame_tick >= message.tick else None)] * (count - len(left))
+        elif len(message.displacement) != len(model.nodes):
+            raise BadPlan(f"{name}: tissue of {len(message.displacement)} nodes, the scene has {len(model.nodes)}: give the scene of the recording")
         else:
-            began = began or message.utime
-            left = message.tick if seeds is None or len(message.rest) > len(seeds.rest) else left
-            seeds = message
-        if left is not None and last.tick >= left:    # the first frame with the newest seed
-            field, left = last.displacement, None
-    if seeds is None or not len(seeds.rest):
-        raise BadPlan(f"{name}: no seeds: record TROCAR_SEEDS and TROCAR_DEFORMATION until the last seed has been left")
+            frame_tick, frame = message.tick, message.displacement
+            left = [(tick, utime, frame if field is None and frame_tick >= tick else field) for tick, utime, field in left]
+    if seeds is None or not left:
+        raise BadPlan(f"{name}: no seeds: record TROCAR_SEEDS and TROCAR_DEFORMATION until after the last seed has been left")
     if len(servers) > 1:
         raise BadPlan(f"{name}: messages of {len(servers)} servers: record an implant from its beginning to its end with one server")
+    _, ended_at, field = left[-1]
     if field is None:
-        raise BadPlan(f"{name}: no message on TROCAR_DEFORMATION after the last seed was left: record this channel, too")
+        raise BadPlan(f"{name}: no message on TROCAR_DEFORMATION after the last seed was left: record this channel, too, and for a second longer")
     return Carried(seeds_of_message(seeds, model), seeds_of_message(seeds, model, now=True), list(zip(seeds.needle.tolist(), seeds.strand.tolist())), field,
-                   1e-6 * (seeds.utime - began))
+                   1e-6 * (ended_at - began))
 
 
 def _seeds_csv(done: Carried) -> str:
@@ -187,7 +187,9 @@ def _optimise(given: argparse.Namespace) -> int:
 
 def _implant(given: argparse.Namespace) -> int:
     plan = read(given.plan)
-    done = recorded(given.scene, given.log) if given.log else carry_out(given.scene, plan, follows_image=given.operator == "image", seed=given.seed)
+    if given.log and (given.operator or given.seed is not None):
+        raise BadPlan("--log: without --operator and --seed, which are for the virtual operator")
+    done = recorded(given.scene, given.log) if given.log else carry_out(given.scene, plan, follows_image=given.operator != "marks", seed=1 if given.seed is None else given.seed)
     save(Path(given.out), _seeds_csv(done))
     if given.displacements:
         save(Path(given.displacements), _field_csv(done.field))
@@ -244,7 +246,7 @@ def _options() -> argparse.ArgumentParser:
         add("--structures", required=True, help="RT Structure Set with the organs (required)", metavar="FILE")
         for role, name in (("gland", "Prostate"), ("urethra", "Urethra"), ("rectum", "Rectum")):
             add(f"--{role}", help=f"name of its region of interest (default {name})", metavar="ROI")
-        add("--limit", action="append", help='another limit on a figure, as a fraction, such as "urethra D10 <= 1.3"; may be given several times', metavar="LIMIT")
+        add("--limit", action="append", help='set a limit on a figure, such as "urethra D10 <= 1.3" (times the prescription); may be given several times', metavar="LIMIT")
 
     add = command("optimise", _optimise, "choose needles and seeds for a prescription, and write them as a plan")
     with_organs(add)
@@ -260,9 +262,9 @@ def _options() -> argparse.ArgumentParser:
     add("--plan", required=True, help="plan, a YAML file (required)", metavar="FILE")
     add("--out", required=True, help="table of the seeds, in the format of trocar-replay --seeds (required)", metavar="FILE")
     add("--displacements", help="write the displacements of the mesh's nodes when the last seed was left", metavar="FILE")
-    add("--operator", choices=("image", "marks"), default="image", help="what the operator follows (default %(default)s)")
-    add("--seed", type=whole_number, default=1, help="seed of the operator's random errors (default %(default)s)", metavar="NUMBER")
-    add("--log", help="no virtual operator: recording of an implant by hand, by lcm-logger or trocar-view --task", metavar="FILE")
+    add("--operator", choices=("image", "marks"), help="what the operator follows (default image)")
+    add("--seed", type=whole_number, help="seed of the operator's random errors (default 1)", metavar="NUMBER")
+    add("--log", help="read the seeds from a recording of an implant by hand (lcm-logger or trocar-view --task), instead of simulating an operator", metavar="FILE")
 
     add = command("report", _report, "compute the doses, and write DICOM files and a report")
     with_organs(add)

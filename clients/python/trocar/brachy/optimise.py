@@ -60,7 +60,7 @@ class Weights:
         def shift(name: str, side: str) -> float:
             usual, limit = (next(getattr(figure, side) for figure in figures if figure.name == name) for figures in (FIGURES, goals))
             return 0.0 if limit is None else float(limit - usual)
-        return cls(aim=cls.aim + shift("D90", "least"), spare=cls.spare + shift("urethra D10", "most"), wall=cls.wall + shift("rectum D2cc", "most"))
+        return cls(aim=cls.aim + shift("D90", "least"), high=cls.high + shift("D90", "least"), spare=cls.spare + shift("urethra D10", "most"), wall=cls.wall + shift("rectum D2cc", "most"))
 
 
 @dataclass

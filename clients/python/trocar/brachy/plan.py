@@ -46,7 +46,7 @@ from .._lcm_messages import Seeds
 from .._reader import Reader
 
 __all__ = ["BadPlan", "Frame", "Misplacement", "Needle", "Plan", "Planned", "Placed", "Source", "Turn", "compare", "guide_of", "hole_axis", "hole_name",
-           "hole_number", "needle_axis", "planned_seeds", "read", "read_seeds", "seeds_of", "summary", "without_steering", "write"]
+           "hole_number", "needle_axis", "planned_seeds", "read", "read_seeds", "seeds_of", "seeds_of_message", "summary", "without_steering", "write"]
 
 HALF_LIFE = {"I-125": 59.40, "Pd-103": 16.991}  # days, from the TG-43 consensus data; a plan may use only these isotopes
 _SPACING_TOLERANCE = 1e-6  # m
@@ -429,25 +429,25 @@ def read_seeds(path: str | PathLike[str], model: Model, now: bool = False) -> li
     return seeds
 
 
+def _placed(number: int, guides: Sequence[Guide], index: int | None, hole: int | None, place: npt.NDArray[np.float64], along: npt.NDArray[np.float64]) -> Placed:
+    """Returns a seed that a needle in this guide and hole left; each is None or below 0 if there is none."""
+    known = index is not None and 0 <= index < len(guides) and hole is not None and hole >= 0
+    guide = guides[index] if known else None
+    return Placed(number, guide.name if guide else "", hole_name(hole % guide.columns, hole // guide.columns) if guide else "", place, along)
+
+
 def seeds_of_message(seeds: Seeds, model: Model, now: bool = False) -> list[Placed]:
     """Returns the seeds of a message on TROCAR_SEEDS. now: use their positions in the displaced tissue instead of those in the tissue at rest."""
-    guides, found = model.guides, []
     places, directions = (seeds.position, seeds.direction) if now else (seeds.rest, seeds.rest_direction)
-    for i, (place, along, index, hole) in enumerate(zip(places, directions, seeds.guide.tolist(), seeds.hole.tolist())):
-        guide = guides[index] if 0 <= index < len(guides) and hole >= 0 else None
-        found.append(Placed(i + 1, guide.name if guide else "", hole_name(hole % guide.columns, hole // guide.columns) if guide else "", place, along))
-    return found
+    guides = model.guides
+    return [_placed(i + 1, guides, *row) for i, row in enumerate(zip(seeds.guide.tolist(), seeds.hole.tolist(), places, directions))]
 
 
 def seeds_of(sim: Sim, now: bool = False) -> list[Placed]:
     """Returns the seeds left in a simulation. now: use their current positions, in the displaced tissue, instead of those in the tissue at rest."""
     seeds, guides = sim.seeds(), sim.model.guides
     places, directions = sim.model.displaced_seeds(seeds, sim.displacements()) if now else ([s.position for s in seeds], [s.direction for s in seeds])
-    found = []
-    for i, (seed, place, along) in enumerate(zip(seeds, places, directions)):
-        guide = guides[seed.guide] if seed.guide is not None else None
-        found.append(Placed(i + 1, guide.name if guide else "", hole_name(seed.hole % guide.columns, seed.hole // guide.columns) if guide else "", place, along))
-    return found
+    return [_placed(i + 1, guides, seed.guide, seed.hole, place, along) for i, (seed, place, along) in enumerate(zip(seeds, places, directions))]
 
 
 def _pairs(planned: Sequence[float], placed: Sequence[float]) -> list[tuple[int | None, int | None]]:

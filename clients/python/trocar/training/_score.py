@@ -170,9 +170,19 @@ def _organs(task: Task, paths: Sequence[Array]) -> dict[str, float]:
 
 def _touched(task: Task, paths: Sequence[Array]) -> list[str]:
     """Returns those surfaces to be avoided that a path touches. A needle that bone has stopped touches its surface."""
-    points = np.concatenate(paths) if paths else np.zeros((0, 3))
-    surfaces = {name: task.model.nodes[task.model.surface(name)] for name in task.avoid if name in task.surfaces}
-    return [name for name, triangles in surfaces.items() if len(points) and distance(points, triangles).min() <= TOUCH]
+    points = [np.zeros((0, 3))]
+    for path in paths:
+        for start, end in zip(path[:-1], path[1:]):
+            count = max(int(np.ceil(np.linalg.norm(end - start) / TOUCH)), 1)
+            points.append(start + np.outer(np.arange(count + 1) / count, end - start))
+    sampled, found = np.concatenate(points), []
+    for name in (name for name in task.avoid if name in task.surfaces):
+        triangles = task.model.nodes[task.model.surface(name)]
+        low, high = triangles.min(axis=(0, 1)) - TOUCH, triangles.max(axis=(0, 1)) + TOUCH
+        near = sampled[((sampled >= low) & (sampled <= high)).all(axis=1)]
+        if len(near) and distance(near, triangles).min() <= TOUCH:
+            found.append(name)
+    return found
 
 
 def _forces(recording: Recording) -> tuple[Array, Array]:

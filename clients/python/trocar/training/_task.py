@@ -139,7 +139,7 @@ def _read_target(reader: Reader, node: Any, place: str, model: Model) -> Target:
     return Target(reader.text(keys["name"], f"{place}.name"), position, hole)
 
 
-def _regions(reader: Reader, node: Any, place: str, known: list[str], kind: str = "region") -> list[str]:
+def _names(reader: Reader, node: Any, place: str, known: list[str], kind: str = "region") -> list[str]:
     names = [reader.text(item, f"{place}[{i}]") for i, item in enumerate(reader.items(node, place))]
     for name, item in zip(names, reader.items(node, place)):
         if name not in known:
@@ -213,10 +213,10 @@ def _read_task(path: str) -> Task:
     known = [model.groups[i] for i in np.unique(model.tet_regions)]
     if "organs" in keys:
         for role, node in reader.mapping(keys["organs"], "organs", (), ROLES).items():
-            task.organs[role] = _wholes(model, _regions(reader, node, f"organs.{role}", known))
+            task.organs[role] = _wholes(model, _names(reader, node, f"organs.{role}", known))
     if "avoid" in keys:
         solid = loaded.impenetrable()
-        task.avoid = _regions(reader, keys["avoid"], "avoid", [*known, *solid], "region or impenetrable surface")
+        task.avoid = _names(reader, keys["avoid"], "avoid", [*known, *solid], "region or impenetrable surface")
         task.surfaces = [name for name in task.avoid if name in solid]
     task.criteria = [_read_criterion(reader, node, f"criteria[{i}]", task) for i, node in enumerate(reader.items(keys["criteria"], "criteria"))]
     if "hints" in keys:

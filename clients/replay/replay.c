@@ -356,12 +356,13 @@ static trocar_status carry_out(replay *r, const logged_command *logged, trocar_e
         if (status == TROCAR_OK) status = trocar_sim_work(r->sim, NULL, why);
         if (status == TROCAR_OK) n->taken = true;
         return status;
+    case TROCAR_COMMAND_T_CLEAR: /* without `all`, only seed commands are replayed, and so only what this one does to seeds */
+        status = replay_seed_command(&n->waiting, r->sim, needle, logged, why);
+        if (status != TROCAR_OK || !r->options->all) return status;
+        /* fall through */
     case TROCAR_COMMAND_T_RESET:
-    case TROCAR_COMMAND_T_CLEAR:
         n->begun = n->taken = false;
-        status = remove_needle(r->sim, needle, why);
-        if (status == TROCAR_OK && c->command == TROCAR_COMMAND_T_CLEAR) status = trocar_sim_clear_seeds(r->sim, needle, why);
-        return status;
+        return remove_needle(r->sim, needle, why);
     case TROCAR_COMMAND_T_RELEASE:
         n->begun = false;
         return TROCAR_OK;

@@ -14,6 +14,7 @@ pose clutch_follow(const hand_clutch *clutch, pose hand) {
 
 trocar_status handle_seeds(trocar_sim *sim, int needle, const trocar_command_t *m, trocar_error *why) {
     if (m->command == TROCAR_COMMAND_T_UNDO) return trocar_sim_undo_seed(sim, needle, why);
+    if (m->command == TROCAR_COMMAND_T_CLEAR) return trocar_sim_clear_seeds(sim, needle, why);
     return trocar_sim_drop_seeds(sim, needle, m->seeds, m->spacing, why);
 }
 

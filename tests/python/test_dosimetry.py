@@ -340,22 +340,25 @@ class Chain(unittest.TestCase):
 
     def test_the_seeds_of_a_recording(self):
         """A recording with the seeds and displacements of the virtual operator, as a server would make it, gives the same tables."""
-        rows, log, nodes = list(csv.DictReader((self.out / "seeds.csv").open())), Log(), len(self.model.nodes)
+        rows, log, nodes = list(csv.DictReader((self.out / "seeds.csv").read_text().splitlines())), Log(), len(self.model.nodes)
         field, columns = np.loadtxt(self.out / "moved.csv", delimiter=",", skiprows=1), self.model.guides[0].columns
-        def seeds(count):
-            vectors = lambda name, unit: [[float(row[f"{name}{axis}{unit}"]) for axis in "xyz"] for row in rows[:count]]
-            numbers = lambda name: [int(row[name]) for row in rows[:count]]
-            holes = [plans.hole_number(row["hole"]) for row in rows[:count]]
-            log.add("TROCAR_SEEDS", "seeds_t", needle_count=1, pending=[0], seed_count=count, position=vectors("", " [m]"), direction=vectors("along_", ""),
-                    rest_position=vectors("rest_", " [m]"), rest_direction=vectors("rest_along_", ""), needle=numbers("needle"), strand=numbers("strand"), guide=[0] * count,
+        def seeds(*places):
+            """Adds a message with the seeds at these places of the table."""
+            of = [rows[i] for i in places]
+            vectors = lambda name, unit: [[float(row[f"{name}{axis}{unit}"]) for axis in "xyz"] for row in of]
+            numbers = lambda name: [int(row[name]) for row in of]
+            holes = [plans.hole_number(row["hole"]) for row in of]
+            log.add("TROCAR_SEEDS", "seeds_t", needle_count=1, pending=[0], seed_count=len(of), position=vectors("", " [m]"), direction=vectors("along_", ""),
+                    rest_position=vectors("rest_", " [m]"), rest_direction=vectors("rest_along_", ""), needle=numbers("needle"), strand=numbers("strand"), guide=[0] * len(of),
                     hole=[column + columns * row for column, row in holes])
-        for count, part in ((0, 0.0), (len(rows) - 1, 0.5), (len(rows), 1.0), (len(rows), 0.0)):
-            log.tick += 250
+        count = len(rows)
+        for places, part in ((range(0), 0.0), (range(count), 0.3), (range(1, count), 0.4), (range(count - 1), 0.5), (range(count), 1.0), (range(count), 0.0)):
+            log.tick += 500    # seeds are removed (Undo, Clear) at the beginning and at the end of the list, and left again
             log.tissue(part * field)
-            seeds(count)
+            seeds(*places)
         log.write(self.out / "hand.log")
         said = run("trocar.brachy.dosimetry", "implant", "--scene", "patient.yaml", "--plan", "plan.yaml", "--log", "hand.log", "--out", "hand.csv", "--displacements", "hand-moved.csv", cwd=self.out)
-        self.assertIn(f"hand.csv: {len(rows)} of {len(rows)} seeds, 1 s\n", said)
+        self.assertIn(f"hand.csv: {len(rows)} of {len(rows)} seeds, 2 s\n", said)
         for name, other in (("hand.csv", "seeds.csv"), ("hand-moved.csv", "moved.csv")):
             by_hand, virtual = ([re.split(",", line) for line in (self.out / file).read_text().splitlines()] for file in (name, other))
             self.assertEqual(by_hand[0], virtual[0])
@@ -393,7 +396,9 @@ class Chain(unittest.TestCase):
                 (r"has the guides template: choose one", "optimise", {"template": "grid"}),
                 (r"argument --strength: -1: write a number", "optimise", {"strength": -1}),
                 (r"--limit: \"D5 <= 1\": write a figure.*the figures are D90, V100", "optimise", {"limit": "D5 <= 1"}),
-                (r"--limit: \"D90 <= nan\": write a figure", "report", {"limit": "D90 <= nan"}), (r"--limit: \"V100 >= 95\"", "optimise", {"limit": "V100 >= 95"}),
+                (r"--limit: \"D90 <= nan\": write a figure", "report", {"limit": "D90 <= nan"}),
+                (r"--limit: \"V100 >= 95\": write a number from 0 to 1 \(of the organ\)", "optimise", {"limit": "V100 >= 95"}),
+                (r"--limit: \"D90 <= 0.9\": cannot be met together with >= 1", "optimise", {"limit": "D90 <= 0.9"}),
                 (r"--log: without --operator and --seed", "implant", {"structures": None, "plan": "plan.yaml", "log": "x.log", "seed": 3}),
                 (r"no-source.yaml: without \"source\"", "report", {"plan": "no-source.yaml"}),
                 (r"unknown.yaml: no seed model \"I-125 6702\"", "report", {"plan": "unknown.yaml"}),

@@ -88,6 +88,8 @@ class Log:
 
     def wrench(self, depth, force=(0, 0, 0), needle=0, session=1):
         self.tick += 1
+        if needle > 0:    # the server sends a wrench of needle 0 in each tick, even if nobody holds it
+            self.add("TROCAR_WRENCH", "needle_wrench_t", depth=0.0, raw_force=(0, 0, 0), needle=0, session=0)
         self.add("TROCAR_WRENCH", "needle_wrench_t", depth=depth, raw_force=force, needle=needle, session=session)
 
     def stroke(self, *depths, needle=0, session=1):
@@ -325,12 +327,15 @@ class Scores(Case):
         normal /= np.linalg.norm(normal)
         outwards = normal if locate(model, [place + 1e-3 * normal])[0][0] >= 0 else -normal
         task = TARGETS.replace(str(SCENE), str(scene)).replace("[muscle]", "[urethra, bone]").replace("measure: passes", "measure: organs_touched")
-        for away, touched in ((0.3e-3, ["bone"]), (0.9e-3, [])):
+        aside = np.cross(outwards, [0.6, 0.0, 0.8])
+        aside *= 1e-3 / np.linalg.norm(aside)
+        for away, passes, touched in ((0.3e-3, False, ["bone"]), (0.9e-3, False, []), (0.3e-3, True, ["bone"])):
             log = Log()
             log.tissue(np.zeros((len(model.nodes), 3)))
             log.wrench(0.0)
             end = place + away * outwards
-            log.tracks([(end + 0.01 * outwards).tolist(), end.tolist()])
+            ends = (end - 2 * aside + 1e-3 * outwards, end + 2 * aside - 1e-3 * outwards) if passes else (end + 0.01 * outwards, end)    # the path ends there, or passes
+            log.tracks([point.tolist() for point in ends])
             result = self.score(task, log)
             self.assertEqual((result.touched, result.measures["organs_touched"]), (touched, len(touched)))
         with self.assertRaisesRegex(BadTask, "no region or impenetrable surface \"capsule\": there are .*urethra.*, bone$"):

@@ -111,6 +111,15 @@ try {
     assert(measures.passes === 0 && measures.path === 0 && measures.displacement < 1e-6, JSON.stringify(measures))
   })
 
+  await check('without a server, it does not start, and the report stays', async () => {
+    await stop(server)
+    server = null
+    await until(page, '!trocar.status.alive')
+    await page.click('#task-start')
+    await says('task-message', /Kein Server/)
+    assert.match(await page.evaluate("document.getElementById('task-report').shadowRoot.textContent"), /Nicht bestanden/)
+  })
+
   await check('axe-core finds no violations in saved reports', async () => {
     const pages = (await readdir(path.join(runs, 'reach'))).filter((file) => file.endsWith('.html'))
     assert.equal(pages.length, 2)

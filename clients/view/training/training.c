@@ -122,7 +122,6 @@ trocar_status training_open(training *t, lcm_t *lcm, trocar_error *why) {
     if (!t->task) return TROCAR_OK;
     lcm_filter_restrict(&wishes);
     t->lcm = lcm;
-    t->listens_since = monotonic_ns();
     t->heard = lcm_subscribe(lcm, CHANNELS, on_message, t);
     if (!t->heard) return fail(why, TROCAR_SYSTEM, "cannot subscribe to " CHANNELS);
     lcm_subscription_set_queue_capacity(t->heard, QUEUE);
@@ -164,12 +163,6 @@ static bool is_tissue_used(const subscriber *feed) {
     return used;
 }
 
-/* False until the server's first message about seeds. A server that has not held a needle yet sends none. */
-static bool is_tissue_known(const training *t, const subscriber *feed) {
-    static const int64_t LATEST = 1500000000; /* ns, longer than between two such messages */
-    return feed->seeds || monotonic_ns() - t->listens_since > LATEST;
-}
-
 static void start_recording(training *t, const subscriber *feed) {
     char path[2 * TRAINING_PATH], stamp[32];
     trocar_error why;
@@ -203,33 +196,45 @@ static int needle_held_elsewhere(const subscriber *feed) {
     return -1;
 }
 
-void training_start(training *t, subscriber *feed, pilot *hand) {
-    if (!t->task || (t->state != TRAINING_READY && t->state != TRAINING_SCORED)) return;
-    if (!subscriber_alive(feed)) {
-        refuse(t, "There is no server: start trocar-server with the task's scene.");
-        return;
-    }
+/* Asks the server to remove all used needles and their seeds, unless another client holds one. */
+static void ask_to_clear(training *t, const subscriber *feed) {
     int held = needle_held_elsewhere(feed);
     if (held >= 0) {
-        snprintf(t->message, sizeof t->message, "Another client holds needle %d: release it there, and try again.", held);
+        char words[96];
+        snprintf(words, sizeof words, "Another client holds needle %d: release it there, and try again.", held);
+        give_up_start(t, words);
         return;
     }
-    t->message[0] = '\0';
-    t->before = t->state;
-    t->state = TRAINING_CLEARING;
-    t->clearing_since = monotonic_ns();
-    t->server = feed->servers;
     for (int i = 0; i < feed->needle_count; i++)
-        if (is_used(feed, i)) pilot_clear(hand, i);
+        if (is_used(feed, i)) pilot_clear(t->hand, i);
+    t->asked_at = monotonic_ns();
+}
+
+void training_start(training *t, subscriber *feed, pilot *hand) {
+    if (!t->task || (t->state != TRAINING_READY && t->state != TRAINING_SCORED)) return;
+    t->before = t->state;
+    t->hand = hand;
+    t->message[0] = '\0';
+    t->state = TRAINING_CLEARING;
+    t->asked_at = 0;
     training_watch(t, feed);
 }
 
 void training_watch(training *t, subscriber *feed) {
-    static const int64_t PATIENCE = 3000000000; /* ns */
+    static const int64_t LATEST = 1500000000, PATIENCE = 3000000000; /* ns. A server that has tracks or seeds says so at least once a second: within LATEST */
+    int64_t now = monotonic_ns();
+    bool replaced = t->server != feed->servers;
+    if (replaced) {
+        t->server = feed->servers;
+        t->server_since = now;
+    }
     if (t->state != TRAINING_CLEARING) return;
-    if (t->server != feed->servers || !subscriber_alive(feed)) give_up_start(t, "There is no server: start trocar-server with the task's scene.");
-    else if (is_tissue_known(t, feed) && !is_tissue_used(feed)) start_recording(t, feed);
-    else if (monotonic_ns() - t->clearing_since > PATIENCE) give_up_start(t, "The server did not clear the tissue: release all needles, and try again.");
+    if (!subscriber_alive(feed)) give_up_start(t, "There is no server: start trocar-server with the task's scene.");
+    else if (replaced && t->asked_at != 0) give_up_start(t, "Another server has started: try again.");
+    else if (now - t->server_since < LATEST) return;
+    else if (!is_tissue_used(feed)) start_recording(t, feed);
+    else if (t->asked_at == 0) ask_to_clear(t, feed);
+    else if (now - t->asked_at > PATIENCE) give_up_start(t, "The server did not clear the tissue: release all needles, and try again.");
 }
 
 void training_finish(training *t, const subscriber *feed, uint32_t language) {

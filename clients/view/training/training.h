@@ -23,14 +23,14 @@ typedef struct {
 
     lcm_t *lcm;
     lcm_subscription_t *heard;
-    int64_t listens_since;   /* ns, monotonic */
     lcm_eventlog_t *log;     /* the recording while the task is running, otherwise NULL */
     bool full;               /* true if an event could not be written */
     int64_t events;
     training_state state;
     training_state before;   /* while clearing: the state to return to if the task cannot start */
-    int64_t clearing_since;  /* ns, monotonic */
-    int64_t server;          /* subscriber.servers for the server that was asked to clear the tissue */
+    pilot *hand;             /* while clearing: the pilot that asks the server to clear the tissue */
+    int64_t asked_at;        /* ns, monotonic, when it did so; 0 if it has not yet */
+    int64_t server, server_since; /* subscriber.servers, and when it last changed (ns, monotonic) */
     double began, ended;     /* s, when the task began and ended, by subscriber_time */
     char run[128];           /* NAME/TIME: path in `runs` of the last run's files, without their extensions */
     pid_t scorer;            /* process ID of trocar-score while it runs, otherwise 0 */
@@ -51,8 +51,8 @@ void training_close(training *t);
    recording. Refuses, with a message for the page, if another client holds one of these needles. */
 void training_start(training *t, subscriber *feed, pilot *hand);
 
-/* Starts the recording once the tissue has been cleared. Gives up, with a message for the page, if the server ends, is replaced, or does not clear the tissue. Call
-   it after messages have been received. */
+/* Has the tissue cleared, and starts the recording once it is clear. Gives up, with a message for the page, if the server ends, is replaced, or does not clear the
+   tissue. Call it after messages have been received, and also while none arrive. */
 void training_watch(training *t, subscriber *feed);
 
 /* Ends the task and starts trocar-score. `language` is the report's language, as two ASCII letters with the first in the lowest byte; 0 means English. */
@@ -61,7 +61,7 @@ void training_finish(training *t, const subscriber *feed, uint32_t language);
 /* Checks whether trocar-score has ended. Does not wait. */
 void training_poll(training *t);
 
-/* Writes the member "task" of the page's status: state, elapsed time (s), whether starting first clears the tissue, the report's path without its extension,
+/* Calls training_watch and training_poll, then writes the member "task" of the page's status: state, elapsed time (s), whether starting first clears the tissue, the report's path without its extension,
    and the message. */
 void training_write(training *t, subscriber *feed, json *j);
 

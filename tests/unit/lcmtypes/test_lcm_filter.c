@@ -266,10 +266,11 @@ static void a_wide_receive_buffer_is_as_large_as_permitted(void **unused) {
     (void)unused;
     int permitted = 0;
     FILE *limit = fopen("/proc/sys/net/core/rmem_max", "r");
-    assert_true(limit && fscanf(limit, "%d", &permitted) == 1);
+    if (!limit) skip();
+    assert_int_equal(fscanf(limit, "%d", &permitted), 1);
     fclose(limit);
     const int expected = permitted < 4 << 20 ? permitted : 4 << 20;
-    const struct { const char *url; int buffer; } cases[] = {{"udpm://239.255.76.67:7669?ttl=0", expected}, {"udpm://239.255.76.67:7669?recv_buf_size=300000&ttl=0", expected < 300000 ? expected : 300000}};
+    const struct { const char *url; int buffer; } cases[] = {{"udpm://239.255.76.67:7669?ttl=0", expected}, {"udpm://239.255.76.67:7669?recv_buf_size=120000&ttl=0", 120000}};
     for (int i = 0; i < 2; i++) {
         lcm_t *lcm = lcm_filter_create_wide(cases[i].url);
         if (!lcm || !lcm_subscribe(lcm, ".*", ignore, NULL)) skip(); /* there is no multicast route */

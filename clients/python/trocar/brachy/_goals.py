@@ -65,19 +65,25 @@ FIGURES = (
 def with_limits(limits: Iterable[str]) -> tuple[Figure, ...]:
     """Returns FIGURES with other limits. Each is given as a figure, <= or >=, and a number: a multiple of the prescription for figures in Gy, a fraction of the
     organ for those in %, and cm^3 for rectum V100. A limit replaces the figure's own limit on the same side. Raises ValueError."""
-    most = {"Gy": 10.0, "%": 1.0, "cm³": 1000.0}    # to notice a limit given in Gy or %
+    ranges = {"Gy": (10.0, "times the prescription"), "%": (1.0, "of the organ"), "cm³": (1000.0, "cm³")}    # to notice a limit given in Gy or %
     found = {figure.name: figure for figure in FIGURES}
     for text in limits:
         match = re.fullmatch(r"\s*(.+?)\s*(<=|>=)\s*([0-9.eE+-]+)\s*", text)
+        figure = found.get(match[1]) if match else None
+        if not match or not figure:
+            raise ValueError(f"\"{text}\": write a figure, <= or >=, and a number, such as \"urethra D10 <= 1.3\"; the figures are {', '.join(found)}")
+        most, unit = ranges[figure.unit]
         try:
-            figure, value = found[match[1]], float(match[3])
-            if not 0.0 <= value <= most[figure.unit]:
-                raise ValueError
-        except (TypeError, KeyError, ValueError):
-            raise ValueError(f"\"{text}\": write a figure, <= or >=, and a multiple of the prescription or a fraction of the organ, such as \"urethra D10 <= 1.3\"; the "
-                             f"figures are {', '.join(found)}") from None
-        side = {"least" if match[2] == ">=" else "most": value}
-        found[figure.name] = replace(figure, **side, source=BY_USER)
+            value = float(match[3])
+        except ValueError:
+            value = -1.0
+        if not 0.0 <= value <= most:
+            raise ValueError(f"\"{text}\": write a number from 0 to {most:g} ({unit})")
+        changed = replace(figure, least=value) if match[2] == ">=" else replace(figure, most=value)
+        if changed.least is not None and changed.most is not None and changed.least > changed.most:
+            raise ValueError(f"\"{text}\": cannot be met together with {'<=' if match[2] == '>=' else '>='} {changed.most if match[2] == '>=' else changed.least:g}")
+        kept = figure.most if match[2] == ">=" else figure.least
+        found[figure.name] = replace(changed, source=BY_USER if kept is None else f"{BY_USER}, and {figure.source}")
     return tuple(found.values())
 
 

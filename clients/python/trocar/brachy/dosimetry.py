@@ -50,7 +50,7 @@ class Carried(NamedTuple):
     now: list[Placed]        # positions in the displaced tissue at the end
     needles: list[tuple[int, int]]    # for each seed, the index of its needle and its position in its strand
     field: Array             # (nodes, 3) m, displacements of the mesh nodes when the last seed was left
-    time: float              # s, until the last seed was left: simulated, or since the beginning of the recording
+    time: float              # s, until the last seed was left: simulated, or since the first message about seeds in the recording
 
 
 def carry_out(scene: str | PathLike[str], plan: Plan, **operator: Any) -> Carried:
@@ -79,7 +79,7 @@ def recorded(scene: str | PathLike[str], log: str | PathLike[str]) -> Carried:
     the recording cannot be used, and Error if the scene cannot."""
     model, name = Model(Scene.load(scene), mesh_only=True), fspath(log)
     seeds: messages.Seeds | None = None
-    left: list[tuple[int, int, Array | None]] = []    # for each seed: the tick and time (us) of its first message, and the first frame from that tick on
+    left: dict[tuple[int, int, bytes], tuple[int, int, Array | None]] = {}    # for each seed: tick and time (us) of its first message, and the first frame since
     began, servers, frame_tick, frame = 0, set(), -1, None
     for number, (channel, data) in enumerate(events(Path(log), BadPlan)):
         if channel not in ("TROCAR_SEEDS", "TROCAR_DEFORMATION"):
@@ -92,18 +92,19 @@ def recorded(scene: str | PathLike[str], log: str | PathLike[str]) -> Carried:
             raise BadPlan(f"{name}: event {number}: {channel}: a message of another type, or damaged: record it with this release") from None
         servers.add(message.server)
         if isinstance(message, messages.Seeds):
-            seeds, began, count = message, began or message.utime, len(message.rest)
-            left = left[:count] + [(message.tick, message.utime, frame if frame_tick >= message.tick else None)] * (count - len(left))
+            seeds, began = message, began or message.utime
+            new = message.tick, message.utime, frame if frame_tick >= message.tick else None
+            left = {key: left.get(key, new) for key in ((n, s, rest.tobytes()) for n, s, rest in zip(message.needle.tolist(), message.strand.tolist(), message.rest))}
         elif len(message.displacement) != len(model.nodes):
             raise BadPlan(f"{name}: tissue of {len(message.displacement)} nodes, the scene has {len(model.nodes)}: give the scene of the recording")
         else:
             frame_tick, frame = message.tick, message.displacement
-            left = [(tick, utime, frame if field is None and frame_tick >= tick else field) for tick, utime, field in left]
+            left = {key: (tick, utime, frame if field is None and frame_tick >= tick else field) for key, (tick, utime, field) in left.items()}
     if seeds is None or not left:
         raise BadPlan(f"{name}: no seeds: record TROCAR_SEEDS and TROCAR_DEFORMATION until after the last seed has been left")
     if len(servers) > 1:
         raise BadPlan(f"{name}: messages of {len(servers)} servers: record an implant from its beginning to its end with one server")
-    _, ended_at, field = left[-1]
+    _, ended_at, field = max(left.values(), key=lambda entry: entry[0])
     if field is None:
         raise BadPlan(f"{name}: no message on TROCAR_DEFORMATION after the last seed was left: record this channel, too, and for a second longer")
     return Carried(seeds_of_message(seeds, model), seeds_of_message(seeds, model, now=True), list(zip(seeds.needle.tolist(), seeds.strand.tolist())), field,

@@ -56,7 +56,8 @@ class Weights:
 
     @classmethod
     def for_goals(cls, goals: Sequence[Figure]) -> Weights:
-        """Returns weights whose dose levels lie as far from these limits as the default levels do from the default limits."""
+        """Returns weights whose dose levels lie as far from the lower limit of D90 (`aim` and `high`), and from the upper limits of the urethra's D10 and the rectum's
+        D2cc, as the default levels do from the default limits."""
         def shift(name: str, side: str) -> float:
             usual, limit = (next(getattr(figure, side) for figure in figures if figure.name == name) for figures in (FIGURES, goals))
             return 0.0 if limit is None else float(limit - usual)

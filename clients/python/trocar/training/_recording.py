@@ -37,8 +37,8 @@ class Recording:
 
     wrenches: structured array, in log order; paths: the tracks (n, 3) m that needles cut, in the tissue at rest; seeds: the seeds at the end;
     displacement: largest displacement (m) of the chosen nodes in any frame; sightings: one for each held needle in each frame; probe_force: largest force (N) on
-    the probe, None if there is none; lost: how many of the ticks between the first and the last wrench have no wrench, although the server sends at least one in
-    each tick; ticks: the number of these ticks."""
+    the probe, None if there is none; lost: how many wrenches of needle 0, which the server sends in each tick, are missing between the first and the last;
+    ticks: the number of these ticks."""
 
     def __init__(self, path: str | PathLike[str], model: Model, nodes: npt.NDArray[np.intp], watched: Array):
         """nodes: indices of the nodes whose displacement counts; watched (k, 3) m: the points that sightings refer to, in the tissue at rest. Raises
@@ -77,7 +77,7 @@ class Recording:
         self.wrenches = np.frombuffer(b"".join(wrenches), _WRENCH)
         self.paths += [track for tracks in self._tracks.values() for track in tracks]
         self._check()
-        heard = np.unique(self.wrenches["tick"])
+        heard = np.unique(self.wrenches["tick"][self.wrenches["needle"] == 0])
         self.ticks = int(heard[-1] - heard[0]) + 1 if len(heard) else 0
         self.lost = self.ticks - len(heard)
 

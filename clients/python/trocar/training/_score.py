@@ -172,9 +172,10 @@ def _touched(task: Task, paths: Sequence[Array]) -> list[str]:
     """Returns those surfaces to be avoided that a path touches. A needle that bone has stopped touches its surface."""
     points = [np.zeros((0, 3))]
     for path in paths:
+        points.append(path[:1])
         for start, end in zip(path[:-1], path[1:]):
             count = max(int(np.ceil(np.linalg.norm(end - start) / TOUCH)), 1)
-            points.append(start + np.outer(np.arange(count + 1) / count, end - start))
+            points.append(start + np.outer(np.arange(1, count + 1) / count, end - start))
     sampled, found = np.concatenate(points), []
     for name in (name for name in task.avoid if name in task.surfaces):
         triangles = task.model.nodes[task.model.surface(name)]

@@ -58,7 +58,7 @@ grep -E 'poses +taken [0-9]{4}' top || fail "the monitor shows no poses"
 play -1d
 echo "lost: $(value wrenches_lost) wrenches; unanswered: $(value poses_unanswered) poses"
 holds "$(value wrenches_lost) >= 40 && $(value wrenches_lost) < 400"
-holds "$(value poses_unanswered) >= 40 && $(value poses_unanswered) < 400"
+holds "$(value poses_unanswered) >= 40" # the lost ones, and any that arrived in the same tick as the next; the server counts the lost ones
 on_wrong monitor -5h "$build/clients/trocar-top" --lcm-url "$url" --once >top || fail "the monitor hears nothing"
 lost=$(sed -nE 's/.*, lost ([0-9]+),.*/\1/p' top)
 holds "$lost >= 40 && $lost < 200"

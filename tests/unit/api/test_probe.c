@@ -2,7 +2,8 @@
    Gauss-Seidel on the dense inverse, and its effect on needles against dense linear algebra. Through trocar.h: saving and restoring, motion in lockstep and
    with a worker, release, and refusal of invalid probes.
 
-   usage: [MOTIONS=N] [SEED=N] test_unit test_probe     MOTIONS and SEED apply to the case moved_at_random; default 20 and 1 */
+   usage: [MOTIONS=N] [SEED=N] test_unit test_probe     MOTIONS and SEED apply to the case moved_at_random; default 20 (5 under sanitizers, which take minutes for
+   20) and 1 */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -656,7 +657,11 @@ static double change_in_parts(rectum *r, const void *saved, size_t size, trocar_
     return largest;
 }
 
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+static int motions = 5, seed = 1;
+#else
 static int motions = 20, seed = 1;
+#endif
 
 /* Moves the probe along closed paths, as far as a hand would. Each path has four random legs that raise, tilt and shift the probe (the last one also draws
    it back), followed by the return home. */

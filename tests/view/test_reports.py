@@ -24,7 +24,7 @@ sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "../
 from in_namespace import in_namespace
 
 BUILD, SOURCE = Path(sys.argv[1]).resolve(), Path(sys.argv[2]).resolve()
-RUNS, SEED, TABLE = int((sys.argv + ["2"] * 3)[3]), int(sys.argv[4]) if len(sys.argv) > 4 else 1, sys.argv[5] if len(sys.argv) > 5 else ""
+RUNS, SEED, TABLE = int((sys.argv + ["3"] * 3)[3]), int(sys.argv[4]) if len(sys.argv) > 4 else 1, sys.argv[5] if len(sys.argv) > 5 else ""
 if not shutil.which("lcm-logger"):
     sys.exit(77)
 in_namespace(SOURCE)

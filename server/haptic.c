@@ -111,7 +111,7 @@ static void start_command(haptic *h, needle_command *c) {
     bool seeds = c->asked.command == TROCAR_COMMAND_T_DROP_SEED || c->asked.command == TROCAR_COMMAND_T_UNDO, hands_over = !seeds && !has_begun_anew(h, c);
     if (seeds) status = handle_held_seeds(h, &c->asked, &why);
     if (hands_over) status = hand_over_needle(h, c, &why);
-    if (status == TROCAR_OK && c->asked.command == TROCAR_COMMAND_T_CLEAR) trocar_sim_clear_seeds(h->sim, c->asked.needle, NULL);
+    if (status == TROCAR_OK && c->asked.command == TROCAR_COMMAND_T_CLEAR) handle_seeds(h->sim, c->asked.needle, &c->asked, &why);
     if (!hands_over || status != TROCAR_OK) answer_command(h, c, status != TROCAR_OK, why.text);
 }
 

@@ -703,7 +703,6 @@ int trocar_client_reset(trocar_client *c) { return ask(c, TROCAR_COMMAND_RESET, 
 int trocar_client_leave(trocar_client *c) { return ask(c, TROCAR_COMMAND_LEAVE, 0, 0); }
 int trocar_client_take(trocar_client *c) { return ask(c, TROCAR_COMMAND_TAKE, 0, 0); }
 int trocar_client_undo(trocar_client *c) { return ask(c, TROCAR_COMMAND_UNDO, 0, 0); }
-
 int trocar_client_clear(trocar_client *c) { return ask(c, TROCAR_COMMAND_CLEAR, 0, 0); }
 int trocar_client_drop_seeds(trocar_client *c, int count, double spacing) { return ask(c, TROCAR_COMMAND_DROP_SEED, count, spacing); }
 

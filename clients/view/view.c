@@ -175,7 +175,7 @@ static void look(view *v, const web_action *action) {
 
 static void act(void *context, const web_action *action) {
     view *v = context;
-    if (action->kind == ACTION_START) training_start(&v->training, &v->feed, &v->pilot);
+    if (action->kind == ACTION_START) training_start(&v->training, &v->feed);
     else if (action->kind == ACTION_FINISH) training_finish(&v->training, &v->feed, action->needle);
     else if (action->kind == ACTION_LOOK) look(v, action);
     else if (v->lcm) pilot_act(&v->pilot, action);
@@ -300,7 +300,7 @@ static trocar_status open_live(view *v, trocar_error *why) {
     if (!v->lcm)
         return fail(why, TROCAR_SYSTEM, "cannot open LCM at %s: is there a multicast route (docs/troubleshooting.md)?", url ? url : "its default URL");
     trocar_status status = subscriber_open(&v->feed, v->lcm, v->model, &v->timeline, why);
-    if (status == TROCAR_OK) status = training_open(&v->training, v->lcm, why);
+    if (status == TROCAR_OK) status = training_open(&v->training, v->lcm, &v->pilot, why);
     if (status == TROCAR_OK) status = web_watch(v->web, lcm_get_fileno(v->lcm), on_lcm, why);
     if (status == TROCAR_OK && v->implant.dose) status = web_watch(v->web, dose_thread_descriptor(v->implant.dose), on_dose, why);
     if (status == TROCAR_OK) status = scanner_create(v->scene, v->model, &v->scanner, why);

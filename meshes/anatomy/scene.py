@@ -37,7 +37,8 @@ def guide(template, matrix):
     """Returns the lines that describe a template with holes for a 1.27 mm needle."""
     turn = matrix[:3, :3] / np.linalg.norm(matrix[:3, 0])
     origin = matrix[:3] @ np.append(template.origin, 1.0)
-    return ["", "needles: 16                     # maximum number in the tissue at once", "", "guides:", "  - name: template", f"    origin: [{listed(origin)}]    # m, middle of the holes, on the face where needles enter",
+    return ["", "needles: 16                     # maximum number in the tissue at once", "", "guides:", "  - name: template",
+            f"    origin: [{listed(origin)}]    # m, middle of the holes, on the face where needles enter",
             f"    normal: [{listed(turn @ template.normal)}]",
             f"    along: [{listed(turn @ template.along())}]         # columns are counted in this direction: A is on the patient's right, the operator's left",
             f"    rows_along: [{listed(turn @ template.rows_along())}]    # and rows in this one: 1 is at the patient's back",

@@ -17,7 +17,8 @@ typedef struct {
 hand_clutch clutch_engage(pose hand, const trocar_pose *base); /* RT */
 pose clutch_follow(const hand_clutch *clutch, pose hand);      /* Returns the pose of the needle's base when the hand is at `hand`. RT */
 
-/* Carries out `m`, a DROP_SEED or UNDO command, or what a CLEAR does to seeds, on this needle. Errors as in trocar_sim_drop_seeds. RT, except when it formats the reason for a refusal. */
+/* Carries out `m`, a DROP_SEED or UNDO command, or what a CLEAR does to seeds, on this needle. Errors as in trocar_sim_drop_seeds. RT, except when it formats the
+   reason for a refusal. */
 trocar_status handle_seeds(trocar_sim *sim, int needle, const trocar_command_t *m, trocar_error *why);
 
 /* Takes the needle out of the tissue and parks it far away. Errors as in trocar_sim_reset. RT */

@@ -14,14 +14,9 @@
 #include <unistd.h>
 
 #include "cube_mesh.h"
+#include "sanitized.h"
 
 #include <cmocka.h>
-
-#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-#define SANITIZED 1 /* set under sanitizers, whose shadow memory takes most of the address space */
-#else
-#define SANITIZED 0
-#endif
 
 static trocar_error why;
 

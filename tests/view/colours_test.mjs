@@ -1,5 +1,5 @@
-/* Tests that the colours of the page and of reports can be told apart, with protanopia, deuteranopia and tritanopia as well, and that text and curves stand out from their
-   background.
+/* Tests that the colours of the page and of reports can be told apart, with protanopia, deuteranopia and tritanopia as well, and that text and curves stand out
+   from their background.
    usage: colours_test.mjs SOURCE_DIR
 
    Dichromacy is simulated with the matrices of G. M. Machado, M. M. Oliveira and L. A. F. Fernandes, "A physiologically-based model for simulation of color

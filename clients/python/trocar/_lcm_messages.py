@@ -63,6 +63,9 @@ class Seeds(NamedTuple):
     strand: npt.NDArray[np.int64]       # (k,) place of the seed in its strand, 0 for the distal one
 
 
+NO_SEEDS = Seeds(0, 0, 0, *[np.zeros((0, 3))] * 4, *[np.zeros(0, np.int64)] * 4)
+
+
 def read_deformation(data: bytes) -> Deformation:
     """Raises ValueError if the message is damaged."""
     message = Message(data)

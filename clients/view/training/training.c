@@ -115,13 +115,14 @@ static void on_message(const lcm_recv_buf_t *received, const char *channel, void
     t->full = lcm_eventlog_write_event(t->log, &event) != 0;
 }
 
-trocar_status training_open(training *t, lcm_t *lcm, trocar_error *why) {
+trocar_status training_open(training *t, lcm_t *lcm, pilot *hand, trocar_error *why) {
     static const char *const channels[] = {"TROCAR_WRENCH", "TROCAR_TIMING", "TROCAR_STATUS", "TROCAR_CONTACTS", "TROCAR_TRACKS", "TROCAR_DEFORMATION", "TROCAR_SEEDS",
                                            "TROCAR_REPLY", "TROCAR_PROBE_WRENCH", "TROCAR_PROBE", "TROCAR_VALUES", "TROCAR_POSE", "TROCAR_COMMAND", "TROCAR_CHANGE", NULL};
     static const packet_wishes wishes = {.channels = channels}; /* the subscriber's channels, and those that trocar-replay needs */
     if (!t->task) return TROCAR_OK;
     lcm_filter_restrict(&wishes);
     t->lcm = lcm;
+    t->hand = hand;
     t->heard = lcm_subscribe(lcm, CHANNELS, on_message, t);
     if (!t->heard) return fail(why, TROCAR_SYSTEM, "cannot subscribe to " CHANNELS);
     lcm_subscription_set_queue_capacity(t->heard, QUEUE);
@@ -210,10 +211,9 @@ static void ask_to_clear(training *t, const subscriber *feed) {
     t->asked_at = monotonic_ns();
 }
 
-void training_start(training *t, subscriber *feed, pilot *hand) {
+void training_start(training *t, subscriber *feed) {
     if (!t->task || (t->state != TRAINING_READY && t->state != TRAINING_SCORED)) return;
     t->before = t->state;
-    t->hand = hand;
     t->message[0] = '\0';
     t->state = TRAINING_CLEARING;
     t->asked_at = 0;

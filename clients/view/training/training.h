@@ -23,13 +23,13 @@ typedef struct {
 
     lcm_t *lcm;
     lcm_subscription_t *heard;
+    pilot *hand;             /* asks the server to clear the tissue */
     lcm_eventlog_t *log;     /* the recording while the task is running, otherwise NULL */
     bool full;               /* true if an event could not be written */
     int64_t events;
     training_state state;
     training_state before;   /* while clearing: the state to return to if the task cannot start */
-    pilot *hand;             /* while clearing: the pilot that asks the server to clear the tissue */
-    int64_t asked_at;        /* ns, monotonic, when it did so; 0 if it has not yet */
+    int64_t asked_at;        /* ns, monotonic: while clearing, when the server was asked to; 0 if it has not been */
     int64_t server, server_since; /* subscriber.servers, and when it last changed (ns, monotonic) */
     double began, ended;     /* s, when the task began and ended, by subscriber_time */
     char run[128];           /* NAME/TIME: path in `runs` of the last run's files, without their extensions */
@@ -43,16 +43,16 @@ typedef struct {
    cannot be used, returns BAD_INPUT with trocar-score's message. */
 trocar_status training_prepare(training *t, const char *task, const char *runs, trocar_error *why);
 
-/* Subscribes to the messages to record. Call it after subscriber_open. */
-trocar_status training_open(training *t, lcm_t *lcm, trocar_error *why);
+/* Subscribes to the messages to record. Call it after subscriber_open. `hand` must outlive `t`, and be open before a task is started. */
+trocar_status training_open(training *t, lcm_t *lcm, pilot *hand, trocar_error *why);
 void training_close(training *t);
 
 /* Starts the task and its recording. If the tissue contains seeds or tracks of earlier needles, first has the pilot remove them; training_watch then starts the
    recording. Refuses, with a message for the page, if another client holds one of these needles. */
-void training_start(training *t, subscriber *feed, pilot *hand);
+void training_start(training *t, subscriber *feed);
 
-/* Has the tissue cleared, and starts the recording once it is clear. Gives up, with a message for the page, if the server ends, is replaced, or does not clear the
-   tissue. Call it after messages have been received, and also while none arrive. */
+/* Has the tissue cleared, and starts the recording once it is clear. Gives up, with a message for the page, if the server ends, is replaced, or does not clear
+   the tissue. Call it after messages have been received, and also while none arrive. */
 void training_watch(training *t, subscriber *feed);
 
 /* Ends the task and starts trocar-score. `language` is the report's language, as two ASCII letters with the first in the lowest byte; 0 means English. */
@@ -61,8 +61,8 @@ void training_finish(training *t, const subscriber *feed, uint32_t language);
 /* Checks whether trocar-score has ended. Does not wait. */
 void training_poll(training *t);
 
-/* Calls training_watch and training_poll, then writes the member "task" of the page's status: state, elapsed time (s), whether starting first clears the tissue, the report's path without its extension,
-   and the message. */
+/* Calls training_watch and training_poll, then writes the member "task" of the page's status: state, elapsed time (s), whether starting first clears the tissue,
+   the report's path without its extension, and the message. */
 void training_write(training *t, subscriber *feed, json *j);
 
 #endif

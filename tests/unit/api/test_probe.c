@@ -24,6 +24,7 @@
 #include <cmocka.h>
 
 #include "check.h"
+#include "sanitized.h"
 
 enum { TOP = CUBE_SIDE * CUBE_SIDE, N = 3 * CUBE_NODES };
 
@@ -657,11 +658,7 @@ static double change_in_parts(rectum *r, const void *saved, size_t size, trocar_
     return largest;
 }
 
-#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-static int motions = 5, seed = 1;
-#else
-static int motions = 20, seed = 1;
-#endif
+static int motions = SANITIZED ? 5 : 20, seed = 1;
 
 /* Moves the probe along closed paths, as far as a hand would. Each path has four random legs that raise, tilt and shift the probe (the last one also draws
    it back), followed by the return home. */

@@ -1,5 +1,6 @@
 /* Measures how late the worker is on a mesh where it never is, and at a tick period so short that it always is. */
 #include "host.h"
+#include "sanitized.h"
 #include "scale_timing.h"
 
 #include <setjmp.h>
@@ -28,13 +29,6 @@ static scale_timing *measured(double aside, const motion *script, double speed, 
     return &result;
 }
 
-/* With sanitizers, the worker is too slow for this check: measuring the mesh's resolution takes it several ticks. */
-#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-static const bool INSTRUMENTED = true;
-#else
-static const bool INSTRUMENTED = false;
-#endif
-
 /* Checks that every request for a contact node was answered once or counted as unanswered, and that those for all active nodes were answered. */
 static void check_counts(const scale_timing *r) {
     assert_int_equal(r->crossing.count + r->unanswered, r->contacts);
@@ -47,7 +41,7 @@ static void crossings_are_counted_and_answered(void **unused) {
     assert_int_equal(r->ticks, 3300);
     assert_int_equal(r->tick.count, 3300);
     check_counts(r);
-    if (INSTRUMENTED) return;
+    if (SANITIZED) return; /* the worker is too slow for the following checks: measuring the mesh's resolution takes it several ticks */
     assert_true(r->crossings > 5 && r->contacts > 5);
     assert_true(r->unanswered <= 1); /* the last node may have been requested in the last tick */
     assert_true(r->activation.max == 0 && r->late_crossings == 0); /* all nodes were active before the tip left their elements */
@@ -64,7 +58,7 @@ static void crossings_during_retraction_are_ignored(void **unused) {
     assert_int_equal(r->ticks, 3500);
     assert_in_range(r->crossings, in.crossings * 3 / 4, in.crossings * 3 / 2);
     check_counts(r);
-    if (INSTRUMENTED) return;
+    if (SANITIZED) return;
     assert_int_equal(r->late_crossings, 0);
     assert_true(r->contacts >= r->most_contacts);
 }
@@ -81,7 +75,7 @@ static void worker_slower_than_the_needle_is_late(void **unused) {
     assert_in_range(none.late_ticks, none.ticks - before - 1, none.ticks - before + 1);
     const scale_timing *some = measured(ASIDE, NULL, 2.0, WHOLE, 1e-5, "sparse");
     check_counts(some);
-    if (INSTRUMENTED) return;
+    if (SANITIZED) return;
     assert_true(some->contacts > 0 && some->crossing.max > 20000); /* more than two ticks late */
 }
 
@@ -94,8 +88,8 @@ static void late_contact_nodes_are_counted(void **unused) {
     do {
         r = measured(ASIDE, NULL, 3.0, WHOLE, 1e-3, "dense");
         check_counts(r);
-    } while (!INSTRUMENTED && r->activation.max == 0 && ++attempt < ATTEMPTS);
-    if (INSTRUMENTED) return;
+    } while (!SANITIZED && r->activation.max == 0 && ++attempt < ATTEMPTS);
+    if (SANITIZED) return;
     print_message("%d of %d late, by %.1f ms at most\n", r->late_crossings, r->contacts, 1e-6 * (double)r->activation.max);
     assert_in_range(r->late_crossings, 1, r->contacts);
     /* the worker may be measuring a line at that moment and finish in the middle of a tick */

@@ -11,6 +11,7 @@
 #include "common/realtime.h"
 #include "common/timing.h"
 #include "privileges.h"
+#include "sanitized.h"
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -148,9 +149,7 @@ static long locked_kilobytes(void) {
 
 static void memory_is_locked_or_the_limit_is_reported(void **unused) {
     (void)unused;
-#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-    skip(); /* sanitizers disable mlockall */
-#endif
+    if (SANITIZED) skip(); /* sanitizers disable mlockall */
     trocar_error why = {""};
     if (realtime_lock_memory(&why) == TROCAR_OK) assert_true(locked_kilobytes() > 1000);
     else assert_non_null(strstr(why.text, "ulimit -l"));

@@ -79,11 +79,12 @@ def with_limits(limits: Iterable[str]) -> tuple[Figure, ...]:
             value = -1.0
         if not 0.0 <= value <= most:
             raise ValueError(f"\"{text}\": write a number from 0 to {most:g} ({unit})")
-        changed = replace(figure, least=value) if match[2] == ">=" else replace(figure, most=value)
-        if changed.least is not None and changed.most is not None and changed.least > changed.most:
-            raise ValueError(f"\"{text}\": cannot be met together with {'<=' if match[2] == '>=' else '>='} {changed.most if match[2] == '>=' else changed.least:g}")
-        kept = figure.most if match[2] == ">=" else figure.least
-        found[figure.name] = replace(changed, source=BY_USER if kept is None else f"{BY_USER}, and {figure.source}")
+        side, other, opposite = ("least", "most", "<=") if match[2] == ">=" else ("most", "least", ">=")
+        kept = getattr(figure, other)
+        least, highest = (value, kept) if side == "least" else (kept, value)
+        if kept is not None and least > highest:
+            raise ValueError(f"\"{text}\": cannot be met together with {opposite} {kept:g}")
+        found[figure.name] = replace(figure, **{side: value}, source=BY_USER if kept is None else f"{BY_USER}, and {figure.source}")
     return tuple(found.values())
 
 

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from .. import Model
 from .._lcm_log import events
 from .._locate import locate
-from .._lcm_messages import FINGERPRINTS, Message, Seeds, is_of_channel, read_deformation, read_seeds
+from .._lcm_messages import FINGERPRINTS, NO_SEEDS, Message, is_of_channel, read_deformation, read_seeds
 
 Array = npt.NDArray[np.float64]
 
@@ -50,7 +50,7 @@ class Recording:
         self._depths: dict[int, float] = {}
         self._tips: dict[int, tuple[int, Array]] = {}    # for each needle: tick, and tip position (3,) m
         self.paths: list[Array] = []
-        self.seeds: Seeds | None = None
+        self.seeds = NO_SEEDS
         self.displacement = 0.0
         self.probe_force: float | None = None
         self.frames = 0

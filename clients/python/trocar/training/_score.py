@@ -3,7 +3,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from os import PathLike
-from typing import NamedTuple, Sequence
+from typing import Iterator, NamedTuple, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -117,7 +117,7 @@ def score(task: Task, log: str | PathLike[str]) -> Result:
         measures["organs_touched"] = sum(name in organs or name in touched for name in task.avoid)
     if recording.probe_force is not None:
         measures["probe_force"] = recording.probe_force
-    seeds = plans.compare(task.plan, model, _placed(recording, model)) if task.plan else []
+    seeds = plans.compare(task.plan, model, plans.seeds_of_message(recording.seeds, model)) if task.plan else []
     measures.update(_misplacement(seeds) if task.plan else {})
     histograms = _histograms(task, recording)
     measures.update(_doses(task, histograms))
@@ -154,28 +154,28 @@ def _visits(sightings: Sequence[Sighting]) -> list[list[Sighting]]:
     return [visit for visit in visits if visit]
 
 
+def _segments(paths: Sequence[Array], step: float) -> Iterator[tuple[Array, Array, int]]:
+    """Yields, for each segment of the paths, its start, the vector to its end, and the number of parts, at most `step` (m) long, to divide it into."""
+    for path in paths:
+        for start, end in zip(path[:-1], path[1:]):
+            yield start, end - start, max(int(np.ceil(np.linalg.norm(end - start) / step)), 1)
+
+
 def _organs(task: Task, paths: Sequence[Array]) -> dict[str, float]:
     """Returns, for each region that the paths enter, their total length (m) inside it."""
     found: dict[str, float] = {}
-    for path in paths:
-        for start, end in zip(path[:-1], path[1:]):
-            length = float(np.linalg.norm(end - start))
-            count = max(int(np.ceil(length / SAMPLE)), 1)
-            tets = locate(task.model, start + np.outer((np.arange(count) + 0.5) / count, end - start))[0]
-            for region in task.model.tet_regions[tets[tets >= 0]]:
-                name = task.model.groups[region]
-                found[name] = found.get(name, 0.0) + length / count
+    for start, way, count in _segments(paths, SAMPLE):
+        tets = locate(task.model, start + np.outer((np.arange(count) + 0.5) / count, way))[0]
+        for region in task.model.tet_regions[tets[tets >= 0]]:
+            name = task.model.groups[region]
+            found[name] = found.get(name, 0.0) + float(np.linalg.norm(way)) / count
     return dict(sorted(found.items(), key=lambda item: -item[1]))
 
 
 def _touched(task: Task, paths: Sequence[Array]) -> list[str]:
     """Returns those surfaces to be avoided that a path touches. A needle that bone has stopped touches its surface."""
-    points = [np.zeros((0, 3))]
-    for path in paths:
-        points.append(path[:1])
-        for start, end in zip(path[:-1], path[1:]):
-            count = max(int(np.ceil(np.linalg.norm(end - start) / TOUCH)), 1)
-            points.append(start + np.outer(np.arange(1, count + 1) / count, end - start))
+    points = [np.zeros((0, 3)), *(path[:1] for path in paths)]
+    points += [start + np.outer(np.arange(1, count + 1) / count, way) for start, way, count in _segments(paths, TOUCH)]
     sampled, found = np.concatenate(points), []
     for name in (name for name in task.avoid if name in task.surfaces):
         triangles = task.model.nodes[task.model.surface(name)]
@@ -220,10 +220,6 @@ def _passes(recording: Recording) -> dict[str, float]:
 # ---- seeds and dose -----------------------------------------------------------------------------------------------------------------------
 
 
-def _placed(recording: Recording, model: object) -> list[plans.Placed]:
-    return plans.seeds_of_message(recording.seeds, model) if recording.seeds else []
-
-
 def _misplacement(rows: Sequence[plans.Misplacement]) -> dict[str, float | None]:
     errors = [1e-3 * float(np.linalg.norm(row.offset)) for row in rows if row.offset is not None]
     return {"seed_error": float(np.mean(errors)) if errors else None, "seed_error_largest": max(errors) if errors else None,
@@ -242,7 +238,7 @@ def _histograms(task: Task, recording: Recording) -> list[Histogram]:
         return []
     source = source_of(plan)
     planned, found = plans.planned_seeds(plan, task.model), []
-    placed = list(zip(recording.seeds.rest, recording.seeds.rest_direction)) if recording.seeds else []
+    placed = list(zip(recording.seeds.rest, recording.seeds.rest_direction))
     voxels = {role: [brachy.Structure.from_region(task.model, name) for name in names] for role, names in task.organs.items()}
     for role, parts in voxels.items():
         points, voxel, made = np.concatenate([part.points for part in parts]), parts[0].voxel, []

@@ -82,7 +82,7 @@ typedef struct {
     haptic haptic;
     loop loop;
     worker worker;
-    int64_t ticks_wanted;
+    int64_t ticks_wanted, ticks;
     int most_contacts[TROCAR_MAX_NEEDLES];
     thread_usage start, used;    /* haptic thread's usage before its first tick, and since then */
     int64_t wrenches;
@@ -96,6 +96,13 @@ trocar_status __wrap_remesher_serve(remesher *r, const remesh_request *request, 
 trocar_status __wrap_remesher_serve(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, trocar_error *why) {
     if (nap_ms > 0) sleep_until(monotonic_ns() + nap_ms * (int64_t)1000000);
     return __real_remesher_serve(r, request, snapshot, why);
+}
+
+static bool in_contact(const rig *r) {
+    for (int n = 0; n < r->haptic.needle_count; n++) {
+        if (r->most_contacts[n] < 5) return false;
+    }
+    return true;
 }
 
 /* Runs the haptic tick between two rounds of a simulated IO thread, which delivers a pose before the tick and takes the wrench after it. */
@@ -118,7 +125,9 @@ static bool rigged_tick(void *context, const loop_wake *wake) {
         int *most = &r->most_contacts[wrench.needle];
         if (wrench.contacts > *most) *most = wrench.contacts;
     }
-    if (wake->tick + 1 < r->ticks_wanted) return true;
+    r->ticks = wake->tick + 1;
+    const int64_t wanted = in_contact(r) ? r->ticks_wanted : 20 * r->ticks_wanted; /* a busy machine serves additions late */
+    if (r->ticks < wanted) return true;
     r->used = thread_usage_since(&r->start);
     return false;
 }
@@ -166,8 +175,8 @@ static void expect_a_quiet_loop(int64_t ticks, const char *needles) {
     trocar_error why;
     bool locked = realtime_lock_memory(&why) == TROCAR_OK;
     rig_run(r);
-    assert_int_equal(r->wrenches, ticks * r->haptic.needle_count);
-    for (int n = 0; n < r->haptic.needle_count; n++) assert_true(r->most_contacts[n] >= 5); /* the needle was in contact */
+    assert_int_equal(r->wrenches, r->ticks * r->haptic.needle_count);
+    assert_true(in_contact(r));
     assert_true(r->worker.served > 10);
     assert_int_equal(r->loop.usage.allocations, 0);
     if (locked && ALLOCATIONS_ARE_COUNTED) {
@@ -189,10 +198,10 @@ static void nor_with_two_needles(void **unused) {
 
 static void a_slow_worker_never_stalls_the_loop(void **unused) {
     (void)unused;
-    nap_ms = 50;
+    nap_ms = 50; /* per answer, and a tick takes 1 ms */
     rig *r = rig_create(2 * RATE, "1");
     rig_run(r);
-    assert_true(r->worker.served > 10 && r->worker.served <= 42); /* each answer takes 50 ms; only the newest request is answered, so none queue up */
+    assert_true(r->worker.served > 10 && r->worker.served <= r->ticks / nap_ms + 2); /* only the newest request is answered, so none queue up */
     assert_true(histogram_quantile(&r->loop.compute, 0.99) < (ALLOCATIONS_ARE_COUNTED ? 1e-3 : 20e-3));
     if (ALLOCATIONS_ARE_COUNTED) assert_true(r->loop.misses < RATE / 10); /* the few misses are the machine's doing, not the worker's */
     rig_free(r);

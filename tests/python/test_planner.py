@@ -502,11 +502,11 @@ class Program(Case):
             self.assertIn(f"{out}: not a folder: choose another folder with --out", errors)
         with mock.patch.dict(sys.modules, {"matplotlib": None}):
             status, _, errors = self.main("run", path, "--out", self.out / "plan", "--quiet")
-        self.assertEqual(status, 1)
+        self.assertEqual(status, 3)
         self.assertIn("python3-matplotlib", errors)
         with mock.patch.object(planner, "models_of", side_effect=MemoryError()):
             status, _, errors = self.main("run", path, "--out", self.out / "plan", "--quiet")
-        self.assertEqual((status, errors.count("\n")), (1, 1))
+        self.assertEqual((status, errors.count("\n")), (3, 1))
         self.assertIn("not enough memory", errors)
         self.assertFalse((self.out / "plan").exists())
 

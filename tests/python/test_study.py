@@ -374,7 +374,7 @@ class Running(Case):
             os.mkfifo(there)
             for command in ("run", "collect", "summary"):
                 done = subprocess.run([sys.executable, "-m", "trocar.studies.study", command, path, "--out", self.out / "study"], capture_output=True, text=True, timeout=60)
-                self.assertEqual((done.returncode, done.stderr), (1, f"trocar-study: {there}: not a regular file\n"), (name, command))
+                self.assertEqual((done.returncode, done.stderr), (3, f"trocar-study: {there}: not a regular file\n"), (name, command))
             there.unlink()
             if before is not None:
                 there.write_bytes(before)

@@ -40,7 +40,7 @@ TARGETS = f"""title: Two targets
 text: Reach both.
 scene: {SCENE}
 targets:
-  - {{name: left, position: [0.010, -0.005, 0.060], hole: E4}}
+  - {{name: left, position: [0.010, -0.005, 0.060], hole: E3.5}}
   - {{name: right, position: [-0.010, -0.005, 0.060]}}
 organs: {{gland: [prostate]}}
 avoid: [muscle]
@@ -407,7 +407,7 @@ class Tasks(Case):
     def test_what_a_task_has(self):
         task = Task.read(self.task(TARGETS))
         self.assertEqual((task.name, task.title, task.avoid, task.hints), ("task", "Two targets", ["muscle"], ["Look twice."]))
-        self.assertEqual([t.hole for t in task.targets], ["E4", ""])
+        self.assertEqual([t.hole for t in task.targets], ["E3.5", ""])
         self.assertEqual(task.targets[0].position.tolist(), [0.010, -0.005, 0.060])
 
     def test_mistakes_are_named_with_their_line(self):
@@ -415,7 +415,7 @@ class Tasks(Case):
                 ("title: Two targets", "titel: Two", r":1: unknown key \"titel\""), ("text: Reach both.\n", "", "missing key \"text\""),
                 (f"scene: {SCENE}", "scene: none.yaml", ":3: scene: no file "), (f"scene: {SCENE}", f"scene: {PLAN}", ":3: scene: "),
                 ("[0.010, -0.005, 0.060]", "[10, -5, 60]", r":5: targets\[0\].position: 10, -5, 60 m is outside the tissue.*in metres"),
-                ("[0.010, -0.005, 0.060]", "[0.010, -0.005]", ":5: .*2 numbers: write 3"), ("hole: E4", "hole: Z9", ":5: .*no guide of the scene has a hole \"Z9\""),
+                ("[0.010, -0.005, 0.060]", "[0.010, -0.005]", ":5: .*2 numbers: write 3"), ("hole: E3.5", "hole: Z9", ":5: .*no guide of the scene has a hole \"Z9\""),
                 ("gland: [prostate]", "gland: [gland]", ":7: organs.gland: the scene has no region \"gland\": there are .*prostate"),
                 ("gland: [prostate]", "gland: []", ":7: organs.gland: empty"), ("organs: {gland", "organs: {nose", ":7: .*unknown key \"nose\": there are gland"),
                 ("[muscle]", "[skin]", ":8: avoid: the scene has no region or impenetrable surface \"skin\""), ("tip_error", "tip", r":10: criteria\[0\].measure: unknown measure \"tip\": there are tip_error"),
@@ -431,6 +431,8 @@ class Tasks(Case):
             Task.read(self.task(re.sub(r"targets:\n(  .*\n)+", "", TARGETS)))
         with self.assertRaisesRegex(BadTask, ":7: .*D90 cannot be computed: the task has no organs.gland"):
             Task.read(self.task(PLANNED.replace("organs: {gland: [prostate]}", "hints: [none]")))
+        with self.assertRaisesRegex(BadTask, ":9: criteria: empty: a task has at least one"):
+            Task.read(self.task(re.sub(r"criteria:\n(  .*\n)+", "criteria: []\n", TARGETS)))
         with self.assertRaisesRegex(BadTask, "letters, digits"):
             Task.read(self.task(TARGETS, "a task.yaml"))
 

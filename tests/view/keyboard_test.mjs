@@ -92,6 +92,17 @@ try {
     }
   })
 
+  await check('with Shift, these keys move what is in view left, right, up and down', async () => {
+    const place = () => page.evaluate('(({ camera, box }) => { camera.updateMatrixWorld(); const { x, y } = box.min.clone().project(camera); return [x, y] })(trocar.stage)'), start = await place()
+    for (const [key, back, axis, sign] of [['5', '6', 0, -1], ['7', '8', 1, 1]]) {
+      await page.keyboard.press(`Shift+Digit${key}`)
+      const moved = (await place())[axis] - start[axis]
+      assert(sign * moved > 0.03, `${key}: ${moved}`)
+      await page.keyboard.press(`Shift+Digit${back}`)
+      assert(Math.abs((await place())[axis] - start[axis]) < 1e-6, back)
+    }
+  })
+
   await check('the scanner opens, and its knobs move, by keyboard', async () => {
     await page.evaluate("document.querySelector('#scan summary').focus()")
     await page.keyboard.press('Enter')

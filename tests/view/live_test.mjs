@@ -115,6 +115,14 @@ try {
     await second.setViewportSize(SMALL)
   })
 
+  await check("a task's targets are drawn in a scene without a template", async () => {
+    const drawn = 'trocar.procedure.models.planned.count'
+    await first.evaluate("trocar.procedure.hearTargets([{ name: 'a', position: [0, 0, 0.05], hole: '' }])")
+    await until(first, `${drawn} === 1 && Math.abs(trocar.procedure.plannedNow[0].z - 0.05) < 0.01`)
+    await first.evaluate('trocar.procedure.setPlan([])')
+    await until(first, `${drawn} === 0`)
+  })
+
   await check('every layer and cut draws', async () => {
     for (const axis of ['x', 'y', 'z', '']) {
       await first.selectOption('#cut-axis', axis)

@@ -33,7 +33,7 @@ export async function until(page, expression) {
     if (driver && await lost(driver)) assert.fail(`the needle was let go before ${expression}`)
     await new Promise((done) => setTimeout(done, 50))
   }
-  assert.fail(`never: ${expression}; status ${await page.evaluate('JSON.stringify({ ...trocar.status, values: undefined })')}`)
+  assert.fail(`never: ${expression}; faults ${faults}; next step ${await page.evaluate("document.getElementById('next').textContent")}; status ${await page.evaluate('JSON.stringify({ ...trocar.status, values: undefined })')}`)
 }
 
 /** Holds a key down until the expression is true. Presses it up to `times` times, because on a busy machine the needle or the probe may stop. */

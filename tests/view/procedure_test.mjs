@@ -59,7 +59,7 @@ try {
   })
 
   await check('hole and target are the same after the connection was lost', async () => {
-    await page.evaluate('trocar.procedure.setTarget(0.08)')
+    await page.evaluate('trocar.procedure.setTarget(trocar.procedure.template.onAxis(trocar.procedure.hole, 0.08))')
     await says('target', /^C3.5, 80.0 mm/)
     await page.evaluate('trocar.procedure.link.socket.close()')
     await until(page, `${text('link')} === 'no connection'`)
@@ -199,6 +199,15 @@ try {
     assert.match(await page.evaluate(`(${throughTheTissue})()`), /come out of the tissue on its far side/)
   })
 
+  await check('the page says when a hole is done, which one is next, and when all are done', async () => {
+    const [inside, outside, undone, all, judged] = await page.evaluate(`(${planSteps})()`)
+    assert.match(inside, /^Hole C3\.5 is done\. Draw the needle out .* Next: hole F4\.$/)
+    assert.match(outside, /^Hole C3\.5 is done\. Next: hole F4\.$/)
+    assert.match(undone, /mm to the target|Press “Drop seed”/)
+    assert.match(all, /^Hole F4 is done\. All planned seeds are in the tissue\.$/)
+    assert.match(judged, /^Hole F4 is done\. .*“Finish and see the report”\.$/)
+  })
+
   await hold(page)
   for (const many of [false, true]) {
     if (many) await page.evaluate(fillWithNeedles)
@@ -239,6 +248,30 @@ try {
   await stop(server)
   await stop(view)
   await browser.close()
+}
+
+/** Runs in the page. Returns the instructions after both seeds of C3.5, with the needle inside and outside, after one of them, and after all planned seeds, without
+ * and with a task. */
+function planSteps() {
+  const { procedure, stage, chosen } = trocar, { template } = procedure, tip = stage.needles[chosen].tip, said = []
+  const { steering } = procedure.drive, before = { seeds: procedure.seeds, hole: procedure.hole, planned: procedure.planned }
+  const place = (...holes) => { procedure.seeds = { pending: [], seeds: holes.map((hole) => ({ needle: chosen, guide: template.index, hole: template.number(template.find(hole)), position: [0, 0, 0] })) } }
+  const step = (hole, depth) => { procedure.hole = template.find(hole); said.push(procedure.nextStep(tip, depth, chosen, 'held')) }
+  procedure.drive.steering = true
+  procedure.targetNow ??= tip.clone()
+  procedure.planned = true
+  place('C3.5', 'C3.5')
+  step('C3.5', 0.05)
+  step('C3.5', 0)
+  place('C3.5')
+  step('C3.5', 0.05)
+  place('C3.5', 'F4', 'C3.5')
+  step('F4', 0)
+  procedure.judged = true
+  step('F4', 0)
+  Object.assign(procedure, before, { judged: false })
+  procedure.drive.steering = steering
+  return said
 }
 
 /** Runs in the page. Returns the instructions that the page gives for each state of the needle. */

@@ -1,14 +1,15 @@
-/* Plays a new user's session, from loading the page to the report of the task that `scripts/demo --implant --view` opens: with the mouse alone, with the
-   keyboard alone, or by touch alone on a tablet. Saves a picture of each step, and counts minutes, clicks, keys and touches. Fails if any other kind of
-   input is used. Run by hand, in a private network:
-   scripts/netns node tests/view/session.mjs BUILD_DIR SOURCE_DIR OUT_DIR mouse|keyboard|touch */
+/* Plays a new user's session, from `scripts/demo --implant --view` to the report of its task: with the mouse alone, with the keyboard alone, or by touch alone on
+   a tablet. Saves a picture of each step, and counts minutes (from loading the page), clicks, keys and touches. Fails if any other kind of input is used. The demo
+   must have been built, and port 8686 be free. Run by hand:
+   node tests/view/session.mjs BUILD_DIR SOURCE_DIR OUT_DIR mouse|keyboard|touch */
 import assert from 'node:assert/strict'
-import { mkdir, rm, writeFile } from 'node:fs/promises'
+import { spawn } from 'node:child_process'
+import { mkdir, writeFile } from 'node:fs/promises'
 import path from 'node:path'
 import { browser, faults, holeOnScreen, open, until } from './page.mjs'
-import { ready, run, source, start, stop } from './parts.mjs'
+import { source } from './parts.mjs'
 
-const [OUT, way] = process.argv.slice(4), task = path.join(source, 'meshes/tasks/four-seeds.yaml'), HOLE = 'E3.5', runs = path.join(OUT, `runs-${way}`)
+const [OUT, way] = process.argv.slice(4), HOLE = 'E3.5'
 const SIZES = { mouse: { width: 1280, height: 800 }, keyboard: { width: 1280, height: 800 }, touch: { width: 1024, height: 768 } }
 const count = { clicks: 0, keys: 0, touches: 0, holds: 0 }
 const along = "trocar.procedure.tipError(trocar.stage.needles[trocar.chosen].tip)?.along", left = 'trocar.procedure.seeds.seeds.length', pending = 'trocar.procedure.seeds.pending[trocar.chosen] > 0'
@@ -86,8 +87,12 @@ const DO = {
 }[way]
 
 await mkdir(OUT, { recursive: true })
-await rm(runs, { recursive: true, force: true })
-const view = await ready(run('clients/view/trocar-view', '--task', task, '--runs', runs)), server = await start('server/trocar-server', '--allow-non-rt', '--scene', path.join(source, 'meshes/pelvis.yaml'))
+const demo = spawn(path.join(source, 'scripts/demo'), ['--implant', '--view'], { stdio: ['ignore', 'pipe', 'inherit'], detached: true })
+await new Promise((done, fail) => {
+  demo.stdout.on('data', (piece) => { if (/^Open http/m.test(`${piece}`)) done() })
+  demo.on('exit', () => fail(new Error('scripts/demo ended')))
+})
+demo.removeAllListeners('exit')
 try {
   const began = Date.now()
   page = await open(SIZES[way], way === 'touch' ? { hasTouch: true, isMobile: true } : {})
@@ -132,6 +137,5 @@ try {
   console.log(result)
 } finally {
   await browser.close()
-  await stop(server)
-  await stop(view)
+  process.kill(-demo.pid, 'SIGINT') // the whole group, as Ctrl-C does
 }

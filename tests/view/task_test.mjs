@@ -3,7 +3,7 @@
    usage: task_test.mjs BUILD_DIR SOURCE_DIR OUT_DIR */
 import assert from 'node:assert/strict'
 import { execFileSync, spawnSync } from 'node:child_process'
-import { readdir, readFile, writeFile } from 'node:fs/promises'
+import { mkdir, readdir, readFile, rmdir, writeFile } from 'node:fs/promises'
 import path from 'node:path'
 import { browser, check, checkAccess, checkLayout, checkReport, driven, faults, open, pressUntil, shoot, until } from './page.mjs'
 import { ready, run, source, start, stop } from './parts.mjs'
@@ -111,6 +111,24 @@ try {
     assert(measures.passes === 0 && measures.path === 0 && measures.displacement < 1e-6, JSON.stringify(measures))
   })
 
+  await check('a report that cannot be written is not shown, and the page says why', async () => {
+    const folder = path.join(runs, 'reach'), before = await readdir(folder)
+    await page.click('#task-start')
+    await until(page, "!document.getElementById('task').open")
+    const [log] = (await readdir(folder)).filter((file) => !before.includes(file)), taken = path.join(folder, log.replace(/log$/, 'html'))
+    await mkdir(taken) // in the place of the report
+    await page.click('#task-button')
+    await page.click('#task-finish')
+    await says('task-message', /\.html: Is a directory/)
+    assert.equal(await page.evaluate("document.getElementById('task-html').hidden && document.getElementById('task-report').shadowRoot.childElementCount"), 0)
+    await rmdir(taken)
+    await page.click('#task-start')
+    await until(page, "!document.getElementById('task').open")
+    await page.click('#task-button')
+    await page.click('#task-finish')
+    await until(page, "/Nicht bestanden/.test(document.getElementById('task-report').shadowRoot.textContent)")
+  })
+
   await check('without a server, it does not start, and the report stays', async () => {
     await stop(server)
     server = null
@@ -122,7 +140,7 @@ try {
 
   await check('axe-core finds no violations in saved reports', async () => {
     const pages = (await readdir(path.join(runs, 'reach'))).filter((file) => file.endsWith('.html'))
-    assert.equal(pages.length, 2)
+    assert.equal(pages.length, 3)
     for (const file of pages) {
       await page.goto(`file://${path.join(runs, 'reach', file)}`)
       await checkReport(page, file)

@@ -29,6 +29,7 @@ if not shutil.which("lcm-logger"):
     sys.exit(77)
 in_namespace(SOURCE)
 START, FINISH = 13, 14
+URGENT = ["chrt", "--fifo", "60"] if subprocess.run(["chrt", "--fifo", "60", "true"], stderr=subprocess.DEVNULL, check=False).returncode == 0 else []
 SCENES = {"implant": {"gland": ["prostate"]}, "pelvis": {"gland": ["prostate"], "urethra": ["urethra"], "rectum": ["rectum", "rectal_content"]}}
 AVOID = {"implant": ["muscle"], "pelvis": ["urethra", "rectum", "bladder", "bone"]}
 CHANNELS = "TROCAR_(WRENCH|DEFORMATION|TRACKS|SEEDS|CONTACTS|PROBE_WRENCH)"    # channels whose messages the score uses
@@ -184,7 +185,7 @@ def one_run(seed):
         server = web.start(BUILD / "server/trocar-server", "--scene", SOURCE / f"meshes/{scene}.yaml", "--allow-non-rt")[0]
         view, said = web.start(BUILD / "clients/view/trocar-view", "--task", task, "--runs", folder / "runs", "--port", "0", "--page", folder)
         address = next(line.split()[-1] for line in said if "http" in line).rstrip("/")
-        logger = subprocess.Popen(["lcm-logger", f"--channel={CHANNELS}", str(folder / "logger.log")], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        logger = subprocess.Popen([*URGENT, "lcm-logger", f"--channel={CHANNELS}", str(folder / "logger.log")], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         try:
             browser = web.Browser(int(address.rsplit(":", 1)[1]))
             hand, task_state = Hand(browser, rng), lambda: browser.status.get("task", {})

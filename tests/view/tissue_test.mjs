@@ -46,6 +46,21 @@ try {
     await until(page, answer('No value differs'))
   })
 
+  await check('values change by mouse alone', async () => {
+    const raise = page.locator('#tissue-values div').filter({ has: page.locator(field(CAPSULE).replace('#tissue ', '')) }).locator('button')
+    await raise.nth(1).click()
+    await raise.nth(1).click()
+    assert(Math.abs(await page.inputValue(field(CAPSULE)) - 1.21 * 2.25) < 0.02)
+    await raise.nth(0).click()
+    await page.click('#tissue-apply')
+    await until(page, answer('Done.'))
+    const now = await value(page, CAPSULE)
+    assert(Math.abs(now - 0.9 * 1.21 * 2.25) < 0.02, `${now}`)
+    await page.fill(field(CAPSULE), '2.25')
+    await page.press(field(CAPSULE), 'Enter')
+    await until(page, `trocar.status.values[${JSON.stringify(CAPSULE)}] === 2.25`)
+  })
+
   await check('several values change at once, and a second page sees them', async () => {
     const [region] = await page.evaluate('Object.keys(trocar.status.values).filter((key) => key.endsWith(".friction.static"))'), kinetic = region.replace('static', 'kinetic')
     await page.fill(field(region), '4')

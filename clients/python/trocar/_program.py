@@ -35,6 +35,9 @@ class Progress:
             self.tenth = 10 * done // of
 
 
+FAILED = 3    # exit status if something outside the program failed: a missing package, memory, or a file that cannot be read or written
+
+
 def whole_number(text: str) -> int:
     if not re.fullmatch(r"[1-9]\d{0,5}", text):
         raise argparse.ArgumentTypeError(f"{text}: write a whole number from 1")
@@ -51,17 +54,17 @@ def _stop(number: int, _: Any) -> None:
 
 def ended(program: str, call: Callable[[], int], place: str, packages: str, interrupted: str = "interrupted") -> int:
     """Calls `call()` and returns its exit status. An interrupt, a missing Python module or a file that cannot be read or written is reported in one line
-    instead of a traceback. `packages`: the Debian packages to install if a module is missing; `place`: the file to name if the error doesn't. SIGTERM
+    instead of a traceback; the last two give the exit status FAILED. `packages`: the Debian packages to install if a module is missing; `place`: the file to name if the error doesn't. SIGTERM
     ends the call like an exception."""
     signal.signal(signal.SIGTERM, _stop)
     try:
         return call()
     except ImportError as error:
         say(program, f"{error}: apt install {packages}")
-        return 1
+        return FAILED
     except KeyboardInterrupt:
         say(program, interrupted)
         return 130
     except OSError as error:
         say(program, f"{error.filename or place}: {error.strerror or error}")
-        return 1
+        return FAILED

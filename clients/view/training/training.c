@@ -18,7 +18,8 @@
 #include "lcm_filter.h"
 
 #define CHANNELS "TROCAR_(POSE|WRENCH|COMMAND|CHANGE|REPLY|DEFORMATION|CONTACTS|TRACKS|SEEDS|PROBE|PROBE_WRENCH)"
-enum { QUEUE = 16384 /* messages, about five seconds */, ARGUMENTS = 16, NOT_STARTED = 127, CRITERIA_NOT_MET = 1 };
+enum { QUEUE = 16384 /* messages, about five seconds */, ARGUMENTS = 16, NOT_STARTED = 127 };
+enum { PASSED, NOT_PASSED, BAD_INPUT }; /* exit statuses of trocar-score; the others mean that something else failed */
 
 /* ---- trocar-score ---- */
 
@@ -51,6 +52,14 @@ static void read_said(int said, char *text, size_t size) {
     ssize_t length = pread(said, text, size - 1, 0);
     text[length > 0 ? length : 0] = '\0';
     close(said);
+}
+
+/* Returns the last line of a program's output, which says what went wrong, even if warnings or a traceback come before it. Cuts off the newline. */
+static const char *last_line(char *said) {
+    size_t length = strlen(said);
+    while (length > 0 && said[length - 1] == '\n') said[--length] = '\0';
+    const char *end = strrchr(said, '\n');
+    return end ? end + 1 : said;
 }
 
 static int exit_status(int status) { return WIFEXITED(status) ? WEXITSTATUS(status) : NOT_STARTED; }
@@ -96,11 +105,13 @@ trocar_status training_prepare(training *t, const char *task, const char *runs, 
     *t = (training){.task = task};
     trocar_status chosen = choose_folder(t, runs, why);
     if (chosen != TROCAR_OK) return chosen;
-    snprintf(t->prepared, sizeof t->prepared, "%.*s/.viewer", TRAINING_PATH - 16, t->runs); /* no task can have this name */
+    char folder[] = "/tmp/trocar-view-XXXXXX";
+    if (!mkdtemp(folder)) return fail(why, TROCAR_SYSTEM, "cannot create %s: %s", folder, strerror(errno));
+    strcpy(t->prepared, folder);
     pid_t process = start_scorer((const char *[]){"--task", task, "--prepare", t->prepared, NULL}, &t->said);
     if (process < 0 || waitpid(process, &status, 0) != process) return fail(why, TROCAR_SYSTEM, "cannot start trocar-score: %s", strerror(errno));
     read_said(t->said, said, sizeof said);
-    if (exit_status(status) != 0) return fail(why, TROCAR_BAD_INPUT, "--task: %.*s", (int)strcspn(said, "\n"), said);
+    if (exit_status(status) != 0) return fail(why, exit_status(status) == BAD_INPUT ? TROCAR_BAD_INPUT : TROCAR_SYSTEM, "--task: %s", last_line(said));
     read_options(t, said);
     return TROCAR_OK;
 }
@@ -129,6 +140,17 @@ trocar_status training_open(training *t, lcm_t *lcm, pilot *hand, trocar_error *
     return TROCAR_OK;
 }
 
+static void remove_prepared(const training *t) {
+    static const char *const files[] = {"task.json", "plan.csv"};
+    char path[2 * sizeof t->prepared];
+    if (!*t->prepared) return;
+    for (size_t i = 0; i < sizeof files / sizeof *files; i++) {
+        snprintf(path, sizeof path, "%s/%s", t->prepared, files[i]);
+        unlink(path);
+    }
+    rmdir(t->prepared);
+}
+
 void training_close(training *t) {
     if (t->heard) lcm_unsubscribe(t->lcm, t->heard);
     if (t->log) lcm_eventlog_destroy(t->log);
@@ -137,6 +159,7 @@ void training_close(training *t) {
         waitpid(t->scorer, NULL, 0);
         close(t->said);
     }
+    remove_prepared(t);
     *t = (training){.task = NULL};
 }
 
@@ -259,14 +282,15 @@ void training_finish(training *t, const subscriber *feed, uint32_t language) {
 }
 
 void training_poll(training *t) {
+    char said[4 * TRAINING_PATH], page[2 * TRAINING_PATH];
     int status = 0;
     if (t->scorer <= 0 || waitpid(t->scorer, &status, WNOHANG) != t->scorer) return;
     t->scorer = 0;
     t->state = TRAINING_SCORED;
-    t->has_report = exit_status(status) <= CRITERIA_NOT_MET;
-    read_said(t->said, t->message, sizeof t->message);
-    if (t->has_report) t->message[0] = '\0';
-    t->message[strcspn(t->message, "\n")] = '\0';
+    read_said(t->said, said, sizeof said);
+    snprintf(page, sizeof page, "%s/%s.html", t->runs, t->run);
+    t->has_report = exit_status(status) <= NOT_PASSED && access(page, R_OK) == 0; /* Python itself exits with 1 after a traceback */
+    if (!t->has_report) refuse(t, last_line(said));
 }
 
 void training_write(training *t, subscriber *feed, json *j) {

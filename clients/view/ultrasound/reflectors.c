@@ -198,7 +198,8 @@ static void add_stone(const stone *s, const image_point *nodes, double frequency
     if (!(distance > s->radius)) return;
     for (int line = (int)fmax(0, ceil(middle - s->radius / apart)); line < fmin(g->lines, middle + s->radius / apart); line++) {
         double aside = (line - middle) * apart, half = sqrt(fmax(0, s->radius * s->radius - aside * aside)), front = row - half / g->step;
-        double part = hidden(g, front, w - half, w + half), left = 1 - part * (1 - (1 - mirrored * mirrored) * sound_left(BONE.attenuation, frequency, 2 * half));
+        double through = (1 - mirrored * mirrored) * sound_left(BONE.attenuation, frequency, half); /* one way; sound_left counts both */
+        double part = hidden(g, front, w - half, w + half), left = 1 - part * (1 - through);
         grid_add(g, line, front, part * mirrored * glint(HARD, half / s->radius));
         grid_event(g, line, front, left * left, 1);
     }

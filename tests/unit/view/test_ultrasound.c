@@ -32,12 +32,12 @@ static const double FACE = 0.01, WAVELENGTH = 1540 / 5.66e6; /* m */
 
 static vec3 node_of(const double *nodes, int n) { return v3(nodes[3 * n], nodes[3 * n + 1], nodes[3 * n + 2]); }
 
-/* Returns the scene of a block. `behind`: name of the region beyond a depth of 30 mm; `slope`: slope of the boundary between the regions. */
-static trocar_scene *block_scene(const char *behind, double slope) {
+/* Returns the scene of a block. `before`, `behind`: names of the regions before and beyond a depth of 30 mm; `slope`: slope of the boundary between them. */
+static trocar_scene *block_scene(const char *before, const char *behind, double slope) {
     static const int orders[6][3] = {{0, 1, 2}, {1, 2, 0}, {2, 0, 1}, {0, 2, 1}, {2, 1, 0}, {1, 0, 2}};
     static double nodes[3 * NODES];
     static int32_t tets[4 * TETS], region[TETS], back[3 * TETS], surface[TETS];
-    const char *const names[] = {"prostate", behind}, *const surfaces[] = {"back"};
+    const char *const names[] = {before, behind}, *const surfaces[] = {"back"};
     int faces = 0;
     for (int n = 0; n < NODES; n++) {
         double x = 0.01 * (n % SIDE) - 0.03, y = 0.01 * (n / SIDE % SIDE), z = 0.01 * (n / SIDE / SIDE);
@@ -69,13 +69,15 @@ static trocar_scene *block_scene(const char *behind, double slope) {
     return scene;
 }
 
-static rig *create(const char *behind, double slope, double density, bool sector, const char *calcification) {
+typedef struct { const char *centre, *radius; } calcification; /* m, as in a scene */
+
+static rig *create_layers(const char *before, const char *behind, double slope, double density, bool sector, const calcification *stone) {
     rig *r = calloc(1, sizeof *r);
     trocar_error why;
     const trocar_model_options mesh_only = {.mesh_only = 1};
-    r->scene = block_scene(behind, slope);
-    if (calcification) assert_int_equal(trocar_scene_set(r->scene, "calcifications[0].centre", calcification, &why), TROCAR_OK);
-    if (calcification) assert_int_equal(trocar_scene_set(r->scene, "calcifications[0].radius", "2e-3", &why), TROCAR_OK);
+    r->scene = block_scene(before, behind, slope);
+    if (stone) assert_int_equal(trocar_scene_set(r->scene, "calcifications[0].centre", stone->centre, &why), TROCAR_OK);
+    if (stone) assert_int_equal(trocar_scene_set(r->scene, "calcifications[0].radius", stone->radius, &why), TROCAR_OK);
     if (trocar_model_create(r->scene, &mesh_only, &r->model, &why) != TROCAR_OK) fail_msg("%s", why.text);
     assert_int_equal(echo_create(r->scene, r->model, &TRANSRECTAL, density, &r->image, &why), TROCAR_OK);
     image_field field = {.sector = sector, .near = FACE, .far = FACE + 0.055, .face = FACE, .side = sector ? 0.6 : 0.02};
@@ -85,6 +87,10 @@ static rig *create(const char *behind, double slope, double density, bool sector
     r->levels = malloc((size_t)(r->raster.width * r->raster.height));
     memcpy(r->nodes, trocar_model_nodes(r->model), sizeof r->nodes);
     return r;
+}
+
+static rig *create(const char *behind, double slope, double density, bool sector, const calcification *stone) {
+    return create_layers("prostate", behind, slope, density, sector, stone);
 }
 
 static void release(rig *r) {
@@ -503,12 +509,11 @@ static double mean_power(const echo_envelope *e, const float *copy, double x, do
     return sum / count;
 }
 
-/* The image is dark behind a calcification and behind a needle that crosses the plane. Behind urine, which does not attenuate sound, it is brighter, because
-   the scanner compensates for attenuation. */
-static void there_are_shadows_and_enhancement(void **unused) {
+/* The image is dark behind a large calcification, behind a needle that crosses the plane, and in urine. */
+static void there_are_shadows(void **unused) {
     (void)unused;
     float *copy;
-    rig *r = create("gland", 0, ECHO_DENSITY, false, "[0.005, 0.015, 0.03]");
+    rig *r = create("gland", 0, ECHO_DENSITY, false, &(calcification){"[0.005, 0.015, 0.03]", "2e-3"});
     double ends[2][3] = {{-0.008, 0.012, 0}, {-0.008, 0.012, 0.06}};
     const echo_body needle = {ends[0], 2, 0.635e-3, &STEEL};
     echo_envelope e = draw(r, &needle, 1, &copy);
@@ -522,6 +527,60 @@ static void there_are_shadows_and_enhancement(void **unused) {
     assert_true(mean_power(&e, copy, 0, 0.035, 0.05) < 0.05);
     free(copy);
     release(r);
+}
+
+/* Returns the part of the amplitude that comes back past a calcification in the middle of the plane: there and back, along a line at a distance of `aside` from
+   its centre. The part of the beam that hits it loses the energy that both surfaces reflect, and 15 dB/(cm MHz) inside. */
+static double left_by_stone(double depth, double radius, double aside) {
+    if (aside >= radius) return 1;
+    double half = sqrt(radius * radius - aside * aside), part = erf(half / (sqrt(2) * thickness_of(depth - half))), mirrored = (6.5 - 1.63) / (6.5 + 1.63);
+    double through = (1 - mirrored * mirrored) * pow(10, -15 * 5.66 * 100 * 2 * half / 20);
+    return pow(1 - part * (1 - through), 2);
+}
+
+/* Behind a calcification as wide as the beam, the beam's edges pass it: the power is the mean over the lines, weighted with the square of the beam. */
+static void the_shadow_of_a_small_calcification_is_as_deep_as_theory_says(void **unused) {
+    (void)unused;
+    const double radius = 0.7e-3, depth = 0.015, from = 0.025, to = 0.05;
+    double expected = 0, power[2];
+    echo_envelope e;
+    for (int k = 0; k < 2; k++) {
+        float *copy;
+        rig *r = create("gland", 0, ECHO_DENSITY, false, k ? &(calcification){"[0.005, 0.015, 0.03]", "0.7e-3"} : NULL);
+        e = draw(r, NULL, 0, &copy);
+        power[k] = mean_power(&e, copy, 0.005, from, to);
+        free(copy);
+        release(r);
+    }
+    enum { ROWS = 50, STEPS = 200 };
+    for (int i = 0; i < 3 * ROWS; i++) { /* mean_power looks at three lines */
+        double line = e.first_line + e.spacing * (lrint((0.005 - e.first_line) / e.spacing) + i % 3 - 1);
+        double sum = 0, weights = 0, width = width_of(from + (i / 3 + 0.5) * (to - from) / ROWS);
+        for (int k = -STEPS; k <= STEPS; k++) {
+            double x = 4.0 * k / STEPS, weight = exp(-x * x);
+            sum += weight * pow(left_by_stone(depth, radius, fabs(line + x * width - 0.005)), 2);
+            weights += weight;
+        }
+        expected += sum / weights / (3 * ROWS);
+    }
+    print_message("behind a calcification of 0.7 mm: power %.4f, theory %.4f\n", power[1] / power[0], expected);
+    assert_close(power[1] / power[0], expected, 0.05 * expected);
+}
+
+/* Urine attenuates hardly at all (0.0022 dB/(cm MHz)), but the scanner compensates for 0.5, so the image is brighter behind 30 mm of it. */
+static void it_is_bright_behind_urine(void **unused) {
+    (void)unused;
+    double power[2], mirrored = (1.65 - 1.53) / (1.65 + 1.53), expected = pow(10, (0.5 - 0.0022) * 5.66 * 2 * 3 / 10) * pow(1 - mirrored * mirrored, 2);
+    for (int k = 0; k < 2; k++) {
+        float *copy;
+        rig *r = create_layers(k ? "urine" : "prostate", "gland", 0, ECHO_DENSITY, false, NULL);
+        echo_envelope e = draw(r, NULL, 0, &copy);
+        power[k] = mean_power(&e, copy, 0, 0.035, 0.05);
+        free(copy);
+        release(r);
+    }
+    print_message("behind 30 mm of urine: power %.2f, theory %.2f\n", power[1] / power[0], expected);
+    assert_close(power[1] / power[0], expected, 0.03 * expected);
 }
 
 /* ---- planes and pixels ---- */
@@ -610,7 +669,9 @@ int main(void) {
         cmocka_unit_test(a_needle_reverberates),
         cmocka_unit_test(a_boundary_reflects_by_angle),
         cmocka_unit_test(a_needle_reflects_by_angle),
-        cmocka_unit_test(there_are_shadows_and_enhancement),
+        cmocka_unit_test(there_are_shadows),
+        cmocka_unit_test(the_shadow_of_a_small_calcification_is_as_deep_as_theory_says),
+        cmocka_unit_test(it_is_bright_behind_urine),
         cmocka_unit_test(planes_turn_with_the_probe),
         cmocka_unit_test(levels_become_grey),
         cmocka_unit_test(a_sector_has_edges),

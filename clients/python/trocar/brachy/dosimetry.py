@@ -234,7 +234,7 @@ def _number(low: float, high: float) -> Any:
 
 def _options() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog=f"python3 -m {PROGRAM}", description="Not for treatment. The dose of an implant in an RT Structure Set: planned, achieved, after swelling.",
-                                     epilog="Exit status: 0, 1 if a plan misses a limit, 2 for bad input.")
+                                     epilog="Exit status: 0, 1 if a plan misses a limit, 2 for bad input, 3 if something else failed, such as a missing package.")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
 
     def command(name: str, run: Any, words: str) -> Any:

@@ -32,7 +32,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import Error, Model, Sim, __version__
-from .._program import ended, say, whole_number
+from .._program import FAILED, ended, say, whole_number
 from ._definition import BadStudy
 from . import _fit_report as report
 from ._fit_problem import BadFit, FitProblem, Unknown, read
@@ -328,8 +328,7 @@ def _check(given: argparse.Namespace) -> int:
 def _options() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="trocar-fit", description="Fits a scene's parameters, such as moduli, friction and relaxation, to recorded insertions, with 95 % "
                                      "confidence intervals, and names the parameters that the data cannot tell apart.",
-                                     epilog="Exit status: 0, 1 if the search did not converge or something failed, such as memory, a missing package or a file that cannot "
-                                     "be written, 2 for bad input.")
+                                     epilog="Exit status: 0, 1 if the search did not converge, 2 for bad input, 3 if something else failed, such as memory or a missing package.")
     parser.add_argument("--version", action="version", version=f"trocar-fit {__version__}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
 
@@ -354,7 +353,7 @@ def _call(given: argparse.Namespace) -> int:
         return status
     except (BadStudy, Error) as error:
         _say(str(error))
-        return 1 if isinstance(error, Error) and error.status in ("no memory", "system") else 2
+        return FAILED if isinstance(error, Error) and error.status in ("no memory", "system") else 2
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

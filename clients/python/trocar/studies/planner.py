@@ -47,7 +47,7 @@ from ._definition import BadStudy
 from .._files import replacing
 from .._locate import locate
 from ._problem import IN_FRONT, BadProblem, Problem, read
-from .._program import ended, say
+from .._program import FAILED, ended, say
 from ._rehearsal import Aim, Outcome, carried_out, depth_of
 from ._runs import Pool, model_of
 from ._search import ROUNDING, Case, Found
@@ -458,8 +458,8 @@ def _options() -> argparse.ArgumentParser:
     from .._program import whole_number
     parser = argparse.ArgumentParser(prog="trocar-plan", description="Plans insertions, described by a file: entry, direction, depth and roll with which the tip, or "
                                      "a plan's seeds, end where they should in the displaced tissue.",
-                                     epilog="Exit status: 0, 1 if a target is not reached within its tolerance or something failed, such as memory, a missing package or "
-                                     "a file that cannot be written, 2 for bad input.")
+                                     epilog="Exit status: 0, 1 if a target is not reached within its tolerance, 2 for bad input, 3 if something else failed, such as memory or a "
+                                     "missing package.")
     parser.add_argument("--version", action="version", version=f"trocar-plan {__version__}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
 
@@ -486,10 +486,10 @@ def _call(given: argparse.Namespace) -> int:
         return given.call(given)
     except (BadStudy, BadPlan, Error) as error:
         _say(str(error))
-        return 1 if isinstance(error, Error) and error.status in ("no memory", "system") else 2
+        return FAILED if isinstance(error, Error) and error.status in ("no memory", "system") else 2
     except MemoryError:
         _say("not enough memory: plan fewer samples, or a coarser mesh")
-        return 1
+        return FAILED
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

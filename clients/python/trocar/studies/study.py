@@ -214,7 +214,7 @@ def _task(text: str) -> tuple[int, int]:
 def _options() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="trocar-study", description="Thousands of insertions with varied parameters, described by a file: carries them out on all "
                                      "processors or on a cluster, resumes after an interruption, and summarises the results.",
-                                     epilog="Exit status: 0, 1 if runs failed or are missing, 2 for bad input.")
+                                     epilog="Exit status: 0, 1 if runs failed or are missing, 2 for bad input, 3 if something else failed, such as a missing package.")
     parser.add_argument("--version", action="version", version=f"trocar-study {__version__}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
 

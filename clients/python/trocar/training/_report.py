@@ -225,7 +225,7 @@ def as_html(result: Result, runs: Sequence[Earlier] = (), reference: Earlier | N
     verdict = words("verdict", met=met, count=len(result.judgements), time=began(result).replace("T", " ").replace("Z", " UTC"))
     if runs:
         verdict = words("verdict.runs", verdict=verdict, count=len(runs), passed=sum(run.passed for run in runs))
-    parts = [f"<h1>{escape(texts.title)}</h1>", f"<p>{escape(texts.text)}</p>",
+    parts = [f"<h1>{escape(texts.title)}</h1>", f"<p><strong>{escape(words('notice'))}</strong></p>", f"<p>{escape(texts.text)}</p>",
              f'<p class="verdict {"passed" if result.passed else "failed"}"><strong>{escape(passed)}</strong>: {escape(verdict)}.</p>']
     if result.lost:
         parts.append(f"<p>{escape(words('lost', lost=result.lost, count=result.ticks))}</p>")

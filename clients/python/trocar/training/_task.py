@@ -219,6 +219,8 @@ def _read_task(path: str) -> Task:
         task.avoid = _names(reader, keys["avoid"], "avoid", [*known, *solid], "region or impenetrable surface")
         task.surfaces = [name for name in task.avoid if name in solid]
     task.criteria = [_read_criterion(reader, node, f"criteria[{i}]", task) for i, node in enumerate(reader.items(keys["criteria"], "criteria"))]
+    if not task.criteria:
+        raise reader.fail(keys["criteria"], "criteria: empty: a task has at least one")
     if "hints" in keys:
         task.hints = [reader.text(node, f"hints[{i}]") for i, node in enumerate(reader.items(keys["hints"], "hints"))]
     if "reference" in keys:

@@ -26,7 +26,7 @@ PROGRAM = "trocar-score"
 
 def _options() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog=PROGRAM, description="Scores the recording of a task on the simulator: prints each criterion, and writes reports.",
-                                     epilog="Exit status: 0 if all criteria are met, 1 if not, 2 for bad input. With --course: 0 if all tasks have been passed.")
+                                     epilog="Exit status: 0 if all criteria are met, 1 if not, 2 for bad input, 3 if something else failed, such as a missing package. With --course: 0 if all tasks have been passed.")
     parser.add_argument("--version", action="version", version=f"{PROGRAM} {__version__}")
     parser.add_argument("log", nargs="?", help="LCM log of the server's messages, written by trocar-view --task or lcm-logger", metavar="LOG")
     parser.add_argument("--task", help="the task, a YAML file; without LOG, the task is checked", metavar="FILE")
@@ -94,6 +94,7 @@ def describe(task: Task) -> dict[str, Any]:
 
 
 def _prepare(given: argparse.Namespace) -> int:
+    import matplotlib    # pylint: disable=unused-import # otherwise, the run's report would fail
     task, folder = Task.read(given.task), Path(given.prepare)
     folder.mkdir(parents=True, exist_ok=True)
     save(folder / "task.json", json.dumps(describe(task)) + "\n")

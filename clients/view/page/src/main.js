@@ -71,7 +71,7 @@ const link = new Link({
   status(received) {
     status = received
     noteServer()
-    task.hear(received.task)
+    task.hear(received.task, received.driven && !received.drives)
     tissue.hear(received)
     chooseOfStatus()
     statusAt = performance.now()
@@ -402,24 +402,25 @@ const savePicture = async () => save(await takePicture(arrangeLike(element('stag
 const nextCut = () => { const axes = ['', 'x', 'y', 'z']; setCut(axes[(axes.indexOf(element('cut-axis').value) + 1) % axes.length]) }
 const toggleLayer = (name) => element('layer-list').querySelector(`input[name="${name}"]`)?.click()
 
+const TURN = 0.1, PAN = 0.03, NEARER = 1.1 // rad, fraction of the view's height, and factor of distance, for each press of a key that moves the view
+const turnOrPan = (x, y) => ({ shiftKey }) => (shiftKey ? stage.pan(PAN * x, -PAN * y) : stage.orbit(TURN * x, TURN * y, 1))
 const ACTIONS = { Space: togglePlay, Comma: () => step(-1), Period: () => step(1), Home: goLive, KeyC: nextCut, KeyM: () => toggleLayer('mesh'), KeyN: toggleTheme, KeyO: () => sound.toggle(), KeyP: savePicture,
                   KeyT: () => drive.toggle(), KeyV: () => tissue.open(), Digit1: () => stage.look(1), Digit2: () => stage.look(2), Digit3: () => stage.look(3), Digit4: () => stage.look(4),
-                  Digit5: () => stage.orbit(-TURN, 0, 1), Digit6: () => stage.orbit(TURN, 0, 1), Digit7: () => stage.orbit(0, -TURN, 1), Digit8: () => stage.orbit(0, TURN, 1),
+                  Digit5: turnOrPan(-1, 0), Digit6: turnOrPan(1, 0), Digit7: turnOrPan(0, -1), Digit8: turnOrPan(0, 1),
                   Digit9: () => stage.orbit(0, 0, 1 / NEARER), Digit0: () => stage.orbit(0, 0, NEARER),
                   ArrowLeft: () => step(-1), ArrowRight: () => step(1) } // only if these keys do not move the needle
 
-const TURN = 0.1, NEARER = 1.1 // rad and factor of distance, for each press of a key that moves the view
 const STEPS = ['Comma', 'Period', 'ArrowLeft', 'ArrowRight', 'Digit5', 'Digit6', 'Digit7', 'Digit8', 'Digit9', 'Digit0'] // keys that repeat while held down
 
 addEventListener('keydown', (event) => {
   if (event.ctrlKey || event.metaKey || event.altKey || element('keys').open || element('task').open || element('tissue').open || event.target.matches('input[type=text]')
       || event.target.matches('select, input[type=range]') && event.code.startsWith('Arrow')) return
   const action = ACTIONS[actionOf(event)]
-  if (event.target === element('timeline') && event.code.startsWith('Arrow')) { event.preventDefault(); if (action) action() }
+  if (event.target === element('timeline') && event.code.startsWith('Arrow')) { event.preventDefault(); if (action) action(event) }
   else if (event.key === '?') element('keys').showModal()
   else if (drive.key(event, true)) event.preventDefault()
   else if (probe.key(event) || procedure.key(event)) event.preventDefault()
-  else if (action && scene && (!event.repeat || STEPS.includes(event.code)) && !(event.code === 'Space' && event.target.matches('button, input, summary'))) { event.preventDefault(); action() }
+  else if (action && scene && (!event.repeat || STEPS.includes(event.code)) && !(event.code === 'Space' && event.target.matches('button, input, summary'))) { event.preventDefault(); action(event) }
 })
 addEventListener('keyup', (event) => drive.key(event, false))
 

@@ -135,6 +135,16 @@ export class Stage {
     this.dirty = true
   }
 
+  /** Moves what is in view to the right and up, by fractions of the view's height. */
+  pan(right, up) {
+    const { camera, controls } = this, height = 2 * camera.position.distanceTo(controls.target) * Math.tan(THREE.MathUtils.degToRad(camera.fov / 2))
+    const by = new THREE.Vector3(-right, -up, 0).multiplyScalar(height).applyQuaternion(camera.quaternion)
+    camera.position.add(by)
+    controls.target.add(by)
+    controls.update()
+    this.dirty = true
+  }
+
   /** Cuts the body normal to `axis` and removes the part on the viewer's side. '' means no cut. */
   setCut(axis, part = 0.5) {
     if (this.cutPlane) discard(this.cutPlane.frame.removeFromParent())

@@ -1,5 +1,4 @@
 // A trainee's task: its description, start and elapsed time, and the report that trocar-score makes from the recording.
-import * as THREE from 'three'
 import { language, said, t } from '../words/words.js'
 
 const element = (id) => document.getElementById(id)
@@ -9,7 +8,7 @@ const FILES = ['html', 'json', 'csv', 'log']
 
 export class Task {
   constructor(link, procedure) {
-    Object.assign(this, { link, procedure, description: null, shown: '', asked: null })
+    Object.assign(this, { link, procedure, description: null, shown: '', asked: null, trouble: '' })
     element('task-button').addEventListener('click', () => element('task').showModal())
     element('task-close').addEventListener('click', () => element('task').close())
     element('task-start').addEventListener('click', () => link.startTask())
@@ -18,14 +17,15 @@ export class Task {
     this.report = element('task-report').attachShadow({ mode: 'open' })
   }
 
-  /** Called when a scene has been loaded. Shows the task's targets in place of planned seeds. */
+  /** Called when a scene has been loaded. Shows the task's targets. */
   load(scene) {
     this.scene = scene
     this.showTargets()
   }
 
-  /** Called with the member "task" of each status, which is undefined if there is no task. */
-  hear(status) {
+  /** Called with the member "task" of each status, which is undefined if there is no task. `elsewhere`: another page drives the needle; trocar-view then ignores
+   * this page's start and end. */
+  hear(status, elsewhere) {
     if (!status) return
     element('task-button').hidden = false
     if (!this.asked) this.asked = this.fetchTask()
@@ -33,10 +33,11 @@ export class Task {
     set(element('task-button'), state === 'ready' || state === 'clearing' ? t('task.button') : t('task.button.time', { time: clock(elapsed) }))
     element('task-button').classList.toggle('running', running)
     element('task-start').hidden = !startable
+    for (const id of ['task-start', 'task-finish']) element(id).disabled = elsewhere
     set(element('task-start'), t(state === 'ready' ? 'task.start' : 'task.again'))
     element('task-finish').hidden = !running
     const words = { clearing: t('task.clearing'), scoring: t('task.scoring'), running: t('task.running', { time: clock(elapsed) }) }[state]
-    set(element('task-message'), said(message) || words || (clears ? t('task.clears') : ''))
+    set(element('task-message'), said(message) || (elsewhere ? t('task.elsewhere') : '') || words || this.trouble || (clears ? t('task.clears') : ''))
     if (running && this.state !== 'running' && this.state) element('task').close() // the task has started, and the trainee needs the images
     this.state = state
     if (report !== this.shown) this.showReport(report)
@@ -57,13 +58,11 @@ export class Task {
     if (this.state === 'ready') element('task').showModal()
   }
 
-  /** Shows the targets as planned seeds. Each is placed so that the tip is at the target when it is at the seed's distal end. */
   showTargets() {
     const { procedure, scene, description } = this
-    if (!scene || !description?.targets.length || !procedure.available) return
-    procedure.seedless = true // the tip only has to reach the targets; no seeds are left
-    const back = procedure.template.normal.clone().multiplyScalar(-scene.seedLength / 2)
-    procedure.hearPlan(description.targets.filter(({ hole }) => hole).map(({ hole, position }) => ({ hole, position: new THREE.Vector3(...position).add(back).toArray() })))
+    if (!scene || !description) return
+    procedure.judged = true
+    if (description.targets.length) procedure.hearTargets(description.targets)
   }
 
   async showReport(run) {
@@ -75,7 +74,10 @@ export class Task {
     element('task-print').hidden = !run
     element('task').classList.toggle('reported', Boolean(run))
     if (!run) return this.report.replaceChildren()
-    const answer = await fetch(`runs/${run}.html`), text = await answer.text(), style = /<style>([^]*?)<\/style>/
+    const answer = await fetch(`runs/${run}.html`)
+    this.trouble = answer.ok ? '' : t('task.lost')
+    if (!answer.ok) return
+    const text = await answer.text(), style = /<style>([^]*?)<\/style>/
     const sheet = new CSSStyleSheet(), page = new DOMParser().parseFromString(text.replace(style, ''), 'text/html')
     sheet.replaceSync(style.exec(text)[1]) // the page's security policy forbids style elements
     this.report.adoptedStyleSheets = [sheet]

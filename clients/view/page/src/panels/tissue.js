@@ -5,6 +5,8 @@ const element = (id) => document.getElementById(id)
 const set = (node, text) => { if (node.textContent !== text) node.textContent = text }
 const UNITS = { youngs_modulus: 'Pa', cutting_force: 'N', cutting_viscosity: 'N s/m', spreading_force: 'N', static: 'N/m', kinetic: 'N/m', viscous: 'N s/m²', puncture_force: 'N', stiffness: 'N/m' }
 
+const STEP = 0.1 // part of a value by which a button changes it
+
 export class Tissue {
   constructor(link) {
     Object.assign(this, { link, inputs: new Map(), number: 0, waiting: false })
@@ -39,6 +41,7 @@ export class Tissue {
       if (field.value === field.known) field.value = text
       field.known = text
       field.disabled = values[key] === null
+      for (const button of field.steps) button.disabled = field.disabled
     }
     if (!this.waiting || changed?.number !== this.number) return
     this.waiting = false
@@ -63,13 +66,31 @@ export class Tissue {
     }))
   }
 
+  /** Returns a row with the field, and buttons for a pointer. */
   field(key, property) {
-    const label = document.createElement('label'), input = document.createElement('input'), unit = UNITS[property.split('.').pop()] ?? ''
+    const row = document.createElement('div'), label = document.createElement('label'), input = document.createElement('input'), unit = UNITS[property.split('.').pop()] ?? ''
+    const name = hasText(`tissue.${property}`) ? t(`tissue.${property}`) : property.replaceAll('_', ' ')
     Object.assign(input, { type: 'text', inputMode: 'decimal', size: 8, autocomplete: 'off', spellcheck: false, name: key, known: '' })
     input.value = input.known
-    label.append(`${hasText(`tissue.${property}`) ? t(`tissue.${property}`) : property.replaceAll('_', ' ')}${unit && `, ${unit}`} `, input)
+    input.steps = [this.stepButton(key, -STEP, t('tissue.less', { name })), this.stepButton(key, STEP, t('tissue.more', { name }))]
+    label.append(`${name}${unit && `, ${unit}`} `, input)
+    row.append(label, ...input.steps)
     this.inputs.set(key, input)
-    return label
+    return row
+  }
+
+  stepButton(key, part, words) {
+    const button = Object.assign(document.createElement('button'), { type: 'button', textContent: part < 0 ? '−' : '+', title: words, tabIndex: -1 })
+    button.setAttribute('aria-label', words)
+    button.addEventListener('click', () => this.step(key, part))
+    return button
+  }
+
+  /** Changes a field by a part of its value or, if that is 0, of the largest value of this kind. */
+  step(key, part) {
+    const field = this.inputs.get(key), value = Number(field.value), kind = key.replace(/^.*\]/, '')
+    const alike = [...this.inputs].filter(([other]) => other.endsWith(kind)).map(([, { value: text }]) => Number(text)).filter(Number.isFinite)
+    if (Number.isFinite(value)) field.value = String(Math.max(0, Number((value + part * (value || Math.max(...alike) || 1)).toPrecision(3))))
   }
 
   discard() {

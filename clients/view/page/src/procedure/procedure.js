@@ -20,14 +20,15 @@ const AT_TARGET = 1e-3 // m
 const STEP = 1e-3 // m by which a key moves the target
 const THROUGH = 0.01 // m; if at least this much of the needle is inside, but the tip is outside the tissue, it has come out on the far side
 const NONE = { pending: [], seeds: [] }
+const ALONG = new THREE.Vector3(0, 0, 1) // direction of a needle in a scene without a template
 const STRAND = 16 // most seeds in a strand
 
 const element = (id) => document.getElementById(id)
 const mm = (length) => (1e3 * length).toFixed(1)
 const set = (node, text) => { if (node.textContent !== text) node.textContent = text }
 
-/** Returns what this browser tab has stored for a scene: the chosen hole, the target's depth (m) in the undeformed tissue, and whether the target
- * belongs to a planned seed. */
+/** Returns what this browser tab has stored for a scene: the chosen hole, the target's position [x, y, z] (m) in the undeformed tissue, and whether the
+ * target belongs to the plan. */
 function remembered(path) {
   try { return JSON.parse(sessionStorage.getItem(`procedure ${path}`)) ?? {} } catch { return {} } // some private windows have no storage
 }
@@ -49,7 +50,7 @@ export class Procedure {
   }
 
   reset() {
-    Object.assign(this, { hole: null, hovered: null, target: null, planned: false, asked: null, waits: false, isThrough: false, tipTet: -1, answered: undefined, dropped: null, left: null, dose: null, seedsNow: [], plannedNow: [], plan: [], shown: '' })
+    Object.assign(this, { hole: null, hovered: null, target: null, planned: false, asked: null, waits: false, isThrough: false, tipTet: -1, answered: undefined, dropped: null, left: null, dose: null, seedsNow: [], plannedNow: [], plan: [], visited: new Set(), seedless: false, judged: false, shown: '' })
   }
 
   load(scene) {
@@ -81,12 +82,12 @@ export class Procedure {
   }
 
   /** Restores the hole, and puts the target back where it had been moved to. */
-  restore({ hole, depth, planned }) {
-    if (!(hole.column < this.template.columns && hole.row < this.template.rows)) return
+  restore({ hole, target, planned }) {
+    if (!(hole.column < this.template.columns && hole.row < this.template.rows && target)) return
     this.hole = hole
     element('hole').value = this.template.name(hole)
-    this.setTarget(depth)
     this.planned = planned
+    this.setTarget(new THREE.Vector3(...target))
   }
 
   /** Moves the sagittal view so that it shows the template as well as the organs. */
@@ -98,6 +99,7 @@ export class Procedure {
   /** Shows either the four panes of procedure mode or the ordinary page. */
   setActive(active) {
     this.active = active
+    this.shown = ''
     document.body.classList.toggle('procedure', active)
     for (const id of ['sagittal', 'implant', 'panes']) element(id).hidden = !active
     element(active ? 'steps' : 'stage').append(element('drive'))
@@ -126,7 +128,22 @@ export class Procedure {
     this.left ??= seeds.seeds.length
   }
 
-  hearPlan(plan) { this.plan = plan.map(({ hole, position }) => ({ hole: this.template.name(this.template.find(hole)), point: new MaterialPoint(this.scene, new THREE.Vector3(...position)) })) }
+  /** Takes planned seeds. The tip must reach a seed's distal end. */
+  hearPlan(plan) {
+    const half = this.template.normal.clone().multiplyScalar(this.seedLength / 2)
+    this.setPlan(plan.map(({ hole, position }) => ({ hole, point: new THREE.Vector3(...position), aim: half.clone().add({ x: position[0], y: position[1], z: position[2] }) })))
+  }
+
+  /** Takes a task's targets, which the tip only has to reach: no seeds are left. Those without a hole are only shown. */
+  hearTargets(targets) {
+    this.seedless = true
+    this.setPlan(targets.map(({ hole, position }) => ({ hole, point: new THREE.Vector3(...position), aim: new THREE.Vector3(...position) })))
+  }
+
+  setPlan(plan) {
+    this.plan = plan.map(({ hole, point, aim }) => ({ hole: hole && this.template ? this.template.name(this.template.find(hole)) : '', point: new MaterialPoint(this.scene, point), aim }))
+    this.shown = ''
+  }
 
   hearDose(dose) {
     if (!this.available) return
@@ -204,7 +221,7 @@ export class Procedure {
   /** Returns the action of + and -, which move the target deeper and shallower; undefined for other keys. */
   aimKey({ key }) {
     const by = { '+': STEP, '=': STEP, '-': -STEP }[key]
-    return by && this.target && (() => this.setTarget(this.template.depthOf(this.target.rest) + by))
+    return by && this.target && (() => this.setTarget(this.target.rest.clone().addScaledVector(this.template.normal, by)))
   }
 
   /** Returns the point of a slice under the pointer, in m across and up. */
@@ -242,34 +259,45 @@ export class Procedure {
     this.again = true // even for the same hole, because the needle may have been steered away from it
     element('hole').value = this.template.name(hole)
     this.say('')
-    this.aimAtPlan() || this.setTarget(this.template.depthOf(this.middle()))
+    this.aimAtPlan() || this.setTarget(this.template.onAxis(this.hole, this.template.depthOf(this.middle())))
     for (const slice of [this.echo, this.sagittal]) slice.dirty = true
   }
 
   /** Returns the middle of the organs. */
   middle() { return new THREE.Vector3(this.echo.view.x, this.echo.view.y, this.sagittal.probe.x) }
 
-  /** Aims at the deepest planned seed of the hole that has not been placed yet. The tip must reach that seed's distal end. */
+  /** Aims at the deepest target of the hole, or at its deepest planned seed that has not been placed yet. */
   aimAtPlan() {
-    const name = this.template.name(this.hole), holeNumber = this.template.number(this.hole)
-    const planned = this.plan.filter(({ hole }) => hole === name).map(({ point }) => this.template.depthOf(point.rest)).sort((a, b) => b - a)
-    const placed = this.seeds.seeds.filter(({ guide, hole }) => guide === this.template.index && hole === holeNumber).length
-    this.planned = planned.length > placed // the target is where the next seed is planned
-    if (!this.planned) return false
-    this.setTarget(planned[placed] + this.seedLength / 2)
-    return true
+    const name = this.template.name(this.hole), aims = this.plan.filter(({ hole }) => hole === name).map(({ aim }) => aim).sort((a, b) => this.template.depthOf(b) - this.template.depthOf(a))
+    const next = aims[this.placedIn(name)]
+    this.planned = Boolean(next)
+    if (next) this.setTarget(next)
+    return this.planned
   }
 
-  setTarget(depth) {
-    this.target = new MaterialPoint(this.scene, this.template.onAxis(this.hole, depth))
+  /** Returns how many seeds have been placed through a hole. */
+  placedIn(name) {
+    const number = this.template.number(this.template.find(name))
+    return this.seeds.seeds.filter(({ guide, hole }) => guide === this.template.index && hole === number).length
+  }
+
+  /** True if what is planned for a hole has been done: all its seeds are placed, or the tip has been at its target. */
+  isDone(name) {
+    const planned = this.plan.filter(({ hole }) => hole === name).length
+    return planned > 0 && (this.seedless ? this.visited.has(name) : this.placedIn(name) >= planned)
+  }
+
+  /** `rest`: in the undeformed tissue. */
+  setTarget(rest) {
+    this.target = new MaterialPoint(this.scene, rest)
     this.shown = ''
-    remember(this.scene.path, { hole: this.hole, depth, planned: this.planned })
+    remember(this.scene.path, { hole: this.hole, target: rest.toArray(), planned: this.planned })
   }
 
   aimAt(event) {
     if (!this.hole) return this.say(t('hole.first'), true)
     const { across } = this.pointAt(this.sagittal, event), { z } = this.template.normal
-    if (Math.abs(z) > 0.5) this.setTarget((across - this.template.place(this.hole).z) / z)
+    if (Math.abs(z) > 0.5) this.setTarget(this.template.onAxis(this.hole, (across - this.template.place(this.hole).z) / z))
   }
 
   drop() { if (this.drive.steering) this.link.drop(Number(element('strand').value)); else this.say(t('drive.first'), true) }
@@ -354,8 +382,7 @@ export class Procedure {
   show(picture, following, chosen) {
     if (!this.scene) return
     const { seeds } = following && this.scene.live ? this.seeds : picture?.seeds ?? NONE
-    if (!this.active) return this.showSeeds(seeds)
-    this.readGamepad()
+    if (this.active) this.readGamepad()
     const nodes = this.stage.anatomy.place.array, tip = this.needles[chosen].tip
     const state = [picture?.time, seeds.length, ...seeds.flatMap(({ position }) => [...position].map((x) => x.toFixed(5))), this.plan.length, tip?.toArray().map((x) => x.toFixed(5))].join()
     if (state === this.shown) return
@@ -363,20 +390,13 @@ export class Procedure {
     this.seedsNow = seeds
     this.plannedNow = this.plan.map(({ point }) => point.at(nodes))
     this.targetNow = this.target?.at(nodes)
-    this.bevels = this.needles.map((needle, i) => this.bevelOf(picture?.needles[i]))
-    this.models.show(seeds, this.plannedNow, this.targetNow, this.template.normal)
+    this.models.show(seeds, this.plannedNow, this.active ? this.targetNow : null, this.template?.normal ?? ALONG)
     this.stage.dirty = true
     this.echo.dirty = true
+    if (!this.active) return
+    this.bevels = this.needles.map((needle, i) => this.bevelOf(picture?.needles[i]))
     this.sagittal.show(nodes, this.needles.map(({ line }) => line))
     if (element('sagittal-follow').checked) this.follow(tip)
-  }
-
-  /** Draws only the seeds, for the page with plots. */
-  showSeeds(seeds) {
-    if (seeds === this.shown) return
-    this.shown = seeds
-    this.models.show(seeds, [], null, null)
-    this.stage.dirty = true
   }
 
   /** Moves the sagittal slice to the tip or, while the needle is outside the template, to the chosen hole. */
@@ -541,9 +561,10 @@ export class Procedure {
   nextStep(tip, depth, chosen, needleState) {
     if (needleState === 'leaving') return t('next.leaving')
     if (needleState === 'taking') return t('next.taking')
-    if (needleState === 'resting') return t('next.resting', { needle: chosen })
+    if (needleState === 'resting') return `${t('next.resting', { needle: chosen })} ${this.whatNext}`
     if (!this.hole) return t('next.hole')
-    const hole = this.template.name(this.hole)
+    const hole = this.template.name(this.hole), done = this.isDone(hole)
+    if (done && depth === 0) return `${t('next.done', { hole })} ${this.whatNext}`
     if (!this.drive.steering && depth > 0) return t('next.nobody')
     if (!this.drive.steering) return t('next.drive', { hole })
     if (this.seeds.pending[chosen] > 0) {
@@ -556,11 +577,23 @@ export class Procedure {
     if (depth === 0 && (this.waits || this.approaching)) return t('next.moves', { hole, push: PUSH })
     if (depth === 0 && tip && this.template.aside(tip, this.hole).length() > IN_LINE && this.drive.age.at(performance.now()) < LATE) return t('next.beside', { hole })
     if (depth === 0) return t(TOUCH ? 'next.push.touch' : 'next.push')
-    if (this.seedHere(chosen) && !this.planned) return t('next.left')
     const { along } = this.tipError(tip)
+    if (this.seedless && Math.abs(along) <= AT_TARGET) {
+      this.visited.add(hole)
+      return `${t('next.at')} ${this.whatNext}`
+    }
+    if (done) return `${t('next.done', { hole })} ${t('next.out', { pull: PULL })} ${this.whatNext}`
+    if (this.seedHere(chosen) && !this.planned) return t('next.left')
     if (along > AT_TARGET) return `${t('next.on', { push: PUSH, along: mm(along) })} ${this.then}`
     if (along < -AT_TARGET) return `${t('next.back', { pull: PULL, along: mm(-along) })} ${this.then}`
-    return t(this.seedless ? 'next.at' : 'next.drop')
+    return t('next.drop')
+  }
+
+  /** Says which planned hole is next, or that there is none; '' without a plan. */
+  get whatNext() {
+    if (!this.plan.some(({ hole }) => hole)) return ''
+    const next = this.plan.find(({ hole }) => hole && !this.isDone(hole))
+    return next ? t('next.planned', next) : t(this.judged ? 'next.finish' : 'next.complete')
   }
 
   /** True if the newest seed came from this needle in the chosen hole. */

@@ -42,7 +42,6 @@ export class SliceMarks {
     this.model = model
     this.slice = slice
     slice.overlays.push((echo, ink) => {
-      if (!model.active) return
       ink.unit = echo.unit
       const frame = echo.frame
       this.pixel = (point) => { const { x, y } = echo.project(point, frame); return echo.toPixel(x, y) }
@@ -56,6 +55,7 @@ export class SliceMarks {
 
   draw(echo, ink) {
     const { model } = this
+    if (!model.active) return model.plannedNow.forEach((point) => this.drawPlanned(ink, point))
     ink.textAlign = 'center'
     ink.textBaseline = 'middle'
     this.drawSides(echo, ink)

@@ -66,5 +66,5 @@ def ended(program: str, call: Callable[[], int], place: str, packages: str, inte
         say(program, interrupted)
         return 130
     except OSError as error:
-        say(program, f"{error.filename or place}: {error.strerror or error}")
+        say(program, f"{error.filename2 or error.filename or place}: {error.strerror or error}")
         return FAILED

@@ -969,7 +969,7 @@ internal sealed class Unicast : INetwork {
         if (!string.IsNullOrEmpty(path)) {
             try {
                 bytes = File.ReadAllBytes(path);
-            } catch (IOException error) {
+            } catch (Exception error) when (error is IOException || error is UnauthorizedAccessException) {
                 throw new InvalidOperationException("secret file " + path + ": " + error.Message, error);
             }
             for (size = bytes.Length; size > 0 && (bytes[size - 1] == '\n' || bytes[size - 1] == '\r'); size--) continue;

@@ -26,6 +26,8 @@ public sealed class TrocarNeedle : MonoBehaviour {
     [Tooltip("N")]
     public double maxForce = 20;
 
+    // While the component is disabled, all values below are false, zero or empty.
+
     /// <summary>True while wrenches arrive from a server.</summary>
     public bool Answered { get; private set; }
     /// <summary>N, in Unity's frame: force exerted on the hand by the needle's base.</summary>
@@ -66,8 +68,8 @@ public sealed class TrocarNeedle : MonoBehaviour {
     }
 
     void OnEnable() {
-        ends = placed = false;
-        command = null;
+        ends = false;
+        Forget();
         fault = null;
         var options = new TrocarOptions { Url = url, SecretFile = secretFile, Needle = needle, WithoutForce = withoutForce, MaxForce = maxForce };
         thread = new Thread(() => Exchange(options)) { IsBackground = true, Name = "trocar needle" };
@@ -77,6 +79,31 @@ public sealed class TrocarNeedle : MonoBehaviour {
     void OnDisable() {
         lock (guard) ends = true;
         thread.Join(); // up to ten seconds if the network is down
+        Show();
+    }
+
+    // Drops what the thread has received: once it has ended, nothing renews the last wrench.
+    void Forget() {
+        placed = false;
+        command = null;
+        seen.Clear();
+        seenEvents = TrocarEvents.None;
+        seenAnswer = false;
+        seenReply = TrocarAnswer.None;
+        seenReason = "";
+    }
+
+    // Copies what the thread has received to the public properties.
+    void Show() {
+        Answered = seenAnswer;
+        Force = Out(seen.Force, -1, 1, 1);
+        Torque = Out(seen.Torque, 1, -1, -1);
+        Depth = seen.Depth;
+        Flags = seen.Flags;
+        Events = seenEvents;
+        Answer = seenReply;
+        Reason = seenReason;
+        seenEvents = TrocarEvents.None;
     }
 
     void Update() {
@@ -89,15 +116,7 @@ public sealed class TrocarNeedle : MonoBehaviour {
             begin = now;
             duration = Time.deltaTime;
             placed = true;
-            Answered = seenAnswer;
-            Force = Out(seen.Force, -1, 1, 1);
-            Torque = Out(seen.Torque, 1, -1, -1);
-            Depth = seen.Depth;
-            Flags = seen.Flags;
-            Events = seenEvents;
-            Answer = seenReply;
-            Reason = seenReason;
-            seenEvents = TrocarEvents.None;
+            Show();
             broken = fault;
         }
         if (broken == null) return;
@@ -139,6 +158,7 @@ public sealed class TrocarNeedle : MonoBehaviour {
     void Exchange(TrocarOptions options) {
         double[] pose = new double[7], position = new double[3], orientation = new double[4];
         var wrench = new TrocarWrench();
+        string broken = null;
         timeBeginPeriod(1);
         try {
             using (var client = new TrocarClient(options)) {
@@ -169,9 +189,13 @@ public sealed class TrocarNeedle : MonoBehaviour {
                 }
             }
         } catch (Exception error) {
-            lock (guard) fault = error.Message;
+            broken = error.Message;
         } finally {
             timeEndPeriod(1);
+            lock (guard) {
+                Forget();
+                fault = broken;
+            }
         }
     }
 

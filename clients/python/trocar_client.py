@@ -38,6 +38,7 @@ _LONGEST_REPLY = 3.0    # s
 _LONGEST_ECHO = 10.0    # s, how long to wait for the client's own first message to come back from the network
 # maximum message size (bytes), fragments per message, and length kept of a string (bytes)
 _MESSAGE_MOST, _FRAGMENTS_MOST, _TEXT_MOST = 1 << 17, 256, 255
+_CHANGE_MOST = 512      # bytes, longest text of a change that a server accepts
 _ECHO = b"LCM_SELF_TEST"
 
 
@@ -466,8 +467,12 @@ class Client:
     def change(self, values, time=0.0):
         """Changes the tissue of the running server, for all needles; the client need not hold one. values: a dict with keys and units as in a scene file, such
         as {"membranes[skin].puncture_force": 2}; docs/training/changes.md lists the keys. Values move linearly to their new setting over `time` s (0.1 to 60;
-        0 means 0.5). A change to moduli takes the server a while to prepare, and the client waits for the reply until it is done."""
+        0 means 0.5). A change to moduli takes the server a while to prepare, and the client waits for the reply until it is done. Raises ValueError if the
+        values are too long for one change."""
         lines = "\n".join("%s: %s" % (key, value) for key, value in values.items())
+        size = len(lines.encode())
+        if size > _CHANGE_MOST:
+            raise ValueError("the values take %d bytes, but a change has at most %d: make several changes" % (size, _CHANGE_MOST))
         return self._begin(lambda number: self._send(b"TROCAR_CHANGE", _CHANGE.encode(utime=_utime(), session=self._session, seq=number, time=time, values=lines)))
 
     def reply(self):
@@ -648,7 +653,7 @@ class Client:
 def _main():
     """Command-line entry point: changes the tissue of a running server."""
     parser = argparse.ArgumentParser(description="Changes friction, cutting and puncture forces, moduli, calcifications and guides of a running trocar-server, for all needles.",
-                                     epilog="Exit status: 0, 1 if there is no server or no network, 2 if the server refuses the change.")
+                                     epilog="Exit status: 0, 1 if there is no server or no network, 2 if the change is too long or the server refuses it.")
     parser.add_argument("values", nargs="+", metavar='"KEY: VALUE"', help='as in a scene file, such as "membranes[skin].puncture_force: 2"')
     parser.add_argument("--time", type=float, default=0.0, metavar="SECONDS", help="duration of the change, 0.1 to 60 (default: 0.5)")
     parser.add_argument("--url", help="LCM URL, or udp://HOST:PORT of a server with --listen")
@@ -662,7 +667,8 @@ def _main():
                 time.sleep(0.01)
             answer, why = client.reply()
     except (OSError, ValueError) as error:
-        sys.exit("trocar_client: %s" % error)
+        print("trocar_client: %s" % error, file=sys.stderr)
+        sys.exit(2 if isinstance(error, ValueError) else 1)
     if answer is not Answer.DONE:
         print("trocar_client: %s" % why, file=sys.stderr)
         sys.exit(2 if answer is Answer.REFUSED else 1)

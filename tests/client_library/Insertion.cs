@@ -1,8 +1,9 @@
 // Like insertion.c, but with the client in C#.
-// usage: Insertion.exe URL [SECONDS]
+// usage: Insertion.exe URL [SECONDS [FILE]]
 using System;
 using System.Diagnostics;
 using System.Globalization;
+using System.IO;
 using System.Threading;
 using Trocar;
 
@@ -10,12 +11,13 @@ static class Insertion {
     const double Start = -0.201, Way = 0.021, Speed = 0.01; // m, m, m/s
     static readonly double[] position = { 0.005, 0.003, Start }, orientation = { 1, 0, 0, 0 };
     static readonly TrocarWrench wrench = new TrocarWrench();
+    static TextWriter trace = TextWriter.Null;
 
     static double Now() { return (double)Stopwatch.GetTimestamp() / Stopwatch.Frequency; }
     static double Length(double[] a) { return Math.Sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2]); }
 
     sealed class Felt {
-        internal double Force, Most, Step;
+        internal double Force, Most;
         internal long Periods, Answered, Outages, Back, Tick;
         internal bool WasAnswered;
     }
@@ -24,13 +26,14 @@ static class Insertion {
         Thread.Sleep(1);
         position[2] = Start + advance;
         client.Publish(position, orientation);
+        double before = Now();
         bool answered = client.Newest(wrench);
-        double force = Length(wrench.Force);
+        double after = Now(), force = Length(wrench.Force);
+        trace.WriteLine("{0:F7} {1:F7} {2} {3:G12} {4:G12}", before, after, wrench.Tick, force, Length(wrench.Torque));
         f.Periods++;
         if (answered) f.Answered++;
         if (f.WasAnswered && !answered) f.Outages++;
         if (answered && f.WasAnswered && wrench.Tick < f.Tick) f.Back++;
-        if (answered && f.WasAnswered) f.Step = Math.Max(f.Step, Math.Abs(force - f.Force));
         f.Most = Math.Max(f.Most, force);
         f.Force = force;
         f.Tick = wrench.Tick;
@@ -50,9 +53,11 @@ static class Insertion {
         CultureInfo.DefaultThreadCurrentCulture = CultureInfo.InvariantCulture;
         Thread.CurrentThread.CurrentCulture = CultureInfo.InvariantCulture;
         Felt before = new Felt(), f = new Felt();
+        if (arguments.Length == 3) trace = new StreamWriter(arguments[2]);
         try {
+            using (trace)
             using (var client = new TrocarClient(new TrocarOptions { Url = arguments[0] })) {
-                if (arguments.Length == 2) {
+                if (arguments.Length > 1) {
                     for (double end = Now() + double.Parse(arguments[1]); Now() < end;) Exchange(client, 0, f);
                 } else {
                     for (double end = Now() + 10; !before.WasAnswered && Now() < end;) Exchange(client, 0, before);
@@ -61,7 +66,7 @@ static class Insertion {
                         Exchange(client, t < 0 ? 0 : Math.Min(Way, Speed * t), f);
                 }
                 Console.WriteLine("periods {0}\nanswered {1}\noutages {2}\nback {3}", f.Periods, f.Answered, f.Outages, f.Back);
-                Console.WriteLine("force {0:F6}\nmost {1:F6}\nstep {2:F6}\ndepth {3:F6}", f.Force, f.Most, f.Step, wrench.Depth);
+                Console.WriteLine("force {0:F6}\nmost {1:F6}\ndepth {2:F6}", f.Force, f.Most, wrench.Depth);
             }
         } catch (InvalidOperationException error) {
             Console.Error.WriteLine(error.Message);

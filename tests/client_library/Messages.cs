@@ -44,7 +44,18 @@ static class Messages {
         throw new Exception("impossible options are accepted");
     }
 
+    // A folder in place of the secret file: reading it is refused, even to root.
+    static void RefuseSecret() {
+        try {
+            new TrocarClient(new TrocarOptions { Url = "udp://127.0.0.1:7668", SecretFile = Path.GetTempPath() }).Dispose();
+        } catch (InvalidOperationException error) {
+            if (error.Message.Contains("secret file " + Path.GetTempPath())) return;
+        }
+        throw new Exception("no clear message about an unreadable secret");
+    }
+
     static void Main() {
+        RefuseSecret();
         Refuse(new TrocarOptions { Needle = -1 });
         Refuse(new TrocarOptions { Watchdog = double.NaN });
         Refuse(new TrocarOptions { MaxForce = -1 });

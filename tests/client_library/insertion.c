@@ -1,6 +1,7 @@
 /* A test bridge in C99, for any system that trocar_client.h supports. Resets the needle, pushes it in by 21 mm at 10 mm/s, and holds it for half a second.
-   With SECONDS, it only holds still in front of the skin for that long. Prints the measured values, one number with its name per line.
-   usage: insertion URL [SECONDS] */
+   With SECONDS, it only holds still in front of the skin for that long. Prints the measured values, one number with its name per line. Writes a line to FILE
+   for each period: the time before and after it gets a wrench (s), the wrench's tick (0: none), its force (N) and its torque (N m).
+   usage: insertion URL [SECONDS [FILE]] */
 #ifndef _WIN32
 #define _DEFAULT_SOURCE
 #endif
@@ -41,23 +42,26 @@ static double length_of(const double a[3]) { return sqrt(a[0] * a[0] + a[1] * a[
 
 typedef struct {
     trocar_client_wrench wrench;
-    double force, most, step; /* N; force: last; most: largest; step: largest change from one period to the next */
+    double force, most; /* N, the last and the largest */
     long periods, answered, outages, back; /* `back`: returns to an older wrench */
     int was_answered;
 } felt_so_far;
+
+static FILE *trace;
 
 static void exchange(trocar_client *c, double advance, felt_so_far *f) {
     const double position[3] = {0.005, 0.003, START + advance}, orientation[4] = {1, 0, 0, 0};
     trocar_client_wrench w;
     wait_for_period();
     trocar_client_publish(c, position, orientation);
+    double before = now();
     int answered = trocar_client_newest(c, &w);
-    double force = length_of(w.force);
+    double after = now(), force = length_of(w.force);
+    if (trace != NULL) fprintf(trace, "%.7f %.7f %.0f %.12g %.12g\n", before, after, (double)w.tick, force, length_of(w.torque));
     f->periods++;
     f->answered += answered;
     f->outages += f->was_answered && !answered;
     f->back += answered && f->was_answered && w.tick < f->wrench.tick;
-    if (answered && f->was_answered && fabs(force - f->force) > f->step) f->step = fabs(force - f->force);
     if (force > f->most) f->most = force;
     f->force = force;
     f->wrench = w;
@@ -77,11 +81,12 @@ static int reset(trocar_client *c, felt_so_far *f) {
 int main(int count, char **arguments) {
     trocar_client_options options = trocar_client_default_options();
     felt_so_far before = {0}, felt = {0};
-    if (count != 2 && count != 3) return 2;
+    if (count < 2 || count > 4) return 2;
+    if (count == 4 && (trace = fopen(arguments[3], "w")) == NULL) return 2;
     options.url = arguments[1];
     trocar_client *c = trocar_client_open(&options, NULL, 0);
     if (c == NULL) return 1;
-    if (count == 3) {
+    if (count > 2) {
         for (double end = now() + atof(arguments[2]); now() < end;) exchange(c, 0, &felt);
     } else {
         for (double end = now() + 10; !before.was_answered && now() < end;) exchange(c, 0, &before);
@@ -90,7 +95,8 @@ int main(int count, char **arguments) {
             exchange(c, t < 0 ? 0 : t < WAY / SPEED ? SPEED * t : WAY, &felt);
     }
     printf("periods %ld\nanswered %ld\noutages %ld\nback %ld\n", felt.periods, felt.answered, felt.outages, felt.back);
-    printf("force %.6f\nmost %.6f\nstep %.6f\ndepth %.6f\n", felt.force, felt.most, felt.step, felt.wrench.depth);
+    printf("force %.6f\nmost %.6f\ndepth %.6f\n", felt.force, felt.most, felt.wrench.depth);
     trocar_client_close(c);
+    if (trace != NULL) fclose(trace);
     return 0;
 }

@@ -1,7 +1,7 @@
 #!/usr/bin/python3
 """Does what insertion.c does, with the Python client.
 
-usage: insertion.py URL [SECONDS]
+usage: insertion.py URL [SECONDS [FILE]]
 """
 import math
 import os
@@ -17,22 +17,21 @@ START, WAY, SPEED = -0.201, 0.021, 0.01    # m, m, m/s
 
 
 class Felt:
-    def __init__(self, client):
-        self.client, self.wrench = client, trocar_client.Wrench()
-        self.force = self.most = self.step = 0.0
+    def __init__(self, client, trace):
+        self.client, self.trace, self.wrench = client, trace, trocar_client.Wrench()
+        self.force = self.most = 0.0
         self.periods = self.answered = self.outages = self.back = 0
 
     def exchange(self, advance):
         time.sleep(0.001)
         self.client.publish((0.005, 0.003, START + advance), (1, 0, 0, 0))
-        before, self.wrench = self.wrench, self.client.newest()
-        w, last, self.force = self.wrench, self.force, math.hypot(*self.wrench.force)
-        both = w.answered and before.answered
+        last, before, self.wrench, after = self.wrench, time.monotonic(), self.client.newest(), time.monotonic()
+        w, self.force = self.wrench, math.hypot(*self.wrench.force)
+        self.trace.write(f"{before} {after} {w.tick} {self.force} {math.hypot(*w.torque)}\n")
         self.periods += 1
         self.answered += w.answered
-        self.outages += before.answered and not w.answered
-        self.back += both and w.tick < before.tick
-        self.step = max(self.step, abs(self.force - last)) if both else self.step
+        self.outages += last.answered and not w.answered
+        self.back += w.answered and last.answered and w.tick < last.tick
         self.most = max(self.most, self.force)
 
 
@@ -46,9 +45,9 @@ def reset(client, felt):
     return 0
 
 
-def main(url, seconds=None):
-    with trocar_client.Client(url) as client:
-        before, felt = Felt(client), Felt(client)
+def main(url, seconds=None, file=os.devnull):
+    with open(file, "w", encoding="ascii") as trace, trocar_client.Client(url) as client:
+        before, felt = Felt(client, trace), Felt(client, trace)
         if seconds:
             end = time.monotonic() + float(seconds)
             while time.monotonic() < end:
@@ -62,7 +61,7 @@ def main(url, seconds=None):
             while t < 0.5 + WAY / SPEED:
                 felt.exchange(min(WAY, max(0.0, SPEED * t)))
                 t = time.monotonic() - begin - 0.5
-        for name in ("periods", "answered", "outages", "back", "force", "most", "step"):
+        for name in ("periods", "answered", "outages", "back", "force", "most"):
             print(name, getattr(felt, name))
         print("depth", felt.wrench.depth)
 

@@ -3,10 +3,13 @@
 UnityInsertion.cs (under Mono), or insertion.py.
 
 - The needle comes to rest with the force and depth that the library gives, both on a good network and on one that loses every tenth datagram, duplicates
-  every twentieth and shuffles their order within 4 ms. No wrench is followed by an older one, and the force stays within the client's rate limit. The needle
-  follows the hand rigidly, because a virtual coupling would be softer for a longer round trip.
+  every twentieth and shuffles their order within 4 ms. No wrench is followed by an older one. The needle follows the hand rigidly, because a virtual coupling
+  would be softer for a longer round trip.
 - The bridge survives crafted packets and a flood of fuzzed fragments, and still gets answers.
 - The insertion is the same over udp://, without multicast. A client with another secret is refused with one clear message.
+- The component for Unity keeps no force when it is disabled or fails.
+- With a server that sends 1000 N, the force and torque stay within the client's limits, also on their rates. Without wrenches, they are zero after 20 ms.
+- An attacker between server and client forges, alters and repeats wrenches over udp://. The client renders none of them.
 - Wrenches that arrive in fragments and out of order are rendered as well.
 - With ttl=0, wrenches from another machine are not rendered; with ttl=1 they are.
 
@@ -16,6 +19,7 @@ import ctypes
 import json
 import math
 import os
+import random
 import secrets
 import shutil
 import socket
@@ -31,12 +35,15 @@ HERE, CLIENTS = f"{SOURCE}/tests/client_library", f"{SOURCE}/clients/client"
 UNICAST = "127.0.0.1:7670"
 NEAR, PORT, FAR = "239.255.76.67", 7667, "239.255.76.68:7668"
 LOSS, TWICE, DELAY = 0.1, 0.05, 0.004
+WATCHDOG, RAMP = 0.02, 0.1              # s, the clients' defaults
+MOST, RATE = (20, 1), (2000, 100)       # their limits on force (N) and torque (N m), and on their change per second
 NEEDED = {"windows": {"x86_64-w64-mingw32-gcc": "gcc-mingw-w64-x86-64-win32", "wine": "wine64 and wine"}, "csharp": {"mcs": "mono-mcs", "mono": "mono-runtime"}}
 NEEDED["unity"] = NEEDED["csharp"]
 BRIDGES = {"csharp": [f"{HERE}/Insertion.cs"], "unity": [f"{HERE}/UnityInsertion.cs", f"{CLIENTS}/TrocarNeedle.cs", f"{SOURCE}/tests/project/standins/UnityEngine.cs"]}
 
-sys.path.insert(0, f"{SOURCE}/tests/shared")
+sys.path[:0] = [f"{SOURCE}/tests/shared", f"{SOURCE}/tests/system"]
 sys.dont_write_bytecode = True
+import unicast
 from in_namespace import in_namespace
 
 for command, package in NEEDED.get(LANGUAGE, {}).items():
@@ -127,7 +134,7 @@ def same_insertion(bridge, folder):
     link = until_ready([*AT_ONCE, sys.executable, f"{HERE}/lossy_link.py", f"{NEAR}:{PORT}", FAR, str(LOSS), str(TWICE), str(DELAY)])
     try:
         good, bad = insertion(bridge, f"udpm://{NEAR}:{PORT}?ttl=0"), insertion(bridge, f"udpm://{FAR}?ttl=0")
-        unicast = insertion(bridge, f"udp://{UNICAST}")
+        direct = insertion(bridge, f"udp://{UNICAST}")
         refused(bridge, folder)
         link.terminate()
         done = json.loads(link.communicate(timeout=10)[0])
@@ -143,15 +150,86 @@ def same_insertion(bridge, folder):
     for way in (0, 1):  # both directions: from the server, and to it
         total = done["passed"][way] + done["lost"][way]
         assert total > 500 and abs(done["lost"][way] - LOSS * total) < 4 * math.sqrt(LOSS * total) and done["overtaken"][way] > 0.05 * total, f"the link is another one: {done}"
-    for felt in (good, bad, unicast):
+    for felt in (good, bad, direct):
         assert felt["back"] == 0, "an older wrench followed a newer one"
         assert felt["outages"] == 0 and felt["answered"] == felt["periods"], "the watchdog expired"
         assert abs(felt["force"] - force) < 0.01 * force and abs(felt["depth"] - depth) < 0.01 * depth, "not the insertion of the library"
         assert math.isclose(felt.get("along", -force), -force, rel_tol=0.01), "not along the needle"
-        assert felt["step"] < 2000 * 0.01, "the force changed faster than the client permits"
         assert felt["resets"] >= 1, "no reply"
-    assert good["resets"] == unicast["resets"] == 1
+        if LANGUAGE == "unity":
+            assert felt["held"] > 0 and felt["held_again"] > 0 and felt["disabled"] == felt["enabled"] == felt["fault"] == 0, "the component keeps a wrench"
+    assert good["resets"] == direct["resets"] == 1
     assert client.returncode == 0 and fired_at["answered"] > 0.3 * fired_at["periods"] and fired_at["back"] == 0, "crafted packets stop it"
+
+
+# ---- a server that sends too much or nothing, and an attacker -----------------------------------------------------------------
+
+def serve_and_attack(host, types, client):
+    """Acts as the server until the client ends: sends 1 N for half a second, nothing, 1000 N, and nothing again. Also acts as an attacker without the key, who
+    sends 5 N, flips bits, and repeats the server's datagrams as soon as the server is silent. Returns the server's forces and torques by tick."""
+    sent, recorded, begin, rng = {}, [], None, random.Random(1)
+    wrench, strange = types.needle_wrench_t(), types.needle_wrench_t()
+    wrench.server = strange.server = 5
+    strange.force = [0.0, 5.0, 0.0]
+    while client.poll() is None:
+        time.sleep(0.001)
+        for channel, data in host.take():
+            if channel == b"TROCAR_POSE":
+                wrench.session = strange.session = types.needle_pose_t.decode(data).session
+                begin = begin or time.monotonic()
+        phase = int((time.monotonic() - begin) / 0.5) if begin else None
+        if phase in (0, 2):
+            wrench.tick += 2
+            strange.tick = wrench.tick + 1
+            sent[wrench.tick] = force, torque = (1.0, 0.02) if phase == 0 else (1000.0, 50.0)
+            wrench.force, wrench.torque = [force, 0.0, 0.0], [0.0, 0.0, torque]
+            genuine, data = host.seal(b"TROCAR_WRENCH", wrench.encode()), strange.encode()
+            altered = genuine[:-32 - len(data)] + data + genuine[-32:]
+            flipped = bytearray(genuine)
+            flipped[rng.randrange(len(flipped))] ^= 1 << rng.randrange(8)
+            forged = unicast.message(bytes(32), host.counter + 1, b"TROCAR_WRENCH", data, unicast.TO_CLIENT)
+            for datagram in (altered, flipped, genuine, forged):
+                host.put(datagram)
+            recorded.append(genuine)
+        elif recorded:
+            for datagram in (recorded[-1], rng.choice(recorded)):
+                host.put(datagram)
+    return sent
+
+
+def check_rendered(periods, sent):
+    """Checks that each period's force and torque follow from what the server sent. periods: rows of the time before and after the client was asked for the wrench
+    (s), the wrench's tick (0: none), force and torque."""
+    first_seen, newest, began = {}, 0, periods[0][0]
+    for (last_before, _, _, *last), (before, after, tick, *felt) in zip(periods, periods[1:]):
+        if tick == 0:
+            began = before
+            assert felt == [0, 0], "a force without a wrench"
+            continue
+        assert tick in sent, "a forged wrench is rendered"
+        assert tick >= newest, "a repeated wrench is rendered"
+        assert before < first_seen.setdefault(tick, after) + WATCHDOG, "a wrench is rendered for too long"
+        newest = tick
+        for size, previous, wanted, most, rate in zip(felt, last, sent[tick], MOST, RATE):
+            allowed = min(most, wanted * min(1, (after - began) / RAMP), previous + rate * (after - last_before))
+            assert size <= allowed * (1 + 1e-6), f"{size} is rendered in place of {wanted}, where {allowed} is allowed"
+
+
+def only_what_the_server_sends(bridge, folder, types):
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as link:
+        address, port = UNICAST.split(":")
+        link.bind((address, int(port)))
+        path = f"{folder}/periods"
+        client = subprocess.Popen([*bridge, f"udp://{UNICAST}", "2", path], stdout=subprocess.DEVNULL)
+        sent = serve_and_attack(unicast.Host(link, os.environ["TROCAR_SECRET_FILE"]), types, client)
+    with open(path, encoding="ascii") as file:
+        periods = [tuple(map(float, line.split())) for line in file]
+    check_rendered(periods, sent)
+    for given, wanted in (((1, 0.02), (1, 0.02)), ((1000, 50), MOST)):
+        felt = [max(column) for column in zip(*(period[3:] for period in periods if sent.get(period[2]) == given))]
+        print(f"{given[0]} N rendered as {felt[0]:.3f} N, {given[1]} N m as {felt[1]:.4f} N m")
+        assert felt[0] > 0.9 * wanted[0] and felt[1] > 0.9 * wanted[1], "the server's wrenches are not rendered"
+    assert client.returncode == 0 and periods[-1][2] == 0, "the watchdog has not expired"
 
 
 # ---- another machine -------------------------------------------------------------------------------------------------------
@@ -235,11 +313,7 @@ def answered(bridge, types, sender, ttl, cut=whole):
     return felt["answered"] / felt["periods"]
 
 
-def other_machine(bridge, folder):
-    subprocess.run(["lcm-gen", "-p", "--ppath", folder, f"{SOURCE}/lcmtypes/trocar.lcm"], check=True)
-    sys.path.insert(0, folder)
-    sys.modules.pop("trocar", None)
-    import trocar as types
+def other_machine(bridge, types):
     other, distant = plug_in()
     try:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as here:
@@ -253,12 +327,22 @@ def other_machine(bridge, folder):
     assert found.pop("another machine, ttl=0") == 0 and min(found.values()) > 0.5
 
 
+def message_types(folder):
+    subprocess.run(["lcm-gen", "-p", "--ppath", folder, f"{SOURCE}/lcmtypes/trocar.lcm"], check=True)
+    sys.path.insert(0, folder)
+    sys.modules.pop("trocar", None)     # the Python package
+    import trocar
+    return trocar
+
+
 def main():
     with tempfile.TemporaryDirectory() as folder:
         try:
             bridge = [*AT_ONCE, *build(folder)]
             same_insertion(bridge, folder)
-            other_machine(bridge, folder)
+            types = message_types(folder)
+            only_what_the_server_sends(bridge, folder, types)
+            other_machine(bridge, types)
         finally:
             if LANGUAGE == "windows":
                 subprocess.run(["wineserver", "-k", "-w"], check=False)

@@ -1,9 +1,11 @@
 #!/usr/bin/python3
 """Compares the messages of the Python and C# clients with those of lcm-gen. Random messages are decoded and re-encoded to the same bytes, and damaged ones are
-refused. Random datagrams do not crash the Python client, and it waits for pending changes. (test_client.py and tests/fuzz cover the other clients.)
+refused. Random datagrams do not crash the Python client, nor do random wrenches from its server exceed its limits. It waits for pending changes, and refuses
+long ones. The C# client says why it cannot read a secret. (test_client.py and tests/fuzz cover the other clients.)
 
 usage: test_messages.py SOURCE_DIR python|csharp
 """
+import math
 import random
 import shutil
 import struct
@@ -73,8 +75,9 @@ def try_python(types, cases):
             assert tuple(value) == tuple(wanted) if isinstance(value, tuple) else value == wanted, (letter, name)
         if letter != "r":   # the clients do not send strings
             assert kinds[letter].encode(**found) == data, letter
-    datagrams(client, [data for _, data, _ in cases])
+    datagrams(client, cases)
     pending(client, types)
+    too_long(client)
     for bad in ({"needle": -1}, {"watchdog": float("nan")}, {"max_force": -1}):     # bad arguments are refused before a socket is opened
         try:
             client.Client(**bad)
@@ -93,8 +96,18 @@ class Alone:
         return client.Client()
 
 
-def datagrams(client, messages):
-    c = Alone(client)
+def use_clock(client, clock):
+    """Puts the client's time under the test's control."""
+    client.time = SimpleNamespace(**{**vars(time), "monotonic": lambda: clock[0]})
+
+
+def datagrams(client, cases):
+    c, clock, last, answered, largest = Alone(client), [100.0], (0.0, 0.0, 0.0), 0, 0.0
+    use_clock(client, clock)
+    for letter, _, message in cases:
+        if message is not None and letter in "wr":
+            message.session, message.needle, message.server = c._session, 0, 1
+    messages = [data if message is None else message.encode() for _, data, message in cases]
     names = [b"TROCAR_WRENCH", b"TROCAR_REPLY", b"LCM_SELF_TEST", b"TROCAR_POSE", b""]
     for _ in range(20 * ROUNDS):
         message, name = rng.choice(messages), rng.choice(names)
@@ -105,14 +118,19 @@ def datagrams(client, messages):
                                  rng.choice([0, len(message), number(4) & 0xFFFFFFFF]), rng.randrange(4), rng.randrange(4))
             packet += (name + b"\0" if rng.random() < 0.5 else b"") + message
         c._take_datagram(packet if rng.random() < 0.8 else packet[:rng.randrange(len(packet))], ("127.0.0.1", rng.randrange(2)))
+        clock[0] += 0.001
         wrench = c.newest()
-        assert sum(x * x for x in wrench.force) <= 20 ** 2 * (1 + 1e-9)
+        assert sum(x * x for x in wrench.force) <= 20 ** 2 * (1 + 1e-9), "more than max_force"
+        assert math.dist(wrench.force, last) <= 2000 * 0.001 * (1 + 1e-9) or not wrench.answered, "faster than max_force_rate"
+        last, answered, largest = wrench.force, answered + wrench.answered, max(largest, *map(abs, wrench.force))
+    print(f"{answered} of {20 * ROUNDS} periods answered, at most {largest:.1f} N")
+    assert answered > ROUNDS / 2 and largest > 10, "the client accepts no wrenches"
 
 
 def pending(client, types):
     """As long as the server reports that a change is pending, the client waits longer than usual for the reply."""
     c, clock = Alone(client), [100.0]
-    client.time = SimpleNamespace(**{**vars(time), "monotonic": lambda: clock[0]})     # a clock under the test's control
+    use_clock(client, clock)
     c._send = lambda channel, message: None
     reply = types.command_reply_t()
     reply.server, reply.session, reply.command = 1, c._session, types.command_t.CHANGE
@@ -135,6 +153,20 @@ def pending(client, types):
         assert c.reply()[0] is client.Answer.UNANSWERED
         hear(number, reply.DONE)
         assert c.reply()[0] is client.Answer.DONE
+
+
+def too_long(client):
+    """Changes that the server would refuse, and that its unicast port would drop without a reply, are not sent."""
+    c, sent = Alone(client), []
+    c._send = lambda channel, message: sent.append(message)
+    for key, size in ((509 * "k", 512), (510 * "k", 513), (255 * "\u00e9", 513)):    # bytes, with ": 1"
+        try:
+            c.change({key: 1})
+        except ValueError as error:
+            assert size > 512 and f"{size} bytes" in str(error) and "at most 512" in str(error)
+        else:
+            assert size == 512, "a long change is sent"
+    assert len(sent) == 1 and sent[0].endswith(509 * b"k" + b": 1\0")
 
 
 def try_csharp(folder, cases):

@@ -108,7 +108,7 @@ class Reader(Case):
             ("spacing: 5e-3", "spacing: five", rf":{first + 3}: spacing: \"five\": write a number above 0"),
             ("spacing: 5e-3", "spacing: .nan", rf":{first + 3}: spacing: "),
             ("spacing: 5e-3", "spacing: [1]", rf":{first + 3}: spacing: a list: write a number"),
-            ("I-125", "I-131", rf":{first + 4}: source.isotope: \"I-131\": there are I-125 and Pd-103"),
+            ("I-125", "I-131", rf":{first + 4}: source.isotope: \"I-131\": there are I-125, Pd-103, Cs-131"),
             ("strength: 0.45", "strength: -1", rf":{first + 4}: source.strength"),
             ("strength: 0.45", "activity: 0.45", rf":{first + 4}: source: unknown key \"activity\""),
             ("prescription: 145", "prescription: 0", rf":{first + 5}: prescription: \"0\": write a number above 0"),
@@ -305,10 +305,11 @@ class Dicom(Case):
         for change, words in ((lambda d: setattr(d, "BrachyTreatmentTechnique", "INTERSTITIAL"), "technique is INTERSTITIAL, not PERMANENT"),
                               (lambda d: delattr(d, "ApplicationSetupSequence"), "RTPLAN, without seeds"),
                               (lambda d: delattr(d.ApplicationSetupSequence[0].ChannelSequence[3].BrachyControlPointSequence[0], "ControlPoint3DPosition"), "channel 4: a control point has no"),
-                              (lambda d: setattr(d.SourceSequence[0], "SourceIsotopeName", "Ir-192"), "seeds of \"Ir-192\": there are I-125 and Pd-103"),
+                              (lambda d: setattr(d.SourceSequence[0], "SourceIsotopeName", "Ir-192"), "seeds of \"Ir-192\": there are I-125, Pd-103, Cs-131"),
                               (lambda d: setattr(d.ApplicationSetupSequence[0], "ChannelSequence", []), "no seeds")):
             self.refused(words, rtplan.read, changed(change), MODEL)
-        self.assertEqual(rtplan.read(changed(lambda d: setattr(d.SourceSequence[0], "SourceIsotopeName", "Palladium-103")), MODEL).source.isotope, "Pd-103")
+        for name, isotope in (("Palladium-103", "Pd-103"), ("Cesium-131", "Cs-131"), ("CS131", "Cs-131")):
+            self.assertEqual(rtplan.read(changed(lambda d: setattr(d.SourceSequence[0], "SourceIsotopeName", name)), MODEL).source.isotope, isotope)
         self.refused("not a DICOM file", rtplan.read, EXAMPLE, MODEL)
         self.refused("its modality is RTSTRUCT, not RTPLAN", rtplan.read, SOURCE / "meshes/synthetic.dcm", MODEL)
         plan = plans.read(EXAMPLE)

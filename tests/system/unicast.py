@@ -1,4 +1,4 @@
-"""The unicast protocol of docs/connect-a-device.md, for a test client and an attacker. Shares no code with the clients or the server."""
+"""The unicast protocol of docs/connect-a-device.md, for a test client, a test server and an attacker. Shares no code with the clients or the server."""
 import hashlib
 import hmac
 import os
@@ -71,3 +71,40 @@ class Connection:
             channel, _, data = got[12:-32].partition(b"\0")
             found.append((channel, data))
         return found
+
+
+class Host:
+    """The server's end of a connection. `link` is a UDP socket bound to the server's port."""
+
+    def __init__(self, link, path):
+        self.link, self.key, self.client, self.counter = link, secret_key(path), None, 0
+        link.setblocking(False)
+
+    def take(self):
+        """Answers handshakes. Returns the messages that have arrived, as (channel, data)."""
+        found = []
+        while True:
+            try:
+                got, sender = self.link.recvfrom(2048)
+            except BlockingIOError:
+                return found
+            kind, nonce = got[3], got[4:20]
+            token = tag(self.key, nonce)[:24]   # any value will do, if it is the same for a repeated datagram
+            if kind == HELLO:
+                self.link.sendto(handshake(self.key, COOKIE, nonce, token), sender)
+            elif kind == CONNECT:
+                self.link.sendto(handshake(self.key, WELCOME, nonce, token), sender)
+                self.to_server, self.to_client = (tag(self.key, way + nonce + token) for way in (b"to server", b"to client"))
+                self.client = sender
+            else:
+                assert kind == TO_SERVER and tag(self.to_server, got[:-32]) == got[-32:]
+                channel, _, data = got[12:-32].partition(b"\0")
+                found.append((channel, data))
+
+    def seal(self, channel, data):
+        """Returns the client's next datagram."""
+        self.counter += 1
+        return message(self.to_client, self.counter, channel, data, TO_CLIENT)
+
+    def put(self, datagram):
+        self.link.sendto(datagram, self.client)

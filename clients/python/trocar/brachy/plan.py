@@ -48,7 +48,7 @@ from .._reader import Reader
 __all__ = ["BadPlan", "Frame", "Misplacement", "Needle", "Plan", "Planned", "Placed", "Source", "Turn", "compare", "guide_of", "hole_axis", "hole_name",
            "hole_number", "needle_axis", "planned_seeds", "read", "read_seeds", "seeds_of", "seeds_of_message", "summary", "without_steering", "write"]
 
-HALF_LIFE = {"I-125": 59.40, "Pd-103": 16.991}  # days, from the TG-43 consensus data; a plan may use only these isotopes
+HALF_LIFE = {"I-125": 59.40, "Pd-103": 16.991, "Cs-131": 9.69}  # days, from TG-43U1 and its supplement S1; a plan may use only these isotopes
 _SPACING_TOLERANCE = 1e-6  # m
 _GAP = 1e-9                # m, tolerance for rounding errors in sums of lengths
 
@@ -61,7 +61,7 @@ class BadPlan(Exception):
 class Source:
     """Model and strength of a plan's seeds; all seeds are the same."""
 
-    isotope: str     # I-125 or Pd-103
+    isotope: str     # a key of HALF_LIFE
     model: str       # the manufacturer's name for the model
     strength: float  # U (uGy m^2/h), air-kerma strength of one seed at the time of the implant
 
@@ -247,7 +247,7 @@ def read(path: str | PathLike[str]) -> Plan:
         given = reader.mapping(keys["source"], "source", ("isotope", "model", "strength"))
         isotope = reader.text(given["isotope"], "source.isotope")
         if isotope not in HALF_LIFE:
-            raise reader.fail(given["isotope"], f"source.isotope: \"{isotope}\": there are {' and '.join(HALF_LIFE)}")
+            raise reader.fail(given["isotope"], f"source.isotope: \"{isotope}\": there are {', '.join(HALF_LIFE)}")
         plan.source = Source(isotope, reader.text(given["model"], "source.model"), reader.number(given["strength"], "source.strength"))
     if "prescription" in keys:
         plan.prescription = reader.number(keys["prescription"], "prescription")

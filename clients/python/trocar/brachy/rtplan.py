@@ -197,10 +197,10 @@ def _source_of(path: str, data: Dataset) -> Source | None:
     found = set()
     for item in data.get("SourceSequence") or []:
         given = str(item.get("SourceIsotopeName") or "")
-        isotope = next((name for name in HALF_LIFE if re.sub(r"\W", "", name).lower() in re.sub(r"\W", "", given).lower().replace("iodine", "i").replace("palladium", "pd")),
-                       None)
+        symbol = re.sub("cesium|caesium", "cs", re.sub(r"\W", "", given).lower().replace("iodine", "i").replace("palladium", "pd"))
+        isotope = next((name for name in HALF_LIFE if name.replace("-", "").lower() in symbol), None)
         if isotope is None:
-            raise BadPlan(f"{path}: seeds of \"{given}\": there are {' and '.join(HALF_LIFE)}")
+            raise BadPlan(f"{path}: seeds of \"{given}\": there are {', '.join(HALF_LIFE)}")
         model = str(item.get("SourceModelID") or item.get("SourceDescription") or "unknown").strip()
         found.add((isotope, model, float(item.get("ReferenceAirKermaRate") or 0.0)))
     if len(found) > 1:

@@ -60,7 +60,7 @@ struct scanner {
     echo *echoes[SLICES];    /* from here on, used by the thread */
     image_raster rasters[SLICES];
     image_field fields[SLICES]; /* they cover the gland */
-    double depths[SLICES];   /* m, depths that the images are prepared for, as in `wish` */
+    double depths[SLICES];   /* m, depths that the images are prepared for, as in `wish`; -1 before that */
     unsigned char *levels;
     size_t level_room;
 
@@ -118,11 +118,11 @@ static byte_buffer encode(const scanner *s, const image_plane planes[SLICES], in
     return section;
 }
 
-/* Prepares an image for the requested depth. Apart from that, the field stays as it was for the first plane, so that the image does not change size while the
-   plane moves. */
+/* Prepares an image for the requested depth. Apart from that, the field stays as it was for the first plane (the probe's start pose, as in trocar-slicer), so
+   that the image does not change size while the plane moves. */
 static trocar_status frame(scanner *s, slice_kind kind, const image_plane *plane, double depth, trocar_error *why) {
     if (s->fields[kind].far == 0) s->fields[kind] = image_field_of(&s->planner, kind, plane, 0);
-    else if (depth == s->depths[kind]) return TROCAR_OK;
+    if (depth == s->depths[kind]) return TROCAR_OK;
     image_field field = s->fields[kind];
     if (depth > 0) field.far = field.face + depth;
     s->depths[kind] = depth;
@@ -181,6 +181,11 @@ static trocar_status prepare(scanner *s, const trocar_scene *scene, trocar_error
     trocar_status status = triple_buffer_create(&s->told, size, why);
     for (int k = 0; k < SLICES && status == TROCAR_OK; k++) status = echo_create(scene, s->model, &TRANSRECTAL, ECHO_DENSITY, &s->echoes[k], why);
     if (status != TROCAR_OK) return status;
+    if (s->starts) {
+        image_plane planes[SLICES];
+        planes_at_probe(&s->planner, s->start, planes);
+        for (int k = 0; k < SLICES; k++) s->fields[k] = image_field_of(&s->planner, (slice_kind)k, &planes[k], 0);
+    }
     int error = pthread_create(&s->thread, NULL, run, s);
     s->started = error == 0;
     return error ? fail(why, TROCAR_SYSTEM, "cannot create a thread: %s", strerror(error)) : TROCAR_OK;
@@ -189,7 +194,7 @@ static trocar_status prepare(scanner *s, const trocar_scene *scene, trocar_error
 trocar_status scanner_create(const trocar_scene *scene, const trocar_model *model, scanner **created, trocar_error *why) {
     scanner *s = allocate_on_cache_lines(sizeof *s);
     if (!s) return fail(why, TROCAR_NO_MEMORY, "no memory for ultrasound images");
-    *s = (scanner){.model = model, .planner = image_planner_of(model), .news = eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC)};
+    *s = (scanner){.model = model, .planner = image_planner_of(model), .depths = {-1, -1}, .news = eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC)};
     section_box_create(&s->result);
     trocar_scene_get_number(scene, "needle.outer_diameter", &s->needle_radius, NULL);
     s->needle_radius *= 0.5;

@@ -1,9 +1,13 @@
 /* Tests the thread that computes ultrasound images for browsers. It works only while images are requested, ignores requests with values that are not finite,
-   and places the images where requested or, if there is a probe, at the probe. */
+   and places the images where requested or, if there is a probe, at the probe. 3D Slicer gets the same pixels. */
 #include "view/ultrasound/scanner.h"
+#include "bridges/slicer/ras.c" /* trocar-slicer has no library */
+#include "bridges/slicer/slices.c"
 
 #include <poll.h>
+#include <math.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include <setjmp.h>
@@ -101,10 +105,63 @@ static void the_images_lie_at_the_probe(void **unused) {
     end(&r);
 }
 
+/* Returns the levels of the images in the section, which follow its JSON text. */
+static const unsigned char *levels_of(const rig *r) {
+    uint32_t length;
+    memcpy(&length, r->section.data + 8, sizeof length);
+    return r->section.data + 16 + (length + 7) / 8 * 8;
+}
+
+/* The tissue is displaced by up to 2 mm, and the probe is tilted. */
+static void slicer_gets_the_same_pixels(void **unused) {
+    (void)unused;
+    const slice_settings settings = {.style = SLICES_ECHO, .pixel = 0.25e-3, .gain = 3, .range = 50};
+    const pose probe = {v3(0.002, -0.031, -0.08), q_exp(v3(0, 0, 0.1))};
+    rig r;
+    slices s;
+    trocar_error why;
+    begin(&r, MESHES "/trus.yaml");
+    int nodes = trocar_model_node_count(r.model);
+    const double *rest = trocar_model_nodes(r.model);
+    double *moved = malloc(3 * (size_t)nodes * sizeof *moved);
+    float *moves = malloc(3 * (size_t)nodes * sizeof *moves), **rows = malloc((size_t)nodes * sizeof *rows);
+    for (int n = 0; n < nodes; n++) rows[n] = moves + 3 * n;
+    for (int i = 0; i < 3 * nodes; i++) {
+        moves[i] = (float)(2e-3 * sin(60 * rest[i]));
+        moved[i] = rest[i] + (double)moves[i];
+    }
+    trocar_deformation_t deformation = {.utime = 1, .node_count = nodes, .displacement = rows};
+    r.feed.deformation = &deformation;
+    r.feed.probe.placed = 1;
+    memcpy(r.feed.probe.base.position, &probe.position, sizeof r.feed.probe.base.position);
+    memcpy(r.feed.probe.base.orientation, &probe.orientation, sizeof r.feed.probe.base.orientation);
+    look(&r, 0, 0, 0, 1);
+    assert_true(scans(&r, 30000));
+
+    assert_int_equal(slices_create(&s, r.scene, r.model, &settings, &why), TROCAR_OK);
+    body_list bodies;
+    bodies_take(&bodies, &r.feed, r.model, 0.635e-3);
+    slices_tell(&s, 1, moved, &probe, &bodies);
+    assert_int_equal(poll(&(struct pollfd){.fd = slices_descriptor(&s), .events = POLLIN}, 1, 30000), 1);
+    const drawn_slices *drawn = slices_take(&s);
+    size_t pixels = 0, lit = 0;
+    for (int k = 0; k < SLICES; k++) pixels += (size_t)s.all[k].raster.width * (size_t)s.all[k].raster.height;
+    unsigned char *levels = malloc(pixels);
+    memcpy(levels, levels_of(&r), pixels);
+    echo_show(levels, pixels, settings.gain, settings.range);
+    assert_memory_equal(levels, drawn->grey, pixels);
+    for (size_t i = 0; i < pixels; i++) lit += levels[i] > 0;
+    assert_true(lit > pixels / 4);
+    slices_free(&s);
+    free(levels), free(moved), free(moves), free(rows);
+    end(&r);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(it_computes_what_is_asked_for),
         cmocka_unit_test(the_images_lie_at_the_probe),
+        cmocka_unit_test(slicer_gets_the_same_pixels),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -561,10 +561,10 @@ export class Procedure {
   nextStep(tip, depth, chosen, needleState) {
     if (needleState === 'leaving') return t('next.leaving')
     if (needleState === 'taking') return t('next.taking')
-    if (needleState === 'resting') return `${t('next.resting', { needle: chosen })} ${this.whatNext}`
+    if (needleState === 'resting') return `${t('next.resting', { needle: chosen })} ${this.whatNext()}`
     if (!this.hole) return t('next.hole')
     const hole = this.template.name(this.hole), done = this.isDone(hole)
-    if (done && depth === 0) return `${t('next.done', { hole })} ${this.whatNext}`
+    if (done && depth === 0) return `${t('next.done', { hole })} ${this.whatNext()}`
     if (!this.drive.steering && depth > 0) return t('next.nobody')
     if (!this.drive.steering) return t('next.drive', { hole })
     if (this.seeds.pending[chosen] > 0) {
@@ -580,20 +580,21 @@ export class Procedure {
     const { along } = this.tipError(tip)
     if (this.seedless && Math.abs(along) <= AT_TARGET) {
       this.visited.add(hole)
-      return `${t('next.at')} ${this.whatNext}`
+      return `${t('next.at')} ${this.whatNext(true)}`
     }
-    if (done) return `${t('next.done', { hole })} ${t('next.out', { pull: PULL })} ${this.whatNext}`
+    if (done) return `${t('next.done', { hole })} ${this.whatNext(true)}`
     if (this.seedHere(chosen) && !this.planned) return t('next.left')
     if (along > AT_TARGET) return `${t('next.on', { push: PUSH, along: mm(along) })} ${this.then}`
     if (along < -AT_TARGET) return `${t('next.back', { pull: PULL, along: mm(-along) })} ${this.then}`
     return t('next.drop')
   }
 
-  /** Says which planned hole is next, or that there is none; '' without a plan. */
-  get whatNext() {
+  /** Says which planned hole is next, or that there is none; '' without a plan. `inside`: the needle is in the tissue. */
+  whatNext(inside = false) {
     if (!this.plan.some(({ hole }) => hole)) return ''
     const next = this.plan.find(({ hole }) => hole && !this.isDone(hole))
-    return next ? t('next.planned', next) : t(this.judged ? 'next.finish' : 'next.complete')
+    if (!next) return this.judged ? t(inside ? 'next.finish.inside' : 'next.finish', { pull: PULL }) : t('next.complete')
+    return `${inside ? `${t('next.out', { pull: PULL })} ` : ''}${t('next.planned', next)}`
   }
 
   /** True if the newest seed came from this needle in the chosen hole. */

@@ -255,6 +255,7 @@ static trocar_status watch_signals(view *v, trocar_error *why) {
     struct sigaction action = {.sa_handler = on_signal};
     sigaction(SIGINT, &action, NULL);
     sigaction(SIGTERM, &action, NULL);
+    sigaction(SIGHUP, &action, NULL);
     return web_watch(v->web, v->stop_wake, on_stop, why);
 }
 

@@ -208,6 +208,18 @@ try {
     assert.match(judged, /^Hole F4 is done\. .*“Finish and see the report”\.$/)
   })
 
+  await check('the page says when a target is reached, passed or left, and forgets it when a task begins', async () => {
+    const [before, at, past, again, out, open, last, fresh] = await page.evaluate(`(${targetSteps})()`)
+    assert.match(before, /^Push on .* 5\.0 mm to the target\./)
+    assert.match(at, /^The tip is at the target\. Draw the needle out .* Next: hole F4\.$/)
+    assert.match(past, /^Draw the needle back .* 5\.0 mm to the target\./)
+    assert.equal(again, at)
+    assert.match(out, /^Hole C3\.5 is done\. Next: hole F4\.$/)
+    assert.match(open, /^Hole F4 is done\. $/, 'a target without a hole is left')
+    assert.match(last, /^Hole F4 is done\. That was the last one: press “Task”/)
+    assert(!/done/.test(fresh), fresh)
+  })
+
   await hold(page)
   for (const many of [false, true]) {
     if (many) await page.evaluate(fillWithNeedles)
@@ -270,6 +282,35 @@ function planSteps() {
   procedure.judged = true
   step('F4', 0)
   Object.assign(procedure, before, { judged: false })
+  procedure.drive.steering = steering
+  return said
+}
+
+/** Runs in the page. Returns the instructions for a task with targets in C3.5 and F4, and one without a hole: 5 mm before the first target, at it, 5 mm past it, at it
+ * again, and outside; outside after the target in F4, with and without the one without a hole; and outside after a new task has begun. */
+function targetSteps() {
+  const { procedure, stage, chosen } = trocar, { template } = procedure, said = [], { steering } = procedure.drive
+  const before = { plan: procedure.plan, plannedNow: procedure.plannedNow, seeds: procedure.seeds, hole: procedure.hole, targetNow: procedure.targetNow, planned: procedure.planned, shown: null }
+  const step = (hole, along, depth) => {
+    procedure.hole = template.find(hole)
+    procedure.targetNow = procedure.plannedNow[procedure.plan.findIndex((entry) => entry.hole === hole)].clone()
+    said.push(procedure.nextStep(procedure.targetNow.clone().addScaledVector(template.normal, -along), depth, chosen, 'held'))
+  }
+  const targets = ['C3.5', 'F4'].map((hole) => ({ hole, position: template.onAxis(template.find(hole), 0.08).toArray() }))
+  const take = (list) => { procedure.hearTargets(list); procedure.plannedNow = procedure.plan.map(({ point }) => point.rest.clone()) }
+  Object.assign(procedure, { seeds: { pending: [], seeds: [] }, judged: true })
+  procedure.drive.steering = true
+  take([...targets, { hole: 'Z9', position: targets[0].position }])
+  for (const along of [0.005, 0, -0.005, 0]) step('C3.5', along, 0.05)
+  step('C3.5', 0, 0)
+  step('F4', 0, 0.05)
+  step('F4', 0, 0)
+  said.splice(5, 1)
+  procedure.plan.pop()
+  step('F4', 0, 0)
+  procedure.beginTask()
+  step('F4', 0, 0)
+  Object.assign(procedure, before, { judged: false, seedless: false })
   procedure.drive.steering = steering
   return said
 }

@@ -9,7 +9,10 @@ from typing import Any, Sequence
 import numpy as np
 
 from .. import Error, Model, Scene
+from .._program import ended, say
 from .plan import BadPlan, Frame, Misplacement, Placed, Planned, check, compare, planned_seeds, read, read_seeds, summary, without_steering, write
+
+PROGRAM = "trocar.brachy.plan"
 
 
 # ---- tables -------------------------------------------------------------------------------------------------------------------------
@@ -95,7 +98,7 @@ def _compare(given: argparse.Namespace, model: Model) -> None:
 
 def _options() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="python3 -m trocar.brachy.plan", description="Plans of an implant: needles by the template's coordinates, seeds along them.",
-                                     epilog="Exit status: 0, 2 for bad input.")
+                                     epilog="Exit status: 0, 2 for bad input, 3 if something else failed, such as a missing package.")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
 
     def command(name: str, run: Any, words: str, *first: tuple[str, str]) -> argparse.ArgumentParser:
@@ -124,18 +127,19 @@ def _options() -> argparse.ArgumentParser:
     return parser
 
 
+def _run(given: argparse.Namespace) -> int:
+    try:
+        given.run(given, Model(Scene.load(given.scene), mesh_only=True))
+    except (BadPlan, Error) as error:
+        say(PROGRAM, str(error))
+        return 2
+    return 0
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs the program and returns its exit status."""
     parser = _options()
     given = parser.parse_args(arguments)
     if given.command == "import" and not (given.out or given.seeds):
         parser.error("import: give --out, --seeds or both")
-    try:
-        given.run(given, Model(Scene.load(given.scene), mesh_only=True))
-    except (BadPlan, Error) as error:
-        print(f"trocar.brachy.plan: {error}", file=sys.stderr)
-        return 2
-    except OSError as error:
-        print(f"trocar.brachy.plan: {error.filename}: {error.strerror}", file=sys.stderr)
-        return 2
-    return 0
+    return ended(PROGRAM, lambda: _run(given), given.scene, "python3-yaml python3-pydicom")

@@ -38,7 +38,11 @@ export class Task {
     element('task-finish').hidden = !running
     const words = { clearing: t('task.clearing'), scoring: t('task.scoring'), running: t('task.running', { time: clock(elapsed) }) }[state]
     set(element('task-message'), said(message) || (elsewhere ? t('task.elsewhere') : '') || words || this.trouble || (clears ? t('task.clears') : ''))
-    if (running && this.state !== 'running' && this.state) element('task').close() // the task has started, and the trainee needs the images
+    if (running && this.state !== 'running' && this.state) {
+      this.procedure.beginTask()
+      element('task').close() // the trainee needs the images
+    }
+    this.procedure.judged = running
     this.state = state
     if (report !== this.shown) this.showReport(report)
   }
@@ -61,22 +65,20 @@ export class Task {
   showTargets() {
     const { procedure, scene, description } = this
     if (!scene || !description) return
-    procedure.judged = true
     if (description.targets.length) procedure.hearTargets(description.targets)
   }
 
   async showReport(run) {
     this.shown = run
+    const answer = run ? await fetch(`runs/${run}.html`) : null, found = Boolean(answer?.ok)
     for (const file of FILES) {
-      element(`task-${file}`).hidden = !run
+      element(`task-${file}`).hidden = !found
       element(`task-${file}`).href = `runs/${run}.${file}`
     }
-    element('task-print').hidden = !run
-    element('task').classList.toggle('reported', Boolean(run))
-    if (!run) return this.report.replaceChildren()
-    const answer = await fetch(`runs/${run}.html`)
-    this.trouble = answer.ok ? '' : t('task.lost')
-    if (!answer.ok) return
+    element('task-print').hidden = !found
+    element('task').classList.toggle('reported', found)
+    this.trouble = run && !found ? t('task.lost') : ''
+    if (!found) return this.report.replaceChildren()
     const text = await answer.text(), style = /<style>([^]*?)<\/style>/
     const sheet = new CSSStyleSheet(), page = new DOMParser().parseFromString(text.replace(style, ''), 'text/html')
     sheet.replaceSync(style.exec(text)[1]) // the page's security policy forbids style elements

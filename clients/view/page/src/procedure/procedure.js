@@ -50,7 +50,7 @@ export class Procedure {
   }
 
   reset() {
-    Object.assign(this, { hole: null, hovered: null, target: null, planned: false, asked: null, waits: false, isThrough: false, tipTet: -1, answered: undefined, dropped: null, left: null, dose: null, seedsNow: [], plannedNow: [], plan: [], visited: new Set(), seedless: false, judged: false, shown: '' })
+    Object.assign(this, { hole: null, hovered: null, target: null, planned: false, asked: null, waits: false, isThrough: false, tipTet: -1, answered: undefined, dropped: null, left: null, dose: null, seedsNow: [], plannedNow: [], plan: [], seedless: false, judged: false, shown: null })
   }
 
   load(scene) {
@@ -99,7 +99,7 @@ export class Procedure {
   /** Shows either the four panes of procedure mode or the ordinary page. */
   setActive(active) {
     this.active = active
-    this.shown = ''
+    this.shown = null
     document.body.classList.toggle('procedure', active)
     for (const id of ['sagittal', 'implant', 'panes']) element(id).hidden = !active
     element(active ? 'steps' : 'stage').append(element('drive'))
@@ -141,9 +141,15 @@ export class Procedure {
   }
 
   setPlan(plan) {
-    this.plan = plan.map(({ hole, point, aim }) => ({ hole: hole && this.template ? this.template.name(this.template.find(hole)) : '', point: new MaterialPoint(this.scene, point), aim }))
-    this.shown = ''
+    this.plan = plan.map(({ hole, point, aim }) => {
+      const found = hole && this.template?.find(hole) // the hole may be another guide's
+      return { hole: found ? this.template.name(found) : '', point: new MaterialPoint(this.scene, point), aim, visited: false }
+    })
+    this.shown = null
   }
+
+  /** A task's recording has begun: its targets have not been visited yet. */
+  beginTask() { for (const entry of this.plan) entry.visited = false }
 
   hearDose(dose) {
     if (!this.available) return
@@ -156,7 +162,8 @@ export class Procedure {
   hearRestart() {
     const lost = Math.max(this.seeds.seeds.length, this.left ?? 0)
     this.seeds = NONE
-    Object.assign(this, { left: 0, dropped: null, shown: '' })
+    Object.assign(this, { left: 0, dropped: null, shown: null })
+    this.beginTask()
     this.say(t(lost ? 'restart.seeds' : 'restart', { count: lost }), true)
   }
 
@@ -266,12 +273,12 @@ export class Procedure {
   /** Returns the middle of the organs. */
   middle() { return new THREE.Vector3(this.echo.view.x, this.echo.view.y, this.sagittal.probe.x) }
 
-  /** Aims at the deepest target of the hole, or at its deepest planned seed that has not been placed yet. */
+  /** Aims at the deepest target of the hole that has not been visited yet, or at its deepest planned seed that has not been placed yet. */
   aimAtPlan() {
-    const name = this.template.name(this.hole), aims = this.plan.filter(({ hole }) => hole === name).map(({ aim }) => aim).sort((a, b) => this.template.depthOf(b) - this.template.depthOf(a))
-    const next = aims[this.placedIn(name)]
+    const name = this.template.name(this.hole), entries = this.plan.filter(({ hole }) => hole === name).sort((a, b) => this.template.depthOf(b.aim) - this.template.depthOf(a.aim))
+    const next = this.seedless ? entries.find(({ visited }) => !visited) ?? entries[0] : entries[this.placedIn(name)]
     this.planned = Boolean(next)
-    if (next) this.setTarget(next)
+    if (next) this.setTarget(next.aim)
     return this.planned
   }
 
@@ -281,16 +288,25 @@ export class Procedure {
     return this.seeds.seeds.filter(({ guide, hole }) => guide === this.template.index && hole === number).length
   }
 
-  /** True if what is planned for a hole has been done: all its seeds are placed, or the tip has been at its target. */
+  /** True if what is planned for a hole has been done: all its seeds are placed, or its targets visited. */
   isDone(name) {
-    const planned = this.plan.filter(({ hole }) => hole === name).length
-    return planned > 0 && (this.seedless ? this.visited.has(name) : this.placedIn(name) >= planned)
+    const entries = this.plan.filter(({ hole }) => hole === name)
+    return entries.length > 0 && (this.seedless ? entries.every(({ visited }) => visited) : name !== '' && this.placedIn(name) >= entries.length)
+  }
+
+  /** Notes which targets of a hole the tip is at. A tip that goes on past a target has to come back. */
+  noteVisits(name, tip) {
+    for (const [i, entry] of this.plan.entries()) {
+      if (!this.seedless || entry.hole !== name) continue
+      const along = this.plannedNow[i].clone().sub(tip).dot(this.template.normal)
+      if (along < AT_TARGET) entry.visited = along > -AT_TARGET
+    }
   }
 
   /** `rest`: in the undeformed tissue. */
   setTarget(rest) {
     this.target = new MaterialPoint(this.scene, rest)
-    this.shown = ''
+    this.shown = null
     remember(this.scene.path, { hole: this.hole, target: rest.toArray(), planned: this.planned })
   }
 
@@ -358,7 +374,7 @@ export class Procedure {
   }
 
   forgetHole() {
-    Object.assign(this, { hole: null, target: null, targetNow: null, planned: false, shown: '' })
+    Object.assign(this, { hole: null, target: null, targetNow: null, planned: false, shown: null })
     element('hole').value = ''
     remember(this.scene.path, null)
   }
@@ -383,12 +399,13 @@ export class Procedure {
     if (!this.scene) return
     const { seeds } = following && this.scene.live ? this.seeds : picture?.seeds ?? NONE
     if (this.active) this.readGamepad()
-    const nodes = this.stage.anatomy.place.array, tip = this.needles[chosen].tip
-    const state = [picture?.time, seeds.length, ...seeds.flatMap(({ position }) => [...position].map((x) => x.toFixed(5))), this.plan.length, tip?.toArray().map((x) => x.toFixed(5))].join()
+    const nodes = this.stage.anatomy.place.array, tip = this.needles[chosen].tip, planned = this.plan.map(({ point }) => point.at(nodes))
+    const places = [...seeds.map(({ position }) => [...position]), ...planned.map((point) => point.toArray()), ...(this.active ? [[picture?.time], tip?.toArray() ?? []] : [])]
+    const state = `${seeds.length} ${places.map((place) => place.map((x) => x?.toFixed(5)))}`
     if (state === this.shown) return
     this.shown = state
     this.seedsNow = seeds
-    this.plannedNow = this.plan.map(({ point }) => point.at(nodes))
+    this.plannedNow = planned
     this.targetNow = this.target?.at(nodes)
     this.models.show(seeds, this.plannedNow, this.active ? this.targetNow : null, this.template?.normal ?? ALONG)
     this.stage.dirty = true
@@ -563,7 +580,9 @@ export class Procedure {
     if (needleState === 'taking') return t('next.taking')
     if (needleState === 'resting') return `${t('next.resting', { needle: chosen })} ${this.whatNext()}`
     if (!this.hole) return t('next.hole')
-    const hole = this.template.name(this.hole), done = this.isDone(hole)
+    const hole = this.template.name(this.hole)
+    if (depth > 0 && tip) this.noteVisits(hole, tip)
+    const done = this.isDone(hole)
     if (done && depth === 0) return `${t('next.done', { hole })} ${this.whatNext()}`
     if (!this.drive.steering && depth > 0) return t('next.nobody')
     if (!this.drive.steering) return t('next.drive', { hole })
@@ -578,10 +597,7 @@ export class Procedure {
     if (depth === 0 && tip && this.template.aside(tip, this.hole).length() > IN_LINE && this.drive.age.at(performance.now()) < LATE) return t('next.beside', { hole })
     if (depth === 0) return t(TOUCH ? 'next.push.touch' : 'next.push')
     const { along } = this.tipError(tip)
-    if (this.seedless && Math.abs(along) <= AT_TARGET) {
-      this.visited.add(hole)
-      return `${t('next.at')} ${this.whatNext(true)}`
-    }
+    if (this.seedless && Math.abs(along) < AT_TARGET) return `${t('next.at')} ${this.whatNext(true)}`
     if (done) return `${t('next.done', { hole })} ${this.whatNext(true)}`
     if (this.seedHere(chosen) && !this.planned) return t('next.left')
     if (along > AT_TARGET) return `${t('next.on', { push: PUSH, along: mm(along) })} ${this.then}`
@@ -591,10 +607,12 @@ export class Procedure {
 
   /** Says which planned hole is next, or that there is none; '' without a plan. `inside`: the needle is in the tissue. */
   whatNext(inside = false) {
-    if (!this.plan.some(({ hole }) => hole)) return ''
-    const next = this.plan.find(({ hole }) => hole && !this.isDone(hole))
-    if (!next) return this.judged ? t(inside ? 'next.finish.inside' : 'next.finish', { pull: PULL }) : t('next.complete')
-    return `${inside ? `${t('next.out', { pull: PULL })} ` : ''}${t('next.planned', next)}`
+    const open = this.plan.filter(({ hole, visited }) => (this.seedless ? !visited : !this.isDone(hole))), next = open.find(({ hole }) => hole)
+    const out = inside ? `${t('next.out', { pull: PULL })} ` : ''
+    if (next) return `${out}${t('next.planned', next)}`
+    if (this.plan.length === 0 || open.length > 0) return ''
+    if (this.judged) return t(inside ? 'next.finish.inside' : 'next.finish', { pull: PULL })
+    return this.seedless ? '' : `${out}${t('next.complete')}`
   }
 
   /** True if the newest seed came from this needle in the chosen hole. */

@@ -24,7 +24,7 @@ static int own_threads;
 static void forget_threads(void) {
     pthread_mutex_init(&turn, NULL);
     pthread_mutex_init(&room, NULL);
-    openblas_set_num_threads(1);
+    if (openblas_get_num_threads() != 1) openblas_set_num_threads(1); /* only if needed: the call starts OpenBLAS's threads in the child, which spin for 0.2 s */
 }
 
 static void find_functions(void) {

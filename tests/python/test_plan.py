@@ -447,7 +447,7 @@ class Program(Case):
         status, _, error = self.run_plan("check", self.out / "none.yaml", *scene)
         self.assertEqual((status, error), (2, f"trocar.brachy.plan: {self.out}/none.yaml: cannot be opened: No such file or directory\n"))
         self.assertEqual(self.run_plan("check", EXAMPLE, "--scene", self.out / "none.yaml")[0], 2)
-        self.assertEqual(self.run_plan("show", EXAMPLE, *scene, "--out", self.out / "no/folder.csv")[0], 2)
+        self.assertEqual(self.run_plan("show", EXAMPLE, *scene, "--out", self.out / "no/folder.csv")[0], 3)
         done = subprocess.run(["/usr/bin/python3", "-m", "trocar.brachy.plan", "import", EXAMPLE, "--scene", SCENE, "--out", self.out / "b.yaml"], capture_output=True, text=True,
                               env=dict(os.environ, PYTHONPATH=str(BUILD / "clients/python")))
         self.assertEqual(done.returncode, 2)

@@ -400,6 +400,10 @@ const toggleTheme = () => setTheme(document.documentElement.dataset.theme === 'l
 const takePicture = (plan) => compose(plan, { stage, echo, shown: shown?.needles[chosen], history, time: shown?.time ?? 0, range, label: scene.parkingPoses.length > 1 ? `${chosen}` : '' })
 const savePicture = async () => save(await takePicture(arrangeLike(element('stage'))), `trocar-${(shown?.time ?? 0).toFixed(2)}s.png`)
 const nextCut = () => { const axes = ['', 'x', 'y', 'z']; setCut(axes[(axes.indexOf(element('cut-axis').value) + 1) % axes.length]) }
+function showHelp() {
+  element('keys').showModal()
+  element('keys').scrollTop = 0 // a dialog keeps its scroll position
+}
 const toggleLayer = (name) => element('layer-list').querySelector(`input[name="${name}"]`)?.click()
 
 const TURN = 0.1, PAN = 0.03, NEARER = 1.1 // rad, fraction of the view's height, and factor of distance, for each press of a key that moves the view
@@ -417,7 +421,7 @@ addEventListener('keydown', (event) => {
       || event.target.matches('select, input[type=range]') && event.code.startsWith('Arrow')) return
   const action = ACTIONS[actionOf(event)]
   if (event.target === element('timeline') && event.code.startsWith('Arrow')) { event.preventDefault(); if (action) action(event) }
-  else if (event.key === '?') element('keys').showModal()
+  else if (event.key === '?') showHelp()
   else if (drive.key(event, true)) event.preventDefault()
   else if (probe.key(event) || procedure.key(event)) event.preventDefault()
   else if (action && scene && (!event.repeat || STEPS.includes(event.code)) && !(event.code === 'Space' && event.target.matches('button, input, summary'))) { event.preventDefault(); action(event) }
@@ -426,7 +430,7 @@ addEventListener('keyup', (event) => drive.key(event, false))
 
 element('screenshot').addEventListener('click', savePicture)
 element('theme').addEventListener('click', toggleTheme)
-element('help').addEventListener('click', () => element('keys').showModal())
+element('help').addEventListener('click', showHelp)
 element('play').addEventListener('click', togglePlay)
 element('live').addEventListener('click', goLive)
 element('needle').addEventListener('change', (event) => choose(Number(event.target.value)))

@@ -7,7 +7,8 @@
 #include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
-#include <unistd.h>
+
+#include "base/folders.h"
 
 /* ---- the library ---- */
 
@@ -142,22 +143,19 @@ static trocar_status convert_alone(const gmsh_functions *g, const char *path, co
 FILE *gmsh_convert(const char *path, trocar_status *status, trocar_error *why) {
     gmsh_functions g;
     char folder[512], converted[sizeof folder + 16];
-    const char *temporary = getenv("TMPDIR");
     FILE *file = NULL;
     if (!load(&g)) {
         *status = fail(why, TROCAR_BAD_INPUT, "%s: this is no MSH 2.2 or 4.1 file, and Gmsh, which reads other formats, is not installed: "
                        "apt install libgmsh4.8, or convert the mesh where Gmsh is: gmsh -save -format msh41 -o mesh.msh FILE", path);
         return NULL;
     }
-    snprintf(folder, sizeof folder, "%s/trocar-mesh.XXXXXX", temporary && *temporary ? temporary : "/tmp");
-    if (!mkdtemp(folder)) {
-        *status = fail(why, TROCAR_SYSTEM, "%s: cannot make the folder %s to convert the mesh in: %s: set TMPDIR", path, folder, strerror(errno));
+    if (!folders_create_temporary("trocar-mesh", folder, sizeof folder)) {
+        *status = fail(why, TROCAR_SYSTEM, "%s: cannot make a temporary folder to convert the mesh in: %s: set TMPDIR", path, strerror(errno));
         return NULL;
     }
     snprintf(converted, sizeof converted, "%s/mesh.msh", folder);
     *status = convert_alone(&g, path, converted, why);
     if (*status == TROCAR_OK && !(file = fopen(converted, "rbe"))) *status = fail(why, TROCAR_SYSTEM, "%s: %s: %s", path, converted, strerror(errno));
-    unlink(converted);
-    rmdir(folder);
+    folders_remove(folder);
     return file;
 }

@@ -294,7 +294,9 @@ function targetSteps() {
   const step = (hole, along, depth) => {
     procedure.hole = template.find(hole)
     procedure.targetNow = procedure.plannedNow[procedure.plan.findIndex((entry) => entry.hole === hole)].clone()
-    said.push(procedure.nextStep(procedure.targetNow.clone().addScaledVector(template.normal, -along), depth, chosen, 'held'))
+    const tip = procedure.targetNow.clone().addScaledVector(template.normal, -along)
+    procedure.noteVisits(tip, depth)
+    said.push(procedure.nextStep(tip, depth, chosen, 'held'))
   }
   const targets = ['C3.5', 'F4'].map((hole) => ({ hole, position: template.onAxis(template.find(hole), 0.08).toArray() }))
   const take = (list) => { procedure.hearTargets(list); procedure.plannedNow = procedure.plan.map(({ point }) => point.rest.clone()) }

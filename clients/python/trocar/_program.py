@@ -9,6 +9,9 @@ import time
 from typing import Any, Callable
 
 
+FAILED = 3    # exit status if something outside the program failed: a missing package, memory, or a file that cannot be read or written
+
+
 class Progress:
     """Progress display: a bar on a terminal, otherwise a line at the start, at every tenth of the work, and at the end."""
 
@@ -35,9 +38,6 @@ class Progress:
             self.tenth = 10 * done // of
 
 
-FAILED = 3    # exit status if something outside the program failed: a missing package, memory, or a file that cannot be read or written
-
-
 def whole_number(text: str) -> int:
     if not re.fullmatch(r"[1-9]\d{0,5}", text):
         raise argparse.ArgumentTypeError(f"{text}: write a whole number from 1")
@@ -54,8 +54,8 @@ def _stop(number: int, _: Any) -> None:
 
 def ended(program: str, call: Callable[[], int], place: str, packages: str, interrupted: str = "interrupted") -> int:
     """Calls `call()` and returns its exit status. An interrupt, a missing Python module or a file that cannot be read or written is reported in one line
-    instead of a traceback; the last two give the exit status FAILED. `packages`: the Debian packages to install if a module is missing; `place`: the file to name if the error doesn't. SIGTERM
-    ends the call like an exception."""
+    instead of a traceback; the last two give the exit status FAILED. `packages`: the Debian packages to install if a module is missing; `place`: the file to
+    name if the error doesn't. SIGTERM ends the call like an exception."""
     signal.signal(signal.SIGTERM, _stop)
     try:
         return call()

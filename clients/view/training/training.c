@@ -105,9 +105,8 @@ trocar_status training_prepare(training *t, const char *task, const char *runs, 
     *t = (training){.task = task};
     trocar_status chosen = choose_folder(t, runs, why);
     if (chosen != TROCAR_OK) return chosen;
-    char folder[] = "/tmp/trocar-view-XXXXXX";
-    if (!mkdtemp(folder)) return fail(why, TROCAR_SYSTEM, "cannot create %s: %s", folder, strerror(errno));
-    strcpy(t->prepared, folder);
+    if (!folders_create_temporary("trocar-view", t->prepared, sizeof t->prepared))
+        return fail(why, TROCAR_SYSTEM, "cannot make a temporary folder: %s: set TMPDIR", strerror(errno));
     pid_t process = start_scorer((const char *[]){"--task", task, "--prepare", t->prepared, NULL}, &t->said);
     if (process < 0 || waitpid(process, &status, 0) != process) return fail(why, TROCAR_SYSTEM, "cannot start trocar-score: %s", strerror(errno));
     read_said(t->said, said, sizeof said);
@@ -140,17 +139,6 @@ trocar_status training_open(training *t, lcm_t *lcm, pilot *hand, trocar_error *
     return TROCAR_OK;
 }
 
-static void remove_prepared(const training *t) {
-    static const char *const files[] = {"task.json", "plan.csv"};
-    char path[2 * sizeof t->prepared];
-    if (!*t->prepared) return;
-    for (size_t i = 0; i < sizeof files / sizeof *files; i++) {
-        snprintf(path, sizeof path, "%s/%s", t->prepared, files[i]);
-        unlink(path);
-    }
-    rmdir(t->prepared);
-}
-
 void training_close(training *t) {
     if (t->heard) lcm_unsubscribe(t->lcm, t->heard);
     if (t->log) lcm_eventlog_destroy(t->log);
@@ -159,7 +147,7 @@ void training_close(training *t) {
         waitpid(t->scorer, NULL, 0);
         close(t->said);
     }
-    remove_prepared(t);
+    if (*t->prepared) folders_remove(t->prepared);
     *t = (training){.task = NULL};
 }
 

@@ -17,7 +17,7 @@ typedef enum { TRAINING_READY, TRAINING_CLEARING, TRAINING_RUNNING, TRAINING_SCO
 typedef struct {
     const char *task;        /* path of the task; NULL for none */
     char runs[TRAINING_PATH];     /* folder for the trainee's runs */
-    char prepared[32];       /* temporary folder with task.json and plan.csv, for the page and the viewer; "" before it exists */
+    char prepared[512];      /* temporary folder with task.json and plan.csv, for the page and the viewer; "" before it exists */
     char scene[TRAINING_PATH], name[64], plan[TRAINING_PATH], source[64]; /* from the task; "" where it has none */
     double strength, prescription;   /* U and Gy; 0 where the task has none */
 

@@ -3,16 +3,17 @@
 
 #include <errno.h>
 #include <fcntl.h>
-#include <ftw.h>
 #include <signal.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include "base/folders.h"
+
 /* Runs the browser with software rendering, so that pictures do not depend on the graphics card. */
 static void run_browser(const char *profile, const char *url) {
-    char folder[96];
+    char folder[600];
     snprintf(folder, sizeof folder, "--user-data-dir=%s", profile);
     char *sandbox = geteuid() == 0 ? "--no-sandbox" : "--enable-features="; /* the sandbox does not work for root */
     char *arguments[] = {"chromium", "--headless=new", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--hide-scrollbars",
@@ -25,8 +26,8 @@ static void run_browser(const char *profile, const char *url) {
 }
 
 trocar_status chromium_start(chromium *c, const char *url, trocar_error *why) {
-    *c = (chromium){.profile = "/tmp/trocar-view-XXXXXX"};
-    if (!mkdtemp(c->profile)) return fail(why, TROCAR_SYSTEM, "cannot create %s: %s", c->profile, strerror(errno));
+    *c = (chromium){0};
+    if (!folders_create_temporary("trocar-view", c->profile, sizeof c->profile)) return fail(why, TROCAR_SYSTEM, "cannot make a temporary folder: %s: set TMPDIR", strerror(errno));
     c->process = fork();
     if (c->process == 0) run_browser(c->profile, url);
     return c->process > 0 ? TROCAR_OK : fail(why, TROCAR_SYSTEM, "cannot start a process: %s", strerror(errno));
@@ -37,16 +38,11 @@ bool chromium_ended(chromium *c) {
     return c->process <= 0;
 }
 
-static int remove_entry(const char *path, const struct stat *status, int type, struct FTW *place) {
-    (void)status, (void)type, (void)place;
-    return remove(path);
-}
-
 void chromium_stop(chromium *c) {
     if (c->process > 0) {
         kill(-c->process, SIGKILL);
         waitpid(c->process, NULL, 0);
     }
-    if (*c->profile) nftw(c->profile, remove_entry, 16, FTW_DEPTH | FTW_PHYS);
+    if (*c->profile) folders_remove(c->profile);
     *c = (chromium){0};
 }

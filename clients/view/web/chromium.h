@@ -9,7 +9,7 @@
 
 typedef struct {
     pid_t process;           /* process and process group; 0 if none is running */
-    char profile[64];        /* folder of the profile */
+    char profile[512];       /* folder of the profile */
 } chromium;
 
 /* Starts the browser. Returns SYSTEM if the process cannot be created. Use chromium_ended to check that it is still running. */

@@ -3,7 +3,6 @@ from __future__ import annotations
 
 import argparse
 import csv
-import sys
 from typing import Any, Sequence
 
 import numpy as np
@@ -81,7 +80,7 @@ def _import(given: argparse.Namespace, model: Model) -> None:
         planned_seeds(plan, model)
         write(plan, given.out, "\n".join([f"From {given.file}", *plan.remarks]))
         for remark in plan.remarks:
-            print(f"trocar.brachy.plan: {given.file}: {remark}", file=sys.stderr)
+            say(PROGRAM, f"{given.file}: {remark}")
 
 
 def _compare(given: argparse.Namespace, model: Model) -> None:

@@ -94,7 +94,7 @@ def describe(task: Task) -> dict[str, Any]:
 
 
 def _prepare(given: argparse.Namespace) -> int:
-    import matplotlib    # pylint: disable=unused-import # otherwise, the run's report would fail
+    import matplotlib    # noqa: F401    the report at the end of the run needs it
     task, folder = Task.read(given.task), Path(given.prepare)
     folder.mkdir(parents=True, exist_ok=True)
     save(folder / "task.json", json.dumps(describe(task)) + "\n")

@@ -294,10 +294,12 @@ export class Procedure {
     return entries.length > 0 && (this.seedless ? entries.every(({ visited }) => visited) : name !== '' && this.placedIn(name) >= entries.length)
   }
 
-  /** Notes which targets of a hole the tip is at. A tip that goes on past a target has to come back. */
-  noteVisits(name, tip) {
+  /** Notes which targets of the chosen hole the tip is at. A tip that goes on past a target has to come back. */
+  noteVisits(tip, depth) {
+    if (!this.seedless || !this.hole || !tip || !(depth > 0)) return
+    const name = this.template.name(this.hole)
     for (const [i, entry] of this.plan.entries()) {
-      if (!this.seedless || entry.hole !== name) continue
+      if (entry.hole !== name) continue
       const along = this.plannedNow[i].clone().sub(tip).dot(this.template.normal)
       if (along < AT_TARGET) entry.visited = along > -AT_TARGET
     }
@@ -444,6 +446,7 @@ export class Procedure {
     this.adoptHole(chosen)
     this.goToHole(status, depth)
     this.noteTip(tip, depth)
+    this.noteVisits(tip, depth)
     this.drive.lies = depth > 0 && this.states[chosen]?.state === 'held'
     this.noteSeeds(chosen, depth)
     this.listNeedles(chosen)
@@ -581,7 +584,6 @@ export class Procedure {
     if (needleState === 'resting') return `${t('next.resting', { needle: chosen })} ${this.whatNext()}`
     if (!this.hole) return t('next.hole')
     const hole = this.template.name(this.hole)
-    if (depth > 0 && tip) this.noteVisits(hole, tip)
     const done = this.isDone(hole)
     if (done && depth === 0) return `${t('next.done', { hole })} ${this.whatNext()}`
     if (!this.drive.steering && depth > 0) return t('next.nobody')
@@ -607,7 +609,7 @@ export class Procedure {
 
   /** Says which planned hole is next, or that there is none; '' without a plan. `inside`: the needle is in the tissue. */
   whatNext(inside = false) {
-    const open = this.plan.filter(({ hole, visited }) => (this.seedless ? !visited : !this.isDone(hole))), next = open.find(({ hole }) => hole)
+    const open = this.plan.filter(({ hole }) => !this.isDone(hole)), next = open.find(({ hole }) => hole)
     const out = inside ? `${t('next.out', { pull: PULL })} ` : ''
     if (next) return `${out}${t('next.planned', next)}`
     if (this.plan.length === 0 || open.length > 0) return ''

@@ -92,6 +92,7 @@ int trocar_scene_count(const trocar_scene *scene, const char *list) {
     const simulation_config *c = &scene->values.simulation;
     return strcmp(list, "regions") == 0 ? c->region_count : strcmp(list, "membranes") == 0 ? c->membrane_count
          : strcmp(list, "guides") == 0  ? c->guide_count : strcmp(list, "calcifications") == 0 ? c->calcification_count
+         : strcmp(list, "sliding") == 0 ? c->sliding_count
          : strcmp(list, "fixed") == 0   ? c->fixed_count : strcmp(list, "relaxation") == 0 ? c->relaxation_count : -1;
 }
 
@@ -119,6 +120,7 @@ static void make_keys(void) {
     scene_set(&standard, "regions[any].poisson_ratio", "0.45", &ignored);
     scene_set(&standard, "guides[any].rows", "1", &ignored);
     scene_set(&standard, "calcifications[0].cutting_factor", "5", &ignored);
+    scene_set(&standard, "sliding[any].shear_stiffness", "0", &ignored);
     for (int i = 0; i < scene_key_count(); i++) {
         scene_key_info info = scene_key_at(i);
         if (!info.required) print_default(&standard, info.key, defaults[i], ROOM);

@@ -35,6 +35,7 @@ static uint64_t key_of(const tissue *t, int count, const int *nodes, bool single
     if (t->patch) h = hash_bytes(h, t->patch, (size_t)m->tet_count * sizeof *t->patch);
     h = hash_bytes(h, t->dof, (size_t)m->node_count * sizeof *t->dof);
     h = membrane_hash(h, m, t->membranes);
+    h = sliding_hash(h, m, t->sliding);
     return hash_bytes(h, nodes, (size_t)count * sizeof *nodes);
 }
 

@@ -24,6 +24,12 @@ static const shaft_contact *contact_behind(const insertion_state *state, const t
     return contact && contact->depth < tip_entry_depth(state) ? NULL : contact;
 }
 
+/* Returns the nominal element of the track at contact k, counted from the base. */
+static int element_of(const mesh *m, const insertion_state *state, int k, vec3 at) {
+    double weights[4];
+    return refinement_element(m, &state->refined, 0, state->refined.nodes[state->refined.order[k]].tet, at, weights);
+}
+
 /* Moves the site back along the track to this depth, which must be in the tip's body. */
 static void go_back(const insertion_model *model, const insertion_state *state, double depth, track_site *site) {
     double entry = tip_entry_depth(state);
@@ -35,7 +41,8 @@ static void go_back(const insertion_model *model, const insertion_state *state, 
         vec3 goal = contact ? v3_sub(contact->track, contact->beside) : start;
         bool beyond = length <= site->depth - depth;
         vec3 target = beyond ? goal : v3_axpy((site->depth - depth) / length, v3_sub(goal, site->at), site->at);
-        site->tet = follow_line(model->mesh, site->tet, &site->at, target);
+        if (beyond && contact) site->tet = element_of(model->mesh, state, site->next, site->at = target); /* the tissue may slide between the two */
+        else site->tet = follow_line(model->mesh, site->tet, &site->at, target);
         site->depth = beyond ? goal_depth : depth;
         if (!beyond || !contact) return;
         site->next--;

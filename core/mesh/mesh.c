@@ -104,7 +104,7 @@ int mesh_around(const mesh *m, int node, int start, int *tets, int most) {
     tets[count++] = start;
     for (int next = 0; next < count; next++)
         for (int i = 0; i < 4; i++) {
-            int other = m->neighbours[tets[next]][i];
+            int other = mesh_bonded(m, tets[next], i);
             bool known = other < 0 || corner_of(m, other, node) < 0;
             for (int k = 0; k < count && !known; k++) known = tets[k] == other;
             if (known) continue;
@@ -188,6 +188,9 @@ void mesh_free(mesh *m) {
     free(m->nodes);
     free(m->tets);
     free(m->neighbours);
+    free(m->slides);
+    free(m->original);
+    free(m->pairs);
     free(m->region);
     free(m->face_groups);
     free(m->boundary);

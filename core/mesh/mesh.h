@@ -30,11 +30,21 @@ typedef struct {
     int first, count;        /* leaf: its faces are bvh_order[first .. first+count); inner node: count is 0 and its children are first and first+1 */
 } bvh_node;
 
+/* Two nodes at the same place, on the two sides of a surface on which the tissue slides. */
+typedef struct {
+    int nodes[2];
+    int group;               /* index of the surface in `groups` */
+    vec3 normal;             /* unit normal of the surface, from the side of nodes[0] to that of nodes[1] */
+    double area;             /* m^2, a third of the area of the adjacent faces */
+} node_pair;
+
 typedef struct {
     int node_count, tet_count;
     vec3 *nodes;             /* [node_count]: nominal positions, m */
     int (*tets)[4];          /* [tet_count]: corner nodes; all volumes are positive */
-    int (*neighbours)[4];    /* [tet_count]: neighbour at the face opposite vertex i; -1 on the boundary */
+    int (*neighbours)[4];    /* [tet_count]: neighbour at the face opposite vertex i; -1 on the boundary. Where the tissue slides, the two share no
+                                nodes, except at the rim of the surface */
+    uint8_t *slides;         /* [tet_count]: bit i is set if the tissue slides along face i; NULL if it slides nowhere */
     int *region;             /* [tet_count]: index in `groups` of the region (dimension 3) that contains each tetrahedron */
     uint32_t (*face_groups)[4]; /* [tet_count]: bit g is set if face i is on the named surface groups[g] */
     int group_count;
@@ -43,6 +53,9 @@ typedef struct {
     boundary_face *boundary; /* [boundary_count], outer faces */
     bvh_node *bvh;           /* bounding-volume tree over `boundary` */
     int *bvh_order;          /* [boundary_count]: indices of the outer faces, in the order of the tree's leaves */
+    int *original;           /* [node_count]: the node of which each node is a copy, or the node itself; NULL if the tissue slides nowhere */
+    int pair_count;
+    node_pair *pairs;        /* [pair_count] */
     double *node_size;       /* [node_count]: mean edge length (m) of regular tetrahedra with the same volumes as those around the node */
     bool *anatomical;        /* [node_count]: true if the node is on the outer surface, on an interface between regions, or on a named surface, line or point */
     trocar_error remarks;    /* repairs made to the mesh, and suspected errors in it; may be empty */
@@ -76,6 +89,15 @@ void mesh_compare_with_needle(mesh *m, double length, double diameter);
 
 /* Returns the index of the group with this name and dimension (-1: any dimension), or -1. */
 int mesh_find_group(const mesh *m, const char *name, int dimension);
+
+/* Returns the node that stands for all nodes at this node's place; where the tissue slides, there are several. RT */
+static inline int mesh_place(const mesh *m, int node) { return m->original ? m->original[node] : node; }
+
+/* Returns whether the tissue slides along this face. RT */
+static inline bool mesh_slides(const mesh *m, int tet, int face) { return m->slides && m->slides[tet] >> face & 1; }
+
+/* Returns the neighbour at this face, or -1 if there is none or the tissue slides along the face. RT */
+static inline int mesh_bonded(const mesh *m, int tet, int face) { return mesh_slides(m, tet, face) ? -1 : m->neighbours[tet][face]; }
 
 /* Computes the barycentric coordinates of x in tetrahedron `tet`. They sum to 1; inside, all are >= 0. RT */
 void mesh_barycentric(const mesh *m, int tet, vec3 x, double weights[4]);

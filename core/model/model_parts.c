@@ -7,6 +7,7 @@
 #include "base/cache_line.h"
 #include "base/memory.h"
 #include "insertion/model/local_compliance.h"
+#include "mesh/sliding_surface.h"
 #include "refinement/refined_field.h"
 #include "snapshot/free_displacement.h"
 #include "tissue/blas.h"
@@ -56,6 +57,34 @@ static trocar_status bind_membranes(model_parts *s, trocar_error *why) {
         s->membrane_materials[group] = given->material;
     }
     return TROCAR_OK;
+}
+
+/* Looks up the surfaces on which the tissue slides, before the mesh is split there. */
+static trocar_status find_sliding(const model_parts *s, sliding_surface found[MAX_SLIDING], trocar_error *why) {
+    char known[512];
+    for (int i = 0; i < s->config.sliding_count; i++) {
+        const sliding_config *given = &s->config.sliding[i];
+        found[i] = (sliding_surface){mesh_find_group(&s->mesh, given->name, 2), given->beside[0] ? mesh_find_group(&s->mesh, given->beside, 3) : -1};
+        if (found[i].group < 0)
+            return fail(why, TROCAR_BAD_INPUT, "sliding: %s has no surface \"%s\"; it has: %s", s->config.mesh_path, given->name,
+                        list_groups(&s->mesh, 2, known, sizeof known));
+        if (given->beside[0] && found[i].beside < 0)
+            return fail(why, TROCAR_BAD_INPUT, "sliding[%s].beside: %s has no region \"%s\"; it has: %s", given->name, s->config.mesh_path, given->beside,
+                        list_groups(&s->mesh, 3, known, sizeof known));
+    }
+    return TROCAR_OK;
+}
+
+static trocar_status let_slide(model_parts *s, trocar_error *why) {
+    sliding_surface surfaces[MAX_SLIDING];
+    if (s->config.sliding_count == 0) return TROCAR_OK;
+    trocar_status status = find_sliding(s, surfaces, why);
+    return status == TROCAR_OK ? mesh_let_slide(&s->mesh, s->config.sliding_count, surfaces, s->config.mesh_path, why) : status;
+}
+
+static void bind_sliding(model_parts *s) {
+    for (int i = 0; i < s->config.sliding_count; i++)
+        s->sliding_materials[mesh_find_group(&s->mesh, s->config.sliding[i].name, 2)] = s->config.sliding[i].material;
 }
 
 enum { PLACE_ROOM = 600 };
@@ -113,6 +142,7 @@ static trocar_status bind_probe(model_parts *s, trocar_error *why) {
 static trocar_status bind_to_mesh(model_parts *s, trocar_error *why) {
     trocar_status status = bind_regions(s, why);
     if (status == TROCAR_OK) status = bind_membranes(s, why);
+    bind_sliding(s);
     if (status == TROCAR_OK) status = check_calcifications(s, why);
     if (status == TROCAR_OK) status = bind_guides(s, why);
     return status == TROCAR_OK ? bind_probe(s, why) : status;
@@ -144,6 +174,7 @@ static trocar_status build_tissue(model_parts *s, trocar_error *why) {
     }
     if (status == TROCAR_OK) status = tissue_define(&s->mesh, s->materials, fixed, s->config.volumetric, &s->tissue, why);
     s->tissue.membranes = s->membrane_materials;
+    s->tissue.sliding = s->sliding_materials;
     free(fixed);
     return status;
 }
@@ -236,7 +267,8 @@ trocar_status model_parts_create_mesh(const simulation_config *config, model_par
     trocar_status status = take_mesh(s, why);
     if (status != TROCAR_OK) return status;
     mesh_compare_with_needle(&s->mesh, config->needle.length, config->needle.outer_diameter);
-    status = bind_to_mesh(s, why);
+    status = let_slide(s, why);
+    if (status == TROCAR_OK) status = bind_to_mesh(s, why);
     if (status != TROCAR_OK) model_parts_free(s);
     return status;
 }
@@ -298,6 +330,15 @@ static const char *membrane_key_that_differs(const simulation_config *a, const s
     return NULL;
 }
 
+static bool same_sliding(const simulation_config *a, const simulation_config *b) {
+    bool same = a->sliding_count == b->sliding_count;
+    for (int i = 0; i < a->sliding_count && same; i++) {
+        const sliding_config *s = &a->sliding[i], *t = &b->sliding[i];
+        same = strcmp(s->name, t->name) == 0 && strcmp(s->beside, t->beside) == 0 && s->material.normal == t->material.normal && s->material.shear == t->material.shear;
+    }
+    return same;
+}
+
 static bool same_roi(const roi_config *a, const roi_config *b) {
     return a->region_count == b->region_count && a->radius == b->radius && memcmp(&a->from, &b->from, sizeof a->from) == 0 && memcmp(&a->to, &b->to, sizeof a->to) == 0
         && same_names(a->region_count, a->regions, b->regions);
@@ -316,6 +357,7 @@ static const char *stiffness_key_that_differs(const simulation_config *a, const 
         {strcmp(a->mesh_path, b->mesh_path) == 0, "mesh"},
         {a->mesh_unit == b->mesh_unit, "mesh_unit"},
         {of_material == NULL, of_material},
+        {same_sliding(a, b), "sliding"},
         {a->fixed_count == b->fixed_count && same_names(a->fixed_count, a->fixed, b->fixed), "fixed"},
         {a->volumetric == b->volumetric, "volumetric_strain"},
         {a->inverse == b->inverse, "inverse"},

@@ -11,6 +11,7 @@ typedef struct {
     bool stiffened;                     /* true if the mesh is shared but the tissue and inverse are this model's own */
     mesh mesh;
     region_material materials[MESH_MAX_GROUPS];
+    sliding_material sliding_materials[MESH_MAX_GROUPS]; /* by group; used only for surfaces on which the tissue slides */
     membrane_material membrane_materials[MESH_MAX_GROUPS]; /* membrane elasticity by group; the stiffness is 0 for surfaces that are not membranes */
     int wholes[MESH_MAX_GROUPS];        /* for each group, the group that it is part of (key `part_of`), or its own index */
     membrane membranes[MAX_MEMBRANES];

@@ -145,7 +145,7 @@ int refinement_element(const mesh *m, const refinement *r, int active, int near,
     for (int step = 0;; step++) {
         leaf_point p = point_in(m, r, active, m->tets[near], x);
         memcpy(weights, p.weights, sizeof p.weights);
-        int face = closest_face(&p), next = m->neighbours[near][face];
+        int face = closest_face(&p), next = mesh_bonded(m, near, face);
         if (p.weights[face] >= INSIDE || next < 0 || step == MOST) return near;
         near = next;
     }

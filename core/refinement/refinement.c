@@ -49,7 +49,7 @@ int refinement_add(const mesh *m, refinement *r, int tet, vec3 x, uint64_t id) {
 static bool find_across(const mesh *m, const refinement *r, int active, int tet, const int corners[4], int face, leaf *across) {
     leaf leaves[MAX_LEAVES];
     for (int k = -1; k < 4; k++) {
-        int other = k < 0 ? tet : m->neighbours[tet][k];
+        int other = k < 0 ? tet : mesh_bonded(m, tet, k);
         int count = other < 0 ? 0 : leaves_of(m, r, active, other, leaves);
         for (int i = 0; i < count; i++) {
             bool all = !same_corners(leaves[i].corners, corners);

@@ -40,6 +40,7 @@ static const char *profile_word(int index) { return device_profiles[index]; }
 #define OF(member) offsetof(scene, member)
 #define MATERIAL(member) offsetof(region_config, material.member)
 #define MEMBRANE(member) offsetof(membrane_config, material.member)
+#define SLIDES(member) offsetof(sliding_config, material.member)
 #define CALCIFICATION(member) offsetof(calcification, member)
 #define GUIDE(member) offsetof(guide_config, member)
 
@@ -76,6 +77,15 @@ const key_spec SCENE_TABLE[] = {
     {"membranes[].stiffness", "N/m", NUMBER, MEMBRANE(stiffness), &NOT_NEGATIVE, .live = true, .list = MEMBRANES,
      .doc = "in its plane: Young's modulus times thickness; 0: the surface resists only the tip"},
     {"membranes[].poisson_ratio", "", NUMBER, MEMBRANE(poisson_ratio), &POISSON, .list = MEMBRANES, .doc = "in its plane; matters only with a stiffness"},
+
+    {"sliding[].name", "", NAME, offsetof(sliding_config, name), .list = SLIDING, .required = true,
+     .doc = "a physical surface of the mesh, on which the regions on its two sides slide on each other but stay in contact"},
+    {"sliding[].beside", "", NAME, offsetof(sliding_config, beside), .list = SLIDING,
+     .doc = "the region on one side: only those faces of the surface slide; if omitted, all of its faces between two regions do"},
+    {"sliding[].normal_stiffness", "N/m^3", NUMBER, SLIDES(normal), &POSITIVE, .list = SLIDING,
+     .doc = "pressure between the two sides per distance by which they overlap or part"},
+    {"sliding[].shear_stiffness", "N/m^3", NUMBER, SLIDES(shear), &NOT_NEGATIVE, .list = SLIDING,
+     .doc = "shear stress per distance by which they slide, as from loose fascia; 0: nothing resists"},
 
     {"calcifications[].centre", "m", POINT, CALCIFICATION(centre), .list = CALCIFICATIONS, .required = true,
      .doc = "of a ball in the undeformed tissue, which is harder to cut"},
@@ -189,6 +199,7 @@ const int SCENE_ROWS = ROWS;
 const list_spec LIST_TABLE[LISTS] = {
     [REGIONS] = {"regions", OF(simulation.regions), OF(simulation.region_count), sizeof(region_config), 1, MAX_REGIONS, .named = true},
     [MEMBRANES] = {"membranes", OF(simulation.membranes), OF(simulation.membrane_count), sizeof(membrane_config), 0, MAX_MEMBRANES, .named = true},
+    [SLIDING] = {"sliding", OF(simulation.sliding), OF(simulation.sliding_count), sizeof(sliding_config), 0, MAX_SLIDING, .named = true},
     [CALCIFICATIONS] = {"calcifications", OF(simulation.calcifications), OF(simulation.calcification_count), sizeof(calcification), 0, MAX_CALCIFICATIONS, .named = false},
     [GUIDES] = {"guides", OF(simulation.guides), OF(simulation.guide_count), sizeof(guide_config), 0, MAX_GUIDES, .named = true},
     [RELAXATION] = {"relaxation", OF(simulation.relaxation), OF(simulation.relaxation_count), sizeof(relaxation_term), 0, MAX_RELAXATION, .named = false},
@@ -200,7 +211,7 @@ void *entry_of(scene *s, list_kind list, int index) {
 int *count_of(scene *s, list_kind list) { return (int *)((char *)s + LIST_TABLE[list].count); }
 /* An entry's name is its first member. */
 const char *name_of(const scene *s, list_kind list, int index) { return LIST_TABLE[list].named ? entry_of((scene *)s, list, index) : NULL; }
-_Static_assert(offsetof(region_config, name) == 0 && offsetof(membrane_config, name) == 0 && offsetof(guide_config, name) == 0, "name_of relies on it");
+_Static_assert(offsetof(region_config, name) == 0 && offsetof(membrane_config, name) == 0 && offsetof(sliding_config, name) == 0 && offsetof(guide_config, name) == 0, "name_of relies on it");
 
 int *names_count(scene *s, const key_spec *r, int *least, int *most) {
     bool fixed = r->offset == OF(simulation.fixed);
@@ -214,6 +225,7 @@ void *append_entry(scene *s, list_kind list) {
     memset(entry, 0, LIST_TABLE[list].stride);
     if (list == REGIONS) ((region_config *)entry)->material = region_defaults();
     if (list == MEMBRANES) ((membrane_config *)entry)->material = membrane_defaults();
+    if (list == SLIDING) ((sliding_config *)entry)->material = sliding_defaults();
     if (list == CALCIFICATIONS) *(calcification *)entry = calcification_defaults();
     if (list == GUIDES) *(guide_config *)entry = guide_defaults();
     return entry;

@@ -7,7 +7,7 @@
 enum { KEY_ROOM = 256, WORDS_ROOM = 512 }; /* bytes in a key, and in a message about one */
 
 typedef enum { NUMBER, COUNT, WORD, LENGTH_UNIT, PROFILE, NAME, NAMES, FILE_PATH, DIRECTORY_PATH, POINT, ROTATION, TRANSFORM } value_kind;
-typedef enum { NO_LIST, REGIONS, MEMBRANES, CALCIFICATIONS, GUIDES, RELAXATION, LISTS } list_kind;
+typedef enum { NO_LIST, REGIONS, MEMBRANES, SLIDING, CALCIFICATIONS, GUIDES, RELAXATION, LISTS } list_kind;
 typedef struct { double low, high; const char *words; } range;
 typedef const char *(*word_of)(int index); /* returns NULL past the last word */
 

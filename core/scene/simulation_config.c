@@ -9,6 +9,7 @@ region_material region_defaults(void) {
 
 membrane_material membrane_defaults(void) { return (membrane_material){.stiffness = 0.0, .poisson_ratio = 0.45}; }
 
+sliding_material sliding_defaults(void) { return (sliding_material){.normal = 1e9}; }
 calcification calcification_defaults(void) { return (calcification){.centre = v3(NAN, NAN, NAN), .cutting_factor = 5.0}; }
 
 void simulation_defaults(simulation_config *config) {

@@ -20,6 +20,11 @@ typedef struct {
 } membrane_config;
 
 typedef struct {
+    char name[MESH_NAME], beside[MESH_NAME]; /* `beside`: the region on one side of the faces on which the tissue slides; empty for all faces between regions */
+    sliding_material material;
+} sliding_config;
+
+typedef struct {
     char surface[MESH_NAME]; /* the surface that the probe presses on; empty if there is no probe */
     probe_shape shape;
     double max_force;        /* N, the probe stops at this force */
@@ -27,7 +32,7 @@ typedef struct {
     int surface_line, start_line; /* lines of `surface` and `start` in the scene file, for messages; 0 if not from a file */
 } probe_config;
 
-enum { MAX_REGIONS = 32, MAX_MEMBRANES = 32, MAX_CALCIFICATIONS = 64, MAX_FIXED = 8 };
+enum { MAX_REGIONS = 32, MAX_MEMBRANES = 32, MAX_SLIDING = 16, MAX_CALCIFICATIONS = 64, MAX_FIXED = 8 };
 
 typedef struct {
     const char *scene_path;              /* file to name in messages while the model is created; NULL if there is none */
@@ -36,6 +41,7 @@ typedef struct {
     double mesh_unit;                    /* m, length of one unit of the mesh file's coordinates */
     int region_count;   region_config regions[MAX_REGIONS];
     int membrane_count; membrane_config membranes[MAX_MEMBRANES];
+    int sliding_count;  sliding_config sliding[MAX_SLIDING];
     int calcification_count; calcification calcifications[MAX_CALCIFICATIONS];
     int fixed_count;    char fixed[MAX_FIXED][MESH_NAME];   /* mesh groups of any dimension whose nodes do not move */
     int guide_count;    guide_config guides[MAX_GUIDES];
@@ -58,6 +64,7 @@ typedef struct {
 void simulation_defaults(simulation_config *config);
 region_material region_defaults(void);
 membrane_material membrane_defaults(void);
+sliding_material sliding_defaults(void);
 calcification calcification_defaults(void); /* the centre is NAN and the radius 0 until set */
 
 /* Lists in `moduli` where the configuration keeps the values that a change of moduli replaces: the regions' Young's moduli and stiffening, and the membranes'

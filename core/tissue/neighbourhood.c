@@ -26,7 +26,10 @@ vec3 neighbourhood_direction(const neighbourhood *n) { return m3_column(&n->fram
 
 static void forget(neighbourhood *n) {
     for (int i = 0; i < n->node_count; i++) n->local[n->nodes[i]] = -1;
-    for (int i = 0; i < n->tet_count; i++) n->taken[n->tets[i]] = false;
+    for (int i = 0; i < n->tet_count; i++) {
+        for (int c = 0; c < 4; c++) n->local[n->tissue->mesh->tets[n->tets[i]][c]] = -1;
+        n->taken[n->tets[i]] = false;
+    }
     n->node_count = n->tet_count = 0;
 }
 
@@ -36,11 +39,14 @@ static bool add_tet(neighbourhood *n, int tet) {
     n->taken[tet] = true;
     n->tets[n->tet_count++] = tet;
     for (int c = 0; c < 4; c++) {
-        if (n->local[corners[c]] >= 0) continue;
-        int node = n->local[corners[c]] = n->node_count++;
-        n->nodes[node] = corners[c];
-        n->position[node] = to_frame(n, n->tissue->mesh->nodes[corners[c]]);
-        n->cut[node] = false;
+        int place = mesh_place(n->tissue->mesh, corners[c]);
+        if (n->local[place] < 0) {
+            int node = n->local[place] = n->node_count++;
+            n->nodes[node] = place;
+            n->position[node] = to_frame(n, n->tissue->mesh->nodes[place]);
+            n->cut[node] = false;
+        }
+        n->local[corners[c]] = n->local[place];
     }
     return true;
 }

@@ -19,7 +19,7 @@ typedef struct {
     const tissue *tissue;
     int *local;              /* for each node of the mesh: its number in the neighbourhood, or -1 */
     bool *taken;             /* for each tetrahedron of the mesh: whether it is in the neighbourhood */
-    int node_count, nodes[AROUND_NODES], tet_count, tets[AROUND_TETS];
+    int node_count, nodes[AROUND_NODES], tet_count, tets[AROUND_TETS]; /* where the tissue slides, the nodes at one place count as one (mesh_place) */
     vec3 position[AROUND_NODES];
     bool cut[AROUND_NODES];  /* whether the node is on the boundary with the rest of the mesh */
     int free_count;

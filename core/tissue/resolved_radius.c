@@ -364,7 +364,7 @@ static int number_in(const line_field *field, int node) {
 mat3 line_field_lacks(const line_field *field, const mesh *m, int tet, const double weights[4], vec3 x, double radius) {
     vec3 from = m3_apply_transposed(&field->frame, v3_sub(x, field->line.point)), moved[3] = {{0, 0, 0}, {0, 0, 0}, {0, 0, 0}};
     for (int c = 0; c < 4; c++) {
-        int k = number_in(field, m->tets[tet][c]);
+        int k = number_in(field, mesh_place(m, m->tets[tet][c]));
         if (k < 0) return (mat3){{{0}}};
         for (int axis = 0; axis < 3; axis++) moved[axis] = v3_axpy(-weights[c], field->moved[k][axis], moved[axis]);
     }

@@ -82,6 +82,17 @@ static void add_membranes(const tissue *t, cholmod_triplet *triplets) {
         if (membrane_on_face(t->mesh, t->membranes, i / 4, i % 4, &found)) add_lower(t, 3, found.nodes, &found.stiffness[0][0], triplets);
 }
 
+static void add_pairs(const tissue *t, cholmod_triplet *triplets) {
+    for (int i = 0; i < t->mesh->pair_count; i++) {
+        const node_pair *pair = &t->mesh->pairs[i];
+        mat3 block = pair_stiffness(pair, t->sliding);
+        double k[6][6];
+        for (int a = 0; a < 6; a++)
+            for (int b = 0; b < 6; b++) k[a][b] = (a / 3 == b / 3 ? 1.0 : -1.0) * block.m[a % 3][b % 3];
+        add_lower(t, 2, pair->nodes, &k[0][0], triplets);
+    }
+}
+
 /* ---- mean volumetric strain ---------------------------------------------------------------------------------------- */
 
 int tissue_means_of(const tissue *t, int tet, int means[4]) {
@@ -168,11 +179,12 @@ static trocar_status create_patches(tissue *t, trocar_error *why) {
 }
 
 static trocar_status assemble(tissue *t, trocar_error *why) {
-    size_t n = (size_t)t->dof_count, entries = (size_t)t->mesh->tet_count * 78 + (size_t)membrane_face_count(t->mesh, t->membranes) * 45;
+    size_t n = (size_t)t->dof_count, entries = (size_t)t->mesh->tet_count * 78 + (size_t)membrane_face_count(t->mesh, t->membranes) * 45 + (size_t)t->mesh->pair_count * 21;
     cholmod_triplet *triplets = cholmod_allocate_triplet(n, n, entries, -1, CHOLMOD_REAL, &t->common);
     if (!triplets) return fail(why, TROCAR_NO_MEMORY, "no memory to assemble %zu stiffness entries", entries);
     for (int e = 0; e < t->mesh->tet_count; e++) add_element(t, e, triplets);
     add_membranes(t, triplets);
+    add_pairs(t, triplets);
     t->stiffness = cholmod_triplet_to_sparse(triplets, 0, &t->common);
     cholmod_free_triplet(&triplets, &t->common);
     bool whole = t->stiffness && (t->volumetric == STRAIN_BY_ELEMENT || add_volumetric_stiffness(t));
@@ -244,5 +256,5 @@ void tissue_free(tissue *t) {
 
 tissue tissue_constants(const tissue *t) {
     return (tissue){.mesh = t->mesh, .volumetric = t->volumetric, .patch = t->patch, .patch_count = t->patch_count, .materials = t->materials,
-                    .membranes = t->membranes, .fixed = t->fixed, .dof_count = t->dof_count, .dof = t->dof};
+                    .membranes = t->membranes, .sliding = t->sliding, .fixed = t->fixed, .dof_count = t->dof_count, .dof = t->dof};
 }

@@ -7,6 +7,7 @@
 
 #include "mesh/mesh.h"
 #include "tissue/membrane_stiffness.h"
+#include "tissue/sliding_stiffness.h"
 
 /* Material of a region. */
 typedef struct {
@@ -38,6 +39,7 @@ typedef struct {
     const region_material *materials; /* materials by group index; only those of dimension 3 are used */
     const membrane_material *membranes; /* MESH_MAX_GROUPS entries, by group index; only those of dimension 2 are used. NULL if there are no membranes. After
                                            tissue_define, the caller sets this before K is assembled */
+    const sliding_material *sliding; /* the same for surfaces on which the tissue slides; NULL if the mesh has no pairs of nodes */
     bool *fixed;               /* [node_count]: whether the node is fixed (zero displacement) */
     int dof_count;             /* number of free displacements */
     int *dof;                  /* [node_count]: first of each node's three dofs, or -1 if the node is fixed */

@@ -152,6 +152,7 @@ enum { IN_A_GAP = -1 };
 typedef struct {
     double depth;            /* m */
     int region;              /* group index, or IN_A_GAP */
+    bool slides;             /* the tissue slides on the surface where the stratum begins */
     int tet;                 /* element where the stratum begins; for a gap, the element in which the track left the tissue */
     vec3 point;              /* m, nominal: where the stratum begins */
 } stratum;

@@ -4,7 +4,7 @@ void note_stratum(insertion_state *state, tick_output *output, int region) {
     const needle_tip *tip = &state->tip;
     int last = state->stratum_count - 1;
     if (last >= 0 && state->strata[last].region == region) return;
-    if (last + 1 < MAX_STRATA) state->strata[state->stratum_count++] = (stratum){tip->place.depth, region, tip->place.tet, tip->place.nominal};
+    if (last + 1 < MAX_STRATA) state->strata[state->stratum_count++] = (stratum){.depth = tip->place.depth, .region = region, .tet = tip->place.tet, .point = tip->place.nominal};
     else output->events |= EVENT_FULL;
 }
 
@@ -21,6 +21,12 @@ int last_gap(const insertion_state *state) {
 double tip_entry_depth(const insertion_state *state) {
     int gap = last_gap(state);
     return gap >= 0 ? state->strata[gap + 1].depth : 0.0;
+}
+
+double tip_bonded_depth(const insertion_state *state) {
+    int k = state->stratum_count - 1;
+    while (k > 0 && !state->strata[k].slides) k--;
+    return fmax(k > 0 ? state->strata[k].depth : 0.0, tip_entry_depth(state));
 }
 
 void drop_strata_ahead(insertion_state *state) {

@@ -13,6 +13,10 @@ void enter_stratum(const tick_input *tick, insertion_state *state, tick_output *
 /* Removes the strata ahead of the tip after it has been drawn back. RT */
 void drop_strata_ahead(insertion_state *state);
 
+/* Returns the depth (m) from which the tissue around the track has not slid relative to that at the tip: where the track last entered a body or crossed a
+   surface on which the tissue slides. RT */
+double tip_bonded_depth(const insertion_state *state);
+
 /* Returns the index of the last gap in the list of strata, or -1. RT */
 int last_gap(const insertion_state *state);
 

@@ -36,6 +36,6 @@ void step(const tick_input *tick, insertion_state *state, insertion_workspace *w
     bool touches = tissue_find(tick, state, &w->points, &w->tissue, &w->creep, &w->stiffening, &w->damper, output);
     if (touches) equilibrium_find(tick, state, w, output);           /* Newton passes: needle, problem, solve, advance */
     else equilibrium_forget(state);
-    tip_puncture(tick, state, output);                               /* conclude: punctures a membrane if its strength was exceeded */
+    tip_puncture(tick, state, &w->creep, output);                    /* conclude: punctures a membrane if its strength was exceeded */
     find_wrench(state, &w->points, output);                          /* output; the tick sends requests to the worker at its end */
 }

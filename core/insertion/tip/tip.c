@@ -72,11 +72,11 @@ void tip_glide_on_surface(const tick_input *tick, insertion_state *state, tick_o
 
 /* ---- in the tissue ----------------------------------------------------------------------------------------------------- */
 
-void tip_puncture(const tick_input *tick, insertion_state *state, tick_output *output) {
+void tip_puncture(const tick_input *tick, insertion_state *state, const creep_step *creep, tick_output *output) {
     needle_tip *tip = &state->tip;
     if (tip->place.phase != TIP_INSIDE || tip->barrier.blocked_by == NOT_BLOCKED || tip->solved.slip <= 0.0) return;
     tip->solved.slip = 0.0;
-    puncture_barrier(tick, state, output, v3_unit(needle_direction(tick, state)));
+    puncture_barrier(tick, state, creep, output, v3_unit(needle_direction(tick, state)));
     if (tip->place.phase == TIP_BEYOND) enter_touching_body(tick, state, output, v3_unit(needle_direction(tick, state)));
 }
 
@@ -121,7 +121,7 @@ void tip_move(const tick_input *tick, insertion_state *state, const creep_step *
     vec3 before = tip_position(&tip->place);
     if (tip->solved.slip > 0.0) {
         vec3 direction = old_tracks_lead(&tip->track, cut_direction);
-        cut_forward(tick, state, output, direction, tip->track.openness > 0.0 ? fmin(tip->solved.slip, tip->track.to_end) : tip->solved.slip);
+        cut_forward(tick, state, creep, output, direction, tip->track.openness > 0.0 ? fmin(tip->solved.slip, tip->track.to_end) : tip->solved.slip);
         follow_track(model, tip, v3_sub(tip_position(&tip->place), before));
         if (tip->place.phase == TIP_BEYOND) enter_touching_body(tick, state, output, direction);
     } else if (tip->solved.slip < 0.0 && !stays_on_surface(tick, state)) {
@@ -152,8 +152,8 @@ void tip_engage(const insertion_model *model, insertion_state *state) {
     double whole = v3_norm(v3_sub(end, state->entry));
     for (int step = 0; step < MAX_STEPS && state->tip.place.phase == TIP_INSIDE && state->tip.place.depth < whole; step++) {
         /* the needle is already through the barrier */
-        if (state->tip.barrier.blocked_by != NOT_BLOCKED) puncture_barrier(tick, state, output, v3_unit(needle_direction(tick, state)));
-        cut_forward(tick, state, output, direction, whole - state->tip.place.depth);
+        if (state->tip.barrier.blocked_by != NOT_BLOCKED) puncture_barrier(tick, state, NULL, output, v3_unit(needle_direction(tick, state)));
+        cut_forward(tick, state, NULL, output, direction, whole - state->tip.place.depth);
         if (state->tip.place.phase != TIP_BEYOND) continue;
         vec3 left = state->tip.place.nominal;
         entrance at = next_body(tick, state, left, end);

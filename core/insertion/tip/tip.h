@@ -24,7 +24,7 @@ vec3 tip_cut_direction(const tick_input *tick, const insertion_state *state, vec
 void tip_glide_on_surface(const tick_input *tick, insertion_state *state, tick_output *output);
 
 /* Punctures a membrane if the last solve exceeded its strength. RT */
-void tip_puncture(const tick_input *tick, insertion_state *state, tick_output *output);
+void tip_puncture(const tick_input *tick, insertion_state *state, const creep_step *creep, tick_output *output);
 
 /* Sets the state of a straight needle that overlaps the tissue, as if it had been inserted without force. RT */
 void tip_engage(const insertion_model *model, insertion_state *state);

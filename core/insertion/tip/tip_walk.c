@@ -1,6 +1,7 @@
 #include "insertion/tip/tip_walk.h"
 
 #include "insertion/state/strata.h"
+#include "insertion/tip/known_tissue.h"
 #include "insertion/track/contact_nodes.h"
 #include "insertion/track/obstacle.h"
 #include "insertion/track/old_tracks.h"
@@ -15,7 +16,7 @@ int follow_line(const mesh *m, int tet, vec3 *from, vec3 target) {
         vec3 rest = v3_sub(target, *from);
         double fraction;
         int face = mesh_exit(m, tet, *from, rest, &fraction);
-        if (face < 0 || fraction >= 1.0 || m->neighbours[tet][face] < 0) break;
+        if (face < 0 || fraction >= 1.0 || mesh_bonded(m, tet, face) < 0) break;
         *from = v3_axpy(fraction, rest, *from);
         tet = m->neighbours[tet][face];
     }
@@ -111,22 +112,54 @@ static void graze_on(const tick_input *tick, insertion_state *state, tick_output
 
 /* ---- forward and back -------------------------------------------------------------------------------------------------- */
 
+/* Returns the point at rest, in element `next` or close to it, of the tissue that now lies at the tip across a face along which the tissue slides. If the
+   snapshot does not cover both sides, ignores how far they have slid. */
+static vec3 point_across(const tick_input *tick, const insertion_state *state, const creep_step *creep, int next) {
+    const mesh *m = tick->model->mesh;
+    const tip_place *place = &state->tip.place;
+    int here[4], there[4];
+    double weights[4];
+    if (!creep || !snapshot_covers(tick->snapshot, m->tets[place->tet], here) || !snapshot_covers(tick->snapshot, m->tets[next], there)) return place->nominal;
+    mesh_barycentric(m, place->tet, place->nominal, weights);
+    vec3 displaced = v3_add(place->nominal, displacement_at(tick, state, creep, here, weights));
+    mesh_barycentric(m, next, place->nominal, weights);
+    return v3_sub(displaced, displacement_at(tick, state, creep, there, weights));
+}
+
+/* Moves the tip to the other side of a face along which the tissue slides. The track continues in the tissue that lies at the tip now, which may have been
+   elsewhere at rest. A contact at the end of the track on this side lets the tip find its way back. */
+static void change_sides(const tick_input *tick, insertion_state *state, const creep_step *creep, tick_output *output, int next) {
+    const mesh *m = tick->model->mesh;
+    tip_place *place = &state->tip.place;
+    vec3 across = point_across(tick, state, creep, next);
+    double weights[4], sum = 0.0;
+    if (wants_contact_at_exit(tick, state, place->depth)) place_contact(tick, state, output);
+    place->tet = follow_line(m, next, &place->nominal, across);
+    mesh_barycentric(m, place->tet, across, weights);
+    for (int c = 0; c < 4; c++) sum += weights[c] = fmax(weights[c], 0.0); /* where the surface is curved, the point may lie outside */
+    for (int c = 0; c < 4; c++) weights[c] /= sum;
+    place->nominal = mesh_point(m, place->tet, weights);
+}
+
 /* Crosses a face: the tip enters the element behind it or leaves the tissue. */
-static void cross_face(const tick_input *tick, insertion_state *state, tick_output *output, int face, vec3 direction) {
+static void cross_face(const tick_input *tick, insertion_state *state, const creep_step *creep, tick_output *output, int face, vec3 direction) {
     needle_tip *tip = &state->tip;
-    int next = tick->model->mesh->neighbours[tip->place.tet][face];
+    int next = tick->model->mesh->neighbours[tip->place.tet][face], before = state->stratum_count;
+    bool slides = mesh_slides(tick->model->mesh, tip->place.tet, face);
     if (next < 0) {
         exit_tissue(tick, state, output);
         return;
     }
-    tip->place.tet = next;
+    if (slides) change_sides(tick, state, creep, output, next);
+    else tip->place.tet = next;
     tip->place.nominal = v3_axpy(FACE_CLEARANCE, direction, tip->place.nominal);
     tip->place.depth += FACE_CLEARANCE;
     enter_stratum(tick, state, output);
+    if (state->stratum_count > before) state->strata[before].slides = slides;
     plan_contact(tick, state, output, direction);
 }
 
-void puncture_barrier(const tick_input *tick, insertion_state *state, tick_output *output, vec3 direction) {
+void puncture_barrier(const tick_input *tick, insertion_state *state, const creep_step *creep, tick_output *output, vec3 direction) {
     needle_tip *tip = &state->tip;
     if (tip->barrier.blocked_by != BLOCKED_BY_BONE) { /* a needle may start in bone, which is not a puncture */
         output->events |= EVENT_PUNCTURED;
@@ -135,7 +168,7 @@ void puncture_barrier(const tick_input *tick, insertion_state *state, tick_outpu
     }
     tip->barrier.blocked_by = NOT_BLOCKED;
     if (!tip->barrier.entering) {
-        cross_face(tick, state, output, tip->barrier.face, direction);
+        cross_face(tick, state, creep, output, tip->barrier.face, direction);
     } else { /* the tip is already on the inner side of the face */
         tip->place.nominal = v3_axpy(FACE_CLEARANCE, direction, tip->place.nominal);
         tip->place.depth += FACE_CLEARANCE;
@@ -158,7 +191,7 @@ static double distance_to_exit(const insertion_model *model, const needle_tip *t
 static bool overcomes(const needle_tip *tip, double resistance) { return resistance <= (1.0 + SAME_FORCE) * tip->solved.end_force; }
 
 /* Decides what happens at a face: the tip moves along an outer face, is blocked, or crosses it. Returns true if it has crossed. */
-static bool meet_face(const tick_input *tick, insertion_state *state, tick_output *output, int face, vec3 direction) {
+static bool meet_face(const tick_input *tick, insertion_state *state, const creep_step *creep, tick_output *output, int face, vec3 direction) {
     needle_tip *tip = &state->tip;
     int behind = tick->model->mesh->neighbours[tip->place.tet][face];
     vec3 way = tip_way(&tip->place, direction);
@@ -170,12 +203,12 @@ static bool meet_face(const tick_input *tick, insertion_state *state, tick_outpu
     tip->barrier.face = face;
     tip->barrier.entering = false;
     if (tip->barrier.blocked_by != NOT_BLOCKED) return false;
-    cross_face(tick, state, output, face, way);
+    cross_face(tick, state, creep, output, face, way);
     return true;
 }
 
 /* Cuts up to the next face or contact node. Returns the distance left, m. */
-static double advance_once(const tick_input *tick, insertion_state *state, tick_output *output, vec3 direction, double distance) {
+static double advance_once(const tick_input *tick, insertion_state *state, const creep_step *creep, tick_output *output, vec3 direction, double distance) {
     needle_tip *tip = &state->tip;
     double to_face, to_contact = tip->next_contact - tip->place.depth;
     vec3 way = tip_way(&tip->place, direction);
@@ -191,33 +224,33 @@ static double advance_once(const tick_input *tick, insertion_state *state, tick_
     if (to_contact <= part) {
         place_contact(tick, state, output);
         plan_another(tick, state, output, direction);
-    } else if (to_face <= part && meet_face(tick, state, output, face, direction)) {
+    } else if (to_face <= part && meet_face(tick, state, creep, output, face, direction)) {
         left = fmax(left - FACE_CLEARANCE, 0.0);
     }
     return left;
 }
 
 /* Advances until the distance is covered or an obstacle stops the tip. Returns the distance left, m. */
-static double advance(const tick_input *tick, insertion_state *state, tick_output *output, vec3 direction, double distance) {
+static double advance(const tick_input *tick, insertion_state *state, const creep_step *creep, tick_output *output, vec3 direction, double distance) {
     const needle_tip *tip = &state->tip;
     if (isnan(tip->next_contact)) plan_contact(tick, state, output, direction);
     for (int step = 0; step < MAX_STEPS && distance > 0.0 && tip->place.phase == TIP_INSIDE && tip->barrier.blocked_by == NOT_BLOCKED; step++)
-        distance = advance_once(tick, state, output, direction, distance);
+        distance = advance_once(tick, state, creep, output, direction, distance);
     return distance;
 }
 
-void cut_forward(const tick_input *tick, insertion_state *state, tick_output *output, vec3 direction, double distance) {
+void cut_forward(const tick_input *tick, insertion_state *state, const creep_step *creep, tick_output *output, vec3 direction, double distance) {
     const needle_tip *tip = &state->tip;
     bool pierces = true;
     for (int membranes = 0; membranes < MAX_STEPS && pierces; membranes++) {
         vec3 from = tip->place.nominal;
         int tet = tip->place.tet;
-        distance = advance(tick, state, output, direction, distance);
+        distance = advance(tick, state, creep, output, direction, distance);
         old_tracks_cut(state, output, tet, from);
         bool stopped = tip->place.phase == TIP_INSIDE && tip->barrier.blocked_by != NOT_BLOCKED;
         double damage = old_tracks_damage(tick, state, tip->barrier.blocked_by, tip->place.nominal);
         pierces = stopped && overcomes(tip, blocked_resistance(tick->model, tip->place.tet, tip->place.nominal, tip->track.openness, tip->barrier.blocked_by, damage));
-        if (pierces) puncture_barrier(tick, state, output, direction);
+        if (pierces) puncture_barrier(tick, state, creep, output, direction);
         pierces = pierces && tip->place.phase == TIP_INSIDE;
     }
     if (tip->place.phase != TIP_INSIDE) return;

@@ -8,19 +8,19 @@ enum { MAX_STEPS = 256 }; /* elements: most crossed in one step. Cost limit */
 static const double FACE_CLEARANCE = 1e-7; /* m: when the tip crosses a face, it is placed this far past it. Rounding tolerance */
 
 /* Cuts forward by `distance` along this unit direction in the undeformed tissue, and leaves contact nodes where they are due. A membrane whose resistance
-   exceeds the cutting force stops the tip. RT */
-void cut_forward(const tick_input *tick, insertion_state *state, tick_output *output, vec3 direction, double distance);
+   exceeds the cutting force stops the tip. `creep`: NULL if the tissue is at rest. RT */
+void cut_forward(const tick_input *tick, insertion_state *state, const creep_step *creep, tick_output *output, vec3 direction, double distance);
 
 /* Draws the tip back along the track by `distance`, and removes the contact nodes it passes. RT */
 void draw_back(const tick_input *tick, insertion_state *state, tick_output *output, double distance);
 
 /* Punctures the membrane or bone in front of the tip, which is behind it afterwards. RT */
-void puncture_barrier(const tick_input *tick, insertion_state *state, tick_output *output, vec3 direction);
+void puncture_barrier(const tick_input *tick, insertion_state *state, const creep_step *creep, tick_output *output, vec3 direction);
 
 /* Resets the tip once the needle has left the tissue. RT */
 void withdraw_tip(insertion_state *state, tick_output *output);
 
-/* Follows the line from a nominal point in element `tet` to `target`, from element to element as long as it is in tissue. Moves the point to `target` and
+/* Follows the line from a nominal point in element `tet` to `target`, from element to element as long as it is in tissue that does not slide. Moves the point to `target` and
    returns the last element. RT */
 int follow_line(const mesh *m, int tet, vec3 *from, vec3 target);
 

@@ -19,7 +19,7 @@ static vec3 displacement_behind(const tick_input *tick, const insertion_state *s
     for (int k = contacts_active(state) - 1; k >= 0; k--) {
         const shaft_contact *contact = &state->contacts[state->refined.order[k]];
         double depth = contact->depth;
-        if (depth < tip_entry_depth(state)) break; /* the contact is in another body */
+        if (depth < tip_bonded_depth(state)) break; /* the contact is in another body, or in tissue that slides along the tip's */
         vec3 here = carried(tick, state, contact);
         if (depth <= sought) return v3_axpy((sought - depth) / (ahead_depth - depth), v3_sub(ahead, here), here);
         ahead = here;
@@ -40,7 +40,7 @@ static vec3 displacement_ahead(const tick_input *tick, const insertion_state *st
         int face = mesh_exit(m, tet, x, direction, &chord);
         x = v3_axpy(fmin(left, chord), direction, x);
         left -= chord;
-        if (face < 0 || left <= 0.0 || m->neighbours[tet][face] < 0) break;
+        if (face < 0 || left <= 0.0 || mesh_bonded(m, tet, face) < 0) break;
         tet = m->neighbours[tet][face];
     }
     int handles[4];
@@ -56,6 +56,6 @@ vec3 track_gradient(const tick_input *tick, const insertion_state *state, const 
     needle_point end = needle_at(tick->model->needle, &state->needle, tick->model->needle->given.length - state->tip.solved.slip);
     vec3 at_tip = v3_sub(end.position, tip_position(&state->tip.place));
     vec3 ahead = displacement_ahead(tick, state, creep, needle_along(&end), at_tip);
-    double span = tick->model->settings.gradient_span, behind = fmin((state->tip.place.depth - tip_entry_depth(state)) / span, 1.0);
+    double span = tick->model->settings.gradient_span, behind = fmin((state->tip.place.depth - tip_bonded_depth(state)) / span, 1.0);
     return v3_scale(0.5 * behind / span, v3_sub(ahead, displacement_behind(tick, state, at_tip)));
 }

@@ -29,7 +29,7 @@ static tick_output go(lockstep *l, double slip) {
 static tick_output break_through(lockstep *l) {
     tick_output wrench = {.membrane = -1};
     l->state.tip.solved.slip = 1e-6;
-    tip_puncture(&(tick_input){.model = &l->parts.insertion}, &l->state, &wrench);
+    tip_puncture(&(tick_input){.model = &l->parts.insertion}, &l->state, NULL, &wrench);
     return wrench;
 }
 

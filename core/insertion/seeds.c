@@ -24,12 +24,6 @@ static const shaft_contact *contact_behind(const insertion_state *state, const t
     return contact && contact->depth < tip_entry_depth(state) ? NULL : contact;
 }
 
-/* Returns the nominal element of the track at contact k, counted from the base. */
-static int element_of(const mesh *m, const insertion_state *state, int k, vec3 at) {
-    double weights[4];
-    return refinement_element(m, &state->refined, 0, state->refined.nodes[state->refined.order[k]].tet, at, weights);
-}
-
 /* Moves the site back along the track to this depth, which must be in the tip's body. */
 static void go_back(const insertion_model *model, const insertion_state *state, double depth, track_site *site) {
     double entry = tip_entry_depth(state);
@@ -37,15 +31,17 @@ static void go_back(const insertion_model *model, const insertion_state *state, 
     vec3 start = gap >= 0 ? state->strata[gap + 1].point : state->entry;
     while (site->depth > depth) {
         const shaft_contact *contact = contact_behind(state, site);
-        double goal_depth = contact ? contact->depth : entry, length = site->depth - goal_depth;
-        vec3 goal = contact ? v3_sub(contact->track, contact->beside) : start;
+        int sliding = last_sliding(state, site->depth);
+        const stratum *surface = sliding >= 0 && state->strata[sliding].depth > (contact ? contact->depth : entry) ? &state->strata[sliding] : NULL;
+        double goal_depth = surface ? surface->depth : contact ? contact->depth : entry, length = site->depth - goal_depth;
+        vec3 goal = surface ? surface->point : contact ? v3_sub(contact->track, contact->beside) : start;
         bool beyond = length <= site->depth - depth;
         vec3 target = beyond ? goal : v3_axpy((site->depth - depth) / length, v3_sub(goal, site->at), site->at);
-        if (beyond && contact) site->tet = element_of(model->mesh, state, site->next, site->at = target); /* the tissue may slide between the two */
-        else site->tet = follow_line(model->mesh, site->tet, &site->at, target);
+        site->tet = follow_line(model->mesh, site->tet, &site->at, target);
         site->depth = beyond ? goal_depth : depth;
-        if (!beyond || !contact) return;
-        site->next--;
+        if (!beyond || !(surface || contact)) return;
+        if (surface) *site = (track_site){surface->depth - FACE_CLEARANCE, surface->left, surface->left_tet, site->next};
+        else site->next--;
     }
 }
 

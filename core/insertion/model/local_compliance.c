@@ -54,9 +54,15 @@ trocar_status local_create(insertion_model *model, trocar_error *why) {
     model->weight = 0.0;
     for (int e = 0; e < m->tet_count; e++)
         for (int c = 0; c < 4; c++) {
-            count[m->tets[e][c]]++;
-            add_moduli(model, m->tets[e][c], &model->materials[m->region[e]]);
+            int place = mesh_place(m, m->tets[e][c]); /* nodes at the same place share the mean over both sides, so that it is continuous where tissue slides */
+            count[place]++;
+            add_moduli(model, place, &model->materials[m->region[e]]);
         }
+    for (size_t i = 0; i < n; i++) {
+        size_t place = (size_t)mesh_place(m, (int)i);
+        for (size_t k = 0; k < 4 && place != i; k++) sums[k * n + i] = sums[k * n + place];
+        count[i] = count[place];
+    }
     for (size_t i = 0; i < n; i++) model->stiffens = model->stiffens || model->local.stiffening[i] > 0.0;
     for (size_t i = 0; i < 4 * n; i++) sums[i] /= count[i % n];
     free(count);

@@ -152,9 +152,11 @@ enum { IN_A_GAP = -1 };
 typedef struct {
     double depth;            /* m */
     int region;              /* group index, or IN_A_GAP */
-    bool slides;             /* the tissue slides on the surface where the stratum begins */
     int tet;                 /* element where the stratum begins; for a gap, the element in which the track left the tissue */
     vec3 point;              /* m, nominal: where the stratum begins */
+    bool slides;             /* the stratum begins at a surface on which the tissue slides; the members below are used only then */
+    int left_tet;            /* element on the other side, which the track left there */
+    vec3 left;               /* m, nominal: where it left that element, a distance of FACE_CLEARANCE before the stratum begins */
 } stratum;
 
 /* Where the needle is relative to a guide. */

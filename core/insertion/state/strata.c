@@ -23,10 +23,15 @@ double tip_entry_depth(const insertion_state *state) {
     return gap >= 0 ? state->strata[gap + 1].depth : 0.0;
 }
 
-double tip_bonded_depth(const insertion_state *state) {
+int last_sliding(const insertion_state *state, double depth) {
     int k = state->stratum_count - 1;
-    while (k > 0 && !state->strata[k].slides) k--;
-    return fmax(k > 0 ? state->strata[k].depth : 0.0, tip_entry_depth(state));
+    while (k >= 0 && !(state->strata[k].slides && state->strata[k].depth < depth)) k--;
+    return k;
+}
+
+double tip_bonded_depth(const insertion_state *state) {
+    int k = last_sliding(state, INFINITY);
+    return fmax(k >= 0 ? state->strata[k].depth : 0.0, tip_entry_depth(state));
 }
 
 void drop_strata_ahead(insertion_state *state) {

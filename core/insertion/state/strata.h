@@ -17,6 +17,9 @@ void drop_strata_ahead(insertion_state *state);
    surface on which the tissue slides. RT */
 double tip_bonded_depth(const insertion_state *state);
 
+/* Returns the index of the last stratum that begins less deep than `depth`, at a surface on which the tissue slides; -1 if there is none. RT */
+int last_sliding(const insertion_state *state, double depth);
+
 /* Returns the index of the last gap in the list of strata, or -1. RT */
 int last_gap(const insertion_state *state);
 

@@ -127,35 +127,42 @@ static vec3 point_across(const tick_input *tick, const insertion_state *state, c
 }
 
 /* Moves the tip to the other side of a face along which the tissue slides. The track continues in the tissue that lies at the tip now, which may have been
-   elsewhere at rest. A contact at the end of the track on this side lets the tip find its way back. */
-static void change_sides(const tick_input *tick, insertion_state *state, const creep_step *creep, tick_output *output, int next) {
+   elsewhere at rest. */
+static void change_sides(const tick_input *tick, insertion_state *state, const creep_step *creep, int next) {
     const mesh *m = tick->model->mesh;
     tip_place *place = &state->tip.place;
     vec3 across = point_across(tick, state, creep, next);
     double weights[4], sum = 0.0;
-    if (wants_contact_at_exit(tick, state, place->depth)) place_contact(tick, state, output);
     place->tet = follow_line(m, next, &place->nominal, across);
     mesh_barycentric(m, place->tet, across, weights);
     for (int c = 0; c < 4; c++) sum += weights[c] = fmax(weights[c], 0.0); /* where the surface is curved, the point may lie outside */
     for (int c = 0; c < 4; c++) weights[c] /= sum;
     place->nominal = mesh_point(m, place->tet, weights);
+    state->tip.solved.friction = STICK; /* on this side, the tip has not dented the tissue yet, so there is no rebound to be damped */
+    state->tip.dent.offset = 0.0;
+    state->tip.dent.damping = v3(0, 0, 0);
 }
 
 /* Crosses a face: the tip enters the element behind it or leaves the tissue. */
 static void cross_face(const tick_input *tick, insertion_state *state, const creep_step *creep, tick_output *output, int face, vec3 direction) {
     needle_tip *tip = &state->tip;
     int next = tick->model->mesh->neighbours[tip->place.tet][face], before = state->stratum_count;
-    bool slides = mesh_slides(tick->model->mesh, tip->place.tet, face);
+    const tip_place left = tip->place;
     if (next < 0) {
         exit_tissue(tick, state, output);
         return;
     }
-    if (slides) change_sides(tick, state, creep, output, next);
+    bool slides = mesh_slides(tick->model->mesh, left.tet, face);
+    if (slides) change_sides(tick, state, creep, next);
     else tip->place.tet = next;
     tip->place.nominal = v3_axpy(FACE_CLEARANCE, direction, tip->place.nominal);
     tip->place.depth += FACE_CLEARANCE;
     enter_stratum(tick, state, output);
-    if (state->stratum_count > before) state->strata[before].slides = slides;
+    if (slides && state->stratum_count > before) {
+        state->strata[before].slides = true;
+        state->strata[before].left_tet = left.tet;
+        state->strata[before].left = left.nominal;
+    }
     plan_contact(tick, state, output, direction);
 }
 
@@ -258,24 +265,28 @@ void cut_forward(const tick_input *tick, insertion_state *state, const creep_ste
     if (isfinite(left)) plan_exit(tick, state, output, tip_way(&tip->place, direction), left);
 }
 
-/* The track behind the tip, back to the last contact or, if this body has none, to where the tip entered it. */
+/* The track behind the tip, back to the last contact, to a surface on which the tissue slides or, if neither is in this body, to where the tip entered it. */
 typedef struct {
-    const shaft_contact *contact; /* NULL if there is no contact in this body */
-    int gap;                      /* index of the gap before this body, or -1 */
-    double length;                /* m */
+    const shaft_contact *contact; /* NULL if the way does not end at a contact */
+    int surface;             /* index of the stratum that begins at the surface where the way ends, or -1 */
+    int gap;                 /* index of the gap before this body, or -1 */
+    double length;           /* m */
 } way_back;
 
 static way_back find_way_back(const insertion_state *state) {
     const shaft_contact *last = last_contact(state);
-    double entry = tip_entry_depth(state);
+    double depth = state->tip.place.depth, entry = tip_entry_depth(state);
+    int surface = last_sliding(state, depth);
     if (last && last->depth < entry) last = NULL; /* the last contact is in a previous body */
-    return (way_back){last, last_gap(state), state->tip.place.depth - (last ? last->depth : entry)};
+    double end = last ? last->depth : entry;
+    if (surface >= 0 && state->strata[surface].depth > end) return (way_back){NULL, surface, -1, depth - state->strata[surface].depth};
+    return (way_back){last, -1, last_gap(state), depth - end};
 }
 
 /* Moves the tip back by `distance`, which must be less than way->length. */
 static void go_back(const mesh *m, insertion_state *state, const way_back *way, double distance) {
     needle_tip *tip = &state->tip;
-    vec3 goal = way->contact ? way->contact->track : way->gap >= 0 ? state->strata[way->gap + 1].point : state->entry;
+    vec3 goal = way->contact ? way->contact->track : way->surface >= 0 ? state->strata[way->surface].point : way->gap >= 0 ? state->strata[way->gap + 1].point : state->entry;
     vec3 beside = way->contact ? way->contact->beside : v3(0, 0, 0);
     goal = v3_sub(goal, beside);
     vec3 target = v3_axpy(distance / way->length, v3_sub(goal, tip->place.nominal), tip->place.nominal);
@@ -285,13 +296,24 @@ static void go_back(const mesh *m, insertion_state *state, const way_back *way, 
     drop_strata_ahead(state);
 }
 
+/* Moves the tip back across a surface on which the tissue slides, to where the track left the other side. */
+static void return_across(insertion_state *state, const stratum *surface) {
+    tip_place *place = &state->tip.place;
+    place->tet = surface->left_tet;
+    place->nominal = surface->left;
+    place->depth = surface->depth - FACE_CLEARANCE;
+    set_beside(&state->tip, v3(0, 0, 0));
+    drop_strata_ahead(state);
+}
+
 void draw_back(const tick_input *tick, insertion_state *state, tick_output *output, double distance) {
     state->tip.barrier.blocked_by = NOT_BLOCKED;
     drop_plan(state);
     way_back way = find_way_back(state);
-    for (; distance > 0.0 && distance >= way.length && way.contact; way = find_way_back(state)) {
+    for (; distance > 0.0 && distance >= way.length && (way.contact || way.surface >= 0); way = find_way_back(state)) {
         distance -= fmax(way.length, 0.0);
-        return_to_contact(tick, state, output);
+        if (way.contact) return_to_contact(tick, state, output);
+        else return_across(state, &state->strata[way.surface]);
     }
     if (!(distance > 0.0)) return;
     if (distance < way.length) go_back(tick->model->mesh, state, &way, distance);

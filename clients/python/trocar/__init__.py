@@ -314,7 +314,7 @@ class Scene:
         return text
 
     def names(self, list_: str) -> list[str]:
-        """Returns the names of the entries of a list: "regions", "membranes" or "guides"."""
+        """Returns the names of the entries of a list: "regions", "membranes", "sliding" or "guides"."""
         return [str(self[f"{list_}[{i}].name"]) for i in range(self._count(list_))]
 
     def impenetrable(self) -> list[str]:

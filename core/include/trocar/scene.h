@@ -36,7 +36,7 @@ TROCAR_API trocar_status trocar_scene_set_number(trocar_scene *scene, const char
 TROCAR_API trocar_status trocar_scene_get(const trocar_scene *scene, const char *key, char *value, size_t size, trocar_error *error);
 TROCAR_API trocar_status trocar_scene_get_number(const trocar_scene *scene, const char *key, double *value, trocar_error *error);
 
-/* Returns the number of entries of "regions", "membranes", "calcifications", "guides", "fixed" or "relaxation"; -1 for any other key. [one] */
+/* Returns the number of entries of "regions", "membranes", "sliding", "calcifications", "guides", "fixed" or "relaxation"; -1 for any other key. [one] */
 TROCAR_API int trocar_scene_count(const trocar_scene *scene, const char *list);
 
 /* Returns the path that was passed to trocar_scene_load, or "" if the scene was not loaded from a file. Valid as long as the scene exists. [one] */

@@ -2,17 +2,21 @@
 
    usage: solve_tissue MESH <INPUT >OUTPUT
    INPUT, one item per line: `strain patch`, `strain node` or `strain element` (volumetric_strain), `material REGION E NU`,
-   `membrane SURFACE STIFFNESS NU` (N/m), `fixed GROUP`, `case` (begins a load case), `load NODE FX FY FZ`.
-   OUTPUT: x y z of each node (m), then, for each case, ux uy uz of each node (m), all with 17 digits. */
+   `membrane SURFACE STIFFNESS NU` (N/m), `sliding SURFACE REGION NORMAL SHEAR` (N/m^3; one at most, before any `fixed`), `fixed GROUP`, `case` (begins a load
+   case), `load NODE FX FY FZ`.
+   OUTPUT: x y z of each node (m), then, for each case, ux uy uz of each node (m), all with 17 digits. Where the tissue slides, the nodes added on one side come
+   last. */
 #include <stdlib.h>
 #include <string.h>
 
 #include "inverse/inverse.h"
+#include "mesh/sliding_surface.h"
 
 typedef struct {
     mesh mesh;
     region_material materials[MESH_MAX_GROUPS];
     membrane_material membranes[MESH_MAX_GROUPS];
+    sliding_material sliding[MESH_MAX_GROUPS];
     volumetric_strain strain;
     bool *fixed;
     tissue tissue;
@@ -41,6 +45,29 @@ static trocar_status set_membrane(problem *p, const char *line, trocar_error *wh
     if (group < 0) return fail(why, TROCAR_BAD_INPUT, "membrane: the mesh has no surface '%s'", name);
     p->membranes[group] = material;
     return TROCAR_OK;
+}
+
+static trocar_status make_arrays(problem *p, trocar_error *why) {
+    size_t n = (size_t)p->mesh.node_count;
+    free(p->fixed);
+    free(p->force);
+    free(p->displacement);
+    p->fixed = calloc(n, sizeof *p->fixed);
+    p->force = calloc(n, sizeof *p->force);
+    p->displacement = calloc(n, sizeof *p->displacement);
+    return p->fixed && p->force && p->displacement ? TROCAR_OK : fail(why, TROCAR_NO_MEMORY, "no memory for %zu nodes", n);
+}
+
+static trocar_status set_sliding(problem *p, const char *line, trocar_error *why) {
+    char name[MESH_NAME], region[MESH_NAME];
+    sliding_material material;
+    if (sscanf(line, "sliding %63s %63s %lf %lf", name, region, &material.normal, &material.shear) != 4)
+        return fail(why, TROCAR_BAD_INPUT, "'%s': expected: sliding SURFACE REGION NORMAL SHEAR", line);
+    sliding_surface surface = {mesh_find_group(&p->mesh, name, 2), mesh_find_group(&p->mesh, region, 3)};
+    if (surface.group < 0 || surface.beside < 0) return fail(why, TROCAR_BAD_INPUT, "sliding: the mesh has no surface '%s' or no region '%s'", name, region);
+    p->sliding[surface.group] = material;
+    trocar_status status = mesh_let_slide(&p->mesh, 1, &surface, "mesh", why);
+    return status == TROCAR_OK ? make_arrays(p, why) : status;
 }
 
 static trocar_status set_strain(problem *p, const char *line, trocar_error *why) {
@@ -86,6 +113,7 @@ static trocar_status factorise(problem *p, trocar_error *why) {
     trocar_status status = tissue_define(&p->mesh, p->materials, p->fixed, p->strain, &p->tissue, why);
     if (status != TROCAR_OK) return status;
     p->tissue.membranes = p->membranes;
+    p->tissue.sliding = p->sliding;
     status = tissue_factor(&p->tissue, 0, NULL, why);
     return status == TROCAR_OK ? inverse_create_sparse(&p->tissue, SPARSE_CACHE, &p->inverse, why) : status;
 }
@@ -94,6 +122,7 @@ static trocar_status factorise(problem *p, trocar_error *why) {
 static trocar_status begin_case(problem *p, trocar_error *why) {
     solve_case(p);
     trocar_status status = p->loaded ? TROCAR_OK : factorise(p, why);
+    if (!p->loaded) print_vectors(p->mesh.node_count, p->mesh.nodes);
     p->loaded = true;
     return status;
 }
@@ -104,18 +133,14 @@ static trocar_status read_line(problem *p, const char *line, trocar_error *why) 
     if (strncmp(line, "fixed ", 6) == 0) return fix_group(p, line, why);
     if (strncmp(line, "strain ", 7) == 0) return set_strain(p, line, why);
     if (strncmp(line, "membrane ", 9) == 0) return set_membrane(p, line, why);
+    if (strncmp(line, "sliding ", 8) == 0) return set_sliding(p, line, why);
     return set_material(p, line, why);
 }
 
 static trocar_status run(const char *path, problem *p, trocar_error *why) {
     trocar_status status = mesh_read(path, &p->mesh, why);
     if (status != TROCAR_OK) return status;
-    size_t n = (size_t)p->mesh.node_count;
-    p->fixed = calloc(n, sizeof *p->fixed);
-    p->force = calloc(n, sizeof *p->force);
-    p->displacement = calloc(n, sizeof *p->displacement);
-    if (!p->fixed || !p->force || !p->displacement) return fail(why, TROCAR_NO_MEMORY, "no memory for %zu nodes", n);
-    print_vectors(p->mesh.node_count, p->mesh.nodes);
+    status = make_arrays(p, why);
 
     char line[256];
     while (status == TROCAR_OK && fgets(line, sizeof line, stdin)) {

@@ -203,10 +203,12 @@ def point_load(model, points, force):
 
 # ---- solutions: displacements (cases, n, 3) ----
 
-def solve_core(rows, model, materials, fixed, cases, strain="patch", membranes=None):
+def solve_core(rows, model, materials, fixed, cases, strain="patch", membranes=None, sliding=()):
     """Solves with trocar's core. `materials` is keyed by region name, `fixed` has names of groups, and `cases` has nodal forces. `strain` is the set over which
-    volumetric strain is averaged: "patch", "node" or "element". `membranes` is keyed by surface name: (stiffness in N/m, nu)."""
-    lines = [f"strain {strain}"] + [f"membrane {name} {stiffness!r} {nu!r}" for name, (stiffness, nu) in (membranes or {}).items()]
+    volumetric strain is averaged: "patch", "node" or "element". `membranes` is keyed by surface name: (stiffness in N/m, nu). `sliding`: a surface, the region
+    on one side, and the normal and shear stiffness (N/m^3); the nodes added there come last in the result."""
+    lines = [f"strain {strain}"] + ([f"sliding {sliding[0]} {sliding[1]} {sliding[2]!r} {sliding[3]!r}"] if sliding else [])
+    lines += [f"membrane {name} {stiffness!r} {nu!r}" for name, (stiffness, nu) in (membranes or {}).items()]
     lines += [f"material {name} {e!r} {nu!r}" for name, (e, nu) in materials.items()] + [f"fixed {name}" for name in fixed]
     for force in cases:
         loaded = np.flatnonzero(np.any(force != 0, axis=1))
@@ -216,7 +218,7 @@ def solve_core(rows, model, materials, fixed, cases, strain="patch", membranes=N
     if done.returncode:
         sys.exit(f"solve_tissue: status {done.returncode}: {done.stderr}")
     values = np.array(done.stdout.split(), float).reshape(1 + len(cases), -1, 3)
-    if not np.array_equal(values[0], model.nodes):
+    if not np.array_equal(values[0][:len(model.nodes)], model.nodes):
         sys.exit(f"{model.path}: solve_tissue orders the nodes differently from tissue_model.py")
     return values[1:]
 

@@ -716,9 +716,11 @@ trocar_client_answer trocar_client_reply(trocar_client *c, char *why, size_t siz
 
 trocar_client_state trocar_client_get_state(trocar_client *c, char *why, size_t size) {
     static const char *const texts[] = {
-        "no wrench arrives: there is no server, another client holds the needle, or the scene has no such needle; trocar-top shows which",
-        "the server refuses this client: it has another secret, or none", "the server has too many clients", "the server does not answer: check that it runs with --listen, the "
-        "address and the firewall"};
+        [LINK_GOOD] = "no wrench arrives: there is no server, another client holds the needle, or the scene has no such needle; trocar-top shows which",
+        [LINK_WRONG_SECRET] = "the server refuses this client: it has another secret, or none",
+        [LINK_FULL] = "the server has too many clients",
+        [LINK_SILENT] = "the server does not answer: check that it runs with --listen, the address and the firewall",
+    };
     unsigned fault = peek_word(&c->link_fault);
     slots_renew(&c->wrench_slots);
     double arrival = c->wrenches[c->wrench_slots.front].arrival;

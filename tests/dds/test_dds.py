@@ -1,6 +1,7 @@
 #!/usr/bin/python3
 """Tests trocar-dds between a server and dds_peer, which plays the part of a ROS node: the topics' names and types; the bytes of the messages, decoded here from
-the ROS message definitions; poses and wrenches, compared with those on LCM; refused poses; a second publisher; and the release of the needle.
+the ROS message definitions; poses and wrenches, compared with those on LCM; refused poses; a second publisher; the release of the needle; and an insertion
+through the virtual coupling, which is the default.
 
 usage: test_dds.py BUILD_DIR SOURCE_DIR     Exit status 77: network namespaces are not available.
 """
@@ -144,6 +145,19 @@ def meets_as_ros_would(peer):
     wait(lambda: set(peer.samples["endpoint"]) == wanted, lambda: f"endpoints {peer.samples['endpoint']}")
 
 
+def rest(peer, network, position, orientation=(0, 0, 0, 1)):
+    """Publishes this pose until it has been on LCM for half a second, however late that is on a busy machine."""
+    arrived = []
+
+    def stays():
+        peer.publish(position, orientation)
+        time.sleep(0.01)
+        if not arrived and abs(network.poses[-1][2] - position[2]) < 1e-12:
+            arrived.append(time.monotonic())
+        return arrived and time.monotonic() - arrived[0] > 0.5
+    wait(stays, lambda: f"{position} does not arrive, but {network.poses[-1]}")
+
+
 def drives_a_needle(peer, network):
     """Advances the needle by 30 mm, turned by 0.5 rad, at 100 poses per second."""
     turn = (0, 0, math.sin(0.25), math.cos(0.25))
@@ -157,9 +171,7 @@ def drives_a_needle(peer, network):
         due += 0.01
         time.sleep(max(0, due - time.monotonic()))
     last = published[-1]
-    for _ in range(60):
-        peer.publish(last, turn)
-        time.sleep(0.01)
+    rest(peer, network, last, turn)
     heights = [pose[2] for pose in network.poses]
     assert all(a <= b for a, b in zip(heights, heights[1:])), "the needle moves back"
     between = len(set(heights) - {position[2] for position in published})
@@ -246,6 +258,23 @@ def respects_quality_of_service(network):
     elsewhere.end()
 
 
+def is_coupled(peer, network):
+    """With default options, the needle hangs on the coupling's spring, whose stiffness is at most 400 N/m: it is less deep than the hand by the force over the
+    stiffness."""
+    bridge = Bridge()
+    network.wrenches.clear()
+    wait(lambda: peer.publish(START) or time.sleep(0.01) or network.wrenches, "no wrench")
+    for i in range(101):
+        peer.publish((START[0], START[1], START[2] + 0.030 * i / 100))
+        time.sleep(0.01)
+    rest(peer, network, (START[0], START[1], START[2] + 0.030))
+    lag, force = 0.029 - network.wrenches[-1][6], -network.wrenches[-1][2]
+    print(f"coupled: {1e3 * lag:.2f} mm less deep at {force:.4f} N, {force / lag:.0f} N/m")
+    assert force > 0.1 and 50 < force / lag < 440, (force, lag)
+    assert peer.samples["wrench"][-1][2][2] < -0.1, "no force reaches ROS"
+    bridge.end()
+
+
 def main():
     in_namespace(SOURCE)
     refuses_bad_options()
@@ -262,8 +291,9 @@ def main():
         heeds_one_publisher(peer, network, bridge)
         releases_the_needle(peer, network, bridge)
         respects_quality_of_service(network)
-        peer.end()
         bridge.end()
+        is_coupled(peer, network)
+        peer.end()
     finally:
         for process in (server, peer.process, bridge.process):
             process.kill()

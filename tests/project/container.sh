@@ -54,8 +54,8 @@ asked=$(now)
 podman exec trocar-trial trocar-device --script insert --scene /usr/share/trocar/scenes/prostate.yaml --csv /tmp/wrenches.csv >"$work/device" 2>&1 || fail "the device"
 ended=$(now)
 podman exec trocar-trial cat /tmp/wrenches.csv >"$work/wrenches.csv"
-after_force=$(awk -F, 'NR == 2, 0 { if (!felt && $2 ^ 2 + $3 ^ 2 + $4 ^ 2 > 0) { felt = 1; first = $1 } last = $1 } END { if (!felt) exit 1; printf "%.0f", 1e9 * (last - first) }' \
-    "$work/wrenches.csv") || fail "no forces inside"
+after_force=$(awk -F, 'NR > 1 && !felt && $2 ^ 2 + $3 ^ 2 + $4 ^ 2 > 0 { felt = 1; first = $1 }
+    END { if (!felt) exit 1; printf "%.0f", 1e9 * ($1 - first) }' "$work/wrenches.csv") || fail "no forces inside" # in ns, to the last wrench
 exec_to_force=$((ended - asked - after_force)) # too long by what trocar-device does after its last wrench
 stop
 

@@ -286,8 +286,8 @@ def wait_until(condition, longest=10):
         time.sleep(0.001)
 
 
-HEAD = ["Attack, %d s each" % SECONDS, "Attacker's datagrams", "Poses moved / relayed twice", "Periods answered", "Largest force", "Wrenches lost or overtaken, at the client",
-        "Lateness, median p99", "Late ticks", "Relay thread"]
+HEAD = ["Attack, %d s each" % SECONDS, "Attacker's datagrams", "Poses moved / relayed twice", "Periods answered", "Largest force",
+        "Wrenches lost or overtaken, at the client", "Lateness, median p99", "Late ticks", "Relay thread"]
 Cost = collections.namedtuple("Cost", "answered lost missed late")      # fractions of the periods, wrenches and ticks; median of the p99 lateness, s
 
 

@@ -23,6 +23,7 @@ using System.Globalization;
 using System.IO;
 using System.Net;
 using System.Net.Sockets;
+using System.Runtime.InteropServices;
 using System.Security.Cryptography;
 using System.Text;
 using System.Threading;
@@ -271,6 +272,18 @@ public enum TrocarAnswer {
     Unanswered,
 }
 
+/// <summary>State of the connection. Over multicast, it is Answered or Unanswered.</summary>
+public enum TrocarState {
+    /// <summary>Wrenches arrive.</summary>
+    Answered,
+    /// <summary>No wrench arrives, as when another client holds the needle.</summary>
+    Unanswered,
+    /// <summary>The server at udp://HOST:PORT does not answer.</summary>
+    Disconnected,
+    /// <summary>The server at udp://HOST:PORT refused this client the last time it answered.</summary>
+    Refused,
+}
+
 /// <summary>The wrench to render. While no wrenches arrive, all members are zero, except Membrane, which is -1.</summary>
 public sealed class TrocarWrench {
     /// <summary>N, world frame: force exerted on the hand by the needle's base.</summary>
@@ -392,7 +405,13 @@ public sealed class TrocarClient : IDisposable {
         force = new Limiter(options.MaxForce, options.MaxForceRate);
         torque = new Limiter(options.MaxTorque, options.MaxTorqueRate);
         session = RandomSession();
-        network = Connect();
+        Timers.Raise(true);
+        try {
+            network = Connect();
+        } catch {
+            Timers.Raise(false);
+            throw;
+        }
         thread = new Thread(ReceiveUntilEnd) { IsBackground = true, Name = "trocar", Priority = ThreadPriority.Highest };
         thread.Start();
     }
@@ -405,6 +424,7 @@ public sealed class TrocarClient : IDisposable {
         thread.Join();
         Send(TrocarCommand.Release, 0, 0, 0);
         network.Dispose();
+        Timers.Raise(false);
     }
 
     /// <summary>Sends a pose of the needle's base: its position in m, and its orientation as w, x, y, z. Returns false, and sends nothing, if a
@@ -448,6 +468,20 @@ public sealed class TrocarClient : IDisposable {
         bool lessForce = force.Limit(wrench.Force, gain, period), lessTorque = torque.Limit(wrench.Torque, gain, period);
         if (lessForce || lessTorque) wrench.Flags |= TrocarFlags.Saturated;
         return true;
+    }
+
+    /// <summary>Returns the state of the connection. If it is not Answered, <c>reason</c> says why. The client keeps trying to connect in every
+    /// state.</summary>
+    public TrocarState State(out string reason) {
+        double now = Clock.Now();
+        lock (guard) {
+            reason = "";
+            if (newestAt != 0 && now - newestAt < options.Watchdog) return TrocarState.Answered;
+        }
+        TrocarState state = network.State(out reason);
+        if (state == TrocarState.Unanswered)
+            reason = "no wrench arrives: there is no server, another client holds the needle, or the scene has no such needle; trocar-top shows which";
+        return state;
     }
 
     // Commands for the client's needle. A command is sent at once, and the server's reply arrives later: see Reply. Only one command may be pending:
@@ -554,8 +588,7 @@ public sealed class TrocarClient : IDisposable {
             reason = error.Message;
         }
         if (!echoed)
-            throw new InvalidOperationException("LCM cannot connect to \"" + lcm.Url + "\" (" + reason + "): check the address, the firewall and " +
-                "the multicast route. On a single machine without a network, as root: ip link set lo multicast on && ip route add 239.255.76.67/32 dev lo");
+            throw new InvalidOperationException("LCM cannot connect to \"" + lcm.Url + "\" (" + reason + "): " + Lcm.Advice);
     }
 
     void ReceiveUntilEnd() {
@@ -641,6 +674,23 @@ internal sealed class Limiter {
 internal static class Clock {
     internal static double Now() { return (double)Stopwatch.GetTimestamp() / Stopwatch.Frequency; } // s, monotonic
     internal static long Wall() { return (DateTime.UtcNow.Ticks - 621355968000000000) / 10; }       // us since 1970
+}
+
+// On Windows, sleeps last a multiple of 16 ms by default, and the server ramps the force to zero if no pose arrives for 10 ms. While a client is open, the
+// resolution is 1 ms.
+internal static class Timers {
+    internal static readonly bool OnWindows = Environment.OSVersion.Platform == PlatformID.Win32NT;
+
+    internal static void Raise(bool raise) {
+        if (!OnWindows) return;
+        if (raise) timeBeginPeriod(1);
+        else timeEndPeriod(1);
+    }
+
+    [DllImport("winmm.dll")]
+    static extern uint timeBeginPeriod(uint milliseconds);
+    [DllImport("winmm.dll")]
+    static extern uint timeEndPeriod(uint milliseconds);
 }
 
 // ---- LCM: see trocar_client.c for the protocol. -------------------------------------------------------------------------------
@@ -743,6 +793,7 @@ internal interface INetwork : IDisposable {
     BigEndianWriter Begin(string channel, ulong fingerprint);
     void Send(bool mustPass = false);
     void Receive(); // waits up to 50 ms for a datagram and handles it
+    TrocarState State(out string reason); // Unanswered if the connection is good
 }
 
 internal sealed class Lcm : INetwork {
@@ -785,14 +836,27 @@ internal sealed class Lcm : INetwork {
             receiver.SetSocketOption(SocketOptionLevel.Socket, SocketOptionName.ReuseAddress, true);
             if (buffer > 0) receiver.ReceiveBufferSize = buffer;
             // Windows cannot bind to the multicast group, which elsewhere keeps out other datagrams
-            bool windows = Environment.OSVersion.Platform == PlatformID.Win32NT;
-            receiver.Bind(new IPEndPoint(windows ? IPAddress.Any : group.Address, group.Port));
+            receiver.Bind(new IPEndPoint(Timers.OnWindows ? IPAddress.Any : group.Address, group.Port));
             receiver.SetSocketOption(SocketOptionLevel.IP, SocketOptionName.AddMembership, new MulticastOption(group.Address));
         } catch (SocketException error) {
             Dispose();
-            throw new InvalidOperationException("LCM cannot connect to \"" + Url + "\" (" + error.Message + "): check the address and the multicast route. " +
-                "On a single machine without a network, as root: ip link set lo multicast on && ip route add 239.255.76.67/32 dev lo", error);
+            throw new InvalidOperationException("LCM cannot connect to \"" + Url + "\" (" + error.Message + "): " + Advice, error);
         }
+    }
+
+    // Mono reports macOS as Unix, but only Linux has this folder.
+    internal static string Advice {
+        get {
+            return "check the address, the firewall and the multicast route. " + (Directory.Exists("/proc/sys/net")
+                ? "On a single machine without a network, as root: ip link set lo multicast on && ip route add 239.255.76.67/32 dev lo"
+                : "With several network adapters (Wi-Fi, VPN, virtual machines), the system may have chosen the wrong one. Without multicast, connect to " +
+                  "udp://HOST:PORT of a server with --listen");
+        }
+    }
+
+    public TrocarState State(out string reason) {
+        reason = "";
+        return TrocarState.Unanswered;
     }
 
     public void Dispose() {
@@ -930,7 +994,7 @@ internal sealed class Unicast : INetwork {
     readonly BigEndianWriter packet = new BigEndianWriter(), sign = new BigEndianWriter();
     readonly BigEndianReader reader = new BigEndianReader();
     double askedAt = double.NegativeInfinity, keptAt = double.NegativeInfinity, heardAt;
-    byte refused;
+    volatile byte refused; // why the server refuses this client; 0 if it does not
     ulong newest, seen; // anti-replay window: the largest counter received; bit i of `seen` is set if newest - i was received
 
     // Shared by both threads; `guard` protects them.
@@ -946,9 +1010,12 @@ internal sealed class Unicast : INetwork {
         int colon = url.LastIndexOf(':'), port;
         if (colon <= 6 || !int.TryParse(url.Substring(colon + 1), NumberStyles.None, CultureInfo.InvariantCulture, out port) || port < 1 || port > 65535)
             throw new InvalidOperationException("cannot connect to \"" + url + "\": a server with --listen has an address such as udp://192.168.1.5:7668");
+        string host = url.Substring(6, colon - 6);
+        if (host.IndexOf(':') >= 0)
+            throw new InvalidOperationException("cannot connect to \"" + url + "\": IPv6 is not supported; give an IPv4 address");
         socket = new Socket(AddressFamily.InterNetwork, SocketType.Dgram, ProtocolType.Udp);
         try {
-            socket.Connect(url.Substring(6, colon - 6), port);
+            socket.Connect(host, port);
             Disconnect();
             for (double end = Clock.Now() + LongestHandshake; toServer == null && refused == 0 && Clock.Now() < end;) Try();
         } catch (SocketException error) {
@@ -962,6 +1029,15 @@ internal sealed class Unicast : INetwork {
     }
 
     public void Dispose() { socket.Close(); }
+
+    public TrocarState State(out string reason) {
+        byte fault = refused;
+        bool connected;
+        lock (guard) connected = toServer != null;
+        reason = fault == Full ? "the server has too many clients" : fault != 0 ? "the server refuses this client: it has another secret, or none"
+            : connected ? "" : "the server does not answer: check that it runs with --listen, the address and the firewall";
+        return fault != 0 ? TrocarState.Refused : connected ? TrocarState.Unanswered : TrocarState.Disconnected;
+    }
 
     static byte[] ReadSecret(string path) {
         byte[] bytes = new byte[0];
@@ -1098,6 +1174,7 @@ internal sealed class Unicast : INetwork {
         if (kind == Kind.Refused) refused = reason;
         if (kind == Kind.Cookie) SendHandshake(Kind.Connect, datagram, Head + Nonce);
         if (kind != Kind.Welcome) return;
+        refused = 0;
         lock (guard) {
             toServer = MakeKey("to server");
             toClient = MakeKey("to client");

@@ -78,7 +78,7 @@ public sealed class TrocarNeedle : MonoBehaviour {
 
     void OnDisable() {
         lock (guard) ends = true;
-        thread.Join(); // up to ten seconds if the network is down
+        thread.Join(); // a few ms; while the client is still connecting, up to ten seconds over multicast, and two over unicast once the host's name is known
         Show();
     }
 
@@ -159,7 +159,6 @@ public sealed class TrocarNeedle : MonoBehaviour {
         double[] pose = new double[7], position = new double[3], orientation = new double[4];
         var wrench = new TrocarWrench();
         string broken = null;
-        timeBeginPeriod(1);
         try {
             using (var client = new TrocarClient(options)) {
                 for (;;) {
@@ -191,24 +190,12 @@ public sealed class TrocarNeedle : MonoBehaviour {
         } catch (Exception error) {
             broken = error.Message;
         } finally {
-            timeEndPeriod(1);
             lock (guard) {
                 Forget();
                 fault = broken;
             }
         }
     }
-
-    // Raises the timer resolution on Windows, where Thread.Sleep(1) would otherwise take up to 16 ms.
-#if UNITY_STANDALONE_WIN || UNITY_EDITOR_WIN
-    [System.Runtime.InteropServices.DllImport("winmm.dll")]
-    static extern uint timeBeginPeriod(uint milliseconds);
-    [System.Runtime.InteropServices.DllImport("winmm.dll")]
-    static extern uint timeEndPeriod(uint milliseconds);
-#else
-    static void timeBeginPeriod(uint milliseconds) { }
-    static void timeEndPeriod(uint milliseconds) { }
-#endif
 }
 
 }

@@ -32,6 +32,7 @@
 #include <winsock2.h>
 #include <ws2tcpip.h>
 #include <windows.h>
+#include <mmsystem.h>
 #include <process.h>
 #ifdef TROCAR_CLIENT_UNICAST
 #include <bcrypt.h>
@@ -49,6 +50,7 @@
 #include <poll.h>
 #include <pthread.h>
 #include <sched.h>
+#include <signal.h>
 #include <sys/socket.h>
 #include <time.h>
 #include <unistd.h>
@@ -282,8 +284,10 @@ typedef struct {
     HANDLE wake, readable, thread;
 } os_part;
 
+/* Also raises the resolution of the system's timers while the client is open: without that, the device's loop could not sleep for a millisecond. */
 static bool os_open(os_part *os) {
     WSADATA data;
+    timeBeginPeriod(1);
     if (WSAStartup(MAKEWORD(2, 2), &data) != 0) return false;
     os->wake = CreateEvent(NULL, FALSE, FALSE, NULL);
     os->readable = WSACreateEvent();
@@ -294,10 +298,16 @@ static void os_close(os_part *os) {
     if (os->wake != NULL) CloseHandle(os->wake);
     if (os->readable != NULL) WSACloseEvent(os->readable);
     WSACleanup();
+    timeEndPeriod(1);
 }
 
 static void wake(os_part *os) { SetEvent(os->wake); }
 static bool set_readable(os_part *os, socket_handle s) { return WSAEventSelect(s, os->readable, FD_READ) == 0; }
+
+static bool never_waits(socket_handle s) {
+    u_long yes = 1;
+    return ioctlsocket(s, FIONBIO, &yes) == 0;
+}
 
 /* Waits for `wake` or a datagram for up to `most` ms, or without limit if `most` is negative. */
 static void wait_for_work(os_part *os, socket_handle s, int most) {
@@ -447,6 +457,18 @@ static void hmac(const unsigned char *key, size_t key_size, const unsigned char 
 static void exchange_until_end(trocar_client *c);
 static void *run(void *client) { return exchange_until_end(client), NULL; }
 
+/* Creates the thread with signals blocked, so that the program's handlers run in the program's own threads. Returns an error number. */
+static int create_thread(os_part *os, const pthread_attr_t *attributes, trocar_client *c) {
+    static const int faults[] = {SIGSEGV, SIGBUS, SIGFPE, SIGILL}; /* of this thread itself, so they stay deliverable */
+    sigset_t blocked, before;
+    sigfillset(&blocked);
+    for (size_t i = 0; i < sizeof faults / sizeof *faults; i++) sigdelset(&blocked, faults[i]);
+    pthread_sigmask(SIG_SETMASK, &blocked, &before);
+    int error = pthread_create(&os->thread, attributes, run, c);
+    pthread_sigmask(SIG_SETMASK, &before, NULL);
+    return error;
+}
+
 static bool start_thread(os_part *os, trocar_client *c, int priority, char *why, size_t size) {
     pthread_attr_t attributes;
     struct sched_param level;
@@ -458,7 +480,7 @@ static bool start_thread(os_part *os, trocar_client *c, int priority, char *why,
         pthread_attr_setschedpolicy(&attributes, SCHED_FIFO);
         error = pthread_attr_setschedparam(&attributes, &level);
     }
-    if (error == 0) error = pthread_create(&os->thread, &attributes, run, c);
+    if (error == 0) error = create_thread(os, &attributes, c);
     pthread_attr_destroy(&attributes);
     if (error != 0)
         snprintf(why, size, error == EPERM ? "SCHED_FIFO is not permitted (%s): raise the limit rtprio or leave `priority` at 0"
@@ -529,6 +551,9 @@ typedef struct {
     int buffer;              /* bytes, size of the socket's receive buffer; 0 selects the system's default */
 } lcm_address;
 
+/* What is wrong with a connection. The numbers of the server's reasons for a refusal are those in its message. */
+typedef enum { LINK_GOOD, LINK_WRONG_SECRET, LINK_FULL, LINK_SILENT } link_fault;
+
 /* A connection to one server at udp://HOST:PORT. */
 enum { KEY = 32, TAG = 32, NONCE = 16, TOKEN = 24, HANDSHAKE = 4 + NONCE + TOKEN + TAG };
 typedef struct {
@@ -536,7 +561,6 @@ typedef struct {
     unsigned char secret[KEY], to_server[KEY], to_client[KEY];
     unsigned char nonce[NONCE];
     bool connected;
-    int refused;             /* why the server refuses this client; 0 if it does not */
     uint64_t sent;           /* counter of the last message sent */
     uint64_t newest, seen;   /* anti-replay window: the largest counter received; bit i of `seen` is set if newest - i was received */
     double asked_at, sent_at, heard_at, kept_at; /* s, when the client last tried to connect, sent, received, and sent a keep-alive */
@@ -553,6 +577,7 @@ struct trocar_client {
     received_wrench wrenches[3];
     slots reply_slots;
     received_reply replies[3];
+    shared_word link_fault;  /* what is wrong with the connection: a link_fault */
     shared_word ends;
     os_part os;
 
@@ -687,6 +712,22 @@ trocar_client_answer trocar_client_reply(trocar_client *c, char *why, size_t siz
     if (c->asked == 0) return TROCAR_CLIENT_NONE;
     if (answered) return r->done ? TROCAR_CLIENT_DONE : TROCAR_CLIENT_REFUSED;
     return now() - c->asked_at < LONGEST_REPLY ? TROCAR_CLIENT_WAITING : TROCAR_CLIENT_UNANSWERED;
+}
+
+trocar_client_state trocar_client_get_state(trocar_client *c, char *why, size_t size) {
+    static const char *const texts[] = {
+        [LINK_GOOD] = "no wrench arrives: there is no server, another client holds the needle, or the scene has no such needle; trocar-top shows which",
+        [LINK_WRONG_SECRET] = "the server refuses this client: it has another secret, or none",
+        [LINK_FULL] = "the server has too many clients",
+        [LINK_SILENT] = "the server does not answer: check that it runs with --listen, the address and the firewall",
+    };
+    unsigned fault = peek_word(&c->link_fault);
+    slots_renew(&c->wrench_slots);
+    double arrival = c->wrenches[c->wrench_slots.front].arrival;
+    bool answered = arrival != 0 && now() - arrival < c->watchdog;
+    if (why != NULL) copy_text(why, size, answered ? "" : texts[fault]);
+    if (answered) return TROCAR_CLIENT_STATE_ANSWERED;
+    return fault == LINK_GOOD ? TROCAR_CLIENT_STATE_UNANSWERED : fault == LINK_SILENT ? TROCAR_CLIENT_STATE_DISCONNECTED : TROCAR_CLIENT_STATE_REFUSED;
 }
 
 static int ask(trocar_client *c, int what, int seeds, double spacing) {
@@ -832,7 +873,6 @@ static void take_datagram(trocar_client *c, const unsigned char *packet, size_t 
 #ifdef TROCAR_CLIENT_UNICAST
 
 enum { HELLO = 1, COOKIE, CONNECT, WELCOME, REFUSED, TO_SERVER, TO_CLIENT }; /* kinds of datagrams */
-enum { WRONG_SECRET = 1, FULL = 2 };                                         /* reasons for a refusal */
 enum { SECRET_LEAST = 32, SECRET_MOST = 1024 };                              /* bytes */
 static const double RETRY = 0.2;              /* s between attempts to connect */
 static const double KEEP_ALIVE = 0.25;        /* s between keep-alive messages while nothing is sent or nothing is received */
@@ -886,7 +926,10 @@ static void tend_link(trocar_client *c) {
     static const unsigned char none[TOKEN] = {0};
     unicast_link *l = &c->link;
     double time = now();
-    if (l->connected && time - l->heard_at > SILENCE) disconnect(l);
+    if (l->connected && time - l->heard_at > SILENCE) {
+        disconnect(l);
+        swap_word(&c->link_fault, LINK_SILENT);
+    }
     if (!l->connected && time - l->asked_at >= RETRY) {
         l->asked_at = time;
         send_handshake(c, HELLO, none);
@@ -919,11 +962,12 @@ static void take_handshake(trocar_client *c, const unsigned char *datagram) {
     const unsigned char *token = datagram + 4 + NONCE;
     if (l->connected || memcmp(datagram + 4, l->nonce, NONCE) != 0) return;
     int kind = datagram[3];
-    if (kind == REFUSED && token[0] == WRONG_SECRET) l->refused = WRONG_SECRET; /* cannot be authenticated, because the keys differ */
+    if (kind == REFUSED && token[0] == LINK_WRONG_SECRET) swap_word(&c->link_fault, LINK_WRONG_SECRET); /* cannot be authenticated, because the keys differ */
     if (!is_authentic(l->secret, datagram, HANDSHAKE)) return;
     if (kind == COOKIE) send_handshake(c, CONNECT, token);
-    if (kind == REFUSED) l->refused = token[0];
+    if (kind == REFUSED && token[0] == LINK_FULL) swap_word(&c->link_fault, LINK_FULL);
     if (kind == WELCOME) {
+        swap_word(&c->link_fault, LINK_GOOD);
         make_key(l, "to server", token, l->to_server);
         make_key(l, "to client", token, l->to_client);
         l->connected = true;
@@ -1104,7 +1148,7 @@ static bool open_sender(trocar_client *c) {
     unsigned char ttl = (unsigned char)c->address.ttl;
 #endif
     c->sender = socket(AF_INET, SOCK_DGRAM, 0);
-    return c->sender != NO_SOCKET && set_option(c->sender, IPPROTO_IP, IP_MULTICAST_TTL, &ttl, sizeof ttl);
+    return c->sender != NO_SOCKET && never_waits(c->sender) && set_option(c->sender, IPPROTO_IP, IP_MULTICAST_TTL, &ttl, sizeof ttl);
 }
 
 static bool open_receiver(trocar_client *c) {
@@ -1209,7 +1253,8 @@ static bool open_unicast(trocar_client *c, const char *url, char *why, size_t si
     wanted.ai_family = AF_INET;
     wanted.ai_socktype = SOCK_DGRAM;
     if (getaddrinfo(host, colon + 1, &wanted, &found) != 0) {
-        snprintf(why, size, "cannot connect to \"%s\": there is no host with this name", url);
+        snprintf(why, size, strchr(host, ':') != NULL ? "cannot connect to \"%s\": IPv6 is not supported; give an IPv4 address"
+                                                      : "cannot connect to \"%s\": there is no host with this name and an IPv4 address", url);
         return false;
     }
     c->sender = c->receiver = socket(AF_INET, SOCK_DGRAM, 0);
@@ -1232,42 +1277,55 @@ static bool connect_unicast(trocar_client *c, const char *url, const char *secre
         snprintf(why, size, "the system has no random numbers");
         return false;
     }
-    for (double end = now() + LONGEST_HANDSHAKE; !l->connected && l->refused == 0 && now() < end;) {
+    swap_word(&c->link_fault, LINK_SILENT);
+    for (double end = now() + LONGEST_HANDSHAKE; peek_word(&c->link_fault) == LINK_SILENT && now() < end;) {
         tend_link(c);
         wait_for_work(&c->os, c->receiver, LINK_PERIOD);
         receive(c);
     }
-    if (l->refused == FULL) snprintf(why, size, "the server at %s has too many clients", url);
-    else if (l->refused != 0 && secret_file != NULL) snprintf(why, size, "the server at %s refuses the secret of %s", url, secret_file);
-    else if (l->refused != 0) snprintf(why, size, "the server at %s refuses a client without a secret; set secret_file or $TROCAR_SECRET_FILE", url);
-    return l->refused == 0;
+    unsigned fault = peek_word(&c->link_fault);
+    if (fault == LINK_FULL) snprintf(why, size, "the server at %s has too many clients", url);
+    if (fault == LINK_WRONG_SECRET && secret_file != NULL) snprintf(why, size, "the server at %s refuses the secret of %s", url, secret_file);
+    if (fault == LINK_WRONG_SECRET && secret_file == NULL)
+        snprintf(why, size, "the server at %s refuses a client without a secret; set secret_file or $TROCAR_SECRET_FILE", url);
+    return fault == LINK_GOOD || fault == LINK_SILENT;
 }
 
 #else
 
 static bool connect_unicast(trocar_client *c, const char *url, const char *secret_file, char *why, size_t size) {
     (void)c, (void)secret_file;
-    snprintf(why, size, "cannot connect to \"%s\": this client is built without unicast; build trocar_client.c with -DTROCAR_CLIENT_UNICAST, and link "
-             "nettle (on Windows, bcrypt)", url);
+    snprintf(why, size, "cannot connect to \"%s\": this client is built without unicast; link trocar-client-unicast instead of trocar-client, or build "
+             "trocar_client.c with -DTROCAR_CLIENT_UNICAST and link nettle (Debian: nettle-dev; on Windows, bcrypt)", url);
     return false;
 }
 
 #endif
 
+#ifdef __linux__
+static const char ROUTE_ADVICE[] = "On a single machine without a network, as root: ip link set lo multicast on && ip route add 239.255.76.67/32 dev lo";
+#else
+static const char ROUTE_ADVICE[] = "With several network adapters (Wi-Fi, VPN, virtual machines), the system may have chosen the wrong one. Without multicast, "
+                                   "connect to udp://HOST:PORT of a server with --listen";
+#endif
+
 static bool connect_client(trocar_client *c, const char *url, const char *secret_file, char *why, size_t size) {
     char reason[128];
-    bool opened = os_open(&c->os);
-    if (opened && strncmp(url, "udp://", strlen("udp://")) == 0) return connect_unicast(c, url, secret_file, why, size);
+    if (!os_open(&c->os)) {
+        network_error(reason, sizeof reason);
+        snprintf(why, size, "the client cannot be created: %s", reason);
+        return false;
+    }
+    if (strncmp(url, "udp://", strlen("udp://")) == 0) return connect_unicast(c, url, secret_file, why, size);
     if (!read_url(url, &c->address)) {
         snprintf(why, size, "LCM cannot connect to \"%s\": the client knows addresses such as udpm://239.255.76.67:7667?ttl=0, of a multicast "
                  "group", url);
         return false;
     }
-    if (opened && open_sender(c) && open_receiver(c) && hears_itself(c)) return true;
+    if (open_sender(c) && open_receiver(c) && hears_itself(c)) return true;
     network_error(reason, sizeof reason);
-    snprintf(why, size, "LCM cannot connect to \"%s\" (%s): check the address, the firewall and the multicast route. On a single machine without a "
-             "network, as root: ip link set lo multicast on && ip route add 239.255.76.67/32 dev lo", url,
-             would_block() ? "no message comes back" : reason);
+    snprintf(why, size, "LCM cannot connect to \"%s\" (%s): check the address, the firewall and the multicast route. %s", url,
+             would_block() ? "no message comes back" : reason, ROUTE_ADVICE);
     return false;
 }
 

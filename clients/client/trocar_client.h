@@ -29,7 +29,10 @@
    to tip, and its bevel faces local +y.
 
    Link with trocar::client (CMake) or trocar-client (pkg-config), or compile trocar_client.c as C99 into your C or C++ program. It needs only
-   the operating system, Linux or Windows (link m and pthread; on Windows, ws2_32). macOS should work but is untested.
+   the operating system, Linux or Windows (link m and pthread; on Windows, ws2_32 and winmm). macOS should work but is untested.
+
+   On Windows, sleeps last a multiple of 16 ms by default, and the server ramps the force to zero if no pose arrives for 10 ms. While a client is
+   open, it therefore raises the timer resolution to 1 ms (timeBeginPeriod).
 
    URLs of the form udp://HOST:PORT need trocar::client_unicast (CMake) or trocar-client-unicast (pkg-config), or trocar_client.c compiled with
    -DTROCAR_CLIENT_UNICAST and linked with nettle (on Windows, bcrypt; on macOS, nothing). */
@@ -127,6 +130,18 @@ int trocar_client_publish(trocar_client *client, const double position[3], const
 /* Gets the newest wrench; wrenches that arrive out of order are dropped. Returns 1, or 0 with a zero wrench if the watchdog has expired. That happens
    if there is no server, the needle belongs to another device, or the scene has no such needle; trocar-top shows which. RT */
 int trocar_client_newest(trocar_client *client, trocar_client_wrench *wrench);
+
+/* State of the connection. Over multicast, it is ANSWERED or UNANSWERED. */
+typedef enum trocar_client_state {
+    TROCAR_CLIENT_STATE_ANSWERED,     /* wrenches arrive */
+    TROCAR_CLIENT_STATE_UNANSWERED,   /* no wrench arrives, as when another client holds the needle */
+    TROCAR_CLIENT_STATE_DISCONNECTED, /* the server at udp://HOST:PORT does not answer */
+    TROCAR_CLIENT_STATE_REFUSED       /* the server at udp://HOST:PORT refused this client the last time it answered */
+} trocar_client_state;
+
+/* Returns the state of the connection. The client keeps trying to connect in every state. If the state is not ANSWERED and `why` is not NULL, writes
+   the reason to `why`, which has `size` bytes. RT */
+trocar_client_state trocar_client_get_state(trocar_client *client, char *why, size_t size);
 
 /* Commands for the client's needle. A command is sent at once, and the server's reply arrives later: see trocar_client_reply. Only one command may be
    pending: while the previous one is waiting for its reply, the functions do nothing and return 0; otherwise they return 1. RT

@@ -29,7 +29,7 @@ import time
 import urllib.parse
 from typing import NamedTuple, Tuple
 
-__all__ = ["Answer", "Client", "Events", "Flags", "Wrench"]
+__all__ = ["Answer", "Client", "Events", "Flags", "State", "Wrench"]
 
 _RAMP = 0.1             # s, duration of the ramp after an outage
 _PATIENCE = 0.1         # s, after this much silence, the client follows another server
@@ -144,6 +144,15 @@ class Answer(enum.Enum):
     UNANSWERED = "no reply for three seconds: there is no server, or the network has lost the command or the reply"
 
 
+class State(enum.Enum):
+    """State of the connection. Over multicast, it is ANSWERED or UNANSWERED."""
+
+    ANSWERED = "wrenches arrive"
+    UNANSWERED = "no wrench arrives: there is no server, another client holds the needle, or the scene has no such needle; trocar-top shows which"
+    DISCONNECTED = "the server does not answer: check that it runs with --listen, the address and the firewall"
+    REFUSED = "the server refused this client the last time it answered"
+
+
 class Wrench(NamedTuple):
     """The wrench to render. It is zero while no wrenches are arriving."""
 
@@ -156,6 +165,22 @@ class Wrench(NamedTuple):
     events: Events = Events(0)                                  # events of that tick only
     membrane: int = -1                                          # index of the membrane punctured in that tick; -1 if none
     flags: Flags = Flags(0)                                     # flags from the server; the client also sets SATURATED if it has limited the wrench
+
+
+def _raise_timers(wanted):
+    """On Windows, sleeps last a multiple of 16 ms by default, and the server ramps the force to zero if no pose arrives for 10 ms. While a client is open, the
+    resolution is 1 ms."""
+    if os.name == "nt":
+        import ctypes
+        winmm = ctypes.WinDLL("winmm")
+        (winmm.timeBeginPeriod if wanted else winmm.timeEndPeriod)(1)
+
+
+def _multicast_advice():
+    if sys.platform == "linux":
+        return "On a single machine without a network, as root: ip link set lo multicast on && ip route add 239.255.76.67/32 dev lo"
+    return ("With several network adapters (Wi-Fi, VPN, virtual machines), the system may have chosen the wrong one. Without multicast, connect to "
+            "udp://HOST:PORT of a server with --listen")
 
 
 def _read_url(url):
@@ -232,6 +257,8 @@ class _Unicast:
     """A unicast connection to one server. It reconnects when the server falls silent."""
 
     def __init__(self, url, secret_file):
+        if re.match(r"udp://(\[|[^/]*:[^/]*:)", url):
+            raise ConnectionError(f'cannot connect to "{url}": IPv6 is not supported; give an IPv4 address')
         match = re.fullmatch(r"udp://([^:/?]+):(\d+)", url)
         if not match or not 1 <= int(match[2]) <= 65535:
             raise ConnectionError(f'cannot connect to "{url}": a server with --listen has an address such as udp://192.168.1.5:7668')
@@ -255,6 +282,13 @@ class _Unicast:
 
     def close(self):
         self._socket.close()
+
+    def state(self):
+        """Returns UNANSWERED if the connection is good."""
+        if self._refused:
+            return State.REFUSED, "the server has too many clients" if self._refused == _FULL else "the server refuses this client: it has another secret, or none"
+        state = State.UNANSWERED if self._keys else State.DISCONNECTED
+        return state, state.value
 
     def send(self, channel, message):
         """Sends a message, or drops it if there is no connection."""
@@ -316,6 +350,7 @@ class _Unicast:
             self._shake(_CONNECT, token)
         elif kind == _WELCOME and authentic:
             with self._lock:
+                self._refused = 0
                 self._keys = [_tag(self._secret, way + self._nonce + token) for way in (b"to server", b"to client")]
                 self._heard_at = time.monotonic()
         elif kind == _REFUSED and (authentic or token[0] == _WRONG_SECRET):
@@ -379,10 +414,15 @@ class Client:
         self._assembly, self._known = None, (None, False, 0.0)
         self._echoed, self._ends, self._unicast = False, False, None
         url = url or os.environ.get("LCM_DEFAULT_URL") or "udpm://239.255.76.67:7667?ttl=0"
-        if url.startswith("udp://"):
-            self._unicast = _Unicast(url, secret_file)
-        else:
-            self._connect(url)
+        _raise_timers(True)
+        try:
+            if url.startswith("udp://"):
+                self._unicast = _Unicast(url, secret_file)
+            else:
+                self._connect(url)
+        except BaseException:
+            _raise_timers(False)
+            raise
         self._thread = threading.Thread(target=self._receive_until_end, daemon=True)
         self._thread.start()
 
@@ -402,6 +442,7 @@ class Client:
             self._command(_COMMAND_RELEASE, 0)
         for each in [self._unicast] if self._unicast else [self._sender, self._receiver]:
             each.close()
+        _raise_timers(False)
 
     def publish(self, position, orientation):
         """Sends a pose of the needle's base. If a number is not finite, sends nothing and returns False."""
@@ -433,6 +474,13 @@ class Client:
         torque, less_torque = self._torque.limit([gain * x for x in found["torque"]], period)
         flags = Flags(found["flags"]) | (Flags.SATURATED if less_force or less_torque else Flags(0))
         return Wrench(True, force, torque, found["depth"], found["tick"], found["contacts"], Events(found["events"]), found["membrane"], flags)
+
+    def state(self):
+        """Returns the state of the connection and, unless it is ANSWERED, the reason. The client keeps trying to connect in every state."""
+        newest = self._newest
+        if newest is not None and time.monotonic() - newest[0] < self._watchdog:
+            return State.ANSWERED, ""
+        return self._unicast.state() if self._unicast else (State.UNANSWERED, State.UNANSWERED.value)
 
     # Commands for the client's needle, and changes to the tissue. Each is sent at once, and the server replies later. Only one command may be pending: while
     # an earlier one is waiting for its reply, these methods do nothing and return False.
@@ -529,8 +577,7 @@ class Client:
         if not self._echoed:
             self._sender.close()
             self._receiver.close()
-            raise ConnectionError(f'LCM cannot connect to "{url}" ({reason}): check the address, the firewall and the multicast route. On a single '
-                                  "machine without a network, as root: ip link set lo multicast on && ip route add 239.255.76.67/32 dev lo")
+            raise ConnectionError(f'LCM cannot connect to "{url}" ({reason}): check the address, the firewall and the multicast route. {_multicast_advice()}')
 
     def _send(self, channel, message):
         if self._unicast:

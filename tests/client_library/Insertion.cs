@@ -66,7 +66,8 @@ static class Insertion {
                         Exchange(client, t < 0 ? 0 : Math.Min(Way, Speed * t), f);
                 }
                 Console.WriteLine("periods {0}\nanswered {1}\noutages {2}\nback {3}", f.Periods, f.Answered, f.Outages, f.Back);
-                Console.WriteLine("force {0:F6}\nmost {1:F6}\ndepth {2:F6}", f.Force, f.Most, wrench.Depth);
+                string reason;
+                Console.WriteLine("force {0:F6}\nmost {1:F6}\ndepth {2:F6}\nstate {3}", f.Force, f.Most, wrench.Depth, (int)client.State(out reason));
             }
         } catch (InvalidOperationException error) {
             Console.Error.WriteLine(error.Message);

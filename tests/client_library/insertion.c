@@ -95,7 +95,7 @@ int main(int count, char **arguments) {
             exchange(c, t < 0 ? 0 : t < WAY / SPEED ? SPEED * t : WAY, &felt);
     }
     printf("periods %ld\nanswered %ld\noutages %ld\nback %ld\n", felt.periods, felt.answered, felt.outages, felt.back);
-    printf("force %.6f\nmost %.6f\ndepth %.6f\n", felt.force, felt.most, felt.wrench.depth);
+    printf("force %.6f\nmost %.6f\ndepth %.6f\nstate %d\n", felt.force, felt.most, felt.wrench.depth, (int)trocar_client_get_state(c, NULL, 0));
     trocar_client_close(c);
     if (trace != NULL) fclose(trace);
     return 0;

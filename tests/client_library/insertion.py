@@ -64,6 +64,7 @@ def main(url, seconds=None, file=os.devnull):
         for name in ("periods", "answered", "outages", "back", "force", "most"):
             print(name, getattr(felt, name))
         print("depth", felt.wrench.depth)
+        print("state", list(trocar_client.State).index(client.state()[0]))
 
 
 main(*sys.argv[1:])

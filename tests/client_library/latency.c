@@ -1,6 +1,7 @@
 /* Measures round trips of the free client (over multicast and over unicast) and of liblcm, alternating between them in one run. A round trip is the time
-   from sending a pose until the wrench that another process sends in reply has arrived. Over unicast, both pass through the server's relay thread. A program
-   with liblcm waits in lcm_handle; the free client's device loop polls for the newest wrench until it arrives.
+   from sending a pose until the wrench that another process sends in reply has arrived. Over unicast, both pass through the server's relay thread. The free
+   client has no function that waits, so its device loop polls for the newest wrench until it arrives. With liblcm, the loop either polls as well, or waits in
+   lcm_handle, as programs with liblcm usually do. Either way, a thread of the library receives the message and passes it on.
    usage: latency ROUNDS     (in a private network namespace) */
 #define _GNU_SOURCE
 #include <arpa/inet.h>
@@ -87,7 +88,7 @@ static void answer_poses(bool real_time) {
     }
 }
 
-/* ---- the three ----------------------------------------------------------------------------------------------------------- */
+/* ---- the clients --------------------------------------------------------------------------------------------------------- */
 
 typedef struct {
     trocar_client *client;
@@ -115,14 +116,16 @@ static void on_wrench(const lcm_recv_buf_t *buffer, const char *channel, const t
     if (m->session == 3) l->tick = m->tick;
 }
 
-static bool lcm_round(void *user) {
-    lcm_one *l = user;
+static bool lcm_round(lcm_one *l, int longest) {
     trocar_needle_pose_t pose = {.session = 3, .seq = l->seq++};
     memcpy(pose.orientation, orientation, sizeof pose.orientation);
     trocar_needle_pose_t_publish(l->lcm, "TROCAR_POSE", &pose);
-    for (double end = now() + LONGEST; l->tick != l->seq && now() < end;) lcm_handle_timeout(l->lcm, 20);
+    for (double end = now() + LONGEST; l->tick != l->seq && now() < end;) lcm_handle_timeout(l->lcm, longest);
     return l->tick == l->seq;
 }
+
+static bool lcm_polling_round(void *user) { return lcm_round(user, 0); }
+static bool lcm_waiting_round(void *user) { return lcm_round(user, 20); }
 
 static int ascending(const void *a, const void *b) { return (*(const double *)a > *(const double *)b) - (*(const double *)a < *(const double *)b); }
 
@@ -147,7 +150,7 @@ static void measure(series *s, int rounds) {
 
 static void print(series *s) {
     qsort(s->times, (size_t)s->count, sizeof *s->times, ascending);
-    printf("%-8s p50 %6.1f us  p99 %6.1f us  max %7.1f us  %d of %d lost\n", s->name, 1e6 * s->times[s->count / 2], 1e6 * s->times[s->count * 99 / 100],
+    printf("%-15s p50 %6.1f us  p99 %6.1f us  max %7.1f us  %d of %d lost\n", s->name, 1e6 * s->times[s->count / 2], 1e6 * s->times[s->count * 99 / 100],
            1e6 * s->times[s->count - 1], s->lost, s->count + s->lost);
 }
 
@@ -171,13 +174,14 @@ int main(int count, char **arguments) {
     free_one u = {.client = trocar_client_open(&(trocar_client_options){.url = "udp://127.0.0.1:7668", .priority = real_time ? NETWORK : 0}, NULL, 0)};
     if (l.lcm == NULL || f.client == NULL || u.client == NULL || trocar_needle_wrench_t_subscribe(l.lcm, "TROCAR_WRENCH", on_wrench, &l) == NULL) return 1;
     if (real_time) use_priority(DEVICE);
-    enum { ALL = 3 };
+    enum { ALL = 4 };
     series all[ALL] = {{"free", free_round, &f, malloc((size_t)rounds * sizeof(double)), 0, 0},
                        {"unicast", free_round, &u, malloc((size_t)rounds * sizeof(double)), 0, 0},
-                       {"liblcm", lcm_round, &l, malloc((size_t)rounds * sizeof(double)), 0, 0}};
+                       {"liblcm, polling", lcm_polling_round, &l, malloc((size_t)rounds * sizeof(double)), 0, 0},
+                       {"liblcm, waiting", lcm_waiting_round, &l, malloc((size_t)rounds * sizeof(double)), 0, 0}};
     for (int done = 0; done < rounds; done += BLOCK)
         for (int i = 0; i < ALL; i++) {
-            while (lcm_handle_timeout(l.lcm, 0) > 0) continue; /* discards messages meant for the other client */
+            while (lcm_handle_timeout(l.lcm, 0) > 0) continue; /* discards messages meant for another client */
             measure(&all[i], rounds - done < BLOCK ? rounds - done : BLOCK);
         }
     printf("%s\n", real_time ? "SCHED_FIFO" : "without real time");

@@ -7,6 +7,7 @@ UnityInsertion.cs (under Mono), or insertion.py.
   would be softer for a longer round trip.
 - The bridge survives crafted packets and a flood of fuzzed fragments, and still gets answers.
 - The insertion is the same over udp://, without multicast. A client with another secret is refused with one clear message.
+- The client tells whether wrenches arrive, none do, or no server answers.
 - The component for Unity keeps no force when it is disabled or fails.
 - With a server that sends 1000 N, the force and torque stay within the client's limits, also on their rates. Without wrenches, they are zero after 20 ms.
 - An attacker between server and client forges, alters and repeats wrenches over udp://. The client renders none of them.
@@ -35,6 +36,7 @@ HERE, CLIENTS = f"{SOURCE}/tests/client_library", f"{SOURCE}/clients/client"
 UNICAST = "127.0.0.1:7670"
 NEAR, PORT, FAR = "239.255.76.67", 7667, "239.255.76.68:7668"
 LOSS, TWICE, DELAY = 0.1, 0.05, 0.004
+ANSWERED, UNANSWERED, DISCONNECTED = range(3)   # a client's state
 WATCHDOG, RAMP = 0.02, 0.1              # s, the clients' defaults
 MOST, RATE = (20, 1), (2000, 100)       # their limits on force (N) and torque (N m), and on their change per second
 NEEDED = {"windows": {"x86_64-w64-mingw32-gcc": "gcc-mingw-w64-x86-64-win32", "wine": "wine64 and wine"}, "csharp": {"mcs": "mono-mcs", "mono": "mono-runtime"}}
@@ -66,7 +68,7 @@ def build(folder):
                        check=True)
         return ["mono", f"{folder}/Insertion.exe"]
     subprocess.run(["x86_64-w64-mingw32-gcc", "-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-O2", "-DTROCAR_CLIENT_UNICAST", f"-I{CLIENTS}", "-o",
-                    f"{folder}/insertion.exe", f"{HERE}/insertion.c", f"{CLIENTS}/trocar_client.c", "-lws2_32", "-lbcrypt"], check=True)
+                    f"{folder}/insertion.exe", f"{HERE}/insertion.c", f"{CLIENTS}/trocar_client.c", "-lws2_32", "-lwinmm", "-lbcrypt"], check=True)
     os.environ.update(WINEPREFIX=f"{folder}/wine", WINEDEBUG="-all", WINEDLLOVERRIDES="mscoree,mshtml=")
     subprocess.run(["wine", "wineboot", "-i"], check=True, capture_output=True)
     return ["wine", f"{folder}/insertion.exe"]
@@ -127,6 +129,11 @@ def refused(bridge, folder):
     assert done.returncode != 0 and done.stderr.count("refuses the secret of") == 1, done
 
 
+def without_server(bridge):
+    done = subprocess.run([*bridge, f"udp://{UNICAST}", "0.1"], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0 and numbers(done.stdout).get("state", DISCONNECTED) == DISCONNECTED, done
+
+
 def same_insertion(bridge, folder):
     scene = rigid_scene(folder)
     os.environ["TROCAR_SECRET_FILE"] = make_secret(f"{folder}/secret")
@@ -156,6 +163,7 @@ def same_insertion(bridge, folder):
         assert abs(felt["force"] - force) < 0.01 * force and abs(felt["depth"] - depth) < 0.01 * depth, "not the insertion of the library"
         assert math.isclose(felt.get("along", -force), -force, rel_tol=0.01), "not along the needle"
         assert felt["resets"] >= 1, "no reply"
+        assert felt.get("state", ANSWERED) == ANSWERED, "wrenches arrive"
         if LANGUAGE == "unity":
             assert felt["held"] > 0 and felt["held_again"] > 0 and felt["disabled"] == felt["enabled"] == felt["fault"] == 0, "the component keeps a wrench"
     assert good["resets"] == direct["resets"] == 1
@@ -220,7 +228,7 @@ def only_what_the_server_sends(bridge, folder, types):
         address, port = UNICAST.split(":")
         link.bind((address, int(port)))
         path = f"{folder}/periods"
-        client = subprocess.Popen([*bridge, f"udp://{UNICAST}", "2", path], stdout=subprocess.DEVNULL)
+        client = subprocess.Popen([*bridge, f"udp://{UNICAST}", "2", path], stdout=subprocess.PIPE, text=True)
         sent = serve_and_attack(unicast.Host(link, os.environ["TROCAR_SECRET_FILE"]), types, client)
     with open(path, encoding="ascii") as file:
         periods = [tuple(map(float, line.split())) for line in file]
@@ -230,6 +238,7 @@ def only_what_the_server_sends(bridge, folder, types):
         print(f"{given[0]} N rendered as {felt[0]:.3f} N, {given[1]} N m as {felt[1]:.4f} N m")
         assert felt[0] > 0.9 * wanted[0] and felt[1] > 0.9 * wanted[1], "the server's wrenches are not rendered"
     assert client.returncode == 0 and periods[-1][2] == 0, "the watchdog has not expired"
+    assert numbers(client.stdout.read()).get("state", UNANSWERED) == UNANSWERED, "no wrenches arrive"
 
 
 # ---- another machine -------------------------------------------------------------------------------------------------------
@@ -340,6 +349,7 @@ def main():
         try:
             bridge = [*AT_ONCE, *build(folder)]
             same_insertion(bridge, folder)
+            without_server(bridge)
             types = message_types(folder)
             only_what_the_server_sends(bridge, folder, types)
             other_machine(bridge, types)

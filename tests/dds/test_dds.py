@@ -1,6 +1,7 @@
 #!/usr/bin/python3
 """Tests trocar-dds between a server and dds_peer, which plays the part of a ROS node: the topics' names and types; the bytes of the messages, decoded here from
-the ROS message definitions; poses and wrenches, compared with those on LCM; refused poses; a second publisher; and the release of the needle.
+the ROS message definitions; poses and wrenches, compared with those on LCM; refused poses; a second publisher; the release of the needle; and an insertion
+through the virtual coupling, which is the default.
 
 usage: test_dds.py BUILD_DIR SOURCE_DIR     Exit status 77: network namespaces are not available.
 """
@@ -27,11 +28,11 @@ DOMAIN = "7"
 
 
 class Network:
-    """The poses, wrenches and commands on LCM."""
+    """The poses, wrenches, commands and the newest status on LCM."""
 
     def __init__(self):
         self.socket = lcm_socket()
-        self.poses, self.wrenches, self.commands = [], [], []
+        self.poses, self.wrenches, self.commands, self.stiffness = [], [], [], None
         threading.Thread(target=self.read, daemon=True).start()
 
     def read(self):
@@ -43,6 +44,8 @@ class Network:
                 self.wrenches.append(struct.unpack_from(">6d", data, 40) + struct.unpack_from(">d", data, 136))
             elif channel == b"TROCAR_COMMAND":
                 self.commands.append(struct.unpack_from(">i", data, 16)[0])
+            elif channel == b"TROCAR_STATUS":
+                self.stiffness = struct.unpack_from(">d", data, 116)[0]    # N/m, of the virtual coupling
 
 
 class Reader:
@@ -144,6 +147,19 @@ def meets_as_ros_would(peer):
     wait(lambda: set(peer.samples["endpoint"]) == wanted, lambda: f"endpoints {peer.samples['endpoint']}")
 
 
+def rest(peer, network, position, orientation=(0, 0, 0, 1)):
+    """Publishes this pose until it has been on LCM for half a second, however late that is on a busy machine."""
+    arrived = []
+
+    def stays():
+        peer.publish(position, orientation)
+        time.sleep(0.01)
+        if not arrived and abs(network.poses[-1][2] - position[2]) < 1e-12:
+            arrived.append(time.monotonic())
+        return arrived and time.monotonic() - arrived[0] > 0.5
+    wait(stays, lambda: f"{position} does not arrive, but {network.poses[-1]}")
+
+
 def drives_a_needle(peer, network):
     """Advances the needle by 30 mm, turned by 0.5 rad, at 100 poses per second."""
     turn = (0, 0, math.sin(0.25), math.cos(0.25))
@@ -157,9 +173,7 @@ def drives_a_needle(peer, network):
         due += 0.01
         time.sleep(max(0, due - time.monotonic()))
     last = published[-1]
-    for _ in range(60):
-        peer.publish(last, turn)
-        time.sleep(0.01)
+    rest(peer, network, last, turn)
     heights = [pose[2] for pose in network.poses]
     assert all(a <= b for a, b in zip(heights, heights[1:])), "the needle moves back"
     between = len(set(heights) - {position[2] for position in published})
@@ -172,7 +186,8 @@ def drives_a_needle(peer, network):
 
 
 def feels_the_needle(peer, network):
-    """Called while the needle is at rest, 29 mm deep. The wrenches are those on LCM, bit for bit, unless the client ramps them after a gap (busy machine)."""
+    """Called while the needle is at rest, 29 mm deep. The wrenches are those on LCM, bit for bit, unless the client ramps them after a gap (busy machine).
+    Returns the length of the track (m)."""
     place = peer.samples["pose"][-1][2]
     wrenches, joints = peer.samples["wrench"], peer.samples["joint_states"]
 
@@ -193,6 +208,7 @@ def feels_the_needle(peer, network):
     assert abs(position[0] - depth) < 1e-6 and 0.025 < depth < 0.031, (position, depth)
     assert abs(position[1] - 0.5) < 1e-12, position
     assert abs(effort[0] - last[2]) < 1e-3 and abs(effort[1] - last[5]) < 1e-4, (effort, last)      # the needle points along the world's z
+    return depth
 
 
 def refuses_poses(peer, network, bridge):
@@ -246,6 +262,24 @@ def respects_quality_of_service(network):
     elsewhere.end()
 
 
+def is_coupled(peer, network, rigid):
+    """With default options, the needle hangs on the coupling's spring, whose stiffness is at most 400 N/m, and less on a busy machine. So it is less deep than
+    without the coupling (`rigid`, m), by the force over the stiffness."""
+    bridge = Bridge()
+    network.wrenches.clear()
+    wait(lambda: peer.publish(START) or time.sleep(0.01) or network.wrenches, "no wrench")
+    for i in range(101):
+        peer.publish((START[0], START[1], START[2] + 0.030 * i / 100))
+        time.sleep(0.01)
+    rest(peer, network, (START[0], START[1], START[2] + 0.030))
+    wrench, stiffness = network.wrenches[-1], network.stiffness
+    lag, force = rigid - wrench[6], -wrench[2]
+    print(f"coupled with {stiffness:.0f} N/m: {1e3 * lag:.2f} mm less deep at {force:.4f} N")
+    assert force > 0.1 and 0 < stiffness <= 400 and abs(lag * stiffness / force - 1) < 0.3, (force, stiffness, lag)
+    assert peer.samples["wrench"][-1][2][2] < -0.1, "no force reaches ROS"
+    bridge.end()
+
+
 def main():
     in_namespace(SOURCE)
     refuses_bad_options()
@@ -257,13 +291,14 @@ def main():
     try:
         assert any(line == "ready\n" for line in server.stdout), "the server does not start"
         drives_a_needle(peer, network)
-        feels_the_needle(peer, network)
+        rigid = feels_the_needle(peer, network)
         refuses_poses(peer, network, bridge)
         heeds_one_publisher(peer, network, bridge)
         releases_the_needle(peer, network, bridge)
         respects_quality_of_service(network)
-        peer.end()
         bridge.end()
+        is_coupled(peer, network, rigid)
+        peer.end()
     finally:
         for process in (server, peer.process, bridge.process):
             process.kill()

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Changes the tissue of a running server a thousand times, and its moduli a few times, while a needle in it is still or moving. No tick may change the force
+"""Changes the tissue of a running server a thousand times, and its moduli twenty times, while a needle in it is still or moving. No tick may change the force
 noticeably, no more ticks may be missed than without changes, bad changes must be refused without effect, and a replay of the recording must give the same
 forces. Exit status 77: network namespaces are not permitted.
 
@@ -27,7 +27,7 @@ import trocar_client
 from trocar_client import Answer
 
 CHANGES, PERIOD = 1000, 0.02    # PERIOD: s
-MODULI = 3     # changes of moduli while the needle is still, and again while it moves
+MODULI = 10    # changes of moduli while the needle is still, and again while it moves
 SCENE = SOURCE / "meshes/figure8.yaml"
 URL = "udpm://239.255.76.67:7667?ttl=0&recv_buf_size=4194304"   # recv_buf_size: bytes, enough for a second's messages in case the machine is busy
 RECOIL = 25     # ticks after a puncture that belong to its recoil, as in tests/public/changing/test_changes.c
@@ -235,12 +235,14 @@ def main(folder):
         results = {}
         for changes, words in ((False, "no changes"), (True, "500 changes"), ("moduli", f"{MODULI} changes of moduli")):
             ticks, misses, compute = missed(read["TROCAR_TIMING"], spans[moves, changes])
-            results[changes] = misses, *largest_jump(read["TROCAR_WRENCH"], spans[moves, changes])
+            results[changes] = ticks, misses, *largest_jump(read["TROCAR_WRENCH"], spans[moves, changes])
             print(f"{'moving' if moves else 'still'} needle, {words}: {misses} of {ticks} ticks missed, computing time p99 "
-                  f"{compute:.0f} us, largest jump {results[changes][1]:.3f} of what is noticed, exceeded {results[changes][2]} times")
-        check(results[True][0] <= 2 * results[False][0] + 10, "changes make ticks late")
-        check(results["moduli"][0] <= 2 * results[False][0] + 10, "changes of moduli make ticks late")
-        check(results[True][2] == 0 and results["moduli"][2] == 0, "the force jumps")
+                  f"{compute:.0f} us, largest jump {results[changes][2]:.3f} of what is noticed, exceeded {results[changes][3]} times")
+        usual = results[False][1] / results[False][0]   # fraction of the ticks
+        for changes, words in ((True, "changes"), ("moduli", "changes of moduli")):
+            ticks, misses, _, exceeded = results[changes]
+            check(misses <= 2 * usual * ticks + 10, f"{words} make ticks late")
+            check(exceeded == 0, "the force jumps")
 
     first = folder / "replayed.log"
     compared = replay(log, "--compare", log, "--tolerance", "10", "--out", first)

@@ -82,9 +82,10 @@ def main():
     if len(sys.argv) != 2 or sys.argv[1].startswith("-"):
         print(__doc__)
         return 0 if "--help" in sys.argv else 2
+    commit = commit_of(HERE)    # before results.csv changes
     entries = [entry for path in sorted(Path(sys.argv[1]).glob("*.json")) for entry in json.loads(path.read_text())]
     write_rows([entry for entry in entries if entry["entry"] == "row"], HERE / "results.csv")
-    write(HERE, report_lines(entries, commit_of(HERE)))
+    write(HERE, report_lines(entries, commit))
     return 0
 
 

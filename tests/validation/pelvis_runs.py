@@ -328,7 +328,7 @@ def read(path):
         except ValueError:
             return text or float("nan")
     with open(path, newline="", encoding="utf-8") as file:
-        return [{key: cell(value) for key, value in row.items()} for row in csv.DictReader(file)]
+        return [{key: value if key == "digest" else cell(value) for key, value in row.items()} for row in csv.DictReader(file)]
 
 
 def append(path, row):

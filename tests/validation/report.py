@@ -16,7 +16,7 @@ PLOTS = HERE / "plots"
 OURS, STYLES = COLOURS[:5], ("-", "--", "-.")  # published curves are black and dotted
 
 
-COLUMNS = ("section", "quantity", "source", "certainty", "published", "trocar", "kind", "fitted", "inside", "remark", "regression interval")
+COLUMNS = ("section", "quantity", "source", "certainty", "published", "trocar", "kind", "fitted", "inside", "remark", "depends most on", "regression interval")
 
 
 def kind(row):
@@ -34,7 +34,7 @@ def write_rows(rows, path):
         table.writerow(COLUMNS)
         for row in rows:
             table.writerow((row["section"], row["quantity"], row["source"], row["sure"], row["published"], ours(row), kind(row), row["fitted"],
-                            "yes" if row["inside"] else "no", row["note"] if row["inside"] else row["reason"],
+                            {True: "yes", False: "no", None: ""}[row["inside"]], row["reason"] if row["inside"] is False else row["note"], row["depends"],
                             row["regression"] + ("" if row["kept"] else ", left")))
 
 
@@ -49,7 +49,7 @@ def report_lines(entries, commit):
     rows = [entry for entry in entries if entry["entry"] == "row"]
     yield "# Validation report\n"
     yield (f"Made by `scripts/validate` from commit {commit}; do not edit. [`results.csv`](results.csv) lists all rows: published number and source, its certainty, "
-           "trocar's number, the fitted parameters and remarks. [Validation](../../docs/validation.md) explains the terms, and the head of each script in this "
+           "trocar's number, the fitted parameters and remarks, and rows that are not counted because they explain others. [Validation](../../docs/validation.md) explains the terms, and the head of each script in this "
            "folder its experiment.\n")
     groups = (("predictions of numbers are inside", lambda r: kind(r) == "predicted"),
               ("predictions of a tendency hold", lambda r: kind(r) == "predicted, tendency"),
@@ -58,8 +58,9 @@ def report_lines(entries, commit):
     for text, chosen in groups:
         group = [r for r in rows if chosen(r)]
         yield f"- **{sum(r['inside'] for r in group)} of {len(group)}** {text}"
+    yield from (f"\n{entry['section']}: {entry['text']}." for entry in entries if entry["entry"] == "remark")
     yield ""
-    outside = [r for r in rows if not r["inside"]]
+    outside = [r for r in rows if r["inside"] is False]
     if outside:
         yield "Outside, each with the reason:\n"
         alike = {}
@@ -81,9 +82,10 @@ def main():
     if len(sys.argv) != 2 or sys.argv[1].startswith("-"):
         print(__doc__)
         return 0 if "--help" in sys.argv else 2
+    commit = commit_of(HERE)    # before results.csv changes
     entries = [entry for path in sorted(Path(sys.argv[1]).glob("*.json")) for entry in json.loads(path.read_text())]
     write_rows([entry for entry in entries if entry["entry"] == "row"], HERE / "results.csv")
-    write(HERE, report_lines(entries, commit_of(HERE)))
+    write(HERE, report_lines(entries, commit))
     return 0
 
 

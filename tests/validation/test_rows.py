@@ -49,6 +49,8 @@ class TestRows(unittest.TestCase):
         self.assertEqual(status((5, 8, 12)), 1)
         self.assertEqual(status((5, 8, 12), reason="known", regression=(7, 9)), 0)
         self.assertEqual(status((5, 9.5, 12), reason="known", regression=(7, 9)), 1)
+        self.assertEqual(status((-30, -2, 20)), 0)
+        self.assertEqual(status((-30, -2, 20), same_sign=True), 1)
 
     def test_tendency(self):
         for number, status in ((1.0, 0), (0.5, 1)):
@@ -73,10 +75,13 @@ class TestRows(unittest.TestCase):
             self.rows.add("weak", "", ABSTRACT, (0, 2), 1.5, "", kind=PREDICTED, fitted="", weak=True, regression=(1, 2))
             self.rows.trend("tendency", "", ABSTRACT, "", True, "", kind=PREDICTED, fitted="")
             self.rows.add("follows", "", ABSTRACT, (1, 2), 3, "", kind=CONSISTENT, fitted="", reason="known", regression=(2, 4))
-        self.rows.end()
+            self.rows.show("part", "", ABSTRACT, "not measured", "1 mm")
+            self.rows.remark("24 runs")
+        self.assertEqual(self.rows.end(), 0)
         text = "\n".join(report_lines(json.loads((Path(self.rows.folder) / "test.json").read_text()), "0"))
-        for count in ("1 of 1** predictions of numbers", "1 of 1** predictions of a tendency", "1 of 1** weak", "0 of 1** rows of consistency", "0 of 0** fits"):
+        for count in ("1 of 1** predictions of numbers", "1 of 1** predictions of a tendency", "1 of 1** weak", "0 of 1** rows of consistency", "0 of 0** fits", "Test: 24 runs."):
             self.assertIn(count, text)
+        self.assertNotIn("part", text)
 
 
 if __name__ == "__main__":

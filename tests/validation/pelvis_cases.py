@@ -8,15 +8,18 @@ materials     four of these needles (every fourth of the plan) after a change of
 meshes        an implant with these four needles on finer meshes
 time-steps    an implant with these four needles in longer and shorter time steps
 operators     the whole plan, by different operators
+times         start, memory and ticks of the pelvis and the block, from build/tests/benchmarks/bench_resting, three times in alternation; the medians
 probe         one needle with the ultrasound probe withdrawn and pressed on the rectum, with tissue values drawn from their ranges
 
 Lengths are in mm, angles in degrees, forces in N.
 """
 import argparse
 import csv
+import os
 import subprocess
 import sys
 import tempfile
+import time
 from pathlib import Path
 
 import numpy as np
@@ -50,7 +53,7 @@ def moduli(value, *regions):
 
 
 def stiffness(value, *membranes):
-    """Returns changes that give membranes a stiffness (N/m). A membrane that is not listed in the scene has no puncture force."""
+    """Returns changes that give membranes a stiffness (N/m)."""
     return {f"membranes[{name}].stiffness": value for name in membranes}
 
 
@@ -119,7 +122,8 @@ def materials():
              "pelvic floor and levator 5 kPa": moduli(5e3, "pelvic_floor", "levator_ani"), "skin 30 kPa": moduli(30e3, "perineum"),
              "walls of bladder and rectum 5 kPa": moduli(5e3, "bladder", "rectum"), "skin membrane 130 N/m": stiffness(130, "skin"),
              **{f"capsule membrane {value} N/m": stiffness(value, "capsule") for value in (77, 770, 7700)},
-             "membranes of bladder and rectum 770 N/m": {"membranes": ["skin", "capsule", "bone", "bladder_wall", "rectum_wall"], **stiffness(770, "bladder_wall", "rectum_wall")}}
+             "fascia: membranes of capsule, bladder and rectum 770 N/m": {"membranes[bladder_wall].puncture_force": 0, "membranes[rectum_wall].puncture_force": 0,
+                                                                            **stiffness(770, "capsule", "bladder_wall", "rectum_wall")}}
     for case, changes in cases.items():
         yield {"case": case, **inserted(trocar.Model(pelvis(changes)), quarter())}
     with tempfile.TemporaryDirectory() as folder:
@@ -229,7 +233,29 @@ def probe():
         yield {**row, **values}
 
 
-TABLES = {"gland-motion": gland_motion, "materials": materials, "meshes": meshes, "time-steps": time_steps, "operators": operators, "probe": probe}
+# ---- times -----------------------------------------------------------------------------------------------------------------------------------
+
+def measured(path):
+    """Returns the times and the memory of one run: seconds of CPU time for the start, MB, and the median and 99th percentile of a tick (us) with 0 and 16
+    resting needles."""
+    begin = time.process_time()
+    model = trocar.Model(trocar.Scene.load(str(path)))
+    start = time.process_time() - begin
+    bench = subprocess.Popen([ROOT / "build/tests/benchmarks/bench_resting", "--processor-time", path, "0", "16"], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+    rows = [line.split() for line in bench.stdout if line.split()[0] in ("0", "16")]
+    memory = os.wait4(bench.pid, 0)[2].ru_maxrss / 1024
+    return {"nodes": len(model.nodes), "start": start, "memory_16": memory, **{f"{name}_{row[0]}": float(row[i]) for row in rows for i, name in ((1, "p50"), (2, "p99"))}}
+
+
+def times():
+    scenes = BLOCK, SCENE
+    runs = [[measured(path) for path in scenes] for _ in range(3)]
+    for path, rows in zip(scenes, zip(*runs)):
+        yield {"scene": path.name, **{key: float(np.median([row[key] for row in rows])) for key in rows[0]}}
+
+
+TABLES = {"gland-motion": gland_motion, "materials": materials, "meshes": meshes, "time-steps": time_steps, "operators": operators,
+          "times": times, "probe": probe}
 
 
 def write(path, rows):
@@ -240,7 +266,7 @@ def write(path, rows):
             if not table:
                 table = csv.DictWriter(file, list(row), lineterminator="\n")
                 table.writeheader()
-            table.writerow({key: f"{value:.3g}" if isinstance(value, float) else value for key, value in row.items()})
+            table.writerow({key: f"{value:.4g}" if isinstance(value, float) else value for key, value in row.items()})
             file.flush()
             print(row, flush=True)
 

@@ -4,7 +4,7 @@
 usage: pelvis_cases.py [--folder FOLDER] [TABLE...]
 
 gland-motion  16 needles of docs/examples/implant-plan.yaml, inserted one after another and left in place, in the pelvis and in the block
-materials     four of these needles (every fourth of the plan) after a change of moduli, membranes or the bladder's filling
+materials     four of these needles (every fourth of the plan) after a change of moduli, membranes, the bladder's filling or the size of the elements
 meshes        an implant with these four needles on finer meshes
 time-steps    an implant with these four needles in longer and shorter time steps
 operators     the whole plan, by different operators
@@ -127,8 +127,9 @@ def materials():
     for case, changes in cases.items():
         yield {"case": case, **inserted(trocar.Model(pelvis(changes)), quarter())}
     with tempfile.TemporaryDirectory() as folder:
-        for filling in (150, 300):
-            yield {"case": f"bladder {filling} ml", **inserted(trocar.Model(pelvis({"mesh": meshed(folder, "--filling", str(filling))})), quarter())}
+        for fine, filling in ((7.2, 150), (7.2, 300), (5, 60), (5, 150), (5, 300), (4, 60)):
+            model = trocar.Model(pelvis({"mesh": meshed(folder, "--filling", str(filling), "--fine", str(fine))}))
+            yield {"case": f"bladder {filling} ml, elements of {fine} mm", **inserted(model, quarter())}
 
 
 # ---- implants --------------------------------------------------------------------------------------------------------------------------------
@@ -173,11 +174,10 @@ def time_steps():
 def operators():
     """The stabilising needles are on either side of the gland's middle; with them, the tissue has 18 needles."""
     model, plan = trocar.Model(pelvis({"needles": 18})), plans.read(PLAN)
-    for kind in ("marks", "image"):
-        for strands in (False, True):
-            for stabilise in ((), ("D5", "J5")):
-                yield {"operator": kind, "seeds are": "strands" if strands else "loose", "stabilising needles": " ".join(stabilise),
-                       **implant(model, plan, follows_image=kind == "image", strands=strands, stabilise=stabilise)}
+    for kind, strands in (("marks", False), ("image", False), ("image", True)):
+        for stabilise in ((), ("D5", "J5")):
+            yield {"operator": kind, "seeds are": "strands" if strands else "loose", "stabilising needles": " ".join(stabilise),
+                   **implant(model, plan, follows_image=kind == "image", strands=strands, stabilise=stabilise)}
 
 
 # ---- the probe -------------------------------------------------------------------------------------------------------------------------------

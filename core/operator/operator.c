@@ -160,8 +160,9 @@ static void add_step(trocar_operator *op, step_kind kind, int needle, int number
 /* Returns how many seeds of the needle, from this one on, can be dropped at once because they belong to a strand and are equally spaced. */
 static int seeds_together(const trocar_operator *op, const handled *n, int number) {
     const target *t = &op->targets[n->first + 1 + number];
-    int left = n->seeds - number, count = op->strands && left > 1 ? 2 : 1;
-    while (op->strands && count < left && count < TROCAR_MAX_STRAND && fabs(t[0].depth - t[1].depth - (t[count - 1].depth - t[count].depth)) < SAME_SPACING) count++;
+    int most = op->strands ? n->seeds - number : 1, count = most > 1 ? 2 : 1;
+    if (most > TROCAR_MAX_STRAND) most = TROCAR_MAX_STRAND;
+    while (count < most && fabs(t[0].depth - t[1].depth - (t[count - 1].depth - t[count].depth)) < SAME_SPACING) count++;
     return count;
 }
 

@@ -241,7 +241,8 @@ def measured(path):
     begin = time.process_time()
     model = trocar.Model(trocar.Scene.load(str(path)))
     start = time.process_time() - begin
-    bench = subprocess.Popen([ROOT / "build/tests/benchmarks/bench_resting", "--processor-time", path, "0", "16"], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+    command = [ROOT / "build/tests/benchmarks/bench_resting", "--processor-time", path, "0", "16"]
+    bench = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
     rows = [line.split() for line in bench.stdout if line.split()[0] in ("0", "16")]
     memory = os.wait4(bench.pid, 0)[2].ru_maxrss / 1024
     return {"nodes": len(model.nodes), "start": start, "memory_16": memory, **{f"{name}_{row[0]}": float(row[i]) for row in rows for i, name in ((1, "p50"), (2, "p99"))}}

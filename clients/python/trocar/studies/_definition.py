@@ -341,7 +341,8 @@ class _StudyReader:
         numbers = {key: self.reader.number(given[key], f"motion.{key}", inclusive=True) for key in ("image_error", "splay", "speed_spread") if key in given}
         seed = {"seed": self.reader.count(given["seed"], "motion.seed", MOST_RUNS)} if "seed" in given else {}
         holes = [self.reader.text(item, f"motion.stabilise[{i}]") for i, item in enumerate(self.reader.items(given["stabilise"], "motion.stabilise"))] if "stabilise" in given else []
-        return Operator(plan=plan, follows_image=kind == "image", speed=speed, strands=self.truth(given, "strands", "motion"), stabilise=tuple(holes), **numbers, **seed)
+        strands = self.truth(given, "strands", "motion")
+        return Operator(plan=plan, follows_image=kind == "image", speed=speed, strands=strands, stabilise=tuple(holes), **numbers, **seed)
 
     def parameter(self, name: str, node: Any, place: str, line: int, scene: Scene, motion: Any, known: dict[str, Key], grid: bool) -> Parameter:
         kinds = ("uniform", "log_uniform", "normal", "values")

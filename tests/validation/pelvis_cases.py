@@ -36,6 +36,7 @@ COUNTS = 1, 4, 8, 12, 16    # numbers of needles after which the shift is noted
 DRAWS = 24                  # of the probe's table
 LIFTS = 0.003, 0.006, 0.009 # m, travel of the probe towards the gland; the second one is that of the pressed probe
 BEHIND = 0.3                # m, how far back the withdrawn probe is
+STABILISERS = "D5", "J5"    # holes on either side of the gland's middle
 PARTS = "total", "tissue", "image", "splay", "remainder"
 
 
@@ -127,7 +128,7 @@ def materials():
     for case, changes in cases.items():
         yield {"case": case, **inserted(trocar.Model(pelvis(changes)), quarter())}
     with tempfile.TemporaryDirectory() as folder:
-        for fine, filling in ((7.2, 150), (7.2, 300), (5, 60), (5, 150), (5, 300), (4, 60)):
+        for fine, filling in ((7.2, 150), (7.2, 300), (5, 60), (5, 150), (5, 300)):
             model = trocar.Model(pelvis({"mesh": meshed(folder, "--filling", str(filling), "--fine", str(fine))}))
             yield {"case": f"bladder {filling} ml, elements of {fine} mm", **inserted(model, quarter())}
 
@@ -172,12 +173,10 @@ def time_steps():
 
 
 def operators():
-    """The stabilising needles are on either side of the gland's middle; with them, the tissue has 18 needles."""
     model, plan = trocar.Model(pelvis({"needles": 18})), plans.read(PLAN)
-    for kind, strands in (("marks", False), ("image", False), ("image", True)):
-        for stabilise in ((), ("D5", "J5")):
-            yield {"operator": kind, "seeds are": "strands" if strands else "loose", "stabilising needles": " ".join(stabilise),
-                   **implant(model, plan, follows_image=kind == "image", strands=strands, stabilise=stabilise)}
+    for kind, strands, stabilise in (("marks", False, ()), ("marks", False, STABILISERS), ("image", False, ()), ("image", False, STABILISERS), ("image", True, ())):
+        yield {"operator": kind, "seeds are": "strands" if strands else "loose", "stabilising needles": " ".join(stabilise),
+               **implant(model, plan, follows_image=kind == "image", strands=strands, stabilise=stabilise)}
 
 
 # ---- the probe -------------------------------------------------------------------------------------------------------------------------------

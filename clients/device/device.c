@@ -21,7 +21,7 @@ typedef struct {
     const char *script_option; /* an option given that only makes sense with a script; NULL if none */
     const char *plan_option, *image_option; /* options given that only make sense with a plan, or only with the image operator; NULL if none */
     const char *errors_path, *stabilise;
-    bool follows_image;
+    bool follows_image, strands;
     int seed;                /* -1 if not given; likewise the members below */
     double image_error, splay, speed_spread;
     profile_settings check;  /* settings for checking a device profile instead of playing; check.profile is NULL if no check was requested */
@@ -30,7 +30,7 @@ typedef struct {
 
 enum { OPTION_SPEED = 256, OPTION_REPORT, OPTION_CSV, OPTION_LOG, OPTION_URL, OPTION_START, OPTION_HAND, OPTION_REALTIME,
        OPTION_WAIT, OPTION_SETTLE, OPTION_NEEDLE, OPTION_SCENE, OPTION_PATIENT,
-       OPTION_PLAN, OPTION_OPERATOR, OPTION_STABILISE, OPTION_SEED, OPTION_IMAGE_ERROR, OPTION_SPLAY, OPTION_SPEED_SPREAD, OPTION_ERRORS,
+       OPTION_PLAN, OPTION_OPERATOR, OPTION_STRANDS, OPTION_STABILISE, OPTION_SEED, OPTION_IMAGE_ERROR, OPTION_SPLAY, OPTION_SPEED_SPREAD, OPTION_ERRORS,
        OPTION_PROFILE, OPTION_DEVICE_DELAY, OPTION_ROUND_TRIP };
 
 static const struct argp_option option_list[] = {
@@ -51,6 +51,7 @@ static const struct argp_option option_list[] = {
     {"operator", OPTION_OPERATOR, "KIND", 0,
      "marks: read the depth from the needle's marks at the template; image: move the tip to where an image of the displaced tissue shows each planned place, with "
      "errors and speeds as published (default marks)", 1},
+    {"strands", OPTION_STRANDS, 0, 0, "The seeds of each needle are a strand: bring only the first one to its place, and leave the others at the planned distances", 1},
     {"stabilise", OPTION_STABILISE, "HOLES", 0, "Insert needles without seeds into these holes first, such as C4,I4, and take them out last", 1},
     {"seed", OPTION_SEED, "N", 0, "Seed of the random numbers of --operator image (default 1)", 1},
     {"image-error", OPTION_IMAGE_ERROR, "M", 0, "Error of the image along the needle, m, standard deviation over the needles (default 0.00065)", 1},
@@ -115,6 +116,7 @@ static const char *script_option(int key) {
 static const char *plan_option(int key) {
     switch (key) {
     case OPTION_OPERATOR: return "--operator";
+    case OPTION_STRANDS: return "--strands";
     case OPTION_STABILISE: return "--stabilise";
     case OPTION_ERRORS: return "--errors";
     default: return NULL;
@@ -176,6 +178,7 @@ static error_t parse_option(int key, char *text, struct argp_state *state) {
     case OPTION_PATIENT: o->patient = true; break;
     case OPTION_PLAN: o->plan_path = text; break;
     case OPTION_OPERATOR: o->follows_image = parse_operator(state, text); break;
+    case OPTION_STRANDS: o->strands = true; break;
     case OPTION_STABILISE: o->stabilise = text; break;
     case OPTION_SEED: o->seed = parse_index(state, "seed", text); break;
     case OPTION_IMAGE_ERROR: o->image_error = parse_number(state, "image-error", text, 0, 0.1); break;
@@ -287,6 +290,7 @@ static trocar_operator_options operator_options(const options *o) {
     if (o->splay >= 0) chosen.splay = o->splay;
     if (o->speed_spread >= 0) chosen.speed_spread = o->speed_spread;
     chosen.speed *= o->play.speed;
+    chosen.strands = o->strands;
     return chosen;
 }
 

@@ -170,17 +170,17 @@ static trocar_status take(player *p, int needle) {
     return status == TROCAR_OK ? engage(p) : status;
 }
 
-/* Drops a seed. If the tissue moved with the needle as it was drawn back, the previous seed is still inside and the server refuses; `refused` is then set, for
+/* Drops seeds. If the tissue moved with the needle as it was drawn back, an earlier seed is still inside and the server refuses; `refused` is then set, for
    the operator to see. Any other refusal ends the implant. */
-static trocar_status drop(player *p, bool *refused) {
+static trocar_status drop(player *p, int count, double spacing, bool *refused) {
     char reason[256];
     trocar_client_answer answer = TROCAR_CLIENT_NONE;
-    trocar_client_drop_seeds(p->client, 1, 0);
+    trocar_client_drop_seeds(p->client, count, spacing);
     trocar_status status = await_reply(p, true, &answer, reason);
     if (status != TROCAR_OK) return status;
     *refused = answer == TROCAR_CLIENT_REFUSED && strstr(reason, PENDING);
     p->summary->repeats += *refused;
-    p->summary->seeds += answer == TROCAR_CLIENT_DONE;
+    if (answer == TROCAR_CLIENT_DONE) p->summary->seeds += count;
     return answer == TROCAR_CLIENT_DONE || *refused ? TROCAR_OK : fail_needle(p, "cannot drop a seed", reason);
 }
 
@@ -191,7 +191,7 @@ static trocar_status perform(player *p, const trocar_operator_action *action, bo
     case TROCAR_OPERATOR_MOVE: return move(p, action->depth, action->duration, action->pause);
     case TROCAR_OPERATOR_LEAVE: return leave(p);
     case TROCAR_OPERATOR_TAKE: return take(p, action->needle);
-    case TROCAR_OPERATOR_DROP: return drop(p, refused);
+    case TROCAR_OPERATOR_DROP: return drop(p, action->seeds, action->spacing, refused);
     default: return TROCAR_OK;
     }
 }

@@ -13,6 +13,7 @@ static const double PAUSE = 0.1;        /* s, pause before letting go of a needl
 static const double FURTHER = 1e-3;     /* m, how far a needle is drawn back if the previous seed is still in it */
 static const int REPEATS = 20;          /* number of times a needle may be drawn back to release the previous seed */
 static const double AT_TARGET = 0.3e-3; /* m, the depth is not corrected if the image shows the tip within this distance of its target */
+static const double SAME_SPACING = 1e-5; /* m, rounding error of positions in a plan; seeds whose spacings differ by less are dropped together */
 static const int CORRECTIONS = 5;       /* maximum number of corrective strokes per target. One stroke may not be enough, because the needle displaces the
                                            target as it moves */
 
@@ -42,10 +43,12 @@ typedef enum { START, INSERT, LEAVE, TAKE, DRAW_BACK, DROP, WITHDRAW, FINISHED }
 typedef struct {
     step_kind kind;
     int needle, number;      /* index of the needle, and of the seed in it, counted from the distal end */
+    int seeds;               /* DROP: how many seeds, from this one on */
 } step;
 
 struct trocar_operator {
-    bool follows_image;
+    bool follows_image, strands;
+    double strand_depth;     /* m, depth of the tip when the needle's first seed was dropped */
     double needle_length, half_seed; /* m */
     int needle_count, step_count, seed_count;
     int at, actions;         /* current step, and how many actions it has chosen so far */
@@ -145,12 +148,23 @@ static trocar_status add_needle(trocar_operator *op, const trocar_model *model, 
     for (int i = 0; status == TROCAR_OK && i < planned->seed_count; i++) {
         double above = i == 0 ? planned->depth : planned->seeds[i - 1];
         if (!(planned->seeds[i] <= above)) return fail(why, TROCAR_BAD_INPUT, "needle %d: seed %d is not behind what comes before it: list seeds from the tip back", index, i);
+        if (op->strands && i > 0 && above - planned->seeds[i] < 2.0 * op->half_seed - SAME_SPACING)
+            return fail(why, TROCAR_BAD_INPUT, "needle %d: seeds %d and %d overlap: in a strand, plan them at least the scene's seeds.length apart", index, i - 1, i);
         status = add_target(op, model, index, planned->seeds[i], &op->targets[(*targets)++], why);
     }
     return status;
 }
 
-static void add_step(trocar_operator *op, step_kind kind, int needle, int number) { op->steps[op->step_count++] = (step){kind, needle, number}; }
+static void add_step(trocar_operator *op, step_kind kind, int needle, int number) { op->steps[op->step_count++] = (step){kind, needle, number, 1}; }
+
+/* Returns how many seeds of the needle, from this one on, can be dropped at once because they belong to a strand and are equally spaced. */
+static int seeds_together(const trocar_operator *op, const handled *n, int number) {
+    const target *t = &op->targets[n->first + 1 + number];
+    int most = op->strands ? n->seeds - number : 1, count = most > 1 ? 2 : 1;
+    if (most > TROCAR_MAX_STRAND) most = TROCAR_MAX_STRAND;
+    while (count < most && fabs(t[0].depth - t[1].depth - (t[count - 1].depth - t[count].depth)) < SAME_SPACING) count++;
+    return count;
+}
 
 static void plan_insertion(trocar_operator *op, int needle) {
     add_step(op, START, needle, 0);
@@ -159,10 +173,13 @@ static void plan_insertion(trocar_operator *op, int needle) {
 }
 
 static void plan_withdrawal(trocar_operator *op, int needle) {
+    const handled *n = &op->needles[needle];
     add_step(op, TAKE, needle, 0);
-    for (int i = 0; i < op->needles[needle].seeds; i++) {
+    for (int i = 0, together; i < n->seeds; i += together) {
+        together = seeds_together(op, n, i);
         add_step(op, DRAW_BACK, needle, i);
         add_step(op, DROP, needle, i);
+        op->steps[op->step_count - 1].seeds = together;
     }
     add_step(op, WITHDRAW, needle, 0);
 }
@@ -210,6 +227,7 @@ trocar_status trocar_operator_create(const trocar_model *model, const trocar_ope
     trocar_operator *made = calloc(1, sizeof *made);
     if (!made) return fail(why, TROCAR_NO_MEMORY, "no memory for an operator");
     made->follows_image = options->follows_image;
+    made->strands = options->strands;
     made->needle_length = model->parts.config.needle.length;
     made->half_seed = 0.5 * model->parts.config.seeds.length;
     made->needle_count = count;
@@ -263,36 +281,55 @@ static bool approach(const trocar_operator *op, const handled *n, const target *
     return (op->actions == 0 || off) && move(op, n, depth, PAUSE, action);
 }
 
+/* Draws the needle back to where a seed of a strand leaves it, at the planned distance from the strand's first seed. */
+static bool draw_back_strand(const trocar_operator *op, const handled *n, int number, trocar_operator_action *action) {
+    const target *seeds = &op->targets[n->first + 1];
+    double depth = op->strand_depth - (seeds[0].depth - seeds[number].depth);
+    return op->actions == 0 && move(op, n, fmin(depth, op->sight.depth), PAUSE, action);
+}
+
 /* Draws the needle back to a seed's target. If the tip is already there or behind it, the needle stays where it is. Only for the first seed may it be pushed
    forward. */
 static bool draw_back(trocar_operator *op, const handled *n, int number, trocar_operator_action *action) {
     const target *t = &op->targets[n->first + 1 + number];
+    if (op->strands && number > 0) return draw_back_strand(op, n, number, action);
     if (op->actions > 0 || number == 0 || wanted_depth(op, n, t) < op->sight.depth) return approach(op, n, t, action);
     op->actions = CORRECTIONS + 1;
     return move(op, n, op->sight.depth, PAUSE, action);
 }
 
-static void record_seed(trocar_operator *op, const step *s) {
-    const handled *n = &op->needles[s->needle];
-    const target *t = &op->targets[n->first + 1 + s->number];
-    double centre = op->sight.depth - op->half_seed;
+/* Records a seed that was dropped with its distal end at this depth (m). */
+static void record_seed(trocar_operator *op, int needle, int number, double depth) {
+    const handled *n = &op->needles[needle];
+    const target *t = &op->targets[n->first + 1 + number];
+    double centre = depth - op->half_seed;
     vec3 straight = v3_axpy(centre, n->axis, n->entry);
     vec3 image = v3_scale(op->follows_image ? n->image_error : 0.0, n->axis);
     vec3 tissue = v3_sub(v3_sub(straight, image), v3_add(t->place, displacement_of(op, t)));
     trocar_operator_seed *seed = &op->seeds[op->seed_count++];
-    *seed = (trocar_operator_seed){.needle = s->needle, .number = s->number};
+    *seed = (trocar_operator_seed){.needle = needle, .number = number};
     store_vec3(t->place, seed->planned);
     store_vec3(tissue, seed->tissue);
     store_vec3(image, seed->image);
     store_vec3(v3_sub(v3_axpy(centre - n->pivot_depth, n->tilted, n->pivot), straight), seed->splay);
 }
 
-/* Drops a seed. If the last attempt was refused because the previous seed is still in the needle, draws the needle back a little before trying again. */
+/* Returns the distance (m) between the centres of the seeds that a step drops at once, or 0 if there is only one. At least the length of a seed, of which a
+   rounded plan may fall short. */
+static double spacing_of(const trocar_operator *op, const step *s) {
+    const target *t = &op->targets[op->needles[s->needle].first + 1 + s->number];
+    return s->seeds > 1 ? fmax((t[0].depth - t[s->seeds - 1].depth) / (s->seeds - 1), 2.0 * op->half_seed) : 0.0;
+}
+
+/* Drops seeds. If the last attempt was refused because an earlier seed is still in the needle, draws the needle back a little before trying again. */
 static bool drop(trocar_operator *op, const step *s, trocar_operator_action *action) {
     bool dropped = op->actions % 2 == 1;
     if (dropped && op->sight.refused) return move(op, &op->needles[s->needle], op->sight.depth - FURTHER, 0.0, action);
-    if (dropped) record_seed(op, s);
     action->act = TROCAR_OPERATOR_DROP;
+    action->seeds = s->seeds;
+    action->spacing = spacing_of(op, s);
+    if (dropped && s->number == 0) op->strand_depth = op->sight.depth;
+    for (int i = 0; dropped && i < s->seeds; i++) record_seed(op, s->needle, s->number + i, op->sight.depth - i * action->spacing);
     return !dropped;
 }
 

@@ -2,6 +2,7 @@
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
+#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 #include <stdlib.h>
@@ -65,12 +66,13 @@ static int carry_out(trocar_operator *op, const double shift[3], left_seed *seed
         if (action.act == TROCAR_OPERATOR_FINISHED) return count;
         if (action.act == TROCAR_OPERATOR_DROP) {
             trocar_pose base = trocar_operator_base(op, action.needle, sight.depth), behind = trocar_operator_base(op, action.needle, sight.depth - 1.0);
-            seeds[count].needle = action.needle;
-            for (int a = 0; a < 3; a++) {
-                double axis = base.position[a] - behind.position[a];
-                seeds[count].rest[a] = base.position[a] + (LENGTH - HALF_SEED) * axis - shift[a];
+            for (int k = 0; k < action.seeds; k++, count++) {
+                seeds[count].needle = action.needle;
+                for (int a = 0; a < 3; a++) {
+                    double axis = base.position[a] - behind.position[a];
+                    seeds[count].rest[a] = base.position[a] + (LENGTH - HALF_SEED - k * action.spacing) * axis - shift[a];
+                }
             }
-            count++;
         }
         sight.depth = action.depth;
     }
@@ -194,6 +196,95 @@ static void stabilising_needles_come_first_and_last(void **state) {
     assert_int_equal(found, 6);
     trocar_operator_free(op);
     trocar_model_free(model);
+}
+
+/* ---- strands ---------------------------------------------------------------------------------------------------------------------------- */
+
+/* Carries out the plan of a single needle in tissue that is displaced along the needle by `shift` (m) until the first drop, and not at all afterwards. The
+   first `refusals` attempts at the second drop are refused. Returns the number of drops; `drops` has the actions. */
+static int drops_of(const trocar_operator_needle *needle, const trocar_operator_options *options, double shift, int refusals, trocar_operator_action *drops) {
+    static double field[3 * 909];
+    for (int i = 0; i < 909; i++) field[3 * i + 2] = shift;
+    trocar_operator *op;
+    trocar_model *model = create_model();
+    OK(trocar_operator_create(model, needle, 1, options, &op, &why));
+    trocar_model_free(model);
+    trocar_operator_sight sight = {.displacements = field};
+    trocar_operator_action action;
+    int count = 0;
+    for (;;) {
+        OK(trocar_operator_next(op, &sight, &action, &why));
+        if (action.act == TROCAR_OPERATOR_FINISHED) break;
+        bool drop = action.act == TROCAR_OPERATOR_DROP, refused = drop && count == 1 && refusals-- > 0;
+        if (drop && !refused) drops[count++] = action;
+        sight = (trocar_operator_sight){.depth = action.depth, .displacements = count > 0 ? NULL : field, .refused = refused};
+    }
+    static trocar_operator_seed seeds[TROCAR_MAX_SEEDS];
+    assert_int_equal(trocar_operator_seeds(op, seeds, TROCAR_MAX_SEEDS), needle->seed_count);
+    for (int i = 0; i < needle->seed_count; i++) assert_int_equal(seeds[i].number, i);
+    trocar_operator_free(op);
+    return count;
+}
+
+/* The image is followed for the first seed only. The other seeds are at the planned distances from it, and those at equal distances are dropped at once. */
+static void a_strand_follows_its_first_seed(void **state) {
+    (void)state;
+    const double tips[] = {0.0875, 0.0775, 0.0675, 0.0625}, shift = 4e-3;
+    trocar_operator_needle needle = needle_at(0, 0);
+    trocar_operator_action drops[4];
+    needle.seeds = tips;
+    needle.seed_count = 4;
+    for (int follows = 0; follows < 2; follows++) {
+        trocar_operator_options options = trocar_default_operator_options(follows);
+        double first = tips[0] + follows * shift;
+        options.image_error = options.splay = options.speed_spread = 0;
+        options.strands = 1;
+        for (int refusals = 0; refusals < 3; refusals++) {
+            assert_int_equal(drops_of(&needle, &options, shift, refusals, drops), 2);
+            assert_int_equal(drops[0].seeds, 3);
+            assert_close(drops[0].spacing, 0.01, 1e-12);
+            assert_close(drops[0].depth, first, 1e-12);
+            assert_int_equal(drops[1].seeds, 1);
+            assert_true(drops[1].spacing == 0.0);
+            assert_close(drops[1].depth, first - (tips[0] - tips[3]) - 1e-3 * refusals, 1e-12);
+        }
+    }
+}
+
+static void a_long_strand_is_dropped_in_parts(void **state) {
+    (void)state;
+    double tips[18];
+    for (int i = 0; i < 18; i++) tips[i] = 0.11 - 2 * HALF_SEED * i;
+    trocar_operator_needle needle = needle_at(0, 0);
+    trocar_operator_options options = trocar_default_operator_options(0);
+    trocar_operator_action drops[18];
+    needle.depth = tips[0];
+    needle.seeds = tips;
+    needle.seed_count = 18;
+    options.strands = 1;
+    assert_int_equal(drops_of(&needle, &options, 0, 0, drops), 2);
+    assert_int_equal(drops[0].seeds, TROCAR_MAX_STRAND);
+    assert_int_equal(drops[1].seeds, 2);
+    assert_close(drops[1].depth, tips[TROCAR_MAX_STRAND], 1e-12);
+}
+
+/* In tissue that moves as a whole, each seed of a strand has the same error, which is the sum of its parts. */
+static void errors_of_a_strand_are_split(void **state) {
+    (void)state;
+    static left_seed left[TROCAR_MAX_SEEDS];
+    static trocar_operator_seed seeds[TROCAR_MAX_SEEDS];
+    trocar_operator_options options = published(3);
+    options.strands = 1;
+    trocar_operator *op = create_operator(&options);
+    int count = carry_out(op, (double[3]){1e-3, -2e-3, 5e-3}, left);
+    assert_int_equal(count, NEEDLES * SEEDS);
+    assert_int_equal(trocar_operator_seeds(op, seeds, TROCAR_MAX_SEEDS), count);
+    for (int i = 0; i < count; i++)
+        for (int a = 0; a < 3; a++) {
+            assert_close(left[i].rest[a] - seeds[i].planned[a], seeds[i].tissue[a] + seeds[i].image[a] + seeds[i].splay[a], 1e-12);
+            assert_true(seeds[i].image[a] == seeds[i / SEEDS * SEEDS].image[a]);
+        }
+    trocar_operator_free(op);
 }
 
 /* ---- misplacement ----------------------------------------------------------------------------------------------------------------------- */
@@ -334,6 +425,8 @@ static void bad_input_is_refused(void **state) {
     bad.depth = 0.21, refuse(model, bad, NULL, "a depth of 0.21 m"), bad = needle;
     bad.depth = 0.08, refuse(model, bad, NULL, "seed 0 is not behind"), bad = needle;
     bad.seed_count = 300, refuse(model, bad, NULL, "300 seeds"), bad = needle;
+    const double close[] = {0.08, 0.077};
+    options.strands = 1, bad.seeds = close, bad.seed_count = 2, refuse(model, bad, &options, "seeds 0 and 1 overlap"), bad = needle, options = published(1);
     bad.depth = 0.01, bad.seed_count = 0, refuse(model, bad, NULL, "would not be in the tissue"), bad = needle;
     options.image_error = NAN, refuse(model, needle, &options, "an image error"), options = published(1);
     options.splay = -1, refuse(model, needle, &options, "a splay"), options = published(1);
@@ -346,7 +439,8 @@ static void bad_input_is_refused(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(marks_are_followed_blindly), cmocka_unit_test(corrections_end), cmocka_unit_test(a_stuck_seed_ends_the_implant),
-        cmocka_unit_test(stabilising_needles_come_first_and_last), cmocka_unit_test(in_rigid_tissue_errors_are_those_drawn),
+        cmocka_unit_test(stabilising_needles_come_first_and_last), cmocka_unit_test(a_strand_follows_its_first_seed),
+        cmocka_unit_test(a_long_strand_is_dropped_in_parts), cmocka_unit_test(errors_of_a_strand_are_split), cmocka_unit_test(in_rigid_tissue_errors_are_those_drawn),
         cmocka_unit_test(motion_is_followed_along_the_needle), cmocka_unit_test(draws_have_the_stated_spreads), cmocka_unit_test(the_same_seed_draws_the_same),
         cmocka_unit_test(bad_input_is_refused),
     };

@@ -80,7 +80,28 @@ class Rigid(unittest.TestCase):
                 self.assertLess(np.linalg.norm(error.total), 0.1e-3)
 
 
+    def test_a_strand_has_the_errors_of_its_first_seed(self):
+        errors, _ = carry_out(self.model, only("E3", "F4", seeds=4), follows_image=True, strands=True, seed=3)
+        self.assertEqual([(error.hole, error.number) for error in errors], [(hole, number) for hole in ("E3", "F4") for number in (1, 2, 3, 4)])
+        for error in errors:
+            self.assertAlmostEqual(error.along("total"), error.along("image"), delta=0.1e-3)
+            self.assertLess(np.linalg.norm(error.total - error.image - error.splay), 0.15e-3)
+
+
 class Soft(unittest.TestCase):
+    def test_seeds_of_a_strand_keep_their_distances(self):
+        """The first three seeds of hole E3 are 10 mm apart and dropped together; the last one follows 5 mm behind. Loose seeds are brought to their own places."""
+        for strands in (True, False):
+            _, sim = carry_out(SOFT, only("E3", "F3", seeds=4), follows_image=True, strands=strands, **PERFECT)
+            seeds = [seed for seed in sim.seeds() if seed.needle == 0]
+            self.assertEqual([seed.strand for seed in seeds], [0, 1, 2, 0] if strands else [0, 0, 0, 0])
+            apart = [np.linalg.norm(a.position - b.position) for a, b in zip(seeds, seeds[1:])]
+            if strands:
+                np.testing.assert_allclose(apart[:2], 0.01, atol=0.05e-3)    # along the track, which is almost straight
+                self.assertAlmostEqual(apart[2], 0.005, delta=2e-3)
+            else:
+                self.assertGreater(np.abs(np.array(apart[:2]) - 0.01).max(), 0.05e-3)
+
     def test_the_image_is_followed(self):
         """An error-free operator who follows the image misplaces a seed by less than the tolerance of an approach, 0.3 mm, plus the tissue's motion while the
         needle is drawn back. For one who reads the marks, the misplacement includes all of the tissue's motion. It is the same misplacement as found by
@@ -150,6 +171,12 @@ class Studies(unittest.TestCase):
         self.assertAlmostEqual(row["seed_parts.image_along [m]"], abs(error.along("image")), delta=1e-12)
         self.assertAlmostEqual(row["seed_parts.total_across [m]"], error.across("total"), delta=1e-12)
         self.assertAlmostEqual(row["seed_error.mean [m]"], np.linalg.norm(error.total), delta=1e-9)
+
+    def test_a_study_can_have_strands(self):
+        self.assertFalse(self.read(STUDY).motion.strands)
+        self.assertTrue(self.read(STUDY.replace("operator: image,", "operator: image, strands: true,")).motion.strands)
+        with self.assertRaisesRegex(definition.BadStudy, "motion.strands: write true or false"):
+            self.read(STUDY.replace("operator: image,", "operator: image, strands: yes,"))
 
     def test_refusals(self):
         for old, new, words in (("operator: image, ", "", "motion.image_error: only with operator"), ("image,", "photograph,", "expected marks or image"),

@@ -92,6 +92,7 @@ class Operator(unittest.TestCase):
         sys.modules.update(ours)
         sys.path.remove(str(folder))
         depth, left, dropped, seeds, frames, last = {}, {}, {}, None, {}, 0
+        self.drops = []    # number and spacing of the seeds of each DROP_SEED
         for channel, data in events(log):
             if channel == "TROCAR_CONTACTS":
                 m = contacts_t.decode(data)
@@ -108,6 +109,7 @@ class Operator(unittest.TestCase):
                     left[m.needle] = depth[m.needle]
                 elif m.command == command_t.DROP_SEED:
                     dropped.setdefault(m.needle, depth[m.needle])
+                    self.drops.append((m.seeds, round(m.spacing, 6)))
         name = lambda hole: plans.hole_name(hole % 13, hole // 13)
         placed = [plans.Placed(i, "template", name(seeds.hole[i]), np.array(seeds.rest_position[i]), np.array([0, 0, 1.0])) for i in range(seeds.seed_count)]
         rows = plans.compare(plan, MODEL, placed)
@@ -139,6 +141,14 @@ class Operator(unittest.TestCase):
         for needle, depth in enumerate((94.75, 99.75)):
             self.assertGreater(left[needle], depth + 1)
         self.assertLess(np.abs(closer).mean(), np.abs(along).mean())
+
+    def test_a_strand_is_dropped_at_once(self):
+        (_, dropped, along), said, _ = self.carry_out("--strands")
+        self.assertEqual(self.drops, [(2, 0.01)] * 2)
+        self.assertEqual(len(along), 4)
+        self.assertRegex(said, r"(?m)^implant +2 needles, 4 seeds in")
+        for needle, depth in enumerate((94.75, 99.75)):
+            self.assertAlmostEqual(dropped[needle], depth, delta=0.3)
 
     def test_the_operator_of_a_simulation_is_the_same(self):
         """The device and the Python package draw the same errors. Their seeds end up only in about the same positions, because the server's ticks and worker

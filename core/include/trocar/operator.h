@@ -11,7 +11,8 @@ extern "C" {
 
 /* The operator first inserts the stabilising needles and leaves them in the tissue, then does the same with the others. Next, the operator takes each needle
    in turn, drops its seeds while withdrawing it, and pulls it out, the stabilising needles last. The operator only decides what to do next: call
-   trocar_operator_next in a loop, and carry out each action in a simulation or over a network. */
+   trocar_operator_next in a loop, and carry out each action in a simulation or over a network. An operator with strands drops each run of equally spaced seeds
+   at once, and the next run when the needle has been drawn back by the planned distance from the first seed, without correction. */
 typedef struct trocar_operator trocar_operator;
 
 /* A planned needle. Depths (m) are those of the tip, measured from `entry` along the needle's axis. */
@@ -25,6 +26,7 @@ typedef struct trocar_operator_needle {
 
 typedef struct trocar_operator_options {
     int32_t follows_image;   /* 0: reads the depth off the needle's marks at the guide. 1: moves the tip to where the image shows the planned position */
+    int32_t strands;         /* 0: loose seeds, each brought to its own place. 1: only the first seed of a needle is; the others follow at the planned distances */
     uint64_t seed;           /* random seed; the random numbers for a needle depend only on `seed` and the needle's index */
     double image_error;      /* m, standard deviation of the image error along the needle; the error is drawn once per needle */
     double splay;            /* rad, standard deviation of the needle's tilt about each axis perpendicular to it; the hole's clearance limits the tilt */
@@ -49,7 +51,7 @@ typedef enum trocar_operator_act {
     TROCAR_OPERATOR_MOVE,    /* move the tip to `depth` in a minimum-jerk motion lasting `duration`, then hold it still for `pause` */
     TROCAR_OPERATOR_LEAVE,   /* let go of the needle, so that it rests in the tissue */
     TROCAR_OPERATOR_TAKE,    /* take hold of the needle again */
-    TROCAR_OPERATOR_DROP,    /* drop a seed */
+    TROCAR_OPERATOR_DROP,    /* drop `seeds` seeds whose centres are `spacing` apart, the first one's distal end at the tip */
     TROCAR_OPERATOR_FINISHED
 } trocar_operator_act;
 
@@ -58,13 +60,15 @@ typedef struct trocar_operator_action {
     int32_t needle;
     double depth;            /* m, depth of the tip */
     double duration, pause;  /* s */
+    double spacing;          /* m; 0 for a single seed */
+    int32_t seeds;           /* number of seeds to drop */
 } trocar_operator_action;
 
 /* What the operator sees after an action. */
 typedef struct trocar_operator_sight {
     double depth;            /* m, length of the needle beyond `entry`, read from its marks */
     const double *displacements; /* m, [node_count][3], displacements of the mesh's nodes in the newest image; NULL if the tissue is at rest */
-    int32_t refused;         /* nonzero if the seed could not be dropped because the previous one was still in the needle */
+    int32_t refused;         /* nonzero if the seeds could not be dropped because earlier ones were still in the needle */
 } trocar_operator_sight;
 
 /* Chooses the next action, given what the operator sees after the last one; `sight` is not read for the first action. SYSTEM if a seed could not be dropped

@@ -58,6 +58,7 @@ class Operator(_Motion):
 
     plan: plans.Plan | None = None
     follows_image: bool = False
+    strands: bool = False                # the seeds of each needle are a strand: only the first one is brought to its place
     stabilise: Sequence[str] = ()        # holes of the stabilising needles, which carry no seeds, go in first and come out last
     seed: float = 1                      # seed of the random numbers; a whole number
     speed: float | None = None           # m/s, mean speed of the hand's strokes
@@ -73,7 +74,7 @@ class Operator(_Motion):
 
     def options(self) -> Any:
         chosen = ffi.new("trocar_operator_options *", lib.trocar_default_operator_options(self.follows_image))
-        chosen.seed = int(self.seed)
+        chosen.seed, chosen.strands = int(self.seed), self.strands
         for name in ("speed", "image_error", "splay", "speed_spread"):
             if getattr(self, name) is not None:
                 setattr(chosen, name, getattr(self, name))
@@ -167,7 +168,7 @@ class Implantation:
             elif sim.pending_seeds(needle):
                 sight.refused = 1
             else:
-                sim.drop_seeds(needle=needle)
+                sim.drop_seeds(action.seeds, action.spacing, needle)
 
     def errors(self) -> list[SeedError]:
         """Returns the errors of the seeds that are in the tissue, in the order in which they were dropped."""

@@ -182,7 +182,7 @@ def _scene_keys() -> dict[str, Key]:
 
 _MOTION_UNITS = {"x": "m", "y": "m", "z": "m", "tilt_x": "rad", "tilt_y": "rad", "roll": "rad", "depth": "m", "speed": "m/s", "seed": "",
                  "image_error": "m", "splay": "rad", "speed_spread": ""}
-_OF_OPERATOR = ("seed", "image_error", "splay", "speed_spread", "stabilise")    # keys that are allowed only with `operator`
+_OF_OPERATOR = ("seed", "image_error", "splay", "speed_spread", "strands", "stabilise")    # keys that are allowed only with `operator`
 
 
 class _StudyReader:
@@ -301,10 +301,8 @@ class _StudyReader:
         elif kind == "straight":
             keys_ = self.reader.mapping(given[kind], "motion.straight", ("depth", "speed"), ("hold", "back"))
             number = lambda key, **limit: self.reader.number(keys_[key], f"motion.straight.{key}", **limit)
-            back = self.reader.text(keys_["back"], "motion.straight.back") if "back" in keys_ else "false"
-            if back not in ("true", "false"):
-                raise self.reader.fail(keys_["back"], "motion.straight.back: write true or false")
-            found = motions.Straight(start=start, depth=number("depth"), speed=number("speed"), hold=number("hold", inclusive=True) if "hold" in keys_ else 0.0, back=back == "true")
+            found = motions.Straight(start=start, depth=number("depth"), speed=number("speed"), hold=number("hold", inclusive=True) if "hold" in keys_ else 0.0,
+                                     back=self.truth(keys_, "back", "motion.straight"))
         else:
             path = self.file(given[kind], f"motion.{kind}")
             try:
@@ -323,6 +321,13 @@ class _StudyReader:
             study.described += f" operator {replace(found, plan=None)}"
         return found
 
+    def truth(self, given: dict[str, Any], key: str, place: str) -> bool:
+        """Returns the value of a key that is true or false; false if it is missing."""
+        text = self.reader.text(given[key], f"{place}.{key}") if key in given else "false"
+        if text not in ("true", "false"):
+            raise self.reader.fail(given[key], f"{place}.{key}: write true or false")
+        return text == "true"
+
     def operator(self, given: dict[str, Any], plan: Plan, speed: float | None) -> Any:
         """Returns the motion that carries out a plan: one needle after another, or all of them by a virtual operator."""
         if "operator" not in given:
@@ -336,7 +341,8 @@ class _StudyReader:
         numbers = {key: self.reader.number(given[key], f"motion.{key}", inclusive=True) for key in ("image_error", "splay", "speed_spread") if key in given}
         seed = {"seed": self.reader.count(given["seed"], "motion.seed", MOST_RUNS)} if "seed" in given else {}
         holes = [self.reader.text(item, f"motion.stabilise[{i}]") for i, item in enumerate(self.reader.items(given["stabilise"], "motion.stabilise"))] if "stabilise" in given else []
-        return Operator(plan=plan, follows_image=kind == "image", speed=speed, stabilise=tuple(holes), **numbers, **seed)
+        strands = self.truth(given, "strands", "motion")
+        return Operator(plan=plan, follows_image=kind == "image", speed=speed, strands=strands, stabilise=tuple(holes), **numbers, **seed)
 
     def parameter(self, name: str, node: Any, place: str, line: int, scene: Scene, motion: Any, known: dict[str, Key], grid: bool) -> Parameter:
         kinds = ("uniform", "log_uniform", "normal", "values")

@@ -43,10 +43,9 @@ CALM = 10.0                 # s after the last needle, four times the longest re
 ANGLE = math.radians(10)    # tilt of angulated stabilising needles, chosen by judgement: the publication's abstract states none
 PEAK = 15 / 8               # peak speed of a minimum-jerk stroke, divided by its mean
 
-# What each case of `spreads` changes. The cases that show causes are implants of every second needle (HALF), which take a third of the time. An operator that
-# drops strands will be one more case.
+# What each case of `spreads` changes. Those after "few" show causes, in implants of every second needle (HALF), which take a third of the time.
 HALF = {"needles": 8}
-CASES = {"published": {}, "before": {"scene": BLOCK, "follows_image": False}, "few": {"needles": 4}, "half": HALF,
+CASES = {"published": {}, "before": {"scene": BLOCK, "follows_image": False}, "sliding": {"sliding": True}, "strands": {"strands": True}, "few": {"needles": 4}, "half": HALF,
          "without errors": {**HALF, "image_error": 0.0, "splay": 0.0, "speed_spread": 0.0}, "splay 0": {**HALF, "splay": 0.0}, "splay 2": {**HALF, "splay": 2 * 0.0104},
          "slow": {**HALF, "speed": 0.10 / PEAK, "speed_spread": 0.0}, "fast": {**HALF, "speed": 0.16 / PEAK, "speed_spread": 0.0}}
 
@@ -79,7 +78,8 @@ def values_of(unit):
     return values
 
 
-def scene_of(values, path=SCENE):
+def scene_of(values, path=SCENE, sliding=False):
+    """Returns the scene of a run. `sliding`: the gland slides in the fat instead of being bonded to it."""
     scene = trocar.Scene.load(str(path))
     scene["inverse"] = "sparse"    # each run has its own moduli, and computing a dense inverse would take longer than the run
     for region in scene.names("regions"):
@@ -94,6 +94,8 @@ def scene_of(values, path=SCENE):
             scene[f"{key}.friction.{part}"] *= values["friction"]
     for membrane in ("skin", "capsule"):
         scene[f"membranes[{membrane}].puncture_force"] *= values["puncture"]
+    if sliding:
+        scene["sliding[capsule].beside"] = "fat"
     return scene
 
 
@@ -296,7 +298,7 @@ def run(study, index, unit, seed, most=16, case="published"):
     values, changes = values_of(unit), {"scene": SCENE, "follows_image": True, **CASES[case]}
     most = changes.pop("needles", most)
     rng = np.random.default_rng((seed, index))
-    model = trocar.Model(scene_of(values, changes.pop("scene")))
+    model = trocar.Model(scene_of(values, changes.pop("scene"), changes.pop("sliding", False)))
     row = {"case": case, "run": index, "digest": digest(), "status": "ok", "operator": "image" if changes["follows_image"] else "marks", **values}
     try:
         if study == "random":

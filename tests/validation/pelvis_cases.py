@@ -15,7 +15,6 @@ Lengths are in mm, angles in degrees, forces in N.
 """
 import argparse
 import csv
-import os
 import subprocess
 import sys
 import tempfile
@@ -240,11 +239,12 @@ def measured(path):
     begin = time.process_time()
     model = trocar.Model(trocar.Scene.load(str(path)))
     start = time.process_time() - begin
-    command = [ROOT / "build/tests/benchmarks/bench_resting", "--processor-time", path, "0", "16"]
-    bench = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
-    rows = [line.split() for line in bench.stdout if line.split()[0] in ("0", "16")]
-    memory = os.wait4(bench.pid, 0)[2].ru_maxrss / 1024
-    return {"nodes": len(model.nodes), "start": start, "memory_16": memory, **{f"{name}_{row[0]}": float(row[i]) for row in rows for i, name in ((1, "p50"), (2, "p99"))}}
+    # A child's peak memory includes that of the process it was forked from, which is small for time(1) and large for this one.
+    command = ["/usr/bin/time", "-f", "%M", ROOT / "build/tests/benchmarks/bench_resting", "--processor-time", path, "0", "16"]
+    bench = subprocess.run(command, capture_output=True, text=True, check=True)
+    rows = [line.split() for line in bench.stdout.splitlines() if line.split()[0] in ("0", "16")]
+    ticks = {f"{name}_{row[0]} [us]": float(row[i]) for row in rows for i, name in ((1, "p50"), (2, "p99"))}
+    return {"nodes": len(model.nodes), "start [s]": start, "memory with 16 needles [MB]": int(bench.stderr.split()[-1]) / 1024, **ticks}
 
 
 def times():

@@ -18,30 +18,44 @@ typedef struct {
     int next;                /* index, counted from the base, of the next contact towards the entry; -1 if the entry is next */
 } track_site;
 
-/* Returns the next contact towards the entry, or NULL if the tip's body contains no more contacts. */
-static const shaft_contact *contact_behind(const insertion_state *state, const track_site *site) {
+/* Where the track towards the entry bends, ends or is interrupted. */
+typedef struct {
+    double depth;            /* m */
+    vec3 at;                 /* m, nominal */
+    bool contact;            /* a contact: the track goes on in another direction */
+    const stratum *surface;  /* a surface on which the tissue slides: the track goes on at another place; NULL if this is not one */
+} track_stop;
+
+/* Returns the next stop towards the entry. The entry itself, which may be that of the tip's body, is neither a contact nor a surface. */
+static track_stop next_stop(const insertion_state *state, const track_site *site) {
     const shaft_contact *contact = site->next >= 0 ? &state->contacts[state->refined.order[site->next]] : NULL;
-    return contact && contact->depth < tip_entry_depth(state) ? NULL : contact;
+    double entry = tip_entry_depth(state);
+    int gap = last_gap(state), sliding = last_sliding(state, site->depth);
+    track_stop stop = {entry, gap >= 0 ? state->strata[gap + 1].point : state->entry, false, NULL};
+    if (contact && contact->depth >= entry) stop = (track_stop){contact->depth, v3_sub(contact->track, contact->beside), true, NULL};
+    if (sliding < 0 || state->strata[sliding].depth <= stop.depth) return stop;
+    const stratum *surface = &state->strata[sliding];
+    return (track_stop){surface->depth, surface->point, false, surface};
+}
+
+/* Moves a site that has reached a stop past it. Returns false at the entry. */
+static bool pass_stop(const track_stop *stop, track_site *site) {
+    site->depth = stop->depth;
+    if (stop->contact) site->next--;
+    if (stop->surface) *site = (track_site){stop->depth - FACE_CLEARANCE, stop->surface->left, stop->surface->left_tet, site->next};
+    return stop->contact || stop->surface;
 }
 
 /* Moves the site back along the track to this depth, which must be in the tip's body. */
 static void go_back(const insertion_model *model, const insertion_state *state, double depth, track_site *site) {
-    double entry = tip_entry_depth(state);
-    int gap = last_gap(state);
-    vec3 start = gap >= 0 ? state->strata[gap + 1].point : state->entry;
     while (site->depth > depth) {
-        const shaft_contact *contact = contact_behind(state, site);
-        int sliding = last_sliding(state, site->depth);
-        const stratum *surface = sliding >= 0 && state->strata[sliding].depth > (contact ? contact->depth : entry) ? &state->strata[sliding] : NULL;
-        double goal_depth = surface ? surface->depth : contact ? contact->depth : entry, length = site->depth - goal_depth;
-        vec3 goal = surface ? surface->point : contact ? v3_sub(contact->track, contact->beside) : start;
-        bool beyond = length <= site->depth - depth;
-        vec3 target = beyond ? goal : v3_axpy((site->depth - depth) / length, v3_sub(goal, site->at), site->at);
+        track_stop stop = next_stop(state, site);
+        double length = site->depth - stop.depth, wanted = site->depth - depth;
+        bool reached = length <= wanted;
+        vec3 target = reached ? stop.at : v3_axpy(wanted / length, v3_sub(stop.at, site->at), site->at);
         site->tet = follow_line(model->mesh, site->tet, &site->at, target);
-        site->depth = beyond ? goal_depth : depth;
-        if (!beyond || !(surface || contact)) return;
-        if (surface) *site = (track_site){surface->depth - FACE_CLEARANCE, surface->left, surface->left_tet, site->next};
-        else site->next--;
+        site->depth = depth;
+        if (!reached || !pass_stop(&stop, site)) return;
     }
 }
 

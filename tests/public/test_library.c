@@ -144,6 +144,7 @@ static void the_table_of_keys_is_whole(void **state) {
     assert_true(trocar_key_count() > 40);
     OK(trocar_scene_set(scene, "guides[plate].rows", "1", &why));
     OK(trocar_scene_set(scene, "calcifications[0].radius", "2e-3", &why));
+    OK(trocar_scene_set(scene, "sliding[skin].shear_stiffness", "0", &why));
     for (int i = 0; i < trocar_key_count(); i++) {
         trocar_key k = trocar_key_at(i);
         char key[128], before[256], after[256];

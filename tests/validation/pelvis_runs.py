@@ -45,7 +45,7 @@ PEAK = 15 / 8               # peak speed of a minimum-jerk stroke, divided by it
 
 # What each case of `spreads` changes. Those after "few" show causes, in implants of every second needle (HALF), which take a third of the time.
 HALF = {"needles": 8}
-CASES = {"published": {}, "before": {"scene": BLOCK, "follows_image": False}, "sliding": {"sliding": True}, "strands": {"strands": True}, "few": {"needles": 4}, "half": HALF,
+CASES = {"published": {}, "before": {"scene": BLOCK, "follows_image": False}, "few": {"needles": 4}, "half": HALF, "sliding": {**HALF, "sliding": True}, "strands": {**HALF, "strands": True},
          "without errors": {**HALF, "image_error": 0.0, "splay": 0.0, "speed_spread": 0.0}, "splay 0": {**HALF, "splay": 0.0}, "splay 2": {**HALF, "splay": 2 * 0.0104},
          "slow": {**HALF, "speed": 0.10 / PEAK, "speed_spread": 0.0}, "fast": {**HALF, "speed": 0.16 / PEAK, "speed_spread": 0.0}}
 

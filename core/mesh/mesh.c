@@ -92,7 +92,7 @@ int mesh_exit(const mesh *m, int tet, vec3 x, vec3 d, double *distance) {
 
 /* ---- around a node ---- */
 
-static int corner_of(const mesh *m, int tet, int node) {
+int mesh_corner_of(const mesh *m, int tet, int node) {
     for (int i = 0; i < 4; i++)
         if (m->tets[tet][i] == node) return i;
     return -1;
@@ -105,7 +105,7 @@ int mesh_around(const mesh *m, int node, int start, int *tets, int most) {
     for (int next = 0; next < count; next++)
         for (int i = 0; i < 4; i++) {
             int other = mesh_bonded(m, tets[next], i);
-            bool known = other < 0 || corner_of(m, other, node) < 0;
+            bool known = other < 0 || mesh_corner_of(m, other, node) < 0;
             for (int k = 0; k < count && !known; k++) known = tets[k] == other;
             if (known) continue;
             if (count == most) return -1;
@@ -199,6 +199,19 @@ void mesh_free(mesh *m) {
     free(m->node_size);
     free(m->anatomical);
     memset(m, 0, sizeof *m);
+}
+
+bool mesh_set_group(mesh_group *group, int node_count, const bool *members) {
+    int count = 0;
+    for (int n = 0; n < node_count; n++) count += members[n];
+    int *nodes = malloc(((size_t)count + 1) * sizeof *nodes);
+    if (!nodes) return false;
+    for (int n = 0, k = 0; n < node_count; n++)
+        if (members[n]) nodes[k++] = n;
+    free(group->nodes);
+    group->nodes = nodes;
+    group->node_count = count;
+    return true;
 }
 
 int mesh_find_group(const mesh *m, const char *name, int dimension) {

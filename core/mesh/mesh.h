@@ -87,6 +87,9 @@ __attribute__((format(printf, 2, 3))) void mesh_remark(mesh *m, const char *form
 /* Appends a remark if the body or its elements are implausibly large or small compared with the needle, which suggests a wrong unit. */
 void mesh_compare_with_needle(mesh *m, double length, double diameter);
 
+/* Replaces a group's nodes by those marked in members[node_count]. Returns false, and changes nothing, if out of memory. */
+bool mesh_set_group(mesh_group *group, int node_count, const bool *members);
+
 /* Returns the index of the group with this name and dimension (-1: any dimension), or -1. */
 int mesh_find_group(const mesh *m, const char *name, int dimension);
 
@@ -107,6 +110,9 @@ double mesh_edge_length(const mesh *m, int tet);
 
 /* Computes the barycentric coordinates of x in the tetrahedron with these corners. RT */
 void tet_barycentric(const vec3 corners[4], vec3 x, double weights[4]);
+
+/* Returns which corner of a tetrahedron the node is, or -1 if it is none. RT */
+int mesh_corner_of(const mesh *m, int tet, int node);
 
 /* Lists the tetrahedra around `node`, a node of tetrahedron `start`. Returns how many there are, or -1 if more than `most`. RT */
 int mesh_around(const mesh *m, int node, int start, int *tets, int most);

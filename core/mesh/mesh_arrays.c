@@ -57,12 +57,9 @@ static trocar_status collect_nodes(mesh *m, const trocar_mesh *g, int index, tro
         for (int t = 0; t < g->triangle_count; t++)
             for (int c = 0; c < 3 && g->triangle_surface[t] == surface; c++) marked[g->triangles[3 * t + c]] = true;
     }
-    for (int n = 0; n < m->node_count; n++) group->node_count += marked[n];
-    group->nodes = malloc(((size_t)group->node_count + 1) * sizeof *group->nodes);
-    for (int n = 0, i = 0; n < m->node_count && group->nodes; n++)
-        if (marked[n]) group->nodes[i++] = n;
+    bool taken = mesh_set_group(group, m->node_count, marked);
     free(marked);
-    if (!group->nodes) return fail(why, TROCAR_NO_MEMORY, "mesh: no memory");
+    if (!taken) return fail(why, TROCAR_NO_MEMORY, "mesh: no memory");
     return group->node_count > 0 ? TROCAR_OK
                                  : fail(why, TROCAR_BAD_INPUT, "mesh: \"%s\" has no %s", group->name, surface < 0 ? "tetrahedra" : "triangles");
 }

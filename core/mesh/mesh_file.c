@@ -264,12 +264,9 @@ static trocar_status take_group_nodes(mesh_maker *r, int g) {
             if (node >= 0) marked[node] = true;
         }
     }
-    for (int n = 0; n < m->node_count; n++) group->node_count += marked[n];
-    group->nodes = malloc((size_t)(group->node_count + 1) * sizeof *group->nodes);
-    for (int n = 0, i = 0; n < m->node_count && group->nodes; n++)
-        if (marked[n]) group->nodes[i++] = n;
+    bool taken = mesh_set_group(group, m->node_count, marked);
     free(marked);
-    if (!group->nodes) return no_memory(r);
+    if (!taken) return no_memory(r);
     if (group->node_count == 0)
         return fail(r->why, TROCAR_BAD_INPUT, "%s: physical group \"%s\" touches no tetrahedron: remove it or mesh it", r->path, group->name);
     return TROCAR_OK;

@@ -2,6 +2,8 @@
 
 #include <stdlib.h>
 
+#include "mesh/union_find.h"
+
 static const double SAME_PLACE = 1e-6; /* fraction: distance, relative to the size of the body, within which nodes coincide. Rounding tolerance for files
                                           in single precision */
 static const vec3 ORDER = {0.5773, 0.7211, 0.3834};               /* nodes are sorted along this direction, which is not aligned with a regular mesh's axes */
@@ -54,17 +56,6 @@ static int find_places(const mesh *m, placed_node *order, int *place) {
     return shared;
 }
 
-static int root_of(int *parent, int node) {
-    while (parent[node] != node) node = parent[node] = parent[parent[node]];
-    return node;
-}
-
-static void join(int *parent, int a, int b) {
-    a = root_of(parent, a), b = root_of(parent, b);
-    if (a < b) parent[b] = a;
-    else parent[a] = b;
-}
-
 static bool shares_places(const bool *shared, const int nodes[4], int face) {
     for (int k = 0; k < 3; k++)
         if (!shared[nodes[FACES[face][k]]]) return false;
@@ -98,7 +89,7 @@ static trocar_status join_faces(const mesh *m, const int *place, int *parent) {
                 if (shares_places(shared, m->tets[t], f)) faces[count++] = face_at(place, m->tets[t], f);
         qsort(faces, count, sizeof *faces, compare_faces);
         for (size_t i = 1; i < count; i++)
-            for (int k = 0; k < 3 && compare_faces(&faces[i - 1], &faces[i]) == 0; k++) join(parent, faces[i - 1].nodes[k], faces[i].nodes[k]);
+            for (int k = 0; k < 3 && compare_faces(&faces[i - 1], &faces[i]) == 0; k++) union_join(parent, faces[i - 1].nodes[k], faces[i].nodes[k]);
     }
     trocar_status status = shared && faces ? TROCAR_OK : TROCAR_NO_MEMORY;
     free(shared);
@@ -109,7 +100,7 @@ static trocar_status join_faces(const mesh *m, const int *place, int *parent) {
 static void renumber(mesh *m, const int *place, int *parent, int *renumbered, mesh_merge_result *result) {
     int count = 0;
     for (int n = 0; n < m->node_count; n++) {
-        int root = root_of(parent, n); /* at most n, so its new number is already known unless root == n */
+        int root = union_root(parent, n); /* at most n, so its new number is already known unless root == n */
         if (root == n && place[n] != n) result->apart++, result->example = n;
         renumbered[n] = root == n ? count : renumbered[root];
         if (root == n) m->nodes[count++] = m->nodes[n];

@@ -3,6 +3,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "mesh/union_find.h"
+
 /* What is known of the mesh while it is being split. */
 typedef struct {
     mesh *mesh;
@@ -10,7 +12,7 @@ typedef struct {
     const sliding_surface *surfaces;
     int node_count;          /* before splitting */
     int *first, *around;     /* tetrahedra around node n: around[first[n]] to around[first[n + 1] - 1] */
-    int *root;               /* [tet_count]: links tetrahedra around the current node that are connected (union-find) */
+    int *parent;             /* [tet_count]: sets of connected tetrahedra around the current node (union_find.h) */
     int most;                /* room for nodes */
     int slides;              /* number of faces, counted once, on which the tissue slides */
 } splitting;
@@ -62,29 +64,15 @@ static void list_tets_around(splitting *s) {
 
 /* ---- nodes ------------------------------------------------------------------------------------------------------------- */
 
-static int corner_at(const mesh *m, int tet, int node) {
-    int corner = 0;
-    while (corner < 4 && m->tets[tet][corner] != node) corner++;
-    return corner;
-}
-
-static int root_of(int *root, int tet) {
-    while (root[tet] != tet) tet = root[tet] = root[root[tet]];
-    return tet;
-}
-
-/* Links the tetrahedra around the node that share a face with it on which the tissue does not slide. The root of a set is its lowest member. */
+/* Joins the tetrahedra around the node that share a face with it on which the tissue does not slide. */
 static void connect_around(splitting *s, int node) {
     const mesh *m = s->mesh;
-    for (int i = s->first[node]; i < s->first[node + 1]; i++) s->root[s->around[i]] = s->around[i];
+    for (int i = s->first[node]; i < s->first[node + 1]; i++) s->parent[s->around[i]] = s->around[i];
     for (int i = s->first[node]; i < s->first[node + 1]; i++) {
         int tet = s->around[i];
         for (int face = 0; face < 4; face++) {
             int other = mesh_bonded(m, tet, face);
-            if (other < 0 || face == corner_at(m, tet, node)) continue;
-            int a = root_of(s->root, tet), b = root_of(s->root, other);
-            if (a < b) s->root[b] = a;
-            else s->root[a] = b;
+            if (other >= 0 && face != mesh_corner_of(m, tet, node)) union_join(s->parent, tet, other);
         }
     }
 }
@@ -105,22 +93,21 @@ static void split_node(splitting *s, int node) {
     connect_around(s, node);
     int from = s->first[node], to = s->first[node + 1];
     for (int i = from; i < to; i++) {
-        int root = root_of(s->root, s->around[i]);
+        int root = union_root(s->parent, s->around[i]);
         if (root != s->around[i] || root == s->around[from]) continue;
         int copy = copy_node(s, node);
         for (int k = from; k < to; k++)
-            if (root_of(s->root, s->around[k]) == root) m->tets[s->around[k]][corner_at(m, s->around[k], node)] = copy;
+            if (union_root(s->parent, s->around[k]) == root) m->tets[s->around[k]][mesh_corner_of(m, s->around[k], node)] = copy;
     }
 }
 
 /* Visits the nodes in ascending order. While a node is being split, the tetrahedra around it still share it with their neighbours. */
 static void split_nodes(splitting *s) {
     const mesh *m = s->mesh;
-    bool touched;
     for (int node = 0; node < s->node_count; node++) {
-        touched = false;
+        bool touched = false;
         for (int i = s->first[node]; i < s->first[node + 1] && !touched; i++)
-            touched = (m->slides[s->around[i]] & ~(1 << corner_at(m, s->around[i], node))) != 0;
+            touched = (m->slides[s->around[i]] & ~(1 << mesh_corner_of(m, s->around[i], node))) != 0;
         if (touched) split_node(s, node);
     }
 }
@@ -136,16 +123,7 @@ static trocar_status renew_group(const splitting *s, int index, bool *member, tr
     for (int n = s->node_count; n < m->node_count; n++) member[n] = member[m->original[n]];
     for (int i = 0; i < 4 * m->tet_count && group->dimension == 3; i++)
         if (m->region[i / 4] == index) member[m->tets[i / 4][i % 4]] = true;
-    int count = 0;
-    for (int n = 0; n < m->node_count; n++) count += member[n];
-    int *nodes = malloc(((size_t)count + 1) * sizeof *nodes);
-    if (!nodes) return fail(why, TROCAR_NO_MEMORY, "no memory for the nodes of \"%s\"", group->name);
-    for (int n = 0, k = 0; n < m->node_count; n++)
-        if (member[n]) nodes[k++] = n;
-    free(group->nodes);
-    group->nodes = nodes;
-    group->node_count = count;
-    return TROCAR_OK;
+    return mesh_set_group(group, m->node_count, member) ? TROCAR_OK : fail(why, TROCAR_NO_MEMORY, "no memory for the nodes of \"%s\"", group->name);
 }
 
 /* Adds a third of a face to the pair of nodes at one of its corners. */
@@ -213,8 +191,8 @@ static bool begin(splitting *s) {
     s->mesh->slides = calloc((size_t)m->tet_count, sizeof *m->slides);
     s->first = calloc((size_t)m->node_count + 2, sizeof *s->first);
     s->around = malloc(4 * (size_t)m->tet_count * sizeof *s->around);
-    s->root = malloc((size_t)m->tet_count * sizeof *s->root);
-    return m->slides && s->first && s->around && s->root;
+    s->parent = malloc((size_t)m->tet_count * sizeof *s->parent);
+    return m->slides && s->first && s->around && s->parent;
 }
 
 /* Each corner of a face adds at most one copy and one pair. */
@@ -246,6 +224,6 @@ trocar_status mesh_let_slide(mesh *m, int count, const sliding_surface *surfaces
     if (status == TROCAR_OK) status = split(&s, why);
     free(s.first);
     free(s.around);
-    free(s.root);
+    free(s.parent);
     return status;
 }

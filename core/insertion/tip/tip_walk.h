@@ -20,8 +20,8 @@ void puncture_barrier(const tick_input *tick, insertion_state *state, const cree
 /* Resets the tip once the needle has left the tissue. RT */
 void withdraw_tip(insertion_state *state, tick_output *output);
 
-/* Follows the line from a nominal point in element `tet` to `target`, from element to element as long as it is in tissue that does not slide. Moves the point to `target` and
-   returns the last element. RT */
+/* Follows the line from a nominal point in element `tet` to `target`, from element to element as long as it is in tissue that does not slide. Moves the point
+   to `target` and returns the last element. RT */
 int follow_line(const mesh *m, int tet, vec3 *from, vec3 target);
 
 /* True if the straight line from a hit on the outer surface to x stays in the tissue. *tet: the element that contains x. RT */

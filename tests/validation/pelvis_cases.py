@@ -23,14 +23,13 @@ from pathlib import Path
 
 import numpy as np
 import trocar
-from pelvis_runs import FINE, NAMES, PLAN, ROOT, SCENE, Gland, scene_of, values_of
+from pelvis_runs import BLOCK, DT, FINE, NAMES, PLAN, ROOT, SCENE, Gland, scene_of, values_of
 from scipy.stats import qmc
 from trocar.brachy import plan as plans
 from trocar.brachy.virtual_operator import Operator
 
-BLOCK, PROBE = ROOT / "meshes/implant.yaml", ROOT / "meshes/pelvis-probe.yaml"
+PROBE = ROOT / "meshes/pelvis-probe.yaml"
 SPEED = 0.08                # m/s, of needles that are inserted and left
-STEP = 0.02                 # s, time step of an implant
 COUNTS = 1, 4, 8, 12, 16    # numbers of needles after which the shift is noted
 DRAWS = 24                  # of the probe's table
 LIFTS = 0.003, 0.006, 0.009 # m, travel of the probe towards the gland; the second one is that of the pressed probe
@@ -134,7 +133,7 @@ def materials():
 
 # ---- implants --------------------------------------------------------------------------------------------------------------------------------
 
-def implant(model, plan, step=STEP, **options):
+def implant(model, plan, step=DT, **options):
     """Carries out an implant. Returns the motion of the gland and the parts of the seeds' misplacement: along the needles (mean and mean magnitude), across
     them, and by thirds of the gland."""
     sim, gland = trocar.Sim(model), Gland(model)
@@ -180,30 +179,19 @@ def operators():
 
 # ---- the probe -------------------------------------------------------------------------------------------------------------------------------
 
-def with_probe(values):
-    """Returns the scene with the probe, with these values."""
-    scene, drawn = pelvis(path=PROBE), scene_of(values)
-    keys = ("youngs_modulus", "poisson_ratio", "cutting_force", "friction.static", "friction.kinetic")
-    for key in (f"regions[{region}].{key}" for region in scene.names("regions") for key in keys):
-        scene[key] = drawn[key]
-    for key in (f"membranes[{membrane}].puncture_force" for membrane in ("skin", "capsule")):
-        scene[key] = drawn[key]
-    return scene
-
-
 def move_probe(sim, start, end, outside):
     """Moves the probe's base in half a second and holds it for another half, with the needle outside the tissue."""
-    for t in np.arange(STEP, 1.0, STEP):
+    for t in np.arange(DT, 1.0, DT):
         pose = np.array(sim.model.probe_start)
         pose[:3] += start + min(1.0, 2 * t) * (np.subtract(end, start))
         sim.set_probe(pose)
-        sim.step(outside, STEP)
+        sim.step(outside, DT)
 
 
 def probe():
     for number, unit in enumerate(qmc.LatinHypercube(len(NAMES), seed=1).random(DRAWS)):
         values = values_of(unit)
-        model = trocar.Model(with_probe(values))
+        model = trocar.Model(scene_of(values, PROBE))
         gland, plan = Gland(model), plans.read(PLAN)
         entry, axis = plans.needle_axis(plan, plans.Needle("F4", 0.1, []), model)
         outside = np.array([*(entry - (0.002 + model.needle_length) * axis), 1, 0, 0, 0])
@@ -219,7 +207,7 @@ def probe():
                 pose = np.array(model.probe_start)
                 pose[2] -= BEHIND
                 sim.set_probe(pose)
-                sim.step(outside, STEP)
+                sim.step(outside, DT)
             before = sim.displacements()
             insert(sim, 0, entry, axis, 0.105, 0.12)
             change = sim.displacements() - before

@@ -25,6 +25,7 @@ import numpy as np
 import trocar
 from scipy.stats import norm, qmc
 from trocar import brachy
+from trocar._locate import locate
 from trocar.brachy import plan as plans
 from trocar.brachy.virtual_operator import Operator
 from trocar.motion import towards
@@ -188,28 +189,20 @@ def d90(plan, structure, seeds):
     return float(np.quantile(dose.values, 0.1))
 
 
-class Drag:
-    """Measures how far the tissue at a needle's tip is ahead of where the mesh's displacements, which are what the operator's image shows, have it."""
-
-    def __init__(self, model):
-        self.tets = model.tets
-        corners = model.nodes[model.tets]
-        self.inverse = np.linalg.inv(np.concatenate([corners.transpose(0, 2, 1), np.ones((len(corners), 1, 4))], 1))
-
-    def ahead(self, sim, needle):
-        """Returns the vector (m) from where the image shows the track's end to the tip; zero without a track."""
-        tracks = sim.tracks(needle)
-        if not len(tracks):
-            return np.zeros(3)
-        end = tracks[-1].points[-1]
-        weights = self.inverse @ np.append(end, 1)
-        tet = weights.min(1).argmax()
-        return sim.centreline(needle)[-1] - end - weights[tet] @ sim.displacements()[self.tets[tet]]
+def drag(sim, needle):
+    """Returns how far (vector, m) the tissue at a needle's tip is ahead of where the mesh's displacements, which are what the operator's image shows, have it:
+    from where the image shows the track's end to the tip; zero without a track."""
+    tracks = sim.tracks(needle)
+    if not len(tracks):
+        return np.zeros(3)
+    end = tracks[-1].points[-1]
+    (tet,), (weights,) = locate(sim.model, [end])
+    return sim.centreline(needle)[-1] - end - weights @ sim.displacements()[sim.model.tets[tet]]
 
 
 def implant(model, plan, operator):
     """Carries out an implant. Returns its numbers: lengths in mm, angles in degrees, doses in Gy, speeds in m/s."""
-    sim, gland, structure, drag = trocar.Sim(model), Gland(model), brachy.Structure.from_region(model, GLAND), Drag(model)
+    sim, gland, structure = trocar.Sim(model), Gland(model), brachy.Structure.from_region(model, GLAND)
     work = operator.moves(sim, DT)
     turns, fastest, peak, last, full, ahead, dropping = [], {}, 0.0, None, None, {}, set()
     for needle, poses in work:
@@ -226,7 +219,7 @@ def implant(model, plan, operator):
             if sim.pending_seeds(needle) or any(seed.needle == needle for seed in sim.seeds()):
                 dropping.add(needle)
             else:
-                ahead[needle] = drag.ahead(sim, needle)    # the last one before the first seed is dropped counts
+                ahead[needle] = drag(sim, needle)    # the last one before the first seed is dropped counts
         last = needle
     sim.run(np.tile(sim.base(last), (round(CALM / DT), 1)), DT, last)
     out = 1e3 * gland.distortion(sim.displacements())

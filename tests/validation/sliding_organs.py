@@ -148,13 +148,8 @@ class Pelvis:
             regions["layer"] = self.layer(soft)
             regions[AROUND] = np.setdiff1d(regions[AROUND], regions["layer"])
             material["layer"] = softened(material[AROUND], factor)
-        equations = []
-        for own, other, normal in pairs:   # CalculiX eliminates an equation's first displacement
-            order = np.argsort(-np.abs(normal))
-            terms = [f"{node + 1},{axis + 1},{sign * normal[axis]:.12e}" for node, sign in ((other, 1), (own, -1)) for axis in order]
-            equations += ["*EQUATION", "6", ",".join(terms[:4]), ",".join(terms[4:])]
         loads = [np.concatenate([load, np.zeros((len(nodes) - len(load), 3))]) for load in self.loads]
-        text = tm.run_calculix(tm.deck(nodes, tets, "C3D10", regions, material, equations, self.fixed, loads))
+        text = tm.run_calculix(tm.deck(nodes, tets, "C3D10", regions, material, tm.tied_normals(pairs), self.fixed, loads))
         return tm.read_displacements(text, len(nodes))
 
 

@@ -12,6 +12,7 @@ import numpy as np
 import trocar
 from laboratory import AIR, DT, MESHES
 from rows import ABSTRACT, CONSISTENT, FITTED, PREDICTED, SECONDARY, Rows
+from trocar._locate import locate
 
 PODDER = "Podder et al. 2006, Med. Phys. 33, 20 patients"
 MCLAUGHLIN = "McLaughlin et al., AAPM 2022: phantom, by hand and with a pneumatic device"
@@ -66,10 +67,8 @@ class Budget:
 
 def muscle_before(model, hole, depth):
     """Returns the length (mm) in muscle of a needle whose tip is at `depth` (m)."""
-    corners = model.nodes[model.tets]
-    inverse = np.linalg.inv(np.concatenate([corners.transpose(0, 2, 1), np.ones((len(corners), 1, 4))], 1))
     step = 0.5e-3
-    tets = [(inverse @ [*hole, z, 1]).min(1).argmax() for z in np.arange(step / 2, depth, step)]
+    tets, _ = locate(model, [(*hole, z) for z in np.arange(step / 2, depth, step)])
     return 1e3 * step * sum(model.groups[model.tet_regions[tet]] in ("muscle", "pelvic_floor", "levator_ani") for tet in tets)
 
 

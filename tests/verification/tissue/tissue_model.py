@@ -259,6 +259,14 @@ def deck(nodes, tets, kind, regions, materials, membranes, fixed, cases):
         yield "*NODE PRINT, NSET=ALL\nU\n*END STEP"
 
 
+def tied_normals(pairs):
+    """Returns the lines of CalculiX's input deck that give pairs of nodes the same displacement along a normal; a pair is (node, node, unit normal)."""
+    for one, other, normal in pairs:
+        order = np.argsort(-np.abs(normal))      # CalculiX eliminates an equation's first displacement
+        terms = [f"{node + 1},{axis + 1},{sign * normal[axis]:.12e}" for node, sign in ((other, 1), (one, -1)) for axis in order]
+        yield from ("*EQUATION", "6", ",".join(terms[:4]), ",".join(terms[4:]))
+
+
 def run_calculix(lines):
     """Returns the .dat file that CalculiX writes for an input deck."""
     with tempfile.TemporaryDirectory() as folder:

@@ -70,17 +70,11 @@ class Split:
         self.tets, self.nodes = tets, np.concatenate([model.nodes, model.nodes[nodes]])
 
     def solve_calculix(self, materials, fixed, cases):
-        held = np.unique(np.concatenate([self.model.surfaces[name] for name in fixed]))
-        held = np.concatenate([held, [copy for node, copy, _ in self.pairs if node in set(held.tolist())]]).astype(int)
-        equations = []
-        for node, copy, normal in self.pairs:
-            if node in set(held.tolist()):
-                continue
-            order = np.argsort(-np.abs(normal))      # CalculiX eliminates the first displacement of an equation
-            terms = [f"{n + 1},{axis + 1},{sign * normal[axis]:.12e}" for n, sign in ((copy, 1), (node, -1)) for axis in order]
-            equations += ["*EQUATION", "6", ",".join(terms[:4]), ",".join(terms[4:])]
+        held = set(np.concatenate([self.model.surfaces[name] for name in fixed]).ravel().tolist())
+        free = [pair for pair in self.pairs if pair[0] not in held]
+        held = np.array(sorted(held | {copy for node, copy, _ in self.pairs if node in held}))
         loads = [np.concatenate([load, np.zeros((len(self.nodes) - len(load), 3))]) for load in cases]
-        text = tm.run_calculix(tm.deck(self.nodes, self.tets, "C3D4", self.model.regions, materials, equations, held, loads))
+        text = tm.run_calculix(tm.deck(self.nodes, self.tets, "C3D4", self.model.regions, materials, tm.tied_normals(free), held, loads))
         return tm.read_displacements(text, len(self.nodes))
 
 
